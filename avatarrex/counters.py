@@ -1,0 +1,43 @@
+"""Work counters of a frame: how skipping is proved, by counting and not by timing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+NAMES = (
+    "templates_posed",
+    "voxels_evaluated",
+    "local_mlp_evaluations",
+    "hand_distances",
+    "face_evaluations",
+    "unet_runs",
+    "rays",
+    "ray_steps",
+    "patches_decoded",
+    "pixels_shaded",
+    "body_pixels",
+    "hand_pixels",
+    "face_pixels",
+    "bytes_uploaded",
+    "bytes_read_back",
+)
+
+
+class Counters:
+    """Sums of work, zero until counted. Unknown names are programming errors and raise `KeyError`."""
+
+    def __init__(self) -> None:
+        self._counts = dict.fromkeys(NAMES, 0)
+
+    def add(self, name: str, amount: int) -> None:
+        self._counts[name] += int(amount)
+
+    def update(self, counts: Mapping[str, int]) -> None:
+        for name, amount in counts.items():
+            self.add(name, amount)
+
+    def __getitem__(self, name: str) -> int:
+        return self._counts[name]
+
+    def as_dict(self) -> dict[str, int]:
+        return dict(self._counts)

@@ -1,0 +1,132 @@
+"""One frame of the deferred pipeline (paper sec. 4): signals → templates → fields → volume → pointmap → shading.
+
+| stage     | makes                                        | its key: what it depends on                        |
+|-----------|----------------------------------------------|----------------------------------------------------|
+| templates | posed body, hands (wrist frame), face (head) | each mesh: its own pose coefficients and the shape |
+| volume    | body grid + part boxes (Step I)              | posed meshes; placements; voxel sizes              |
+| pointmap  | where each ray meets the surface (Step II)   | volume, camera in the root frame                   |
+| shading   | colours of the hit pixels (Step III)         | point map, posed meshes                            |
+
+A stage whose key has not changed returns the previous result and counts no work.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float32
+from torch import Tensor
+
+from avatarrex.avatar import Avatar
+from avatarrex.camera import Camera
+from avatarrex.counters import Counters
+from avatarrex.pointmap.pointmap import PointMap, raycast
+from avatarrex.shading.shading import Shading, shade
+from avatarrex.signals.signals import Signals
+from avatarrex.templates.posed import PosedPerson, pose_person
+from avatarrex.volume.build import AvatarVolume, build_volume
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """What a user may trade; part of the stages' keys."""
+
+    voxel: float = 0.02
+    """Side of a body voxel, metres; it grows where 128 of them would cut the person off."""
+    part_voxel: float = 0.005
+    """Side of a voxel of the hand and face boxes, metres."""
+    raycast: str = "auto"
+    """`auto`, `gl`, `torch` or `reference`."""
+    antialias: bool = True
+    hidden: frozenset[str] = field(default_factory=frozenset)
+    """Parts not drawn with their own fields: `left_hand`, `right_hand`, `face`."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A rendered frame and everything that led to it."""
+
+    image: Float32[Tensor, "h w 4"]
+    """Premultiplied sRGB-encoded colour and coverage, row 0 at the top."""
+    signals: Signals
+    camera: Camera
+    settings: RenderSettings
+    posed: PosedPerson
+    volume: AvatarVolume
+    pointmap: PointMap
+    shading: Shading
+    world_from_root: np.ndarray
+    """(4, 4) float64: the point map lives in the root frame."""
+    ms: dict[str, float]
+    counters: dict[str, int]
+    notes: tuple[str, ...]
+    """What a person should know: the renderer that cast the rays, fallbacks, extrapolation."""
+
+
+def render_frame(
+    avatar: Avatar,
+    signals: Signals,
+    camera: Camera,
+    settings: RenderSettings | None = None,
+    previous: Frame | None = None,
+) -> Frame:
+    """Render `avatar` under the driving `signals` seen by `camera`, reusing what `previous` already holds.
+
+    `previous` must stem from the same avatar. Raises `InputError` for signals or settings that cannot be drawn.
+    """
+    settings = settings or RenderSettings()
+    clock, counters = _Clock(), Counters()
+    with clock("templates"):
+        posed = pose_person(avatar.person, signals, counters, previous and previous.posed)
+    with clock("volume"):
+        volume = build_volume(avatar, posed, settings, counters, previous and previous.volume)
+    with clock("pointmap"):
+        world_from_root = posed.world_from_root(signals)
+        view = camera.seen_from(world_from_root)
+        key = (view.key(), settings.raycast, settings.antialias)
+        if previous and previous.volume.sdf is volume.sdf and _pointmap_key(previous) == key:
+            pointmap = previous.pointmap
+        else:
+            pointmap = raycast(volume.sdf, view, impl=settings.raycast, antialias=settings.antialias)
+            counters.update(pointmap.counters)
+    with clock("shading"):
+        shading = shade(avatar, posed, volume, pointmap, view, counters, previous and previous.shading)
+    return Frame(
+        image=shading.image,
+        signals=signals,
+        camera=camera,
+        settings=settings,
+        posed=posed,
+        volume=volume,
+        pointmap=pointmap,
+        shading=shading,
+        world_from_root=world_from_root,
+        ms=clock.milliseconds(),
+        counters=counters.as_dict(),
+        notes=(f"rays: {pointmap.renderer}", *volume.notes),
+    )
+
+
+def _pointmap_key(frame: Frame) -> tuple[object, ...]:
+    view = frame.camera.seen_from(frame.world_from_root)
+    return (view.key(), frame.settings.raycast, frame.settings.antialias)
+
+
+class _Clock:
+    """Wall-clock milliseconds per stage."""
+
+    def __init__(self) -> None:
+        self.stages: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.stages[stage] = (time.perf_counter() - start) * 1e3
+
+    def milliseconds(self) -> dict[str, float]:
+        return {**self.stages, "total": sum(self.stages.values())}
