@@ -14,6 +14,7 @@ from jaxtyping import Float32
 from torch import Tensor
 
 from avatarrex.counters import Counters
+from avatarrex.ops.rotation import rotvec_to_matrix
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.face import pose_face
 from avatarrex.templates.hand import pose_hand
@@ -32,6 +33,10 @@ class PosedPerson:
     body: PosedTemplate
     parts: dict[str, Float32[Tensor, "v 3"]]
     """Vertices by part name, metres: hands in wrist frames, face in the head frame."""
+    body_rotation: Float32[Tensor, "21 3 3"]
+    """θ, what the detail embedding is predicted from."""
+    hand_pose: dict[str, Float32[Tensor, "15 3"]]
+    """φ by hand, rotation vectors."""
     keys: dict[str, bytes]
 
     def root_from_part(self, name: str) -> np.ndarray:
@@ -50,13 +55,15 @@ def pose_person(person: Person, signals: Signals, counters: Counters, previous: 
     old = previous.keys if previous else {}
     shape = _tensor(signals.shape)
     if previous and old["body"] == keys["body"]:
-        body = previous.body
+        body, rotation = previous.body, previous.body_rotation
     else:
+        rotation = rotvec_to_matrix(_tensor(signals.body_pose))
         pose = torch.zeros(len(person.body.parents), 3)
         pose[1:22] = _tensor(signals.body_pose)
         body = pose_template(person.body, pose, shape, torch.zeros(person.body.expression_dirs.shape[2]))
         counters.add("templates_posed", 1)
     parts: dict[str, Tensor] = {}
+    hand_pose = {name: _tensor(getattr(signals, f"{name}_pose")) for name in ("left_hand", "right_hand")}
     for name in PART_JOINT:
         if previous and old[name] == keys[name]:
             parts[name] = previous.parts[name]
@@ -67,9 +74,8 @@ def pose_person(person: Person, signals: Signals, counters: Counters, previous: 
                 person.face, _tensor(signals.expression), _tensor(signals.jaw_pose), _tensor(signals.eye_pose), shape
             )
         else:
-            hand_pose = signals.left_hand_pose if name == "left_hand" else signals.right_hand_pose
-            parts[name] = pose_hand(getattr(person, name), _tensor(hand_pose), shape)
-    return PosedPerson(body, parts, keys)
+            parts[name] = pose_hand(getattr(person, name), hand_pose[name], shape)
+    return PosedPerson(body, parts, rotation, hand_pose, keys)
 
 
 def _keys(signals: Signals) -> dict[str, bytes]:

@@ -1,0 +1,111 @@
+"""Step I: driving signals and fields to an SDF volume (paper sec. 4), with each piece kept while its key holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from avatarrex.avatar import Avatar
+from avatarrex.counters import Counters
+from avatarrex.fields.body import BodyFrame
+from avatarrex.templates.mesh import vertex_normals
+from avatarrex.templates.posed import PART_JOINT, PosedPerson
+from avatarrex.volume.body_grid import TemplateProbe, build_body_grid
+from avatarrex.volume.contact import find_contact
+from avatarrex.volume.part_box import PartField, face_box, hand_box
+from avatarrex.volume.volume import BodyGrid, PartBox, SdfVolume
+
+if TYPE_CHECKING:
+    from avatarrex.pipeline import RenderSettings
+
+
+@dataclass(frozen=True)
+class AvatarVolume:
+    """The volume and the posed fields it was made from; shading asks the same fields for colour."""
+
+    sdf: SdfVolume
+    body_frame: BodyFrame
+    grid: BodyGrid
+    parts: dict[str, PartField]
+    views: Tensor | None
+    """Orthographic views of the face mesh, (3, 7, 256, 256); None while the face is hidden."""
+    probe: TemplateProbe
+    keys: dict[str, object]
+    notes: tuple[str, ...] = ()
+
+
+def build_volume(
+    avatar: Avatar, posed: PosedPerson, settings: RenderSettings, counters: Counters, previous: AvatarVolume | None
+) -> AvatarVolume:
+    """Build the volume of `posed`, taking from `previous` every piece whose key has not changed."""
+    keys: dict[str, object] = {"hidden": settings.hidden, "body": (posed.keys["body"], settings.voxel)}
+    keys |= {name: (posed.keys[name], settings.part_voxel) for name in PART_JOINT}
+    if previous and previous.keys == keys:
+        return previous
+
+    def kept(name: str) -> bool:
+        return previous is not None and previous.keys[name] == keys[name]
+
+    parts: dict[str, PartField] = {}
+    views = previous.views if previous and kept("face") else None
+    for name in PART_JOINT:
+        if name in settings.hidden:
+            continue
+        if previous and kept(name) and name in previous.parts:
+            parts[name] = previous.parts[name]
+        elif name == "face":
+            views = avatar.face.views(posed.parts["face"])
+            parts[name] = _face_part(avatar, posed, views, settings.part_voxel, counters)
+        else:
+            parts[name] = hand_box(name, avatar.hand(name), posed.parts[name], settings.part_voxel, counters)
+    if previous and kept("body"):
+        frame, grid, probe = previous.body_frame, previous.grid, previous.probe
+    else:
+        frame = body_frame(avatar, posed)
+        normals = vertex_normals(posed.body.vertices, avatar.person.body.faces)
+        probe = TemplateProbe.of(
+            posed.body.vertices.double().numpy(), normals.double().numpy(), avatar.hand_weight.double().numpy()
+        )
+        grid = build_body_grid(avatar.body, frame, probe, settings.voxel, counters)
+    boxes = []
+    for name, part in parts.items():
+        if previous and grid is previous.grid and previous.parts.get(name) is part:
+            boxes.append(next(box for box in previous.sdf.parts if box.name == name))
+        else:
+            boxes.append(_place(avatar, frame, probe, grid, part, posed.root_from_part(name), counters))
+    return AvatarVolume(SdfVolume(grid, tuple(boxes)), frame, grid, parts, views, probe, keys)
+
+
+def body_frame(avatar: Avatar, posed: PosedPerson) -> BodyFrame:
+    """The body field under the posed template: nodes, embedding, residuals."""
+    with torch.no_grad():
+        return avatar.body.frame(posed.body, avatar.body.code(posed.body_rotation))
+
+
+def _face_part(avatar: Avatar, posed: PosedPerson, views: Tensor, voxel: float, counters: Counters) -> PartField:
+    with torch.no_grad():
+        planes = avatar.face.geometry_planes(views)
+    counters.add("unet_runs", 3)
+    return face_box(avatar.face, planes, posed.parts["face"], avatar.person.face.blend_weight, voxel, counters)
+
+
+def _place(
+    avatar: Avatar,
+    frame: BodyFrame,
+    probe: TemplateProbe,
+    grid: BodyGrid,
+    part: PartField,
+    root_from_part: np.ndarray,
+    counters: Counters,
+) -> PartBox:
+    part_from_box = np.eye(4)
+    part_from_box[:3, 3] = part.origin
+    box_from_root = np.linalg.inv(root_from_part @ part_from_box)
+    contact = find_contact(
+        avatar.body, frame, probe, grid, part, root_from_part, avatar.ownership[part.name], counters
+    )
+    return PartBox(part.name, box_from_root, part.voxel, part.field, contact)

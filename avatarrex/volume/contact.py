@@ -1,0 +1,85 @@
+"""Where another limb reaches into a part's box: the body field of the part's own nodes and of all the others.
+
+A hand on a hip is a union (docs/architecture.md, 'How the parts compose'): the composed value of the hand must never
+replace the hip's flesh. Both fields are evaluated on the body's lattice, inside the box only, and only when a vertex of
+another limb is there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from avatarrex.counters import Counters
+from avatarrex.fields.body import BodyField, BodyFrame
+from avatarrex.volume.body_grid import TemplateProbe, empty_hands
+from avatarrex.volume.part_box import PartField
+from avatarrex.volume.stencil import Lattice, stencil_pairs
+from avatarrex.volume.volume import BodyGrid, Contact
+
+OWN_REACH = 0.25
+"""Metres at rest from the part's surface: nodes nearer are the part's own (wrist and forearm; neck and shoulders)."""
+NEAR = 0.03
+"""Metres around the box in which another limb's vertex counts as contact: its surface may stand off by cloth."""
+
+
+@dataclass(frozen=True)
+class Ownership:
+    """Whose nodes and vertices belong to a part: those that are near it at rest."""
+
+    own_node: Tensor
+    """(n,) bool."""
+    other_vertex: np.ndarray
+    """(v,) bool."""
+
+    @staticmethod
+    def of(rest_node: Tensor, rest_vertices: Tensor, part_vertices: Tensor) -> Ownership:
+        """From rest positions (n, 3), (v, 3) and the part's own rest vertices (k, 3), root frame."""
+        some = part_vertices[:: max(1, len(part_vertices) // 256)]
+        return Ownership(
+            torch.cdist(rest_node, some).amin(1) < OWN_REACH,
+            (torch.cdist(rest_vertices, some).amin(1) >= OWN_REACH).numpy(),
+        )
+
+
+def find_contact(
+    field: BodyField,
+    frame: BodyFrame,
+    probe: TemplateProbe,
+    grid: BodyGrid,
+    part: PartField,
+    root_from_part: np.ndarray,
+    ownership: Ownership,
+    counters: Counters,
+) -> Contact | None:
+    """Evaluate `own` and `others` in the box of `part` when another limb is in it, else None."""
+    other = ownership.other_vertex
+    part_from_root = np.linalg.inv(root_from_part)
+    local = probe.vertices[other] @ part_from_root[:3, :3].T + part_from_root[:3, 3]
+    corners = part.corners()
+    inside = np.all((local > corners.min(0) - NEAR) & (local < corners.max(0) + NEAR), axis=1)
+    if not inside.any():
+        return None
+    lattice = Lattice(grid.origin, grid.voxel, tuple(grid.sdf.shape))
+    placed = corners @ root_from_part[:3, :3].T + root_from_part[:3, 3]
+    first = np.floor((placed.min(0) - grid.origin) / grid.voxel).astype(int)[::-1]
+    last = np.ceil((placed.max(0) - grid.origin) / grid.voxel).astype(int)[::-1]
+    first, last = np.maximum(first, 0), np.minimum(last, np.array(lattice.shape) - 1)
+    block = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(first, last)), indexing="ij")
+    index = np.ravel_multi_index([axis.ravel() for axis in block], lattice.shape)
+    points = torch.as_tensor(lattice.position(index), dtype=torch.float32)
+    pairs = stencil_pairs(frame.node_position, lattice, index)
+    values = []
+    for among, vertices in ((ownership.own_node, ~other), (~ownership.own_node, other)):
+        subset = TemplateProbe.of(probe.vertices[vertices], probe.normals[vertices], probe.hand_weight[vertices])
+        with torch.no_grad():
+            sdf = field.sdf(frame, points, pairs, among=among)
+        _, _, hand_weight = subset.query(points.double().numpy())
+        values.append(empty_hands(sdf, torch.as_tensor(hand_weight, dtype=torch.float32)))
+    counters.add("voxels_evaluated", 2 * len(index))
+    counters.add("local_mlp_evaluations", len(pairs.point))
+    shape = tuple(int(n) for n in last - first + 1)
+    return Contact(first=first, field=torch.stack(values, -1).reshape(*shape, 2))
