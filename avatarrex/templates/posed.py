@@ -14,7 +14,7 @@ from jaxtyping import Float32
 from torch import Tensor
 
 from avatarrex.counters import Counters
-from avatarrex.ops.rotation import rotvec_to_matrix
+from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.face import pose_face
 from avatarrex.templates.hand import pose_hand
@@ -57,7 +57,7 @@ def pose_person(person: Person, signals: Signals, counters: Counters, previous: 
     if previous and old["body"] == keys["body"]:
         body, rotation = previous.body, previous.body_rotation
     else:
-        rotation = rotvec_to_matrix(_tensor(signals.body_pose))
+        rotation = matrix_from_rotvec(_tensor(signals.body_pose))
         pose = torch.zeros(len(person.body.parents), 3)
         pose[1:22] = _tensor(signals.body_pose)
         body = pose_template(person.body, pose, shape, torch.zeros(person.body.expression_dirs.shape[2]))
