@@ -1,0 +1,141 @@
+"""Widths of every network, in two frozen presets (paper sec. 3.1–3.3, appendix 'Network Architecture' and 'Training statistics').
+
+`paper` meets the paper's parameter counts within ±10 %: body geometry side 0.98 M, body and hand colour side 17.57 M, face
+geometry 0.66 M, face colour 1.10 M. The paper's figure with the layer widths is not part of its text; these are ours.
+`compact` serves machines without a GPU: a few million parameters, at most 16 MB in half precision for the whole avatar.
+
+Letters: n nodes, e channels of a detail embedding, m octaves of the encoding, c channels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+COORDINATE_OCTAVES = 6
+"""m of γ for coordinates: 3·(1 + 2·6) = 39 channels."""
+DIRECTION_OCTAVES = 4
+"""m of γ for view directions: 27 channels."""
+
+
+@dataclass(frozen=True)
+class BodyWidths:
+    """Body field: hidden layers are tuples, inputs and outputs follow from the field."""
+
+    nodes: int
+    anchors: int
+    """Skinned samples of the template that carry the local frames (`local_frame="anchors"`)."""
+    embedding: int
+    """e: channels of a node's detail embedding."""
+    latent: int
+    """Channels of the latent z, and of a frame's own code in training."""
+    decoder: tuple[int, ...]
+    encoder: tuple[int, ...]
+    geometry_local: tuple[int, ...]
+    geometry_feature: int
+    geometry_blend: tuple[int, ...]
+    patch_encoding: int
+    """Channels of the learnable 2-D positional encoding, 32×32 per node."""
+    patch_hidden: tuple[int, ...]
+    patch_feature: int
+    colour_local: tuple[int, ...]
+    colour_feature: int
+    colour_blend: tuple[int, ...]
+    colour_cutoff: float
+    """A node whose share w_i/Σw of a pixel is below this is not asked for its colour."""
+
+
+@dataclass(frozen=True)
+class HandWidths:
+    """Hand colour MLP: 178 = γ(canonical point) 39 + normal 3 + signed distance 1 + φ 135 → hidden → 3."""
+
+    hidden: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class FaceWidths:
+    """Face: U-Net channels per level from 256² down, channels of one plane, MLP hidden layers; tone mapping 54 → hidden → 9."""
+
+    geometry_levels: tuple[int, ...]
+    geometry_planes: int
+    geometry_mlp: tuple[int, ...]
+    colour_levels: tuple[int, ...]
+    colour_planes: int
+    colour_mlp: tuple[int, ...]
+    tone: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Preset:
+    """All widths of an avatar's fields."""
+
+    name: str
+    body: BodyWidths
+    hand: HandWidths
+    face: FaceWidths
+
+
+PAPER = Preset(
+    "paper",
+    BodyWidths(
+        nodes=128,
+        anchors=2048,
+        embedding=16,
+        latent=16,
+        decoder=(64, 64),
+        encoder=(64, 64),
+        geometry_local=(48, 48),
+        geometry_feature=16,
+        geometry_blend=(64, 64),
+        patch_encoding=64,
+        patch_hidden=(48, 48),
+        patch_feature=16,
+        colour_local=(64, 64),
+        colour_feature=32,
+        colour_blend=(64, 64),
+        colour_cutoff=0.0,
+    ),
+    HandWidths(hidden=(128, 128, 128)),
+    FaceWidths(
+        geometry_levels=(16, 28, 48, 64),
+        geometry_planes=16,
+        geometry_mlp=(64, 64),
+        colour_levels=(16, 32, 64, 84),
+        colour_planes=16,
+        colour_mlp=(128, 128, 64),
+        tone=(32,),
+    ),
+)
+
+COMPACT = Preset(
+    "compact",
+    BodyWidths(
+        nodes=128,
+        anchors=2048,
+        embedding=8,
+        latent=8,
+        decoder=(64, 64),
+        encoder=(64, 64),
+        geometry_local=(32, 32),
+        geometry_feature=8,
+        geometry_blend=(32,),
+        patch_encoding=12,
+        patch_hidden=(16,),
+        patch_feature=8,
+        colour_local=(32,),
+        colour_feature=16,
+        colour_blend=(32,),
+        colour_cutoff=0.01,
+    ),
+    HandWidths(hidden=(64, 64)),
+    FaceWidths(
+        geometry_levels=(8, 16, 24, 32),
+        geometry_planes=8,
+        geometry_mlp=(32, 32),
+        colour_levels=(8, 16, 24, 32),
+        colour_planes=8,
+        colour_mlp=(48, 48),
+        tone=(16,),
+    ),
+)
+
+PRESETS = {preset.name: preset for preset in (PAPER, COMPACT)}
