@@ -1,0 +1,111 @@
+"""Face field: tri-planes from three renders of the posed face mesh, and two MLPs (paper sec. 3.3, eq. 11 and 12).
+
+Geometry and colour have separate networks. Everything lives in the head frame, metres, and depends on ψ, jaw, eyes (and
+shape) alone, through the renders. Letters: v vertices, p points, c channels, h w texels; planes in the order of
+`orthographic.VIEWS`: front, left, right.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from avatarrex.fields.orthographic import CHANNELS, HeadBox, Impl, project, render_views
+from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
+from avatarrex.fields.unet import UNet
+from avatarrex.ops.bilinear import bilinear
+from avatarrex.ops.encoding import encode
+from avatarrex.templates.face import FaceTemplate
+
+MARGIN = 0.03
+"""Metres of the views' cube around the blended face: room for an open jaw, and for the band in which s_F is used."""
+OUTPUT = 0.05
+"""Metres per unit of the geometry MLP's output: the composition's band is about one unit deep."""
+
+
+class FaceField(nn.Module):
+    """The face. `geometry` and `colour_net` hold the two separate sets of networks."""
+
+    def __init__(self, template: FaceTemplate, preset: Preset) -> None:
+        super().__init__()
+        widths = preset.face
+        self.faces: Tensor
+        self.albedo: Tensor
+        self.box_centre: Tensor
+        box = HeadBox.around(template.v_template[template.blend_weight > 0].float(), MARGIN)
+        self.register_buffer("faces", template.faces.clone(), persistent=False)
+        self.register_buffer("albedo", template.albedo.float().clone(), persistent=False)
+        self.register_buffer("box_centre", box.centre, persistent=False)
+        self.box_half = box.half
+        self.geometry = _TriPlaneNet(widths.geometry_levels, widths.geometry_planes, widths.geometry_mlp, 1, nn.ELU)
+        self.colour_net = _TriPlaneNet(
+            widths.colour_levels,
+            widths.colour_planes,
+            widths.colour_mlp,
+            3,
+            nn.ReLU,
+            extra=3 * (1 + 2 * DIRECTION_OCTAVES),
+        )
+
+    @property
+    def box(self) -> HeadBox:
+        """The cube that the views show."""
+        return HeadBox(self.box_centre, self.box_half)
+
+    def views(self, vertices: Float[Tensor, "v 3"], impl: Impl = "auto") -> Float[Tensor, "3 7 h w"]:
+        """Orthographic renders of the posed mesh (head frame)."""
+        return render_views(vertices, self.faces, self.albedo, self.box, impl=impl)
+
+    def geometry_planes(self, views: Float[Tensor, "3 7 h w"]) -> Float[Tensor, "3 c y x"]:
+        """F_front, F_left, F_right of the geometry set; three U-Net runs."""
+        return self.geometry.planes(views)
+
+    def colour_planes(self, views: Float[Tensor, "3 7 h w"]) -> Float[Tensor, "3 c y x"]:
+        """F_front, F_left, F_right of the colour set; three U-Net runs."""
+        return self.colour_net.planes(views)
+
+    def sdf(self, planes: Float[Tensor, "3 c y x"], position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
+        """G_F, metres, at head-frame points; meaningful near the face only."""
+        return OUTPUT * self.geometry(planes, self.box.normalise(position))[:, 0]
+
+    def colour(
+        self, planes: Float[Tensor, "3 c y x"], position: Float[Tensor, "p 3"], view: Float[Tensor, "p 3"]
+    ) -> Float[Tensor, "p 3"]:
+        """C_F, sRGB in [0, 1]; `view` is the unit direction from the camera to the point, head frame."""
+        direction = encode(view, DIRECTION_OCTAVES)
+        return torch.sigmoid(self.colour_net(planes, self.box.normalise(position), direction))
+
+
+class _TriPlaneNet(nn.Module):
+    """Three U-Nets and the MLP on (γ(p), f_front, f_left, f_right[, extra])."""
+
+    def __init__(
+        self,
+        levels: tuple[int, ...],
+        planes: int,
+        hidden: tuple[int, ...],
+        out: int,
+        activation: type[nn.Module],
+        extra: int = 0,
+    ) -> None:
+        super().__init__()
+        self.unets = nn.ModuleList(UNet(CHANNELS, levels, planes) for _ in range(3))
+        widths = (3 * (1 + 2 * COORDINATE_OCTAVES) + 3 * planes + extra, *hidden, out)
+        layers: list[nn.Module] = []
+        for a, b in itertools.pairwise(widths):
+            layers += [nn.Linear(a, b), activation()]
+        self.mlp = nn.Sequential(*layers[:-1])
+
+    def planes(self, views: Tensor) -> Tensor:
+        return torch.cat([unet(view[None]) for unet, view in zip(self.unets, views)])
+
+    def forward(self, planes: Tensor, place: Tensor, extra: Tensor | None = None) -> Tensor:
+        """At normalised points (p, 3)."""
+        count = len(place)
+        index = torch.arange(3, device=place.device).repeat_interleave(count)
+        feature = bilinear(planes, index, project(place).reshape(-1, 2)).reshape(3, count, -1)
+        parts = [encode(place, COORDINATE_OCTAVES), *feature]
+        return self.mlp(torch.cat(parts if extra is None else [*parts, extra], -1))

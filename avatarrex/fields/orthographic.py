@@ -1,0 +1,111 @@
+"""Three orthographic renders of the face mesh, the condition of the face networks (paper sec. 3.3).
+
+Front, left and right 256² views of a head-frame cube normalised to [−1, 1]³. Seven channels: albedo RGB (sRGB), smooth
+unit normal (head frame), mask; zero outside the mesh. Row 0 is the top; the person's left is +X, up +Y, front +Z.
+Letters: v vertices, f faces, h w pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from avatarrex.templates.mesh import vertex_normals
+
+VIEWS = ("front", "left", "right")
+SIZE = 256
+CHANNELS = 7
+# Rows: image right, image up, towards the camera. The left view looks at the person's left side from +X.
+_AXES = (
+    ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
+    ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
+)
+Impl = Literal["auto", "gl", "reference"]
+
+
+@dataclass(frozen=True)
+class HeadBox:
+    """The cube of the head frame that the views show, metres."""
+
+    centre: Float[Tensor, " 3"]
+    half: float
+
+    @staticmethod
+    def around(points: Float[Tensor, "v 3"], margin: float) -> HeadBox:
+        """The smallest cube about `points` with `margin` metres to spare."""
+        low, high = points.amin(0), points.amax(0)
+        return HeadBox((low + high) / 2, float((high - low).max()) / 2 + margin)
+
+    def normalise(self, position: Float[Tensor, "*p 3"]) -> Float[Tensor, "*p 3"]:
+        """Head-frame metres to [−1, 1]³."""
+        return (position - self.centre) / self.half
+
+
+def project(position: Float[Tensor, "p 3"]) -> Float[Tensor, "3 p 2"]:
+    """Π_v: normalised points to image coordinates in [−1, 1] of each view, x right and y down."""
+    axes = position.new_tensor(_AXES)
+    return torch.stack([position @ axes[:, 0].T, -(position @ axes[:, 1].T)], -1).transpose(0, 1)
+
+
+def render_views(
+    vertices: Float[Tensor, "v 3"],
+    faces: Int[Tensor, "f 3"],
+    albedo: Float[Tensor, "v 3"],
+    box: HeadBox,
+    size: int = SIZE,
+    impl: Impl = "auto",
+) -> Float[Tensor, "3 7 h w"]:
+    """The views of a posed face mesh (head frame, metres). Not differentiable; the same input gives the same bits."""
+    with torch.no_grad():
+        place = box.normalise(vertices).float()
+        values = torch.cat([albedo.float(), vertex_normals(vertices, faces).float(), torch.ones_like(place[:, :1])], -1)
+        return torch.stack([_rasterise(xy, depth, faces, values, size) for xy, depth in _views(place)])
+
+
+def _views(place: Tensor) -> list[tuple[Tensor, Tensor]]:
+    """Image coordinates and depth towards the camera of the vertices in each view."""
+    towards = place.new_tensor(_AXES)[:, 2]
+    return list(zip(project(place), (place @ towards.T).T))
+
+
+def _rasterise(xy: Tensor, depth: Tensor, faces: Tensor, values: Tensor, size: int) -> Tensor:
+    """Z-buffer: every (triangle, pixel centre) pair of the bounding boxes; the nearest, then the first triangle, wins."""
+    place = (xy.double() + 1) * (size / 2) - 0.5
+    a, b, c = place[faces].unbind(1)
+    low = torch.minimum(torch.minimum(a, b), c).ceil().long().clamp(0, size)
+    high = torch.maximum(torch.maximum(a, b), c).floor().long().clamp(-1, size - 1)
+    extent = (high - low + 1).clamp_min(0)
+    count = extent.prod(-1)
+    triangle = torch.arange(len(faces)).repeat_interleave(count)
+    number = torch.arange(int(count.sum())) - (count.cumsum(0) - count)[triangle]
+    column = low[triangle, 0] + number % extent[triangle, 0].clamp_min(1)
+    row = low[triangle, 1] + number // extent[triangle, 0].clamp_min(1)
+    pixel = torch.stack([column, row], -1).double()
+    area = _cross(b - a, c - a)
+    v = _cross(pixel - a[triangle], (c - a)[triangle]) / area[triangle]
+    w = _cross((b - a)[triangle], pixel - a[triangle]) / area[triangle]
+    weight = torch.stack([1 - v - w, v, w], -1)
+    hit = torch.nonzero((weight >= 0).all(-1))[:, 0]
+    weight, triangle, index = weight[hit], triangle[hit], (row * size + column)[hit]
+    near = (depth.double()[faces[triangle]] * weight).sum(-1)
+    front = torch.full((size * size,), -torch.inf, dtype=near.dtype).scatter_reduce(0, index, near, "amax")
+    nearest = torch.nonzero(near == front[index])[:, 0]
+    first = torch.full((size * size,), len(faces)).scatter_reduce(0, index[nearest], triangle[nearest], "amin")
+    won = nearest[triangle[nearest] == first[index[nearest]]]
+    image = values.new_zeros(size * size, values.shape[1])
+    image[index[won]] = (values[faces[triangle[won]]] * weight[won, :, None].float()).sum(1)
+    return _unit_normals(image).T.reshape(-1, size, size)
+
+
+def _unit_normals(image: Tensor) -> Tensor:
+    normal = torch.nn.functional.normalize(image[:, 3:6], dim=-1)
+    return torch.cat([image[:, :3], normal, image[:, 6:]], 1)
+
+
+def _cross(a: Tensor, b: Tensor) -> Tensor:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
