@@ -1,0 +1,18 @@
+"""OpenGL without a window: the context, shader sources, and what is uploaded."""
+
+from avatarrex.gl.context import NoContext, gl_context, gl_unavailable, per_context, renderer_name, use_context
+from avatarrex.gl.shader import ShaderError, ShaderSource, compute_shader, draw_program, load_shader
+
+__all__ = [
+    "NoContext",
+    "ShaderError",
+    "ShaderSource",
+    "compute_shader",
+    "draw_program",
+    "gl_context",
+    "gl_unavailable",
+    "load_shader",
+    "per_context",
+    "renderer_name",
+    "use_context",
+]
