@@ -1,7 +1,7 @@
-"""Widths of every network, in two frozen presets (paper sec. 3.1–3.3, appendix 'Network Architecture' and 'Training statistics').
+"""Widths of every network, in two frozen presets (paper sec. 3.1–3.3 and the appendix's training statistics).
 
-`paper` meets the paper's parameter counts within ±10 %: body geometry side 0.98 M, body and hand colour side 17.57 M, face
-geometry 0.66 M, face colour 1.10 M. The paper's figure with the layer widths is not part of its text; these are ours.
+`paper` meets the paper's parameter counts within ±10 %: body geometry side 0.98 M, body and hand colour side 17.57 M,
+face geometry 0.66 M, face colour 1.10 M. The paper gives no layer widths in its text: these are our choice.
 `compact` serves machines without a GPU: a few million parameters, at most 16 MB in half precision for the whole avatar.
 
 Letters: n nodes, e channels of a detail embedding, m octaves of the encoding, c channels.
@@ -53,7 +53,7 @@ class HandWidths:
 
 @dataclass(frozen=True)
 class FaceWidths:
-    """Face: U-Net channels per level from 256² down, channels of one plane, MLP hidden layers; tone mapping 54 → hidden → 9."""
+    """Face: U-Net channels per level from 256² down, channels of one plane, MLP hidden layers; tone mapping 54 → … → 9."""
 
     geometry_levels: tuple[int, ...]
     geometry_planes: int
@@ -118,7 +118,7 @@ COMPACT = Preset(
         geometry_local=(32, 32),
         geometry_feature=8,
         geometry_blend=(32,),
-        patch_encoding=12,
+        patch_encoding=16,
         patch_hidden=(16,),
         patch_feature=8,
         colour_local=(32,),

@@ -1,0 +1,246 @@
+"""The body field 𝒜_B (paper sec. 3.1, eq. 3–9): N local networks around N nodes, blended by influence.
+
+    p_i = T⁻¹p − (n̄_i + Δn_i)
+    𝒢_B(p) = 𝒢_blend( Σ w_i 𝒢_i(p_i, e_i) / Σ w_i )              signed distance, metres, negative inside
+    𝒞_B(p) = 𝒞_blend( Σ w_i 𝒞_i(p_i, e_i, f_i) / Σ w_i, v )       f_i = Bilinear(F_i, Π_i p_i); sRGB in [0, 1]
+
+`frame` gathers all that depends on the pose; points come afterwards and may be any. Points live in the root frame (global
+orientation and translation removed), which is also the pelvis frame of the view direction.
+
+Letters: n nodes, p points, k (point, node) pairs sorted by node, e embedding, c channels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import chain
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+
+from avatarrex.errors import InputError
+from avatarrex.fields.code import BodyCode, DetailCode
+from avatarrex.fields.influence import GATE, RADIUS, Pairs, find_pairs, gate, influence, weighted_mean
+from avatarrex.fields.local_frame import LOCAL_FRAMES, NEIGHBOURS, SPREAD, Samples, blended_rest_position
+from avatarrex.fields.local_networks import LocalNetworks, mlp
+from avatarrex.fields.nodes import covering_radius, farthest_points, node_normals, part_labels, plane_axes
+from avatarrex.fields.patches import PatchNetwork, sample_patches
+from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
+from avatarrex.ops.encoding import channels, encode
+from avatarrex.ops.skinning import blend, invert_affine
+from avatarrex.templates.model import PosedTemplate, TemplateModel
+
+SDF_UNIT = 0.05
+"""Metres per unit of the blending MLP's output: distances near the surface become O(1)."""
+COLOUR_UNIT = RADIUS
+"""Metres per unit of the colour networks' coordinates."""
+CLOTH = 0.02
+"""How far the surface may stand off the template when the empty space is filled, metres."""
+LEAST = 0.005
+"""Smallest fill, metres: a pose that stretches the nodes apart must not put a surface into empty space."""
+
+
+@dataclass(frozen=True)
+class BodyFrame:
+    """The body field at one pose: everything that does not depend on the point."""
+
+    code: BodyCode
+    node_position: Float[Tensor, "n 3"]
+    """n_i = T_i(n̄_i + Δn_i), root frame."""
+    node_rest: Float[Tensor, "n 3"]
+    """n̄_i + Δn_i."""
+    node_from_rest: Float[Tensor, "n 3 4"]
+    samples: Samples | None
+    """Anchors or vertices of the local frame; None where the nodes themselves serve."""
+    cover: Float[Tensor, ""]
+    """No point of the surface is farther from its nearest node, metres."""
+
+
+class BodyField(nn.Module):
+    """Nodes, networks and the pose decoder of the body.
+
+    Args:
+        model: the body template the nodes are placed on.
+        preset: widths.
+        seed: of the farthest point sampling (network weights follow torch's own seed).
+        local_frame: one of `LOCAL_FRAMES`.
+    """
+
+    def __init__(self, model: TemplateModel, preset: Preset, seed: int = 0, local_frame: str = "anchors") -> None:
+        super().__init__()
+        if local_frame not in LOCAL_FRAMES:
+            raise InputError("body field", "local_frame", " or ".join(LOCAL_FRAMES), local_frame)
+        widths = preset.body
+        self.widths, self.local_frame, self.template = widths, local_frame, model
+        chosen = farthest_points(model.v_template, max(widths.anchors, widths.nodes), seed)
+        self.register_buffer("node_vertex", chosen[: widths.nodes].clone())
+        self.register_buffer("anchor_vertex", chosen)
+        self.register_load_state_dict_post_hook(lambda module, _: module.place())
+        self.place()
+        n, e = len(self.node_vertex), widths.embedding
+        coordinate, direction = channels(COORDINATE_OCTAVES), channels(DIRECTION_OCTAVES)
+        self.code_network = DetailCode(n, e, widths.latent, widths.decoder, widths.encoder)
+        self.geometry_local = LocalNetworks(n, coordinate, e, widths.geometry_local, widths.geometry_feature, "elu")
+        self.geometry_blend = mlp((widths.geometry_feature, *widths.geometry_blend, 1), "elu")
+        self.patch_network = PatchNetwork(n, e, widths.patch_encoding, widths.patch_hidden, widths.patch_feature)
+        self.colour_local = LocalNetworks(
+            n, coordinate + widths.patch_feature, e, widths.colour_local, widths.colour_feature, "relu"
+        )
+        self.colour_blend = mlp((widths.colour_feature + direction, *widths.colour_blend, 3), "relu")
+
+    def place(self) -> None:
+        """Derive the nodes' rest geometry from their template vertices (after they were sampled or loaded)."""
+        model, vertex = self.template, self.node_vertex.cpu()
+        like = next((p for p in self.parameters()), model.v_template)
+        normal = node_normals(model, vertex)
+        sampled = torch.arange(len(model.v_template)) if self.local_frame == "vertex" else self.anchor_vertex.cpu()
+        rest = model.v_template
+        derived = {
+            "node_rest": rest[vertex],
+            "node_normal": normal,
+            "node_axes": plane_axes(normal),
+            "node_weights": model.weights[vertex],
+            "sample_rest": rest[sampled],
+            "sample_weights": model.weights[sampled],
+        }
+        for name, value in derived.items():
+            self.register_buffer(name, value.to(like), persistent=False)
+        self.register_buffer("sample_vertex", sampled.to(like.device), persistent=False)
+        owner = torch.cdist(rest[sampled], rest[vertex]).argmin(1)
+        self.register_buffer("sample_owner", owner.to(like.device), persistent=False)
+        labels = part_labels(model.joint_names, model.weights[vertex])
+        self.register_buffer("node_part", labels.to(like.device), persistent=False)
+
+    def geometry_parameters(self) -> list[nn.Parameter]:
+        """What pass I trains and pass II freezes: decoder, encoder, geometry networks."""
+        return list(
+            chain.from_iterable(m.parameters() for m in (self.code_network, self.geometry_local, self.geometry_blend))
+        )
+
+    def colour_parameters(self) -> list[nn.Parameter]:
+        """Patches and colour networks."""
+        return list(
+            chain.from_iterable(m.parameters() for m in (self.patch_network, self.colour_local, self.colour_blend))
+        )
+
+    def code(self, body_rotations: Float[Tensor, "21 3 3"], latent: Float[Tensor, " z"] | None = None) -> BodyCode:
+        """Node residuals and detail embeddings of a pose; `latent` None is z = 0, the test-time value."""
+        return self.code_network(body_rotations, latent)
+
+    def frame(self, posed: PosedTemplate, code: BodyCode) -> BodyFrame:
+        """Everything of this pose. `posed` is the body template with flat hands and a neutral face."""
+        node_from_rest = _onto(posed, self.node_weights, self.node_rest, self.node_vertex)
+        node_rest = self.node_rest + code.residual
+        position = (node_from_rest[:, :, :3] @ node_rest[:, :, None])[:, :, 0] + node_from_rest[:, :, 3]
+        samples = None
+        if self.local_frame in ("anchors", "vertex"):
+            vertex, anchors = self.sample_vertex, self.local_frame == "anchors"
+            samples = Samples(
+                self.sample_rest,
+                posed.vertices[vertex],
+                invert_affine(_onto(posed, self.sample_weights, self.sample_rest, vertex)),
+                self.sample_owner,
+                NEIGHBOURS if anchors else 1,
+                SPREAD * (2048 / len(vertex)) ** 0.5,
+            )
+        cover = covering_radius(posed.vertices.detach(), position.detach()) + CLOTH
+        return BodyFrame(code, position, node_rest, node_from_rest, samples, cover)
+
+    def pairs(self, frame: BodyFrame, position: Float[Tensor, "p 3"], nodes: Bool[Tensor, " n"] | None = None) -> Pairs:
+        """All (point, node) pairs within the influence radius, of all nodes or of the mask `nodes`."""
+        return find_pairs(position, frame.node_position, nodes)
+
+    def localise(
+        self, frame: BodyFrame, position: Float[Tensor, "p 3"], pairs: Pairs, among: Bool[Tensor, " n"] | None = None
+    ) -> tuple[Pairs, Float[Tensor, "k 3"], Float[Tensor, " k"]]:
+        """Pairs that have weight, their local coordinates p_i (metres, rest pose) and their weights w_i."""
+        if among is not None:
+            pairs = pairs.keep(among[pairs.node])
+        point = position[pairs.point]
+        squared = (point - frame.node_position[pairs.node]).square().sum(-1)
+        if self.local_frame == "node":
+            inverse = invert_affine(frame.node_from_rest)[pairs.node]
+            rest = (inverse[:, :, :3] @ point[:, :, None])[:, :, 0] + inverse[:, :, 3]
+        elif frame.samples is not None:
+            samples = frame.samples if among is None else frame.samples.among(among)
+            rest = samples.rest_position(position)[pairs.point]
+        else:
+            rest = blended_rest_position(position, pairs, squared, frame.node_from_rest, frame.node_rest)[pairs.point]
+        local = rest - frame.node_rest[pairs.node]
+        weight = influence(squared) * gate(local.square().sum(-1))
+        keep = weight > 0
+        return pairs.keep(keep), local[keep], weight[keep]
+
+    def sdf(
+        self,
+        frame: BodyFrame,
+        position: Float[Tensor, "p 3"],
+        pairs: Pairs | None = None,
+        among: Bool[Tensor, " n"] | None = None,
+        impl: str = "auto",
+    ) -> Float[Tensor, " p"]:
+        """Signed distance in metres; `among` (n,) restricts the field to those nodes and the anchors they own."""
+        pairs = self.pairs(frame, position, among) if pairs is None else pairs
+        pairs, local, weight = self.localise(frame, position, pairs, among)
+        feature = self.geometry_local(
+            encode(local / RADIUS, COORDINATE_OCTAVES), frame.code.embedding, pairs.offsets, impl
+        )
+        plane = (local * self.node_normal[pairs.node]).sum(-1, keepdim=True) / SDF_UNIT
+        mean, total = weighted_mean(torch.cat([feature, plane], -1), weight, pairs, len(position))
+        inside = SDF_UNIT * (self.geometry_blend(mean[:, :-1])[:, 0] + mean[:, -1])
+        missed = total <= 0
+        if not missed.any():
+            return inside
+        fill = position.new_zeros(len(position))
+        fill[missed] = self.outside_distance(frame, position[missed], among)
+        return torch.where(missed, fill, inside)
+
+    def outside_distance(
+        self, frame: BodyFrame, position: Float[Tensor, "p 3"], among: Bool[Tensor, " n"] | None = None
+    ) -> Float[Tensor, " p"]:
+        """A distance that never exceeds the true one where no node reaches: (radius − cover) + distance to the spheres."""
+        nodes = frame.node_position if among is None else frame.node_position[among]
+        if not len(nodes):
+            return torch.full_like(position[:, 0], torch.inf)
+        nearest = torch.cdist(position.detach(), nodes.detach()).amin(1)
+        return (nearest.clamp_min(RADIUS) - frame.cover).clamp_min(LEAST)
+
+    def patches(self, frame: BodyFrame, nodes: Int[Tensor, " m"] | None = None) -> Float[Tensor, "m c s s"]:
+        """Feature patches of all nodes, or of those listed (in their order)."""
+        return self.patch_network(frame.code.embedding, nodes)
+
+    def colour(
+        self,
+        frame: BodyFrame,
+        patches: Float[Tensor, "n c s s"],
+        position: Float[Tensor, "p 3"],
+        view_direction: Float[Tensor, "p 3"],
+        pairs: Pairs | None = None,
+        impl: str = "auto",
+    ) -> Float[Tensor, "p 3"]:
+        """sRGB in [0, 1] of surface points seen along unit `view_direction` (root frame, from the eye).
+
+        Where no node reaches, the colour of zero features: no such point lies on a surface.
+        """
+        pairs = self.pairs(frame, position) if pairs is None else pairs
+        pairs, local, weight = self.localise(frame, position, pairs)
+        if self.widths.colour_cutoff:
+            total = weight.new_zeros(len(position)).index_add(0, pairs.point, weight)
+            strong = weight >= self.widths.colour_cutoff * total[pairs.point]
+            pairs, local, weight = pairs.keep(strong), local[strong], weight[strong]
+        plane = (self.node_axes[pairs.node] @ local[:, :, None])[:, :, 0]
+        sampled = sample_patches(patches, pairs.node, plane)
+        coordinate = encode(local / COLOUR_UNIT, COORDINATE_OCTAVES, GATE[1] / COLOUR_UNIT)
+        feature = self.colour_local(torch.cat([coordinate, sampled], -1), frame.code.embedding, pairs.offsets, impl)
+        mean, _ = weighted_mean(feature, weight, pairs, len(position))
+        direction = encode(view_direction, DIRECTION_OCTAVES)
+        return torch.sigmoid(self.colour_blend(torch.cat([F.relu(mean), direction], -1)))
+
+
+def _onto(posed: PosedTemplate, weights: Tensor, rest: Tensor, vertex: Tensor) -> Float[Tensor, "n 3 4"]:
+    """Per sample the blended linear part, with the offset that takes its rest position onto its posed vertex."""
+    linear = blend(posed.skinning, weights)[:, :, :3]
+    offset = posed.vertices[vertex] - (linear @ rest[:, :, None])[:, :, 0]
+    return torch.cat([linear, offset[:, :, None]], -1)

@@ -1,0 +1,96 @@
+"""How much each node says about a point (paper eq. 5), and which nodes reach which points.
+
+    w_i = max(exp(−‖p − n_i‖²/2σ²) − ε, 0),   σ = 0.05 m, ε = 0.001
+
+written ε·expm1(−‖p − n_i‖²/2σ² − ln ε), which keeps its digits near the rim, and multiplied by a gate on the rest-pose
+distance ‖p̄ − n̄_i‖: a hand near a thigh hears its own nodes only (paper.md, 'influence across limbs').
+
+Letters: n nodes, p points, k (point, node) pairs sorted by node. Root frame, metres.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+SIGMA = 0.05
+EPSILON = 0.001
+RADIUS = SIGMA * math.sqrt(2 * math.log(1 / EPSILON))
+"""Where the influence ends, 0.1858 m."""
+GATE = (1.2 * RADIUS, 1.6 * RADIUS)
+"""Rest distance where the gate starts to close and where it is shut. A bent joint stretches distances by less than 1.2."""
+BLOCK = 4_000_000
+"""Distances held at once while pairs are listed (16 MB)."""
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """(point, node) pairs sorted by node."""
+
+    point: Int[Tensor, " k"]
+    node: Int[Tensor, " k"]
+    offsets: Int[Tensor, " m"]
+    """(n + 1,): the pairs of node i are offsets[i] : offsets[i + 1]."""
+
+    def keep(self, mask: Tensor) -> Pairs:
+        """The pairs where `mask` (k,) is true, still sorted."""
+        return Pairs.of(self.point[mask], self.node[mask], len(self.offsets) - 1)
+
+    @classmethod
+    def of(cls, point: Int[Tensor, " k"], node: Int[Tensor, " k"], nodes: int) -> Pairs:
+        """From lists that are already sorted by node."""
+        offsets = torch.zeros(nodes + 1, dtype=torch.int64, device=node.device)
+        offsets[1:] = torch.cumsum(torch.bincount(node, minlength=nodes), 0)
+        return cls(point, node, offsets)
+
+
+def find_pairs(
+    position: Float[Tensor, "p 3"], node_position: Float[Tensor, "n 3"], among: Tensor | None = None
+) -> Pairs:
+    """Every pair closer than `RADIUS`; `among` (n,) bool restricts the nodes."""
+    nodes = torch.arange(len(node_position), device=position.device)
+    if among is not None:
+        nodes = nodes[among]
+    position, node_position = position.detach(), node_position.detach()
+    step = max(1, BLOCK // max(len(position), 1))
+    points, owners = [nodes.new_zeros(0)], [nodes.new_zeros(0)]
+    for block in nodes.split(step):
+        centre = node_position[block].mean(0)  # small numbers: |p|² + |n|² − 2 p·n loses no digits that matter here
+        a, b = node_position[block] - centre, position - centre
+        squared = torch.addmm((b * b).sum(-1).expand(len(a), -1), a, b.T, alpha=-2) + (a * a).sum(-1, keepdim=True)
+        row, point = torch.nonzero(squared < RADIUS**2, as_tuple=True)
+        points.append(point)
+        owners.append(block[row])
+    return Pairs.of(torch.cat(points), torch.cat(owners), len(node_position))
+
+
+def influence(squared_distance: Float[Tensor, " k"]) -> Float[Tensor, " k"]:
+    """w of squared posed distances, m²."""
+    exponent = -squared_distance / (2 * SIGMA**2) - math.log(EPSILON)
+    return EPSILON * torch.expm1(exponent).clamp_min(0)
+
+
+def influence_reference(squared_distance: Float[Tensor, " k"]) -> Float[Tensor, " k"]:
+    """Equation 5 as it stands."""
+    return torch.clamp(torch.exp(-squared_distance / (2 * SIGMA**2)) - EPSILON, min=0)
+
+
+def gate(squared_rest_distance: Float[Tensor, " k"]) -> Float[Tensor, " k"]:
+    """1 inside `GATE[0]`, 0 outside `GATE[1]`, smooth between, of squared rest distances, m²."""
+    low, high = GATE[0] ** 2, GATE[1] ** 2
+    t = ((high - squared_rest_distance) / (high - low)).clamp(0, 1)
+    return t * t * (3 - 2 * t)
+
+
+def weighted_mean(
+    value: Float[Tensor, "k c"], weight: Float[Tensor, " k"], pairs: Pairs, points: int
+) -> tuple[Float[Tensor, "p c"], Float[Tensor, " p"]]:
+    """Σ w v / Σ w per point and Σ w; zero where no weight arrives."""
+    total = weight.new_zeros(points).index_add(0, pairs.point, weight)
+    summed = value.new_zeros(points, value.shape[1]).index_add(0, pairs.point, value * weight[:, None])
+    reached = total > 0
+    return summed / torch.where(reached, total, torch.ones_like(total))[:, None], total

@@ -1,0 +1,118 @@
+"""Which rest position p̄ does a posed point p have? (paper sec. 3.1: p_i = T⁻¹p − (n̄_i + Δn_i), T without a subscript.)
+
+Four readings, chosen by the setting `local_frame` that an avatar stores; benchmarks/local_frames.py prints error and cost:
+
+    node     T = T_i, the node's own skinning matrix: one p̄ per pair
+    blend    T = Σ w_i T_i / Σ w_i, gated by the rest distance that the strongest node sees
+    vertex   T of the nearest template vertex
+    anchors  T⁻¹ = Σ_a g_a T_a⁻¹ / Σ g_a over the 6 nearest skinned anchors, g Gaussian in the posed distance and gated by
+             the rest distance to the nearest one, so that another limb's anchors do not mix in
+
+A sample's T maps its rest position onto its vertex of the posed template, whatever moved it there (skinning, shape, pose
+blend shapes), with the linear part of its blended skinning matrix.
+
+Letters: a samples (anchors or vertices), n nodes, p points, k (point, node) pairs. Root frame, metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from avatarrex.fields.influence import Pairs, gate, influence
+from avatarrex.ops.skinning import invert_affine, skin
+
+LOCAL_FRAMES = ("anchors", "blend", "node", "vertex")
+NEIGHBOURS = 6
+SPREAD = 0.015
+"""σ of the anchors' Gaussian at 2048 anchors, metres; it grows with their spacing, 0.021 at 1024 (performance.md)."""
+OPEN, SHUT = 4.0, 6.0
+"""Rest distance to the nearest anchor, in σ, where an anchor's gate starts to close and where it is shut."""
+CHUNK = 16384
+"""Points per block of the all-distances search (128 MB against 2048 anchors)."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Template samples at one pose, each with the transform of its place."""
+
+    rest: Float[Tensor, "a 3"]
+    position: Float[Tensor, "a 3"]
+    rest_from_posed: Float[Tensor, "a 3 4"]
+    owner: Int[Tensor, " a"]
+    """The node nearest at rest: `among` nodes, only the samples they own are searched."""
+    neighbours: int
+    spread: float
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Search tree over the posed positions."""
+        return cKDTree(self.position.detach().cpu().numpy())
+
+    def nearest(self, position: Float[Tensor, "p 3"]) -> Int[Tensor, "p k"]:
+        """Indices of the nearest samples, nearest first; not differentiable."""
+        count = min(self.neighbours, len(self.rest))
+        if position.device.type == "cpu":
+            index = self.tree.query(position.detach().numpy(), k=list(range(1, count + 1)))[1]
+            return torch.from_numpy(index).long()
+        blocks = [
+            torch.topk(torch.cdist(block, self.position), count, largest=False).indices
+            for block in position.detach().split(CHUNK)
+        ]
+        return torch.cat(blocks) if blocks else torch.zeros(0, count, dtype=torch.int64, device=position.device)
+
+    def among(self, nodes: Tensor) -> Samples:
+        """Only the samples that the nodes of the mask (n,) own."""
+        keep = nodes[self.owner]
+        return Samples(
+            self.rest[keep],
+            self.position[keep],
+            self.rest_from_posed[keep],
+            self.owner[keep],
+            self.neighbours,
+            self.spread,
+        )
+
+    def rest_position(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        """p̄ of every point; differentiable in the point and in the pose where the neighbours do not change."""
+        index = self.nearest(position)
+        if index.shape[1] == 1:
+            return skin(self.rest_from_posed[index[:, 0]], position)
+        squared = (position[:, None] - self.position[index]).square().sum(-1)
+        rest = self.rest[index]
+        apart = (rest - rest[:, :1]).square().sum(-1) / self.spread**2
+        t = ((SHUT**2 - apart) / (SHUT**2 - OPEN**2)).clamp(0, 1)
+        weight = torch.exp((squared[:, :1].detach() - squared) / (2 * self.spread**2)) * t * t * (3 - 2 * t)
+        weight = weight / weight.sum(-1, keepdim=True)
+        table = self.rest_from_posed.reshape(-1, 12)
+        matrix = torch.nn.functional.embedding_bag(index, table, per_sample_weights=weight, mode="sum")
+        return skin(matrix.reshape(-1, 3, 4), position)
+
+
+def blended_rest_position(
+    position: Float[Tensor, "p 3"],
+    pairs: Pairs,
+    squared_distance: Float[Tensor, " k"],
+    node_from_rest: Float[Tensor, "n 3 4"],
+    node_rest: Float[Tensor, "n 3"],
+) -> Float[Tensor, "p 3"]:
+    """p̄ by the influence-weighted blend of the nodes' own matrices (`local_frame="blend"`), one round of gating."""
+    points = len(position)
+    weight = influence(squared_distance)
+    strongest = weight.new_zeros(points).index_reduce(0, pairs.point, weight.detach(), "amax")
+    leader = torch.zeros(points, dtype=torch.int64, device=position.device)
+    wins = weight.detach() == strongest[pairs.point]
+    leader[pairs.point[wins]] = pairs.node[wins]
+    guess = skin(invert_affine(node_from_rest)[leader], position)
+    weight = weight * gate((guess[pairs.point] - node_rest[pairs.node]).square().sum(-1))
+    total = weight.new_zeros(points).index_add(0, pairs.point, weight)
+    table = node_from_rest.reshape(-1, 12)
+    summed = table.new_zeros(points, 12).index_add(0, pairs.point, weight[:, None] * table[pairs.node])
+    reached = (total > 0)[:, None]
+    matrix = torch.where(reached, summed / torch.where(reached, total[:, None], 1.0), table[leader])
+    return skin(invert_affine(matrix.reshape(-1, 3, 4)), position)

@@ -1,0 +1,97 @@
+"""Dynamic feature patches (paper sec. 3.1): F_i = conv(learnable 2-D positional encoding, e_i), f_i = Bilinear(F_i, Π_i p_i).
+
+Every node has its own tiny network of 3×3 convolutions with all maps 32×32. Borders are replicated, so that e_i, constant
+over the map, acts through the first layer's bias alone and never becomes a map.
+
+A patch covers ±`EXTENT` in the plane across the node's normal; beyond it the border texel holds. Texel centres lie at
+(j + ½)·2·EXTENT/32 − EXTENT: 6.9 mm apart.
+
+Letters: n nodes, c channels, k pairs. Plane coordinates in metres.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as F
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+SIZE = 32
+EXTENT = 0.11
+"""Half side of a patch, metres: 90 % of the blend weight lies within 0.108 m of a node (paper.md)."""
+
+
+class PatchNetwork(nn.Module):
+    """N tiny convolutional networks and their positional encodings."""
+
+    def __init__(self, nodes: int, embedding: int, encoding: int, hidden: Sequence[int], out: int) -> None:
+        super().__init__()
+        self.encoding = nn.Parameter(0.1 * torch.randn(nodes, encoding, SIZE, SIZE))
+        self.kernels = nn.ParameterList()
+        self.biases = nn.ParameterList()
+        widths = (encoding + embedding, *hidden, out)
+        for fan_in, fan_out in itertools.pairwise(widths):
+            bound = math.sqrt(6 / (9 * fan_in))
+            self.kernels.append(nn.Parameter(torch.empty(nodes, fan_out, fan_in, 3, 3).uniform_(-bound, bound)))
+            self.biases.append(nn.Parameter(torch.zeros(nodes, fan_out)))
+
+    def forward(
+        self, embedding: Float[Tensor, "n e"], nodes: Int[Tensor, " m"] | None = None
+    ) -> Float[Tensor, "m c s s"]:
+        """Patches of all nodes, or of those listed in `nodes`."""
+        pick = (lambda value: value) if nodes is None else (lambda value: value[nodes])
+        maps, kernel = pick(self.encoding), pick(self.kernels[0])
+        channels = maps.shape[1]
+        bias = pick(self.biases[0]) + torch.einsum("ne,noeyx->no", pick(embedding), kernel[:, :, channels:])
+        maps = _grouped(maps, kernel[:, :, :channels], bias)
+        for kernel, bias in zip(self.kernels[1:], self.biases[1:]):
+            maps = _grouped(F.relu(maps), pick(kernel), pick(bias))
+        return maps
+
+
+def patches_reference(network: PatchNetwork, embedding: Float[Tensor, "n e"]) -> Float[Tensor, "n c s s"]:
+    """Node by node, e_i as constant maps beside the positional encoding."""
+    rows = []
+    for node, code in enumerate(embedding):
+        maps = torch.cat([network.encoding[node], code[:, None, None].expand(-1, SIZE, SIZE)])[None]
+        for layer, (kernel, bias) in enumerate(zip(network.kernels, network.biases)):
+            if layer:
+                maps = F.relu(maps)
+            maps = F.conv2d(F.pad(maps, (1, 1, 1, 1), mode="replicate"), kernel[node], bias[node])
+        rows.append(maps[0])
+    return torch.stack(rows)
+
+
+def sample_patches(
+    patches: Float[Tensor, "n c s s"], node: Int[Tensor, " k"], plane: Float[Tensor, "k 2"]
+) -> Float[Tensor, "k c"]:
+    """Bilinear features at plane coordinates (u right, v down the rows), metres from the node."""
+    nodes, _, size, _ = patches.shape
+    texel = ((plane / EXTENT + 1) * (size / 2) - 0.5).clamp(0, size - 1)
+    low = texel.detach().floor().clamp_max(size - 2)
+    part = texel - low
+    u, v = part.unbind(-1)
+    corner = node * (size * size) + low[:, 1].long() * size + low[:, 0].long()
+    index = torch.stack([corner, corner + 1, corner + size, corner + size + 1], 1)
+    weight = torch.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], 1)
+    table = patches.permute(0, 2, 3, 1).reshape(nodes * size * size, -1)
+    return F.embedding_bag(index, table, per_sample_weights=weight, mode="sum")
+
+
+def sample_patches_reference(
+    patches: Float[Tensor, "n c s s"], node: Int[Tensor, " k"], plane: Float[Tensor, "k 2"]
+) -> Float[Tensor, "k c"]:
+    """The same with torch's own grid sampler."""
+    grid = (plane / EXTENT)[:, None, None]
+    return F.grid_sample(patches[node], grid, padding_mode="border", align_corners=False)[:, :, 0, 0]
+
+
+def _grouped(maps: Tensor, kernel: Tensor, bias: Tensor) -> Tensor:
+    """One 3×3 convolution per node."""
+    padded = F.pad(maps, (1, 1, 1, 1), mode="replicate")
+    out = F.conv2d(padded.flatten(0, 1)[None], kernel.flatten(0, 1), bias.flatten(), groups=len(maps))
+    return out[0].unflatten(0, (len(maps), -1))
