@@ -3,8 +3,8 @@
     encoder  q(z | θ, per-frame code) = N(μ, diag exp(log σ²))        decoder  (z, θ) → {Δn_i, e_i}        z = 0 at test
 
 θ enters as rotation matrices minus identity of the 21 body joints. The paper inherits this part from structured local
-radiance fields without repeating it; its exact form here is our choice. |Δn_i| is bounded by `RESIDUAL` per axis and e_i
-by 1, so that a pose far from the training poses cannot tear the surface apart.
+radiance fields without repeating it; its exact form here is our choice. |Δn_i| is bounded by `RESIDUAL` per axis and
+e_i by 1, so that a pose far from the training poses cannot tear the surface apart.
 
 Letters: b frames, n nodes, e embedding, z latent channels. Residuals in metres, rest pose.
 """
@@ -44,8 +44,9 @@ class DetailCode(nn.Module):
         self.decoder = mlp((JOINTS * 9 + latent, *decoder, nodes * (3 + embedding)), "elu")
         self.encoder = mlp((JOINTS * 9 + latent, *encoder, 2 * latent), "elu")
         with torch.no_grad():  # start at rest: no residual, embeddings of a few per cent
-            self.decoder[-1].weight.mul_(0.1)
-            self.decoder[-1].bias.zero_()
+            last = next(reversed(self.decoder.children()))
+            for parameter in last.parameters():
+                parameter.mul_(0.1)
 
     def posterior(
         self, body_rotations: Float[Tensor, "*b 21 3 3"], frame_code: Float[Tensor, "*b z"]

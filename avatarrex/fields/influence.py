@@ -22,7 +22,7 @@ EPSILON = 0.001
 RADIUS = SIGMA * math.sqrt(2 * math.log(1 / EPSILON))
 """Where the influence ends, 0.1858 m."""
 GATE = (1.2 * RADIUS, 1.6 * RADIUS)
-"""Rest distance where the gate starts to close and where it is shut. A bent joint stretches distances by less than 1.2."""
+"""Rest distances where the gate starts to close and where it is shut; a bent joint stretches distances by less."""
 BLOCK = 4_000_000
 """Distances held at once while pairs are listed (16 MB)."""
 
@@ -38,7 +38,11 @@ class Pairs:
 
     def keep(self, mask: Tensor) -> Pairs:
         """The pairs where `mask` (k,) is true, still sorted."""
-        return Pairs.of(self.point[mask], self.node[mask], len(self.offsets) - 1)
+        return self.take(torch.nonzero(mask)[:, 0])
+
+    def take(self, index: Int[Tensor, " i"]) -> Pairs:
+        """The listed pairs, `index` ascending."""
+        return Pairs.of(self.point.index_select(0, index), self.node.index_select(0, index), len(self.offsets) - 1)
 
     @classmethod
     def of(cls, point: Int[Tensor, " k"], node: Int[Tensor, " k"], nodes: int) -> Pairs:

@@ -1,15 +1,15 @@
-"""Which rest position p̄ does a posed point p have? (paper sec. 3.1: p_i = T⁻¹p − (n̄_i + Δn_i), T without a subscript.)
+"""Which rest position p̄ does a posed point p have? (paper sec. 3.1, p_i = T⁻¹p − (n̄_i + Δn_i): T has no subscript.)
 
-Four readings, chosen by the setting `local_frame` that an avatar stores; benchmarks/local_frames.py prints error and cost:
+Four readings, chosen by the setting `local_frame` that an avatar stores (benchmarks/local_frames.py: error and cost):
 
     node     T = T_i, the node's own skinning matrix: one p̄ per pair
     blend    T = Σ w_i T_i / Σ w_i, gated by the rest distance that the strongest node sees
     vertex   T of the nearest template vertex
-    anchors  T⁻¹ = Σ_a g_a T_a⁻¹ / Σ g_a over the 6 nearest skinned anchors, g Gaussian in the posed distance and gated by
-             the rest distance to the nearest one, so that another limb's anchors do not mix in
+    anchors  T⁻¹ = Σ_a g_a T_a⁻¹ / Σ g_a over the 6 nearest skinned anchors, g Gaussian in the posed distance and gated
+             by the rest distance to the nearest one, so that another limb's anchors do not mix in
 
-A sample's T maps its rest position onto its vertex of the posed template, whatever moved it there (skinning, shape, pose
-blend shapes), with the linear part of its blended skinning matrix.
+A sample's T maps its rest position onto its vertex of the posed template, whatever moved it there (skinning, shape,
+pose blend shapes), with the linear part of its blended skinning matrix.
 
 Letters: a samples (anchors or vertices), n nodes, p points, k (point, node) pairs. Root frame, metres.
 """

@@ -33,11 +33,16 @@ class LocalNetworks(nn.Module):
             self.biases.append(nn.Parameter(torch.zeros(nodes, fan_out)))
 
     def forward(
-        self, x: Float[Tensor, "k c"], constant: Float[Tensor, "n e"], offsets: Int[Tensor, " m"], impl: str = "auto"
+        self,
+        blocks: Sequence[Float[Tensor, "k _"]],
+        constant: Float[Tensor, "n e"],
+        offsets: Int[Tensor, " m"],
+        impl: str = "auto",
     ) -> Float[Tensor, "k o"]:
-        """Features of every pair from its varying inputs and its node's constant ones."""
+        """Features of every pair from its varying inputs, in blocks of channels, and its node's constant ones."""
         first, bias = fold(self.weights[0], self.biases[0], constant)
-        return local_mlp(x, offsets, [first, *self.weights[1:]], [bias, *self.biases[1:]], self.activation, impl)
+        weights, biases = [first, *self.weights[1:]], [bias, *self.biases[1:]]
+        return local_mlp(blocks, offsets, weights, biases, self.activation, impl)
 
 
 def mlp(widths: Sequence[int], activation: str) -> nn.Sequential:

@@ -23,20 +23,20 @@ _FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 _LIMB = {"arm": ("shoulder", "elbow", "wrist", *_FINGERS), "leg": ("hip", "knee", "ankle", "foot")}
 _HEAD = ("head", "jaw", "eye")
 NORMAL_SPREAD = 0.03
-"""σ of the Gaussian that averages vertex normals around a node, metres: the patch plane must not follow a single fold."""
+"""σ of the Gaussian that averages vertex normals around a node, metres: the patch must not follow one fold."""
 
 
 def farthest_points(points: Float[Tensor, "v 3"], count: int, seed: int) -> Int[Tensor, " n"]:
     """Indices of `count` points, each the farthest from those before it; the first one is drawn by `seed`."""
     count = min(count, len(points))
-    points = points.double()
-    chosen = torch.empty(count, dtype=torch.int64)
-    chosen[0] = torch.randint(len(points), (1,), generator=torch.Generator().manual_seed(seed))
-    nearest = torch.full((len(points),), torch.inf, dtype=torch.float64)
-    for k in range(1, count):
-        nearest = torch.minimum(nearest, (points - points[chosen[k - 1]]).square().sum(-1))
-        chosen[k] = nearest.argmax()
-    return chosen
+    x, y, z = points.double().T.contiguous()
+    chosen = [int(torch.randint(len(points), (1,), generator=torch.Generator().manual_seed(seed)))]
+    nearest = torch.full_like(x, torch.inf)
+    while len(chosen) < count:
+        k = chosen[-1]
+        torch.minimum(nearest, (x - x[k]).square_() + (y - y[k]).square_() + (z - z[k]).square_(), out=nearest)
+        chosen.append(int(nearest.argmax()))
+    return torch.tensor(chosen)
 
 
 def node_normals(model: TemplateModel, vertex: Int[Tensor, " n"]) -> Float[Tensor, "n 3"]:

@@ -1,7 +1,7 @@
-"""Dynamic feature patches (paper sec. 3.1): F_i = conv(learnable 2-D positional encoding, e_i), f_i = Bilinear(F_i, Π_i p_i).
+"""Dynamic feature patches (paper sec. 3.1): F_i = conv(learnable 2-D encoding, e_i), f_i = Bilinear(F_i, Π_i p_i).
 
-Every node has its own tiny network of 3×3 convolutions with all maps 32×32. Borders are replicated, so that e_i, constant
-over the map, acts through the first layer's bias alone and never becomes a map.
+Every node has its own tiny network of 3×3 convolutions with all maps 32×32. Borders are replicated, so that e_i,
+constant over the map, acts through the first layer's bias alone and never becomes a map.
 
 A patch covers ±`EXTENT` in the plane across the node's normal; beyond it the border texel holds. Texel centres lie at
 (j + ½)·2·EXTENT/32 − EXTENT: 6.9 mm apart.

@@ -53,7 +53,7 @@ class HandWidths:
 
 @dataclass(frozen=True)
 class FaceWidths:
-    """Face: U-Net channels per level from 256² down, channels of one plane, MLP hidden layers; tone mapping 54 → … → 9."""
+    """Face: U-Net channels per level from 256² down, of one plane, MLP hidden layers; tone 54 → hidden → 9."""
 
     geometry_levels: tuple[int, ...]
     geometry_planes: int

@@ -2,7 +2,7 @@
 
     γ(x) = (x, sin x, cos x, …, sin 2^{m−1} x, cos 2^{m−1} x)
 
-Letters: c coordinates (3), m octaves; the result has c·(1 + 2m) channels, octave by octave, sines before cosines.
+Letters: p points, c coordinates (3), m octaves; the result has d = c·(1 + 2m) channels, octave by octave, sines first.
 """
 
 from __future__ import annotations
@@ -17,34 +17,41 @@ def channels(octaves: int, coordinates: int = 3) -> int:
     return coordinates * (1 + 2 * octaves)
 
 
-def encode(x: Float[Tensor, "*b c"], octaves: int, limit: float = 2.0) -> Float[Tensor, "*b d"]:
+def encode(x: Float[Tensor, "p c"], octaves: int, limit: float = 2.0) -> Float[Tensor, "p d"]:
     """γ of `x` clamped to ±`limit` per coordinate, by the double-angle recurrence.
 
     sin 2a = 2 sin a cos a, cos 2a = 1 − 2 sin² a: one sine and one cosine per coordinate. Rounding doubles with each
-    octave: 1e-6 at m = 6. The clamp keeps a point far outside a node's ball (opposed twists) finite.
+    octave: 3e-6 at m = 6. The clamp keeps a point far outside a node's ball (opposed twists) finite. The result is the
+    transpose of a (d, p) tensor: a channel's values are adjacent, which matrix products take as they are.
     """
-    x = x.clamp(-limit, limit)
-    sine, cosine = torch.sin(x), torch.cos(x)
+    rows = x.T.clamp(-limit, limit)
     if torch.is_grad_enabled() and x.requires_grad:
-        parts = [x]
-        for octave in range(octaves):
-            parts += [sine, cosine]
-            if octave + 1 < octaves:
-                sine, cosine = 2 * sine * cosine, 1 - 2 * sine * sine
-        return torch.cat(parts, -1)
-    width = x.shape[-1]
-    out = x.new_empty(*x.shape[:-1], channels(octaves, width))
-    out[..., :width] = x
-    for octave in range(octaves):
-        start = width * (1 + 2 * octave)
-        out[..., start : start + width] = sine
-        out[..., start + width : start + 2 * width] = cosine
-        if octave + 1 < octaves:
-            sine, cosine = 2 * sine * cosine, 1 - 2 * sine * sine
-    return out
+        return torch.cat(_waves(rows, octaves)).T
+    width = len(rows)
+    out = x.new_empty(channels(octaves, width), len(x))
+    out[:width] = rows
+    blocks = out[width:].split(width)
+    if octaves:
+        torch.sin(rows, out=blocks[0])
+        torch.cos(rows, out=blocks[1])
+    for octave in range(1, octaves):
+        sine, cosine = blocks[2 * octave - 2], blocks[2 * octave - 1]
+        torch.mul(sine, cosine, out=blocks[2 * octave]).mul_(2)
+        torch.mul(sine, sine, out=blocks[2 * octave + 1]).mul_(-2).add_(1)
+    return out.T
 
 
-def encode_reference(x: Float[Tensor, "*b c"], octaves: int, limit: float = 2.0) -> Float[Tensor, "*b d"]:
+def encode_reference(x: Float[Tensor, "p c"], octaves: int, limit: float = 2.0) -> Float[Tensor, "p d"]:
     """γ as the equation writes it."""
     x = x.clamp(-limit, limit)
     return torch.cat([x, *(wave(2**octave * x) for octave in range(octaves) for wave in (torch.sin, torch.cos))], -1)
+
+
+def _waves(rows: Tensor, octaves: int) -> list[Tensor]:
+    """The blocks of γ, each (c, p), by operations that autograd follows."""
+    blocks, sine, cosine = [rows], torch.sin(rows), torch.cos(rows)
+    for octave in range(octaves):
+        if octave:
+            sine, cosine = 2 * sine * cosine, 1 - 2 * sine * sine
+        blocks += [sine, cosine]
+    return blocks

@@ -3,14 +3,14 @@
     h_0 = x_k,   h_{l+1} = a(W_{l,i} h_l + b_{l,i}),   y_k = W_{L,i} h_L + b_{L,i},   i = node of row k
 
 What is constant per node and frame (the detail embedding e_i) does not enter the rows: `fold` adds its product with the
-first layer's weights to the first bias. The last layer is linear.
+first layer's weights to the first bias. The rows may come in several blocks of channels (coordinates, patch features),
+which saves joining them. The last layer is linear.
 
 Letters: k rows sorted by node, n nodes, c input, o output channels. `offsets[i] : offsets[i+1]` are the rows of node i.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import torch
@@ -18,8 +18,6 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor
 
-Impl = str
-"""`auto`, or one of `available()`."""
 CHUNK = 256
 """Rows of one chunk of `bucket`: padding wastes half a chunk per node, 13 % at 1000 rows per node."""
 
@@ -38,27 +36,30 @@ def fold(
 
 
 def local_mlp(
-    x: Float[Tensor, "k c"],
+    blocks: Sequence[Float[Tensor, "k _"]],
     offsets: Int[Tensor, " m"],
     weights: Sequence[Float[Tensor, "n _ _"]],
     biases: Sequence[Float[Tensor, "n _"]],
     activation: str,
-    impl: Impl = "auto",
+    impl: str = "auto",
 ) -> Float[Tensor, "k o"]:
-    """y for every row. `activation` is `elu` or `relu`; `offsets` (n + 1,)."""
+    """y for every row; `activation` is `elu` or `relu`, `offsets` has n + 1 entries, `impl` is one of `available()`.
+
+    `auto` takes `loop` on a CPU and `bucket` elsewhere. All are differentiable, twice where `elu` or `relu` is.
+    """
     if impl == "auto":
-        impl = "loop" if x.device.type == "cpu" else "bucket"
+        impl = "loop" if blocks[0].device.type == "cpu" else "bucket"
     if impl not in _IMPLEMENTATIONS:
         raise ValueError(f"impl: expected auto or one of {available()}, found {impl!r}")
-    return _IMPLEMENTATIONS[impl](x, offsets, weights, biases, activation)
+    return _IMPLEMENTATIONS[impl](blocks, offsets, weights, biases, activation)
 
 
 def _reference(
-    x: Tensor, offsets: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor], activation: str
+    blocks: Sequence[Tensor], offsets: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor], activation: str
 ) -> Tensor:
     """The equation, row by row."""
-    node = torch.repeat_interleave(torch.arange(len(offsets) - 1, device=x.device), offsets.diff())
-    h = x
+    node = torch.repeat_interleave(torch.arange(len(offsets) - 1, device=offsets.device), offsets.diff())
+    h = torch.cat(list(blocks), -1)
     for layer, (weight, bias) in enumerate(zip(weights, biases)):
         h = torch.einsum("kc,kco->ko", h, weight[node]) + bias[node]
         if layer + 1 < len(weights):
@@ -66,38 +67,39 @@ def _reference(
     return h
 
 
-def _loop(x: Tensor, offsets: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor], activation: str) -> Tensor:
+def _loop(
+    blocks: Sequence[Tensor], offsets: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor], activation: str
+) -> Tensor:
     """Node by node with matrix products whose intermediates stay in cache: the fastest on a CPU."""
-    bounds = offsets.tolist()
-    tracked = torch.is_grad_enabled() and any(t.requires_grad for t in (x, *weights, *biases))
+    tracked = torch.is_grad_enabled() and any(t.requires_grad for t in (*blocks, *weights, *biases))
     act = _activation(activation, inplace=not tracked)
-    layers = [list(zip(weight.unbind(0), bias.unbind(0))) for weight, bias in zip(weights, biases)]
-    if tracked:
-        rows = []
-        for node, h in enumerate(x.split(offsets.diff().tolist())):
-            for layer in layers[:-1]:
-                h = act(torch.addmm(layer[node][1], h, layer[node][0]))
-            rows.append(torch.addmm(layers[-1][node][1], h, layers[-1][node][0]))
-        return torch.cat(rows)
-    out = x.new_empty(len(x), weights[-1].shape[2])
-    for node, (start, stop) in enumerate(itertools.pairwise(bounds)):
-        if start == stop:
-            continue
-        h = x[start:stop]
-        for layer in layers[:-1]:
-            h = act(torch.addmm(layer[node][1], h, layer[node][0]))
-        torch.addmm(layers[-1][node][1], h, layers[-1][node][0], out=out[start:stop])
-    return out
+    counts = offsets.diff().tolist()
+    first = [weight.unbind(0) for weight in weights[0].split([block.shape[1] for block in blocks], 1)]
+    layers = [list(zip(bias.unbind(0), weight.unbind(0))) for bias, weight in zip(biases[1:], weights[1:])]
+    rows = []
+    for node, parts in enumerate(zip(*(block.split(counts) for block in blocks))):
+        h = torch.addmm(biases[0][node], parts[0], first[0][node])
+        for part, weight in zip(parts[1:], first[1:]):
+            h = torch.addmm(h, part, weight[node])
+        for layer in layers:
+            h = act(h)
+            h = torch.addmm(layer[node][0], h, layer[node][1])
+        rows.append(h)
+    return torch.cat(rows)
 
 
-def _bucket(x: Tensor, offsets: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor], activation: str) -> Tensor:
+def _bucket(
+    blocks: Sequence[Tensor], offsets: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor], activation: str
+) -> Tensor:
     """Equal chunks of one node's rows, one batched product per layer: no loop, for a GPU."""
+    x = torch.cat(list(blocks), -1)
     counts = offsets.diff()
     chunks = (counts + CHUNK - 1) // CHUNK
     first = torch.cumsum(chunks, 0) - chunks
-    node_of_row = torch.repeat_interleave(torch.arange(len(counts), device=x.device), counts)
+    nodes = torch.arange(len(counts), device=x.device)
+    node_of_row = torch.repeat_interleave(nodes, counts)
     slot = first[node_of_row] * CHUNK + torch.arange(len(x), device=x.device) - offsets[:-1][node_of_row]
-    node_of_chunk = torch.repeat_interleave(torch.arange(len(counts), device=x.device), chunks)
+    node_of_chunk = torch.repeat_interleave(nodes, chunks)
     h = x.new_zeros(len(node_of_chunk) * CHUNK, x.shape[1]).index_copy(0, slot, x)
     h = h.unflatten(0, (len(node_of_chunk), CHUNK))
     act = _activation(activation, inplace=False)
