@@ -44,7 +44,7 @@ class DetailCode(nn.Module):
         self.decoder = mlp((JOINTS * 9 + latent, *decoder, nodes * (3 + embedding)), "elu")
         self.encoder = mlp((JOINTS * 9 + latent, *encoder, 2 * latent), "elu")
         with torch.no_grad():  # start at rest: no residual, embeddings of a few per cent
-            last = next(reversed(self.decoder.children()))
+            *_, last = self.decoder.children()
             for parameter in last.parameters():
                 parameter.mul_(0.1)
 
