@@ -1,9 +1,9 @@
 """Rotations: axis-angle vectors (rotvec, radians), 3×3 matrices and unit quaternions (wxyz).
 
-Every function is batched over leading axes, keeps the tensor's dtype and device, and stays finite with finite gradients at
-angle 0 and π: small angles take a series behind a double `where` (the branch that is not taken is fed harmless numbers, or
-its NaN would reach the gradient through 0·NaN), and the inverse goes by the largest quaternion component, never by arccos.
-Half precision is not served.
+Every function is batched over leading axes, keeps the tensor's dtype and device, and stays finite with finite gradients
+at angle 0 and π: small angles take a series behind a double `where` (the branch that is not taken is fed harmless
+numbers, or its NaN would reach the gradient through 0·NaN), and the inverse goes by the largest quaternion component,
+never by arccos. NumPy users pass float64 tensors; half precision is not served.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ def matrix_from_quaternion(quaternion: Float[Tensor, "*b 4"]) -> Float[Tensor, "
 def quaternion_from_matrix(matrix: Float[Tensor, "*b 3 3"]) -> Float[Tensor, "*b 4"]:
     """Unit quaternion wxyz with w ≥ 0 of a rotation matrix.
 
-    The four columns of 4 q qᵀ follow from the entries; the one with the largest diagonal (≥ 1) is normalised, so nothing is
-    ever divided by less than one (Shepperd 1978).
+    The four columns of 4 q qᵀ follow from the entries; the one with the largest diagonal (≥ 1) is normalised, so
+    nothing is ever divided by less than one (Shepperd 1978).
     """
     (a, b, c), (d, e, f), (g, h, i) = (row.unbind(-1) for row in matrix.unbind(-2))
     rows = [
@@ -97,7 +97,8 @@ def rotvec_from_matrix(matrix: Float[Tensor, "*b 3 3"]) -> Float[Tensor, "*b 3"]
 def slerp(start: Float[Tensor, "*b 4"], end: Float[Tensor, "*b 4"], fraction: Tensor | float) -> Float[Tensor, "*b 4"]:
     """Unit quaternions on the shorter arc from `start` to `end` (wxyz), at `fraction` in [0, 1].
 
-    A tensor `fraction` has one value per quaternion. start · exp(fraction · log(start⁻¹ end)): no division by sin of the arc.
+    A tensor `fraction` has one value per quaternion. start · exp(fraction · log(start⁻¹ end)), without dividing by the
+    arc's sine.
     """
     inverse = start * start.new_tensor([1.0, -1.0, -1.0, -1.0])
     step = rotvec_from_quaternion(quaternion_multiply(inverse, end))
