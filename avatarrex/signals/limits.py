@@ -1,0 +1,92 @@
+"""Joint limits of the default person: soft bounds per joint and axis, and random signals within them.
+
+Axes are the T-pose's: +X the person's left, +Y up, +Z forward; radians. The right side mirrors the left (y and z negated).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from avatarrex.signals.joints import HAND_JOINTS, JOINT_NAMES
+from avatarrex.signals.signals import Signals
+
+_DEGREES: dict[str, tuple[tuple[float, float], tuple[float, float], tuple[float, float]]] = {
+    "hip": ((-110, 25), (-30, 30), (-15, 40)),
+    "knee": ((0, 135), (-8, 8), (-5, 5)),
+    "ankle": ((-25, 40), (-15, 15), (-15, 15)),
+    "foot": ((-30, 30), (-5, 5), (-5, 5)),
+    "collar": ((-8, 8), (-15, 15), (-10, 20)),
+    "shoulder": ((-50, 50), (-80, 30), (-85, 75)),
+    "elbow": ((-70, 70), (-140, 0), (-5, 5)),
+    "wrist": ((-10, 10), (-25, 25), (-60, 60)),
+}
+_MIDDLE = {
+    "spine1": ((-15, 30), (-20, 20), (-15, 15)),
+    "spine2": ((-10, 20), (-15, 15), (-12, 12)),
+    "spine3": ((-10, 15), (-15, 15), (-10, 10)),
+    "neck": ((-25, 25), (-35, 35), (-20, 20)),
+    "head": ((-25, 25), (-35, 35), (-20, 20)),
+    "jaw": ((0, 20), (-5, 5), (0, 0)),
+}
+_FINGER = {
+    "index": ((-5, 5), (-12, 12)), "middle": ((-5, 5), (-8, 8)), "ring": ((-5, 5), (-10, 10)), "pinky": ((-5, 5), (-15, 15)),
+}  # fmt: skip
+
+
+def joint_limits() -> np.ndarray:
+    """(55, 3, 2) lowest and highest rotation vector components."""
+    limits = np.zeros((55, 3, 2))
+    for j, name in enumerate(JOINT_NAMES):
+        side, _, part = name.partition("_")
+        if name in _MIDDLE:
+            limits[j] = _MIDDLE[name]
+        elif side in ("left", "right"):
+            left = _left(part)
+            limits[j] = left if side == "left" else [left[0], (-left[1][1], -left[1][0]), (-left[2][1], -left[2][0])]
+    return np.radians(limits)
+
+
+def _left(part: str) -> tuple[tuple[float, float], ...]:
+    """Degrees of a left-side joint."""
+    if part in _DEGREES:
+        return _DEGREES[part]
+    if part == "eye":
+        return ((-25, 25), (-30, 30), (0, 0))
+    finger, knuckle = part[:-1], part[-1]
+    if finger == "thumb":
+        return {"1": ((-25, 25), (-35, 15), (-25, 25)), "2": ((-5, 5), (-45, 5), (-10, 10)), "3": ((-5, 5), (-70, 5), (-5, 5))}[knuckle]
+    twist, spread = _FINGER[finger]
+    return (twist, spread, (-85, 15)) if knuckle == "1" else ((0, 0), (0, 0), (-100, 5) if knuckle == "2" else (-75, 5))
+
+
+LIMITS = joint_limits()
+
+
+def clamp(signals: Signals) -> Signals:
+    """The nearest signals within the joint limits (the root is free; coefficients 0 to 1)."""
+    pose = signals.full_pose()
+    pose[1:] = np.clip(pose[1:], LIMITS[1:, :, 0], LIMITS[1:, :, 1])
+    clamped = Signals.from_full_pose(pose)
+    return signals.replace(
+        body_pose=clamped.body_pose, jaw_pose=clamped.jaw_pose, eye_pose=clamped.eye_pose,
+        left_hand_pose=clamped.left_hand_pose, right_hand_pose=clamped.right_hand_pose,
+        expression=np.clip(signals.expression, 0, 1),
+    )  # fmt: skip
+
+
+def violations(signals: Signals) -> tuple[str, ...]:
+    """Names of the joints that are outside their limits."""
+    pose = signals.full_pose()
+    out = ((pose < LIMITS[:, :, 0] - 1e-9) | (pose > LIMITS[:, :, 1] + 1e-9)).any(1)
+    out[0] = False
+    return tuple(name for name, bad in zip(JOINT_NAMES, out) if bad)
+
+
+def random_signals(rng: np.random.Generator, scale: float = 0.5) -> Signals:
+    """Uniform within `scale` times the joint limits; sparse expression; root at rest."""
+    low, high = scale * LIMITS[..., 0], scale * LIMITS[..., 1]
+    pose = rng.uniform(low, high)
+    pose[0] = 0
+    expression = rng.random(52) * (rng.random(52) < 0.15) * scale
+    assert len(HAND_JOINTS) == 15
+    return Signals.from_full_pose(pose, expression=expression)
