@@ -1,8 +1,9 @@
 """Hand templates: MANO-order submeshes of the body, closed by a cap, in the wrist frame (paper sec. 3.2).
 
-The mesh takes some forearm with it and is capped where ω is long zero. It is rigid with the wrist there, while the real
-forearm follows the elbow: so ω ramps over the heel of the hand, where the body's own skinning is already the wrist's, and
-the forearm stub only closes the solid. Letters: v vertices, f faces. Metres.
+The mesh takes 6 cm of forearm with it, so that its cap lies where ω is long zero. The stub is rigid with the wrist
+while the real forearm follows the elbow, and the thumb moves with φ while the body keeps it flat: ω must rise where
+both differences are small, along a line tilted towards the thumb, 1 to 5 cm beyond the wrist joint (see `RAMP`).
+Letters: v vertices, f faces, j joints. Metres.
 """
 
 from __future__ import annotations
@@ -12,26 +13,36 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 from avatarrex.errors import InputError
+from avatarrex.templates.blend_weight import smooth_ramp
 from avatarrex.templates.model import TemplateModel, pose_template
 
+ELBOW = {"left": 18, "right": 19}
 WRIST = {"left": 20, "right": 21}
 FIRST_FINGER = {"left": 25, "right": 40}
+MIDDLE1, THUMB1 = 3, 12
+"""Offsets from the first finger joint."""
 FOREARM = 0.06
 """Metres of forearm in the mesh."""
-RAMP = (-0.01, 0.03)
-"""Metres beyond the wrist joint, towards the fingers, where ω rises from 0 to 1."""
+RAMP = (0.013, 0.053)
+"""Metres from the wrist joint, along `TILT`, where ω rises from 0 to 1. Measured on the default person, wrist bent 60°
+about an axis or fist closed: where ω is mixed, min(ω, 1−ω) times the distance between hand and body mesh is at most
+2.7 mm; for an upright ramp from −1 to 3 cm it is 7.6 mm, from 0 to 4 cm 3.9 mm."""
+TILT = 0.6
+"""The ramp rises along the hand's axis + TILT × the thumb's side: its root moves with φ, the other side with θ."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HandTemplate:
     """One hand."""
 
     side: str
     model: TemplateModel
-    """16 joints: wrist, then index, middle, pinky, ring, thumb × 3. The wrist joint is the origin."""
+    """16 joints: wrist, then index, middle, pinky, ring, thumb × 3. The wrist is the origin, whatever the shape."""
     blend_weight: Float[Tensor, " v"]
     """ω: 1 on the hand, 0 on the forearm stub and its cap."""
     body_vertex_ids: Int[Tensor, " v"]
@@ -39,81 +50,97 @@ class HandTemplate:
 
 
 def pose_hand(
-    hand: HandTemplate, hand_pose: Float[Tensor, "15 3"], shape: Float[Tensor, " s"]
+    hand: HandTemplate, hand_pose: Float[Tensor, "15 3"], shape: Float[Tensor, " _s"]
 ) -> Float[Tensor, "v 3"]:
-    """Posed vertices in the wrist frame, metres; `hand_pose` φ as rotvecs."""
+    """Posed vertices in the wrist frame, metres; `hand_pose` φ as rotvecs. Raises `InputError` for NaN."""
     pose = torch.cat([torch.zeros_like(hand_pose[:1]), hand_pose])
-    posed = pose_template(hand.model, pose, shape, shape.new_zeros(0))
-    return posed.vertices - posed.joints[0]
+    return pose_template(hand.model, pose, shape, shape.new_zeros(0)).vertices
 
 
 def cut_hand(body: TemplateModel, side: str) -> HandTemplate:
-    """Cut the hand of `side` ("left" or "right") from a body template and close it."""
-    wrist, first = WRIST[side], FIRST_FINGER[side]
+    """Cut the hand of `side` ("left" or "right") from a body template and close it.
+
+    Raises `InputError` where the forearm's cut is not one loop.
+    """
+    wrist, elbow, first = WRIST[side], ELBOW[side], FIRST_FINGER[side]
     columns = [wrist, *range(first, first + 15)]
-    along = (body.v_template[:, 0] - body.joint_template[wrist, 0]) * (1.0 if side == "left" else -1.0)
-    arm = body.weights[:, [wrist - 2, *columns]].sum(-1) > 0.5
-    inside = (arm & (along > -FOREARM)).numpy()
-    faces = body.faces.numpy()
-    kept = faces[inside[faces].all(1)]
-    kept = _largest_component(kept)
-    ids = np.unique(kept)
-    local = np.full(len(inside), -1)
-    local[ids] = np.arange(len(ids))
-    kept = local[kept]
-    loop = _boundary_loop(kept, side)
-    centre = len(ids)
-    cap = np.stack([loop, np.full(len(loop), centre), np.roll(loop, -1)], 1)
-    rim = torch.as_tensor(ids[loop])
-    weights = body.weights[ids][:, columns]
-    weights = torch.cat([1 - weights[:, 1:].sum(-1, keepdim=True), weights[:, 1:]], 1)
-    stub = torch.zeros(1, 16)
-    stub[0, 0] = 1
-    ramp = ((along[ids] - RAMP[0]) / (RAMP[1] - RAMP[0])).clamp(0, 1)
-    omega = ramp * ramp * (3 - 2 * ramp)
+    forearm = body.joint_template[wrist] - body.joint_template[elbow]
+    local = body.v_template - body.joint_template[wrist]
+    beyond = local @ torch.nn.functional.normalize(forearm, dim=0) > -FOREARM
+    on_arm = body.weights[:, [elbow, *columns]].sum(-1) > 0.5
+    faces = body.faces.cpu().numpy()
+    faces = _largest_component(faces[(on_arm & beyond).cpu().numpy()[faces].all(1)])
+    ids, faces = np.unique(faces, return_inverse=True)
+    faces = faces.reshape(-1, 3)
+    rim = _open_loop(faces, side)
+    cap = np.stack([rim, np.full(len(rim), len(ids)), np.roll(rim, -1)], 1)
+    kept = torch.from_numpy(ids)
+    model = _submodel(body, columns, kept, torch.from_numpy(rim), torch.from_numpy(np.concatenate([faces, cap])))
+    blend_weight = torch.cat([paint_hand(body, side)[kept], torch.zeros(1)])
+    return HandTemplate(side, model, blend_weight, torch.cat([kept, torch.tensor([-1])]))
+
+
+def paint_hand(body: TemplateModel, side: str) -> Float[Tensor, " v"]:
+    """ω of one hand on the body's vertices: 0 up to the wrist, 1 from the middle of the palm."""
+    wrist, first = WRIST[side], FIRST_FINGER[side]
+    joints = body.joint_template - body.joint_template[wrist]
+    axis = torch.nn.functional.normalize(joints[first + MIDDLE1], dim=0)
+    thumb = joints[first + THUMB1]
+    thumb_side = torch.nn.functional.normalize(thumb - (thumb @ axis) * axis, dim=0)
+    uphill = torch.nn.functional.normalize(axis + TILT * thumb_side, dim=0)
+    omega = smooth_ramp((body.v_template - body.joint_template[wrist]) @ uphill, *RAMP)
+    on_hand = body.weights[:, [ELBOW[side], wrist, *range(first, first + 15)]].sum(-1) > 0.5
+    return torch.where(on_hand, omega, torch.zeros_like(omega))
+
+
+def _submodel(body: TemplateModel, columns: list[int], kept: Tensor, rim: Tensor, faces: Tensor) -> TemplateModel:
+    """The arrays of the kept vertices about the wrist, and of one more vertex: the middle of the rim."""
 
     def closed(values: Tensor) -> Tensor:
-        return torch.cat([values[ids], values[rim].mean(0, keepdim=True)])
+        return torch.cat([values[kept], values[kept[rim]].mean(0, keepdim=True)])
 
-    model = TemplateModel(
-        v_template=closed(body.v_template),
-        faces=torch.as_tensor(np.concatenate([kept, cap])),
-        shapedirs=closed(body.shapedirs),
-        expression_dirs=torch.zeros(len(ids) + 1, 3, 0),
-        weights=torch.cat([weights, stub]),
-        joint_template=body.joint_template[columns],
-        joint_shapedirs=body.joint_shapedirs[columns],
+    wrist = columns[0]
+    fingers = body.weights[:, columns[1:]]
+    weights = torch.cat([1 - fingers.sum(-1, keepdim=True), fingers], 1)
+    posedirs, pose_columns = None, None
+    if body.posedirs is not None:
+        entry = torch.arange(body.posedirs.shape[2]) if body.pose_columns is None else body.pose_columns
+        own = (entry >= 9 * (columns[1] - 1)) & (entry < 9 * columns[-1])
+        posedirs, pose_columns = closed(body.posedirs[..., own]), entry[own] - 9 * (columns[1] - 1)
+    return TemplateModel(
+        v_template=closed(body.v_template - body.joint_template[wrist]),
+        faces=faces,
+        shapedirs=closed(body.shapedirs - body.joint_shapedirs[wrist]),
+        expression_dirs=body.v_template.new_zeros(len(kept) + 1, 3, 0),
+        weights=closed(weights),
+        joint_template=body.joint_template[columns] - body.joint_template[wrist],
+        joint_shapedirs=body.joint_shapedirs[columns] - body.joint_shapedirs[wrist],
         parents=(-1, *(0 if k % 3 == 0 else k for k in range(15))),
-        joint_names=tuple(body.joint_names[c] for c in columns),
+        joint_names=tuple(body.joint_names[c] for c in columns) if body.joint_names else (),
+        posedirs=posedirs,
+        pose_columns=pose_columns,
     )
-    body_ids = torch.cat([torch.as_tensor(ids), torch.tensor([-1])])
-    return HandTemplate(side, model, torch.cat([omega, torch.zeros(1)]), body_ids)
 
 
 def _largest_component(faces: np.ndarray) -> np.ndarray:
-    """The faces of the largest edge-connected piece."""
-    label = np.arange(faces.max() + 1)
-    while True:
-        lowest = label[faces].min(1)
-        new = label.copy()
-        np.minimum.at(new, faces, lowest[:, None])
-        if (new == label).all():
-            break
-        label = new
-    best = np.bincount(label[faces[:, 0]]).argmax()
-    return faces[label[faces[:, 0]] == best]
+    """The faces of the largest connected piece."""
+    if not len(faces):
+        return faces
+    ends = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    count = faces.max() + 1
+    _, label = connected_components(coo_array((np.ones(len(ends)), ends.T), (count, count)), directed=False)
+    return faces[label[faces[:, 0]] == np.bincount(label[faces[:, 0]]).argmax()]
 
 
-def _boundary_loop(faces: np.ndarray, side: str) -> np.ndarray:
-    """The single open loop of vertex indices, in the order of the open half-edges."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    have = set(map(tuple, edges.tolist()))
-    step = {a: b for a, b in have if (b, a) not in have}
-    if not step:
-        raise InputError("template", f"{side} hand", "one open loop at the wrist", "none")
-    loop = [next(iter(step))]
-    while step[loop[-1]] != loop[0]:
-        loop.append(step[loop[-1]])
-    if len(loop) != len(step):
-        raise InputError("template", f"{side} hand", "one open loop at the wrist", f"{len(step)} open edges, {len(loop)} in a loop")
+def _open_loop(faces: np.ndarray, side: str) -> np.ndarray:
+    """The vertices of the single open loop, in the order of its half-edges."""
+    edges = {(int(a), int(b)) for a, b in faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)}
+    following = {a: b for a, b in edges if (b, a) not in edges}
+    loop = [min(following)] if following else []
+    while loop and following.get(loop[-1], loop[0]) != loop[0] and len(loop) <= len(following):
+        loop.append(following[loop[-1]])
+    if not loop or len(loop) != len(following):
+        raise InputError(
+            "template", f"{side} hand", "one open loop across the forearm", f"{len(following)} open edges in several"
+        )
     return np.array(loop)
