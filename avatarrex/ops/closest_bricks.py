@@ -2,27 +2,29 @@
 
 Triangle t can be nearest to a point of a brick (centre C, radius r) only if d(C, t) ≤ d(C, mesh) + 2r. Bricks form a
 tree of eight children each (a lattice falls into 2³, 4³, 8³ … voxels); every level tests its centres against the
-candidates of its parent, the last level tests the points. Distances there are float32 in brick-local coordinates, with
-a safe margin; the few triangles left per point are compared in float64. Letters: p points, f faces, k candidates.
+candidates of its parent, the last level tests the points. These tests bound a triangle by its smallest ball (centre m,
+which lies on the triangle, radius ρ): |C − m| − ρ ≤ d(C, t) ≤ |C − m|. They are float32 with a safe margin; the
+triangles left per point are compared exactly, in float64. Letters: b bricks, m children, k candidates, p points.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
 
 from avatarrex.ops.pseudonormal import Pseudonormals
-from avatarrex.ops.triangle import THIN, closest_on_triangle
+from avatarrex.ops.triangle import closest_on_triangle
 
 FAN = 8
 ROOTS = 64
 """Bricks of the coarsest level, all tested against every triangle."""
-PAIRS = 1 << 16
+PAIRS = 1 << 15
 """Pairs per chunk: its temporaries stay in the cache of a CPU core (CUDA takes 64 times as many)."""
-MARGIN = 64 * torch.finfo(torch.float32).eps
-"""Bound of the error of a squared float32 distance, in units of the squared extent of brick and candidates."""
+MARGIN = 32 * torch.finfo(torch.float32).eps
+"""Bound of the error of a squared float32 distance, in units of squared extents."""
 
 
 def search_bricks(
@@ -37,22 +39,26 @@ def search_bricks(
     skipped = torch.zeros(len(query), dtype=query.dtype, device=query.device)
     if not len(query):
         return face, barycentric, skipped
-    corner = mesh[faces]
-    table = _Table.of(corner)
+    middle = (mesh.amin(0) + mesh.amax(0)) / 2
+    corner, query = mesh[faces] - middle, query - middle
+    balls = _balls(corner)
     levels = _tree(query)
     lists = _Lists.everything(len(levels[-1].members), len(faces), query.device)
     for level in reversed(levels[1:]):
-        lists = _cull(table, level, lists)
+        lists = _cull(balls, level, lists)
         if reach is not None:
             bricks = level.children
-            far, near_face, near_weight, side = _beyond(corner, faces, normals, reach, bricks, lists)
+            far, near_face, near_weight, side = _beyond(balls, corner, faces, normals, reach, bricks, lists)
             point, brick = bricks.points(far)
             face[point], barycentric[point], skipped[point] = near_face[brick], near_weight[brick], side[brick]
             lists.count[far] = 0
-    lists = _cull(table, levels[0], lists)
+    lists = _cull(balls, levels[0], lists)
     points = levels[0].children
-    winner, weight = _exact(corner, points.centre, lists.owner, lists.triangle)
     done = lists.count > 0
+    if not done.any():
+        return face, barycentric, skipped
+    owner, place = lists.pairs(done)
+    winner, weight = _exact(corner, points.centre, owner, lists.triangle[place])
     face[points.order[done]], barycentric[points.order[done]] = winner[done], weight[done]
     return face, barycentric, skipped
 
@@ -68,21 +74,18 @@ class _Nodes:
     order: Tensor
     """Point number of each sorted point."""
 
-    @property
+    @cached_property
     def centre(self) -> Tensor:
         return (self.low + self.high) / 2
 
-    @property
+    @cached_property
     def radius(self) -> Tensor:
         return (self.high - self.low).norm(dim=-1) / 2
 
     def points(self, chosen: Tensor) -> tuple[Tensor, Tensor]:
         """Points that lie in the `chosen` (n,) nodes, and the node of each."""
-        node = torch.nonzero(chosen)[:, 0]
-        count = self.last[node] - self.first[node]
-        start = self.first[node] - (count.cumsum(0) - count)
-        place = torch.arange(int(count.sum()), device=node.device) + start.repeat_interleave(count)
-        return self.order[place], node.repeat_interleave(count)
+        node, place = _runs(torch.nonzero(chosen)[:, 0], self.first, self.last - self.first)
+        return self.order[place], node
 
 
 @dataclass(frozen=True)
@@ -96,56 +99,48 @@ class _Level:
 
 @dataclass(frozen=True)
 class _Lists:
-    """Candidates of each node as flat pairs (owner, triangle, float32 squared distance), with first and count."""
+    """Candidates of each node as a run of flat pairs (triangle, squared distance of its ball's centre)."""
 
-    owner: Tensor
     triangle: Tensor
     square: Tensor
     first: Tensor
+    """(n,) start and length of each node's run."""
     count: Tensor
     nearest: Tensor
-    """(n,) least squared distance of the node's centre, its error below `margin`."""
+    """(n,) least of the node's squares, with an error below `margin`."""
     margin: Tensor
 
     @staticmethod
     def everything(nodes: int, faces: int, device: torch.device) -> _Lists:
         first = torch.zeros(nodes, dtype=torch.long, device=device)
         zero = torch.zeros(nodes, device=device)
-        return _Lists(first, torch.arange(faces, device=device), zero, first, first + faces, zero, zero)
+        return _Lists(torch.arange(faces, device=device), zero, first, first + faces, zero, zero)
+
+    def pairs(self, chosen: Tensor) -> tuple[Tensor, Tensor]:
+        """Node and place in the flat arrays of every pair of the `chosen` (n,) nodes."""
+        return _runs(torch.nonzero(chosen)[:, 0], self.first, self.count)
 
 
-@dataclass(frozen=True)
-class _Table:
-    """What a float32 pair distance needs of each triangle: seven linear functionals, an anchor and three lengths."""
+def _runs(node: Tensor, first: Tensor, count: Tensor) -> tuple[Tensor, Tensor]:
+    """The node and the index of each member of the runs [first, first + count) of nodes `node`."""
+    length = count[node]
+    shift = first[node] - (length.cumsum(0) - length)
+    place = torch.arange(int(length.sum()), device=node.device) + shift.repeat_interleave(length)
+    return node.repeat_interleave(length), place
 
-    direction: Tensor
-    """(6, f, 3): unit ab, ac, bc; unit normal; gradients of the barycentrics v and w."""
-    anchor: Tensor
-    """(f, 3) float64, corner a."""
-    length: Tensor
-    """(3, f)."""
-    shift: Tensor
-    """(f,): where b lies along bc, seen from a."""
-    thin: Tensor
-    """(f,): 0, or infinity for a triangle without a normal."""
 
-    @staticmethod
-    def of(corner: Tensor) -> _Table:
-        a, b, c = corner.unbind(1)
-        sides = torch.stack([b - a, c - a, c - b])
-        length = sides.norm(dim=-1)
-        unit = sides / length.clamp_min(1e-300)[..., None]
-        normal = torch.linalg.cross(b - a, c - a)
-        area = normal.norm(dim=-1)
-        flat = area <= THIN * length.amax(0) ** 2
-        scale = torch.where(flat, 1.0, area)[:, None]
-        normal = torch.where(flat[:, None], 0.0, normal / scale)
-        v = torch.linalg.cross(c - a, normal) / scale
-        w = torch.linalg.cross(normal, b - a) / scale
-        direction = torch.cat([unit, torch.stack([normal, v, w])])
-        shift = (unit[2] * (b - a)).sum(-1)
-        thin = torch.where(flat, torch.inf, 0.0)
-        return _Table(direction.float(), a, length.float(), shift.float(), thin.float())
+def _balls(corner: Tensor) -> Tensor:
+    """(f, 4) float32: centre and radius of the smallest ball around each triangle."""
+    a, b, c = corner.unbind(1)
+    opposite = torch.stack([c - b, a - c, b - a], 1).square().sum(-1)
+    weight = opposite * (opposite.sum(1, keepdim=True) - 2 * opposite)
+    # An obtuse corner (weight ≤ 0) leaves the longest side as the diameter.
+    obtuse = (weight <= 0).any(1, keepdim=True)
+    half = (1 - torch.nn.functional.one_hot(opposite.argmax(1), 3)) / 2
+    weight = torch.where(obtuse, half.to(corner.dtype), weight)
+    centre = (corner * (weight / weight.sum(1, keepdim=True))[..., None]).sum(1)
+    radius = (corner - centre[:, None]).norm(dim=-1).amax(1)
+    return torch.cat([centre, radius[:, None]], 1).float()
 
 
 def _tree(query: Tensor) -> list[_Level]:
@@ -197,93 +192,87 @@ def _spread(x: Tensor) -> Tensor:
     return (x | (x << 2)) & 0x1249249249249249
 
 
-def _cull(table: _Table, level: _Level, lists: _Lists) -> _Lists:
+def _cull(balls: Tensor, level: _Level, lists: _Lists) -> _Lists:
     """Keep for each child the triangles that can be nearest to one of its points."""
     budget = PAIRS * (64 if lists.triangle.is_cuda else 1)
     nodes = len(level.children.low)
+    first, count = torch.zeros(2, nodes, dtype=torch.long, device=lists.first.device)
     nearest, margin = torch.zeros(2, nodes, device=lists.first.device)
     busy = torch.nonzero(lists.count > 0)[:, 0]
     busy = busy[lists.count[busy].argsort()]
     sizes = lists.count[busy].tolist()
-    owner, triangle, square = [], [], []
-    end = len(busy)
+    triangle, square = [lists.triangle[:0]], [lists.square[:0]]
+    end, total = len(busy), 0
     while end > 0:
         start = max(0, end - max(1, budget // (level.members.shape[1] * sizes[end - 1])))
-        chunk = _cull_chunk(table, level, lists, busy[start:end], sizes[end - 1], nearest, margin)
-        for column, values in zip((owner, triangle, square), chunk):
-            column.append(values)
+        kept = _cull_chunk(balls, level, lists, busy[start:end], sizes[end - 1])
+        node, kept_count = kept.node, kept.count
+        first[node] = total + kept_count.cumsum(0) - kept_count
+        count[node], nearest[node], margin[node] = kept_count, kept.nearest, kept.margin
+        triangle.append(kept.triangle)
+        square.append(kept.square)
+        total += len(kept.triangle)
         end = start
-    if not owner:
-        empty = torch.zeros(nodes, dtype=torch.long, device=lists.first.device)
-        return _Lists(lists.owner[:0], lists.triangle[:0], lists.square[:0], empty, empty, nearest, margin)
-    owners = torch.cat(owner)
-    # Owners come in runs: the pairs of a chunk are ordered by (brick, child).
-    run, length = torch.unique_consecutive(owners, return_counts=True)
-    first, count = torch.zeros(2, nodes, dtype=torch.long, device=owners.device)
-    first[run], count[run] = length.cumsum(0) - length, length
-    return _Lists(owners, torch.cat(triangle), torch.cat(square), first, count, nearest, margin)
+    return _Lists(torch.cat(triangle), torch.cat(square), first, count, nearest, margin)
 
 
-def _cull_chunk(
-    table: _Table, level: _Level, lists: _Lists, rows: Tensor, size: int, nearest: Tensor, margin: Tensor
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Pairs kept for the children of bricks `rows`; fills their `nearest` and `margin`."""
+@dataclass(frozen=True)
+class _Kept:
+    """What a chunk of bricks leaves for their children `node`."""
+
+    node: Tensor
+    count: Tensor
+    nearest: Tensor
+    margin: Tensor
+    triangle: Tensor
+    square: Tensor
+
+
+def _cull_chunk(balls: Tensor, level: _Level, lists: _Lists, rows: Tensor, size: int) -> _Kept:
+    """Test the children of bricks `rows`, all with at most `size` candidates, against these candidates."""
     slot = torch.arange(size, device=rows.device)
     present = slot < lists.count[rows, None]
-    candidate = lists.triangle[lists.first[rows, None] + torch.where(present, slot, 0)]
+    place = lists.first[rows, None] + slot.masked_fill(~present, 0)
+    candidate = lists.triangle.index_select(0, place.reshape(-1)).reshape(place.shape)
     members = level.members[rows]
     real = members >= 0
     member = torch.where(real, members, members[:, :1])
     origin = level.centre[rows]
     local = (level.children.centre[member] - origin[:, None]).float()
-    anchor = (origin[:, None] - table.anchor[candidate]).float()
-    square = _square_distances(table, candidate, local, anchor)
-    square.masked_fill_(~present[:, None], torch.inf)
-    extent = (
-        anchor.square().sum(-1).amax(1) + local.square().sum(-1).amax(1) + table.length[:, candidate].amax((0, 2)) ** 2
-    )
-    error = (MARGIN * extent)[:, None].expand_as(member)
-    least = square.amin(-1)
-    nearest[member], margin[member] = least, error
+    ball = balls.index_select(0, candidate.reshape(-1)).reshape(*candidate.shape, 4).transpose(1, 2).contiguous()
+    anchor = origin.float()[:, :, None] - ball[:, :3]
+    away = anchor.square().sum(1).masked_fill_(~present, torch.inf)
+    square = torch.baddbmm(away[:, None], local, anchor.mul_(2)).add_(local.square().sum(-1, keepdim=True))
+    extent = origin.float().abs().amax(1) + anchor.abs().amax((1, 2)) + local.abs().amax((1, 2))
+    error = (MARGIN * extent.square())[:, None].expand_as(member)
+    nearest = square.amin(-1).clamp_min_(0)
     radius = level.children.radius[member].float() * (1 + 1e-5)
-    limit = ((least + error).sqrt() + 2 * radius).square() + error
-    brick, child, column = ((square <= limit[..., None]) & real[..., None]).nonzero(as_tuple=True)
-    return members[brick, child], candidate[brick, column], square[brick, child, column]
-
-
-def _square_distances(table: _Table, candidate: Tensor, local: Tensor, anchor: Tensor) -> Tensor:
-    """(b, m, k) squared distances of b·m local points to their brick's k candidates, error below MARGIN·extent²."""
-    direction = torch.cat([table.direction[:, candidate], 2 * anchor[None]])
-    offset = (direction * anchor).sum(-1)
-    offset[2] -= table.shift[candidate]
-    offset[6] *= 0.5
-    count, bricks, size, _ = direction.shape
-    value = torch.baddbmm(
-        offset.reshape(count * bricks, 1, size),
-        local[None].expand(count, -1, -1, -1).reshape(count * bricks, -1, 3),
-        direction.reshape(count * bricks, size, 3).transpose(1, 2),
-    ).reshape(count, bricks, -1, size)
-    ab, ac, bc, height, v, w, from_a = value
-    from_a = from_a + local.square().sum(-1, keepdim=True)
-    lengths = table.length[:, candidate][:, :, None]
-    from_b = from_a - lengths[0] * (2 * ab - lengths[0])
-    best = from_a + _along(ab, lengths[0])
-    best = torch.minimum(best, from_a + _along(ac, lengths[1]))
-    best = torch.minimum(best, from_b + _along(bc, lengths[2]))
-    inside = torch.minimum(torch.minimum(v, w), 1 - v - w) >= 0
-    plane = height.square() + table.thin[candidate][:, None]
-    return torch.where(inside, torch.minimum(plane, best), best).clamp_min(0)
-
-
-def _along(t: Tensor, length: Tensor) -> Tensor:
-    """|p − segment|² − |p − start|² for the coordinate t along the unit direction."""
-    clamped = torch.minimum(t, length).clamp_min(0)
-    return clamped * (clamped - 2 * t)
+    limit = ((nearest + error).sqrt() + 2 * radius)[..., None] + ball[:, None, 3]
+    keep = (square <= limit.square_().add_(error[..., None])) & real[..., None]
+    count = keep.sum(-1).reshape(-1)
+    flat = keep.reshape(-1).nonzero()[:, 0]
+    # From (brick, child, column) to (brick, column), without a division per pair.
+    row = torch.arange(len(count), device=rows.device)
+    shift = ((row // members.shape[1] - row) * size).repeat_interleave(count)
+    chosen = real.reshape(-1)
+    return _Kept(
+        member.reshape(-1)[chosen],
+        count[chosen],
+        nearest.reshape(-1)[chosen],
+        error.reshape(-1)[chosen],
+        candidate.reshape(-1).index_select(0, flat + shift),
+        square.reshape(-1).index_select(0, flat),
+    )
 
 
 def _exact(corner: Tensor, query: Tensor, owner: Tensor, triangle: Tensor) -> tuple[Tensor, Tensor]:
     """The float64 winner among (owner, triangle) pairs: face and barycentrics per owner."""
-    square, weight = closest_on_triangle(query[owner], *corner[triangle].unbind(1))
+    chunk = PAIRS * (64 if owner.is_cuda else 1) // 2
+    values = [
+        closest_on_triangle(query.index_select(0, o), *corner.index_select(0, t).unbind(1))
+        for o, t in zip(owner.split(chunk), triangle.split(chunk))
+    ]
+    square, weight = (torch.cat(column) for column in zip(*values))
     best = torch.full((len(query),), torch.inf, dtype=square.dtype, device=square.device)
     best.scatter_reduce_(0, owner, square, "amin")
     won = torch.nonzero(square == best[owner])[:, 0]
@@ -293,24 +282,33 @@ def _exact(corner: Tensor, query: Tensor, owner: Tensor, triangle: Tensor) -> tu
 
 
 def _beyond(
-    corner: Tensor, faces: Tensor, normals: Pseudonormals, reach: tuple[float, float], bricks: _Nodes, lists: _Lists
+    balls: Tensor,
+    corner: Tensor,
+    faces: Tensor,
+    normals: Pseudonormals,
+    reach: tuple[float, float],
+    bricks: _Nodes,
+    lists: _Lists,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Bricks wholly beyond `reach`, with face, barycentrics and side (±1) of every such brick's centre.
 
     No surface crosses a brick whose centre is farther than its radius, so that one side holds for all its points.
     """
-    clearance = lists.nearest.double().sqrt() - lists.margin.double().sqrt() - bricks.radius
-    far = (lists.count > 0) & (clearance > min(reach))
-    pair = torch.nonzero(far[lists.owner] & (lists.square <= (lists.nearest + 2 * lists.margin)[lists.owner]))[:, 0]
+    far = (lists.count > 0) & (lists.nearest.double().sqrt() - bricks.radius > min(reach))
+    upper = (lists.nearest + lists.margin).sqrt()
+    owner, place = lists.pairs(far)
+    triangle = lists.triangle.index_select(0, place)
+    limit = upper.index_select(0, owner) + balls[:, 3].index_select(0, triangle)
+    near = lists.square.index_select(0, place) <= limit.square() + lists.margin.index_select(0, owner)
+    owner, triangle = owner[near], triangle[near]
     face = torch.zeros(len(far), dtype=torch.long, device=far.device)
     weight = torch.zeros(len(far), 3, dtype=corner.dtype, device=far.device)
     side = torch.ones(len(far), dtype=corner.dtype, device=far.device)
-    if len(pair):
-        found, share = _exact(corner, bricks.centre, lists.owner[pair], lists.triangle[pair])
+    if len(owner):
+        found, share = _exact(corner, bricks.centre, owner, triangle)
         face[far], weight[far] = found[far], share[far]
-        nearest = (corner[face] * weight[..., None]).sum(1)
-        outward = normals.at(faces, face, weight)
-        side = torch.where(((bricks.centre - nearest) * outward).sum(-1) >= 0, 1.0, -1.0).to(corner.dtype)
-        allowed = torch.where(side > 0, reach[1], reach[0])
-        far &= (clearance > allowed) & ~normals.unsure(faces, face, weight)
+        offset = bricks.centre - (corner[face] * weight[..., None]).sum(1)
+        side = torch.where((offset * normals.at(faces, face, weight)).sum(-1) >= 0, 1.0, -1.0).to(corner.dtype)
+        clearance = offset.norm(dim=-1) - bricks.radius
+        far &= (clearance > torch.where(side > 0, reach[1], reach[0])) & ~normals.unsure(faces, face, weight)
     return far, face, weight, side

@@ -111,7 +111,8 @@ def _first_of_repeats(faces: Tensor, count: int) -> Tensor:
     faces = faces.long()
     first = faces.argmin(1, keepdim=True)
     turned = faces.gather(1, (first + torch.arange(3, device=faces.device)) % 3)
-    _, number = torch.unique(turned, dim=0, return_inverse=True)
+    pair = torch.unique(turned[:, 0] * count + turned[:, 1], return_inverse=True)[1]
+    number = torch.unique(pair * count + turned[:, 2], return_inverse=True)[1]
     order = torch.arange(len(faces), device=faces.device)
     earliest = torch.full((len(faces),), len(faces), device=faces.device).scatter_reduce(0, number, order, "amin")
     return earliest[number] == order

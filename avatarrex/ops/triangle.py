@@ -12,41 +12,63 @@ from torch import Tensor
 
 THIN = 1e-10
 """Height over longest edge below which a triangle is its three segments: the error is then below 1e-10 of its size."""
+Vector = tuple[Tensor, Tensor, Tensor]
 
 
 def closest_on_triangle(
     point: Float[Tensor, "*q 3"], a: Float[Tensor, "*t 3"], b: Float[Tensor, "*t 3"], c: Float[Tensor, "*t 3"]
 ) -> tuple[Float[Tensor, "*b"], Float[Tensor, "*b 3"]]:
-    """Squared distance (m²) and barycentric coordinates of the closest point; shapes broadcast."""
-    best, barycentric = _closest_on_segment(point, a, b, 0, 1)
-    for start, end, i, j in ((b, c, 1, 2), (c, a, 2, 0)):
-        square, weight = _closest_on_segment(point, start, end, i, j)
-        closer = square < best
-        best = torch.where(closer, square, best)
-        barycentric = torch.where(closer[..., None], weight, barycentric)
-    ab, ac, ap = b - a, c - a, point - a
-    normal = torch.linalg.cross(ab, ac)
-    area_square = _dot(normal, normal)
-    longest = torch.maximum(torch.maximum(_dot(ab, ab), _dot(ac, ac)), _dot(c - b, c - b))
-    thick = area_square > (THIN * longest) ** 2
-    scale = torch.where(thick, area_square, torch.ones_like(area_square))
-    v = _dot(torch.linalg.cross(ap, ac.expand_as(ap)), normal) / scale
-    w = _dot(torch.linalg.cross(ab.expand_as(ap), ap), normal) / scale
-    inside = thick & (v >= 0) & (w >= 0) & (v + w <= 1)
+    """Squared distance (m²) and barycentric coordinates of the closest point; shapes broadcast.
+
+    A zero barycentric is exactly zero: it tells the feature (face, edge, vertex) that holds the point.
+    """
+    origin = _split(a)
+    ab, ac, ap = (_minus(_split(x), origin) for x in (b, c, point))
+    bc, bp = _minus(ac, ab), _minus(ap, ab)
+    ab2, ac2, bc2 = _dot(ab, ab), _dot(ac, ac), _dot(bc, bc)
+    normal = _cross(ab, ac)
+    area2 = _dot(normal, normal)
+    longest = torch.maximum(torch.maximum(ab2, ac2), bc2)
+    thick = area2 > (THIN * longest) ** 2
+    scale = torch.where(thick, area2, 1.0)
+    v = _dot(_cross(ap, ac), normal) / scale
+    w = _dot(_cross(ab, ap), normal) / scale
+    u = 1 - v - w
+    inside = thick & (torch.minimum(torch.minimum(v, w), u) >= 0)
+    along_ab, along_ac, along_bc = _clamped(ap, ab, ab2), _clamped(ap, ac, ac2), _clamped(bp, bc, bc2)
+    square_ab, square_ac, square_bc = _gap(ap, ab, along_ab), _gap(ap, ac, along_ac), _gap(bp, bc, along_bc)
+    best = torch.minimum(torch.minimum(square_ab, square_ac), square_bc)
+    on_ab, on_ac = square_ab <= best, square_ac <= best
+    zero = torch.zeros_like(best)
+    edge_v = torch.where(on_ab, along_ab, torch.where(on_ac, zero, 1 - along_bc))
+    edge_w = torch.where(on_ab, zero, torch.where(on_ac, along_ac, along_bc))
+    edge_u = torch.where(on_ab, 1 - along_ab, torch.where(on_ac, 1 - along_ac, zero))
+    weight = [torch.where(inside, face, edge) for face, edge in ((u, edge_u), (v, edge_v), (w, edge_w))]
     height = _dot(ap, normal)
-    best = torch.where(inside, height * height / scale, best)
-    return best, torch.where(inside[..., None], torch.stack([1 - v - w, v, w], -1), barycentric)
+    return torch.where(inside, height * height / scale, best), torch.stack(weight, -1)
 
 
-def _closest_on_segment(point: Tensor, start: Tensor, end: Tensor, i: int, j: int) -> tuple[Tensor, Tensor]:
-    along = end - start
-    length = _dot(along, along)
-    t = (_dot(point - start, along) / length.clamp_min(torch.finfo(length.dtype).tiny)).clamp(0, 1)
-    offset = point - torch.lerp(start, end, t[..., None])
-    weight = torch.zeros_like(offset)
-    weight[..., i], weight[..., j] = 1 - t, t
-    return _dot(offset, offset), weight
+def _clamped(point: Vector, along: Vector, square: Tensor) -> Tensor:
+    """Where on the segment, in [0, 1]; 0 on a segment of no length."""
+    return (_dot(point, along) / square.clamp_min(torch.finfo(square.dtype).tiny)).clamp(0, 1)
 
 
-def _dot(a: Tensor, b: Tensor) -> Tensor:
-    return (a * b).sum(-1)
+def _gap(point: Vector, along: Vector, t: Tensor) -> Tensor:
+    offset = _minus(point, (along[0] * t, along[1] * t, along[2] * t))
+    return _dot(offset, offset)
+
+
+def _split(x: Tensor) -> Vector:
+    return x[..., 0], x[..., 1], x[..., 2]
+
+
+def _minus(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _dot(a: Vector, b: Vector) -> Tensor:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
