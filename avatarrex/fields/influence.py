@@ -2,8 +2,9 @@
 
     w_i = max(exp(−‖p − n_i‖²/2σ²) − ε, 0),   σ = 0.05 m, ε = 0.001
 
-written ε·expm1(−‖p − n_i‖²/2σ² − ln ε), which keeps its digits near the rim, and multiplied by a gate on the rest-pose
-distance ‖p̄ − n̄_i‖: a hand near a thigh hears its own nodes only (paper.md, 'influence across limbs').
+written ε·expm1((r² − ‖p − n_i‖²)/2σ²) with r = σ√(2 ln 1/ε), which keeps its digits near the rim, and multiplied by a
+gate on the rest-pose distance ‖p̄ − n̄_i‖: a hand near a thigh hears its own nodes only (paper.md, 'influence across
+limbs').
 
 Letters: n nodes, p points, k (point, node) pairs sorted by node. Root frame, metres.
 """
@@ -74,8 +75,7 @@ def find_pairs(
 
 def influence(squared_distance: Float[Tensor, " k"]) -> Float[Tensor, " k"]:
     """w of squared posed distances, m²."""
-    exponent = -squared_distance / (2 * SIGMA**2) - math.log(EPSILON)
-    return EPSILON * torch.expm1(exponent).clamp_min(0)
+    return EPSILON * torch.expm1((RADIUS**2 - squared_distance) / (2 * SIGMA**2)).clamp_min(0)
 
 
 def influence_reference(squared_distance: Float[Tensor, " k"]) -> Float[Tensor, " k"]:

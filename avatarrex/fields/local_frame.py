@@ -80,6 +80,8 @@ class Samples:
 
     def rest_position(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
         """p̄ of every point; differentiable in the point and in the pose where the neighbours do not change."""
+        if not len(self.rest):  # no node is left that could ask
+            return position
         index = self.nearest(position)
         if index.shape[1] == 1:
             return skin(self.rest_from_posed[index[:, 0]], position)
@@ -90,7 +92,10 @@ class Samples:
         weight = torch.exp((squared[:, :1].detach() - squared) / (2 * self.spread**2)) * t * t * (3 - 2 * t)
         weight = weight / weight.sum(-1, keepdim=True)
         table = self.rest_from_posed.reshape(-1, 12)
-        matrix = torch.nn.functional.embedding_bag(index, table, per_sample_weights=weight, mode="sum")
+        if weight.requires_grad or table.requires_grad:  # the eikonal term differentiates twice, embedding_bag once
+            matrix = (weight[:, :, None] * table[index]).sum(1)
+        else:
+            matrix = torch.nn.functional.embedding_bag(index, table, per_sample_weights=weight, mode="sum")
         return skin(matrix.reshape(-1, 3, 4), position)
 
 
@@ -104,7 +109,7 @@ def blended_rest_position(
     """p̄ by the influence-weighted blend of the nodes' own matrices (`local_frame="blend"`), one round of gating."""
     points = len(position)
     weight = influence(squared_distance)
-    strongest = weight.new_zeros(points).index_reduce(0, pairs.point, weight.detach(), "amax")
+    strongest = weight.new_zeros(points).scatter_reduce(0, pairs.point, weight.detach(), "amax")
     leader = torch.zeros(points, dtype=torch.int64, device=position.device)
     wins = weight.detach() == strongest[pairs.point]
     leader[pairs.point[wins]] = pairs.node[wins]

@@ -43,6 +43,8 @@ class PatchNetwork(nn.Module):
         self, embedding: Float[Tensor, "n e"], nodes: Int[Tensor, " m"] | None = None
     ) -> Float[Tensor, "m c s s"]:
         """Patches of all nodes, or of those listed in `nodes`."""
+        if nodes is not None and not len(nodes):
+            return self.encoding.new_zeros(0, self.biases[-1].shape[1], SIZE, SIZE)
         pick = (lambda value: value) if nodes is None else (lambda value: value[nodes])
         maps, kernel = pick(self.encoding), pick(self.kernels[0])
         channels = maps.shape[1]

@@ -1,0 +1,84 @@
+import math
+
+import pytest
+import torch
+from arm import RADIUS, arm_model
+
+from avatarrex.fields.nodes import (
+    PARTS,
+    covering_radius,
+    farthest_points,
+    node_normals,
+    part_labels,
+    plane_axes,
+)
+from avatarrex.templates.person import load_person
+
+
+def test_farthest_points_on_a_line():
+    line = torch.zeros(9, 3)
+    line[:, 0] = torch.arange(9.0)
+    chosen = farthest_points(line, 9, seed=4).tolist()
+    assert sorted(chosen) == list(range(9))
+    assert chosen[1] in (0, 8), "the second point is the end farther from the first"
+    assert farthest_points(line, 3, seed=4).tolist() == chosen[:3], "a shorter sample is a prefix"
+
+
+def test_sampling_is_greedy_and_covers():
+    """Every sample is at least as far from its predecessors as any vertex is from all samples."""
+    points = torch.rand(400, 3, generator=torch.Generator().manual_seed(0))
+    chosen = points[farthest_points(points, 40, seed=1)]
+    distance = torch.cdist(chosen, chosen) + 1e9 * torch.eye(40)
+    assert covering_radius(points, chosen) <= distance.min() + 1e-6
+
+
+def test_seed_decides():
+    points = torch.rand(400, 3, generator=torch.Generator().manual_seed(0))
+    first, again, other = (farthest_points(points, 20, seed=s) for s in (1, 1, 2))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+
+
+def test_normals_of_a_tube_point_outwards():
+    model = arm_model()
+    vertex = torch.arange(12 * 10, 12 * 20)
+    outward = model.v_template[vertex] * torch.tensor([0.0, 1.0, 1.0]) / RADIUS
+    cosine = (node_normals(model, vertex) * outward).sum(-1)
+    assert cosine.min() > 0.99
+
+
+def test_plane_axes_are_a_right_handed_frame():
+    normal = torch.nn.functional.normalize(torch.randn(50, 3, generator=torch.Generator().manual_seed(0)), dim=-1)
+    normal = torch.cat([normal, torch.eye(3), -torch.eye(3)])
+    u, v = plane_axes(normal).unbind(1)
+    frame = torch.stack([u, v, normal], 1)
+    torch.testing.assert_close(frame @ frame.mT, torch.eye(3).expand(56, -1, -1), atol=1e-6, rtol=0)
+    torch.testing.assert_close(torch.det(frame), torch.ones(56), atol=1e-6, rtol=0)
+
+
+def test_labels_by_joint_name():
+    names = ("pelvis", "left_hip", "right_foot", "left_collar", "left_thumb2", "right_wrist", "jaw", "left_eye_smplhf")
+    expected = ("trunk", "left_leg", "right_leg", "trunk", "left_arm", "right_arm", "head", "head")
+    assert [PARTS[i] for i in part_labels(names, torch.eye(len(names)))] == list(expected)
+    assert part_labels((), torch.ones(3, 2)).tolist() == [0, 0, 0], "a template without names is all trunk"
+
+
+def test_nodes_of_the_default_person():
+    model = load_person().body
+    nodes = farthest_points(model.v_template, 128, seed=0)
+    radius = covering_radius(model.v_template, model.v_template[nodes])
+    assert radius < 0.11, "128 nodes cover a person to about a decimetre"
+    labels = part_labels(model.joint_names, model.weights[nodes])
+    assert set(labels.tolist()) == set(range(len(PARTS)))
+    side = model.v_template[nodes][:, 0]
+    for part, sign in (("left_arm", 1), ("right_arm", -1), ("left_leg", 1), ("right_leg", -1)):
+        assert (sign * side[labels == PARTS.index(part)] > 0).all(), part
+    hands = model.weights[nodes][:, 25:55].sum(1) > 0.5
+    assert hands.sum() >= 4, "hands have nodes of their own"
+    assert math.isclose(float(model.weights[nodes].sum(1).min()), 1, abs_tol=1e-3)
+
+
+@pytest.mark.parametrize("count", [1, 500])
+def test_counts_at_the_ends(count):
+    points = torch.rand(30, 3)
+    assert len(farthest_points(points, count, seed=0)) == min(count, 30)
