@@ -1,8 +1,8 @@
 """The OpenGL context (4.3: compute shaders) that draws and casts rays, made once and on first use.
 
-Linux makes a standalone EGL context, which needs no display; where EGL is missing (Windows) a hidden GLFW window carries
-it. Inside the studio's window the window's own context is lent by `use_context`. Where none can be had, `NoContext` says
-why and the callers fall back to torch. `AVATARREX_GL` = `off`, `egl` or `glfw` forces a choice.
+Linux makes a standalone EGL context, which needs no display; where EGL is missing (Windows) a hidden GLFW window
+carries it. Inside the studio's window the window's own context is lent by `use_context`. Where none can be had,
+`NoContext` says why and the callers fall back to torch. `AVATARREX_GL` = `off`, `egl` or `glfw` forces a choice.
 """
 
 from __future__ import annotations

@@ -1,0 +1,47 @@
+"""Tensors as 3D textures, uploaded when they change and not before.
+
+A name (`body`, `left_hand`, …) holds one texture; it is written again only when another tensor comes under that name.
+"""
+
+from __future__ import annotations
+
+import weakref
+
+import moderngl
+import numpy as np
+import torch
+from torch import Tensor
+
+_TYPES = {torch.float32: "f4", torch.float16: "f2"}
+
+
+class GridTextures:
+    """Textures of one context, by name."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._held: dict[str, tuple[weakref.ref[Tensor], moderngl.Texture3D]] = {}
+        self._blank = context.texture3d((1, 1, 1), 2, np.zeros(2, "f4").tobytes(), dtype="f4")
+
+    def bind(self, name: str, grid: Tensor | None, unit: int) -> int:
+        """Bind the grid (z, y, x) or (z, y, x, c), float32 or half, to a texture unit; the bytes that were uploaded."""
+        if grid is None:
+            self._blank.use(unit)
+            return 0
+        reference, texture = self._held.get(name, (None, None))
+        if texture is not None and reference is not None and reference() is grid:
+            texture.use(unit)
+            return 0
+        data = np.ascontiguousarray(grid.detach().cpu().numpy())
+        size, channels = data.shape[2::-1], 1 if grid.ndim == 3 else data.shape[3]
+        kind = _TYPES[grid.dtype]
+        if texture is None or (texture.size, texture.components, texture.dtype) != (size, channels, kind):
+            if texture is not None:
+                texture.release()
+            texture = self._context.texture3d(size, channels, alignment=1, dtype=kind)
+            texture.repeat_x = texture.repeat_y = texture.repeat_z = False
+            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texture.write(data.tobytes(), alignment=1)
+        self._held[name] = (weakref.ref(grid), texture)
+        texture.use(unit)
+        return data.nbytes

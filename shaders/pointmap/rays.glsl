@@ -1,0 +1,78 @@
+// The rays of a view, and the buffers between the raycast passes.
+// A ray starts on a plane through the volume, not at the camera, so that a camera a kilometre away costs no digits.
+uniform ivec2 u_image;   // width, height
+uniform vec2 u_middle;   // pixel position whose ray meets the plane in u_point
+uniform vec3 u_point;    // root metres
+uniform vec3 u_gaze;     // u_point minus the camera centre
+uniform vec3 u_across;   // on the plane, metres per pixel
+uniform vec3 u_down;
+
+struct Ray {
+    vec3 origin;
+    vec3 direction;
+    float camera;     // t of the camera centre, negative
+    float footprint;  // half a pixel's diagonal on the plane, metres
+    vec2 range;       // where any box is, from the camera on; empty (x > y) where there is none
+    vec3 entry;       // of the part boxes; entry > exit where missed
+    vec3 exit;
+};
+
+Ray ray_through(vec2 pixel) {
+    vec3 offset = (pixel.x - u_middle.x) * u_across + (pixel.y - u_middle.y) * u_down;
+    vec3 gaze = u_gaze + offset;
+    Ray ray;
+    ray.origin = u_point + offset;
+    ray.camera = -length(gaze);
+    ray.direction = gaze / -ray.camera;
+    ray.footprint = 0.5 * (length(u_across) + length(u_down));
+    ray.range = slab(ray.origin - u_origin, ray.direction, body_size());
+    if (ray.range.x > ray.range.y) ray.range = vec2(NOWHERE, -NOWHERE);
+    for (int k = 0; k < 3; ++k) {
+        vec2 box = slab(box_place(k, ray.origin), mat3(in_part[k].box_from_root) * ray.direction, in_part[k].size);
+        if (in_part[k].size.x < 0 || box.y < ray.camera) box = vec2(NOWHERE, -NOWHERE);
+        ray.entry[k] = box.x;
+        ray.exit[k] = box.y;
+        if (box.x <= box.y) ray.range = vec2(min(ray.range.x, box.x), max(ray.range.y, box.y));
+    }
+    ray.range.x = max(ray.range.x, ray.camera);
+    return ray;
+}
+
+bool meets_parts(Ray ray) { return any(lessThanEqual(ray.entry, ray.exit)); }
+
+vec3 at(Ray ray, float t) { return ray.origin + t * ray.direction; }
+
+bvec3 boxes_at(Ray ray, float t) {
+    return bvec3(t >= ray.entry.x && t <= ray.exit.x, t >= ray.entry.y && t <= ray.exit.y,
+                 t >= ray.entry.z && t <= ray.exit.z);
+}
+
+// Metres to the next box entry.
+float reach_at(Ray ray, float t) {
+    vec3 ahead = mix(vec3(NOWHERE), ray.entry - t, greaterThan(ray.entry, vec3(t)));
+    return min(ahead.x, min(ahead.y, ahead.z));
+}
+
+// Lists of pixels for the next pass: an indirect dispatch of 64 each, counted as they are appended.
+struct List { uint groups, one, also_one, count; };
+layout(std430, binding = 1) buffer Lists { List lists[4]; uint tally_steps; };
+layout(std430, binding = 2) buffer PartPixels { uint part_pixels[]; };
+layout(std430, binding = 3) buffer ExactPixels { uvec2 exact_pixels[]; };      // pixel, bits of the t to start from
+layout(std430, binding = 4) buffer EdgePixels { uint edge_pixels[]; };
+layout(std430, binding = 5) buffer CoveredPixels { uvec2 covered_pixels[]; };  // pixel, slot among the edges or NO_SLOT
+layout(std430, binding = 6) buffer Distance { float ray_t[]; };                // per pixel; NO_HIT where none
+layout(std430, binding = 7) buffer Walked { uint ray_walked[]; };              // per pixel: steps, and NEAR bit
+layout(std430, binding = 8) buffer SubDistance { float sub_t[]; };             // per edge slot, 16
+
+const int LIST_PART = 0, LIST_EXACT = 1, LIST_EDGE = 2, LIST_COVERED = 3;
+const float NO_HIT = 1e9;
+const uint NO_SLOT = 0xffffffffu;
+const uint NEAR = 0x80000000u;  // the ray passes the surface within a pixel
+
+uint append(int list) {
+    uint slot = atomicAdd(lists[list].count, 1u);
+    if ((slot & 63u) == 0u) atomicAdd(lists[list].groups, 1u);
+    return slot;
+}
+
+vec2 corner_of(uint pixel) { return vec2(pixel % uint(u_image.x), pixel / uint(u_image.x)); }

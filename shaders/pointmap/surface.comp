@@ -1,0 +1,66 @@
+// Step II, last pass: what the covered pixels see. Writes one record per listed pixel; only these are read back.
+layout(local_size_x = 64) in;
+#include "pointmap/volume.glsl"
+#include "pointmap/rays.glsl"
+
+// Mirrors RECORD in avatarrex/pointmap/raycast_gl.py.
+struct Record {
+    vec3 position;  // root metres
+    uint pixel;     // index; top bit: the ray through the centre hits
+    vec3 normal;
+    float coverage;
+    vec3 weight;    // effective omega of left hand, right hand, face
+    float steps;
+};
+layout(std430, binding = 9) writeonly buffer Records { Record out_record[]; };
+
+bvec3 boxes_around(vec3 p) {
+    bvec3 inside = bvec3(false);
+    for (int k = 0; k < 3 * PARTS; ++k) inside[k] = in_box(k, p);
+    return inside;
+}
+
+void main() {
+    uint row = gl_GlobalInvocationID.x;
+    if (row >= lists[LIST_COVERED].count) return;
+    uint pixel = covered_pixels[row].x, slot = covered_pixels[row].y;
+    float t = ray_t[pixel];
+    bool hit = t != NO_HIT;
+    float coverage = hit ? 1 : 0;
+    vec2 place = vec2(0.5);
+    if (slot != NO_SLOT) {
+        // Where the centre misses, the covered sub-position nearest to it speaks for the pixel.
+        float nearest = NO_HIT;
+        coverage = 0;
+        for (uint k = 0u; k < 16u; ++k) {
+            float sub = sub_t[slot * 16u + k];
+            if (sub == NO_HIT) continue;
+            coverage += 1.0 / 16;
+            vec2 offset = (vec2(k % 4u, k / 4u) + 0.5) / 4;
+            float away = dot(offset - 0.5, offset - 0.5);
+            if (!hit && away < nearest) { nearest = away; t = sub; place = offset; }
+        }
+        if (hit) coverage = max(coverage, 1.0 / 16);
+    }
+    Ray ray = ray_through(corner_of(pixel) + place);
+    vec3 p = at(ray, t);
+    // Seven samples through one call: the point, then central differences half a local voxel apart.
+    Field here;
+    vec3 normal = vec3(0);
+    float reach = 0;
+    for (int j = 0; j < 7; ++j) {
+        vec3 offset = vec3(0);
+        if (j > 0) offset[(j - 1) >> 1] = (j & 1) == 1 ? reach : -reach;
+        Field f = field_at(p + offset, boxes_around(p + offset));
+        if (j == 0) { here = f; reach = 0.5 * f.scale; }
+        else normal += f.sdf * sign(offset);
+    }
+    Record r;
+    r.position = p;
+    r.pixel = pixel | (hit ? 0x80000000u : 0u);
+    r.normal = normal / max(length(normal), 1e-12);
+    r.coverage = coverage;
+    r.weight = here.weight;
+    r.steps = float(ray_walked[pixel] & ~NEAR);
+    out_record[row] = r;
+}

@@ -1,0 +1,62 @@
+// The volume as the raycast passes read it. Root frame, metres.
+// PARTS: whether part boxes are looked at; CONTACTS: whether any box has a contact block.
+#include "lib/trilinear.glsl"
+#include "lib/composition.glsl"
+#include "lib/slab.glsl"
+
+// Mirrors PART in avatarrex/pointmap/raycast_gl.py.
+struct Part {
+    mat4 box_from_root;
+    vec3 size;           // of the box, metres; negative where there is no such part
+    float voxel;
+    vec3 contact_first;  // x y z, body voxels
+    int contact;         // 1 where the part has a contact block
+};
+layout(std430, binding = 0) readonly buffer Parts { Part in_part[3]; };
+uniform sampler3D u_body;
+uniform sampler3D u_part[3];
+uniform sampler3D u_contact[3];
+uniform vec3 u_origin;  // centre of the body grid's voxel 0
+uniform float u_voxel;  // side of a body voxel
+
+struct Field {
+    float sdf;
+    float bound;  // how far a ray may step
+    float scale;  // side of the voxels that the surface is made of, body and part mixed by omega
+    vec3 weight;  // effective omega of left hand, right hand, face
+};
+
+vec3 body_size() { return u_voxel * vec3(textureSize(u_body, 0) - 1); }
+
+vec3 box_place(int k, vec3 p) { return (in_part[k].box_from_root * vec4(p, 1)).xyz; }
+
+bool in_box(int k, vec3 p) {
+    vec3 local = box_place(k, p);
+    return all(greaterThanEqual(local, vec3(0))) && all(lessThanEqual(local, in_part[k].size));
+}
+
+// SAMPLE is `trilinear` or `trilinear_filtered`; `inside` says which boxes hold p.
+#define DEFINE_FIELD(NAME, SAMPLE) \
+Field NAME(vec3 p, bvec3 inside) { \
+    vec3 place = (p - u_origin) / u_voxel; \
+    float body = SAMPLE(u_body, place).x; \
+    Field f = Field(body, abs(body), u_voxel, vec3(0)); \
+    if (PARTS == 0) return f; \
+    vec3 last = vec3(textureSize(u_body, 0) - 1); \
+    body += u_voxel * length(place - clamp(place, vec3(0), last)); \
+    Composition sum = compose_nothing(); \
+    for (int k = 0; k < 3; ++k) { \
+        if (!inside[k]) continue; \
+        vec2 part = SAMPLE(u_part[k], box_place(k, p) / in_part[k].voxel); \
+        vec2 pair = vec2(body, NOWHERE); \
+        if (CONTACTS == 1 && in_part[k].contact == 1) pair = SAMPLE(u_contact[k], place - in_part[k].contact_first); \
+        compose_part(sum, k, part, pair); \
+        f.scale = min(f.scale, mix(u_voxel, in_part[k].voxel, part.y)); \
+    } \
+    f.sdf = compose_sdf(sum, body); \
+    f.bound = compose_step(sum, f.sdf); \
+    f.weight = compose_weight(sum); \
+    return f; \
+}
+DEFINE_FIELD(field_at, trilinear)
+DEFINE_FIELD(field_filtered, trilinear_filtered)
