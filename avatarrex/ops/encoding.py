@@ -21,8 +21,8 @@ def encode(x: Float[Tensor, "p c"], octaves: int, limit: float = 2.0) -> Float[T
     """γ of `x` clamped to ±`limit` per coordinate, by the double-angle recurrence.
 
     sin 2a = 2 sin a cos a, cos 2a = (cos a − sin a)(cos a + sin a): one sine and one cosine per coordinate. Rounding
-    doubles with each octave: 3e-6 at m = 6 (1 − 2 sin² a would leave 1e-5). The clamp keeps a point far outside a node's
-    ball (opposed twists) finite. The result is the transpose of a (d, p) tensor: a channel's values are adjacent, which
+    doubles with each octave: 3e-6 at m = 6 (1 − 2 sin² a would leave 1e-5). The clamp keeps a point far outside a ball
+    (opposed twists) finite. The result is the transpose of a (d, p) tensor: a channel's values are adjacent, which
     matrix products take as they are.
     """
     rows = x.T.clamp(-limit, limit)

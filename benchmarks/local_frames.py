@@ -1,0 +1,128 @@
+"""Which local frame? Error and cost of every `local_frame` on the default person, without any learning.
+
+A *perfect* rest-pose field (the exact signed distance of the rest template) is evaluated at the rest position p̄ that
+each choice assigns to true points of the posed surface. There it should read zero: what it reads is the accuracy ceiling
+of everything that is learned on top. Cost: `BodyField.localise` (p̄, local coordinates and weights of all pairs).
+
+    python benchmarks/local_frames.py [--poses 4] [--points 4000] [--seed 0]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from avatarrex.fields.body import BodyField, BodyFrame
+from avatarrex.fields.influence import weighted_mean
+from avatarrex.fields.presets import COMPACT
+from avatarrex.ops.closest_point import closest_point
+from avatarrex.ops.rotation import matrix_from_rotvec
+from avatarrex.signals.limits import random_signals
+from avatarrex.templates.model import PosedTemplate, TemplateModel, pose_template
+from avatarrex.templates.person import load_person
+
+CHOICES = [("node", 2048), ("blend", 2048), ("anchors", 512), ("anchors", 1024), ("anchors", 2048), ("vertex", 2048)]
+COST_POINTS = 100_000
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--poses", type=int, default=4, help="poses per scale")
+    parser.add_argument("--points", type=int, default=4000, help="surface points per pose")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    model = load_person().body
+    print(
+        f"{options.poses} poses each at half and full joint limits, {options.points} points per pose, seed {options.seed};"
+        " columns half / full"
+    )
+    print(f"{'local frame':<14} {'median mm':>14} {'p95 mm':>14} {'p99 mm':>14}   ms per 100 k points")
+    for name, anchors in CHOICES:
+        widths = replace(COMPACT, body=replace(COMPACT.body, anchors=anchors))
+        torch.manual_seed(options.seed)
+        field = BodyField(model, widths, options.seed, name).requires_grad_(False)
+        errors = [measure(field, scale, options) for scale in (0.5, 1.0)]
+        columns = [" / ".join(f"{np.percentile(e, q):.2f}" for e in errors) for q in (50, 95, 99)]
+        label = f"{name} {anchors}" if name == "anchors" else name
+        print(
+            f"{label:<14} {columns[0]:>14} {columns[1]:>14} {columns[2]:>14}   {cost(field, options.seed):.0f}",
+            flush=True,
+        )
+
+
+def measure(field: BodyField, scale: float, options: argparse.Namespace) -> np.ndarray:
+    """|perfect field| in mm at true surface points of random poses."""
+    rng = np.random.default_rng(options.seed)
+    errors = []
+    for _ in range(options.poses):
+        posed, frame = pose(field, rng, scale)
+        points = surface_points(field.template, posed, options.points, rng)
+        errors.append(1000 * perfect_field(field, frame, points).abs().numpy())
+    return np.concatenate(errors)
+
+
+def pose(field: BodyField, rng: np.random.Generator, scale: float) -> tuple[PosedTemplate, BodyFrame]:
+    """A random body pose within `scale` times the joint limits, with no residual of the nodes."""
+    model = field.template
+    rotvec = torch.zeros(len(model.parents), 3)
+    rotvec[1:22] = torch.tensor(random_signals(rng, scale).body_pose, dtype=torch.float32)
+    posed = pose_template(model, rotvec, torch.zeros(10), torch.zeros(model.expression_dirs.shape[2]))
+    code = field.code(matrix_from_rotvec(rotvec[1:22]))
+    return posed, field.frame(posed, replace(code, residual=torch.zeros_like(code.residual)))
+
+
+def skin_faces(model: TemplateModel) -> Tensor:
+    """The outer skin: no teeth, tongue or eyeballs."""
+    inner = torch.zeros(len(model.v_template), dtype=torch.bool)
+    for name, vertices in model.groups.items():
+        if name != "body":
+            inner[vertices] = True
+    return model.faces[~inner[model.faces].any(1)]
+
+
+def surface_points(model: TemplateModel, posed: PosedTemplate, count: int, rng: np.random.Generator) -> Tensor:
+    """Uniform by area on the posed skin."""
+    a, b, c = posed.vertices[skin_faces(model)].double().unbind(1)
+    area = torch.linalg.cross(b - a, c - a).norm(dim=-1).numpy()
+    pick = rng.choice(len(area), count, p=area / area.sum())
+    u, v = np.sqrt(rng.random(count)), rng.random(count)
+    weight = torch.as_tensor(np.stack([1 - u, u * (1 - v), u * v], 1))
+    corners = torch.stack([a[pick], b[pick], c[pick]], 1)
+    return (weight[:, :, None] * corners).sum(1).float()
+
+
+def perfect_field(field: BodyField, frame: BodyFrame, points: Tensor) -> Tensor:
+    """Σ w_i s(p̄_i) / Σ w_i with s the rest template's exact distance, metres."""
+    pairs, local, weight = field.localise(frame, points, field.pairs(frame, points))
+    rest = local + frame.node_rest[pairs.node]
+    model, faces = field.template, skin_faces(field.template)
+    if field.local_frame == "node":
+        value = closest_point(model.v_template, faces, rest).sdf.float()
+        return weighted_mean(value[:, None], weight, pairs, len(points))[0][:, 0]
+    one = torch.empty_like(points)
+    one[pairs.point] = rest  # every pair of a point has the same rest position
+    return closest_point(model.v_template, faces, one).sdf.float()
+
+
+def cost(field: BodyField, seed: int) -> float:
+    """Milliseconds of `localise` for 100 k points near the surface, best of three."""
+    rng = np.random.default_rng(seed)
+    posed, frame = pose(field, rng, 0.5)
+    points = surface_points(field.template, posed, COST_POINTS, rng)
+    points = (points + 0.03 * torch.randn(points.shape))[points[:, 1].argsort()]
+    pairs = field.pairs(frame, points)
+    best = np.inf
+    for _ in range(3):
+        start = time.perf_counter()
+        field.localise(frame, points, pairs)
+        best = min(best, time.perf_counter() - start)
+    return 1000 * best
+
+
+if __name__ == "__main__":
+    main()
