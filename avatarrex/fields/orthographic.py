@@ -14,6 +14,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from avatarrex.fields.orthographic_gl import draw_views
+from avatarrex.gl.context import gl_unavailable
 from avatarrex.templates.mesh import vertex_normals
 
 VIEWS = ("front", "left", "right")
@@ -60,10 +62,17 @@ def render_views(
     size: int = SIZE,
     impl: Impl = "auto",
 ) -> Float[Tensor, "3 7 h w"]:
-    """The views of a posed face mesh (head frame, metres). Not differentiable; the same input gives the same bits."""
+    """The views of a posed face mesh (head frame, metres). Not differentiable; the same input gives the same bits.
+
+    `auto` draws with OpenGL where there is a context, else by `reference`, a z-buffer in torch. The two differ by
+    the 1/256 pixel to which OpenGL rounds corners: at silhouettes and creases single pixels flip.
+    """
     with torch.no_grad():
         place = box.normalise(vertices).float()
-        values = torch.cat([albedo.float(), vertex_normals(vertices, faces).float(), torch.ones_like(place[:, :1])], -1)
+        normal = vertex_normals(vertices, faces).float()
+        if impl == "gl" or (impl == "auto" and gl_unavailable() is None):
+            return draw_views(place, albedo, normal, faces, place.new_tensor(_AXES), size)
+        values = torch.cat([albedo.float(), normal], -1)
         return torch.stack([_rasterise(xy, depth, faces, values, size) for xy, depth in _views(place)])
 
 
@@ -74,7 +83,7 @@ def _views(place: Tensor) -> list[tuple[Tensor, Tensor]]:
 
 
 def _rasterise(xy: Tensor, depth: Tensor, faces: Tensor, values: Tensor, size: int) -> Tensor:
-    """Z-buffer: every (triangle, pixel centre) pair of the bounding boxes; the nearest, then the first triangle, wins."""
+    """Z-buffer: every (triangle, pixel centre) pair of the bounding boxes; the nearest, then the first, wins."""
     place = (xy.double() + 1) * (size / 2) - 0.5
     a, b, c = place[faces].unbind(1)
     low = torch.minimum(torch.minimum(a, b), c).ceil().long().clamp(0, size)
@@ -97,14 +106,11 @@ def _rasterise(xy: Tensor, depth: Tensor, faces: Tensor, values: Tensor, size: i
     nearest = torch.nonzero(near == front[index])[:, 0]
     first = torch.full((size * size,), len(faces)).scatter_reduce(0, index[nearest], triangle[nearest], "amin")
     won = nearest[triangle[nearest] == first[index[nearest]]]
-    image = values.new_zeros(size * size, values.shape[1])
-    image[index[won]] = (values[faces[triangle[won]]] * weight[won, :, None].float()).sum(1)
-    return _unit_normals(image).T.reshape(-1, size, size)
-
-
-def _unit_normals(image: Tensor) -> Tensor:
-    normal = torch.nn.functional.normalize(image[:, 3:6], dim=-1)
-    return torch.cat([image[:, :3], normal, image[:, 6:]], 1)
+    image = values.new_zeros(size * size, CHANNELS)
+    colour, normal = (values[faces[triangle[won]]] * weight[won, :, None].float()).sum(1).split(3, -1)
+    mask = torch.ones_like(colour[:, :1])
+    image[index[won]] = torch.cat([colour, torch.nn.functional.normalize(normal, dim=-1), mask], -1)
+    return image.T.reshape(-1, size, size)
 
 
 def _cross(a: Tensor, b: Tensor) -> Tensor:
