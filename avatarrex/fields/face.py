@@ -12,6 +12,7 @@ import itertools
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+from torch.nn.functional import avg_pool2d
 
 from avatarrex.fields.orthographic import CHANNELS, HeadBox, Impl, project, render_views
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
@@ -40,9 +41,12 @@ class FaceField(nn.Module):
         self.register_buffer("albedo", template.albedo.float().clone(), persistent=False)
         self.register_buffer("box_centre", box.centre, persistent=False)
         self.box_half = box.half
-        self.geometry = _TriPlaneNet(widths.geometry_levels, widths.geometry_planes, widths.geometry_mlp, 1, nn.ELU)
+        self.geometry = _TriPlaneNet(
+            widths.geometry_levels, widths.stem, widths.geometry_planes, widths.geometry_mlp, 1, nn.ELU
+        )
         self.colour_net = _TriPlaneNet(
             widths.colour_levels,
+            widths.stem,
             widths.colour_planes,
             widths.colour_mlp,
             3,
@@ -61,11 +65,11 @@ class FaceField(nn.Module):
 
     def geometry_planes(self, views: Float[Tensor, "3 7 h w"]) -> Float[Tensor, "3 c y x"]:
         """F_front, F_left, F_right of the geometry set; three U-Net runs."""
-        return self.geometry.planes(views)
+        return self.geometry.planes(avg_pool2d(views, self.view_pool))
 
     def colour_planes(self, views: Float[Tensor, "3 7 h w"]) -> Float[Tensor, "3 c y x"]:
         """F_front, F_left, F_right of the colour set; three U-Net runs."""
-        return self.colour_net.planes(views)
+        return self.colour_net.planes(avg_pool2d(views, self.view_pool))
 
     def sdf(self, planes: Float[Tensor, "3 c y x"], position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """G_F, metres, at head-frame points; meaningful near the face only."""
@@ -85,6 +89,7 @@ class _TriPlaneNet(nn.Module):
     def __init__(
         self,
         levels: tuple[int, ...],
+        stem: int,
         planes: int,
         hidden: tuple[int, ...],
         out: int,
@@ -92,7 +97,7 @@ class _TriPlaneNet(nn.Module):
         extra: int = 0,
     ) -> None:
         super().__init__()
-        self.unets = nn.ModuleList(UNet(CHANNELS, levels, planes) for _ in range(3))
+        self.unets = nn.ModuleList(UNet(CHANNELS, levels, planes, stem) for _ in range(3))
         widths = (3 * (1 + 2 * COORDINATE_OCTAVES) + 3 * planes + extra, *hidden, out)
         layers: list[nn.Module] = []
         for a, b in itertools.pairwise(widths):

@@ -55,6 +55,10 @@ class HandWidths:
 class FaceWidths:
     """Face: U-Net channels per level from 256² down, of one plane, MLP hidden layers; tone 54 → hidden → 9."""
 
+    stem: int
+    """Stride of the U-Nets' first convolution: planes of 256/stem texels."""
+    view_pool: int
+    """The 256² views are averaged over squares of this side before the U-Nets: 2 makes planes of 128², at a quarter of the cost."""
     geometry_levels: tuple[int, ...]
     geometry_planes: int
     geometry_mlp: tuple[int, ...]
@@ -96,6 +100,7 @@ PAPER = Preset(
     ),
     HandWidths(hidden=(128, 128, 128)),
     FaceWidths(
+        stem=1,
         geometry_levels=(16, 28, 48, 64),
         geometry_planes=16,
         geometry_mlp=(64, 64),
@@ -128,12 +133,13 @@ COMPACT = Preset(
     ),
     HandWidths(hidden=(64, 64)),
     FaceWidths(
-        geometry_levels=(8, 16, 24, 32),
-        geometry_planes=8,
-        geometry_mlp=(32, 32),
-        colour_levels=(8, 16, 24, 32),
-        colour_planes=8,
-        colour_mlp=(48, 48),
+        stem=2,
+        geometry_levels=(16, 24, 32, 48),
+        geometry_planes=12,
+        geometry_mlp=(48, 48),
+        colour_levels=(16, 24, 32, 48),
+        colour_planes=12,
+        colour_mlp=(64, 64),
         tone=(16,),
     ),
 )

@@ -12,6 +12,6 @@ def world_from_root(global_orient: np.ndarray, translation: np.ndarray, pelvis: 
     `global_orient` rotvec (3,) radians, `translation` (3,) and `pelvis` J_0 (3,) metres.
     """
     transform = np.eye(4)
-    transform[:3, :3] = Rotation.from_rotvec(global_orient).as_matrix()
+    transform[:3, :3] = Rotation.from_rotvec(np.array(global_orient, dtype=np.float64)).as_matrix()
     transform[:3, 3] = pelvis + np.asarray(translation) - transform[:3, :3] @ pelvis
     return transform

@@ -1,0 +1,75 @@
+"""A driving sequence: frames at a fixed rate, resampled on the rotations' shortest arcs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from avatarrex.errors import InputError
+from avatarrex.signals.signals import SHAPES, Signals
+
+ROTATIONS = ("global_orient", "body_pose", "jaw_pose", "eye_pose", "left_hand_pose", "right_hand_pose")
+
+
+@dataclass(frozen=True)
+class SignalSequence:
+    """Frames of signals, `fps` a second."""
+
+    frames: tuple[Signals, ...]
+    fps: float
+    name: str = ""
+    notes: tuple[str, ...] = field(default=())
+    """What the reader decided: axis changes, hand conventions, joints that were not found."""
+
+    def __post_init__(self) -> None:
+        if not self.frames:
+            raise InputError(self.name or "sequence", "frames", "at least one", 0)
+        if not (np.isfinite(self.fps) and 0 < self.fps <= 1000):
+            raise InputError(self.name or "sequence", "fps", "a rate above 0, at most 1000", self.fps)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, index: int) -> Signals:
+        return self.frames[index]
+
+    def __iter__(self) -> Iterator[Signals]:
+        return iter(self.frames)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first frame to the last."""
+        return (len(self.frames) - 1) / self.fps
+
+    def at(self, seconds: float) -> Signals:
+        """Interpolated signals at a time, held at both ends."""
+        place = float(np.clip(seconds * self.fps, 0, len(self.frames) - 1))
+        low = min(int(place), max(len(self.frames) - 2, 0))
+        high = min(low + 1, len(self.frames) - 1)
+        return interpolate(self.frames[low], self.frames[high], place - low)
+
+    def resample(self, fps: float) -> SignalSequence:
+        """The same motion at another rate; first and last frame are kept."""
+        count = max(round(self.duration * fps) + 1, 1)
+        times = np.linspace(0, self.duration, count)
+        return SignalSequence(tuple(self.at(t) for t in times), fps, self.name, self.notes)
+
+
+def interpolate(start: Signals, end: Signals, fraction: float) -> Signals:
+    """Rotations on the shortest arc (slerp), everything else linearly; `fraction` in [0, 1]."""
+    values = {name: (1 - fraction) * getattr(start, name) + fraction * getattr(end, name) for name in SHAPES}
+    for name in ROTATIONS:
+        a = Rotation.from_rotvec(np.array(getattr(start, name)).reshape(-1, 3))
+        b = Rotation.from_rotvec(np.array(getattr(end, name)).reshape(-1, 3))
+        turned = a * Rotation.from_rotvec(fraction * (a.inv() * b).as_rotvec())
+        values[name] = turned.as_rotvec().reshape(SHAPES[name])
+    return Signals(**values)
+
+
+def stack(poses: np.ndarray, translation: np.ndarray, expression: np.ndarray | None = None) -> tuple[Signals, ...]:
+    """Frames from (t, 55, 3) rotvecs, (t, 3) translations and optional (t, 52) coefficients."""
+    rows: Sequence[np.ndarray] = np.zeros((len(poses), 52)) if expression is None else expression
+    return tuple(Signals.from_full_pose(p, translation=t, expression=e) for p, t, e in zip(poses, translation, rows))
