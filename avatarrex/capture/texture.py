@@ -1,23 +1,45 @@
-"""Procedural colours of the clothed subject: sharp functions of the T-pose surface point, never a bitmap.
+"""Procedural colours of the clothed subject: sharp functions of the rest surface point, never a bitmap.
 
-`colour(solid, rest, masks)`: (p, 3) sRGB-encoded albedo in [0, 1] of points at T-pose positions `rest` (p, 3), metres.
+Each solid's function takes rest positions (p, 3) in metres, rest normals (p, 3) and the named masks (p,) of
+`Subject.masks`, and returns unlit sRGB-encoded colour (p, 3). Edges are a millimetre wide: what a colour network must learn.
+The places (eyes at y = 0.724, mouth at 0.653, …) are those of the default person, whose hash the packaged subject carries.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-SKIN = np.array([0.80, 0.61, 0.51])
-LIPS = np.array([0.69, 0.37, 0.36])
-BROW = np.array([0.25, 0.17, 0.13])
-HAIR = np.array([0.24, 0.16, 0.11])
+Masks = dict[str, np.ndarray]
+Texture = Callable[[np.ndarray, np.ndarray, Masks], np.ndarray]
+
+SKIN, BLUSH, LIPS = np.array([0.845, 0.660, 0.555]), np.array([0.82, 0.47, 0.41]), np.array([0.72, 0.38, 0.37])
+GUM, LASH, BROW, HAIR = (
+    np.array([0.46, 0.17, 0.17]), np.array([0.15, 0.10, 0.09]), np.array([0.26, 0.175, 0.125]), np.array([0.30, 0.195, 0.125]),
+)  # fmt: skip
+NAVY, ECRU, RED, YELLOW, TEAL = (
+    np.array([0.13, 0.19, 0.36]), np.array([0.93, 0.915, 0.87]), np.array([0.84, 0.26, 0.17]),
+    np.array([0.96, 0.70, 0.20]), np.array([0.13, 0.47, 0.50]),
+)  # fmt: skip
+DENIM, THREAD = np.array([0.235, 0.305, 0.43]), np.array([0.80, 0.60, 0.33])
 
 
-def step(edge: float, value: np.ndarray, width: float = 0.0008) -> np.ndarray:
-    """0 below `edge`, 1 above, over `width` metres."""
-    return np.clip((value - edge) / width + 0.5, 0, 1)
+def albedo(solids: Sequence[str], rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
+    """(p, 3) unlit colour in [0, 1] of points on the named `solids`."""
+    colour = np.zeros_like(rest)
+    names = np.asarray(solids)
+    for name in np.unique(names):
+        here = names == name
+        own = {key: value[here] for key, value in masks.items()}
+        colour[here] = TEXTURES[str(name)](rest[here], normal[here], own)
+    return np.clip(colour, 0, 1)
+
+
+def step(value: np.ndarray, width: float = 0.0009) -> np.ndarray:
+    """0 below zero, 1 above, over `width` metres, smooth."""
+    t = np.clip(value / width + 0.5, 0, 1)
+    return t * t * (3 - 2 * t)
 
 
 def mix(base: np.ndarray, over: np.ndarray, amount: np.ndarray) -> np.ndarray:
@@ -25,132 +47,267 @@ def mix(base: np.ndarray, over: np.ndarray, amount: np.ndarray) -> np.ndarray:
     return base + (over - base) * amount[:, None]
 
 
-def value_noise(p: np.ndarray, scale: float) -> np.ndarray:
-    """Smooth noise in [−1, 1] with features of `scale` metres, (p,)."""
-    q = p / scale
+def value_noise(points: np.ndarray, scale: float) -> np.ndarray:
+    """Smooth noise (p,) in [−1, 1] with features of `scale` metres."""
+    q = points / scale
     cell = np.floor(q).astype(np.int64)
     t = q - cell
     t = t * t * (3 - 2 * t)
-    total = np.zeros(len(p))
+    total = np.zeros(len(points))
     for corner in np.ndindex(2, 2, 2):
-        c = cell + corner
-        h = (c[:, 0] * 73856093) ^ (c[:, 1] * 19349663) ^ (c[:, 2] * 83492791)
-        h = (h ^ (h >> 13)) * 1274126177 % 4294967296
-        weight = np.prod(np.where(corner, t, 1 - t), axis=1)
-        total += weight * (h / 2147483648.0 - 1)
+        c = (cell + corner).astype(np.uint64)
+        h = (c[:, 0] * np.uint64(73856093)) ^ (c[:, 1] * np.uint64(19349663)) ^ (c[:, 2] * np.uint64(83492791))
+        h = ((h ^ (h >> np.uint64(13))) * np.uint64(1274126177)) & np.uint64(0xFFFFFFFF)
+        total += np.prod(np.where(corner, t, 1 - t), axis=1) * (h.astype(np.float64) / 2147483647.5 - 1)
     return total
 
 
-def shirt(rest: np.ndarray, masks: dict[str, np.ndarray]) -> np.ndarray:
-    """White jersey with navy stripes and a printed badge: a ring with a star, on the chest and a number on the back."""
+def shirt(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
+    """Ecru jersey, navy stripes below a plain yoke and on the sleeves, a sun-and-hills badge, ribbed collar, stitched hems."""
     x, y, z = rest.T
-    colour = np.tile(np.array([0.93, 0.92, 0.89]), (len(rest), 1))
-    torso = np.abs(x) < 0.235
-    along = np.where(torso, y, np.abs(x))
-    phase = (along / 0.044) % 1.0
-    stripe = step(0.0, (0.22 - np.abs(phase - 0.5)) * 0.044)
-    colour = mix(colour, np.array([0.13, 0.2, 0.38]), stripe)
-    front = (z > 0.02) & torso
-    u, v = x, y - 0.325
-    radius = np.hypot(u, v)
-    plate = front * step(0.0, 0.086 - radius)
-    colour = mix(colour, np.array([0.95, 0.94, 0.9]), plate)
-    ring = front * step(0.0, 0.009 - np.abs(radius - 0.072))
-    colour = mix(colour, np.array([0.85, 0.27, 0.16]), ring)
-    angle = np.arctan2(u, v)
-    spoke = np.abs(((angle / (2 * np.pi / 5) + 0.5) % 1) - 0.5) * 2
-    star = front * step(0.0, 0.052 - 0.032 * spoke - radius)
-    colour = mix(colour, np.array([0.92, 0.62, 0.12]), star)
-    back = (z < -0.02) & torso
-    bar = ((np.abs(u) < 0.055) & (np.abs(np.abs(v + 0.02) - 0.05) < 0.012)) | ((np.abs(u - 0.043) < 0.012) & (np.abs(v + 0.02) < 0.06))
-    colour = mix(colour, np.array([0.85, 0.27, 0.16]), (back & bar).astype(float))
-    hem = np.maximum(step(0.385, np.abs(x)), step(0.0, -0.075 - y))
-    return mix(colour, np.array([0.13, 0.2, 0.38]), hem)
+    knit = 1 + 0.02 * np.sin(2 * np.pi * x / 0.0035) + 0.025 * value_noise(rest, 0.015)
+    colour = ECRU * knit[:, None]
+    sleeve = step(np.abs(x) - 0.205 - 0.10 * (y - 0.45))
+    body_stripe = step(0.0075 - np.abs((y + 0.5) % 0.038 - 0.019)) * step(0.425 - y)
+    sleeve_stripe = step(0.0065 - np.abs((np.abs(x) + 0.004) % 0.034 - 0.017))
+    colour = mix(colour, NAVY * knit[:, None], body_stripe * (1 - sleeve) + sleeve_stripe * sleeve)
+    seam = step(0.0011 - np.abs(np.abs(x) - 0.205 - 0.10 * (y - 0.45)))
+    colour = mix(colour, 0.8 * ECRU, seam)
+    colour = _badge(colour, x, y - 0.318, (z > 0.02) & (np.abs(x) < 0.15))
+    colour = _number(colour, x, y - 0.30, (z < -0.02) & (np.abs(x) < 0.15))
+    edge = masks["edge"]
+    collar = (y > 0.44) & (np.abs(x) < 0.17)
+    rib = 0.92 + 0.08 * np.sign(np.sin(np.arctan2(x, z - 0.01) * 110))
+    colour = mix(colour, NAVY * rib[:, None], step(0.017 - edge) * collar)
+    stitch = step(0.0010 - np.abs(edge - 0.020)) + step(0.0010 - np.abs(edge - 0.024))
+    return mix(colour, 0.62 * ECRU, np.clip(stitch, 0, 1) * ~collar * 0.8)
 
 
-def trousers(rest: np.ndarray, masks: dict[str, np.ndarray]) -> np.ndarray:
-    """Denim: fine weave, side seams, pockets, lighter thighs."""
+def _badge(colour: np.ndarray, x: np.ndarray, y: np.ndarray, on: np.ndarray) -> np.ndarray:
+    """A round print of 15 cm about (0, 0): sun over two hills inside a red ring."""
+    radius = np.hypot(x, y)
+    colour = mix(colour, np.array([0.97, 0.96, 0.93]), step(0.078 - radius) * on)
+    sky = step(0.060 - radius) * on
+    colour = mix(colour, np.array([0.62, 0.80, 0.86]), sky)
+    colour = mix(colour, YELLOW, step(0.020 - np.hypot(x - 0.018, y - 0.020)) * sky)
+    hill = 0.012 - 0.75 * np.abs(x + 0.018)
+    colour = mix(colour, TEAL, step(hill - y) * sky)
+    colour = mix(colour, np.array([0.95, 0.96, 0.95]), step(hill - y) * step(y + 0.004 + 0.004 * np.cos(x * 600)) * sky)
+    colour = mix(colour, 0.62 * TEAL, step(-0.010 - 0.55 * np.abs(x - 0.030) - y) * sky)
+    ring = step(0.0055 - np.abs(radius - 0.0685)) * on
+    return mix(colour, RED, ring)
+
+
+def _number(colour: np.ndarray, x: np.ndarray, y: np.ndarray, on: np.ndarray) -> np.ndarray:
+    """A red 7 on a plain field, read from behind."""
+    u = -x
+    field = step(0.062 - np.maximum(np.abs(u) * 1.15, np.abs(y) * 0.80))
+    colour = mix(colour, np.array([0.97, 0.96, 0.93]), field * on)
+    bar = step(0.040 - np.abs(u)) * step(0.009 - np.abs(y - 0.048))
+    slope = (u - 0.031) - 0.42 * (y - 0.048)
+    leg = step(0.0095 - np.abs(slope)) * step(0.057 - y) * step(y + 0.057)
+    return mix(colour, RED, np.maximum(bar, leg) * on)
+
+
+def trousers(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
+    """Denim: twill, faded thighs and knees, seams with thread, front and patch pockets, fly."""
     x, y, z = rest.T
-    fade = 0.5 + 0.5 * value_noise(rest, 0.05)
-    colour = np.array([0.2, 0.27, 0.4]) * (0.9 + 0.2 * fade[:, None])
-    thigh = np.exp(-(((y + 0.28) / 0.16) ** 2)) * step(0.02, z, 0.06)
-    colour = mix(colour, np.array([0.38, 0.46, 0.6]), 0.5 * thigh)
-    leg = np.abs(x) - 0.095 + 0.03 * np.clip(-y, 0, 1)
-    seam = step(0.0, 0.0022 - np.abs(z + 0.012)) * (leg > 0.02)
-    pocket = step(0.0, 0.0022 - np.abs(np.hypot(np.abs(x) - 0.16, y - 0.02) - 0.085)) * (z > 0.02) * (y < 0.03)
-    patch = (np.abs(np.abs(x) - 0.085) < 0.052) & (np.abs(y + 0.075) < 0.058) & (z < -0.03)
-    inner = (np.abs(np.abs(x) - 0.085) < 0.049) & (np.abs(y + 0.075) < 0.055)
-    colour = mix(colour, np.array([0.78, 0.6, 0.33]), np.maximum(seam, pocket))
-    return mix(colour, np.array([0.78, 0.6, 0.33]), (patch & ~inner).astype(float))
+    twill = 1 + 0.05 * np.sin(2 * np.pi * (x + y + 0.5 * z) / 0.0030) + 0.07 * value_noise(rest, 0.02)
+    fade = np.exp(-(((y + 0.27) / 0.15) ** 2)) * np.clip(normal[:, 2], 0, 1) ** 1.5
+    knee = np.exp(-(((y + 0.44) / 0.05) ** 2)) * np.clip(normal[:, 2], 0, 1) ** 2
+    colour = mix(
+        DENIM * twill[:, None],
+        np.array([0.46, 0.545, 0.66]) * twill[:, None],
+        np.clip(0.5 * fade + 0.3 * knee, 0, 0.75),
+    )
+    middle = 0.115 - 0.061 * (y + 0.01)
+    outward, depth = np.abs(x) - middle, z + 0.008 + 0.042 * (y + 0.01)
+    seam_line = np.abs(depth) * (y > -2)
+    sides = (np.abs(outward) > 0.035) & (y < 0.08)
+    colour = mix(colour, 0.55 * DENIM, step(0.0016 - seam_line) * sides)
+    dashes = step(0.0018 - np.abs(y % 0.0056 - 0.0028), 0.0006)
+    colour = mix(colour, THREAD, step(0.0008 - np.abs(seam_line - 0.0045)) * sides * dashes)
+    front = normal[:, 2] > 0.1
+    centre = step(0.0014 - np.abs(x)) * (y > -0.112)
+    colour = mix(colour, 0.5 * DENIM, centre)
+    back = normal[:, 2] < -0.1
+    u, w = np.abs(x) - 0.088, y + 0.055
+    patch = np.maximum(np.abs(u) - 0.052, np.maximum(np.abs(w) - 0.060, -w - 0.045 + 0.25 * (0.06 - np.abs(u)) - 0.012))
+    colour = mix(colour, DENIM * 1.12 * twill[:, None], step(-patch) * back)
+    colour = mix(colour, THREAD, (step(0.0009 - np.abs(patch + 0.001)) + step(0.0009 - np.abs(patch + 0.006))) * back)
+    slant = (np.abs(x) - 0.118) * 0.8 - (y + 0.105) * 0.6 + 0.03
+    pocket = front & (np.abs(x) > 0.105) & (y > -0.16)
+    colour = mix(colour, THREAD, (step(0.0009 - np.abs(slant)) + step(0.0009 - np.abs(slant - 0.005))) * pocket)
+    edge = masks["edge"]
+    colour = mix(colour, THREAD, step(0.0010 - np.abs(edge - 0.016)) * dashes * (y < -0.5))
+    return mix(colour, 0.6 * DENIM, step(0.0025 - edge, 0.003))
 
 
-def shoes(rest: np.ndarray, masks: dict[str, np.ndarray]) -> np.ndarray:
-    """Dark canvas, white sole, toe cap and laces."""
+def shoe(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
+    """Red canvas, white sole with a navy line, rubber toe cap, laces on a tongue."""
     x, y, z = rest.T
-    ground = y.min()
-    colour = np.tile(np.array([0.66, 0.16, 0.15]), (len(rest), 1))
-    lace = step(0.0, 0.25 - np.abs(((z / 0.018) % 1) - 0.5), 0.1) * (z > 0.0) * (z < 0.1) * (y > ground + 0.055)
-    colour = mix(colour, np.array([0.93, 0.93, 0.9]), lace)
-    white = np.maximum(step(0.0, ground + 0.03 - y), step(0.135, z) * step(0.0, ground + 0.06 - y))
-    return mix(colour, np.array([0.93, 0.93, 0.9]), white)
+    side = np.sign(x)
+    weave = (
+        1
+        + 0.04 * np.sin(2 * np.pi * x / 0.0024) * np.sin(2 * np.pi * (y + z) / 0.0024)
+        + 0.04 * value_noise(rest, 0.01)
+    )
+    colour = np.array([0.70, 0.17, 0.15]) * weave[:, None]
+    across = (side * x - 0.158) - 0.22 * (z - 0.05)
+    tongue = step(0.019 - np.abs(across), 0.0015) * (z > 0.005) * (normal[:, 1] > 0.1)
+    reach = step(0.098 - z) * (z > 0.005)
+    colour = mix(colour, np.array([0.58, 0.13, 0.12]), tongue * reach)
+    row = np.abs((z - 0.35 * np.abs(across)) % 0.017 - 0.0085)
+    lace = step(0.0030 - row) * step(0.026 - np.abs(across)) * reach * (z > 0.018) * (normal[:, 1] > 0.1)
+    colour = mix(colour, np.array([0.95, 0.94, 0.90]), lace)
+    eyelet = step(0.0024 - np.hypot(np.abs(across) - 0.027, row)) * reach * (z > 0.018) * (normal[:, 1] > 0.1)
+    colour = mix(colour, np.array([0.75, 0.74, 0.72]), eyelet)
+    stitch = step(0.0008 - np.abs(np.hypot(across, (z - 0.02)) - 0.068)) * (z > 0)
+    colour = mix(colour, np.array([0.93, 0.85, 0.8]), stitch)
+    white = np.array([0.93, 0.925, 0.90])
+    cap = step(z - 0.118 + 6.0 * across**2) * step(-0.895 - y)
+    colour = mix(colour, white, cap)
+    floor = -0.945 + 0.010 * np.clip((z - 0.12) / 0.05, 0, 1) ** 2
+    colour = mix(colour, white, step(0.0155 - (y - floor)))
+    line = step(0.0016 - np.abs(y - floor - 0.0085))
+    colour = mix(colour, NAVY, line)
+    return mix(colour, np.array([0.55, 0.42, 0.30]), step(-0.0165 - (y - floor)))
 
 
-def hair(rest: np.ndarray, masks: dict[str, np.ndarray]) -> np.ndarray:
-    """Brown, in strands that run back from the forehead."""
+def hair(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
+    """Brown strands combed back and to the side, darker in the grooves between locks."""
     x, y, z = rest.T
-    strand = value_noise(np.column_stack([x / 0.0035, (z + 0.4 * y) / 0.03, np.zeros(len(x))]), 1.0)
-    lock = value_noise(np.column_stack([x / 0.012, z / 0.05, y / 0.05]), 1.0)
-    return np.clip(HAIR * (1 + 0.3 * strand + 0.3 * lock)[:, None], 0, 1)
+    flow = np.column_stack([x + 0.25 * z, 0.10 * y, 0.10 * z])
+    strand = value_noise(flow, 0.0022) + 0.6 * value_noise(flow * [1.7, 1, 1], 0.0022)
+    comb = np.column_stack([x + 0.25 * z, 0.22 * y, 0.22 * z])
+    lock = np.abs(value_noise(comb, 0.011))
+    gloss = np.exp(-(((y - 0.800) / 0.016) ** 2)) * np.clip(normal[:, 1], 0, 1)
+    tone = 0.74 + 0.22 * strand + 0.75 * lock
+    return mix(HAIR * tone[:, None], np.array([0.52, 0.37, 0.25]), 0.35 * gloss * np.clip(0.5 + strand, 0, 1))
 
 
-def skin(rest: np.ndarray, masks: dict[str, np.ndarray]) -> np.ndarray:
-    """Skin with cheeks, lips, brows, nails, and a mouth that is dark inside."""
+def skin(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
+    """Skin of body and face: mottling, cheeks, nose, lips, lids, brows, nails; sock on the ankle; gums inside the mouth."""
     x, y, z = rest.T
-    tone = 1 + 0.03 * value_noise(rest, 0.02) + 0.02 * value_noise(rest, 0.005)
-    colour = SKIN * tone[:, None]
-    cheek = np.exp(-(((np.abs(x) - 0.042) / 0.016) ** 2) - ((y - 0.683) / 0.017) ** 2) * (z > 0.08)
-    colour = mix(colour, np.array([0.83, 0.5, 0.44]), 0.45 * cheek)
-    nose = np.exp(-((x / 0.012) ** 2) - ((y - 0.69) / 0.01) ** 2) * (z > 0.14)
-    colour = mix(colour, np.array([0.82, 0.52, 0.45]), 0.35 * nose)
-    beard = np.exp(-((y - 0.63) ** 2) / 0.03**2) * (z > 0.05)
-    colour = mix(colour, np.array([0.7, 0.55, 0.48]), 0.12 * beard)
-    lid = np.exp(-(((np.abs(x) - 0.031) / 0.018) ** 2) - ((y - 0.735) / 0.007) ** 2) * (z > 0.09)
-    colour = mix(colour, np.array([0.66, 0.46, 0.4]), 0.5 * lid)
-    colour = mix(colour, LIPS, masks["lips"])
-    s = np.clip((np.abs(x) - 0.014) / 0.041, 0, 1)
-    arch = 0.7545 + 0.006 * np.sin(np.pi * np.clip(s * 0.85, 0, 1)) - 0.004 * s * s
-    thick = 0.0036 * (1 - 0.55 * s)
-    brow = step(0.0, thick - np.abs(y - arch), 0.0012) * step(0.012, np.abs(x), 0.002) * (1 - step(0.054, np.abs(x), 0.003))
-    hairs = 0.8 + 0.2 * value_noise(np.column_stack([(x + np.sign(x) * y) / 0.0015, y / 0.006, z * 0]), 1.0)
-    colour = mix(colour, BROW, brow * hairs * (z > 0.08))
-    colour = mix(colour, np.array([0.3, 0.11, 0.1]), masks["mouth"])
-    return mix(colour, np.array([0.88, 0.7, 0.64]), masks["nails"])
+    a = np.abs(x)
+    mottle = 0.020 * value_noise(rest, 0.03) + 0.018 * value_noise(rest, 0.006) + 0.014 * value_noise(rest, 0.0021)
+    colour = SKIN * (1 + mottle)[:, None]
+    head = z > 0.035
+    colour = mix(colour, BLUSH, 0.34 * np.exp(-(((a - 0.045) / 0.017) ** 2) - ((y - 0.690) / 0.016) ** 2) * head)
+    colour = mix(colour, BLUSH, 0.30 * np.exp(-((x / 0.014) ** 2) - ((y - 0.688) / 0.011) ** 2) * (z > 0.12))
+    colour = mix(colour, BLUSH, 0.30 * np.exp(-(((a - 0.088) / 0.012) ** 2) - ((y - 0.70) / 0.03) ** 2) * (y > 0.6))
+    stubble = (
+        np.clip(value_noise(rest, 0.0016), 0, 1)
+        * np.exp(-(((y - 0.632) / 0.022) ** 2))
+        * step(masks["lip"] - 0.010, 0.01)
+    )
+    colour = mix(colour, np.array([0.52, 0.42, 0.37]), 0.22 * stubble * head * (a < 0.06))
+    freckle = step(value_noise(rest + 7.0, 0.0042) - 0.62, 0.12) * np.exp(
+        -(((a - 0.034) / 0.022) ** 2) - ((y - 0.698) / 0.014) ** 2
+    )
+    colour = mix(colour, np.array([0.66, 0.44, 0.33]), 0.35 * freckle * head)
+    colour = _eyes(colour, a, y, z, masks["lid"])
+    colour = _mouth(colour, rest, masks["lip"])
+    colour = _brows(colour, rest, head)
+    colour = _hands(colour, rest, normal, masks)
+    sock = step(-0.800 - y)
+    rib = 0.95 + 0.05 * np.sin(np.arctan2(a - 0.165, z + 0.045) * 40)
+    return mix(colour, np.array([0.90, 0.89, 0.87]) * rib[:, None], sock)
 
 
-def eye(rest: np.ndarray, masks: dict[str, np.ndarray]) -> np.ndarray:
-    """White, iris with spokes, dark rim, pupil. `rest` is relative to the eyeball's centre, unit length."""
+def _eyes(colour: np.ndarray, a: np.ndarray, y: np.ndarray, z: np.ndarray, lid: np.ndarray) -> np.ndarray:
+    """Shadowed lids, a lash line on the rim (heavier above), dark red inside the socket."""
+    near = np.clip(1 - np.abs(lid) / 0.012, 0, 1) * (z > 0.09)
+    upper = step(y - 0.7225 - 0.10 * (a - 0.031), 0.002)
+    colour = mix(colour, np.array([0.70, 0.47, 0.40]), near**1.5 * (0.30 + 0.25 * upper))
+    crease = step(0.0008 - np.abs(lid - 0.0058), 0.001) * upper * (z > 0.09)
+    colour = mix(colour, np.array([0.55, 0.35, 0.29]), 0.5 * crease)
+    socket = step(-0.0014 - lid, 0.001)
+    colour = mix(colour, np.array([0.62, 0.36, 0.33]), socket)
+    thick = 0.0007 + 0.0009 * upper
+    lash = step(thick - np.abs(lid - 0.4 * thick), 0.0007) * (z > 0.09)
+    return mix(colour, LASH, lash * (0.55 + 0.4 * upper))
+
+
+def _mouth(colour: np.ndarray, rest: np.ndarray, lip: np.ndarray) -> np.ndarray:
+    """Lips by their distance from the mouth's rim: a cupid's bow above, fuller below; gums within."""
     x, y, z = rest.T
-    radius = np.arctan2(np.hypot(x, y), z)
-    colour = np.tile(np.array([0.92, 0.91, 0.9]), (len(rest), 1))
-    spokes = 0.85 + 0.15 * np.sin(24 * np.arctan2(y, x))
-    iris = np.array([0.25, 0.38, 0.42]) * spokes[:, None]
-    colour = np.where((radius < 0.43)[:, None], iris, colour)
-    colour = np.where((np.abs(radius - 0.43) < 0.05)[:, None], np.array([0.12, 0.15, 0.17]), colour)
-    return np.where((radius < 0.18)[:, None], np.array([0.03, 0.03, 0.03]), colour)
+    a = np.abs(x)
+    taper = np.sqrt(np.clip(1 - (a / 0.0265) ** 2, 0, 1))
+    bow = 0.0078 + 0.0013 * np.exp(-(((a - 0.006) / 0.004) ** 2)) - 0.0010 * np.exp(-((x / 0.0028) ** 2))
+    above = y > 0.6530
+    width = np.where(above, bow, 0.0098) * taper
+    red = step(width - lip, 0.0014) * (z > 0.11)
+    grain = 1 + 0.06 * np.sin(2 * np.pi * x / 0.0019 + 2 * value_noise(rest, 0.004)) * np.exp(-((lip / 0.006) ** 2))
+    tone = np.where(above, 0.93, 1.04) * grain
+    colour = mix(colour, LIPS * tone[:, None], 0.88 * red)
+    colour = mix(colour, np.array([0.42, 0.18, 0.18]), 0.7 * step(0.0007 - np.abs(lip), 0.0009) * (z > 0.10))
+    return mix(colour, GUM, step(-0.0030 - lip, 0.003) * np.clip((0.02 - lip) / 0.02, 0, 1) * (lip < 0))
 
 
-def tongue(rest: np.ndarray, masks: dict[str, np.ndarray]) -> np.ndarray:
-    """Plain."""
-    return np.tile(np.array([0.68, 0.34, 0.34]), (len(rest), 1))
+def _brows(colour: np.ndarray, rest: np.ndarray, head: np.ndarray) -> np.ndarray:
+    """Two arched brows of slanted hairs, thinning outwards."""
+    x, y, _ = rest.T
+    a = np.abs(x)
+    s = (a - 0.013) / 0.037
+    inside = np.clip(s, 0, 1)
+    arch = 0.7430 + 0.0075 * np.sin(np.pi * np.clip(0.15 + 0.72 * inside, 0, 1)) - 0.0065 * inside**2
+    half = 0.0040 * (1 - 0.72 * inside**1.4) * np.clip((s + 0.05) / 0.15, 0, 1) * np.clip((1.06 - s) / 0.12, 0, 1)
+    hairs = value_noise(np.column_stack([(a - 0.75 * (y - arch)) / 1.0, 0.12 * y, 0 * y]), 0.0009)
+    cover = step(half - np.abs(y - arch) + 0.0011 * hairs, 0.0018) * (half > 0)
+    return mix(colour, BROW, cover * (0.80 + 0.16 * hairs) * head)
 
 
-def teeth(rest: np.ndarray, masks: dict[str, np.ndarray]) -> np.ndarray:
-    """White with dark gaps every 8 mm along the arch."""
-    gap = step(0.0, 0.0009 - np.abs(((np.arctan2(rest[:, 0], rest[:, 2] - 0.09) * 0.036 / 0.008) % 1) - 0.5) * 0.008)
-    return mix(np.tile(np.array([0.9, 0.88, 0.82]), (len(rest), 1)), np.array([0.6, 0.5, 0.45]), 0.6 * gap)
+def _hands(colour: np.ndarray, rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
+    """Paler palms, reddish knuckles, and nails with a free edge."""
+    a, y = np.abs(rest[:, 0]), rest[:, 1]
+    hand = step(a - 0.700, 0.03)
+    colour = mix(colour, np.array([0.88, 0.68, 0.60]), 0.35 * hand * np.clip(-normal[:, 1], 0, 1))
+    crease = step(0.10 - np.abs(value_noise(rest * [0.6, 0.1, 1.0], 0.016)), 0.08) * np.clip(-normal[:, 1] - 0.3, 0, 1)
+    colour = mix(colour, np.array([0.70, 0.48, 0.42]), 0.35 * crease * step(a - 0.715, 0.02) * step(0.80 - a, 0.01))
+    u, v = masks["nail_u"], masks["nail_v"]
+    nail = step(1 - np.abs(u) ** 2.6 - np.abs(v) ** 2.6, 0.25)
+    colour = mix(colour, np.array([0.90, 0.69, 0.64]), nail * 0.9)
+    colour = mix(colour, np.array([0.95, 0.90, 0.86]), nail * step(u - 0.62 + 0.25 * v**2, 0.15))
+    return mix(colour, np.array([0.93, 0.80, 0.75]), nail * step(-0.62 - u - 0.3 * v**2, 0.2) * 0.7)
 
 
-TEXTURES: dict[str, Callable[[np.ndarray, dict[str, np.ndarray]], np.ndarray]] = {
-    "shirt": shirt, "trousers": trousers, "left_shoe": shoes, "right_shoe": shoes, "hair": hair, "body": skin,
-    "left_eye": eye, "right_eye": eye, "tongue": tongue, "upper_teeth": teeth, "lower_teeth": teeth,
+def eye(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
+    """White with veins, iris with spokes and a dark rim, pupil; measured as angles about the forward axis."""
+    centre = np.column_stack([0.0305 * np.sign(rest[:, 0]), np.full(len(rest), 0.7238), np.full(len(rest), 0.1140)])
+    d = rest - centre
+    x, y, z = (d / np.linalg.norm(d, axis=1, keepdims=True)).T
+    radius, turn = np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
+    vein = step(0.05 - np.abs(value_noise(np.column_stack([turn * 3, radius, 0 * turn]), 0.35)), 0.05) * np.clip(
+        (radius - 0.7), 0, 1
+    )
+    colour = mix(np.tile(np.array([0.935, 0.92, 0.905]), (len(rest), 1)), np.array([0.80, 0.45, 0.42]), 0.5 * vein)
+    colour = mix(colour, np.array([0.88, 0.72, 0.68]), np.clip((radius - 0.9) * 1.2, 0, 0.6))
+    spokes = 0.5 + 0.3 * np.sin(31 * turn + 2 * np.sin(7 * turn)) + 0.2 * np.sin(53 * turn)
+    iris = np.array([0.20, 0.34, 0.40]) + np.outer(spokes, np.array([0.14, 0.20, 0.20]))
+    iris = mix(iris, np.array([0.50, 0.38, 0.20]), 0.55 * np.clip(1 - np.abs(radius - 0.22) / 0.12, 0, 1))
+    colour = mix(colour, iris, step(0.44 - radius, 0.05))
+    colour = mix(colour, np.array([0.08, 0.12, 0.15]), 0.9 * np.clip(1 - np.abs(radius - 0.44) / 0.07, 0, 1))
+    colour = mix(colour, np.array([0.02, 0.02, 0.02]), step(0.19 - radius, 0.04))
+    glint = step(0.085 - np.hypot(x - 0.14, y - 0.20), 0.04)
+    return mix(colour, np.array([1.0, 1.0, 1.0]), 0.9 * glint)
+
+
+def tongue(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
+    """Rose with a groove and papillae."""
+    groove = np.exp(-((rest[:, 0] / 0.002) ** 2)) * np.clip(normal[:, 1], 0, 1)
+    tone = 1 + 0.08 * value_noise(rest, 0.0012)
+    return mix(np.array([0.74, 0.40, 0.40]) * tone[:, None], np.array([0.52, 0.24, 0.25]), 0.6 * groove)
+
+
+def teeth(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
+    """Ivory, with dark gaps every 7.6 mm along the arch."""
+    along = np.arctan2(rest[:, 0], rest[:, 2] - 0.095) * 0.036
+    gap = step(0.0005 - np.abs(along % 0.0076 - 0.0038), 0.0008)
+    return mix(np.tile(np.array([0.93, 0.90, 0.83]), (len(rest), 1)), np.array([0.55, 0.42, 0.37]), 0.7 * gap)
+
+
+TEXTURES: dict[str, Texture] = {
+    "body": skin, "shirt": shirt, "trousers": trousers, "left_shoe": shoe, "right_shoe": shoe, "hair": hair, "left_eye": eye,
+    "right_eye": eye, "upper_teeth": teeth, "lower_teeth": teeth, "tongue": tongue,
 }  # fmt: skip
