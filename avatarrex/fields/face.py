@@ -12,7 +12,6 @@ import itertools
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
-from torch.nn.functional import avg_pool2d
 
 from avatarrex.fields.orthographic import CHANNELS, HeadBox, Impl, project, render_views
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
@@ -65,11 +64,11 @@ class FaceField(nn.Module):
 
     def geometry_planes(self, views: Float[Tensor, "3 7 h w"]) -> Float[Tensor, "3 c y x"]:
         """F_front, F_left, F_right of the geometry set; three U-Net runs."""
-        return self.geometry.planes(avg_pool2d(views, self.view_pool))
+        return self.geometry.planes(views)
 
     def colour_planes(self, views: Float[Tensor, "3 7 h w"]) -> Float[Tensor, "3 c y x"]:
         """F_front, F_left, F_right of the colour set; three U-Net runs."""
-        return self.colour_net.planes(avg_pool2d(views, self.view_pool))
+        return self.colour_net.planes(views)
 
     def sdf(self, planes: Float[Tensor, "3 c y x"], position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """G_F, metres, at head-frame points; meaningful near the face only."""

@@ -37,7 +37,7 @@ def draw_views(
     try:
         context.disable(moderngl.CULL_FACE | moderngl.BLEND)
         context.enable(moderngl.DEPTH_TEST)
-        images = [_draw(mesh, targets, view) for view in axes.cpu().numpy()]
+        images = [_draw(mesh, *targets, view) for view in axes.cpu().numpy()]
     finally:
         context.disable(moderngl.DEPTH_TEST)
         if before is not None:
@@ -47,19 +47,20 @@ def draw_views(
     return torch.from_numpy(np.stack(images)).to(place.device)
 
 
-def _targets(context: moderngl.Context, size: int) -> moderngl.Framebuffer:
-    colours = [context.texture((size, size), 4, dtype="f4") for _ in range(2)]
-    return context.framebuffer(colours, context.depth_renderbuffer((size, size)))
+def _targets(context: moderngl.Context, size: int) -> tuple[moderngl.Framebuffer, list[moderngl.Texture]]:
+    textures = [context.texture((size, size), 4, dtype="f4") for _ in range(2)]
+    return context.framebuffer(textures, context.depth_renderbuffer((size, size))), textures
 
 
-def _draw(mesh: moderngl.VertexArray, targets: moderngl.Framebuffer, axes: np.ndarray) -> np.ndarray:
+def _draw(
+    mesh: moderngl.VertexArray, target: moderngl.Framebuffer, textures: list[moderngl.Texture], axes: np.ndarray
+) -> np.ndarray:
     """(7, h, w): albedo, normal, mask."""
-    mesh.program["u_axes_from_head"].write(np.ascontiguousarray(axes.T, dtype="f4").tobytes())
-    targets.use()
-    targets.clear()
+    mesh.program["u_axes_from_head"] = tuple(axes.T.reshape(9).tolist())
+    target.use()
+    target.clear()
     mesh.render()
     albedo_mask, normal = (
-        np.frombuffer(texture.read(), "f4").reshape(texture.height, texture.width, 4)
-        for texture in targets.color_attachments
+        np.frombuffer(texture.read(), "f4").reshape(texture.height, texture.width, 4) for texture in textures
     )
     return np.concatenate([albedo_mask[..., :3], normal[..., :3], albedo_mask[..., 3:]], -1).transpose(2, 0, 1).copy()

@@ -57,8 +57,6 @@ class FaceWidths:
 
     stem: int
     """Stride of the U-Nets' first convolution: planes of 256/stem texels."""
-    view_pool: int
-    """The 256² views are averaged over squares of this side before the U-Nets: 2 makes planes of 128², at a quarter of the cost."""
     geometry_levels: tuple[int, ...]
     geometry_planes: int
     geometry_mlp: tuple[int, ...]
