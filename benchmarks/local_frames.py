@@ -1,8 +1,8 @@
 """Which local frame? Error and cost of every `local_frame` on the default person, without any learning.
 
 A *perfect* rest-pose field (the exact signed distance of the rest template) is evaluated at the rest position p̄ that
-each choice assigns to true points of the posed surface. There it should read zero: what it reads is the accuracy ceiling
-of everything that is learned on top. Cost: `BodyField.localise` (p̄, local coordinates and weights of all pairs).
+each choice assigns to true points of the posed surface. There it should read zero: what it reads is the accuracy
+ceiling of everything learned on top. Cost: `BodyField.localise` (p̄, local coordinates and weights of all pairs).
 
     python benchmarks/local_frames.py [--poses 4] [--points 4000] [--seed 0]
 """
@@ -38,8 +38,7 @@ def main() -> None:
     options = parser.parse_args()
     model = load_person().body
     print(
-        f"{options.poses} poses each at half and full joint limits, {options.points} points per pose, seed {options.seed};"
-        " columns half / full"
+        f"{options.poses} poses each at half / full joint limits, {options.points} points per pose, seed {options.seed}"
     )
     print(f"{'local frame':<14} {'median mm':>14} {'p95 mm':>14} {'p99 mm':>14}   ms per 100 k points")
     for name, anchors in CHOICES:
