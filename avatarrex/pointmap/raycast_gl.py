@@ -24,7 +24,7 @@ PART = np.dtype(
 )
 """Mirrors `struct Part` of shaders/pointmap/volume.glsl; the matrix by columns."""
 LIST = np.dtype([("groups", "u4"), ("one", "u4"), ("also_one", "u4"), ("count", "u4")])
-LISTS = np.dtype([("lists", LIST, 4), ("steps", "u4")])
+LISTS = np.dtype([("lists", LIST, 8), ("steps", "u4")])
 """Mirrors `buffer Lists` of shaders/pointmap/rays.glsl."""
 RECORD = np.dtype(
     [
@@ -37,7 +37,8 @@ RECORD = np.dtype(
     ]
 )
 """Mirrors `struct Record` of shaders/pointmap/surface.comp."""
-PART_LIST, EXACT_LIST, EDGE_LIST, COVERED_LIST = range(4)
+TRACE_LIST, EXACT_LIST, EDGE_LIST, COVERED_LIST = range(0, 8, 2)
+"""Each comes twice: rays that meet no part box, and rays that do."""
 HIT_BIT = np.uint32(1 << 31)
 
 
@@ -60,35 +61,41 @@ class _Caster:
 
     def cast(self, volume: SdfVolume, camera: Camera, antialias: bool) -> PointMap:
         count = camera.width * camera.height
-        plane = RayPlane.of(camera, volume.middle)
+        slots = 2 * (count // 4 + 4096) if antialias else 0
         uploaded = self._bind_volume(volume)
-        self._bind_buffers(count)
-        present = int(bool(volume.parts))
+        self._bind_buffers(count, slots)
+        variants = (0, 1) if volume.parts else (0,)
         contacts = int(any(part.contact is not None for part in volume.parts))
+        uniforms = _uniforms(volume, camera, slots)
 
         def run(name: str, parts: int, over: int | None = None) -> None:
             program = self._program(name, parts, contacts)
-            _set_uniforms(program, volume, camera, plane, antialias)
+            for uniform in program:
+                if uniform in uniforms:
+                    program[uniform].value = uniforms[uniform]
             if over is None:
                 program.run(-(-count // GROUP))
             else:
-                program.run_indirect(self.lists, over * LIST.itemsize)
+                program.run_indirect(self.lists, (over + parts) * LIST.itemsize)
             self.context.memory_barrier()
 
         run("trace", 0)
-        if present:
-            run("trace", 1, PART_LIST)
-        run("exact", present, EXACT_LIST)
+        if volume.parts:
+            run("trace", 1, TRACE_LIST)
+        for parts in variants:
+            run("exact", parts, EXACT_LIST)
         run("edges", 0)
         if antialias:
-            self._sixteenfold()
-            run("subrays", present, EDGE_LIST)
-        run("surface", present, COVERED_LIST)
+            self._sixteenfold(slots)
+            for parts in variants:
+                run("subrays", parts, EDGE_LIST)
+        for parts in variants:
+            run("surface", parts, COVERED_LIST)
         lists = np.frombuffer(self.lists.read(), LISTS)[0]
-        covered, edges = (int(lists["lists"][k]["count"]) for k in (COVERED_LIST, EDGE_LIST))
+        covered, edges = (int(lists["lists"]["count"][k : k + 2].sum()) for k in (COVERED_LIST, EDGE_LIST))
         records = np.frombuffer(self.pixels[-1].read(covered * RECORD.itemsize) if covered else b"", RECORD)
         counters = {
-            "rays": count + 16 * edges,
+            "rays": count + 16 * min(edges, slots),
             "ray_steps": int(lists["steps"]),
             "bytes_uploaded": uploaded,
             "bytes_read_back": LISTS.itemsize + records.nbytes,
@@ -124,31 +131,34 @@ class _Caster:
         self.parts.write(table.tobytes())
         return uploaded
 
-    def _bind_buffers(self, count: int) -> None:
-        """Parts, lists, then what grows with the image: bindings 2 to 9."""
-        sizes = [4 * count, 8 * count, 4 * count, 8 * count, 4 * count, 4 * count, 64 * count, RECORD.itemsize * count]
-        if not self.pixels or self.pixels[0].size < sizes[0]:
-            for buffer in self.pixels:
-                buffer.release()
-            self.pixels = [self.context.buffer(reserve=size) for size in sizes]
+    def _bind_buffers(self, count: int, slots: int) -> None:
+        """Parts, lists, then what grows with the image: bindings 2 to 10."""
+        sizes = [4 * count, 8 * count, 4 * slots, 8 * count, 4 * count, 4 * count, 4 * count, 64 * slots]
+        sizes.append(RECORD.itemsize * count)
+        for k, size in enumerate(sizes):
+            if k == len(self.pixels):
+                self.pixels.append(self.context.buffer(reserve=max(size, 4)))
+            elif self.pixels[k].size < size:
+                self.pixels[k].release()
+                self.pixels[k] = self.context.buffer(reserve=size)
         empty = np.zeros(1, LISTS)
         empty["lists"]["one"] = empty["lists"]["also_one"] = 1
         self.lists.write(empty.tobytes())
         for binding, buffer in enumerate((self.parts, self.lists, *self.pixels)):
             buffer.bind_to_storage_buffer(binding)
 
-    def _sixteenfold(self) -> None:
-        """The silhouette list holds pixels; its dispatch needs sixteen rays for each, four pixels to a group."""
-        offset = EDGE_LIST * LIST.itemsize
-        pixels = int(np.frombuffer(self.lists.read(4, offset + LIST.fields["count"][1]), "u4")[0])
-        self.lists.write(np.uint32(-(-pixels * 16 // GROUP)).tobytes(), offset)
+    def _sixteenfold(self, slots: int) -> None:
+        """The silhouette lists hold pixels; their dispatch needs sixteen rays for each, four pixels to a group."""
+        lists = np.frombuffer(self.lists.read(), LISTS).copy()
+        edges = lists["lists"][0, EDGE_LIST : EDGE_LIST + 2]
+        edges["groups"] = -(-np.minimum(edges["count"], slots // 2).astype(np.int64) * 16 // GROUP)
+        self.lists.write(lists.tobytes())
 
 
-def _set_uniforms(
-    program: moderngl.ComputeShader, volume: SdfVolume, camera: Camera, plane: RayPlane, antialias: bool
-) -> None:
-    """Set what the pass uses; the compiler drops the rest."""
-    values = {
+def _uniforms(volume: SdfVolume, camera: Camera, slots: int) -> dict[str, object]:
+    """By name; a pass sets those that it uses."""
+    plane = RayPlane.of(camera, volume.middle)
+    return {
         "u_body": 0,
         "u_part": (1, 2, 3),
         "u_contact": (4, 5, 6),
@@ -160,11 +170,8 @@ def _set_uniforms(
         "u_gaze": tuple(plane.gaze),
         "u_across": tuple(plane.across),
         "u_down": tuple(plane.down),
-        "u_antialias": int(antialias),
+        "u_slots": slots,
     }
-    for name in program:
-        if name in values:
-            program[name].value = values[name]
 
 
 def _pointmap(records: np.ndarray, camera: Camera, renderer: str, counters: dict[str, int]) -> PointMap:

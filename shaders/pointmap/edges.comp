@@ -3,7 +3,7 @@
 layout(local_size_x = 64) in;
 #include "pointmap/volume.glsl"
 #include "pointmap/rays.glsl"
-uniform int u_antialias;
+uniform uint u_slots;  // edge pixels that there is room for; 0: no antialiasing
 
 bool is_hit(ivec2 place) {
     place = clamp(place, ivec2(0), u_image - 1);
@@ -12,17 +12,22 @@ bool is_hit(ivec2 place) {
 
 void main() {
     uint pixel = gl_GlobalInvocationID.x;
-    if (pixel >= uint(u_image.x * u_image.y)) return;
-    atomicAdd(tally_steps, ray_walked[pixel] & ~NEAR);
-    ivec2 place = ivec2(corner_of(pixel));
+    if (pixel >= pixel_count()) return;
+    uint walked = ray_walked[pixel], parts = (walked & MEETS_PARTS) != 0u ? 1u : 0u, slot = NO_SLOT;
+    atomicAdd(tally_steps, walked & STEPS);
+    ivec2 place = ivec2(corner_of(pixel)), right = ivec2(1, 0), down = ivec2(0, 1);
     bool hit = is_hit(place);
-    bool edge = !hit && (ray_walked[pixel] & NEAR) != 0u;
-    for (int k = 0; k < 9; ++k) edge = edge || is_hit(place + ivec2(k % 3, k / 3) - 1) != hit;
-    edge = edge && u_antialias == 1;
-    uint slot = NO_SLOT;
+    bool inner = is_hit(place + right) && is_hit(place - right) && is_hit(place + down) && is_hit(place - down);
+    bool outer = is_hit(place + right) || is_hit(place - right) || is_hit(place + down) || is_hit(place - down);
+    bool edge = u_slots > 0u && (hit ? !inner : outer || (walked & GRAZES) != 0u);
     if (edge) {
-        slot = append(LIST_EDGE);
-        edge_pixels[slot] = pixel;
+        uint row = append(LIST_EDGE, parts);
+        if (row < u_slots / 2u) {
+            slot = from_end(row, parts, u_slots);
+            edge_pixels[slot] = pixel;
+        }
     }
-    if (hit || edge) covered_pixels[append(LIST_COVERED)] = uvec2(pixel, slot);
+    if (hit || slot != NO_SLOT) {
+        covered_pixels[from_end(append(LIST_COVERED, parts), parts, pixel_count())] = uvec2(pixel, slot);
+    }
 }

@@ -19,7 +19,7 @@ float next_face(vec3 origin, vec3 direction, float t) {
 
 float cell_end(Ray ray, float t, bvec3 inside) {
     float end = min(ray.range.y, t + max(reach_at(ray, t), 1e-6));
-    end = min(end, next_face((ray.origin - u_origin) / u_voxel, ray.direction / u_voxel, t));
+    end = min(end, next_face(ray.body_origin, ray.body_direction, t));
     for (int k = 0; k < 3; ++k) {
         if (!inside[k]) continue;
         float voxel = in_part[k].voxel;
@@ -31,8 +31,8 @@ float cell_end(Ray ray, float t, bvec3 inside) {
 }
 
 void main() {
-    uint row = gl_GlobalInvocationID.x;
-    if (row >= lists[LIST_EXACT].count) return;
+    uint row = listed(LIST_EXACT, gl_GlobalInvocationID.x, pixel_count());
+    if (row == NO_SLOT) return;
     uint pixel = exact_pixels[row].x;
     Ray ray = ray_through(corner_of(pixel) + 0.5);
     float t = max(uintBitsToFloat(exact_pixels[row].y), ray.range.x);
@@ -48,7 +48,7 @@ void main() {
             float u = j < 4 ? j / 3.0 : cubic_minimum(f);
             if (u < 0) continue;
             float place = mix(t, end, u);
-            Field here = field_at(at(ray, place), inside);
+            Field here = field_at(at(ray, place), body_at(ray, place), inside);
             ++steps;
             if (j == 0) far = here.bound;
             if (j == 4) {
@@ -76,7 +76,7 @@ void main() {
         // False position with a bisection every third time: it cannot stall, not even at a jump of the blend.
         for (int i = 0; i < CLOSE_STEPS && b - a > 1e-7; ++i) {
             float m = i % 3 == 2 ? 0.5 * (a + b) : clamp(a + (b - a) * fa / (fa - fb), a, b);
-            float fm = field_at(at(ray, m), boxes_at(ray, m)).sdf;
+            float fm = field_at(at(ray, m), body_at(ray, m), boxes_at(ray, m)).sdf;
             ++steps;
             if (fm < 0) { b = m; fb = fm; } else { a = m; fa = fm; }
         }

@@ -2,30 +2,38 @@
 const float FINEST = 0.25;      // smallest step, in voxels of the box or grid the ray is in
 const int MAX_STEPS = 400;      // 128 voxels x sqrt 3 x the inverse of an average step of half a voxel
 const int SECANTS = 3;
+const float SLOPE = 2;          // of an interpolated field, at most: 1 for a distance, a little more for a learned one
 const float CONVERGED = 2e-6;   // metres: residual above which the exact walk takes over
 
 struct Hit {
     float t;       // NO_HIT where there is none
     float suspect; // t from which the exact walk must check the ray; NO_HIT where it need not
-    bool near;     // passed the surface within a pixel
+    float near;    // t up to which the whole pixel is free
+    bool grazes;   // misses the surface by less than half a pixel's diagonal
     uint steps;
 };
 
-Hit march(Ray ray) {
-    Hit hit = Hit(NO_HIT, NO_HIT, false, 0u);
-    float t = ray.range.x, s = -1, before = t, s_before = -1, smallest = 0;
+Field field_on(Ray ray, float t) { return field_at(at(ray, t), body_at(ray, t), boxes_at(ray, t)); }
+
+Hit march(Ray ray, float start) {
+    Hit hit = Hit(NO_HIT, NO_HIT, NO_HIT, false, 0u);
+    float t = max(ray.range.x, start), s = -1, before = t, s_before = -1, smallest = 0;
     bool found = false;
     if (ray.range.x > ray.range.y) return hit;
     for (int i = 0; i < MAX_STEPS; ++i) {
         bvec3 inside = boxes_at(ray, t);
-        Field f = field_filtered(at(ray, t), inside);
+        Field f = field_filtered(at(ray, t), body_at(ray, t), inside);
         ++hit.steps;
         s = f.sdf;
+        float pixel = ray.footprint * (1 - t / ray.camera);
+        // Spheres of two footprints that touch leave a tube of one footprint free.
+        if (f.bound < 2 * pixel) hit.near = min(hit.near, t);
         if (s < 0 && s_before >= 0) { found = true; break; }
-        // A dip between two samples: only where the smallest step was longer than the distance, and the field rises again.
-        bool dip = s_before >= 0 && s_before < smallest && s >= s_before;
+        hit.grazes = hit.grazes || (s >= 0 && s < 1.1 * pixel);
+        // A dip between two samples: only where the smallest step was longer than the distance, and the field rises
+        // again. Fields are steeper than 1 by no more than SLOPE.
+        bool dip = s_before >= 0 && s_before < smallest && s >= s_before && s + s_before < SLOPE * smallest;
         if (dip && hit.suspect == NO_HIT) hit.suspect = before - smallest;
-        hit.near = hit.near || (s >= 0 && s < 1.2 * ray.footprint * (t / -ray.camera + 1));
         if (t >= ray.range.y) break;
         smallest = FINEST * u_voxel;
         for (int k = 0; k < 3 * PARTS; ++k) if (inside[k]) smallest = min(smallest, FINEST * in_part[k].voxel);
@@ -35,10 +43,11 @@ Hit march(Ray ray) {
         t = min(t + min(max(f.bound, smallest), reach), ray.range.y);
     }
     if (!found) return hit;
+    hit.near = min(hit.near, before);
     float a = before, b = t, fa = s_before, fb = s, fm = 0;
     for (int i = 0; i < SECANTS; ++i) {
         float m = clamp(a + (b - a) * fa / (fa - fb), a, b);
-        fm = field_at(at(ray, m), boxes_at(ray, m)).sdf;
+        fm = field_on(ray, m).sdf;
         if (fm < 0) { b = m; fb = fm; } else { a = m; fa = fm; }
     }
     hit.steps += uint(SECANTS);

@@ -12,6 +12,8 @@ struct Ray {
     vec3 direction;
     float camera;     // t of the camera centre, negative
     float footprint;  // half a pixel's diagonal on the plane, metres
+    vec3 body_origin;     // the same ray in body voxels
+    vec3 body_direction;
     vec2 range;       // where any box is, from the camera on; empty (x > y) where there is none
     vec3 entry;       // of the part boxes; entry > exit where missed
     vec3 exit;
@@ -24,8 +26,10 @@ Ray ray_through(vec2 pixel) {
     ray.origin = u_point + offset;
     ray.camera = -length(gaze);
     ray.direction = gaze / -ray.camera;
-    ray.footprint = 0.5 * (length(u_across) + length(u_down));
-    ray.range = slab(ray.origin - u_origin, ray.direction, body_size());
+    ray.footprint = 0.5 * length(u_across + u_down);
+    ray.body_origin = (ray.origin - u_origin) / u_voxel;
+    ray.body_direction = ray.direction / u_voxel;
+    ray.range = slab(ray.body_origin, ray.body_direction, body_last());
     if (ray.range.x > ray.range.y) ray.range = vec2(NOWHERE, -NOWHERE);
     for (int k = 0; k < 3; ++k) {
         vec2 box = slab(box_place(k, ray.origin), mat3(in_part[k].box_from_root) * ray.direction, in_part[k].size);
@@ -42,6 +46,8 @@ bool meets_parts(Ray ray) { return any(lessThanEqual(ray.entry, ray.exit)); }
 
 vec3 at(Ray ray, float t) { return ray.origin + t * ray.direction; }
 
+vec3 body_at(Ray ray, float t) { return ray.body_origin + t * ray.body_direction; }
+
 bvec3 boxes_at(Ray ray, float t) {
     return bvec3(t >= ray.entry.x && t <= ray.exit.x, t >= ray.entry.y && t <= ray.exit.y,
                  t >= ray.entry.z && t <= ray.exit.z);
@@ -53,26 +59,40 @@ float reach_at(Ray ray, float t) {
     return min(ahead.x, min(ahead.y, ahead.z));
 }
 
-// Lists of pixels for the next pass: an indirect dispatch of 64 each, counted as they are appended.
+// Lists of pixels for the next pass: each an indirect dispatch of 64, counted as they are appended. Every kind comes
+// twice, for rays that meet no part box and for rays that do: the second need the slower program.
+const int LIST_TRACE = 0, LIST_EXACT = 2, LIST_EDGE = 4, LIST_COVERED = 6;
 struct List { uint groups, one, also_one, count; };
-layout(std430, binding = 1) buffer Lists { List lists[4]; uint tally_steps; };
-layout(std430, binding = 2) buffer PartPixels { uint part_pixels[]; };
+layout(std430, binding = 1) buffer Lists { List lists[8]; uint tally_steps; };
+layout(std430, binding = 2) buffer TracePixels { uint trace_pixels[]; };
 layout(std430, binding = 3) buffer ExactPixels { uvec2 exact_pixels[]; };      // pixel, bits of the t to start from
 layout(std430, binding = 4) buffer EdgePixels { uint edge_pixels[]; };
 layout(std430, binding = 5) buffer CoveredPixels { uvec2 covered_pixels[]; };  // pixel, slot among the edges or NO_SLOT
 layout(std430, binding = 6) buffer Distance { float ray_t[]; };                // per pixel; NO_HIT where none
-layout(std430, binding = 7) buffer Walked { uint ray_walked[]; };              // per pixel: steps, and NEAR bit
-layout(std430, binding = 8) buffer SubDistance { float sub_t[]; };             // per edge slot, 16
+layout(std430, binding = 7) buffer Approach { float ray_near[]; };             // per pixel: t up to which a pixel is free
+layout(std430, binding = 8) buffer Walked { uint ray_walked[]; };              // per pixel: steps and the bits below
+layout(std430, binding = 9) buffer SubDistance { float sub_t[]; };             // per edge slot, 16
 
-const int LIST_PART = 0, LIST_EXACT = 1, LIST_EDGE = 2, LIST_COVERED = 3;
 const float NO_HIT = 1e9;
 const uint NO_SLOT = 0xffffffffu;
-const uint NEAR = 0x80000000u;  // the ray passes the surface within a pixel
+const uint GRAZES = 0x80000000u;       // the ray misses the surface by less than a pixel
+const uint MEETS_PARTS = 0x40000000u;
+const uint STEPS = 0x0fffffffu;
 
-uint append(int list) {
-    uint slot = atomicAdd(lists[list].count, 1u);
-    if ((slot & 63u) == 0u) atomicAdd(lists[list].groups, 1u);
-    return slot;
+// The two lists of a kind share one buffer of `capacity` entries and fill it from both ends.
+uint from_end(uint row, uint parts, uint capacity) { return parts == 0u ? row : capacity - 1u - row; }
+
+uint append(int list, uint parts) {
+    uint row = atomicAdd(lists[list + int(parts)].count, 1u);
+    if ((row & 63u) == 0u) atomicAdd(lists[list + int(parts)].groups, 1u);
+    return row;
 }
+
+// Where this program's entry `row` is; NO_SLOT past the list's end.
+uint listed(int list, uint row, uint capacity) {
+    return row < lists[list + PARTS].count ? from_end(row, uint(PARTS), capacity) : NO_SLOT;
+}
+
+uint pixel_count() { return uint(u_image.x * u_image.y); }
 
 vec2 corner_of(uint pixel) { return vec2(pixel % uint(u_image.x), pixel / uint(u_image.x)); }

@@ -3,12 +3,14 @@ layout(local_size_x = 64) in;
 #include "pointmap/volume.glsl"
 #include "pointmap/rays.glsl"
 #include "pointmap/march.glsl"
+uniform uint u_slots;
 
 void main() {
-    uint row = gl_GlobalInvocationID.x;
-    uint slot = row / 16u, k = row % 16u;
-    if (slot >= lists[LIST_EDGE].count) return;
-    Hit hit = march(ray_through(corner_of(edge_pixels[slot]) + (vec2(k % 4u, k / 4u) + 0.5) / 4));
-    sub_t[row] = hit.t;
+    uint row = gl_GlobalInvocationID.x / 16u, k = gl_GlobalInvocationID.x % 16u;
+    uint slot = listed(LIST_EDGE, row, u_slots);
+    if (slot == NO_SLOT || row >= u_slots / 2u) return;
+    uint pixel = edge_pixels[slot];
+    Hit hit = march(ray_through(corner_of(pixel) + (vec2(k % 4u, k / 4u) + 0.5) / 4), ray_near[pixel]);
+    sub_t[slot * 16u + k] = hit.t;
     atomicAdd(tally_steps, hit.steps);
 }

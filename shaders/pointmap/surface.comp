@@ -12,7 +12,7 @@ struct Record {
     vec3 weight;    // effective omega of left hand, right hand, face
     float steps;
 };
-layout(std430, binding = 9) writeonly buffer Records { Record out_record[]; };
+layout(std430, binding = 10) writeonly buffer Records { Record out_record[]; };
 
 bvec3 boxes_around(vec3 p) {
     bvec3 inside = bvec3(false);
@@ -21,8 +21,8 @@ bvec3 boxes_around(vec3 p) {
 }
 
 void main() {
-    uint row = gl_GlobalInvocationID.x;
-    if (row >= lists[LIST_COVERED].count) return;
+    uint row = listed(LIST_COVERED, gl_GlobalInvocationID.x, pixel_count());
+    if (row == NO_SLOT) return;
     uint pixel = covered_pixels[row].x, slot = covered_pixels[row].y;
     float t = ray_t[pixel];
     bool hit = t != NO_HIT;
@@ -51,7 +51,7 @@ void main() {
     for (int j = 0; j < 7; ++j) {
         vec3 offset = vec3(0);
         if (j > 0) offset[(j - 1) >> 1] = (j & 1) == 1 ? reach : -reach;
-        Field f = field_at(p + offset, boxes_around(p + offset));
+        Field f = field_at(p + offset, body_place(p + offset), boxes_around(p + offset));
         if (j == 0) { here = f; reach = 0.5 * f.scale; }
         else normal += f.sdf * sign(offset);
     }
@@ -61,6 +61,6 @@ void main() {
     r.normal = normal / max(length(normal), 1e-12);
     r.coverage = coverage;
     r.weight = here.weight;
-    r.steps = float(ray_walked[pixel] & ~NEAR);
-    out_record[row] = r;
+    r.steps = float(ray_walked[pixel] & STEPS);
+    out_record[gl_GlobalInvocationID.x + (PARTS == 1 ? lists[LIST_COVERED].count : 0u)] = r;
 }

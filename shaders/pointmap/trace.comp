@@ -1,28 +1,33 @@
-// Step II, first pass: march every pixel's ray. Reads the volume; writes t and steps per pixel, and the lists of what is
-// left to do. PARTS 0: all pixels, and rays that meet a part box go to a list. PARTS 1: the rays of that list.
+// Step II, first pass: march every pixel's ray. Reads the volume; writes t and steps per pixel, and lists the rays that
+// need the exact walk. PARTS 0: all pixels, and the rays that meet a part box are listed for PARTS 1.
 layout(local_size_x = 64) in;
 #include "pointmap/volume.glsl"
 #include "pointmap/rays.glsl"
 #include "pointmap/march.glsl"
 
 void main() {
-    uint row = gl_GlobalInvocationID.x;
+    uint count = pixel_count();
 #if PARTS == 0
-    if (row >= uint(u_image.x * u_image.y)) return;
-    uint pixel = row;
+    uint pixel = gl_GlobalInvocationID.x;
+    if (pixel >= count) return;
 #else
-    if (row >= lists[LIST_PART].count) return;
-    uint pixel = part_pixels[row];
+    uint row = listed(LIST_TRACE, gl_GlobalInvocationID.x, count);
+    if (row == NO_SLOT) return;
+    uint pixel = trace_pixels[row];
 #endif
     Ray ray = ray_through(corner_of(pixel) + 0.5);
 #if PARTS == 0
     if (meets_parts(ray)) {
-        part_pixels[append(LIST_PART)] = pixel;
+        trace_pixels[from_end(append(LIST_TRACE, 1u), 1u, count)] = pixel;
         return;
     }
 #endif
-    Hit hit = march(ray);
+    Hit hit = march(ray, -NOWHERE);
     ray_t[pixel] = hit.t;
-    ray_walked[pixel] = hit.steps | (hit.near ? NEAR : 0u);
-    if (hit.suspect != NO_HIT) exact_pixels[append(LIST_EXACT)] = uvec2(pixel, floatBitsToUint(hit.suspect));
+    ray_near[pixel] = hit.near;
+    ray_walked[pixel] = hit.steps | (hit.grazes ? GRAZES : 0u) | (PARTS == 1 ? MEETS_PARTS : 0u);
+    if (hit.suspect != NO_HIT) {
+        uint row = from_end(append(LIST_EXACT, uint(PARTS)), uint(PARTS), count);
+        exact_pixels[row] = uvec2(pixel, floatBitsToUint(hit.suspect));
+    }
 }

@@ -26,7 +26,7 @@ struct Field {
     vec3 weight;  // effective omega of left hand, right hand, face
 };
 
-vec3 body_size() { return u_voxel * vec3(textureSize(u_body, 0) - 1); }
+vec3 body_last() { return vec3(textureSize(u_body, 0) - 1); }
 
 vec3 box_place(int k, vec3 p) { return (in_part[k].box_from_root * vec4(p, 1)).xyz; }
 
@@ -35,15 +35,15 @@ bool in_box(int k, vec3 p) {
     return all(greaterThanEqual(local, vec3(0))) && all(lessThanEqual(local, in_part[k].size));
 }
 
-// SAMPLE is `trilinear` or `trilinear_filtered`; `inside` says which boxes hold p.
+vec3 body_place(vec3 p) { return (p - u_origin) / u_voxel; }
+
+// The composed field at p; `place` is p in body voxels, `inside` says which boxes hold it. SAMPLE is one of the two above.
 #define DEFINE_FIELD(NAME, SAMPLE) \
-Field NAME(vec3 p, bvec3 inside) { \
-    vec3 place = (p - u_origin) / u_voxel; \
+Field NAME(vec3 p, vec3 place, bvec3 inside) { \
     float body = SAMPLE(u_body, place).x; \
     Field f = Field(body, abs(body), u_voxel, vec3(0)); \
     if (PARTS == 0) return f; \
-    vec3 last = vec3(textureSize(u_body, 0) - 1); \
-    body += u_voxel * length(place - clamp(place, vec3(0), last)); \
+    body += u_voxel * length(place - clamp(place, vec3(0), body_last())); \
     Composition sum = compose_nothing(); \
     for (int k = 0; k < 3; ++k) { \
         if (!inside[k]) continue; \
