@@ -1,0 +1,1 @@
+"""AvatarReX Studio: the window and the command line around the `avatarrex` library."""

@@ -1,0 +1,82 @@
+"""`Engine.render(state, size) -> Shot`: the one door between a driver (window, CLI, test, notebook) and the pipeline.
+
+It owns the avatar and remembers the previous frame, so that only what changed is computed again. An error comes back as
+text beside the last good frame; nothing a user drags can end the program. No window library is imported here.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.camera import Camera
+from avatarrex.errors import InputError
+from avatarrex.pipeline import Frame, RenderSettings, render_frame
+
+from avatarrex_studio.state import StudioState
+
+log = logging.getLogger(__name__)
+RenderFrame = Callable[..., Frame]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What `Engine.render` gives back."""
+
+    frame: Frame | None
+    """The frame of the state, or the last good one where `error` is set; None before the first."""
+    error: str | None = None
+
+
+class Engine:
+    """Renders states. `avatar` is a loaded one; without it each state's own is read by name or path."""
+
+    def __init__(
+        self,
+        avatar: Avatar | None = None,
+        render: RenderFrame = render_frame,
+        load: Callable[[str], Any] = load_avatar,
+        settings: RenderSettings | None = None,
+    ) -> None:
+        self._avatar, self._given = avatar, avatar is not None
+        self._render, self._load = render, load
+        self._settings = settings or RenderSettings()
+        self._name: str | None = None
+        self._previous: Frame | None = None
+
+    def render(self, state: StudioState, size: tuple[int, int] | None = None) -> Shot:
+        """The frame of `state` at `size` (width, height), else at the state's own fixed size.
+
+        Never raises for what a user can set: the error comes back as one line with the last good frame.
+        """
+        try:
+            width, height = size or state.size.fixed or (512, 512)
+            return Shot(self.frame(state, state.view.camera(width, height)))
+        except InputError as error:
+            return Shot(self._previous, str(error))
+        except Exception as error:  # a fault of ours: its trace goes to the log, its line over the last good image
+            log.exception("the frame could not be rendered")
+            return Shot(self._previous, f"{type(error).__name__}: {error}".splitlines()[0])
+
+    def frame(self, state: StudioState, camera: Camera) -> Frame:
+        """The frame of `state` through `camera`; errors are raised."""
+        avatar = self.avatar(state.avatar)
+        frame = self._render(avatar, state.signals, camera, self.settings(state), self._previous)
+        self._previous = frame
+        return frame
+
+    def avatar(self, name: str) -> Avatar:
+        """The avatar of that name or path, read once. Raises `InputError`."""
+        if not self._given and self._name != name:
+            self._avatar = self._load(name)
+            self._name, self._previous = name, None
+        assert self._avatar is not None
+        return self._avatar
+
+    def settings(self, state: StudioState) -> RenderSettings:
+        """The pipeline's settings for `state`."""
+        base = self._settings
+        return RenderSettings(base.voxel, base.part_voxel, base.raycast, base.antialias, state.hidden)
