@@ -26,7 +26,8 @@ def scatter_to_body(
 ) -> Float[Tensor, "v 3"]:
     """ω of left hand, right hand and face on a body template of `vertices` vertices; zero where a part has none."""
     painted = face.blend_weight.new_zeros(vertices, 3)
-    for column, part in enumerate((left_hand, right_hand, face)):
+    parts: tuple[HandTemplate | FaceTemplate, ...] = (left_hand, right_hand, face)
+    for column, part in enumerate(parts):
         on_body = part.body_vertex_ids >= 0
         painted[part.body_vertex_ids[on_body], column] = part.blend_weight[on_body]
     return painted

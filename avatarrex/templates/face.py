@@ -1,7 +1,9 @@
 """The face template: head, eyes, teeth and tongue in the head frame, driven by 52 coefficients (paper sec. 3.3).
 
-Everything that an expression moves, and enough of the head around it. `albedo` colours only condition the orthographic
-views; they are not the look. Letters: v vertices, f faces. Metres.
+The mesh is the whole head with some neck, open below: rigid with the head joint but for jaw and eyes. ω covers eyes,
+brows, nose, mouth and chin, and falls to 0 over 4 cm at the hair line, in front of the ears and under the jaw; ears,
+scalp and throat belong to the body's field, and are here only for the orthographic views to show. `albedo` colours
+those views; it is not the look. Letters: v vertices, f faces, e expression coefficients. Metres.
 """
 
 from __future__ import annotations
@@ -12,103 +14,139 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from avatarrex.ops.rotation import matrix_from_rotvec
-from avatarrex.templates.model import TemplateModel
+from avatarrex.errors import InputError
+from avatarrex.templates.albedo import inside_mouth, paint_albedo
+from avatarrex.templates.blend_weight import smooth_ramp
+from avatarrex.templates.model import TemplateModel, pose_template
 
-HEAD, JAW, LEFT_EYE, RIGHT_EYE = 15, 22, 23, 24
-SKIN, EYE_WHITE, IRIS, TEETH, TONGUE = (0.78, 0.6, 0.5), (0.95, 0.95, 0.95), (0.2, 0.3, 0.4), (0.9, 0.88, 0.8), (0.7, 0.35, 0.35)
+NECK, HEAD, JAW, LEFT_EYE, RIGHT_EYE = 12, 15, 22, 23, 24
+HAIR_LINE = (0.068, 0.028)
+"""Metres above the eyes where ω is 0, and below which it is 1: the brows reach 2.4 cm above them."""
+EARS = (-0.07, -0.03)
+"""Metres in front of the eyes where ω is 0, and beyond which it is 1: the ears' front is at −6 cm."""
+THROAT = (-0.055, -0.015)
+"""Metres above the jaw line's plane (`above_jaw_line`) where ω is 0, and beyond which it is 1. Lower, the neck's bend
+parts the head's rigid mesh from the body; higher, the open jaw does. Measured on the default person, min(ω, 1−ω) times
+the distance between the two is at most 7 mm with neck and head bent 29° each, or the jaw fully open."""
+JAW_PLANE = (0.0, 0.8, 0.6)
+"""The plane's normal, up and to the front: it sinks 37° towards the front, as the jaw does from ear to chin."""
+MARGIN = 0.03
+"""Metres of throat in the mesh beyond the place where ω has reached 0."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FaceTemplate:
-    """The head's template; the head joint is the origin."""
+    """The head's template; the head joint is the origin, whatever the shape."""
 
-    v_template: Float[Tensor, "v 3"]
-    faces: Int[Tensor, "f 3"]
-    shapedirs: Float[Tensor, "v 3 s"]
-    expression_dirs: Float[Tensor, "v 3 e"]
-    weights: Float[Tensor, "v 4"]
-    """Skinning weights of head (all that is not jaw or eye), jaw, left eye, right eye."""
-    joints: Float[Tensor, "4 3"]
+    model: TemplateModel
+    """4 joints: head (with all that is not jaw or eye), jaw, left eye, right eye."""
     blend_weight: Float[Tensor, " v"]
-    """ω: 1 on the face, 0 towards hair and throat."""
+    """ω: 1 on the face, 0 towards hair, ears and throat."""
     albedo: Float[Tensor, "v 3"]
+    """sRGB in [0, 1]."""
     body_vertex_ids: Int[Tensor, " v"]
+
+    @property
+    def v_template(self) -> Float[Tensor, "v 3"]:
+        """Rest vertices, head frame."""
+        return self.model.v_template
+
+    @property
+    def faces(self) -> Int[Tensor, "f 3"]:
+        """Triangles."""
+        return self.model.faces
 
 
 def pose_face(
     face: FaceTemplate,
-    expression: Float[Tensor, " e"],
+    expression: Float[Tensor, " _e"],
     jaw_pose: Float[Tensor, " 3"],
     eye_pose: Float[Tensor, "2 3"],
-    shape: Float[Tensor, " s"],
+    shape: Float[Tensor, " _s"],
 ) -> Float[Tensor, "v 3"]:
-    """Vertices in the head frame, metres: expression offsets, then jaw and eye joints turn (they add)."""
-    used = min(len(shape), face.shapedirs.shape[2])
-    rest = face.v_template + face.shapedirs[..., :used] @ shape[:used] + face.expression_dirs @ expression
-    rotation = matrix_from_rotvec(torch.cat([jaw_pose[None], eye_pose]))
-    moved = face.weights[:, :1] * rest
-    for k in range(3):
-        joint = face.joints[k + 1]
-        moved = moved + face.weights[:, k + 1, None] * ((rest - joint) @ rotation[k].T + joint)
-    return moved
+    """Vertices in the head frame, metres: expression offsets, then jaw and eye joints turn (they add).
+
+    Raises `InputError` for too many coefficients, NaN or Inf.
+    """
+    pose = torch.cat([torch.zeros_like(jaw_pose[None]), jaw_pose[None], eye_pose])
+    return pose_template(face.model, pose, shape, expression).vertices
 
 
 def cut_face(body: TemplateModel) -> FaceTemplate:
-    """Cut the head from a body template whose file names its groups (body, eyes, teeth, tongue)."""
-    head = body.joint_template[HEAD]
-    on_head = body.weights[:, [HEAD, JAW, LEFT_EYE, RIGHT_EYE]].sum(-1) > 0.5
-    local = body.v_template - head
-    faces = body.faces[on_head[body.faces].all(1)]
-    ids = torch.unique(faces)
-    index = torch.full((len(on_head),), -1)
+    """Cut the head from a body template in SMPL-X joint order. Raises `InputError` where there is no head."""
+    columns = [HEAD, JAW, LEFT_EYE, RIGHT_EYE]
+    on_head = body.weights[:, [NECK, *columns]].sum(-1) > 0.5
+    kept = on_head & (above_jaw_line(body) > THROAT[0] - MARGIN)
+    faces = body.faces[kept[body.faces].all(1)]
+    if not len(faces):
+        raise InputError("template", "weights", "vertices skinned to the head", "none")
+    ids, faces = torch.unique(faces, return_inverse=True)
+    index = torch.full((len(kept),), -1)
     index[ids] = torch.arange(len(ids))
-    head_weights = body.weights[ids][:, [JAW, LEFT_EYE, RIGHT_EYE]]
-    weights = torch.cat([1 - head_weights.sum(-1, keepdim=True), head_weights], 1)
-    joints = body.joint_template[[HEAD, JAW, LEFT_EYE, RIGHT_EYE]] - head
-    return FaceTemplate(
-        v_template=local[ids],
-        faces=index[faces],
-        shapedirs=body.shapedirs[ids] - body.joint_shapedirs[HEAD],
-        expression_dirs=body.expression_dirs[ids],
-        weights=weights,
-        joints=joints,
-        blend_weight=paint_face(body, local)[ids],
-        albedo=_albedo(body)[ids],
-        body_vertex_ids=ids,
-    )
+    groups = {name: index[rows][index[rows] >= 0] for name, rows in body.groups.items()}
+    model = _submodel(body, columns, ids, faces, groups)
+    albedo = paint_albedo(model.v_template, model.joint_template[2:], groups)
+    return FaceTemplate(model, paint_face(body)[ids], albedo, ids)
 
 
-def paint_face(body: TemplateModel, local: Float[Tensor, "v 3"]) -> Float[Tensor, " v"]:
-    """ω on the body's vertices (head frame positions `local`): 1 around the middle of the face, 0 from 4 cm beyond.
-
-    The face is what the expressions move: an ellipsoid about the mean of the moved vertices, from brow to chin and ear
-    to ear; inner parts (eyes, teeth, tongue) belong to it.
-    """
-    moved = body.expression_dirs.norm(dim=1).amax(-1) > 2e-3
-    centre = (local[moved].amin(0) + local[moved].amax(0)) / 2
-    half = (local[moved].amax(0) - local[moved].amin(0)) / 2
-    centre[2] = centre[2] - 0.02
-    half = half * torch.tensor([0.95, 1.0, 1.2])
-    distance = (((local - centre) / half).norm(dim=-1) - 1) * half.mean()
-    ramp = (1 - distance / 0.04).clamp(0, 1)
-    omega = ramp * ramp * (3 - 2 * ramp)
-    omega[body.weights[:, [HEAD, JAW, LEFT_EYE, RIGHT_EYE]].sum(-1) < 0.5] = 0
-    for name in ("tongue", "left_eye", "right_eye", "upper_teeth", "lower_teeth"):
+def paint_face(body: TemplateModel) -> Float[Tensor, " v"]:
+    """ω of the face on the body's vertices, at rest: a product of three ramps; inner parts belong to the face."""
+    eyes = body.joint_template[[LEFT_EYE, RIGHT_EYE]]
+    _, up, front = (body.v_template - eyes.mean(0)).unbind(-1)
+    jaw = above_jaw_line(body)
+    omega = smooth_ramp(-up, -HAIR_LINE[0], -HAIR_LINE[1]) * smooth_ramp(front, *EARS) * smooth_ramp(jaw, *THROAT)
+    head = body.weights[:, [NECK, HEAD, JAW, LEFT_EYE, RIGHT_EYE]].sum(-1) > 0.5
+    omega = torch.where(head, omega, torch.zeros_like(omega))
+    omega[inside_mouth(body.v_template, body.groups)] = 1
+    for name in ("left_eye", "right_eye"):
         if name in body.groups:
             omega[body.groups[name]] = 1
     return omega
 
 
-def _albedo(body: TemplateModel) -> Float[Tensor, "v 3"]:
-    colour = torch.tensor(SKIN).repeat(len(body.v_template), 1)
-    for name, value in (("tongue", TONGUE), ("upper_teeth", TEETH), ("lower_teeth", TEETH)):
-        if name in body.groups:
-            colour[body.groups[name]] = torch.tensor(value)
-    for name in ("left_eye", "right_eye"):
-        if name in body.groups:
-            ids = body.groups[name]
-            ball = body.v_template[ids]
-            direction = torch.nn.functional.normalize(ball - (ball.amin(0) + ball.amax(0)) / 2, dim=-1)
-            colour[ids] = torch.where(direction[:, 2:] > 0.87, torch.tensor(IRIS), torch.tensor(EYE_WHITE))
-    return colour
+def above_jaw_line(body: TemplateModel) -> Float[Tensor, " v"]:
+    """Metres of the body's vertices above the plane under the jaw: through the chin's tip, rising to the back.
+
+    The tip is the furthest forward and down of the vertices on the midline that the jaw moves most.
+    """
+    local = body.v_template - body.joint_template[HEAD]
+    midline = local[:, 0].abs() < (body.joint_template[LEFT_EYE, 0] - body.joint_template[RIGHT_EYE, 0]).abs() / 4
+    reach = local[:, 2] - local[:, 1]
+    on_chin = midline & (body.weights[:, JAW] > 0.5) & (local[:, 2] > 0)
+    if not on_chin.any():
+        raise InputError("template", "weights", "a chin skinned to the jaw joint", "none")
+    chin = local[torch.where(on_chin, reach, reach.new_tensor(-torch.inf)).argmax()]
+    return (local - chin) @ local.new_tensor(JAW_PLANE)
+
+
+def _submodel(
+    body: TemplateModel, columns: list[int], ids: Tensor, faces: Tensor, groups: dict[str, Tensor]
+) -> TemplateModel:
+    """The arrays of the vertices `ids` about the head joint, with the joints `columns`, the head first."""
+    head, first = columns[0], columns[1]
+    moving = body.weights[ids][:, columns[1:]]
+    posedirs, pose_columns = None, None
+    if body.posedirs is not None:
+        entry = torch.arange(body.posedirs.shape[2]) if body.pose_columns is None else body.pose_columns
+        own = (entry >= 9 * (first - 1)) & (entry < 9 * columns[-1])
+        posedirs, pose_columns = body.posedirs[ids][..., own], entry[own] - 9 * (first - 1)
+    follows = body.joint_expression_dirs
+    expression_dirs = body.expression_dirs[ids]
+    if follows is not None:
+        expression_dirs, follows = expression_dirs - follows[head], follows[columns] - follows[head]
+    return TemplateModel(
+        v_template=body.v_template[ids] - body.joint_template[head],
+        faces=faces,
+        shapedirs=body.shapedirs[ids] - body.joint_shapedirs[head],
+        expression_dirs=expression_dirs,
+        weights=torch.cat([1 - moving.sum(-1, keepdim=True), moving], 1),
+        joint_template=body.joint_template[columns] - body.joint_template[head],
+        joint_shapedirs=body.joint_shapedirs[columns] - body.joint_shapedirs[head],
+        parents=(-1, 0, 0, 0),
+        joint_names=tuple(body.joint_names[c] for c in columns) if body.joint_names else (),
+        expression_names=body.expression_names,
+        posedirs=posedirs,
+        pose_columns=pose_columns,
+        groups=groups,
+        joint_expression_dirs=follows,
+    )

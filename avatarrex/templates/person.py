@@ -1,8 +1,13 @@
-"""A person's templates together: body, both hands, face, and the painted weights that compose them."""
+"""A person's templates together: body, both hands, face, and the painted weights that compose them.
+
+One reader serves the packaged person and official SMPL-X arrays (formats.md): joints are explicit (`J_template`,
+`J_shapedirs`) or follow from a regressor, J = J_regressor · v_shaped, which is linear and so becomes joint directions.
+"""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -12,14 +17,21 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from avatarrex.assets import DATA, read_arrays, require
+from avatarrex.assets import DATA, check_arrays, read_npz, read_spec
 from avatarrex.errors import InputError
+from avatarrex.templates.blend_weight import scatter_to_body
 from avatarrex.templates.face import FaceTemplate, cut_face
 from avatarrex.templates.hand import HandTemplate, cut_hand
 from avatarrex.templates.model import TemplateModel
 
+POSING = (
+    "v_template", "f", "shapedirs", "n_shape", "J_template", "J_shapedirs", "J_regressor", "J_idx", "J_w", "weights",
+    "kintree_table", "posedirs", "pose_columns",
+)  # fmt: skip
+"""The arrays that decide where a posed vertex is, and so the person's hash."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Person:
     """Everything that poses one person."""
 
@@ -31,55 +43,111 @@ class Person:
     """Painted ω of left hand, right hand and face on the body template."""
     name: str
     hash: str
-    """SHA-256 of the template's arrays, first 16 hex digits."""
+    """SHA-256 of the arrays that pose it, first 16 hex digits."""
 
 
 @lru_cache(maxsize=4)
-def load_person(source: str = "default") -> Person:
+@torch.inference_mode(False)
+def load_person(source: str | Path = "default") -> Person:
     """The packaged person ("default") or one from an `.npz` in the same layout. Raises `InputError`."""
     path = DATA / "person.npz" if source == "default" else Path(source)
-    arrays = read_arrays(path)
+    arrays = read_npz(path, "person")
     body = read_model(arrays, path)
+    if len(body.parents) != 55:
+        raise InputError(path, "weights", "55 joints in SMPL-X order", len(body.parents))
     left, right, face = cut_hand(body, "left"), cut_hand(body, "right"), cut_face(body)
-    painted = torch.zeros(len(body.v_template), 3)
-    for column, hand in enumerate((left, right)):
-        painted[hand.body_vertex_ids[:-1], column] = hand.blend_weight[:-1]
-    painted[face.body_vertex_ids, 2] = face.blend_weight
+    painted = scatter_to_body(len(body.v_template), left, right, face)
+    return Person(body, left, right, face, painted, str(source), hash_arrays(arrays))
+
+
+def hash_arrays(arrays: Mapping[str, np.ndarray]) -> str:
+    """First 16 hex digits of SHA-256 over names, types, shapes and bytes of the arrays that pose a template."""
     digest = hashlib.sha256()
-    for key in ("v_template", "f", "shapedirs", "weights"):
-        digest.update(np.ascontiguousarray(arrays[key]).tobytes())
-    return Person(body, left, right, face, painted, source, digest.hexdigest()[:16])
+    for key in POSING:
+        if key in arrays:
+            value = arrays[key]
+            little = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
+            digest.update(f"{key} {value.dtype.str[1:]} {value.shape};".encode() + little.tobytes())
+    return digest.hexdigest()[:16]
 
 
 def read_model(arrays: dict[str, np.ndarray], source: str | Path) -> TemplateModel:
-    """A `TemplateModel` from SMPL-X-layout arrays (`assets_spec/person.json`)."""
-    v_template = require(arrays, source, "v_template", (None, 3))
-    v = len(v_template)
-    shapedirs = require(arrays, source, "shapedirs", (v, 3, None)).astype(np.float32)
-    n_shape = int(require(arrays, source, "n_shape", ()))
-    weights = require(arrays, source, "weights", (v, None)).astype(np.float32)
-    joints = weights.shape[1]
-    tree = require(arrays, source, "kintree_table", (2, joints))
-    faces = require(arrays, source, "f", (None, 3)).astype(np.int64)
-    if faces.max() >= v:
-        raise InputError(source, "f", f"vertex indices below {v}", int(faces.max()))
-    parents = tuple(-1 if parent > joints else int(parent) for parent in tree[0])
-    names = tuple(str(name) for name in require(arrays, source, "joint_names", (joints,)))
-    group = require(arrays, source, "vertex_group", (v,))
-    group_names = require(arrays, source, "group_names", (None,))
-    posed = "posedirs" in arrays
+    """A `TemplateModel` from arrays in the layout of `assets_spec/person.json`. Raises `InputError`."""
+    check_arrays(arrays, source, read_spec("person"))
+    v = len(arrays["v_template"])
+    faces = arrays["f"].astype(np.int64)
+    if not faces.size or faces.min() < 0 or faces.max() >= v:
+        raise InputError(source, "f", f"vertex indices below {v}", f"up to {faces.max()}" if faces.size else "none")
+    sums = arrays["weights"].astype(np.float64).sum(1)
+    # Half precision stores weights to 5e-4 each, and at most a dozen joints move a vertex.
+    if arrays["weights"].min() < 0 or np.abs(sums - 1).max() > 6e-3:
+        raise InputError(source, "weights", "rows ≥ 0 that sum to one", f"sums {sums.min():.3g} to {sums.max():.3g}")
+    posedirs = arrays.get("posedirs")
+    columns = arrays.get("pose_columns")
+    n_shape = _shape_count(arrays, source)
+    joint_template, joint_shapedirs, joint_expression = _joints(arrays, source, n_shape)
+    groups = arrays.get("vertex_group", np.zeros(0, int))
     return TemplateModel(
-        v_template=torch.from_numpy(v_template.astype(np.float32)),
+        v_template=_real(arrays["v_template"]),
         faces=torch.from_numpy(faces),
-        shapedirs=torch.from_numpy(shapedirs[..., :n_shape].copy()),
-        expression_dirs=torch.from_numpy(shapedirs[..., n_shape:].copy()),
-        weights=torch.from_numpy(weights / weights.sum(1, keepdims=True)),
-        joint_template=torch.from_numpy(require(arrays, source, "J_template", (joints, 3)).astype(np.float32)),
-        joint_shapedirs=torch.from_numpy(require(arrays, source, "J_shapedirs", (joints, 3, n_shape)).astype(np.float32)),
-        parents=parents,
-        joint_names=names,
-        expression_names=tuple(str(name) for name in require(arrays, source, "expression_names", (None,))),
-        posedirs=torch.from_numpy(require(arrays, source, "posedirs", (v, 3, None)).astype(np.float32)) if posed else None,
-        pose_columns=torch.from_numpy(require(arrays, source, "pose_columns", (None,)).astype(np.int64)) if posed else None,
-        groups={str(name): torch.from_numpy(np.flatnonzero(group == k)) for k, name in enumerate(group_names)},
+        shapedirs=_real(arrays["shapedirs"][..., :n_shape]),
+        expression_dirs=_real(arrays["shapedirs"][..., n_shape:]),
+        weights=_real(arrays["weights"] / sums[:, None]),
+        joint_template=_real(joint_template),
+        joint_shapedirs=_real(joint_shapedirs),
+        parents=_parents(arrays["kintree_table"], source),
+        joint_names=tuple(map(str, arrays.get("joint_names", ()))),
+        expression_names=tuple(map(str, arrays.get("expression_names", ()))),
+        posedirs=None if posedirs is None else _real(posedirs),
+        pose_columns=None if posedirs is None or columns is None else torch.from_numpy(columns.astype(np.int64)),
+        groups={
+            str(name): torch.from_numpy(np.flatnonzero(groups == k))
+            for k, name in enumerate(arrays.get("group_names", ()))
+        },
+        joint_expression_dirs=None if joint_expression is None else _real(joint_expression),
     )
+
+
+def _shape_count(arrays: Mapping[str, np.ndarray], source: str | Path) -> int:
+    """How many of `shapedirs` are shape: stated, or by the official files' totals."""
+    total = arrays["shapedirs"].shape[2]
+    count = int(arrays["n_shape"]) if "n_shape" in arrays else {400: 300, 20: 10}.get(total, -1)
+    if not 0 <= count <= total:
+        raise InputError(
+            source, "n_shape", f"0 to {total} (or shapedirs of 400 or 20 directions)", arrays.get("n_shape")
+        )
+    return count
+
+
+def _joints(
+    arrays: Mapping[str, np.ndarray], source: str | Path, n_shape: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Joints of the mean shape, their shape directions, their expression directions (None where explicit)."""
+    joints, v = arrays["weights"].shape[1], len(arrays["v_template"])
+    if "J_template" in arrays and "J_shapedirs" in arrays:
+        if arrays["J_shapedirs"].shape[2] != n_shape:
+            raise InputError(source, "J_shapedirs", f"{n_shape} directions", arrays["J_shapedirs"].shape)
+        return arrays["J_template"], arrays["J_shapedirs"], None
+    if "J_regressor" in arrays:
+        regressor = arrays["J_regressor"].astype(np.float64)
+    else:
+        joint, vertex = arrays["J_idx"].astype(np.int64).T
+        if min(joint.min(), vertex.min()) < 0 or joint.max() >= joints or vertex.max() >= v:
+            raise InputError(source, "J_idx", f"joints below {joints}, vertices below {v}", "an index beyond them")
+        regressor = np.zeros((joints, v))
+        np.add.at(regressor, (joint, vertex), arrays["J_w"].astype(np.float64))
+    directions = np.einsum("jv,vcd->jcd", regressor, arrays["shapedirs"].astype(np.float64), optimize=True)
+    return regressor @ arrays["v_template"].astype(np.float64), directions[..., :n_shape], directions[..., n_shape:]
+
+
+def _parents(table: np.ndarray, source: str | Path) -> tuple[int, ...]:
+    """Parents by joint; the root's is −1, or 2³² − 1 as an unsigned file writes it."""
+    joints = table.shape[1]
+    if sorted(table[1].tolist()) != list(range(joints)):
+        raise InputError(source, "kintree_table", f"row 1 to list joints 0 to {joints - 1}", table[1].tolist()[:8])
+    parents = dict(zip(table[1].tolist(), table[0].tolist()))
+    return tuple(-1 if parents[j] in (-1, 2**32 - 1) else int(parents[j]) for j in range(joints))
+
+
+def _real(values: np.ndarray) -> Tensor:
+    return torch.from_numpy(np.array(values, dtype=np.float32))
