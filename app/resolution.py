@@ -1,0 +1,82 @@
+"""How many pixels the viewport renders: few while something moves, more when it stops, all at rest.
+
+Three states, moving → still → full (after 0.2 s). The sizes of the first two follow from the measured cost of a pixel
+and a time budget, change only when they are off by more than a fifth, and have a floor. Times in seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+FULL_AFTER = 0.2
+"""Rest before the full raster is rendered."""
+HYSTERESIS = 0.2
+"""A size is kept while the wanted one is within this share of it."""
+FLOOR = 128
+"""Pixels of the smaller side below which a face is no longer one."""
+
+
+class Motion(Enum):
+    """What the user is doing."""
+
+    MOVING = "moving"
+    STILL = "still"
+    FULL = "full"
+
+
+BUDGET = {Motion.MOVING: 1 / 12, Motion.STILL: 0.3}
+"""Seconds that the pixels of a frame may take."""
+
+
+@dataclass
+class Resolution:
+    """Chooses the raster of each frame from what the last ones cost."""
+
+    state: Motion = Motion.FULL
+    seconds_per_pixel: float = 1e-6
+    _changed_at: float = -math.inf
+    _scale: float = 1.0
+
+    def tick(self, now: float, changed: bool) -> Motion:
+        """The state at `now`, given whether the picture's inputs changed since the last tick."""
+        if changed:
+            self._changed_at = now
+            self.state = Motion.MOVING
+        elif now - self._changed_at >= FULL_AFTER:
+            self.state = Motion.FULL
+        elif self.state is Motion.MOVING:
+            self.state = Motion.STILL
+        return self.state
+
+    def wait(self, now: float) -> float | None:
+        """Seconds until the state will change by itself; None at rest."""
+        return None if self.state is Motion.FULL else max(FULL_AFTER - (now - self._changed_at), 0.0)
+
+    def measured(self, pixels: int, seconds: float) -> None:
+        """What the pixel-dependent stages of a frame cost; smoothed, since one frame is a noisy measure."""
+        if pixels and seconds > 0:
+            self.seconds_per_pixel = 0.5 * self.seconds_per_pixel + 0.5 * seconds / pixels
+
+    def size(self, full: tuple[int, int]) -> tuple[int, int]:
+        """Width and height for a view whose full raster is `full`; even, never larger than `full`."""
+        if self.state is Motion.FULL:
+            return full
+        width, height = full
+        affordable = BUDGET[self.state] / self.seconds_per_pixel
+        lowest = min(FLOOR / min(full), 1.0)
+        wanted = min(max(math.sqrt(affordable / (width * height)), lowest), 1.0)
+        if self.state is Motion.STILL:
+            return _scaled(full, max(wanted, self._scale))
+        if not (1 - HYSTERESIS) * self._scale <= wanted <= (1 + HYSTERESIS) * self._scale:
+            self._scale = wanted
+        self._scale = min(max(self._scale, lowest), 1.0)
+        return _scaled(full, self._scale)
+
+
+def _scaled(full: tuple[int, int], scale: float) -> tuple[int, int]:
+    if scale >= 1:
+        return full
+    width, height = (max(16, 2 * round(side * scale / 2)) for side in full)
+    return min(width, full[0]), min(height, full[1])

@@ -1,0 +1,192 @@
+"""The studio behind the window: the journal, the engine, the resolution and the playing motion. No window library here.
+
+`tick` renders when something changed and says whether there is a new picture; everything a user does goes through `do`.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from avatarrex.errors import InputError
+from avatarrex.images import composite, write_png
+from avatarrex.pipeline import Frame
+
+from avatarrex_studio.commands import Command
+from avatarrex_studio.engine import Engine, Shot
+from avatarrex_studio.journal import Journal
+from avatarrex_studio.motion import Motion
+from avatarrex_studio.resolution import Resolution
+from avatarrex_studio.state import StudioState
+
+log = logging.getLogger(__name__)
+
+
+class Studio:
+    """Everything about an open session but its pixels on the screen."""
+
+    def __init__(self, engine: Engine, journal: Journal | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+        self.engine = engine
+        self.journal = journal or Journal()
+        self.resolution = Resolution()
+        self.shot = Shot(None)
+        self.work: Frame | None = None
+        """The last frame that did some work: its times and counters are what the status bar explains."""
+        self.size = (0, 0)
+        """Raster of the last frame."""
+        self.playing = False
+        self.loop = True
+        self.motion: Motion | None = None
+        self._clock = clock
+        self._rendered: tuple[object, ...] | None = None
+        self._seen: tuple[object, ...] | None = None
+        self._started = (0.0, 0)
+        self._plays = 0
+
+    @property
+    def state(self) -> StudioState:
+        """The state as it stands."""
+        return self.journal.state
+
+    def do(self, command: Command, gesture: object = None) -> None:
+        """Apply a command; a value that cannot be set is said in the console and changes nothing."""
+        try:
+            self.journal.do(command, gesture)
+        except InputError as error:
+            log.error("%s", error)
+
+    def undo(self) -> None:
+        """Back over the last step."""
+        self.playing = False
+        self.journal.undo()
+
+    def redo(self) -> None:
+        """Forward again."""
+        self.journal.redo()
+
+    def tick(self, viewport: tuple[int, int], held: bool = False) -> bool:
+        """Advance the motion, render what changed; True where the picture is new.
+
+        `held`: a mouse button is down, so that the picture is about to change again.
+        """
+        now = self._clock()
+        self._advance(now)
+        state = self.state
+        full = state.size.pixels(viewport)
+        key = (state.avatar, state.signals, state.view, state.hidden, full)
+        self.resolution.tick(now, key != self._seen or (held and self._seen is not None and self.moving))
+        self._seen = key
+        size = self.resolution.size(full)
+        if (*key, size) == self._rendered:
+            return False
+        self._rendered = (*key, size)
+        self.shot = self.engine.render(state, size)
+        self.size = size
+        frame = self.shot.frame
+        if self.shot.error:
+            log.error("%s", self.shot.error)
+        elif frame is not None:
+            self.work = frame
+            self.resolution.measured(size[0] * size[1], (frame.ms["pointmap"] + frame.ms["shading"]) / 1e3)
+        return True
+
+    @property
+    def moving(self) -> bool:
+        """Whether something has not come to rest yet."""
+        return self.playing or self.resolution.wait(self._clock()) is not None
+
+    def open_motion(self, path: str) -> None:
+        """Load a motion file and stand at its first frame."""
+        try:
+            self.motion = Motion.read(path)
+        except InputError as error:
+            log.error("%s", error)
+            return
+        self.playing = False
+        self.do(self.motion.loaded(self.state.signals))
+        for note in self.motion.sequence.notes:
+            log.info("%s: %s", Path(path).name, note)
+        log.info("%s: %d frames, %g a second", Path(path).name, len(self.motion), self.motion.sequence.fps)
+
+    def toggle_play(self) -> None:
+        """Start or stop the motion."""
+        if self._current_motion() is None or self.state.motion is None:
+            return
+        self.playing = not self.playing
+        at_end = self.state.motion.frame == self.state.motion.frames - 1
+        self._started = (self._clock(), 0 if at_end else self.state.motion.frame)
+        self._plays += 1
+
+    def go_to(self, frame: int, gesture: object = None) -> None:
+        """Stand at a frame of the motion; beyond its ends at the nearest."""
+        motion = self._current_motion()
+        if motion is not None:
+            frame = min(max(frame, 0), len(motion) - 1)
+            self.do(motion.at(frame, self.state.signals), gesture)
+
+    def step_by(self, frames: int) -> None:
+        """Some frames on or back."""
+        if self.state.motion:
+            self.playing = False
+            self.go_to(self.state.motion.frame + frames)
+
+    def save_session(self, path: str) -> None:
+        """Write the journal."""
+        try:
+            self.journal.save(path)
+            log.info("saved %s", path)
+        except OSError as error:
+            log.error("%s: %s", path, error.strerror or error)
+
+    def open_session(self, path: str) -> None:
+        """Go on from a saved journal."""
+        try:
+            self.journal = Journal.load(path)
+        except InputError as error:
+            log.error("%s", error)
+            return
+        self.playing, self.motion = False, None
+        log.info("opened %s", path)
+
+    def save_image(self, path: str | Path, viewport: tuple[int, int]) -> None:
+        """Render the state at its full raster and write it as PNG."""
+        shot = self.engine.render(self.state, self.state.size.pixels(viewport))
+        if shot.error or shot.frame is None:
+            log.error("no picture: %s", shot.error)
+            return
+        try:
+            write_png(path, composite(shot.frame.image, self.state.background))
+            log.info("wrote %s", path)
+        except InputError as error:
+            log.error("%s", error)
+
+    def _advance(self, now: float) -> None:
+        motion = self._current_motion() if self.playing else None
+        if motion is None:
+            self.playing = False
+            return
+        since, first = self._started
+        frame = first + int((now - since) * motion.sequence.fps)
+        if frame >= len(motion):
+            if self.loop:
+                self._started = (now, 0)
+                frame = 0
+            else:
+                self.playing, frame = False, len(motion) - 1
+        if self.state.motion and frame != self.state.motion.frame:
+            self.go_to(frame, ("play", self._plays))
+
+    def _current_motion(self) -> Motion | None:
+        """The motion that the state names, read again after an undo or a session that was opened."""
+        if self.state.motion is None:
+            return None
+        if self.motion is None or self.motion.path != self.state.motion.path:
+            try:
+                self.motion = Motion.read(self.state.motion.path)
+            except InputError as error:
+                log.error("%s", error)
+                self.playing = False
+                return None
+        return self.motion
