@@ -19,10 +19,11 @@ from avatarrex.pointmap.rays import RayPlane
 from avatarrex.volume.volume import PARTS, SdfVolume
 
 GROUP = 64
+"""Rays in a work group; 8 × 8 pixels where all pixels are visited."""
 PART = np.dtype(
     [("box_from_root", "f4", (4, 4)), ("size", "f4", 3), ("voxel", "f4"), ("first", "f4", 3), ("contact", "i4")]
 )
-"""Mirrors `struct Part` of shaders/pointmap/volume.glsl; the matrix by columns."""
+"""Mirrors `struct Part` of shaders/pointmap/volume.glsl; the matrix by columns (std140)."""
 LIST = np.dtype([("groups", "u4"), ("one", "u4"), ("also_one", "u4"), ("count", "u4")])
 LISTS = np.dtype([("lists", LIST, 8), ("steps", "u4")])
 """Mirrors `buffer Lists` of shaders/pointmap/rays.glsl."""
@@ -74,7 +75,7 @@ class _Caster:
                 if uniform in uniforms:
                     program[uniform].value = uniforms[uniform]
             if over is None:
-                program.run(-(-count // GROUP))
+                program.run(-(-camera.width // 8) * -(-camera.height // 8))
             else:
                 program.run_indirect(self.lists, (over + parts) * LIST.itemsize)
             self.context.memory_barrier()
@@ -144,7 +145,8 @@ class _Caster:
         empty = np.zeros(1, LISTS)
         empty["lists"]["one"] = empty["lists"]["also_one"] = 1
         self.lists.write(empty.tobytes())
-        for binding, buffer in enumerate((self.parts, self.lists, *self.pixels)):
+        self.parts.bind_to_uniform_block(0)
+        for binding, buffer in enumerate((self.lists, *self.pixels), start=1):
             buffer.bind_to_storage_buffer(binding)
 
     def _sixteenfold(self, slots: int) -> None:

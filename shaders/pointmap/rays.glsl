@@ -95,4 +95,13 @@ uint listed(int list, uint row, uint capacity) {
 
 uint pixel_count() { return uint(u_image.x * u_image.y); }
 
+// Work groups are tiles of 8 x 8 pixels, each eight invocations 4 x 2 of them: what runs together should look alike.
+const uint NO_PIXEL = 0xffffffffu;
+uint pixel_of_tile(uint tile, uint k) {
+    uint across = (uint(u_image.x) + 7u) / 8u;
+    uvec2 within = uvec2((k & 3u) | (k >> 1 & 4u), (k >> 2 & 1u) | (k >> 3 & 6u));
+    uvec2 place = 8u * uvec2(tile % across, tile / across) + within;
+    return all(lessThan(place, uvec2(u_image))) ? place.y * uint(u_image.x) + place.x : NO_PIXEL;
+}
+
 vec2 corner_of(uint pixel) { return vec2(pixel % uint(u_image.x), pixel / uint(u_image.x)); }

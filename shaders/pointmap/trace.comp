@@ -8,8 +8,8 @@ layout(local_size_x = 64) in;
 void main() {
     uint count = pixel_count();
 #if PARTS == 0
-    uint pixel = gl_GlobalInvocationID.x;
-    if (pixel >= count) return;
+    uint pixel = pixel_of_tile(gl_WorkGroupID.x, gl_LocalInvocationIndex);
+    if (pixel == NO_PIXEL) return;
 #else
     uint row = listed(LIST_TRACE, gl_GlobalInvocationID.x, count);
     if (row == NO_SLOT) return;

@@ -12,7 +12,7 @@ struct Part {
     vec3 contact_first;  // x y z, body voxels
     int contact;         // 1 where the part has a contact block
 };
-layout(std430, binding = 0) readonly buffer Parts { Part in_part[3]; };
+layout(std140, binding = 0) uniform Parts { Part in_part[3]; };
 uniform sampler3D u_body;
 uniform sampler3D u_part[3];
 uniform sampler3D u_contact[3];
