@@ -129,7 +129,8 @@ def _numbers(path: Path, line: int, words: list[str], count: int) -> list[float]
 
 def _find(joints: list[_Joint]) -> dict[str, int]:
     """Our joint -> the file's joint, by name."""
-    plain = [re.sub(r"[^a-z0-9]", "", re.sub(r"^.*[:]", "", j.name).lower()) for j in joints]
+    spelled_out = [re.sub(r"^.*[:]", "", j.name) for j in joints]
+    plain = ["" if name.startswith("__") else re.sub(r"[^a-z0-9]", "", name.lower()) for name in spelled_out]
     found: dict[str, int] = {}
     for ours, names in _NAMES.items():
         for name in names:

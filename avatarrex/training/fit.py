@@ -28,6 +28,7 @@ from avatarrex.avatar import Avatar, save_avatar
 from avatarrex.capture.subject import PosedSubject, Subject, load_subject
 from avatarrex.counters import Counters
 from avatarrex.fields.hand import HandQuery
+from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.limits import random_signals
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.face import pose_face
@@ -39,10 +40,11 @@ from avatarrex.templates.posed import PosedPerson, pose_person
 CLAMP = 0.06
 """Metres: farther distances all count the same; the volume's band is as wide."""
 CHECKPOINT_SECONDS = 60
-HALF_POSES, FULL_POSES, EXPRESSIONS = 110, 40, 90
-BODY_POINTS, FACE_POINTS = 16000, 24000
+HALF_POSES, FULL_POSES, EXPRESSIONS = 34, 10, 44
+BODY_POINTS, FACE_POINTS = 14000, 16000
 """Per pose or expression held in the bank; a step draws some of them."""
 BODY_BATCH, FACE_BATCH = 3000, 8000
+JAW_OPEN, BLINK_LEFT, BLINK_RIGHT = (EXPRESSION_NAMES.index(n) for n in ("jawOpen", "eyeBlinkLeft", "eyeBlinkRight"))
 
 
 @dataclass(frozen=True)
@@ -57,10 +59,10 @@ class Samples:
 
 
 def sample_subject(
-    posed: PosedSubject, count: int, rng: np.random.Generator, faces: np.ndarray | None, move: np.ndarray
+    posed: PosedSubject, count: int, rng: np.random.Generator, faces: np.ndarray, move: np.ndarray
 ) -> Samples:
     """Near and far points with their signed distance, and surface points with colour, after subtracting `move` (3,)."""
-    face, bary = posed.sample(count, rng, faces)
+    face, bary = posed.solids.sample(count, rng, faces)
     surface, normal = posed.at(face, bary)
     spread = np.where(rng.random(count) < 0.6, 0.005, 0.025)
     points = surface + normal * (rng.normal(size=count) * spread)[:, None] + rng.normal(size=(count, 3)) * 0.002
@@ -71,7 +73,7 @@ def sample_subject(
     def tensor(values: np.ndarray) -> Tensor:
         return torch.as_tensor(values, dtype=torch.float32)
 
-    return Samples(tensor(points - move), tensor(distance), tensor(surface - move), tensor(normal), tensor(posed.colour(face, bary)))
+    return Samples(tensor(points - move), tensor(distance), tensor(surface - move), tensor(normal), tensor(posed.colour_at(face, bary)))
 
 
 def body_bank(subject: Subject, seed: int) -> list[tuple[PosedPerson, Samples]]:
@@ -81,8 +83,8 @@ def body_bank(subject: Subject, seed: int) -> list[tuple[PosedPerson, Samples]]:
     for k in tqdm(range(HALF_POSES + FULL_POSES), desc="body poses"):
         signals = random_signals(rng, 0.5 if k < HALF_POSES else 1.0)
         signals = Signals.rest().replace(body_pose=signals.body_pose * (0.0 if k == 0 else 1.0))
-        posed = pose_person(subject.person, signals, Counters(), None)
-        bank.append((posed, sample_subject(subject.pose(signals), BODY_POINTS, rng, None, np.zeros(3))))
+        posed, target = pose_person(subject.person, signals, Counters(), None), subject.pose(signals)
+        bank.append((posed, sample_subject(target, BODY_POINTS, rng, target.solids.outer, np.zeros(3))))
     return bank
 
 
@@ -108,15 +110,13 @@ def fit_body(avatar: Avatar, subject: Subject) -> tuple[list[torch.nn.Parameter]
 
 
 def random_expression(rng: np.random.Generator, k: int) -> np.ndarray:
-    """Single units first, then sparse mixtures with the jaw and the lids moving often; (52,)."""
+    """Neutral first, then sparse mixtures in which jaw and lids move often; (52,)."""
     value = np.zeros(52)
-    if 0 < k <= 52:
-        value[k - 1] = 1
-    elif k > 52:
-        chosen = rng.choice(52, rng.integers(2, 8), replace=False)
+    if k:
+        chosen = rng.choice(52, rng.integers(3, 9), replace=False)
         value[chosen] = rng.random(len(chosen))
-        value[17] = rng.random() * (rng.random() < 0.5)
-        value[[0, 7]] = rng.random() * (rng.random() < 0.4)
+        value[JAW_OPEN] = rng.random() * (rng.random() < 0.5)
+        value[[BLINK_LEFT, BLINK_RIGHT]] = rng.random() * (rng.random() < 0.4)
     return value
 
 
@@ -130,8 +130,8 @@ def fit_face(avatar: Avatar, subject: Subject) -> tuple[list[torch.nn.Parameter]
     for k in tqdm(range(EXPRESSIONS), desc="expressions"):
         expression = random_expression(rng, k)
         posed = subject.pose(Signals.rest().replace(expression=expression))
-        centre = posed.vertices[subject.faces].mean(1)
-        faces = np.flatnonzero(((centre > low) & (centre < high)).all(1) & subject.outer)
+        centre = posed.vertices[posed.faces].mean(1)
+        faces = np.intersect1d(np.flatnonzero(((centre > low) & (centre < high)).all(1)), posed.solids.outer)
         vertices = pose_face(
             person.face, torch.as_tensor(expression, dtype=torch.float32), torch.zeros(3), torch.zeros(2, 3), torch.zeros(10)
         )
@@ -169,7 +169,7 @@ def fit_hands(avatar: Avatar, subject: Subject) -> tuple[list[torch.nn.Parameter
             normal = torch.nn.functional.normalize((normals[faces[face]] * bary[..., None]).sum(1), dim=-1)
             pose_matrix = template.root_from_part(f"{side}_hand")
             world = local.double().numpy() @ pose_matrix[:3, :3].T + pose_matrix[:3, 3]
-            colour = torch.as_tensor(posed.colour(*posed.closest(world)), dtype=torch.float32)
+            colour = torch.as_tensor(posed.colour(world), dtype=torch.float32)
             bank.append((f"{side}_hand", pose, HandQuery(torch.zeros(4000), face, bary, normal), colour))
 
     def step(rng: np.random.Generator) -> dict[str, Tensor]:
