@@ -20,8 +20,8 @@ from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.templates.hand import HandTemplate
 from avatarrex.templates.mesh import vertex_normals
 
-SCALE = 0.1
-"""Metres: a hand spans about ±1 of this, so that γ's shortest wavelength is 2 cm."""
+SCALE = 0.12
+"""Metres: a hand with its stub spans less than ±2 of this, where γ clamps; its shortest wavelength is 2.4 cm."""
 
 
 @dataclass(frozen=True)
