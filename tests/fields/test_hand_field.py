@@ -1,0 +1,113 @@
+"""Hand field: distances to simple hands, ω and colour by barycentrics, gradients into every parameter."""
+
+from functools import cache
+
+import pytest
+import torch
+import trimesh
+from torch import Tensor
+
+from avatarrex.fields.hand import HandField
+from avatarrex.fields.presets import PRESETS
+from avatarrex.ops.closest_point import closest_point
+from avatarrex.templates.hand import pose_hand
+from avatarrex.templates.person import load_person
+
+
+@cache
+def hand(side: str = "left") -> HandField:
+    torch.manual_seed(0)
+    return HandField(getattr(load_person(), f"{side}_hand"), PRESETS["compact"])
+
+
+@cache
+def flat(side: str = "left") -> Tensor:
+    return pose_hand(getattr(load_person(), f"{side}_hand"), torch.zeros(15, 3), torch.zeros(10))
+
+
+def near(vertices: Tensor, count: int, spread: float = 0.015) -> Tensor:
+    generator = torch.Generator().manual_seed(count)
+    rows = torch.randint(len(vertices), (count,), generator=generator)
+    return vertices[rows] + spread * torch.randn(count, 3, generator=generator)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_template_is_a_closed_solid(side: str) -> None:
+    """The sign needs it: every edge twice, in opposite directions, and a positive volume."""
+    mesh = trimesh.Trimesh(flat(side).numpy(), hand(side).faces.numpy(), process=False)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume > 1e-4
+
+
+def test_sdf_is_the_signed_distance_inside_the_band() -> None:
+    point = near(flat(), 500)
+    query = hand().sdf(flat(), point)
+    want = closest_point(flat(), hand().faces, point, impl="reference").sdf
+    torch.testing.assert_close(query.sdf, want.clamp(-0.05, 0.025), atol=1e-6, rtol=0)
+    assert (query.sdf < 0).any()
+    assert (query.sdf == 0.025).any()
+
+
+def test_query_on_the_surface() -> None:
+    """At vertices: distance 0, the vertex's own ω and normal."""
+    rows = torch.arange(0, len(flat()), 40)
+    query = hand().sdf(flat(), flat()[rows])
+    assert query.sdf.abs().max() < 1e-6
+    torch.testing.assert_close(hand().omega(query), hand().blend_weight[rows], atol=1e-4, rtol=0)
+    torch.testing.assert_close(query.normal.norm(dim=-1), torch.ones(len(rows)))
+    outward = hand().sdf(flat(), flat()[rows] + 1e-3 * query.normal).sdf
+    assert (outward > 0).float().mean() > 0.98
+
+
+def test_mirrored_hands_have_mirrored_distances() -> None:
+    """The default person is symmetric to a fraction of a millimetre."""
+    mirror = torch.tensor([-1.0, 1, 1])
+    point = near(flat("left"), 300)
+    left = hand("left").sdf(flat("left"), point).sdf
+    right = hand("right").sdf(flat("right"), point * mirror).sdf
+    assert (left - right).abs().median() < 1e-3
+
+
+def test_colour_takes_points_or_a_query() -> None:
+    point = near(flat(), 50, 0.002)
+    pose = torch.zeros(15, 3)
+    by_point = hand().colour(flat(), pose, point)
+    torch.testing.assert_close(by_point, hand().colour(flat(), pose, hand().sdf(flat(), point)))
+    assert by_point.shape == (50, 3)
+    assert by_point.min() > 0
+    assert by_point.max() < 1
+
+
+def test_colour_follows_the_canonical_point_not_the_posed_one() -> None:
+    """Moved with the mesh, a surface point keeps its colour; the pose itself may change it."""
+    rows = torch.arange(0, len(flat()), 30)
+    shift = torch.tensor([0.1, -0.2, 0.3])
+    pose = torch.zeros(15, 3)
+    here = hand().colour(flat(), pose, flat()[rows])
+    there = hand().colour(flat() + shift, pose, flat()[rows] + shift)
+    torch.testing.assert_close(here, there, atol=1e-3, rtol=0)
+    bent = pose.clone()
+    bent[0, 2] = 0.5
+    assert (hand().colour(flat(), bent, flat()[rows]) - here).abs().max() > 1e-5
+
+
+@pytest.mark.parametrize("preset", ["paper", "compact"])
+def test_every_parameter_receives_a_gradient(preset: str) -> None:
+    torch.manual_seed(0)
+    field = HandField(load_person().left_hand, PRESETS[preset])
+    field.colour(flat(), 0.3 * torch.randn(15, 3), near(flat(), 60)).square().sum().backward()
+    for name, parameter in field.named_parameters():
+        assert parameter.grad is not None, name
+        assert parameter.grad.abs().max() > 0, name
+
+
+def test_the_mlp_has_the_inputs_of_the_paper() -> None:
+    field = HandField(load_person().left_hand, PRESETS["paper"])
+    assert field.of_point.in_features + field.of_pose.in_features == 39 + 3 + 1 + 135
+
+
+def test_far_and_extreme_inputs_stay_finite() -> None:
+    point = torch.tensor([[1e4, 0, 0], [0, 0, 0], [-3.0, 2.0, 1.0]])
+    pose = torch.full((15, 3), torch.pi)
+    assert torch.isfinite(hand().colour(flat(), pose, point)).all()
