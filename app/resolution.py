@@ -54,8 +54,13 @@ class Resolution:
         """Seconds until the state will change by itself; None at rest."""
         return None if self.state is Motion.FULL else max(FULL_AFTER - (now - self._changed_at), 0.0)
 
-    def measured(self, pixels: int, seconds: float) -> None:
-        """What the pixel-dependent stages of a frame cost; smoothed, since one frame is a noisy measure."""
+    def measured(self, now: float, pixels: int, seconds: float) -> None:
+        """What the pixel-dependent stages of a frame cost, smoothed since one frame is a noisy measure.
+
+        The rest begins at `now`, when the frame is there to be seen: a slow frame must not count as rest.
+        """
+        if self.state is Motion.MOVING:
+            self._changed_at = now
         if pixels and seconds > 0:
             self.seconds_per_pixel = 0.5 * self.seconds_per_pixel + 0.5 * seconds / pixels
 

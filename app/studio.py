@@ -89,7 +89,8 @@ class Studio:
             log.error("%s", self.shot.error)
         elif frame is not None:
             self.work = frame
-            self.resolution.measured(size[0] * size[1], (frame.ms["pointmap"] + frame.ms["shading"]) / 1e3)
+            seconds = (frame.ms["pointmap"] + frame.ms["shading"]) / 1e3
+            self.resolution.measured(self._clock(), size[0] * size[1], seconds)
         return True
 
     @property

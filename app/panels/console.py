@@ -1,0 +1,39 @@
+"""The Console: what the studio said, newest last, errors in colour."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import deque
+
+from imgui_bundle import imgui
+
+from avatarrex_studio.panels import theme
+
+LINES = 500
+COLOURS = {logging.ERROR: theme.ERROR, logging.WARNING: theme.WARNING}
+
+
+class ConsolePanel(logging.Handler):
+    """A log handler that draws itself."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self.lines: deque[tuple[int, str]] = deque(maxlen=LINES)
+        self._count = self._shown = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep one record."""
+        stamp = time.strftime("%H:%M:%S", time.localtime(record.created))
+        self.lines.append((record.levelno, f"{stamp}  {record.getMessage()}"))
+        self._count += 1
+
+    def draw(self) -> None:
+        """Draw the lines and stay at the end while new ones come."""
+        for level, line in self.lines:
+            imgui.push_style_color(imgui.Col_.text, theme.vec4(COLOURS.get(level, theme.MUTED)))
+            imgui.text_wrapped(line)
+            imgui.pop_style_color()
+        if self._shown != self._count:
+            imgui.set_scroll_here_y(1.0)
+            self._shown = self._count

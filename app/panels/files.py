@@ -1,0 +1,40 @@
+"""File dialogs inside the window: no helper program of the desktop is needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from imgui_bundle import im_file_dialog
+
+FILTERS = {
+    "motion": "Motion (*.bvh;*.npz;*.csv;*.json){.bvh,.npz,.csv,.json},.*",
+    "session": "Session (*.json){.json},.*",
+}
+
+
+class FileDialogs:
+    """At most one dialog at a time, and what is done with its answer."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, Callable[[str], None]] = {}
+
+    def open(self, kind: str, title: str, then: Callable[[str], None]) -> None:
+        """Ask for an existing file."""
+        im_file_dialog.FileDialog.instance().open(kind, title, FILTERS[kind])
+        self._waiting[kind] = then
+
+    def save(self, kind: str, title: str, then: Callable[[str], None]) -> None:
+        """Ask for a name to write."""
+        im_file_dialog.FileDialog.instance().save(kind, title, FILTERS[kind])
+        self._waiting[kind] = then
+
+    def draw(self) -> None:
+        """Draw the open dialog and pass on its answer."""
+        dialog = im_file_dialog.FileDialog.instance()
+        for kind, then in list(self._waiting.items()):
+            if dialog.is_done(kind):
+                answer = dialog.get_result().path() if dialog.has_result() else None
+                dialog.close()
+                del self._waiting[kind]
+                if answer:
+                    then(answer)

@@ -1,0 +1,25 @@
+"""The menu bar, drawn from the list of actions."""
+
+from __future__ import annotations
+
+from imgui_bundle import imgui
+
+from avatarrex_studio.actions import Action, menu
+from avatarrex_studio.panels import keys
+from avatarrex_studio.studio import Studio
+
+MENUS = ("File", "Edit", "Pose", "View", "Motion", "Help")
+
+
+def draw(studio: Studio) -> Action | None:
+    """Draw the menus; the action that was chosen."""
+    chosen = None
+    for title in MENUS:
+        if imgui.begin_menu(title):
+            for entry in menu(title):
+                if entry.separator:
+                    imgui.separator()
+                if imgui.menu_item(entry.title, keys.shown(entry.shortcut), False, entry.enabled(studio))[0]:
+                    chosen = entry
+            imgui.end_menu()
+    return chosen

@@ -1,0 +1,110 @@
+"""The command palette (Ctrl+P) and the sheet of shortcuts (F1); both read the list of actions."""
+
+from __future__ import annotations
+
+from imgui_bundle import icons_fontawesome_6 as icons
+from imgui_bundle import imgui
+
+from avatarrex_studio.actions import ACTIONS, Action, find
+from avatarrex_studio.panels import keys, theme
+from avatarrex_studio.studio import Studio
+
+ROWS = 12
+MOUSE = (
+    ("Left drag", "Orbit"), ("Right or middle drag, Shift+left drag", "Pan"), ("Wheel", "Zoom"),
+    ("Double click in the picture", "Centre on that point"), ("Double click on a slider", "Reset it"),
+    ("Ctrl+click on a slider", "Type a value"),
+)  # fmt: skip
+
+
+class Palette:
+    """Both popups."""
+
+    def __init__(self) -> None:
+        self.text, self.chosen = "", 0
+        self._open_palette = self._open_sheet = False
+
+    def open(self) -> None:
+        """Show the palette at the next frame."""
+        self.text, self.chosen, self._open_palette = "", 0, True
+
+    def open_sheet(self) -> None:
+        """Show the shortcuts at the next frame."""
+        self._open_sheet = True
+
+    def draw(self, studio: Studio) -> Action | None:
+        """Draw what is open; the action that was chosen."""
+        self._sheet()
+        if self._open_palette:
+            imgui.open_popup("palette")
+            self._open_palette = False
+        screen = imgui.get_main_viewport()
+        width = min(520.0, screen.size.x - 40)
+        place = imgui.ImVec2(screen.pos.x + (screen.size.x - width) / 2, screen.pos.y + 0.16 * screen.size.y)
+        imgui.set_next_window_pos(place)
+        imgui.set_next_window_size(imgui.ImVec2(width, 0))
+        if not imgui.begin_popup("palette"):
+            return None
+        chosen = self._content(studio)
+        if chosen:
+            imgui.close_current_popup()
+        imgui.end_popup()
+        return chosen
+
+    def _content(self, studio: Studio) -> Action | None:
+        if imgui.is_window_appearing():
+            imgui.set_keyboard_focus_here()
+        imgui.set_next_item_width(-1)
+        before = self.text
+        entered, self.text = imgui.input_text_with_hint(
+            "##palette", "Type a command", self.text, imgui.InputTextFlags_.enter_returns_true
+        )
+        found = [entry for entry in find(self.text) if entry.enabled(studio)]
+        step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
+        self.chosen = min(max(self.chosen + step, 0), len(found) - 1) if before == self.text else 0
+        first = max(0, min(self.chosen - ROWS // 2, len(found) - ROWS))
+        picked = None
+        right = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
+        for number, entry in list(enumerate(found))[first : first + ROWS]:
+            if imgui.selectable(f"{entry.title}##{entry.id}", number == self.chosen)[0]:
+                picked = entry
+            if entry.shortcut:
+                text = keys.shown(entry.shortcut)
+                imgui.same_line(right - imgui.calc_text_size(text).x)
+                imgui.text_colored(theme.vec4(theme.MUTED), text)
+        if not found:
+            imgui.text_colored(theme.vec4(theme.MUTED), "Nothing by that name")
+        return found[self.chosen] if entered and found else picked
+
+    def _sheet(self) -> None:
+        if self._open_sheet:
+            imgui.open_popup("Keyboard and mouse")
+            self._open_sheet = False
+        screen = imgui.get_main_viewport().get_center()
+        imgui.set_next_window_pos(screen, imgui.Cond_.appearing, imgui.ImVec2(0.5, 0.5))
+        shown, _ = imgui.begin_popup_modal("Keyboard and mouse", None, imgui.WindowFlags_.always_auto_resize)
+        if not shown:
+            return
+        rows = [(keys.shown(entry.shortcut), entry.title.rstrip("…")) for entry in ACTIONS if entry.shortcut]
+        half = (len(rows) + 1) // 2
+        for number, part in enumerate((rows[:half], rows[half:])):
+            if number:
+                imgui.same_line(0, 36)
+            _table(f"keys{number}", part)
+        imgui.separator()
+        _table("mouse", list(MOUSE))
+        imgui.spacing()
+        if imgui.button(f"{icons.ICON_FA_CHECK}  Close", imgui.ImVec2(110, 0)) or imgui.is_key_pressed(imgui.Key.escape):
+            imgui.close_current_popup()
+        imgui.end_popup()
+
+
+def _table(name: str, rows: list[tuple[str, str]]) -> None:
+    if imgui.begin_table(name, 2, imgui.TableFlags_.sizing_fixed_fit):
+        for key, title in rows:
+            imgui.table_next_row()
+            imgui.table_next_column()
+            imgui.text_colored(theme.vec4(theme.ACCENT), key)
+            imgui.table_next_column()
+            imgui.text(title)
+        imgui.end_table()

@@ -1,0 +1,31 @@
+"""The Scene panel: the avatar and which of its parts are drawn with their own fields."""
+
+from __future__ import annotations
+
+from imgui_bundle import icons_fontawesome_6 as icons
+from imgui_bundle import imgui
+
+from avatarrex_studio.commands import Command, SetHidden, SetShape
+from avatarrex_studio.panels import theme, widgets
+from avatarrex_studio.state import PARTS, StudioState
+
+LABEL = 78.0
+
+
+def draw(state: StudioState) -> list[Command]:
+    """Draw the panel; the commands of this frame."""
+    commands: list[Command] = []
+    imgui.text_colored(theme.vec4(theme.ACCENT), icons.ICON_FA_PERSON)
+    imgui.same_line()
+    imgui.text(state.avatar)
+    for part in PARTS:
+        toggled, shown = imgui.checkbox(part.replace("_", " ").capitalize() + f"##show.{part}", part not in state.hidden)
+        if toggled:
+            commands.append(SetHidden(part, not shown))
+    if widgets.group("Shape", "scene.shape", False, opened=False)[0]:
+        for index, value in enumerate(state.signals.shape):
+            widgets.label(f"Shape {index}", bool(value), LABEL)
+            new = widgets.slider(f"shape.{index}", float(value), -3, 3, "%.2f", imgui.get_content_region_avail().x)
+            if new is not None:
+                commands.append(SetShape(index, new))
+    return commands

@@ -1,0 +1,48 @@
+"""The status bar: what the last frame cost, at which raster, on what, and which work it did not need to do."""
+
+from __future__ import annotations
+
+from avatarrex.pipeline import Frame
+from imgui_bundle import hello_imgui, imgui
+
+from avatarrex_studio.panels import theme
+from avatarrex_studio.studio import Studio
+
+WORK = {
+    "body": ("voxels_evaluated",),
+    "hands": ("hand_distances",),
+    "face": ("face_evaluations",),
+    "patches": ("patches_decoded",),
+    "U-Nets": ("unet_runs",),
+    "rays": ("rays",),
+    "colour": ("pixels_shaded",),
+}
+"""What a frame may skip, and the counters that then read zero."""
+
+
+def skipped(frame: Frame) -> tuple[str, ...]:
+    """Names of the work that the frame did not do."""
+    return tuple(name for name, counters in WORK.items() if not any(frame.counters.get(key, 0) for key in counters))
+
+
+def draw(studio: Studio) -> None:
+    """Draw the bar's items in one line."""
+    frame = studio.work
+    items = [f"{hello_imgui.frame_rate():.0f} fps"]
+    if frame is not None:
+        width, height = studio.size
+        items += [
+            f"{frame.ms['total']:.0f} ms",
+            f"{width} × {height} {studio.resolution.state.value}",
+            "skipped: " + (", ".join(skipped(frame)) or "nothing"),
+            *frame.notes,
+        ]
+    for number, item in enumerate(items):
+        if number:
+            imgui.same_line(0, 10)
+            imgui.text_colored(theme.vec4(theme.MUTED, 0.5), "|")
+            imgui.same_line(0, 10)
+        imgui.text_colored(theme.vec4(theme.TEXT if number < 3 else theme.MUTED), item)
+    if frame is not None and imgui.is_item_hovered():
+        stages = "   ".join(f"{name} {value:.1f} ms" for name, value in frame.ms.items())
+        imgui.set_tooltip(stages + "\n" + "\n".join(f"{name}: {count:,}" for name, count in frame.counters.items()))

@@ -1,0 +1,55 @@
+"""The Timeline: play a motion at its own rate, scrub, step, loop."""
+
+from __future__ import annotations
+
+from imgui_bundle import icons_fontawesome_6 as icons
+from imgui_bundle import imgui
+
+from avatarrex_studio.panels import theme
+from avatarrex_studio.studio import Studio
+
+
+class TimelinePanel:
+    """Playback of the loaded motion, and the path of the next."""
+
+    def __init__(self) -> None:
+        self.path = ""
+
+    def draw(self, studio: Studio) -> int | None:
+        """Draw the panel; the frame that was scrubbed to, if any."""
+        motion = studio.state.motion
+        wanted = self._transport(studio) if motion else None
+        if motion is None:
+            imgui.align_text_to_frame_padding()
+            imgui.text_colored(theme.vec4(theme.MUTED), "No motion: open a .bvh, SMPL-X .npz, Live Link .csv or .json file")
+        imgui.set_next_item_width(max(imgui.get_content_region_avail().x - 92, 80))
+        entered, self.path = imgui.input_text_with_hint(
+            "##motion.path", "Path of a motion file", self.path, imgui.InputTextFlags_.enter_returns_true
+        )
+        imgui.same_line()
+        if (imgui.button(f"{icons.ICON_FA_FOLDER_OPEN}  Load##motion", imgui.ImVec2(-1, 0)) or entered) and self.path:
+            studio.open_motion(self.path.strip())
+        return wanted
+
+    def _transport(self, studio: Studio) -> int | None:
+        motion = studio.state.motion
+        assert motion is not None
+        wanted = None
+        square = imgui.ImVec2(32, 0)
+        if imgui.button(f"{icons.ICON_FA_BACKWARD_STEP}##back", square):
+            wanted = motion.frame - 1
+        imgui.same_line(0, 4)
+        if imgui.button(f"{icons.ICON_FA_PAUSE if studio.playing else icons.ICON_FA_PLAY}###play", square):
+            studio.toggle_play()
+        imgui.same_line(0, 4)
+        if imgui.button(f"{icons.ICON_FA_FORWARD_STEP}##on", square):
+            wanted = motion.frame + 1
+        imgui.same_line()
+        _, studio.loop = imgui.checkbox("Loop", studio.loop)
+        imgui.same_line()
+        seconds = f"{motion.frame / motion.fps:.2f} / {(motion.frames - 1) / motion.fps:.2f} s   {motion.fps:g} fps"
+        imgui.set_next_item_width(max(imgui.get_content_region_avail().x - imgui.calc_text_size(seconds).x - 12, 60))
+        moved, frame = imgui.slider_int("##frame", motion.frame, 0, motion.frames - 1)
+        imgui.same_line()
+        imgui.text_colored(theme.vec4(theme.MUTED), seconds)
+        return frame if moved else wanted

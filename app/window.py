@@ -1,0 +1,280 @@
+"""The window: panels around a viewport, one OpenGL context for the interface and the rays.
+
+Each frame: the studio renders what changed, the picture goes into a texture, the panels draw and return commands.
+Nothing is rendered while nothing changes; the loop then sleeps on events.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from pathlib import Path
+
+import moderngl
+import numpy as np
+from avatarrex.errors import InputError
+from avatarrex.gl.context import REQUIRED, use_context
+from avatarrex.images import composite
+from avatarrex.signals.library import named_hand, named_pose
+from avatarrex.signals.signals import Signals
+from imgui_bundle import hello_imgui, imgui, immapp
+
+from avatarrex_studio.actions import ACTIONS, Action
+from avatarrex_studio.commands import Command, SetSignals, ZoomBy
+from avatarrex_studio.engine import Engine
+from avatarrex_studio.journal import Journal
+from avatarrex_studio.panels import camera, keys, menu, render, scene, status, theme
+from avatarrex_studio.panels.console import ConsolePanel
+from avatarrex_studio.panels.face import FacePanel
+from avatarrex_studio.panels.files import FileDialogs
+from avatarrex_studio.panels.joints import body_panel, hand_panel
+from avatarrex_studio.panels.palette import Palette
+from avatarrex_studio.panels.poses import PosesPanel
+from avatarrex_studio.panels.timeline import TimelinePanel
+from avatarrex_studio.panels.viewport import Picture, ViewportPanel
+from avatarrex_studio.state import Colour, StudioState
+from avatarrex_studio.studio import Studio
+
+log = logging.getLogger(__name__)
+WARM_UP = 3
+"""Interface frames before the first render, so that the window stands before the avatar is computed."""
+WHEEL_PAUSE = 0.5
+"""Seconds between wheel notches that end one undo step."""
+
+
+class Window:
+    """The loop's callbacks."""
+
+    def __init__(self, studio: Studio) -> None:
+        self.studio = studio
+        self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
+        self.body, self.left, self.right = body_panel(), hand_panel("left"), hand_panel("right")
+        self.face, self.poses, self.palette, self.files = FacePanel(), PosesPanel(), Palette(), FileDialogs()
+        self.picture: Picture | None = None
+        self._context: moderngl.Context | None = None
+        self._texture: moderngl.Texture | None = None
+        self._shown: tuple[object, Colour] | None = None
+        self._frames = self._gesture = 0
+        self._wheel = (0.0, 0)
+        self._chords = [(keys.chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut]
+        self._effects = {
+            "undo": studio.undo, "redo": studio.redo, "toggle_play": studio.toggle_play,
+            "step_back": lambda: studio.step_by(-1), "step_on": lambda: studio.step_by(1),
+            "open_motion": lambda: self.files.open("motion", "Open a motion", studio.open_motion),
+            "open_session": lambda: self.files.open("session", "Open a session", studio.open_session),
+            "save_session": lambda: self.files.save("session", "Save the session", studio.save_session),
+            "copy_pose": self._copy, "paste_pose": self._paste, "screenshot": self._screenshot,
+            "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
+            "quit": self._quit,
+        }  # fmt: skip
+
+    def params(self, size: tuple[int, int] = (1440, 900), remember: bool = True) -> hello_imgui.RunnerParams:
+        """What the toolkit needs to run this window; `remember` keeps the layout between runs."""
+        params = hello_imgui.RunnerParams()
+        params.app_window_params.window_title = "AvatarReX Studio"
+        params.app_window_params.window_geometry.size = size
+        params.app_window_params.restore_previous_geometry = remember
+        params.ini_disable = not remember
+        params.ini_folder_type = hello_imgui.IniFolderType.app_user_config_folder
+        params.ini_filename = "avatarrex-studio.ini"
+        inner = params.imgui_window_params
+        inner.default_imgui_window_type = hello_imgui.DefaultImGuiWindowType.provide_full_screen_dock_space
+        inner.show_menu_bar = inner.show_status_bar = True
+        inner.show_menu_app = inner.show_menu_view = inner.show_status_fps = False
+        inner.remember_theme = inner.remember_status_bar_settings = False
+        params.fps_idling.fps_idle = 4
+        params.fps_idling.time_active_after_last_event = 0.5
+        options = hello_imgui.OpenGlOptions()
+        options.major_version, options.minor_version = divmod(REQUIRED // 10, 10)
+        options.use_core_profile = True
+        options.anti_aliasing_samples = 0
+        params.renderer_backend_options.open_gl_options = options
+        calls = params.callbacks
+        calls.default_icon_font = hello_imgui.DefaultIconFont.font_awesome6
+        calls.load_additional_fonts = theme.load_fonts
+        calls.setup_imgui_style = theme.apply_style
+        calls.setup_imgui_config = _configure
+        calls.pre_new_frame = self._render
+        calls.show_gui = self._over
+        calls.show_menus = lambda: self._run(menu.draw(self.studio))
+        calls.show_status = lambda: status.draw(self.studio)
+        calls.before_exit = self._close
+        params.docking_params = self._docking()
+        return params
+
+    def _docking(self) -> hello_imgui.DockingParams:
+        docking = hello_imgui.DockingParams()
+        split = hello_imgui.DockingSplit
+        docking.docking_splits = [
+            split("MainDockSpace", "Right", imgui.Dir.right, 0.27),
+            split("MainDockSpace", "Left", imgui.Dir.left, 0.25),
+            split("MainDockSpace", "Bottom", imgui.Dir.down, 0.16),
+            split("Left", "LeftMiddle", imgui.Dir.down, 0.56),
+            split("LeftMiddle", "LeftBottom", imgui.Dir.down, 0.58),
+        ]
+        state = lambda: self.studio.state  # noqa: E731
+        panels = (
+            ("Viewport", "MainDockSpace", self._viewport),
+            ("Body", "Right", lambda: self.body.draw(state())),
+            ("Left hand", "Right", lambda: self.left.draw(state())),
+            ("Right hand", "Right", lambda: self.right.draw(state())),
+            ("Face", "Right", lambda: self.face.draw(state())),
+            ("Poses", "Right", lambda: self.poses.draw(state())),
+            ("Camera", "Left", lambda: camera.draw(state())),
+            ("Render", "LeftMiddle", lambda: render.draw(state())),
+            ("Scene", "LeftBottom", lambda: scene.draw(state())),
+            ("Timeline", "Bottom", self._timeline),
+            ("Console", "Bottom", self.console.draw),
+        )
+        windows = []
+        for title, dock, draw in panels:
+            window = hello_imgui.DockableWindow(title, dock, lambda draw=draw: self._collect(draw()), True, False)
+            window.call_begin_end = title != "Viewport"
+            windows.append(window)
+        docking.dockable_windows = windows
+        return docking
+
+    def _viewport(self) -> list[Command]:
+        """The picture from edge to edge, without a tab of its own."""
+        kind = imgui.WindowClass()
+        kind.dock_node_flags_override_set = imgui.internal.DockNodeFlagsPrivate_.no_tab_bar
+        imgui.set_next_window_class(kind)
+        imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(0, 0))
+        flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+        shown, _ = imgui.begin("Viewport", None, flags)
+        imgui.pop_style_var()
+        commands = self.viewport.draw(self.studio, self.picture) if shown else []
+        imgui.end()
+        return commands
+
+    def _collect(self, commands: list[Command] | None) -> None:
+        """Do what a panel asked for; a drag is one undo step, and so is a turn of the wheel."""
+        for command in commands or ():
+            gesture: tuple[str, int] = ("drag", self._gesture)
+            if isinstance(command, ZoomBy):
+                last, number = self._wheel
+                number += time.monotonic() - last > WHEEL_PAUSE
+                self._wheel = (time.monotonic(), number)
+                gesture = ("wheel", number)
+            self.studio.do(command, gesture)
+
+    def _timeline(self) -> None:
+        frame = self.timeline.draw(self.studio)
+        if frame is not None:
+            self.studio.playing = False
+            self.studio.go_to(frame, ("drag", self._gesture))
+
+    def _over(self) -> None:
+        """What lies over the panels, and the keys."""
+        self._run(self.palette.draw(self.studio))
+        self.files.draw()
+        if not imgui.get_io().want_text_input:
+            for chord, entry in self._chords:
+                if imgui.is_key_chord_pressed(chord) and entry.enabled(self.studio):
+                    self._run(entry)
+        if not (imgui.is_any_item_active() or imgui.is_any_mouse_down()):
+            self._gesture += 1
+
+    def _run(self, entry: Action | None) -> None:
+        if entry is None:
+            return
+        if entry.command:
+            self.studio.do(entry.command(self.studio.state))
+        elif entry.effect:
+            self._effects[entry.effect]()
+
+    def _render(self) -> None:
+        """Render what changed and show it. Before the interface's frame, in the window's own context."""
+        if self._context is None:
+            self._context = _lend_context()
+        self._frames += 1
+        if self._frames > WARM_UP:
+            held = any(imgui.get_io().mouse_down[button] for button in range(3))
+            self.studio.tick(self.viewport.size, held)
+            self._upload()
+        moving = self.studio.moving or self._frames <= WARM_UP + 1
+        hello_imgui.get_runner_params().fps_idling.enable_idling = not moving
+        if self._context.screen:
+            self._context.screen.use()
+
+    def _upload(self) -> None:
+        """The frame over the background into the texture, where either is new."""
+        frame, background = self.studio.shot.frame, self.studio.state.background
+        if frame is None or (self._shown and self._shown[0] is frame and self._shown[1] == background):
+            return
+        assert self._context is not None
+        pixels = composite(frame.image, background)
+        height, width = pixels.shape[:2]
+        if self._texture is None or self._texture.size != (width, height):
+            if self._texture:
+                self._texture.release()
+            self._texture = self._context.texture((width, height), 4)
+            self._texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self._texture.write(np.ascontiguousarray(pixels).tobytes())
+        self.picture = Picture(self._texture.glo, width, height)
+        self._shown = (frame, background)
+
+    def _copy(self) -> None:
+        imgui.set_clipboard_text(json.dumps(self.studio.state.signals.to_json()))
+
+    def _paste(self) -> None:
+        try:
+            self.studio.do(SetSignals(Signals.from_json(imgui.get_clipboard_text(), "clipboard")))
+        except InputError as error:
+            log.error("%s", error)
+
+    def _screenshot(self) -> None:
+        path = Path.cwd() / time.strftime("avatarrex-%Y%m%d-%H%M%S.png")
+        self.studio.save_image(path, self.viewport.size)
+
+    def _reset_layout(self) -> None:
+        hello_imgui.get_runner_params().docking_params.layout_reset = True
+
+    def _quit(self) -> None:
+        hello_imgui.get_runner_params().app_shall_exit = True
+
+    def _close(self) -> None:
+        if self._texture:
+            self._texture.release()
+        use_context(None)
+
+
+def run_window(source: str = "default") -> int:
+    """Open the window on an avatar or a saved session; returns the exit code. Raises `InputError`."""
+    journal = Journal.load(source) if source.endswith(".json") else Journal(start(source))
+    engine = Engine()
+    engine.avatar(journal.state.avatar)
+    import glfw  # after imgui_bundle, which brings its own library
+
+    if not glfw.init():
+        raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
+    window = Window(Studio(engine, journal))
+    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[window.console, logging.StreamHandler()])
+    log.info("AvatarReX Studio. F1 shows the keys, Ctrl+P finds every command.")
+    immapp.run(window.params())
+    return 0
+
+
+def start(avatar: str = "default") -> StudioState:
+    """The state that a new window opens with: standing, hands relaxed."""
+    hands = {f"{side}_hand_pose": named_hand("relaxed", side) for side in ("left", "right")}
+    return StudioState(avatar=avatar, signals=Signals.rest().replace(body_pose=named_pose("stand"), **hands))
+
+
+def _lend_context() -> moderngl.Context:
+    """The window's context, lent to the compute shaders where it is new enough."""
+    try:
+        context = moderngl.create_context(require=REQUIRED)
+    except ValueError as error:
+        log.warning("no compute shaders in this window, the rays are cast elsewhere: %s", error)
+        return moderngl.create_context(require=330)
+    use_context(context)
+    return context
+
+
+def _configure() -> None:
+    """Docking, no keyboard navigation: the keys are the studio's."""
+    io = imgui.get_io()
+    io.config_flags = imgui.ConfigFlags_.docking_enable
+    io.config_windows_move_from_title_bar_only = True

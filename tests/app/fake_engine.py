@@ -1,0 +1,61 @@
+"""A quick stand-in for the pipeline, for tests of the studio alone: a shaded ball that depends on every signal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from avatarrex.counters import NAMES
+from avatarrex_studio.engine import Engine
+
+
+@dataclass(frozen=True)
+class BallMap:
+    """The point map of the ball."""
+
+    position: torch.Tensor
+    normal: torch.Tensor
+    depth: torch.Tensor
+    hit: torch.Tensor
+    coverage: torch.Tensor
+
+
+@dataclass(frozen=True)
+class BallFrame:
+    """What the studio reads of a frame."""
+
+    image: torch.Tensor
+    pointmap: BallMap
+    world_from_root: np.ndarray
+    key: tuple
+    ms: dict = field(default_factory=dict)
+    counters: dict = field(default_factory=dict)
+    notes: tuple = ("rays: ball",)
+
+
+def render_ball(avatar, signals, camera, settings, previous=None):
+    """A ball in the image's middle; colours from the signals, size from the camera's distance."""
+    height, width = camera.height, camera.width
+    numbers = np.concatenate([signals.full_pose().ravel(), signals.expression, signals.translation])
+    weights = np.sin(np.arange(1, len(numbers) + 1))
+    y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+    distance = float(np.linalg.norm(camera.centre))
+    radius = min(height, width) / max(distance, 0.5)
+    inside = 1 - ((x - width / 2) ** 2 + (y - height / 2) ** 2) / radius**2
+    hit = inside > 0
+    shade = inside.clamp(min=0).sqrt()
+    tint = torch.tensor(0.5 + 0.5 * np.sin([numbers @ weights, 2 * (numbers @ weights) + 1, 2.0]), dtype=torch.float32)
+    image = torch.cat([shade[..., None] * tint, hit[..., None].float()], -1)
+    normal = torch.stack([x * 0, x * 0, x * 0 + 1], -1) * hit[..., None]
+    depth = distance * hit
+    ball = BallMap(normal * 0.5, normal, depth.float(), hit, hit.float())
+    moved = previous is None or not np.array_equal(previous.key[0], signals.full_pose())
+    counters = {**dict.fromkeys(NAMES, 0), "rays": width * height, "voxels_evaluated": 100 * moved}
+    ms = {"templates": 1.0, "volume": 2.0, "pointmap": 1e-3 * width * height, "shading": 1.0}
+    return BallFrame(image, ball, np.eye(4), (signals.full_pose(),), {**ms, "total": sum(ms.values())}, counters)
+
+
+def ball_engine(render=render_ball):
+    """An engine without an avatar file."""
+    return Engine(avatar=object(), render=render)
