@@ -86,8 +86,8 @@ def require(arrays: dict[str, np.ndarray], source: str | Path, key: str, shape: 
     value = arrays[key]
     fits = value.ndim == len(shape) and all(want in (None, have) for want, have in zip(shape, value.shape))
     if not fits:
-        wanted = "(" + ", ".join("any" if side is None else str(side) for side in shape) + ")"
-        raise InputError(source, key, f"shape {wanted}", value.shape)
+        wanted = ", ".join("any" if side is None else str(side) for side in shape)
+        raise InputError(source, key, f"shape ({wanted}{',' if len(shape) == 1 else ''})", value.shape)
     if value.dtype.kind == "f" and not np.isfinite(value).all():
         raise InputError(source, key, "finite numbers", f"{int((~np.isfinite(value)).sum())} NaN or Inf")
     return value

@@ -46,18 +46,21 @@ class Person:
     """SHA-256 of the arrays that pose it, first 16 hex digits."""
 
 
+def load_person(source: str | Path = "default") -> Person:
+    """The packaged person ("default") or one from an `.npz` in the same layout; read once. Raises `InputError`."""
+    return _load(str(source), DATA / "person.npz" if source == "default" else Path(source))
+
+
 @lru_cache(maxsize=4)
 @torch.inference_mode(False)
-def load_person(source: str | Path = "default") -> Person:
-    """The packaged person ("default") or one from an `.npz` in the same layout. Raises `InputError`."""
-    path = DATA / "person.npz" if source == "default" else Path(source)
+def _load(name: str, path: Path) -> Person:
     arrays = read_npz(path, "person")
     body = read_model(arrays, path)
     if len(body.parents) != 55:
         raise InputError(path, "weights", "55 joints in SMPL-X order", len(body.parents))
     left, right, face = cut_hand(body, "left"), cut_hand(body, "right"), cut_face(body)
     painted = scatter_to_body(len(body.v_template), left, right, face)
-    return Person(body, left, right, face, painted, str(source), hash_arrays(arrays))
+    return Person(body, left, right, face, painted, name, hash_arrays(arrays))
 
 
 def hash_arrays(arrays: Mapping[str, np.ndarray]) -> str:
