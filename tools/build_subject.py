@@ -2,9 +2,10 @@
 
     python tools/build_subject.py            (needs the extra `sdf`; about two minutes)
 
-The pattern: a T-shirt, trousers, two shoes and a short haircut as level sets over the default person (capture/drape.py),
-teeth closed by caps, and the skin under cloth pushed inwards. Each solid is bound to the body: smoothed skin weights, and a
-nearest body triangle for shape, expression and pose offsets. Ambient occlusion is baked in an A-pose.
+The pattern: a T-shirt, trousers, two shoes and a short haircut as level sets over the default person
+(capture/drape.py), teeth closed by caps, and the skin under cloth pushed inwards. Each solid is bound to the body:
+smoothed skin weights, and a nearest body triangle for shape, expression and pose offsets. Ambient occlusion is baked
+in an A-pose.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ from avatarrex.templates.person import load_person
 PERSON, OUT = DATA / "person.npz", DATA / "subject.npz"
 CLOTH_STEP, SHOE_STEP, HAIR_STEP = 0.0085, 0.0055, 0.0038
 """Metres between marching-cubes samples: folds of 3 cm need 4 vertices."""
+MOUTH_OPENNESS = 0.55
+"""Least openness inside the mouth, which is baked shut but seen open."""
 CLOTH = 0.004
 """Metres, thickness of a hem."""
 TUCK = 0.014
@@ -143,7 +146,7 @@ def shirt(body: Body, below: Piece) -> Piece:
     """A loose T-shirt: a torso loft that hangs from the chest, two sleeves that widen, and the offset shoulders."""
     joints = body.joints
     shoulder, elbow = joints["left_shoulder"], joints["left_elbow"]
-    hem = _crotch(body) + 0.012
+    hem = _crotch(body) + 0.045
     arm_names = [n for n in body.names if any(k in n for k in ("shoulder", "elbow", "wrist"))]
     arms = body.share(*arm_names)
     armpit = _armpit(body)
@@ -213,7 +216,7 @@ def shoe(body: Body, side: float) -> Piece:
         flat = p * [1, 0, 1]
         rise = 0.010 * np.clip((p[:, Z] - toe + 0.05) / 0.05, 0, 1) ** 2
         slab = smooth_max(footprint(flat), np.abs(p[:, Y] - floor + 0.002 - rise) - 0.017, 0.008)
-        return smooth_min(cloth, slab, 0.004)
+        return smooth_min(cloth, slab, 0.007)
 
     low = np.array([cloud[:, X].min() - 0.04, floor - 0.035, heel - 0.04])
     high = np.array([cloud[:, X].max() + 0.04, ankle[Y] + 0.05, toe + 0.04])
@@ -250,7 +253,7 @@ def hair(body: Body) -> Piece:
             0.067,
         ]
         wobble = 0.0025 * value_noise(p, 0.012)
-        peak = 0.006 * np.cos(np.clip(np.abs(p[:, X]) / 0.035, 0, 1) * np.pi) * (p[:, Z] > 0.09)
+        peak = 0.003 * np.cos(np.clip(np.abs(p[:, X]) / 0.035, 0, 1) * np.pi) * (p[:, Z] > 0.09)
         return eye[Y] + scale * np.interp(p[:, Z], z, y) + wobble - peak
 
     def solid(p: np.ndarray) -> np.ndarray:
@@ -326,9 +329,9 @@ def bind(piece: Piece, source: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tup
 def masks(body: Body, pieces: list[Piece]) -> dict[str, np.ndarray]:
     """Per-vertex numbers for the texture, body first.
 
-    `lip` and `lid`: metres from the rim of the mouth and of the eyelids, negative inside the cavity. `edge`: metres from the
-    nearest cut of a garment. `nail_u`, `nail_v`: coordinates on the nail (unit circle), far away elsewhere. `interior`: 1 on
-    cloth, falling to 0 at hems.
+    `lip` and `lid`: metres from the rim of the mouth and of the eyelids, negative inside the cavity. `edge`: metres
+    from the nearest cut of a garment. `nail_u`, `nail_v`: coordinates on the nail (unit circle), far away elsewhere.
+    `interior`: 1 on cloth, falling to 0 at hems.
     """
     arrays = read_arrays(PERSON)
     chart, charts = _charts(arrays["ft"].astype(np.int64))
@@ -425,7 +428,9 @@ def bake_openness(subject: Subject) -> np.ndarray:
     mean = drape.averaging(posed.faces, len(occlusion))
     for _ in range(2):
         occlusion = 0.5 * occlusion + 0.5 * (mean @ occlusion)
-    return np.round(255 * np.clip(1 - occlusion, 0, 1)).astype(np.uint8)
+    shown = np.isin(np.array(subject.names)[subject.solid_of_vertex], ("upper_teeth", "lower_teeth", "tongue"))
+    openness = np.maximum(1 - occlusion, np.where(shown | (subject.masks["lip"] < 0), MOUTH_OPENNESS, 0))
+    return np.round(255 * np.clip(openness, 0, 1)).astype(np.uint8)
 
 
 def _crotch(body: Body) -> float:
@@ -456,7 +461,8 @@ def main(path: Path = OUT) -> None:
     for piece in pieces:
         mesh = trimesh.Trimesh(piece.vertices, piece.faces, process=False)
         print(
-            f"{piece.name}: {len(mesh.vertices)} v, {len(mesh.faces)} f, watertight {mesh.is_watertight}, {1e3 * mesh.volume:.2f} l"
+            f"{piece.name}: {len(mesh.vertices)} v, {len(mesh.faces)} f, {1e3 * mesh.volume:.2f} l, "
+            f"{'closed' if mesh.is_watertight else 'OPEN'}"
         )
         weights, face, bary = bind(piece, body_source if piece.smoothing else all_source)
         if (

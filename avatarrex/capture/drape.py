@@ -1,9 +1,10 @@
 """Cloth as level sets: convex cross sections that hang, smooth unions, hems cut and turned in (build time only).
 
-A garment starts as a field F(p) < 0 inside: a *loft* is a stack of convex cross sections along an axis, each stored as its
-support function h(t, φ) = max over the section of ⟨x, u_φ⟩, so that F = max_φ ⟨x, u_φ⟩ − h(t, φ); hanging cloth is a running
-maximum of h down the axis; lofts and the offset body meet in a polynomial smooth minimum. The zero level is extracted by
-marching cubes, relaxed, cut where a second field g > 0, and closed by a turned-in hem and a recessed cap.
+A garment starts as a field F(p) < 0 inside: a *loft* is a stack of convex cross sections along an axis, each stored
+as its support function h(t, φ) = max over the section of ⟨x, u_φ⟩, so that F = max_φ ⟨x, u_φ⟩ − h(t, φ); hanging
+cloth is a running maximum of h down the axis; lofts and the offset body meet in a polynomial smooth minimum. The zero
+level is extracted by marching cubes, relaxed, cut where a second field g > 0, and closed by a turned-in hem and a
+recessed cap.
 
 Letters: v vertices, f faces, p points, t positions along an axis, m directions φ. Rest pose, metres, float64.
 """
@@ -68,7 +69,7 @@ def loft(
 
 
 def hang(section: Loft, ease: float | np.ndarray, taper: float, smooth: tuple[float, float] = (1.5, 2.0)) -> Loft:
-    """Cloth over a loft: `ease` metres off it, falling from its widest place with `taper` metres per metre, smoothed."""
+    """Cloth over a loft: `ease` metres off it, narrowing by at most `taper` metres per metre, smoothed."""
     support = section.support + np.broadcast_to(ease, len(section.t))[:, None]
     step = section.t[1] - section.t[0]
     for k in range(1, len(support)):
@@ -182,7 +183,7 @@ def loops(faces: np.ndarray) -> list[np.ndarray]:
 def close_hems(
     vertices: np.ndarray, faces: np.ndarray, level: Field, thickness: float, depth: Callable[[np.ndarray], float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Close every loop of cut cloth: `thickness` inwards, `depth(loop centre)` metres up the inside, then a flat cap."""
+    """Close every loop of cut cloth: `thickness` inwards, `depth(loop centre)` metres up the inside, a flat cap."""
     normal = vertex_normals(vertices, faces)
     pieces, triangles = [vertices], [faces]
     count = len(vertices)

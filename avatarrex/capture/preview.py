@@ -22,7 +22,7 @@ NEAR = 0.02
 def visible_faces(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First triangle under each pixel centre.
 
-    Returns face (h, w) with −1 on the background, perspective-correct barycentrics (h, w, 3), and camera z (h, w), metres.
+    Returns face (h, w) with −1 on the background, perspective-correct barycentrics (h, w, 3), camera z (h, w) in m.
     """
     height, width = camera.height, camera.width
     seen = vertices @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]

@@ -2,8 +2,8 @@
 
     c = albedo · (sky + key + fill) · openness · fold       (sRGB-encoded throughout, like a graded photograph)
 
-A hemisphere of sky, a soft key light from the upper left front and a soft fill from the right; soft lights wrap around the
-terminator. Ambient occlusion is baked; the valleys of wrinkles are darkened.
+A hemisphere of sky, a soft key light from the upper left front and a soft fill from the right; soft lights wrap
+around the terminator. Ambient occlusion is baked; the valleys of wrinkles are darkened.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ WARM, COOL = np.array([1.02, 1.0, 0.965]), np.array([0.965, 0.99, 1.03])
 def studio_light(albedo: np.ndarray, normal: np.ndarray, openness: np.ndarray, wrinkle: np.ndarray) -> np.ndarray:
     """(p, 3) in [0, 1] from unlit colour, unit normal, openness in [0, 1] and fold height (metres)."""
     sky = 0.5 + 0.5 * normal[:, 1:2]
-    light = (0.34 + 0.20 * sky) * COOL + 0.46 * _soft(normal, KEY) * WARM + 0.16 * _soft(normal, FILL) * COOL
-    light = light + 0.10 * _soft(normal, RIM) * WARM
-    shadow = 0.38 + 0.62 * np.clip(openness, 0, 1)
+    light = (0.42 + 0.18 * sky) * COOL + 0.42 * _soft(normal, KEY) * WARM + 0.16 * _soft(normal, FILL) * COOL
+    light = light + 0.20 * _soft(normal, RIM) * WARM
+    shadow = 0.42 + 0.58 * np.clip(openness, 0, 1)
     fold = 1 + 0.16 * np.tanh(wrinkle / 0.003)
     return np.clip(albedo * light * (shadow * fold)[:, None] * 1.06, 0, 1)
 

@@ -1,10 +1,11 @@
 """Exact signed distance to the outer surface of a union of closed solids (default_person.md, 'The clothed subject').
 
-Inside means winding number > ½ over all solids together (winding.py): pseudonormals are wrong inside self-intersections and
-between layers. Outside, the nearest point of *any* triangle is on the outer surface, for a segment that ended on a buried one
-would have met the outer surface before: the distance is exact. Inside, buried triangles must not count. A triangle is buried
-when its three corners, lifted 0.2 mm along their normals, lie inside the union; one that straddles an intersection stays whole,
-so that the depth just below an intersection line is too small there, by at most one triangle's width (4 to 9 mm on cloth).
+Inside means winding number > ½ over all solids together (winding.py): pseudonormals are wrong inside self-
+intersections and between layers. Outside, the nearest point of *any* triangle is on the outer surface, for a segment
+that ended on a buried one would have met the outer surface before: the distance is exact. Inside, buried triangles
+must not count. A triangle is buried when its three corners, lifted 0.2 mm along their normals, lie inside the union;
+one that straddles an intersection stays whole, so that the depth just below an intersection line is too small there,
+by at most one triangle's width (4 to 9 mm on cloth).
 
 libigl does the nearest-triangle search (extra `sdf`). Letters: v vertices, f faces, p points. Metres, float64.
 """
@@ -80,7 +81,7 @@ class SolidUnion:
         return self.closest(points)[0] * np.where(self.winding(points) > 0, -1.0, 1.0)
 
     def sample(self, count: int, rng: np.random.Generator, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Area-uniform points of triangles `ids` that lie on the outer surface: face (count,), barycentrics (count, 3)."""
+        """Area-uniform points of triangles `ids` on the outer surface: face (count,), barycentrics (count, 3)."""
         corners = self.vertices[self.faces[ids]]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         area = np.linalg.norm(normal, axis=1)

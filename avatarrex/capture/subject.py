@@ -1,12 +1,13 @@
 """The clothed subject: a textured mesh, the ground truth that every avatar figure is measured against.
 
-A union of closed solids (body, T-shirt, trousers, shoes, hair, eyes, teeth, tongue) skinned by the default person's joints, with
-pose-dependent wrinkles. Its signed distance is to the *outer* surface of the union, its sign the exact winding number
-(solid_distance.py); its colour is a sharp function of the rest surface point (texture.py) under a fixed studio light in the
-root frame. The solids come packaged (`tools/build_subject.py`, spec in assets_spec/subject.json); the body is the person's own
-template, so that bare hands are exactly the template's hands.
+A union of closed solids (body, T-shirt, trousers, shoes, hair, eyes, teeth, tongue) skinned by the default person's
+joints, with pose-dependent wrinkles. Its signed distance is to the *outer* surface of the union, its sign the exact
+winding number (solid_distance.py); its colour is a sharp function of the rest surface point (texture.py) under a
+fixed studio light in the root frame. The solids come packaged (`tools/build_subject.py`, spec in
+assets_spec/subject.json); the body is the person's own template, so that bare hands are exactly the template's hands.
 
-Letters: v vertices, f faces, p points. Root frame, metres, NumPy float64; colours sRGB-encoded. Distances need the extra `sdf`.
+Letters: v vertices, f faces, p points. Root frame, metres, NumPy float64; colours sRGB-encoded. Distances need the
+extra `sdf`.
 """
 
 from __future__ import annotations
@@ -136,7 +137,7 @@ class PosedSubject:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Area-uniform points of the outer surface (of `part`): face (count,), barycentrics (count, 3).
 
-        Points that lie inside another solid are drawn again, so none is buried. Raises `InputError` for an unknown part.
+        Points that lie inside another solid are drawn again, so none is buried. Raises `InputError` (unknown part).
         """
         wanted = (part,) if isinstance(part, str) else part
         ids = np.arange(len(self.faces)) if wanted is None else self.subject.faces_of(*wanted)
@@ -159,7 +160,7 @@ class PosedSubject:
     def near_samples(
         self, count: int, rng: np.random.Generator, spread: float, part: str | tuple[str, ...] | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Points (count, 3) at Gaussian `spread` metres off the outer surface along its normal, and their exact distance."""
+        """Points (count, 3) at Gaussian `spread` metres off the outer surface along its normal; exact distance."""
         position, normal = self.at(*self.sample(count, rng, part))
         points = position + normal * rng.normal(0, spread, (count, 1))
         return points, self.signed_distance(points)

@@ -1,8 +1,9 @@
 """Procedural colours of the clothed subject: sharp functions of the rest surface point, never a bitmap.
 
 Each solid's function takes rest positions (p, 3) in metres, rest normals (p, 3) and the named masks (p,) of
-`Subject.masks`, and returns unlit sRGB-encoded colour (p, 3). Edges are a millimetre wide: what a colour network must learn.
-The places (eyes at y = 0.724, mouth at 0.653, …) are those of the default person, whose hash the packaged subject carries.
+`Subject.masks`, and returns unlit sRGB-encoded colour (p, 3). Edges are a millimetre wide: what a colour network must
+learn. The places (eyes at y = 0.724, mouth at 0.653, …) are those of the default person, whose hash the packaged
+subject carries.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ Texture = Callable[[np.ndarray, np.ndarray, Masks], np.ndarray]
 
 SKIN, BLUSH, LIPS = np.array([0.845, 0.660, 0.555]), np.array([0.82, 0.47, 0.41]), np.array([0.72, 0.38, 0.37])
 GUM, LASH, BROW, HAIR = (
-    np.array([0.46, 0.17, 0.17]), np.array([0.15, 0.10, 0.09]), np.array([0.26, 0.175, 0.125]), np.array([0.30, 0.195, 0.125]),
+    np.array([0.46, 0.17, 0.17]), np.array([0.15, 0.10, 0.09]), np.array([0.26, 0.175, 0.125]),
+    np.array([0.30, 0.195, 0.125]),
 )  # fmt: skip
 NAVY, ECRU, RED, YELLOW, TEAL = (
     np.array([0.13, 0.19, 0.36]), np.array([0.93, 0.915, 0.87]), np.array([0.84, 0.26, 0.17]),
@@ -63,15 +65,16 @@ def value_noise(points: np.ndarray, scale: float) -> np.ndarray:
 
 
 def shirt(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
-    """Ecru jersey, navy stripes below a plain yoke and on the sleeves, a sun-and-hills badge, ribbed collar, stitched hems."""
+    """Ecru jersey, navy stripes below a plain yoke, a sun-and-hills badge, ribbed collar, stitched hems."""
     x, y, z = rest.T
     knit = 1 + 0.02 * np.sin(2 * np.pi * x / 0.0035) + 0.025 * value_noise(rest, 0.015)
     colour = ECRU * knit[:, None]
-    sleeve = step(np.abs(x) - 0.205 - 0.10 * (y - 0.45))
+    armhole = np.where(y > 0.34, np.abs(x) - 0.205 - 0.10 * (y - 0.45), -1.0)
+    sleeve = step(armhole)
     body_stripe = step(0.0075 - np.abs((y + 0.5) % 0.038 - 0.019)) * step(0.425 - y)
     sleeve_stripe = step(0.0065 - np.abs((np.abs(x) + 0.004) % 0.034 - 0.017))
     colour = mix(colour, NAVY * knit[:, None], body_stripe * (1 - sleeve) + sleeve_stripe * sleeve)
-    seam = step(0.0011 - np.abs(np.abs(x) - 0.205 - 0.10 * (y - 0.45)))
+    seam = step(0.0011 - np.abs(armhole))
     colour = mix(colour, 0.8 * ECRU, seam)
     colour = _badge(colour, x, y - 0.318, (z > 0.02) & (np.abs(x) < 0.15))
     colour = _number(colour, x, y - 0.30, (z < -0.02) & (np.abs(x) < 0.15))
@@ -187,7 +190,7 @@ def hair(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
 
 
 def skin(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
-    """Skin of body and face: mottling, cheeks, nose, lips, lids, brows, nails; sock on the ankle; gums inside the mouth."""
+    """Skin of body and face: mottling, cheeks, nose, lids, lips, brows, nails; socks; gums inside the mouth."""
     x, y, z = rest.T
     a = np.abs(x)
     mottle = 0.020 * value_noise(rest, 0.03) + 0.018 * value_noise(rest, 0.006) + 0.014 * value_noise(rest, 0.0021)
@@ -202,10 +205,6 @@ def skin(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
         * step(masks["lip"] - 0.010, 0.01)
     )
     colour = mix(colour, np.array([0.52, 0.42, 0.37]), 0.22 * stubble * head * (a < 0.06))
-    freckle = step(value_noise(rest + 7.0, 0.0042) - 0.62, 0.12) * np.exp(
-        -(((a - 0.034) / 0.022) ** 2) - ((y - 0.698) / 0.014) ** 2
-    )
-    colour = mix(colour, np.array([0.66, 0.44, 0.33]), 0.35 * freckle * head)
     colour = _eyes(colour, a, y, z, masks["lid"])
     colour = _mouth(colour, rest, masks["lip"])
     colour = _brows(colour, rest, head)
@@ -234,12 +233,12 @@ def _mouth(colour: np.ndarray, rest: np.ndarray, lip: np.ndarray) -> np.ndarray:
     x, y, z = rest.T
     a = np.abs(x)
     taper = np.sqrt(np.clip(1 - (a / 0.0265) ** 2, 0, 1))
-    bow = 0.0078 + 0.0013 * np.exp(-(((a - 0.006) / 0.004) ** 2)) - 0.0010 * np.exp(-((x / 0.0028) ** 2))
+    bow = 0.0090 + 0.0014 * np.exp(-(((a - 0.006) / 0.004) ** 2)) - 0.0010 * np.exp(-((x / 0.0028) ** 2))
     above = y > 0.6530
     width = np.where(above, bow, 0.0098) * taper
     red = step(width - lip, 0.0014) * (z > 0.11)
     grain = 1 + 0.06 * np.sin(2 * np.pi * x / 0.0019 + 2 * value_noise(rest, 0.004)) * np.exp(-((lip / 0.006) ** 2))
-    tone = np.where(above, 0.93, 1.04) * grain
+    tone = np.where(above, 0.90, 1.03) * grain
     colour = mix(colour, LIPS * tone[:, None], 0.88 * red)
     colour = mix(colour, np.array([0.42, 0.18, 0.18]), 0.7 * step(0.0007 - np.abs(lip), 0.0009) * (z > 0.10))
     return mix(colour, GUM, step(-0.0030 - lip, 0.003) * np.clip((0.02 - lip) / 0.02, 0, 1) * (lip < 0))
@@ -252,15 +251,15 @@ def _brows(colour: np.ndarray, rest: np.ndarray, head: np.ndarray) -> np.ndarray
     s = (a - 0.013) / 0.037
     inside = np.clip(s, 0, 1)
     arch = 0.7430 + 0.0075 * np.sin(np.pi * np.clip(0.15 + 0.72 * inside, 0, 1)) - 0.0065 * inside**2
-    half = 0.0040 * (1 - 0.72 * inside**1.4) * np.clip((s + 0.05) / 0.15, 0, 1) * np.clip((1.06 - s) / 0.12, 0, 1)
-    hairs = value_noise(np.column_stack([(a - 0.75 * (y - arch)) / 1.0, 0.12 * y, 0 * y]), 0.0009)
-    cover = step(half - np.abs(y - arch) + 0.0011 * hairs, 0.0018) * (half > 0)
-    return mix(colour, BROW, cover * (0.80 + 0.16 * hairs) * head)
+    half = 0.0043 * (1 - 0.72 * inside**1.4) * np.clip((s + 0.05) / 0.15, 0, 1) * np.clip((1.06 - s) / 0.12, 0, 1)
+    hairs = value_noise(np.column_stack([(a - 0.75 * (y - arch)) / 1.0, 0.12 * y, 0 * y]), 0.0007)
+    cover = step(half - np.abs(y - arch) + 0.0009 * hairs, 0.0022) * (half > 0)
+    return mix(colour, BROW, cover * (0.82 + 0.10 * hairs) * head)
 
 
 def _hands(colour: np.ndarray, rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
     """Paler palms, reddish knuckles, and nails with a free edge."""
-    a, y = np.abs(rest[:, 0]), rest[:, 1]
+    a = np.abs(rest[:, 0])
     hand = step(a - 0.700, 0.03)
     colour = mix(colour, np.array([0.88, 0.68, 0.60]), 0.35 * hand * np.clip(-normal[:, 1], 0, 1))
     crease = step(0.10 - np.abs(value_noise(rest * [0.6, 0.1, 1.0], 0.016)), 0.08) * np.clip(-normal[:, 1] - 0.3, 0, 1)
@@ -308,6 +307,6 @@ def teeth(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
 
 
 TEXTURES: dict[str, Texture] = {
-    "body": skin, "shirt": shirt, "trousers": trousers, "left_shoe": shoe, "right_shoe": shoe, "hair": hair, "left_eye": eye,
-    "right_eye": eye, "upper_teeth": teeth, "lower_teeth": teeth, "tongue": tongue,
+    "body": skin, "shirt": shirt, "trousers": trousers, "left_shoe": shoe, "right_shoe": shoe, "hair": hair,
+    "left_eye": eye, "right_eye": eye, "upper_teeth": teeth, "lower_teeth": teeth, "tongue": tongue,
 }  # fmt: skip

@@ -2,8 +2,8 @@
 
     Δ(v) = Σ_k a_k(pose) B_k(v)   metres along the rest normal
 
-B_k is a patch of waves around a place on the rest garment (armpit, waist, crotch, knee), a_k ∈ [0, 1] says how far its joints
-are from where the cloth lies flat. Both are smooth, so an expression of the field can learn them.
+B_k is a patch of waves around a place on the rest garment (armpit, waist, crotch, knee), a_k ∈ [0, 1] says how far
+its joints are from where the cloth lies flat. Both are smooth, so an expression of the field can learn them.
 
 Letters: v vertices, k sites. Rest pose, metres; angles in radians.
 """
@@ -42,69 +42,37 @@ def sites(joints: dict[str, np.ndarray], joint_names: tuple[str, ...], crotch: f
 
     def bend(*names: str, full: float = 1.4) -> Activation:
         rows = [index[name] for name in names]
-        return lambda pose: float(np.tanh(np.linalg.norm(pose[rows], axis=1).sum() / full))
+        return lambda pose: float(np.tanh((pose[rows] ** 2).sum() / full**2))
 
     def flex(name: str, full: float) -> Activation:
-        return lambda pose: float(np.tanh(abs(pose[index[name], 0]) / full))
+        return lambda pose: float(np.tanh((pose[index[name], 0] / full) ** 2))
 
-    def unit(*v: float) -> np.ndarray:
-        return np.array(v) / np.linalg.norm(v)
+    def add(solid: str, at: np.ndarray, radius: tuple[float, ...], across: tuple[int | float, ...],
+            wavelength: float, height: float, activation: Activation) -> None:  # fmt: skip
+        unit = np.array(across) / np.linalg.norm(across)
+        found.append(Site(solid, at, np.array(radius), unit, wavelength, height, activation))
 
-    found = []
+    def move(point: np.ndarray, *by: int | float) -> np.ndarray:
+        return point + np.array(by)
+
+    found: list[Site] = []
     spine = bend("spine1", "spine2", "spine3", full=0.7)
-    for z, height in ((0.11, 0.0055), (-0.10, 0.004)):
-        found.append(
-            Site("shirt", np.array([0, 0.13, z]), np.array([0.16, 0.10, 0.10]), unit(0.12, 1, 0), 0.048, height, spine)
-        )
+    add("shirt", np.array([0, 0.13, 0.11]), (0.16, 0.10, 0.10), (0.12, 1, 0), 0.048, 0.0055, spine)
+    add("shirt", np.array([0, 0.13, -0.10]), (0.16, 0.10, 0.10), (0.12, 1, 0), 0.048, 0.004, spine)
     for side, name in ((1, "left"), (-1, "right")):
         shoulder, knee, hip = (joints[f"{name}_{part}"] for part in ("shoulder", "knee", "hip"))
         raised = bend(f"{name}_shoulder", f"{name}_collar")
         pit = np.array([shoulder[0] - side * 0.02, armpit + 0.02, 0.0])
-        for z in (0.09, -0.09):
-            found.append(
-                Site("shirt", pit + [0, 0, z], np.array([0.07, 0.075, 0.06]), unit(side, 0.9, 0), 0.042, 0.005, raised)
-            )
-        top = shoulder + [side * 0.03, 0.05, 0]
-        found.append(Site("shirt", top, np.array([0.06, 0.05, 0.07]), unit(side, 0.2, 0), 0.036, 0.003, raised))
+        add("shirt", move(pit, 0, 0, 0.09), (0.07, 0.075, 0.06), (side, 0.9, 0), 0.042, 0.005, raised)
+        add("shirt", move(pit, 0, 0, -0.09), (0.07, 0.075, 0.06), (side, 0.9, 0), 0.042, 0.005, raised)
+        add("shirt", move(shoulder, side * 0.03, 0.05, 0), (0.06, 0.05, 0.07), (side, 0.2, 0), 0.036, 0.003, raised)
         bent = flex(f"{name}_knee", 1.2)
-        found.append(
-            Site(
-                "trousers",
-                knee + [0, 0, -0.06],
-                np.array([0.09, 0.085, 0.05]),
-                unit(0.1 * side, 1, 0),
-                0.040,
-                0.006,
-                bent,
-            )
-        )
-        found.append(
-            Site(
-                "trousers",
-                knee + [0, 0.08, 0.06],
-                np.array([0.08, 0.05, 0.06]),
-                unit(-0.3 * side, 1, 0),
-                0.046,
-                0.003,
-                bent,
-            )
-        )
+        add("trousers", move(knee, 0, 0, -0.06), (0.09, 0.085, 0.05), (0.1 * side, 1, 0), 0.040, 0.006, bent)
+        add("trousers", move(knee, 0, 0.08, 0.06), (0.08, 0.05, 0.06), (-0.3 * side, 1, 0), 0.046, 0.003, bent)
         lifted = bend(f"{name}_hip", full=1.2)
         groin = np.array([side * 0.07, crotch + 0.04, hip[2] + 0.10])
-        found.append(
-            Site("trousers", groin, np.array([0.075, 0.07, 0.07]), unit(0.75 * side, 1, 0), 0.044, 0.006, lifted)
-        )
-        found.append(
-            Site(
-                "trousers",
-                groin * [1.1, 1, 1] + [0, -0.06, -0.20],
-                np.array([0.08, 0.05, 0.06]),
-                unit(0.2, 1, 0),
-                0.05,
-                0.004,
-                lifted,
-            )
-        )
+        add("trousers", groin, (0.075, 0.07, 0.07), (0.75 * side, 1, 0), 0.044, 0.006, lifted)
+        add("trousers", move(groin, side * 0.007, -0.06, -0.20), (0.08, 0.05, 0.06), (0.2, 1, 0), 0.05, 0.004, lifted)
     return found
 
 
