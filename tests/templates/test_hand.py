@@ -66,7 +66,7 @@ def test_mano_order(hand: HandTemplate) -> None:
 
 
 def test_the_hand_is_the_bodys_hand(hand: HandTemplate, body: TemplateModel) -> None:
-    """Carried by the wrist's frame it meets the posed body wherever no forearm joint has a share, whatever the shape."""
+    """Carried by the wrist's frame it is the posed body wherever no forearm joint has a share, in any shape."""
     rng = np.random.default_rng(0)
     pose, shape = torch.from_numpy(random_pose(rng)), torch.from_numpy(rng.uniform(-3, 3, 10))
     first = FIRST_FINGER[hand.side]
