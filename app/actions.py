@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
-
 from avatarrex_studio.commands import (
     ApplyExpression,
     ApplyPose,
@@ -25,6 +23,8 @@ from avatarrex_studio.commands import (
 )
 from avatarrex_studio.state import OrbitView, StudioState
 from avatarrex_studio.studio import Studio
+
+from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
 
 HOME = OrbitView()
 EFFECTS = (
@@ -80,6 +80,11 @@ def _fixed(command: Command) -> Callable[[StudioState], Command]:
     return lambda state: command
 
 
+def _named(kind: str, name: str, command: Command) -> Action:
+    """An entry of the pose library."""
+    return Action(f"library.{kind}.{name}", f"{kind.capitalize()}: {name.replace('_', ' ')}", command=_fixed(command))
+
+
 ACTIONS: tuple[Action, ...] = (
     Action("motion.open", "Open motion…", "File", "Ctrl+O", effect="open_motion"),
     Action("motion.close", "Close motion", "File", command=_fixed(CloseMotion()), enabled=_has_motion),
@@ -116,11 +121,9 @@ ACTIONS: tuple[Action, ...] = (
     Action("step.on", "Next frame", "Motion", "RightArrow", effect="step_on", enabled=_has_motion),
     Action("palette", "Command palette", "Help", "Ctrl+P", effect="palette"),
     Action("shortcuts", "Keyboard shortcuts", "Help", "F1", effect="shortcuts"),
-    *(Action(f"pose.{name}", f"Pose: {name.replace('_', ' ')}", command=_fixed(ApplyPose(name))) for name in POSES),
-    *(Action(f"expression.{name}", f"Expression: {name.replace('_', ' ')}", command=_fixed(ApplyExpression(name)))
-      for name in EXPRESSIONS),
-    *(Action(f"hand.{side}.{name}", f"{side.capitalize()} hand: {name.replace('_', ' ')}", command=_fixed(SetHandPose(side, name)))
-      for side in ("left", "right") for name in HANDS),
+    *(_named("pose", name, ApplyPose(name)) for name in POSES),
+    *(_named("expression", name, ApplyExpression(name)) for name in EXPRESSIONS),
+    *(_named(f"{side} hand", name, SetHandPose(side, name)) for side in ("left", "right") for name in HANDS),
 )  # fmt: skip
 
 

@@ -56,9 +56,13 @@ def _render_options(render: argparse.ArgumentParser) -> None:
     which.add_argument("--frame", metavar="N", help="one frame of the motion")
     which.add_argument("--frames", metavar="A:B:S", help="frames A to B (not included) in steps of S")
     add("--size", metavar="N|WxH", help="pixels (512)")
-    add("--camera", metavar="K=V,…", help="azimuth, elevation, fov in degrees, distance in metres; x, y, z of the target; follow=0|1")
-    add("--set", action="append", default=[], metavar="GROUP.NAME=VALUE",
-        help="body.left_elbow=0,0,45deg  face.jawOpen=0.6  left_hand.index1=0,0,-30deg  root.translation=0,0,1  shape.0=1")  # fmt: skip
+    add(
+        "--camera",
+        metavar="K=V,…",
+        help="azimuth, elevation, fov in degrees, distance in metres; x, y, z of the target; follow=0|1",
+    )
+    settings = "body.left_elbow=0,0,45deg  face.jawOpen=0.6  left_hand.index1=0,0,-30deg  root.translation=0,0,1"
+    add("--set", action="append", default=[], metavar="GROUP.NAME=VALUE", help=settings + "  shape.0=1")
     add("--pose", action="append", default=[], metavar="NAME", help="a named body pose")
     add("--hand", action="append", default=[], metavar="SIDE=NAME", help="a named hand pose: left=fist, both=relaxed")
     add("--expression", action="append", default=[], metavar="NAME", help="a named expression")

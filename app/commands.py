@@ -12,13 +12,13 @@ from functools import singledispatch
 from typing import Any
 
 import numpy as np
+from avatarrex_studio import posing
+from avatarrex_studio.state import Colour, MotionState, OrbitView, SizePolicy, StudioState
 
 from avatarrex.errors import InputError
 from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
 from avatarrex.signals.limits import random_signals
 from avatarrex.signals.signals import Signals
-from avatarrex_studio import posing
-from avatarrex_studio.state import Colour, MotionState, OrbitView, SizePolicy, StudioState
 
 Vector = tuple[float, float, float]
 
@@ -340,9 +340,7 @@ def _(command: CloseMotion, state: StudioState) -> StudioState:
 
 def merge(earlier: Command, later: Command) -> Command | None:
     """`later`, where it makes `earlier` of no effect; else None."""
-    same_target = all(
-        getattr(earlier, name, None) == getattr(later, name, None) for name in ("joint", "name", "index", "part", "side")
-    )
+    same_target = all(getattr(earlier, name, None) == getattr(later, name, None) for name in ("joint", "name", "index"))
     return later if type(earlier) is type(later) and isinstance(later, _ABSOLUTE) and same_target else None
 
 
@@ -362,15 +360,20 @@ def to_json(command: Command) -> dict[str, Any]:
 def from_json(data: Any, source: str = "session") -> Command:
     """The command that `to_json` wrote. Raises `InputError`."""
     kinds = {kind.__name__: kind for kind in Command.__subclasses__()}
-    if not isinstance(data, dict) or data.get("command") not in kinds:
-        raise InputError(source, "command", "the name of a command", data if not isinstance(data, dict) else data.get("command"))
-    content = {name: tuple(value) if isinstance(value, list) else value for name, value in data.items() if name != "command"}
-    if "signals" in content:
-        content["signals"] = Signals.from_json(content["signals"], source)
+    name = data.get("command") if isinstance(data, dict) else None
+    if name not in kinds:
+        raise InputError(source, "command", "the name of a command", name)
+    content: dict[str, Any] = {key: _read(key, value, source) for key, value in data.items() if key != "command"}
     try:
-        return kinds[data["command"]](**content)
+        return kinds[name](**content)
     except TypeError as error:
-        raise InputError(source, data["command"], "the fields of that command", error) from None
+        raise InputError(source, name, "the fields of that command", error) from None
+
+
+def _read(key: str, value: Any, source: str) -> Any:
+    if key == "signals":
+        return Signals.from_json(value, source)
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _pose(state: StudioState, signals: Signals) -> StudioState:

@@ -11,12 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from avatarrex_studio.state import StudioState
+
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
-
-from avatarrex_studio.state import StudioState
 
 log = logging.getLogger(__name__)
 RenderFrame = Callable[..., Frame]
@@ -47,14 +47,17 @@ class Engine:
         self._name: str | None = None
         self._previous: Frame | None = None
 
-    def render(self, state: StudioState, size: tuple[int, int] | None = None) -> Shot:
-        """The frame of `state` at `size` (width, height), else at the state's own fixed size.
+    def render(
+        self, state: StudioState, size: tuple[int, int] | None = None, rows: tuple[int, int] | None = None
+    ) -> Shot:
+        """The frame of `state` at `size` (width, height), else at the state's own fixed size; of `rows` [a, b) alone.
 
         Never raises for what a user can set: the error comes back as one line with the last good frame.
         """
         try:
             width, height = size or state.size.fixed or (512, 512)
-            return Shot(self.frame(state, state.view.camera(width, height)))
+            camera = state.view.camera(width, height)
+            return Shot(self.frame(state, _crop(camera, *rows) if rows else camera))
         except InputError as error:
             return Shot(self._previous, str(error))
         except Exception as error:  # a fault of ours: its trace goes to the log, its line over the last good image
@@ -80,3 +83,10 @@ class Engine:
         """The pipeline's settings for `state`."""
         base = self._settings
         return RenderSettings(base.voxel, base.part_voxel, base.raycast, base.antialias, state.hidden)
+
+
+def _crop(camera: Camera, first: int, end: int) -> Camera:
+    """The same view of the rows [first, end) alone."""
+    intrinsics = camera.intrinsics.copy()
+    intrinsics[1, 2] -= first
+    return Camera(intrinsics, camera.camera_from_world, camera.width, end - first)

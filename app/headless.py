@@ -6,6 +6,7 @@ Everything is read and checked before anything is written, and every file appear
 from __future__ import annotations
 
 import json
+import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import nullcontext
@@ -13,16 +14,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from avatarrex.errors import InputError
-from avatarrex.images import VideoWriter, composite, write_arrays, write_png, write_text
-from avatarrex.pipeline import Frame
-from tqdm import tqdm
-
 from avatarrex_studio import options
 from avatarrex_studio.commands import ApplyExpression, ApplyPose, Command, SetBackground, SetCamera, apply
 from avatarrex_studio.engine import Engine
 from avatarrex_studio.motion import Motion
 from avatarrex_studio.state import StudioState
+from tqdm import tqdm
+
+from avatarrex.errors import InputError
+from avatarrex.images import VideoWriter, composite, write_arrays, write_png, write_text
+from avatarrex.pipeline import Frame
 
 DEFAULT_SIZE = (512, 512)
 
@@ -78,9 +79,9 @@ def job(arguments: Namespace) -> Job:
     if arguments.alpha:
         background = (0.0, 0.0, 0.0, 0.0)
     size = options.size(arguments.size) if arguments.size else DEFAULT_SIZE
-    if kind == "video":
-        if background[3] < 1:
-            raise InputError("--alpha" if arguments.alpha else "--background", "", "an opaque background for .mp4", "a transparent one")
+    if kind == "video" and background[3] < 1:
+        option = "--alpha" if arguments.alpha else "--background"
+        raise InputError(option, "", "an opaque background for .mp4", "a transparent one")
     stats = Path(arguments.stats) if arguments.stats else None
     for path in filter(None, (stats, out if kind != "folder" else None)):
         if path.is_dir():
@@ -100,7 +101,8 @@ def job(arguments: Namespace) -> Job:
 
 def run(order: Job, engine: Engine) -> list[Path]:
     """Render and write every frame; returns what was written."""
-    written, statistics = [], []
+    written: list[Path] = []
+    statistics: list[dict[str, object]] = []
     video = VideoWriter(order.out, *order.size, order.fps) if order.kind == "video" else None
     engine.avatar(order.start.avatar)
     with video or nullcontext():
@@ -108,7 +110,7 @@ def run(order: Job, engine: Engine) -> list[Path]:
         for number, state in bar:
             frame = engine.frame(state, state.view.camera(*order.size))
             if not statistics:
-                bar.write(", ".join(frame.notes), file=None) if len(order.frames) > 1 else None
+                tqdm.write(", ".join(frame.notes), file=sys.stderr)
             pixels = composite(frame.image, state.background)
             path = order.image_path(number)
             if video:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from avatarrex.avatar import load_avatar
-from avatarrex.errors import InputError
-
 from avatarrex_studio.journal import Journal
 from avatarrex_studio.motion import Motion
+
+from avatarrex.avatar import load_avatar
+from avatarrex.errors import InputError
 
 
 def describe(path: str) -> list[str]:

@@ -6,16 +6,15 @@ A step is one gesture: a whole drag, a whole playback. `replay` of the saved fil
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from avatarrex.errors import InputError
-
 from avatarrex_studio.commands import Command, apply, from_json, merge, to_json
 from avatarrex_studio.state import StudioState
+
+from avatarrex.errors import InputError
+from avatarrex.images import write_text
 
 FORMAT = 1
 STEPS = 200
@@ -102,17 +101,17 @@ class Journal:
             if not isinstance(entries, list):
                 raise InputError(source, f"steps[{number}]", "a list of commands", type(entries).__name__)
             for entry in entries:
-                journal.do(from_json(entry, source), gesture=("read", number))
+                try:
+                    journal.do(from_json(entry, source), gesture=("read", number))
+                except InputError:
+                    raise
+                except (TypeError, ValueError, AttributeError) as error:
+                    raise InputError(source, f"steps[{number}]", "values of the right kind", error) from None
         return journal
 
     def save(self, path: str | Path) -> None:
-        """Write the session, all or nothing."""
-        path = Path(path)
-        text = json.dumps(self.to_json(), indent=1)
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
-            file.write(text)
-        os.chmod(file.name, 0o644)
-        os.replace(file.name, path)
+        """Write the session, all or nothing. Raises `InputError`."""
+        write_text(path, json.dumps(self.to_json(), indent=1))
 
     @classmethod
     def load(cls, path: str | Path) -> Journal:

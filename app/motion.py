@@ -11,11 +11,11 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from avatarrex_studio.commands import LoadMotion, SetFrame
+
 from avatarrex.signals.read import read_motion
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.signals.signals import SHAPES, Signals
-
-from avatarrex_studio.commands import LoadMotion, SetFrame
 
 
 @dataclass(frozen=True)

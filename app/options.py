@@ -9,10 +9,6 @@ from __future__ import annotations
 import math
 import re
 
-from avatarrex.errors import InputError
-from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, HAND_JOINTS
-from PIL import ImageColor
-
 from avatarrex_studio.commands import (
     Command,
     SetCamera,
@@ -23,6 +19,10 @@ from avatarrex_studio.commands import (
     SetTranslation,
 )
 from avatarrex_studio.state import SIZES, Colour
+from PIL import ImageColor
+
+from avatarrex.errors import InputError
+from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, HAND_JOINTS
 
 AOVS = ("depth", "normal", "position", "mask")
 CAMERA = ("azimuth", "elevation", "distance", "fov", "x", "y", "z", "follow")
@@ -159,7 +159,9 @@ def vector(path: str, text: str, angles: bool = False) -> tuple[float, float, fl
             text, scale = text.removesuffix(unit), factor
     parts = text.split(",")
     if len(parts) != 3:
-        raise InputError("--set", path, "three numbers, e.g. 0,0,45deg" if angles else "three numbers", text or "nothing")
+        raise InputError(
+            "--set", path, "three numbers, e.g. 0,0,45deg" if angles else "three numbers", text or "nothing"
+        )
     x, y, z = (scale * number("--set", path, part) for part in parts)
     return (x, y, z)
 

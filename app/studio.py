@@ -8,11 +8,8 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-
-from avatarrex.errors import InputError
-from avatarrex.images import composite, write_png
-from avatarrex.pipeline import Frame
 
 from avatarrex_studio.commands import Command
 from avatarrex_studio.engine import Engine, Shot
@@ -20,20 +17,50 @@ from avatarrex_studio.journal import Journal
 from avatarrex_studio.motion import Motion
 from avatarrex_studio.resolution import Resolution
 from avatarrex_studio.state import StudioState
+from avatarrex_studio.strips import SECONDS, Strips
+from torch import Tensor
+
+from avatarrex.errors import InputError
+from avatarrex.images import composite, write_png
+from avatarrex.pipeline import Frame
 
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Work:
+    """Times, counters and notes of a picture, be it one frame or several strips."""
+
+    ms: dict[str, float]
+    counters: dict[str, int]
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, frame: Frame) -> Work:
+        """One frame's."""
+        return cls(frame.ms, frame.counters, frame.notes)
+
+    def plus(self, frame: Frame) -> Work:
+        """With another strip's."""
+        ms = {name: value + frame.ms[name] for name, value in self.ms.items()}
+        counters = {name: count + frame.counters[name] for name, count in self.counters.items()}
+        return Work(ms, counters, frame.notes)
 
 
 class Studio:
     """Everything about an open session but its pixels on the screen."""
 
-    def __init__(self, engine: Engine, journal: Journal | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, engine: Engine, journal: Journal | None = None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self.engine = engine
         self.journal = journal or Journal()
         self.resolution = Resolution()
         self.shot = Shot(None)
-        self.work: Frame | None = None
-        """The last frame that did some work: its times and counters are what the status bar explains."""
+        self.image: Tensor | None = None
+        """What is shown, premultiplied (h, w, 4): the frame's image, or the one that grows strip by strip."""
+        self.work: Work | None = None
+        """What the last picture cost."""
         self.size = (0, 0)
         """Raster of the last frame."""
         self.playing = False
@@ -42,6 +69,7 @@ class Studio:
         self._clock = clock
         self._rendered: tuple[object, ...] | None = None
         self._seen: tuple[object, ...] | None = None
+        self._strips: Strips | None = None
         self._started = (0.0, 0)
         self._plays = 0
 
@@ -80,23 +108,47 @@ class Studio:
         self._seen = key
         size = self.resolution.size(full)
         if (*key, size) == self._rendered:
-            return False
-        self._rendered = (*key, size)
+            return self._grow()
+        enlarged = self._rendered is not None and self._rendered[:-1] == key and self.image is not None
+        self._rendered, self._strips = (*key, size), None
+        if enlarged and size[0] * size[1] * self.resolution.seconds_per_pixel > 2 * SECONDS:
+            assert self.image is not None
+            self._strips = Strips(self.engine, state, size, self.image, self.resolution.seconds_per_pixel)
+            self.size = size
+            return self._grow()
         self.shot = self.engine.render(state, size)
-        self.size = size
-        frame = self.shot.frame
         if self.shot.error:
             log.error("%s", self.shot.error)
-        elif frame is not None:
-            self.work = frame
-            seconds = (frame.ms["pointmap"] + frame.ms["shading"]) / 1e3
-            self.resolution.measured(self._clock(), size[0] * size[1], seconds)
+        elif self.shot.frame is not None:
+            self.image, self.size, self.work = self.shot.frame.image, size, Work.of(self.shot.frame)
+            self._measure(self.shot.frame)
         return True
+
+    def _grow(self) -> bool:
+        """The next strip of a picture that is being refined."""
+        if self._strips is None:
+            return False
+        first = self._strips.done == 0
+        shot = self._strips.step()
+        if shot.error:
+            log.error("%s", shot.error)
+            self.shot = Shot(self.shot.frame, shot.error)
+        elif shot.frame is not None:
+            self.work = Work.of(shot.frame) if first or self.work is None else self.work.plus(shot.frame)
+            self._measure(shot.frame)
+        self.image = self._strips.image.clone()
+        if self._strips.finished:
+            self._strips = None
+        return True
+
+    def _measure(self, frame: Frame) -> None:
+        seconds = (frame.ms["pointmap"] + frame.ms["shading"]) / 1e3
+        self.resolution.measured(self._clock(), frame.image.shape[0] * frame.image.shape[1], seconds)
 
     @property
     def moving(self) -> bool:
         """Whether something has not come to rest yet."""
-        return self.playing or self.resolution.wait(self._clock()) is not None
+        return self.playing or self._strips is not None or self.resolution.wait(self._clock()) is not None
 
     def open_motion(self, path: str) -> None:
         """Load a motion file and stand at its first frame."""
@@ -138,8 +190,8 @@ class Studio:
         try:
             self.journal.save(path)
             log.info("saved %s", path)
-        except OSError as error:
-            log.error("%s: %s", path, error.strerror or error)
+        except InputError as error:
+            log.error("%s", error)
 
     def open_session(self, path: str) -> None:
         """Go on from a saved journal."""

@@ -9,17 +9,12 @@ from __future__ import annotations
 import json
 import logging
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import moderngl
 import numpy as np
-from avatarrex.errors import InputError
-from avatarrex.gl.context import REQUIRED, use_context
-from avatarrex.images import composite
-from avatarrex.signals.library import named_hand, named_pose
-from avatarrex.signals.signals import Signals
-from imgui_bundle import hello_imgui, imgui, immapp
-
 from avatarrex_studio.actions import ACTIONS, Action
 from avatarrex_studio.commands import Command, SetSignals, ZoomBy
 from avatarrex_studio.engine import Engine
@@ -35,6 +30,13 @@ from avatarrex_studio.panels.timeline import TimelinePanel
 from avatarrex_studio.panels.viewport import Picture, ViewportPanel
 from avatarrex_studio.state import Colour, StudioState
 from avatarrex_studio.studio import Studio
+from imgui_bundle import hello_imgui, imgui, immapp
+
+from avatarrex.errors import InputError
+from avatarrex.gl.context import REQUIRED, use_context
+from avatarrex.images import composite
+from avatarrex.signals.library import named_hand, named_pose
+from avatarrex.signals.signals import Signals
 
 log = logging.getLogger(__name__)
 WARM_UP = 3
@@ -113,7 +115,10 @@ class Window:
             split("Left", "LeftMiddle", imgui.Dir.down, 0.56),
             split("LeftMiddle", "LeftBottom", imgui.Dir.down, 0.58),
         ]
-        state = lambda: self.studio.state  # noqa: E731
+
+        def state() -> StudioState:
+            return self.studio.state
+
         panels = (
             ("Viewport", "MainDockSpace", self._viewport),
             ("Body", "Right", lambda: self.body.draw(state())),
@@ -129,7 +134,7 @@ class Window:
         )
         windows = []
         for title, dock, draw in panels:
-            window = hello_imgui.DockableWindow(title, dock, lambda draw=draw: self._collect(draw()), True, False)
+            window = hello_imgui.DockableWindow(title, dock, partial(self._show, draw), True, False)
             window.call_begin_end = title != "Viewport"
             windows.append(window)
         docking.dockable_windows = windows
@@ -147,6 +152,9 @@ class Window:
         commands = self.viewport.draw(self.studio, self.picture) if shown else []
         imgui.end()
         return commands
+
+    def _show(self, draw: Callable[[], list[Command] | None]) -> None:
+        self._collect(draw())
 
     def _collect(self, commands: list[Command] | None) -> None:
         """Do what a panel asked for; a drag is one undo step, and so is a turn of the wheel."""
@@ -199,12 +207,12 @@ class Window:
             self._context.screen.use()
 
     def _upload(self) -> None:
-        """The frame over the background into the texture, where either is new."""
-        frame, background = self.studio.shot.frame, self.studio.state.background
-        if frame is None or (self._shown and self._shown[0] is frame and self._shown[1] == background):
+        """The image over the background into the texture, where either is new."""
+        image, background = self.studio.image, self.studio.state.background
+        if image is None or (self._shown and self._shown[0] is image and self._shown[1] == background):
             return
         assert self._context is not None
-        pixels = composite(frame.image, background)
+        pixels = composite(image, background)
         height, width = pixels.shape[:2]
         if self._texture is None or self._texture.size != (width, height):
             if self._texture:
@@ -213,7 +221,7 @@ class Window:
             self._texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         self._texture.write(np.ascontiguousarray(pixels).tobytes())
         self.picture = Picture(self._texture.glo, width, height)
-        self._shown = (frame, background)
+        self._shown = (image, background)
 
     def _copy(self) -> None:
         imgui.set_clipboard_text(json.dumps(self.studio.state.signals.to_json()))

@@ -49,7 +49,7 @@ def write_png(path: str | Path, pixels: UInt8[np.ndarray, "h w 4"], text: Mappin
 def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
     """Named arrays as a compressed `.npz`."""
     with written(path) as temporary, open(temporary, "wb") as file:
-        np.savez_compressed(file, **dict(arrays))
+        np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def write_text(path: str | Path, text: str) -> None:

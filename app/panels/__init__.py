@@ -1,1 +1,1 @@
-"""Panels: each reads the studio, draws, and returns commands. They hold no truth, only what is typed into a search box."""
+"""Panels: each reads the studio, draws, and returns commands. None holds the truth."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from imgui_bundle import imgui
-
 from avatarrex_studio.actions import action
 from avatarrex_studio.commands import Command, SetCamera
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.state import OrbitView, StudioState
+from imgui_bundle import imgui
 
 VIEWS = ("view.front", "view.right", "view.top", "view.back", "view.left", "view.home", "view.face")
 LABEL = 78.0
@@ -17,7 +16,10 @@ REST = OrbitView()
 def draw(state: StudioState) -> list[Command]:
     """Draw the panel; the commands of this frame."""
     commands: list[Command] = []
-    titles = [(name, action(name).title.replace(" view", "").replace("Frame the f", "F").replace("Whole p", "P")) for name in VIEWS]
+    titles = [
+        (name, action(name).title.replace(" view", "").replace("Frame the f", "F").replace("Whole p", "P"))
+        for name in VIEWS
+    ]
     pressed = widgets.button_grid(titles, 62)
     if pressed and (make := action(pressed).command):
         commands.append(make(state))
@@ -30,7 +32,9 @@ def draw(state: StudioState) -> list[Command]:
         ("fov", 10.0, 100.0, "%.0f°", REST.fov),
     ):
         widgets.label("View angle" if name == "fov" else name.capitalize(), False, LABEL)
-        new = widgets.slider(f"camera.{name}", getattr(view, name), low, high, form, imgui.get_content_region_avail().x, rest)
+        new = widgets.slider(
+            f"camera.{name}", getattr(view, name), low, high, form, imgui.get_content_region_avail().x, rest
+        )
         if new is not None:
             commands.append(SetCamera(**{name: new}))
     toggled, follow = imgui.checkbox("Follow a motion over the ground", view.follow)

@@ -6,9 +6,8 @@ import logging
 import time
 from collections import deque
 
-from imgui_bundle import imgui
-
 from avatarrex_studio.panels import theme
+from imgui_bundle import imgui
 
 LINES = 500
 COLOURS = {logging.ERROR: theme.ERROR, logging.WARNING: theme.WARNING}

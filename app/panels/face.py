@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import re
 
-from avatarrex.signals.joints import EXPRESSION_NAMES
-from imgui_bundle import icons_fontawesome_6 as icons
-from imgui_bundle import imgui
-
 from avatarrex_studio import posing
 from avatarrex_studio.commands import Command, ResetGroup, SetExpression
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.panels.joints import joint_row
 from avatarrex_studio.posing import FACE_GROUPS
 from avatarrex_studio.state import StudioState
+from imgui_bundle import icons_fontawesome_6 as icons
+from imgui_bundle import imgui
+
+from avatarrex.signals.joints import EXPRESSION_NAMES
 
 LABEL = 128.0
 JOINTS = posing.GROUPS["face joints"]
@@ -29,10 +29,14 @@ class FacePanel:
         """Draw the tab; the commands of this frame."""
         commands: list[Command] = []
         imgui.set_next_item_width(imgui.get_content_region_avail().x)
-        _, self.search = imgui.input_text_with_hint("##search.face", f"{icons.ICON_FA_MAGNIFYING_GLASS}  Search the face", self.search)
+        _, self.search = imgui.input_text_with_hint(
+            "##search.face", f"{icons.ICON_FA_MAGNIFYING_GLASS}  Search the face", self.search
+        )
         words = self.search.lower().split()
         for group, names in {"face joints": JOINTS, **FACE_GROUPS}.items():
-            shown = [name for name in names if all(word in f"{group} {_title(name, '')} {name}".lower() for word in words)]
+            shown = [
+                name for name in names if all(word in f"{group} {_title(name, '')} {name}".lower() for word in words)
+            ]
             if not shown:
                 continue
             if words:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from avatarrex.signals.joints import BODY_GROUPS, FINGERS, JOINT_NAMES
-from avatarrex.signals.limits import LIMITS
-from imgui_bundle import icons_fontawesome_6 as icons
-from imgui_bundle import imgui
-
 from avatarrex_studio import posing
 from avatarrex_studio.commands import Command, ResetGroup, SetJoint, SetLimits, SetTranslation
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.state import StudioState
+from imgui_bundle import icons_fontawesome_6 as icons
+from imgui_bundle import imgui
+
+from avatarrex.signals.joints import BODY_GROUPS, FINGERS, JOINT_NAMES
+from avatarrex.signals.limits import LIMITS
 
 LABEL = 84.0
 TURN = 180.0
@@ -31,7 +31,9 @@ class JointsPanel:
         commands: list[Command] = []
         width = imgui.get_content_region_avail().x
         imgui.set_next_item_width(width - 92)
-        _, self.search = imgui.input_text_with_hint(f"##search.{self.key}", f"{icons.ICON_FA_MAGNIFYING_GLASS}  Search joints", self.search)
+        _, self.search = imgui.input_text_with_hint(
+            f"##search.{self.key}", f"{icons.ICON_FA_MAGNIFYING_GLASS}  Search joints", self.search
+        )
         imgui.same_line()
         toggled, limited = imgui.checkbox(f"Limits##{self.key}", state.limit_joints)
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
@@ -40,7 +42,9 @@ class JointsPanel:
             commands.append(SetLimits(limited))
         words = self.search.lower().split()
         for title, names in self.groups.items():
-            shown = [name for name in names if all(word in f"{title} {name}".lower().replace("_", " ") for word in words)]
+            shown = [
+                name for name in names if all(word in f"{title} {name}".lower().replace("_", " ") for word in words)
+            ]
             if shown:
                 commands += self._group(state, title, names, shown, bool(words))
         return commands

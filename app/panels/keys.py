@@ -18,10 +18,7 @@ NAMED = {
 def chord(shortcut: str) -> int:
     """The key chord of a shortcut. Raises `KeyError` or `AttributeError` for an unknown key."""
     *modifiers, key = shortcut.split("+")
-    if key in NAMED:
-        code = int(NAMED[key])
-    else:
-        code = int(getattr(imgui.Key, f"_{key}" if key.isdigit() else key.lower()))
+    code = int(NAMED.get(key) or getattr(imgui.Key, f"_{key}" if key.isdigit() else key.lower()))
     for name in modifiers:
         code |= int(MODIFIERS[name])
     return code

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from imgui_bundle import imgui
-
 from avatarrex_studio.actions import Action, menu
 from avatarrex_studio.panels import keys
 from avatarrex_studio.studio import Studio
+from imgui_bundle import imgui
 
 MENUS = ("File", "Edit", "Pose", "View", "Motion", "Help")
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from imgui_bundle import icons_fontawesome_6 as icons
-from imgui_bundle import imgui
-
 from avatarrex_studio.actions import ACTIONS, Action, find
 from avatarrex_studio.panels import keys, theme
 from avatarrex_studio.studio import Studio
+from imgui_bundle import icons_fontawesome_6 as icons
+from imgui_bundle import imgui
 
 ROWS = 12
 MOUSE = (
@@ -94,7 +93,9 @@ class Palette:
         imgui.separator()
         _table("mouse", list(MOUSE))
         imgui.spacing()
-        if imgui.button(f"{icons.ICON_FA_CHECK}  Close", imgui.ImVec2(110, 0)) or imgui.is_key_pressed(imgui.Key.escape):
+        if imgui.button(f"{icons.ICON_FA_CHECK}  Close", imgui.ImVec2(110, 0)) or imgui.is_key_pressed(
+            imgui.Key.escape
+        ):
             imgui.close_current_popup()
         imgui.end_popup()
 

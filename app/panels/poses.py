@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import secrets
 
-from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
-from imgui_bundle import icons_fontawesome_6 as icons
-from imgui_bundle import imgui
-
 from avatarrex_studio.commands import ApplyExpression, ApplyPose, Command, Mirror, Randomise, Reset, SetHandPose
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.state import StudioState
+from imgui_bundle import icons_fontawesome_6 as icons
+from imgui_bundle import imgui
+
+from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
 
 SIDES = ("both", "left", "right")
-RANDOM = (("body", "Body"), ("left_hand", "Left hand"), ("right_hand", "Right hand"), ("face", "Face"), ("all", "Everything"))
+RANDOM = (
+    ("body", "Body"),
+    ("left_hand", "Left hand"),
+    ("right_hand", "Right hand"),
+    ("face", "Face"),
+    ("all", "Everything"),
+)
 
 
 class PosesPanel:
@@ -53,12 +59,14 @@ class PosesPanel:
 
     def _random(self) -> list[Command]:
         widgets.label("Strength", False, 84)
-        new = widgets.slider("strength", 100 * self.strength, 5, 100, "%.0f %%", imgui.get_content_region_avail().x, rest=50)
+        new = widgets.slider(
+            "strength", 100 * self.strength, 5, 100, "%.0f %%", imgui.get_content_region_avail().x, rest=50
+        )
         self.strength = self.strength if new is None else new / 100
         group = widgets.button_grid([(f"random.{key}", title) for key, title in RANDOM], 92)
         return [Randomise(group.partition(".")[2], self.strength, secrets.randbits(31))] if group else []
 
 
 def _named(kind: str, table: dict) -> list[tuple[str, str]]:
-    return [(f"{kind}.{name}", name.replace("_", " ").capitalize().replace("Tpose", "T-pose").replace("Apose", "A-pose"))
-            for name in table]  # fmt: skip
+    special = {"tpose": "T-pose", "apose": "A-pose"}
+    return [(f"{kind}.{name}", special.get(name, name.replace("_", " ").capitalize())) for name in table]

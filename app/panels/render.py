@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from imgui_bundle import imgui
-
 from avatarrex_studio.commands import Command, SetBackground, SetSize
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.state import BACKGROUND, Colour, StudioState
+from imgui_bundle import imgui
 
 LABEL = 90.0
 SIZES: tuple[tuple[str, SetSize], ...] = (

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from imgui_bundle import icons_fontawesome_6 as icons
-from imgui_bundle import imgui
-
 from avatarrex_studio.commands import Command, SetHidden, SetShape
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.state import PARTS, StudioState
+from imgui_bundle import icons_fontawesome_6 as icons
+from imgui_bundle import imgui
 
 LABEL = 78.0
 
@@ -19,7 +18,9 @@ def draw(state: StudioState) -> list[Command]:
     imgui.same_line()
     imgui.text(state.avatar)
     for part in PARTS:
-        toggled, shown = imgui.checkbox(part.replace("_", " ").capitalize() + f"##show.{part}", part not in state.hidden)
+        toggled, shown = imgui.checkbox(
+            part.replace("_", " ").capitalize() + f"##show.{part}", part not in state.hidden
+        )
         if toggled:
             commands.append(SetHidden(part, not shown))
     if widgets.group("Shape", "scene.shape", False, opened=False)[0]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from avatarrex.pipeline import Frame
-from imgui_bundle import hello_imgui, imgui
-
 from avatarrex_studio.panels import theme
-from avatarrex_studio.studio import Studio
+from avatarrex_studio.studio import Studio, Work
+from imgui_bundle import hello_imgui, imgui
 
 WORK = {
     "body": ("voxels_evaluated",),
@@ -20,22 +18,22 @@ WORK = {
 """What a frame may skip, and the counters that then read zero."""
 
 
-def skipped(frame: Frame) -> tuple[str, ...]:
-    """Names of the work that the frame did not do."""
-    return tuple(name for name, counters in WORK.items() if not any(frame.counters.get(key, 0) for key in counters))
+def skipped(work: Work) -> tuple[str, ...]:
+    """Names of the work that the picture did not need."""
+    return tuple(name for name, counters in WORK.items() if not any(work.counters.get(key, 0) for key in counters))
 
 
 def draw(studio: Studio) -> None:
     """Draw the bar's items in one line."""
-    frame = studio.work
+    work = studio.work
     items = [f"{hello_imgui.frame_rate():.0f} fps"]
-    if frame is not None:
+    if work is not None:
         width, height = studio.size
         items += [
-            f"{frame.ms['total']:.0f} ms",
+            f"{work.ms['total']:.0f} ms",
             f"{width} × {height} {studio.resolution.state.value}",
-            "skipped: " + (", ".join(skipped(frame)) or "nothing"),
-            *frame.notes,
+            "skipped: " + (", ".join(skipped(work)) or "nothing"),
+            *work.notes,
         ]
     for number, item in enumerate(items):
         if number:
@@ -43,6 +41,6 @@ def draw(studio: Studio) -> None:
             imgui.text_colored(theme.vec4(theme.MUTED, 0.5), "|")
             imgui.same_line(0, 10)
         imgui.text_colored(theme.vec4(theme.TEXT if number < 3 else theme.MUTED), item)
-    if frame is not None and imgui.is_item_hovered():
-        stages = "   ".join(f"{name} {value:.1f} ms" for name, value in frame.ms.items())
-        imgui.set_tooltip(stages + "\n" + "\n".join(f"{name}: {count:,}" for name, count in frame.counters.items()))
+    if work is not None and imgui.is_item_hovered():
+        stages = "   ".join(f"{name} {value:.1f} ms" for name, value in work.ms.items())
+        imgui.set_tooltip(stages + "\n" + "\n".join(f"{name}: {count:,}" for name, count in work.counters.items()))

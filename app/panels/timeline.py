@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from imgui_bundle import icons_fontawesome_6 as icons
-from imgui_bundle import imgui
-
 from avatarrex_studio.panels import theme
 from avatarrex_studio.studio import Studio
+from imgui_bundle import icons_fontawesome_6 as icons
+from imgui_bundle import imgui
 
 
 class TimelinePanel:
@@ -21,7 +20,9 @@ class TimelinePanel:
         wanted = self._transport(studio) if motion else None
         if motion is None:
             imgui.align_text_to_frame_padding()
-            imgui.text_colored(theme.vec4(theme.MUTED), "No motion: open a .bvh, SMPL-X .npz, Live Link .csv or .json file")
+            imgui.text_colored(
+                theme.vec4(theme.MUTED), "No motion: open a .bvh, SMPL-X .npz, Live Link .csv or .json file"
+            )
         imgui.set_next_item_width(max(imgui.get_content_region_avail().x - 92, 80))
         entered, self.path = imgui.input_text_with_hint(
             "##motion.path", "Path of a motion file", self.path, imgui.InputTextFlags_.enter_returns_true

@@ -9,17 +9,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from imgui_bundle import icons_fontawesome_6 as icons
-from imgui_bundle import imgui
-
 from avatarrex_studio.commands import Command, OrbitBy, PanBy, SetCamera, ZoomBy
 from avatarrex_studio.panels import theme
 from avatarrex_studio.state import OrbitView
 from avatarrex_studio.studio import Studio
+from imgui_bundle import icons_fontawesome_6 as icons
+from imgui_bundle import imgui
 
 DEGREES_PER_POINT = 0.4
 ZOOM_PER_NOTCH = 0.88
-_BUTTONS = imgui.ButtonFlags_.mouse_button_left | imgui.ButtonFlags_.mouse_button_right | imgui.ButtonFlags_.mouse_button_middle
+_BUTTONS = (
+    imgui.ButtonFlags_.mouse_button_left
+    | imgui.ButtonFlags_.mouse_button_right
+    | imgui.ButtonFlags_.mouse_button_middle
+)
 
 
 @dataclass(frozen=True)

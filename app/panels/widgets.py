@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from avatarrex_studio.panels import theme
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
-
-from avatarrex_studio.panels import theme
 
 
 def slider(
     name: str, value: float, low: float, high: float, form: str, width: float, rest: float = 0.0, tip: str = ""
 ) -> float | None:
-    """The new value while it is dragged or typed (Ctrl+click); a double click gives `rest`; None where nothing happened."""
+    """The new value while it is dragged or typed (Ctrl+click); a double click gives `rest`; else None."""
     imgui.set_next_item_width(width)
     shown = 0.0 if abs(value) < 5e-4 else value  # never "-0"
     moved, new = imgui.slider_float(f"##{name}", shown, low, high, form)
@@ -25,7 +24,9 @@ def slider(
 def axis_mark(axis: int) -> None:
     """A thin coloured bar at the left of the last item: red x, green y, blue z."""
     low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
-    imgui.get_window_draw_list().add_rect_filled(low, imgui.ImVec2(low.x + 2, high.y), theme.colour(theme.AXES[axis], 0.85), 1)
+    imgui.get_window_draw_list().add_rect_filled(
+        low, imgui.ImVec2(low.x + 2, high.y), theme.colour(theme.AXES[axis], 0.85), 1
+    )
 
 
 def label(text: str, marked: bool, width: float) -> None:

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from avatarrex.counters import NAMES
 from avatarrex_studio.engine import Engine
+
+from avatarrex.counters import NAMES
 
 
 @dataclass(frozen=True)
