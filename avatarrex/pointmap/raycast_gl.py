@@ -6,6 +6,8 @@ covered pixels are read back, and only volumes that changed are uploaded.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import moderngl
 import numpy as np
 import torch
@@ -16,12 +18,19 @@ from avatarrex.gl.grids import GridTextures
 from avatarrex.gl.shader import compute_shader
 from avatarrex.pointmap.pointmap import PointMap, scatter
 from avatarrex.pointmap.rays import RayPlane
-from avatarrex.volume.volume import PARTS, SdfVolume
+from avatarrex.volume.volume import PARTS, PartBox, SdfVolume
 
 GROUP = 64
 """Rays in a work group; 8 × 8 pixels where all pixels are visited."""
 PART = np.dtype(
-    [("box_from_root", "f4", (4, 4)), ("size", "f4", 3), ("voxel", "f4"), ("first", "f4", 3), ("contact", "i4")]
+    [
+        ("box_from_root", "f4", (4, 4)),
+        ("size", "f4", 3),
+        ("voxel", "f4"),
+        ("first", "f4", 3),
+        ("contact", "i4"),
+        ("window", "f4", 4),
+    ]
 )
 """Mirrors `struct Part` of shaders/pointmap/volume.glsl; the matrix by columns (std140)."""
 LIST = np.dtype([("groups", "u4"), ("one", "u4"), ("also_one", "u4"), ("count", "u4")])
@@ -45,75 +54,85 @@ HIT_BIT = np.uint32(1 << 31)
 
 def raycast_gl(volume: SdfVolume, camera: Camera, antialias: bool) -> PointMap:
     """See `avatarrex.pointmap.pointmap.raycast`."""
+    return gl_caster().cast(volume, camera, antialias)
+
+
+def gl_caster() -> GlCaster:
+    """The caster of the context in use."""
     context = gl_context()
-    return per_context(context, "raycast", lambda: _Caster(context)).cast(volume, camera, antialias)
+    return per_context(context, "raycast", lambda: GlCaster(context))
 
 
-class _Caster:
+class GlCaster:
     """Programs, textures and buffers of one context."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self.context = context
         self.textures = GridTextures(context)
-        self.programs: dict[tuple[str, int, int], moderngl.ComputeShader] = {}
+        self.programs: dict[tuple[object, ...], moderngl.ComputeShader] = {}
         self.parts = context.buffer(reserve=len(PARTS) * PART.itemsize)
         self.lists = context.buffer(reserve=LISTS.itemsize)
         self.pixels: list[moderngl.Buffer] = []
 
     def cast(self, volume: SdfVolume, camera: Camera, antialias: bool) -> PointMap:
-        count = camera.width * camera.height
-        slots = 2 * (count // 4 + 4096) if antialias else 0
-        uploaded = self._bind_volume(volume)
-        self._bind_buffers(count, slots)
+        """All passes, one read-back."""
+        run, uploaded = self.prepare(volume, camera, antialias)
         variants = (0, 1) if volume.parts else (0,)
-        contacts = int(any(part.contact is not None for part in volume.parts))
-        uniforms = _uniforms(volume, camera, slots)
-
-        def run(name: str, parts: int, over: int | None = None) -> None:
-            program = self._program(name, parts, contacts)
-            for uniform in program:
-                if uniform in uniforms:
-                    program[uniform].value = uniforms[uniform]
-            if over is None:
-                program.run(-(-camera.width // 8) * -(-camera.height // 8))
-            else:
-                program.run_indirect(self.lists, (over + parts) * LIST.itemsize)
-            self.context.memory_barrier()
-
-        run("trace", 0)
+        run("trace", PARTS=0)
         if volume.parts:
-            run("trace", 1, TRACE_LIST)
+            run("trace", TRACE_LIST, PARTS=1)
         for parts in variants:
-            run("exact", parts, EXACT_LIST)
-        run("edges", 0)
+            run("exact", EXACT_LIST, PARTS=parts)
+        run("edges", PARTS=0)
+        slots = _slots(camera, antialias)
         if antialias:
             self._sixteenfold(slots)
             for parts in variants:
-                run("subrays", parts, EDGE_LIST)
+                run("subrays", EDGE_LIST, PARTS=parts)
         for parts in variants:
-            run("surface", parts, COVERED_LIST)
+            run("surface", COVERED_LIST, PARTS=parts)
         lists = np.frombuffer(self.lists.read(), LISTS)[0]
         covered, edges = (int(lists["lists"]["count"][k : k + 2].sum()) for k in (COVERED_LIST, EDGE_LIST))
         records = np.frombuffer(self.pixels[-1].read(covered * RECORD.itemsize) if covered else b"", RECORD)
         counters = {
-            "rays": count + 16 * min(edges, slots),
+            "rays": camera.width * camera.height + 16 * min(edges, slots),
             "ray_steps": int(lists["steps"]),
             "bytes_uploaded": uploaded,
             "bytes_read_back": LISTS.itemsize + records.nbytes,
         }
         return _pointmap(records, camera, f"OpenGL compute, {renderer_name(self.context)}", counters)
 
-    def _program(self, name: str, parts: int, contacts: int) -> moderngl.ComputeShader:
-        key = (name, parts, contacts if parts else 0)
+    def prepare(self, volume: SdfVolume, camera: Camera, antialias: bool) -> tuple[Callable[..., None], int]:
+        """Bind everything; `run(pass, list, **constants)` to dispatch over all pixels or a list; bytes uploaded."""
+        uploaded = self._bind_volume(volume, camera)
+        self._bind_buffers(camera.width * camera.height, _slots(camera, antialias))
+        contacts = int(any(part.contact is not None for part in volume.parts))
+        uniforms = _uniforms(volume, camera, _slots(camera, antialias))
+
+        def run(name: str, over: int | None = None, **constants: int) -> None:
+            program = self._program(name, CONTACTS=contacts * constants["PARTS"], **constants)
+            for uniform in program:
+                if uniform in uniforms:
+                    program[uniform].value = uniforms[uniform]
+            if over is None:
+                program.run(-(-camera.width // 8) * -(-camera.height // 8))
+            else:
+                program.run_indirect(self.lists, (over + constants["PARTS"]) * LIST.itemsize)
+            self.context.memory_barrier()
+
+        return run, uploaded
+
+    def _program(self, name: str, **constants: int) -> moderngl.ComputeShader:
+        key = (name, *sorted(constants.items()))
         if key not in self.programs:
-            constants = {"PARTS": parts, "CONTACTS": key[2]}
             self.programs[key] = compute_shader(self.context, f"pointmap/{name}.comp", constants)
         return self.programs[key]
 
-    def _bind_volume(self, volume: SdfVolume) -> int:
+    def _bind_volume(self, volume: SdfVolume, camera: Camera) -> int:
         """Body on texture unit 0, parts on 1–3, contacts on 4–6; bytes uploaded."""
         table = np.zeros(len(PARTS), PART)
         table["box_from_root"], table["voxel"], table["size"] = np.eye(4), 1.0, -1.0
+        table["window"] = (1, 1, 0, 0)
         uploaded = self.textures.bind("body", volume.body.sdf, 0)
         by_name = {part.name: part for part in volume.parts}
         for k, name in enumerate(PARTS):
@@ -127,6 +146,7 @@ class _Caster:
                     part.voxel,
                     part.size,
                 )
+                table[k]["window"] = _window(part, camera)
             if contact:
                 table[k]["first"], table[k]["contact"] = contact.first[::-1], 1
         self.parts.write(table.tobytes())
@@ -155,6 +175,22 @@ class _Caster:
         edges = lists["lists"][0, EDGE_LIST : EDGE_LIST + 2]
         edges["groups"] = -(-np.minimum(edges["count"], slots // 2).astype(np.int64) * 16 // GROUP)
         self.lists.write(lists.tobytes())
+
+
+def _slots(camera: Camera, antialias: bool) -> int:
+    """Silhouette pixels that there is room for, half of them for rays that meet part boxes: 64 bytes each."""
+    return 2 * (camera.width * camera.height // 4 + 4096) if antialias else 0
+
+
+def _window(part: PartBox, camera: Camera) -> np.ndarray:
+    """(x, y) from and to, in pixels, between which a box is seen; everything where it reaches behind the camera."""
+    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3) * part.size
+    camera_from_box = camera.camera_from_world @ np.linalg.inv(part.box_from_root)
+    seen = corners @ camera_from_box[:3, :3].T + camera_from_box[:3, 3]
+    if seen[:, 2].min() < 1e-3:
+        return np.array([-np.inf, -np.inf, np.inf, np.inf])
+    pixel = (seen @ camera.intrinsics.T)[:, :2] / seen[:, 2:]
+    return np.concatenate([pixel.min(0) - 1, pixel.max(0) + 1])
 
 
 def _uniforms(volume: SdfVolume, camera: Camera, slots: int) -> dict[str, object]:

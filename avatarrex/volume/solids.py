@@ -102,7 +102,7 @@ def capsule_man() -> SdfVolume:
         hands.append(_hand(joint, along))
         parts.append((name, hands[-1], _ramp(joint, along), _box_at(joint, along)))
     mouth = head + np.array([0, -0.04, 0.09])
-    face = union(limbs[2], capsule((0, 0.74, 0.12), (0, 0.71, 0.14), 0.012))
+    face = union(limbs[1], limbs[2], capsule((0, 0.74, 0.12), (0, 0.71, 0.14), 0.012))
     face_omega = _ramp(head + np.array([0, 0, 0.04]), np.array([0.0, 0.0, 1.0]))
     hand_weights = [weight for _, _, weight, _ in parts]
 
@@ -131,8 +131,14 @@ def _hand(wrist: np.ndarray, along: np.ndarray) -> Solid:
 
 
 def _ramp(start: np.ndarray, along: np.ndarray) -> Solid:
-    """ω: 0 before `start`, 1 from `RAMP` on."""
-    return lambda p: ((p - torch.as_tensor(start).to(p)) @ torch.as_tensor(along).to(p) / RAMP).clamp(0, 1)
+    """ω: 0 before `start`, 1 from `RAMP` on; 0 again from 30 cm away, where other limbs are."""
+
+    def omega(p: Tensor) -> Tensor:
+        offset = p - torch.as_tensor(start).to(p)
+        rise = (offset @ torch.as_tensor(along).to(p) / RAMP).clamp(0, 1)
+        return rise * (offset.norm(dim=-1) < 0.3)
+
+    return omega
 
 
 def _box_at(wrist: np.ndarray, along: np.ndarray) -> np.ndarray:

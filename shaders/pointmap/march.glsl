@@ -45,7 +45,8 @@ Hit march(Ray ray, float start) {
     if (!found) return hit;
     hit.near = min(hit.near, before);
     float a = before, b = t, fa = s_before, fb = s, fm = 0;
-    for (int i = 0; i < SECANTS; ++i) {
+    // `found` in the condition: where SIMD runs both sides of an `if`, it still leaves a loop that nobody is in.
+    for (int i = 0; i < SECANTS && found; ++i) {
         float m = clamp(a + (b - a) * fa / (fa - fb), a, b);
         fm = field_on(ray, m).sdf;
         if (fm < 0) { b = m; fb = fm; } else { a = m; fa = fm; }

@@ -15,7 +15,7 @@ struct Ray {
     vec3 body_origin;     // the same ray in body voxels
     vec3 body_direction;
     vec2 range;       // where any box is, from the camera on; empty (x > y) where there is none
-    vec3 entry;       // of the part boxes; entry > exit where missed
+    vec3 entry;       // of the part boxes; entry > exit where missed, and not set where PARTS is 0
     vec3 exit;
 };
 
@@ -31,7 +31,7 @@ Ray ray_through(vec2 pixel) {
     ray.body_direction = ray.direction / u_voxel;
     ray.range = slab(ray.body_origin, ray.body_direction, body_last());
     if (ray.range.x > ray.range.y) ray.range = vec2(NOWHERE, -NOWHERE);
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3 * PARTS; ++k) {
         vec2 box = slab(box_place(k, ray.origin), mat3(in_part[k].box_from_root) * ray.direction, in_part[k].size);
         if (in_part[k].size.x < 0 || box.y < ray.camera) box = vec2(NOWHERE, -NOWHERE);
         ray.entry[k] = box.x;
@@ -42,7 +42,14 @@ Ray ray_through(vec2 pixel) {
     return ray;
 }
 
-bool meets_parts(Ray ray) { return any(lessThanEqual(ray.entry, ray.exit)); }
+bool sees_parts(vec2 pixel) {
+    bool sees = false;
+    for (int k = 0; k < 3; ++k) {
+        vec4 window = in_part[k].window;
+        sees = sees || all(greaterThanEqual(pixel, window.xy)) && all(lessThanEqual(pixel, window.zw));
+    }
+    return sees;
+}
 
 vec3 at(Ray ray, float t) { return ray.origin + t * ray.direction; }
 
@@ -60,7 +67,7 @@ float reach_at(Ray ray, float t) {
 }
 
 // Lists of pixels for the next pass: each an indirect dispatch of 64, counted as they are appended. Every kind comes
-// twice, for rays that meet no part box and for rays that do: the second need the slower program.
+// twice, for pixels outside the windows of all part boxes and for those inside one, which need the slower program.
 const int LIST_TRACE = 0, LIST_EXACT = 2, LIST_EDGE = 4, LIST_COVERED = 6;
 struct List { uint groups, one, also_one, count; };
 layout(std430, binding = 1) buffer Lists { List lists[8]; uint tally_steps; };
@@ -76,7 +83,7 @@ layout(std430, binding = 9) buffer SubDistance { float sub_t[]; };             /
 const float NO_HIT = 1e9;
 const uint NO_SLOT = 0xffffffffu;
 const uint GRAZES = 0x80000000u;       // the ray misses the surface by less than a pixel
-const uint MEETS_PARTS = 0x40000000u;
+const uint SEES_PARTS = 0x40000000u;
 const uint STEPS = 0x0fffffffu;
 
 // The two lists of a kind share one buffer of `capacity` entries and fill it from both ends.

@@ -1,5 +1,5 @@
 // Step II, first pass: march every pixel's ray. Reads the volume; writes t and steps per pixel, and lists the rays that
-// need the exact walk. PARTS 0: all pixels, and the rays that meet a part box are listed for PARTS 1.
+// need the exact walk. PARTS 0: all pixels, and those that may see a part box are listed for PARTS 1.
 layout(local_size_x = 64) in;
 #include "pointmap/volume.glsl"
 #include "pointmap/rays.glsl"
@@ -15,17 +15,16 @@ void main() {
     if (row == NO_SLOT) return;
     uint pixel = trace_pixels[row];
 #endif
-    Ray ray = ray_through(corner_of(pixel) + 0.5);
 #if PARTS == 0
-    if (meets_parts(ray)) {
+    if (sees_parts(corner_of(pixel) + 0.5)) {
         trace_pixels[from_end(append(LIST_TRACE, 1u), 1u, count)] = pixel;
         return;
     }
 #endif
-    Hit hit = march(ray, -NOWHERE);
+    Hit hit = march(ray_through(corner_of(pixel) + 0.5), -NOWHERE);
     ray_t[pixel] = hit.t;
     ray_near[pixel] = hit.near;
-    ray_walked[pixel] = hit.steps | (hit.grazes ? GRAZES : 0u) | (PARTS == 1 ? MEETS_PARTS : 0u);
+    ray_walked[pixel] = hit.steps | (hit.grazes ? GRAZES : 0u) | (PARTS == 1 ? SEES_PARTS : 0u);
     if (hit.suspect != NO_HIT) {
         uint row = from_end(append(LIST_EXACT, uint(PARTS)), uint(PARTS), count);
         exact_pixels[row] = uvec2(pixel, floatBitsToUint(hit.suspect));

@@ -11,6 +11,7 @@ struct Part {
     float voxel;
     vec3 contact_first;  // x y z, body voxels
     int contact;         // 1 where the part has a contact block
+    vec4 window;         // pixels from which the box may be seen: x and y from, x and y to
 };
 layout(std140, binding = 0) uniform Parts { Part in_part[3]; };
 uniform sampler3D u_body;
