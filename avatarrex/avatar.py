@@ -106,12 +106,16 @@ def load_avatar(source: str | Path = "default") -> Avatar:
     except ValueError as error:
         raise InputError(path, "avatar.json", "JSON", error) from None
     if not isinstance(meta, dict) or not isinstance(meta.get("format"), int):
-        raise InputError(path, "avatar.json: format", "an integer", meta.get("format") if isinstance(meta, dict) else meta)
+        raise InputError(
+            path, "avatar.json: format", "an integer", meta.get("format") if isinstance(meta, dict) else meta
+        )
     if meta["format"] > FORMAT:
         raise InputError(path, "avatar.json: format", f"at most {FORMAT} (update the studio)", meta["format"])
     person = load_person(meta.get("person", "default"))
     if meta.get("person_hash") not in (None, person.hash):
-        raise InputError(path, "avatar.json: person_hash", f"the template it was made on ({person.hash})", meta["person_hash"])
+        raise InputError(
+            path, "avatar.json: person_hash", f"the template it was made on ({person.hash})", meta["person_hash"]
+        )
     avatar = Avatar.create(person, meta.get("preset", ""), meta.get("seed", 0), meta.get("local_frame", "anchors"))
     try:
         state = safetensors.torch.load(weights)
@@ -175,5 +179,9 @@ def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     for part, module in avatar.modules().items():
         prefix = part + "."
         module.load_state_dict(
-            {name[len(prefix) :]: value.to(expected[name].dtype) for name, value in state.items() if name.startswith(prefix)}
+            {
+                name[len(prefix) :]: value.to(expected[name].dtype)
+                for name, value in state.items()
+                if name.startswith(prefix)
+            }
         )

@@ -211,8 +211,9 @@ class BodyField(nn.Module):
         pairs, local, weight = self.localise(frame, position, pairs, among)
         coordinate = encode(local / RADIUS, COORDINATE_OCTAVES)
         feature = self.geometry_local([coordinate], frame.code.embedding, pairs.offsets, impl)
-        mean, total = weighted_mean(feature, weight, pairs, len(position))
-        inside = SDF_UNIT * self.geometry_blend(mean)[:, 0]
+        plane = (local.T * take(self.node_normal, pairs.node)).sum(0)[:, None] / SDF_UNIT
+        mean, total = weighted_mean(torch.cat([feature, plane], -1), weight, pairs, len(position))
+        inside = SDF_UNIT * (self.geometry_blend(mean[:, :-1])[:, 0] + mean[:, -1])
         missed = total <= 0
         if not missed.any():
             return inside

@@ -123,7 +123,9 @@ def _numbers(path: Path, line: int, words: list[str], count: int) -> list[float]
     except ValueError:
         raise InputError(path, f"line {line}", "numbers", " ".join(words)[:60]) from None
     if len(values) != count or not np.isfinite(values).all():
-        raise InputError(path, f"line {line}", f"{count} finite numbers", f"{len(values)}" if len(values) != count else "NaN or Inf")
+        raise InputError(
+            path, f"line {line}", f"{count} finite numbers", f"{len(values)}" if len(values) != count else "NaN or Inf"
+        )
     return values
 
 
@@ -141,7 +143,9 @@ def _find(joints: list[_Joint]) -> dict[str, int]:
         for part, names in _SIDED.items():
             for name in names:
                 spelled = [f"{side}{name}", f"{name}{side}", f"{name}{letter}", f"{letter}{name}"]
-                match = next((plain.index(s) for s in spelled if s in plain and plain.index(s) not in found.values()), None)
+                match = next(
+                    (plain.index(s) for s in spelled if s in plain and plain.index(s) not in found.values()), None
+                )
                 if match is not None:
                     found[f"{side}_{part}"] = match
                     break
@@ -216,7 +220,12 @@ def _global_rotations(joints: list[_Joint], values: np.ndarray) -> tuple[np.ndar
 
 
 def _root_path(
-    joints: list[_Joint], found: dict[str, int], origin: np.ndarray, turned: np.ndarray, axes: np.ndarray, rest: np.ndarray
+    joints: list[_Joint],
+    found: dict[str, int],
+    origin: np.ndarray,
+    turned: np.ndarray,
+    axes: np.ndarray,
+    rest: np.ndarray,
 ) -> np.ndarray:
     """(t, 3) where the middle of the hips goes, our axes, file units."""
     chain, k = [], found["left_hip"]
@@ -240,6 +249,8 @@ def _alignments(rest: np.ndarray, ours: np.ndarray, found: dict[str, int]) -> np
                 d = ours[index[b]] - ours[index[a]]
                 e = rest[found[b]] - rest[found[a]]
                 if np.linalg.norm(e) > 1e-9 and part != "ankle":
-                    align[index[a]] = Rotation.align_vectors(e[None] / np.linalg.norm(e), d[None] / np.linalg.norm(d))[0].as_matrix()
+                    align[index[a]] = Rotation.align_vectors(e[None] / np.linalg.norm(e), d[None] / np.linalg.norm(d))[
+                        0
+                    ].as_matrix()
         align[index[f"{side}_wrist"]] = align[index[f"{side}_elbow"]]
     return align

@@ -10,7 +10,7 @@ import numpy as np
 from avatarrex.signals.joints import HAND_JOINTS, JOINT_NAMES
 from avatarrex.signals.signals import Signals
 
-_DEGREES: dict[str, tuple[tuple[float, float], tuple[float, float], tuple[float, float]]] = {
+_DEGREES: dict[str, tuple[tuple[int, int], ...]] = {
     "hip": ((-110, 25), (-30, 30), (-15, 40)),
     "knee": ((0, 135), (-8, 8), (-5, 5)),
     "ankle": ((-25, 40), (-15, 15), (-15, 15)),
@@ -46,7 +46,7 @@ def joint_limits() -> np.ndarray:
     return np.radians(limits)
 
 
-def _left(part: str) -> tuple[tuple[float, float], ...]:
+def _left(part: str) -> tuple[tuple[int, int], ...]:
     """Degrees of a left-side joint."""
     if part in _DEGREES:
         return _DEGREES[part]
@@ -54,7 +54,11 @@ def _left(part: str) -> tuple[tuple[float, float], ...]:
         return ((-25, 25), (-30, 30), (0, 0))
     finger, knuckle = part[:-1], part[-1]
     if finger == "thumb":
-        return {"1": ((-25, 25), (-35, 15), (-25, 25)), "2": ((-5, 5), (-45, 5), (-10, 10)), "3": ((-5, 5), (-70, 5), (-5, 5))}[knuckle]
+        return {
+            "1": ((-25, 25), (-35, 15), (-25, 25)),
+            "2": ((-5, 5), (-45, 5), (-10, 10)),
+            "3": ((-5, 5), (-70, 5), (-5, 5)),
+        }[knuckle]
     twist, spread = _FINGER[finger]
     return (twist, spread, (-85, 15)) if knuckle == "1" else ((0, 0), (0, 0), (-100, 5) if knuckle == "2" else (-75, 5))
 

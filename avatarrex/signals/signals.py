@@ -78,12 +78,21 @@ class Signals:
     def full_pose(self) -> np.ndarray:
         """(55, 3) rotation vectors in SMPL-X order."""
         return np.concatenate(
-            [self.global_orient[None], self.body_pose, self.jaw_pose[None], self.eye_pose, self.left_hand_pose, self.right_hand_pose]
+            [
+                self.global_orient[None],
+                self.body_pose,
+                self.jaw_pose[None],
+                self.eye_pose,
+                self.left_hand_pose,
+                self.right_hand_pose,
+            ]
         )
 
-    def replace(self, **changes: np.ndarray) -> Signals:
+    def replace(self, **changes: Any) -> Signals:
         """A copy with some fields changed, validated."""
-        return Signals(**{field.name: changes.pop(field.name, getattr(self, field.name)) for field in fields(self)}, **changes)
+        return Signals(
+            **{field.name: changes.pop(field.name, getattr(self, field.name)) for field in fields(self)}, **changes
+        )
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Signals) and all(np.array_equal(getattr(self, n), getattr(other, n)) for n in SHAPES)
@@ -108,4 +117,11 @@ class Signals:
         for name in data:
             if name not in SHAPES:
                 raise InputError(source, name, "one of " + ", ".join(SHAPES), "an unknown field")
-        return cls.rest().replace(**data)
+        return cls.rest().replace(**{name: _array(source, name, value) for name, value in data.items()})
+
+
+def _array(source: str, name: str, value: object) -> np.ndarray:
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(source, name, f"numbers of shape {SHAPES[name]}", repr(value)[:60]) from None

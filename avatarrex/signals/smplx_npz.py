@@ -32,7 +32,9 @@ def read_smplx(path: str | Path) -> SignalSequence:
         to_ours = Rotation.from_euler("x", -90, degrees=True)
         full[:, 0] = (to_ours * Rotation.from_rotvec(full[:, 0])).as_rotvec()
         translation = to_ours.apply(translation - translation[0])
-        return SignalSequence(stack(full, translation), rate, Path(path).name, ("Z-up turned to Y-up", "hands: flat_hand_mean as stored"))
+        return SignalSequence(
+            stack(full, translation), rate, Path(path).name, ("Z-up turned to Y-up", "hands: flat_hand_mean as stored")
+        )
     body = require(arrays, path, "body_pose", (None, 63)).astype(np.float64)
     count = len(body)
     full = np.zeros((count, 55, 3))

@@ -105,7 +105,5 @@ def _place(
     part_from_box = np.eye(4)
     part_from_box[:3, 3] = part.origin
     box_from_root = np.linalg.inv(root_from_part @ part_from_box)
-    contact = find_contact(
-        avatar.body, frame, probe, grid, part, root_from_part, avatar.ownership[part.name], counters
-    )
+    contact = find_contact(avatar.body, frame, probe, grid, part, root_from_part, avatar.ownership[part.name], counters)
     return PartBox(part.name, box_from_root, part.voxel, part.field, contact)

@@ -1,0 +1,86 @@
+"""Driving signals: validation, JSON, slerp, mirror, limits."""
+
+import numpy as np
+import pytest
+
+from avatarrex.errors import InputError
+from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
+from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES, mirror, named_expression, named_hand, named_pose
+from avatarrex.signals.limits import LIMITS, clamp, random_signals, violations
+from avatarrex.signals.sequence import SignalSequence, interpolate
+from avatarrex.signals.signals import SHAPES, Signals
+
+
+def test_json_round_trip() -> None:
+    signals = random_signals(np.random.default_rng(0))
+    assert Signals.from_json(signals.to_json()) == signals
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_nan_is_refused_by_name(name: str) -> None:
+    with pytest.raises(InputError, match=f"{name}: expected finite"):
+        Signals.rest().replace(**{name: np.full(SHAPES[name], np.nan)})
+
+
+def test_wrong_shape_and_unknown_field_are_refused() -> None:
+    with pytest.raises(InputError, match=r"body_pose: expected shape \(21, 3\)"):
+        Signals.rest().replace(body_pose=np.zeros((22, 3)))
+    with pytest.raises(InputError, match="unknown field"):
+        Signals.from_json({"bodypose": []})
+
+
+def test_full_pose_round_trip() -> None:
+    signals = random_signals(np.random.default_rng(1))
+    assert np.array_equal(Signals.from_full_pose(signals.full_pose()).full_pose(), signals.full_pose())
+    assert len(JOINT_NAMES) == 55
+    assert len(set(EXPRESSION_NAMES)) == 52
+
+
+def test_mirror_is_an_involution_and_keeps_symmetric_poses() -> None:
+    signals = random_signals(np.random.default_rng(2))
+    assert mirror(mirror(signals)) == signals
+    star = Signals.rest().replace(body_pose=named_pose("star"))
+    assert np.allclose(mirror(star).body_pose, star.body_pose)
+    assert not np.allclose(mirror(signals).body_pose, signals.body_pose)
+
+
+def test_interpolation_keeps_its_ends_and_turns_at_constant_speed() -> None:
+    a = Signals.rest()
+    b = a.replace(global_orient=np.array([0, 2.0, 0]), translation=np.array([1.0, 0, 0]))
+    assert np.allclose(interpolate(a, b, 0).full_pose(), a.full_pose())
+    assert np.allclose(interpolate(a, b, 1).full_pose(), b.full_pose())
+    assert np.allclose(interpolate(a, b, 0.25).global_orient, [0, 0.5, 0])
+    assert np.allclose(interpolate(a, b, 0.25).translation, [0.25, 0, 0])
+
+
+def test_resampling_keeps_first_and_last_frame() -> None:
+    rng = np.random.default_rng(3)
+    sequence = SignalSequence(tuple(random_signals(rng) for _ in range(7)), 30.0)
+    again = sequence.resample(50.0)
+    assert len(again) == 11
+    assert np.allclose(again[0].full_pose(), sequence[0].full_pose())
+    assert np.allclose(again[10].full_pose(), sequence[6].full_pose())
+
+
+def test_limits_are_mirrored_and_clamping_reaches_them() -> None:
+    left, right = JOINT_NAMES.index("left_shoulder"), JOINT_NAMES.index("right_shoulder")
+    assert np.allclose(LIMITS[right, 1], -LIMITS[left, 1, ::-1])
+    wild = Signals.rest().replace(body_pose=np.full((21, 3), 3.0))
+    assert "left_elbow" in violations(wild)
+    assert violations(clamp(wild)) == ()
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0])
+def test_random_signals_stay_within_limits(scale: float) -> None:
+    rng = np.random.default_rng(4)
+    assert all(violations(random_signals(rng, scale)) == () for _ in range(20))
+
+
+def test_every_name_gives_something_of_its_own() -> None:
+    poses = [named_pose(name).tobytes() for name in POSES]
+    assert len(set(poses)) == len(poses)
+    for side in ("left", "right"):
+        assert len({named_hand(name, side).tobytes() for name in HANDS}) == len(HANDS)
+    assert len({named_expression(name).tobytes() for name in EXPRESSIONS}) == len(EXPRESSIONS)
+    with pytest.raises(InputError, match="squat"):
+        named_pose("sqat")

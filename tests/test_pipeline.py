@@ -1,0 +1,108 @@
+"""The whole frame: what is skipped, what comes out, and the fallback without OpenGL. Uses the packaged avatar."""
+
+import numpy as np
+import pytest
+import torch
+
+from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.camera import Camera
+from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.signals.library import named_expression, named_hand, named_pose
+from avatarrex.signals.signals import Signals
+
+SETTINGS = RenderSettings(raycast="torch", part_voxel=0.01, antialias=False)
+FIRST = Signals.rest().replace(body_pose=named_pose("stand"))
+WORK = ("voxels_evaluated", "local_mlp_evaluations", "hand_distances", "face_evaluations", "patches_decoded", "unet_runs")
+
+
+def camera(azimuth: float = 15.0) -> Camera:
+    return Camera.orbit(azimuth, 5, 2.8, 40, (0, -0.05, 0), 48, 48)
+
+
+@pytest.fixture(scope="module")
+def avatar() -> Avatar:
+    return load_avatar("default")
+
+
+@pytest.fixture(scope="module")
+def first(avatar: Avatar) -> Frame:
+    return render_frame(avatar, FIRST, camera(), SETTINGS)
+
+
+def work(frame: Frame) -> set[str]:
+    return {name for name, count in frame.counters.items() if count}
+
+
+def test_a_person_is_there(first: Frame) -> None:
+    image = first.image
+    assert torch.isfinite(image).all()
+    coverage = image[..., 3].mean()
+    assert 0.05 < coverage < 0.25
+    assert first.pointmap.hit[20:28, 22:26].all()
+    assert image[..., :3][first.pointmap.hit].std() > 0.05
+    assert set(WORK) <= work(first)
+
+
+def test_nothing_changed_runs_nothing(avatar: Avatar, first: Frame) -> None:
+    again = render_frame(avatar, FIRST, camera(), SETTINGS, first)
+    assert work(again) == set()
+    assert again.image is first.image
+
+
+def test_camera_only_casts_and_shades(avatar: Avatar, first: Frame) -> None:
+    frame = render_frame(avatar, FIRST, camera(60), SETTINGS, first)
+    assert not work(frame) & set(WORK) - {"local_mlp_evaluations"}
+    assert frame.counters["local_mlp_evaluations"] > 0
+    assert frame.counters["rays"] > 0
+    assert frame.volume is first.volume
+
+
+def test_root_motion_leaves_the_volume(avatar: Avatar, first: Frame) -> None:
+    moved = FIRST.replace(global_orient=np.array([0, 1.0, 0]), translation=np.array([0.1, 0, 0]))
+    frame = render_frame(avatar, moved, camera(), SETTINGS, first)
+    assert frame.volume is first.volume
+    assert frame.counters["voxels_evaluated"] == 0
+
+
+def test_expression_touches_the_face_alone(avatar: Avatar, first: Frame) -> None:
+    frame = render_frame(avatar, FIRST.replace(expression=named_expression("jaw_open")), camera(), SETTINGS, first)
+    assert frame.counters["face_evaluations"] > 0
+    assert frame.counters["unet_runs"] in (3, 6)
+    assert frame.counters["voxels_evaluated"] == frame.counters["hand_distances"] == frame.counters["patches_decoded"] == 0
+    assert frame.volume.grid is first.volume.grid
+
+
+def test_one_hand_touches_its_own_box(avatar: Avatar, first: Frame) -> None:
+    frame = render_frame(avatar, FIRST.replace(left_hand_pose=named_hand("fist", "left")), camera(), SETTINGS, first)
+    assert frame.counters["hand_distances"] > 0
+    assert frame.volume.parts["right_hand"] is first.volume.parts["right_hand"]
+    assert frame.volume.parts["face"] is first.volume.parts["face"]
+    assert frame.volume.grid is first.volume.grid
+    assert frame.counters["face_evaluations"] == frame.counters["unet_runs"] == frame.counters["patches_decoded"] == 0
+
+
+def test_body_drag_only_moves_the_boxes(avatar: Avatar, first: Frame) -> None:
+    frame = render_frame(avatar, FIRST.replace(body_pose=named_pose("wave")), camera(), SETTINGS, first)
+    assert frame.counters["voxels_evaluated"] > 0
+    assert frame.counters["hand_distances"] == frame.counters["face_evaluations"] == 0
+    assert all(frame.volume.parts[name] is first.volume.parts[name] for name in first.volume.parts)
+
+
+def test_hidden_parts_cost_nothing(avatar: Avatar) -> None:
+    hidden = RenderSettings(raycast="torch", antialias=False, hidden=frozenset({"left_hand", "right_hand", "face"}))
+    frame = render_frame(avatar, FIRST, camera(), hidden)
+    assert frame.counters["hand_distances"] == frame.counters["face_evaluations"] == frame.counters["unet_runs"] == 0
+
+
+def test_far_from_the_origin_is_the_same_image(avatar: Avatar, first: Frame) -> None:
+    far = np.array([700.0, 0, 700.0])
+    moved = Camera.orbit(15, 5, 2.8, 40, far + np.array([0, -0.05, 0]), 48, 48)
+    frame = render_frame(avatar, FIRST.replace(translation=far), moved, SETTINGS)
+    both = frame.pointmap.hit & first.pointmap.hit
+    assert (frame.pointmap.hit != first.pointmap.hit).sum() <= 1
+    assert (frame.pointmap.depth - first.pointmap.depth)[both].abs().max() < 1e-3 * SETTINGS.voxel
+
+
+def test_one_frame_is_the_same_bits_twice(avatar: Avatar, first: Frame) -> None:
+    again = render_frame(avatar, FIRST, camera(), SETTINGS)
+    assert torch.equal(again.image, first.image)
