@@ -2,9 +2,13 @@
 
 Triangle t can be nearest to a point of a brick (centre C, radius r) only if d(C, t) ≤ d(C, mesh) + 2r. Bricks form a
 tree of eight children each (a lattice falls into 2³, 4³, 8³ … voxels); every level tests its centres against the
-candidates of its parent, the last level tests the points. These tests bound a triangle by its smallest ball (centre m,
-which lies on the triangle, radius ρ): |C − m| − ρ ≤ d(C, t) ≤ |C − m|. They are float32 with a safe margin; the
-triangles left per point are compared exactly, in float64. Letters: b bricks, m children, k candidates, p points.
+candidates of its parent, the last level tests the points. A triangle lies in a disc: the smallest circle around it, its
+centre m a point of the triangle, radius ρ, in its plane. With height h and lateral distance l of C from m,
+
+    h² + max(l − ρ, 0)² ≤ d(C, t)² ≤ |C − m|².
+
+These tests are float32 with a safe margin; the triangles left per point are compared exactly, in float64.
+Letters: b bricks, m children, k candidates, p points.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ ROOTS = 64
 """Bricks of the coarsest level, all tested against every triangle."""
 PAIRS = 1 << 16
 """Pairs per chunk: its temporaries stay in the cache of a CPU core (CUDA takes 64 times as many)."""
-MARGIN = 32 * torch.finfo(torch.float32).eps
+MARGIN = 64 * torch.finfo(torch.float32).eps
 """Bound of the error of a squared float32 distance, in units of squared extents."""
 
 
@@ -41,18 +45,18 @@ def search_bricks(
         return face, barycentric, skipped
     middle = (mesh.amin(0) + mesh.amax(0)) / 2
     corner, query = mesh[faces] - middle, query - middle
-    balls = _balls(corner)
+    discs = _discs(corner)
     levels = _tree(query)
     lists = _Lists.everything(len(levels[-1].members), len(faces), query.device)
     for level in reversed(levels[1:]):
-        lists = _cull(balls, level, lists)
+        lists = _cull(discs, level, lists)
         if reach is not None:
             bricks = level.children
-            far, near_face, near_weight, side = _beyond(balls, corner, faces, normals, reach, bricks, lists)
+            far, near_face, near_weight, side = _beyond(corner, faces, normals, reach, bricks, lists)
             point, brick = bricks.points(far)
             face[point], barycentric[point], skipped[point] = near_face[brick], near_weight[brick], side[brick]
             lists.count[far] = 0
-    lists = _cull(balls, levels[0], lists)
+    lists = _cull(discs, levels[0], lists)
     points = levels[0].children
     done = lists.count > 0
     if not done.any():
@@ -99,15 +103,15 @@ class _Level:
 
 @dataclass(frozen=True)
 class _Lists:
-    """Candidates of each node as a run of flat pairs (triangle, squared distance of its ball's centre)."""
+    """Candidates of each node as a run of flat pairs (triangle, lower bound of the node centre's squared distance)."""
 
     triangle: Tensor
-    square: Tensor
+    lower: Tensor
     first: Tensor
     """(n,) start and length of each node's run."""
     count: Tensor
     nearest: Tensor
-    """(n,) least of the node's squares, with an error below `margin`."""
+    """(n,) upper bound of the centre's squared distance to the mesh. All bounds err by less than `margin`."""
     margin: Tensor
 
     @staticmethod
@@ -129,8 +133,8 @@ def _runs(node: Tensor, first: Tensor, count: Tensor) -> tuple[Tensor, Tensor]:
     return node.repeat_interleave(length), place
 
 
-def _balls(corner: Tensor) -> Tensor:
-    """(f, 4) float32: centre and radius of the smallest ball around each triangle."""
+def _discs(corner: Tensor) -> Tensor:
+    """(f, 8) float32: centre, radius, unit normal of the disc around each triangle; no normal makes it a ball."""
     a, b, c = corner.unbind(1)
     opposite = torch.stack([c - b, a - c, b - a], 1).square().sum(-1)
     weight = opposite * (opposite.sum(1, keepdim=True) - 2 * opposite)
@@ -140,7 +144,8 @@ def _balls(corner: Tensor) -> Tensor:
     weight = torch.where(obtuse, half.to(corner.dtype), weight)
     centre = (corner * (weight / weight.sum(1, keepdim=True))[..., None]).sum(1)
     radius = (corner - centre[:, None]).norm(dim=-1).amax(1)
-    return torch.cat([centre, radius[:, None]], 1).float()
+    normal = torch.nn.functional.normalize(torch.linalg.cross(b - a, c - a), dim=-1, eps=1e-300)
+    return torch.cat([centre, radius[:, None], normal, torch.zeros_like(centre[:, :1])], 1).float()
 
 
 def _tree(query: Tensor) -> list[_Level]:
@@ -192,7 +197,7 @@ def _spread(x: Tensor) -> Tensor:
     return (x | (x << 2)) & 0x1249249249249249
 
 
-def _cull(balls: Tensor, level: _Level, lists: _Lists) -> _Lists:
+def _cull(discs: Tensor, level: _Level, lists: _Lists) -> _Lists:
     """Keep for each child the triangles that can be nearest to one of its points."""
     budget = PAIRS * (64 if lists.triangle.is_cuda else 1)
     nodes = len(level.children.low)
@@ -201,19 +206,19 @@ def _cull(balls: Tensor, level: _Level, lists: _Lists) -> _Lists:
     busy = torch.nonzero(lists.count > 0)[:, 0]
     busy = busy[lists.count[busy].argsort()]
     sizes = lists.count[busy].tolist()
-    triangle, square = [lists.triangle[:0]], [lists.square[:0]]
+    triangle, lower = [lists.triangle[:0]], [lists.lower[:0]]
     end, total = len(busy), 0
     while end > 0:
         start = max(0, end - max(1, budget // (level.members.shape[1] * sizes[end - 1])))
-        kept = _cull_chunk(balls, level, lists, busy[start:end], sizes[end - 1])
+        kept = _cull_chunk(discs, level, lists, busy[start:end], sizes[end - 1])
         node, kept_count = kept.node, kept.count
         first[node] = total + kept_count.cumsum(0) - kept_count
         count[node], nearest[node], margin[node] = kept_count, kept.nearest, kept.margin
         triangle.append(kept.triangle)
-        square.append(kept.square)
+        lower.append(kept.lower)
         total += len(kept.triangle)
         end = start
-    return _Lists(torch.cat(triangle), torch.cat(square), first, count, nearest, margin)
+    return _Lists(torch.cat(triangle), torch.cat(lower), first, count, nearest, margin)
 
 
 @dataclass(frozen=True)
@@ -225,10 +230,10 @@ class _Kept:
     nearest: Tensor
     margin: Tensor
     triangle: Tensor
-    square: Tensor
+    lower: Tensor
 
 
-def _cull_chunk(balls: Tensor, level: _Level, lists: _Lists, rows: Tensor, size: int) -> _Kept:
+def _cull_chunk(discs: Tensor, level: _Level, lists: _Lists, rows: Tensor, size: int) -> _Kept:
     """Test the children of bricks `rows`, all with at most `size` candidates, against these candidates."""
     slot = torch.arange(size, device=rows.device)
     present = slot < lists.count[rows, None]
@@ -239,18 +244,20 @@ def _cull_chunk(balls: Tensor, level: _Level, lists: _Lists, rows: Tensor, size:
     member = torch.where(real, members, members[:, :1])
     origin = level.centre[rows]
     local = (level.children.centre[member] - origin[:, None]).float()
-    ball = balls.index_select(0, candidate.reshape(-1)).reshape(*candidate.shape, 4).transpose(1, 2).contiguous()
-    anchor = origin.float()[:, :, None] - ball[:, :3]
+    disc = discs.index_select(0, candidate.reshape(-1)).reshape(*candidate.shape, 8).transpose(1, 2).contiguous()
+    normal = disc[:, 4:7]
+    anchor = origin.float()[:, :, None] - disc[:, :3]
     away, inner = anchor.square().sum(1), local.square().sum(-1)
     extent = away.amax(1).sqrt() + inner.amax(1).sqrt()
     error = (MARGIN * extent * (extent + origin.float().abs().amax(1)))[:, None].expand_as(member)
     away.masked_fill_(~present, torch.inf)
+    height = torch.baddbmm((anchor * normal).sum(1)[:, None], local, normal).square_()
     square = torch.baddbmm(away[:, None], local, anchor.mul_(2)).add_(inner[..., None])
     nearest = square.amin(-1).clamp_min_(0)
+    lower = square.sub_(height).clamp_min_(0).sqrt_().sub_(disc[:, None, 3]).clamp_min_(0).square_().add_(height)
     radius = level.children.radius[member].float() * (1 + 1e-5)
-    limit = (nearest + error).sqrt() + 2 * radius
-    error_or_none = torch.where(real, error, -torch.inf)
-    keep = square <= (limit[..., None] + ball[:, None, 3]).square_().add_(error_or_none[..., None])
+    limit = ((nearest + error).sqrt() + 2 * radius).square() + error
+    keep = lower <= torch.where(real, limit, -torch.inf)[..., None]
     count = keep.sum(-1).reshape(-1)
     flat = keep.reshape(-1).nonzero()[:, 0]
     # From (brick, child, column) to (brick, column), without a division per pair.
@@ -263,7 +270,7 @@ def _cull_chunk(balls: Tensor, level: _Level, lists: _Lists, rows: Tensor, size:
         nearest.reshape(-1)[chosen],
         error.reshape(-1)[chosen],
         candidate.reshape(-1).index_select(0, flat + shift),
-        square.reshape(-1).index_select(0, flat),
+        lower.reshape(-1).index_select(0, flat),
     )
 
 
@@ -284,25 +291,16 @@ def _exact(corner: Tensor, query: Tensor, owner: Tensor, triangle: Tensor) -> tu
 
 
 def _beyond(
-    balls: Tensor,
-    corner: Tensor,
-    faces: Tensor,
-    normals: Pseudonormals,
-    reach: tuple[float, float],
-    bricks: _Nodes,
-    lists: _Lists,
+    corner: Tensor, faces: Tensor, normals: Pseudonormals, reach: tuple[float, float], bricks: _Nodes, lists: _Lists
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Bricks wholly beyond `reach`, with face, barycentrics and side (±1) of every such brick's centre.
 
     No surface crosses a brick whose centre is farther than its radius, so that one side holds for all its points.
     """
     far = (lists.count > 0) & (lists.nearest.double().sqrt() - bricks.radius > min(reach))
-    upper = (lists.nearest + lists.margin).sqrt()
     owner, place = lists.pairs(far)
-    triangle = lists.triangle.index_select(0, place)
-    limit = upper.index_select(0, owner) + balls[:, 3].index_select(0, triangle)
-    near = lists.square.index_select(0, place) <= limit.square() + lists.margin.index_select(0, owner)
-    owner, triangle = owner[near], triangle[near]
+    near = lists.lower.index_select(0, place) <= (lists.nearest + lists.margin).index_select(0, owner)
+    owner, triangle = owner[near], lists.triangle[place[near]]
     face = torch.zeros(len(far), dtype=torch.long, device=far.device)
     weight = torch.zeros(len(far), 3, dtype=corner.dtype, device=far.device)
     side = torch.ones(len(far), dtype=corner.dtype, device=far.device)
