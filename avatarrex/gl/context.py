@@ -48,8 +48,10 @@ def gl_context() -> moderngl.Context:
 
 
 def use_context(context: moderngl.Context | None) -> None:
-    """Lend a window's context, `moderngl.create_context(require=430)`; None takes it back."""
+    """Lend a window's context, `moderngl.create_context(require=430)`, current in this thread; None takes it back."""
     global _lent
+    if context is None and _lent is not None and _made is not None:
+        _made.__enter__()  # current again: the window's context took its place
     _lent = context
 
 

@@ -100,4 +100,7 @@ def _flatten(name: str, seen: list[str], asked_by: str) -> str:
 def _literal(value: int | float | bool) -> str:
     if isinstance(value, bool):
         return str(value).lower()
-    return repr(value) if isinstance(value, int) else f"{value:.9g}" + ("" if "." in f"{value:.9g}" else ".0")
+    if isinstance(value, int):
+        return str(value)
+    text = f"{value:.9g}"
+    return text if "." in text or "e" in text else text + ".0"

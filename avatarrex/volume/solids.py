@@ -80,8 +80,8 @@ def rotation(axis: int, degrees: float) -> np.ndarray:
     return matrix
 
 
-def capsule_man() -> SdfVolume:
-    """A man of capsules: a 128³ body at 2 cm, two hands at 5 mm in turned boxes and a face at 2.5 mm."""
+def capsule_man(shape: tuple[int, int, int] = (128, 128, 128), face_voxel: float = 0.0025) -> SdfVolume:
+    """A man of capsules: a body grid (z, y, x) of 2 cm about the origin, hands of 5 mm in turned boxes, and a face."""
     hand_axis = np.array([np.cos(0.5), -np.sin(0.5), 0.0])
     wrist, head = np.array([0.55, 0.35, 0.02]), np.array([0.0, 0.72, 0.02])
     limbs = [
@@ -115,8 +115,10 @@ def capsule_man() -> SdfVolume:
     boxes = [part_box(name, hand, weight, box, 0.005, (32, 40, 60)) for name, hand, weight, box in parts]
     place = np.eye(4)
     place[:3, 3] = mouth + np.array([-0.15, -0.11, -0.07])
-    boxes.append(part_box("face", face, face_omega, place, 0.0025, (52, 116, 121)))
-    return SdfVolume(body_grid(body, (-1.28, -1.28, -1.28), 0.02, (128, 128, 128)), tuple(boxes))
+    face_shape = tuple(round(side / face_voxel) + 1 for side in (0.13, 0.29, 0.30))
+    boxes.append(part_box("face", face, face_omega, place, face_voxel, face_shape))
+    origin = -0.02 * np.array(shape[::-1]) / 2
+    return SdfVolume(body_grid(body, origin.tolist(), 0.02, shape), tuple(boxes))
 
 
 def _hand(wrist: np.ndarray, along: np.ndarray) -> Solid:
