@@ -62,7 +62,8 @@ class Samples:
         """Indices of the nearest samples, nearest first; not differentiable."""
         count = min(self.neighbours, len(self.rest))
         if position.device.type == "cpu":
-            index = self.tree.query(position.detach().numpy(), k=list(range(1, count + 1)))[1]
+            ranks = list(range(1, count + 1))
+            index = self.tree.query(position.detach().numpy(), ranks, workers=torch.get_num_threads())[1]
             return torch.from_numpy(index).long()
         blocks = [
             torch.topk(torch.cdist(block, self.position), count, largest=False).indices
