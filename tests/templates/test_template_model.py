@@ -196,3 +196,13 @@ def test_bad_models_are_refused(body: TemplateModel) -> None:
     ):
         with pytest.raises(InputError, match=field):
             replace(body, **changes)
+
+
+def test_the_world_turns_about_a_pelvis_that_is_not_the_origin() -> None:
+    """An official pelvis lies 35 cm below its origin: x = R (x − J_0) + J_0 + t, float64 even 1 km away."""
+    pelvis, shift = np.array([0.01, -0.35, 0.02]), np.array([1000.0, 0.0, -2.0])
+    world = world_from_root(np.array([0.0, np.pi / 2, 0.0]), shift, pelvis)
+    for offset, turned in (([0, 0, 0], [0, 0, 0]), ([0, 0, 1.0], [1.0, 0, 0]), ([0, 1.0, 0], [0, 1.0, 0])):
+        assert np.abs(world[:3, :3] @ (pelvis + offset) + world[:3, 3] - (pelvis + shift + turned)).max() < 1e-12
+    assert world.dtype == np.float64
+    assert world[3].tolist() == [0, 0, 0, 1]
