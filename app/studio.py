@@ -69,6 +69,7 @@ class Studio:
         self._clock = clock
         self._rendered: tuple[object, ...] | None = None
         self._seen: tuple[object, ...] | None = None
+        self._failed: tuple[object, ...] | None = None
         self._strips: Strips | None = None
         self._started = (0.0, 0)
         self._plays = 0
@@ -106,11 +107,13 @@ class Studio:
         key = (state.avatar, state.signals, state.view, state.hidden, full)
         self.resolution.tick(now, key != self._seen or (held and self._seen is not None and self.moving))
         self._seen = key
+        if key == self._failed:
+            return False
         size = self.resolution.size(full)
         if (*key, size) == self._rendered:
             return self._grow()
         enlarged = self._rendered is not None and self._rendered[:-1] == key and self.image is not None
-        self._rendered, self._strips = (*key, size), None
+        self._rendered, self._strips, self._failed = (*key, size), None, None
         if enlarged and size[0] * size[1] * self.resolution.seconds_per_pixel > 2 * SECONDS:
             assert self.image is not None
             self._strips = Strips(self.engine, state, size, self.image, self.resolution.seconds_per_pixel)
@@ -118,6 +121,7 @@ class Studio:
             return self._grow()
         self.shot = self.engine.render(state, size)
         if self.shot.error:
+            self._failed = key
             log.error("%s", self.shot.error)
         elif self.shot.frame is not None:
             self.image, self.size, self.work = self.shot.frame.image, size, Work.of(self.shot.frame)

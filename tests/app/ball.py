@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from avatarrex_studio.engine import Engine
 
+from avatarrex.avatar import Avatar
 from avatarrex.counters import NAMES
+from avatarrex.pipeline import Frame
 
 
 @dataclass(frozen=True)
@@ -22,17 +24,12 @@ class BallMap:
     coverage: torch.Tensor
 
 
-@dataclass(frozen=True)
-class BallFrame:
-    """What the studio reads of a frame."""
+class BallFrame(Frame):
+    """What the studio reads of a frame, and no more."""
 
-    image: torch.Tensor
-    pointmap: BallMap
-    world_from_root: np.ndarray
-    key: tuple
-    ms: dict = field(default_factory=dict)
-    counters: dict = field(default_factory=dict)
-    notes: tuple = ("rays: ball",)
+    def __init__(self, **values):
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
 
 def render_ball(avatar, signals, camera, settings, previous=None):
@@ -42,8 +39,8 @@ def render_ball(avatar, signals, camera, settings, previous=None):
     weights = np.sin(np.arange(1, len(numbers) + 1))
     y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
     distance = float(np.linalg.norm(camera.centre))
-    radius = min(height, width) / max(distance, 0.5)
-    inside = 1 - ((x - width / 2) ** 2 + (y - height / 2) ** 2) / radius**2
+    radius = 0.6 * camera.intrinsics[0, 0] / distance
+    inside = 1 - ((x - camera.intrinsics[0, 2]) ** 2 + (y - camera.intrinsics[1, 2]) ** 2) / radius**2
     hit = inside > 0
     shade = inside.clamp(min=0).sqrt()
     tint = torch.tensor(0.5 + 0.5 * np.sin([numbers @ weights, 2 * (numbers @ weights) + 1, 2.0]), dtype=torch.float32)
@@ -53,10 +50,18 @@ def render_ball(avatar, signals, camera, settings, previous=None):
     ball = BallMap(normal * 0.5, normal, depth.float(), hit, hit.float())
     moved = previous is None or not np.array_equal(previous.key[0], signals.full_pose())
     counters = {**dict.fromkeys(NAMES, 0), "rays": width * height, "voxels_evaluated": 100 * moved}
-    ms = {"templates": 1.0, "volume": 2.0, "pointmap": 1e-3 * width * height, "shading": 1.0}
-    return BallFrame(image, ball, np.eye(4), (signals.full_pose(),), {**ms, "total": sum(ms.values())}, counters)
+    ms = {"templates": 1.0, "volume": 2.0, "pointmap": 1e-2 * width * height, "shading": 1.0}
+    return BallFrame(
+        image=image,
+        pointmap=ball,
+        world_from_root=np.eye(4),
+        key=(signals.full_pose(),),
+        ms={**ms, "total": sum(ms.values())},
+        counters=counters,
+        notes=("rays: ball",),
+    )
 
 
 def ball_engine(render=render_ball):
     """An engine without an avatar file."""
-    return Engine(avatar=object(), render=render)
+    return Engine(avatar=object.__new__(Avatar), render=render)

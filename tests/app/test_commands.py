@@ -1,0 +1,214 @@
+"""Commands are pure, undo comes back exactly, and a journal on disk gives the same state."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from avatarrex_studio import posing
+from avatarrex_studio.commands import (
+    ApplyExpression,
+    ApplyPose,
+    CloseMotion,
+    Command,
+    LoadMotion,
+    Mirror,
+    OpenAvatar,
+    OrbitBy,
+    PanBy,
+    Randomise,
+    Reset,
+    ResetGroup,
+    SetBackground,
+    SetCamera,
+    SetExpression,
+    SetFrame,
+    SetHandPose,
+    SetHidden,
+    SetJoint,
+    SetLimits,
+    SetShape,
+    SetSignals,
+    SetSize,
+    SetTranslation,
+    ZoomBy,
+    apply,
+)
+from avatarrex_studio.journal import Journal
+from avatarrex_studio.state import OrbitView, StudioState
+
+from avatarrex.errors import InputError
+from avatarrex.signals.joints import BODY_GROUPS, BODY_JOINTS, EXPRESSION_NAMES
+from avatarrex.signals.library import named_pose
+from avatarrex.signals.limits import LIMITS
+from avatarrex.signals.signals import Signals
+
+STEPPING = Signals.rest().replace(translation=np.array([0.5, 0.2, 1.0]), body_pose=named_pose("walk"))
+EVERY = (
+    SetJoint("left_elbow", (0.0, -0.5, 0.0)),
+    SetTranslation((0.1, 0.2, 0.3)),
+    SetExpression("jawOpen", 0.6),
+    SetShape(2, 1.5),
+    SetHandPose("left", "fist"),
+    ApplyPose("wave"),
+    ApplyExpression("smile"),
+    Randomise("body", 0.5, 7),
+    Mirror(),
+    ResetGroup("left arm"),
+    SetLimits(False),
+    OrbitBy(30.0, 10.0),
+    PanBy(0.1, -0.2),
+    ZoomBy(0.8),
+    SetCamera(fov=25.0, target=(0.0, 0.5, 0.0)),
+    SetBackground((1.0, 1.0, 1.0, 1.0)),
+    SetSize(fixed=(64, 48)),
+    SetHidden("face", True),
+    OpenAvatar("other"),
+    SetSignals(STEPPING),
+    LoadMotion("walk.bvh", "walk.bvh", 5, 30.0, STEPPING),
+    SetFrame(3, STEPPING.replace(translation=np.array([1.0, 0.0, 2.0]))),
+    CloseMotion(),
+    Reset(),
+)
+
+
+def test_every_command_is_pure_and_tested():
+    assert {type(command) for command in EVERY} == set(Command.__subclasses__())
+    state = StudioState()
+    for command in EVERY:
+        before = state.to_json()
+        after = apply(state, command)
+        assert state.to_json() == before, command
+        assert after == apply(state, command), command
+        state = after
+
+
+def test_undo_and_redo_come_back_exactly():
+    journal = Journal()
+    states = [journal.state]
+    for command in EVERY:
+        states.append(journal.do(command))
+    kept = [state for state, earlier in zip(states[1:], states) if state != earlier]
+    for state in reversed([states[0], *kept[:-1]]):
+        assert journal.undo() == state
+    assert journal.undo() == states[0]
+    for state in kept:
+        assert journal.redo() == state
+
+
+def test_a_drag_is_one_step_and_its_moves_are_folded():
+    journal = Journal()
+    for degrees in range(1, 31):
+        journal.do(SetJoint("left_elbow", (0.0, -math.radians(degrees), 0.0)), gesture="drag 1")
+    assert len(journal.steps) == 1
+    assert len(journal.steps[0].commands) == 1
+    journal.do(SetJoint("left_knee", (0.5, 0.0, 0.0)), gesture="drag 2")
+    assert len(journal.steps) == 2
+    journal.undo()
+    assert posing.joint(journal.state.signals, "left_elbow")[1] == -math.radians(30)
+    assert journal.undo() == StudioState()
+
+
+def test_a_saved_session_replays_to_the_same_state(tmp_path):
+    journal = Journal()
+    for number, command in enumerate(EVERY[:-1]):
+        journal.do(command, gesture=number // 3)
+    for frame in range(1, 5):
+        place = np.array([0.1 * frame, 0.0, 0.3 * frame])
+        journal.do(LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING))
+        journal.do(SetFrame(frame, STEPPING.replace(translation=place)), gesture="play")
+    journal.save(tmp_path / "session.json")
+    again = Journal.load(tmp_path / "session.json")
+    assert again.state == journal.state
+    assert len(again.steps) == len(journal.steps)
+    assert [path.name for path in tmp_path.iterdir()] == ["session.json"]
+
+
+def test_the_state_survives_json():
+    state = StudioState()
+    for command in EVERY[:-2]:
+        state = apply(state, command)
+    assert StudioState.from_json(json.dumps(state.to_json())) == state
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"format": 99}',
+        '{"format": 1, "view": {"fov": 0}}',
+        '{"format": 1, "hat": 2}',
+        "[",
+        '{"format": 1, "hidden": 3}',
+    ],
+)
+def test_a_bad_state_is_refused(text):
+    with pytest.raises(InputError):
+        StudioState.from_json(text)
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        {"command": "Explode"},
+        {"command": "SetJoint", "joint": "tail", "rotation": [0, 0, 0]},
+        {"command": "SetJoint", "joint": "jaw", "rotation": "up"},
+        {"command": "SetCamera", "fov": "wide"},
+        {"command": "ZoomBy"},
+        7,
+    ],
+)
+def test_a_bad_session_is_refused(step):
+    data = {**Journal().to_json(), "steps": [[step]]}
+    with pytest.raises(InputError):
+        Journal.from_json(data)
+
+
+def test_limits_hold_a_joint_and_can_be_lifted():
+    high = LIMITS[posing.joint_index("left_knee"), 0, 1]
+    state = apply(StudioState(), SetJoint("left_knee", (9.0, 0.0, 0.0)))
+    assert posing.joint(state.signals, "left_knee")[0] == high
+    state = apply(apply(state, SetLimits(False)), SetJoint("left_knee", (9.0, 0.0, 0.0)))
+    assert posing.joint(state.signals, "left_knee")[0] == 9.0
+
+
+def test_groups_cover_every_joint_and_coefficient_once():
+    names = [name for group in BODY_GROUPS.values() for name in group]
+    assert sorted(names) == sorted(set(BODY_JOINTS))
+    faces = [name for group in posing.FACE_GROUPS.values() for name in group]
+    assert sorted(faces) == sorted(EXPRESSION_NAMES)
+
+
+def test_reset_of_a_group_leaves_the_rest():
+    state = apply(apply(StudioState(), ApplyPose("run")), ApplyExpression("smile"))
+    assert posing.changed(state.signals, "left arm")
+    reset = apply(state, ResetGroup("left arm"))
+    assert not posing.changed(reset.signals, "left arm")
+    assert posing.changed(reset.signals, "right arm")
+    assert np.array_equal(reset.signals.expression, state.signals.expression)
+
+
+def test_mirror_twice_is_nothing_and_once_swaps_sides():
+    state = apply(StudioState(), Randomise("all", 1.0, 3))
+    once = apply(state, Mirror())
+    assert not np.array_equal(once.signals.body_pose, state.signals.body_pose)
+    x, y, z = posing.joint(state.signals, "left_elbow")
+    assert posing.joint(once.signals, "right_elbow") == (x, -y, -z)
+    assert apply(once, Mirror()).signals == state.signals
+
+
+def test_pan_moves_the_picture_by_its_share_of_the_height():
+    state = apply(StudioState(view=OrbitView(azimuth=40.0, elevation=25.0)), PanBy(0.25, -0.125))
+    before = StudioState(view=OrbitView(azimuth=40.0, elevation=25.0)).view
+    camera = state.view.camera(200, 200)
+    x, y, z = camera.camera_from_world[:3, :3] @ np.array(before.target) + camera.camera_from_world[:3, 3]
+    u, v = camera.intrinsics[0, 0] * x / z + 100, camera.intrinsics[1, 1] * y / z + 100
+    assert (u, v) == pytest.approx((100 - 50, 100 - 25))
+
+
+def test_a_motion_carries_the_view_over_the_ground_only():
+    state = apply(StudioState(), LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING))
+    assert state.view.target == pytest.approx((0.5, -0.05, 1.0))
+    still = StudioState(view=OrbitView(follow=False))
+    assert apply(still, LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING)).view == still.view
