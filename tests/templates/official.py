@@ -41,10 +41,10 @@ def evaluate(arrays: dict[str, np.ndarray], pose: np.ndarray, shape: np.ndarray,
     coefficients[: len(shape)] = shape
     coefficients[n_shape : n_shape + len(expression)] = expression
     rest = real["v_template"] + real["shapedirs"] @ coefficients
-    if "J_template" in real:
-        joints = real["J_template"] + real["J_shapedirs"] @ coefficients[:n_shape]
-    else:
-        joints = real["J_regressor"] @ rest
+    explicit = "J_template" in real
+    joints = (
+        real["J_template"] + real["J_shapedirs"] @ coefficients[:n_shape] if explicit else real["J_regressor"] @ rest
+    )
     turn = Rotation.from_rotvec(pose).as_matrix()
     if "posedirs" in real:
         columns = arrays.get("pose_columns", np.arange(real["posedirs"].shape[2]))
