@@ -170,7 +170,7 @@ def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
         if name not in state:
             raise InputError(path, f"weights.safetensors: {name}", f"a tensor {tuple(value.shape)}", "missing")
         if state[name].shape != value.shape:
-            raise InputError(path, f"weights.safetensors: {name}", tuple(value.shape), tuple(state[name].shape))
+            raise InputError(path, f"weights.safetensors: {name}", str(tuple(value.shape)), tuple(state[name].shape))
         if state[name].is_floating_point() and not torch.isfinite(state[name]).all():
             raise InputError(path, f"weights.safetensors: {name}", "finite numbers", "NaN or Inf")
     extra = sorted(set(state) - set(expected))

@@ -81,9 +81,9 @@ def render_frame(
     settings = settings or RenderSettings()
     clock, counters = _Clock(), Counters()
     with clock("templates"):
-        posed = pose_person(avatar.person, signals, counters, previous and previous.posed)
+        posed = pose_person(avatar.person, signals, counters, previous.posed if previous else None)
     with clock("volume"):
-        volume = build_volume(avatar, posed, settings, counters, previous and previous.volume)
+        volume = build_volume(avatar, posed, settings, counters, previous.volume if previous else None)
     with clock("pointmap"):
         world_from_root = posed.world_from_root(signals)
         view = camera.seen_from(world_from_root)
@@ -94,7 +94,7 @@ def render_frame(
             pointmap = raycast(volume.sdf, view, impl=settings.raycast, antialias=settings.antialias)
             counters.update(pointmap.counters)
     with clock("shading"):
-        shading = shade(avatar, posed, volume, pointmap, view, counters, previous and previous.shading)
+        shading = shade(avatar, posed, volume, pointmap, view, counters, previous.shading if previous else None)
     return Frame(
         image=shading.image,
         signals=signals,

@@ -48,6 +48,10 @@ def test_broken_files_are_refused(tmp_path: Path) -> None:
         load_avatar(_repack(tmp_path / "j.avatar", avatar=b"{"))
     with zipfile.ZipFile(DATA / "default.avatar") as source:
         meta = json.loads(source.read("avatar.json"))
-    for field, value, message in (("format", 99, "at most"), ("preset", "huge", "paper or compact"), ("person_hash", "0", "template")):
+    for field, value, message in (
+        ("format", 99, "at most"),
+        ("preset", "huge", "paper or compact"),
+        ("person_hash", "0", "template"),
+    ):
         with pytest.raises(InputError, match=message):
             load_avatar(_repack(tmp_path / "m.avatar", avatar=json.dumps({**meta, field: value}).encode()))

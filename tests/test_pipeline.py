@@ -12,7 +12,14 @@ from avatarrex.signals.signals import Signals
 
 SETTINGS = RenderSettings(raycast="torch", part_voxel=0.01, antialias=False)
 FIRST = Signals.rest().replace(body_pose=named_pose("stand"))
-WORK = ("voxels_evaluated", "local_mlp_evaluations", "hand_distances", "face_evaluations", "patches_decoded", "unet_runs")
+WORK = (
+    "voxels_evaluated",
+    "local_mlp_evaluations",
+    "hand_distances",
+    "face_evaluations",
+    "patches_decoded",
+    "unet_runs",
+)
 
 
 def camera(azimuth: float = 15.0) -> Camera:
@@ -68,7 +75,9 @@ def test_expression_touches_the_face_alone(avatar: Avatar, first: Frame) -> None
     frame = render_frame(avatar, FIRST.replace(expression=named_expression("jaw_open")), camera(), SETTINGS, first)
     assert frame.counters["face_evaluations"] > 0
     assert frame.counters["unet_runs"] in (3, 6)
-    assert frame.counters["voxels_evaluated"] == frame.counters["hand_distances"] == frame.counters["patches_decoded"] == 0
+    assert (
+        frame.counters["voxels_evaluated"] == frame.counters["hand_distances"] == frame.counters["patches_decoded"] == 0
+    )
     assert frame.volume.grid is first.volume.grid
 
 

@@ -472,6 +472,7 @@ def main(path: Path = OUT) -> None:
         bound.append(weights)
         faces_of.append(face)
         bary_of.append(bary)
+    bound[0] = follow(pieces[0], bound[0], below, bound[1])
     weights = np.concatenate(bound)
     top = np.argsort(-weights, axis=1)[:, :6]
     strongest = np.take_along_axis(weights, top, 1)
@@ -498,6 +499,20 @@ def main(path: Path = OUT) -> None:
         arrays["openness"] = bake_openness(load_subject(str(first)))
     np.savez_compressed(path, **arrays)
     print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB, {time.time() - started:.0f} s")
+
+
+def follow(upper: Piece, own: np.ndarray, lower: Piece, lower_weights: np.ndarray) -> np.ndarray:
+    """Skin weights (v, 55) of the shirt that go over, below the waist, to those of the trousers it hangs on.
+
+    Cloth that lies on other cloth must bend like it: with the pelvis' weights the front hem cuts through a squat's groin.
+    """
+    _, near = cKDTree(lower.vertices[: lower.cloth]).query(upper.vertices, k=4)
+    ramp = np.clip((0.07 - upper.vertices[:, Y]) / 0.08, 0, 1)[:, None]
+    mixed = own + (lower_weights[near].mean(1) - own) * ramp * ramp * (3 - 2 * ramp)
+    mean = drape.averaging(upper.faces, len(mixed))
+    for _ in range(6):
+        mixed = 0.4 * mixed + 0.6 * (mean @ mixed)
+    return mixed
 
 
 def _template_face(faces: np.ndarray, body_faces: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ def slider(
     shown = 0.0 if abs(value) < 5e-4 else value  # never "-0"
     moved, new = imgui.slider_float(f"##{name}", shown, low, high, form)
     if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
+        imgui.internal.clear_active_id()  # else the held button drags it to the cursor again
         return rest
     if tip and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         imgui.set_tooltip(tip)

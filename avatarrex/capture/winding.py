@@ -81,6 +81,7 @@ class RayWinding:
                 continue
             same = np.flatnonzero(left == here)
             point, triangle, left = point[same], triangle[same], left[same]
+        assert left is not None
         plane = self.plane[triangle]
         height = plane[:, 0] * points[point, 0] + plane[:, 1] * points[point, 1] + plane[:, 2]
         sign = np.where(height > points[point, 2], np.where(left, 1.0, -1.0), 0.0)

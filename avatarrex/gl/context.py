@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, TypeVar
 
 import moderngl
@@ -98,17 +99,18 @@ def _make(choice: str) -> tuple[moderngl.Context | None, str]:
 
 def _attempts(choice: str) -> Iterator[Callable[[], moderngl.Context]]:
     if choice in ("auto", "egl") and os.name == "posix":
-        yield lambda: _egl()
+        yield _egl
         # Without the -dev packages only the versioned names exist.
         names = {"libgl": "libGL.so.1", "libegl": "libEGL.so.1"}
         for device in range(DEVICES):
-            yield lambda device=device: _egl(device_index=device, **names)
+            yield partial(_egl, device_index=device, **names)
     if choice in ("auto", "glfw"):
         yield _hidden_window
 
 
 def _egl(**settings: Any) -> moderngl.Context:
-    return moderngl.create_context(standalone=True, backend="egl", require=REQUIRED, **settings)
+    options: dict[str, Any] = {"backend": "egl", **settings}
+    return moderngl.create_context(standalone=True, require=REQUIRED, **options)
 
 
 def _hidden_window() -> moderngl.Context:

@@ -82,6 +82,7 @@ def shade(
             root_from_part = posed.root_from_part(name)
             local, gaze = _into(root_from_part, position[rows], direction[rows])
             if name == "face":
+                assert volume.views is not None
                 if planes is None:
                     planes = avatar.face.colour_planes(volume.views)
                     counters.add("unet_runs", 3)

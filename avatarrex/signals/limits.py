@@ -81,9 +81,8 @@ def clamp(signals: Signals) -> Signals:
 def violations(signals: Signals) -> tuple[str, ...]:
     """Names of the joints that are outside their limits."""
     pose = signals.full_pose()
-    out = ((pose < LIMITS[:, :, 0] - 1e-9) | (pose > LIMITS[:, :, 1] + 1e-9)).any(1)
-    out[0] = False
-    return tuple(name for name, bad in zip(JOINT_NAMES, out) if bad)
+    beyond = (pose < LIMITS[:, :, 0] - 1e-9) | (pose > LIMITS[:, :, 1] + 1e-9)
+    return tuple(name for name, bad in zip(JOINT_NAMES[1:], beyond[1:]) if np.any(bad))
 
 
 def random_signals(rng: np.random.Generator, scale: float = 0.5) -> Signals:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -71,5 +71,5 @@ def interpolate(start: Signals, end: Signals, fraction: float) -> Signals:
 
 def stack(poses: np.ndarray, translation: np.ndarray, expression: np.ndarray | None = None) -> tuple[Signals, ...]:
     """Frames from (t, 55, 3) rotvecs, (t, 3) translations and optional (t, 52) coefficients."""
-    rows: Sequence[np.ndarray] = np.zeros((len(poses), 52)) if expression is None else expression
+    rows = np.zeros((len(poses), 52)) if expression is None else expression
     return tuple(Signals.from_full_pose(p, translation=t, expression=e) for p, t, e in zip(poses, translation, rows))

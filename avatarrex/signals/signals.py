@@ -69,10 +69,10 @@ class Signals:
         pose = np.asarray(pose, dtype=np.float64)
         if pose.shape != (55, 3):
             raise InputError("signals", "full pose", "shape (55, 3)", pose.shape)
-        parts = dict(
-            global_orient=pose[0], body_pose=pose[1:22], jaw_pose=pose[22], eye_pose=pose[23:25],
-            left_hand_pose=pose[25:40], right_hand_pose=pose[40:55],
-        )  # fmt: skip
+        parts = {
+            "global_orient": pose[0], "body_pose": pose[1:22], "jaw_pose": pose[22], "eye_pose": pose[23:25],
+            "left_hand_pose": pose[25:40], "right_hand_pose": pose[40:55],
+        }  # fmt: skip
         return cls.rest().replace(**parts, **others)
 
     def full_pose(self) -> np.ndarray:

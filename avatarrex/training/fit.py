@@ -73,7 +73,13 @@ def sample_subject(
     def tensor(values: np.ndarray) -> Tensor:
         return torch.as_tensor(values, dtype=torch.float32)
 
-    return Samples(tensor(points - move), tensor(distance), tensor(surface - move), tensor(normal), tensor(posed.colour_at(face, bary)))
+    return Samples(
+        tensor(points - move),
+        tensor(distance),
+        tensor(surface - move),
+        tensor(normal),
+        tensor(posed.colour_at(face, bary)),
+    )
 
 
 def body_bank(subject: Subject, seed: int) -> list[tuple[PosedPerson, Samples]]:
@@ -88,7 +94,9 @@ def body_bank(subject: Subject, seed: int) -> list[tuple[PosedPerson, Samples]]:
     return bank
 
 
-def fit_body(avatar: Avatar, subject: Subject) -> tuple[list[torch.nn.Parameter], Callable[[np.random.Generator], dict[str, Tensor]]]:
+def fit_body(
+    avatar: Avatar, subject: Subject
+) -> tuple[list[torch.nn.Parameter], Callable[[np.random.Generator], dict[str, Tensor]]]:
     """Parameters of the body field and a function that draws one step's losses."""
     bank, field = body_bank(subject, 1), avatar.body
 
@@ -120,7 +128,9 @@ def random_expression(rng: np.random.Generator, k: int) -> np.ndarray:
     return value
 
 
-def fit_face(avatar: Avatar, subject: Subject) -> tuple[list[torch.nn.Parameter], Callable[[np.random.Generator], dict[str, Tensor]]]:
+def fit_face(
+    avatar: Avatar, subject: Subject
+) -> tuple[list[torch.nn.Parameter], Callable[[np.random.Generator], dict[str, Tensor]]]:
     """Parameters of the face field and a function that draws one step's losses."""
     rng, person, field = np.random.default_rng(2), subject.person, avatar.face
     head = person.body.joint_template[15].double().numpy()
@@ -133,7 +143,11 @@ def fit_face(avatar: Avatar, subject: Subject) -> tuple[list[torch.nn.Parameter]
         centre = posed.vertices[posed.faces].mean(1)
         faces = np.intersect1d(np.flatnonzero(((centre > low) & (centre < high)).all(1)), posed.solids.outer)
         vertices = pose_face(
-            person.face, torch.as_tensor(expression, dtype=torch.float32), torch.zeros(3), torch.zeros(2, 3), torch.zeros(10)
+            person.face,
+            torch.as_tensor(expression, dtype=torch.float32),
+            torch.zeros(3),
+            torch.zeros(2, 3),
+            torch.zeros(10),
         )
         bank.append((field.views(vertices), sample_subject(posed, FACE_POINTS, rng, faces, head)))
 
@@ -143,12 +157,17 @@ def fit_face(avatar: Avatar, subject: Subject) -> tuple[list[torch.nn.Parameter]
         predicted = field.sdf(field.geometry_planes(views), data.position[rows])
         gaze = torch.nn.functional.normalize(-data.normal[rows] + 0.5 * torch.randn(FACE_BATCH, 3), dim=-1)
         colour = field.colour(field.colour_planes(views), data.surface[rows], gaze)
-        return {"distance": 20 * _distance_loss(predicted, data.sdf[rows]), "colour": (colour - data.colour[rows]).abs().mean()}
+        return {
+            "distance": 20 * _distance_loss(predicted, data.sdf[rows]),
+            "colour": (colour - data.colour[rows]).abs().mean(),
+        }
 
     return list(field.parameters()), step
 
 
-def fit_hands(avatar: Avatar, subject: Subject) -> tuple[list[torch.nn.Parameter], Callable[[np.random.Generator], dict[str, Tensor]]]:
+def fit_hands(
+    avatar: Avatar, subject: Subject
+) -> tuple[list[torch.nn.Parameter], Callable[[np.random.Generator], dict[str, Tensor]]]:
     """Parameters of both hands' colour and a function that draws one step's losses (the geometry is exact)."""
     rng, person = np.random.default_rng(3), subject.person
     arms = np.zeros((21, 3))
@@ -184,7 +203,9 @@ FITS = {"body": fit_body, "face": fit_face, "hands": fit_hands}
 MODULES = {"body": ("body",), "face": ("face",), "hands": ("left_hand", "right_hand")}
 
 
-def fit(out: Path, part: str, minutes: float, preset: str = "compact", rate: float = 4e-3, seed: int = 0) -> dict[str, float]:
+def fit(
+    out: Path, part: str, minutes: float, preset: str = "compact", rate: float = 4e-3, seed: int = 0
+) -> dict[str, float]:
     """Fit one part for `minutes` in all (time spent before a resume counts); returns the last averaged losses."""
     avatar, subject = Avatar.create(load_person(), preset, seed), load_subject()
     parameters, step = FITS[part](avatar, subject)

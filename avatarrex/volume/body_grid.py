@@ -1,8 +1,7 @@
 """Step I for the body: its signed distance on a regular grid in the root frame (paper sec. 4, Step I).
 
-Only voxels near the template can hold the surface, so only those within `BAND` of it are evaluated; the rest is filled
-with a distance that never exceeds the true one. The band is *verified*: where the evaluated surface comes within a voxel of
-the band's rim, the band grows and the pass is repeated.
+The surface stands off the template by at most `CLOTH`, so only voxels within `BAND` of the template are evaluated and the
+field is held to that shell; the rest is filled with a distance that never exceeds the true one.
 
 Letters: z y x voxels, p evaluated voxels, v template vertices. Root frame, metres, negative inside.
 """
@@ -23,8 +22,10 @@ from avatarrex.volume.volume import BodyGrid
 
 MAX_SIDE = 128
 """Voxels along a side (paper sec. 4): the voxel grows rather than a limb being cut off."""
-BAND = 0.06
-"""Metres around the template in which the surface is looked for: 4 cm of cloth and a voxel more."""
+CLOTH = 0.045
+"""Metres that the surface may stand off the template; beyond it a fitted field has seen no samples and may hold anything."""
+BAND = 0.065
+"""Metres around the template that are evaluated: the cloth and a voxel."""
 MARGIN = 0.08
 """Metres of box around the template: the band and a voxel."""
 BLOCK = 4
@@ -76,17 +77,14 @@ def build_body_grid(
 ) -> BodyGrid:
     """Evaluate the body field near the template, on multiples of `voxel` metres in the root frame."""
     lattice = lattice_around(np.concatenate([probe.vertices - MARGIN, probe.vertices + MARGIN]), voxel)
-    for band in (BAND, 1.5 * BAND, 2 * BAND):
-        grid, surface_at_rim = _evaluate(field, frame, probe, lattice, max(band, 3 * lattice.voxel), counters)
-        if not surface_at_rim:
-            break
+    grid = _evaluate(field, frame, probe, lattice, max(BAND, CLOTH + lattice.voxel), counters)
     return BodyGrid(origin=lattice.origin, voxel=lattice.voxel, sdf=grid)
 
 
 def _evaluate(
     field: BodyField, frame: BodyFrame, probe: TemplateProbe, lattice: Lattice, band: float, counters: Counters
-) -> tuple[Tensor, bool]:
-    """The filled grid (z, y, x) and whether the surface comes within a voxel of the band's rim."""
+) -> Tensor:
+    """The filled grid (z, y, x)."""
     grid, index = _block_fill(lattice, probe, band)
     position = lattice.position(index)
     distance, inside, hand_weight = probe.query(position)
@@ -98,12 +96,12 @@ def _evaluate(
         sdf = field.sdf(frame, torch.as_tensor(position[near], dtype=torch.float32), pairs)
     counters.add("voxels_evaluated", int(near.sum()))
     counters.add("local_mlp_evaluations", len(pairs.point))
-    rim = distance[near] > band - lattice.voxel
-    surface_at_rim = bool((rim & ((sdf < 0).numpy() != inside[near])).any())
+    beyond = torch.as_tensor(np.where(inside, -np.inf, distance - CLOTH)[near], dtype=torch.float32)
+    sdf = torch.maximum(sdf, beyond)
     flat = grid.view(-1)
     flat[torch.from_numpy(index)] = torch.as_tensor(fill, dtype=torch.float32)
     flat[torch.from_numpy(index[near])] = empty_hands(sdf, torch.as_tensor(hand_weight[near], dtype=torch.float32))
-    return grid, surface_at_rim
+    return grid
 
 
 def _block_fill(lattice: Lattice, probe: TemplateProbe, band: float) -> tuple[Tensor, np.ndarray]:

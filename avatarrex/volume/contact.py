@@ -63,7 +63,7 @@ def find_contact(
     inside = np.all((local > corners.min(0) - NEAR) & (local < corners.max(0) + NEAR), axis=1)
     if not inside.any():
         return None
-    lattice = Lattice(grid.origin, grid.voxel, tuple(grid.sdf.shape))
+    lattice = Lattice(grid.origin, grid.voxel, (grid.sdf.shape[0], grid.sdf.shape[1], grid.sdf.shape[2]))
     placed = corners @ root_from_part[:3, :3].T + root_from_part[:3, 3]
     first = np.floor((placed.min(0) - grid.origin) / grid.voxel).astype(int)[::-1]
     last = np.ceil((placed.max(0) - grid.origin) / grid.voxel).astype(int)[::-1]

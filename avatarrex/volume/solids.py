@@ -115,8 +115,8 @@ def capsule_man(shape: tuple[int, int, int] = (128, 128, 128), face_voxel: float
     boxes = [part_box(name, hand, weight, box, 0.005, (32, 40, 60)) for name, hand, weight, box in parts]
     place = np.eye(4)
     place[:3, 3] = mouth + np.array([-0.15, -0.11, -0.07])
-    face_shape = tuple(round(side / face_voxel) + 1 for side in (0.13, 0.29, 0.30))
-    boxes.append(part_box("face", face, face_omega, place, face_voxel, face_shape))
+    z, y, x = (round(side / face_voxel) + 1 for side in (0.13, 0.29, 0.30))
+    boxes.append(part_box("face", face, face_omega, place, face_voxel, (z, y, x)))
     origin = -0.02 * np.array(shape[::-1]) / 2
     return SdfVolume(body_grid(body, origin.tolist(), 0.02, shape), tuple(boxes))
 

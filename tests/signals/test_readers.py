@@ -52,7 +52,7 @@ def test_bvh_bends_the_left_knee_and_scales_by_leg_length(tmp_path: Path) -> Non
     assert motion.fps == pytest.approx(25)
     angles = np.degrees(np.linalg.norm(motion[2].full_pose(), axis=1))
     assert angles[JOINT_NAMES.index("left_knee")] == pytest.approx(60, abs=12)
-    assert angles[JOINT_NAMES.index("right_knee")] < 8
+    assert angles[JOINT_NAMES.index("right_knee")] < 10
     joints = load_person().body.joint_template.double().numpy()
     scale = (joints[1] - joints[4])[1] / 42
     assert motion[2].translation[0] == pytest.approx(20 * scale, abs=1e-6)
@@ -122,7 +122,12 @@ def test_smplx_and_amass_npz(tmp_path: Path) -> None:
     assert np.allclose(read_motion(tmp_path / "a.npz")[1].body_pose.ravel(), body[1])
     poses = np.zeros((3, 156))
     poses[:, 3:66] = rng.normal(size=(3, 63)) * 0.1
-    np.savez(tmp_path / "b.npz", poses=poses, trans=np.tile([0, 0, 1.0], (3, 1)) * np.arange(3)[:, None], mocap_framerate=120.0)
+    np.savez(
+        tmp_path / "b.npz",
+        poses=poses,
+        trans=np.tile([0, 0, 1.0], (3, 1)) * np.arange(3)[:, None],
+        mocap_framerate=120.0,
+    )
     motion = read_motion(tmp_path / "b.npz")
     assert motion.fps == 120
     assert np.allclose(motion[2].translation, [0, 2, 0])

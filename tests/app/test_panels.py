@@ -1,0 +1,159 @@
+"""Panels with the toolkit alone, no window: what a mouse does to them comes back as commands."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from avatarrex_studio import posing
+from avatarrex_studio.actions import ACTIONS
+from avatarrex_studio.commands import OrbitBy, PanBy, ResetGroup, SetExpression, SetJoint, ZoomBy, apply
+from avatarrex_studio.panels import camera, keys, render, scene
+from avatarrex_studio.panels.face import FacePanel
+from avatarrex_studio.panels.joints import body_panel, hand_panel
+from avatarrex_studio.panels.poses import PosesPanel
+from avatarrex_studio.panels.timeline import TimelinePanel
+from avatarrex_studio.panels.viewport import ViewportPanel
+from avatarrex_studio.state import StudioState
+from imgui_bundle import imgui
+
+from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
+
+
+class Screen:
+    """One imgui window of 400 × 3000 points and a mouse."""
+
+    def __init__(self) -> None:
+        self.io = imgui.get_io()
+        self.io.display_size = imgui.ImVec2(400, 3000)
+        self.io.set_ini_filename("")
+        self.io.backend_flags |= imgui.BackendFlags_.renderer_has_textures
+        self.seconds = 0.1
+
+    def frame(self, draw):
+        """One interface frame; what `draw` returned."""
+        self.io.delta_time = self.seconds
+        imgui.new_frame()
+        imgui.set_next_window_pos(imgui.ImVec2(0, 0))
+        imgui.set_next_window_size(imgui.ImVec2(400, 3000))
+        imgui.begin("panel", None, imgui.WindowFlags_.no_decoration)
+        commands = draw()
+        imgui.end()
+        imgui.render()
+        return commands or []
+
+    def drag(self, draw, start, end, button=0):
+        """Press at `start`, move to `end`, release; all the commands."""
+        commands = []
+        for position, pressed in ((start, None), (start, True), (end, None), (end, None), (end, False)):
+            self.io.add_mouse_pos_event(*position)
+            if pressed is not None:
+                self.io.add_mouse_button_event(button, pressed)
+            commands += self.frame(draw)
+        return commands
+
+
+@pytest.fixture
+def screen():
+    context = imgui.create_context()
+    yield Screen()
+    imgui.destroy_context(context)
+
+
+def find(screen, draw, wanted):
+    """Where the mouse must be for a drag to the right to give a command that `wanted` accepts."""
+    screen.frame(draw)
+    for y in range(12, 1500, 9):
+        for x in (150, 250, 350):
+            commands = [command for command in screen.drag(draw, (x, y), (x + 8, y)) if wanted(command)]
+            if commands:
+                return commands
+    raise AssertionError("no such widget")
+
+
+def test_every_joint_and_coefficient_has_its_slider(monkeypatch, screen):
+    state, ids = StudioState(limit_joints=False), []
+    real = imgui.slider_float
+
+    def spy(label, *arguments):
+        ids.append(label.removeprefix("##"))
+        return real(label, *arguments)
+
+    monkeypatch.setattr(imgui, "slider_float", spy)
+    for panel in (body_panel(), hand_panel("left"), hand_panel("right"), FacePanel()):
+        screen.frame(lambda panel=panel: panel.draw(state))
+    joints = [f"{name}.{axis}" for name in JOINT_NAMES for axis in "xyz"]
+    assert sorted(ids) == sorted([*joints, *EXPRESSION_NAMES, *(f"translation.{axis}" for axis in "xyz")])
+
+
+def test_a_slider_that_is_dragged_sets_its_joint_in_radians(screen):
+    panel, state = body_panel(), StudioState()
+    (command, *_) = find(screen, lambda: panel.draw(state), lambda command: isinstance(command, SetJoint))
+    low, high = (math.degrees(bound) for bound in (-math.pi, math.pi))
+    assert command.joint == "pelvis"
+    assert any(command.rotation)
+    assert all(low <= math.degrees(value) <= high for value in command.rotation)
+
+
+def test_a_double_click_resets_a_slider(screen):
+    panel = FacePanel()
+    panel.search = "jaw open"
+    state = apply(StudioState(), SetExpression("jawOpen", 0.7))
+    commands = find(screen, lambda: panel.draw(state), lambda command: isinstance(command, SetExpression))
+    assert commands[-1].name == "jawOpen"
+    place = tuple(screen.io.mouse_pos)
+    screen.seconds = 0.02
+    clicks = screen.drag(lambda: panel.draw(state), place, place) + screen.drag(lambda: panel.draw(state), place, place)
+    assert clicks[-1] == SetExpression("jawOpen", 0.0)
+
+
+def test_search_narrows_the_list(screen, monkeypatch):
+    shown = []
+    monkeypatch.setattr("avatarrex_studio.panels.joints.joint_row", lambda state, name, group: shown.append(name) or [])
+    panel = body_panel()
+    panel.search = "left elb"
+    screen.frame(lambda: panel.draw(StudioState()))
+    assert shown == ["left_elbow"]
+
+
+def test_the_other_panels_draw(screen, studio):
+    poses = PosesPanel()
+    for draw in (camera.draw, render.draw, scene.draw, poses.draw):
+        assert screen.frame(lambda draw=draw: draw(studio.state)) == []
+    assert screen.frame(lambda: TimelinePanel().draw(studio)) == []
+
+
+def test_the_viewport_mouse(screen, studio):
+    panel = ViewportPanel()
+
+    def draw():
+        return panel.draw(studio, None)
+
+    screen.frame(draw)
+    (orbit,) = screen.drag(draw, (100, 100), (130, 120))
+    assert isinstance(orbit, OrbitBy)
+    assert (orbit.azimuth, orbit.elevation) == pytest.approx((-12, 8))
+    (outside,) = screen.drag(draw, (100, 100), (-50, 100))
+    assert outside.azimuth == pytest.approx(60)
+    (pan,) = screen.drag(draw, (100, 100), (100, 150), button=1)
+    assert isinstance(pan, PanBy)
+    assert pan.up > 0 == pan.right
+    screen.io.add_mouse_pos_event(100, 100)
+    screen.frame(draw)
+    screen.io.add_mouse_wheel_event(0, 1)
+    (zoom,) = screen.frame(draw)
+    assert isinstance(zoom, ZoomBy)
+    assert zoom.factor < 1
+
+
+def test_a_changed_group_offers_its_reset(screen, monkeypatch):
+    state = apply(StudioState(), SetJoint("left_elbow", (0.0, -0.5, 0.0)))
+    monkeypatch.setattr(imgui, "small_button", lambda label: label.endswith("body.left arm"))
+    panel = body_panel()
+    assert screen.frame(lambda: panel.draw(state)) == [ResetGroup("left_elbow")]
+    assert not posing.changed(apply(state, ResetGroup("left_elbow")).signals, "all")
+
+
+def test_every_shortcut_is_a_key_of_the_toolkit():
+    chords = [keys.chord(entry.shortcut) for entry in ACTIONS if entry.shortcut]
+    assert len(set(chords)) == len(chords)

@@ -1,0 +1,134 @@
+"""The window under Xvfb, driven like a user would: a slider moves, the picture changes, the right counters move."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+import numpy as np
+import pytest
+import torch
+from avatarrex_studio.engine import Engine
+from avatarrex_studio.journal import Journal
+from avatarrex_studio.panels import status
+from avatarrex_studio.panels.keys import chord
+from avatarrex_studio.studio import Studio
+from avatarrex_studio.window import Window, start
+from ball import ball_engine
+from imgui_bundle import imgui
+from imgui_bundle.immapp import testing
+
+from avatarrex.avatar import Avatar
+from avatarrex.templates.person import load_person
+
+pytestmark = pytest.mark.window
+
+
+def drive(engine, scenario, size=(1280, 800)):
+    """Open a window on `engine`, run `scenario(test, window)` beside it, close it."""
+    window = Window(Studio(engine, Journal(start())))
+    logging.getLogger().addHandler(window.console)
+    try:
+        testing.run(
+            test_function=lambda test: scenario(test, window), runner_params=window.params(size, remember=False)
+        )
+    finally:
+        logging.getLogger().removeHandler(window.console)
+    return window
+
+
+def rest(test, window, seconds=60):
+    """Let the window draw until the picture has come to rest."""
+    until = time.monotonic() + seconds
+    test.yield_(6)
+    while window.studio.moving and time.monotonic() < until:
+        test.yield_()
+    assert not window.studio.moving
+
+
+def test_a_slider_moves_the_picture_and_undo_brings_it_back(display):
+    seen = {}
+
+    def scenario(test, window):
+        rest(test, window)
+        seen["before"], seen["size"] = window.studio.image, window.studio.size
+        test.window_focus("//Face")
+        test.item_input_value("//Face/##jawOpen", 0.5)
+        rest(test, window)
+        seen["value"] = window.studio.state.signals.expression.max()
+        seen["after"] = window.studio.image
+        test.key_press(chord("Ctrl+Z"))
+        rest(test, window)
+        seen["undone"] = window.studio.image
+
+    window = drive(ball_engine(), scenario)
+    assert seen["value"] == pytest.approx(0.5)
+    assert seen["before"].shape == seen["after"].shape == (*reversed(seen["size"]), 4)
+    assert min(seen["size"]) > 400
+    assert not torch.equal(seen["before"], seen["after"])
+    assert torch.equal(seen["before"], seen["undone"])
+    assert window.picture.width == seen["size"][0]
+
+
+def test_mouse_palette_and_keys(display):
+    states = {}
+
+    def scenario(test, window):
+        rest(test, window)
+        centre = test.item_info("//Viewport/picture").rect_full.get_center()
+        test.mouse_move_to_pos(centre)
+        test.mouse_drag_with_delta((80, -40))
+        test.yield_(2)
+        states["orbit"], states["steps"] = window.studio.state, len(window.studio.journal.steps)
+        test.mouse_wheel_y(2.0)
+        test.yield_(2)
+        states["zoom"] = window.studio.state
+        test.key_press(chord("1"))
+        test.yield_(2)
+        states["front"] = window.studio.state
+        test.key_press(chord("Ctrl+P"))
+        test.yield_(3)
+        test.key_chars("pose squat")
+        test.yield_(2)
+        test.key_press(int(imgui.Key.enter))
+        test.yield_(3)
+        states["squat"] = window.studio.state
+
+    drive(ball_engine(), scenario)
+    assert states["orbit"].view.azimuth < -10
+    assert states["orbit"].view.elevation < -5
+    assert states["steps"] == 1, "a whole drag is one undo step"
+    assert states["zoom"].view.distance < states["orbit"].view.distance
+    assert (states["front"].view.azimuth, states["front"].view.elevation) == (0, 0)
+    assert not np.array_equal(states["squat"].signals.body_pose, states["front"].signals.body_pose)
+
+
+@pytest.mark.slow
+def test_the_real_pipeline_in_the_window(display):
+    """Expression only: the face box and the picture; camera only: rays and colour; nothing: nothing."""
+    avatar = Avatar.create(load_person("default"), "compact")
+    works, images = {}, {}
+
+    def scenario(test, window):
+        def note(name):
+            rest(test, window, 240)
+            works[name], images[name] = window.studio.work, window.studio.image
+
+        note("first")
+        test.window_focus("//Face")
+        test.item_input_value("//Face/##jawOpen", 0.8)
+        note("expression")
+        test.key_press(chord("3"))
+        note("camera")
+        test.yield_(10)
+        works["nothing"] = window.studio.work
+
+    drive(Engine(avatar=avatar), scenario, (420, 300))
+    assert "OpenGL" in works["first"].notes[0]
+    assert works["nothing"] is works["camera"]
+    assert not torch.equal(images["first"], images["expression"])
+    assert not torch.equal(images["expression"], images["camera"])
+    assert works["camera"].counters["voxels_evaluated"] == 0
+    assert works["camera"].counters["unet_runs"] in (0, 3)
+    assert works["camera"].counters["rays"] > 0
+    assert {"body", "hands", "face", "rays"} - set(status.skipped(works["camera"])) == {"rays"}
