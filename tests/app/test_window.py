@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import torch
 from avatarrex_studio.engine import Engine
 from avatarrex_studio.journal import Journal
-from avatarrex_studio.panels import status
 from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.studio import Studio
 from avatarrex_studio.window import Window, start
@@ -19,6 +19,7 @@ from imgui_bundle import imgui
 from imgui_bundle.immapp import testing
 
 from avatarrex.avatar import Avatar
+from avatarrex.pipeline import render_frame
 from avatarrex.templates.person import load_person
 
 pytestmark = pytest.mark.window
@@ -105,30 +106,42 @@ def test_mouse_palette_and_keys(display):
 
 @pytest.mark.slow
 def test_the_real_pipeline_in_the_window(display):
-    """Expression only: the face box and the picture; camera only: rays and colour; nothing: nothing."""
-    avatar = Avatar.create(load_person("default"), "compact")
-    works, images = {}, {}
+    """What a user moves is what is computed: the face, the body, rays and colour alone, or nothing at all."""
+    frames, done, images = [], {}, {}
+
+    def render(*arguments):
+        frames.append(render_frame(*arguments))
+        return frames[-1]
 
     def scenario(test, window):
         def note(name):
             rest(test, window, 240)
-            works[name], images[name] = window.studio.work, window.studio.image
+            done[name] = (
+                {key: sum(frame.counters[key] for frame in frames) for key in frames[0].counters} if frames else {}
+            )
+            images[name], done[name + " notes"] = window.studio.image, window.studio.work.notes
+            frames.clear()
 
         note("first")
         test.window_focus("//Face")
         test.item_input_value("//Face/##jawOpen", 0.8)
         note("expression")
+        test.window_focus("//Body")
+        test.item_input_value("//Body/##spine1.x", 12.0)
+        note("body")
         test.key_press(chord("3"))
         note("camera")
         test.yield_(10)
-        works["nothing"] = window.studio.work
+        note("nothing")
 
-    drive(Engine(avatar=avatar), scenario, (420, 300))
-    assert "OpenGL" in works["first"].notes[0]
-    assert works["nothing"] is works["camera"]
-    assert not torch.equal(images["first"], images["expression"])
-    assert not torch.equal(images["expression"], images["camera"])
-    assert works["camera"].counters["voxels_evaluated"] == 0
-    assert works["camera"].counters["unet_runs"] in (0, 3)
-    assert works["camera"].counters["rays"] > 0
-    assert {"body", "hands", "face", "rays"} - set(status.skipped(works["camera"])) == {"rays"}
+    drive(Engine(avatar=Avatar.create(load_person("default"), "compact"), render=render), scenario, (640, 420))
+    assert "OpenGL" in done["first notes"][0], "the window lends its context"
+    steps = ("first", "expression", "body", "camera")
+    assert all(done[name]["rays"] and done[name]["pixels_shaded"] for name in steps)
+    assert not any(torch.equal(images[a], images[b]) for a, b in pairwise(steps))
+    assert done["expression"]["face_evaluations"] > 0 == done["expression"]["hand_distances"]
+    assert done["body"]["voxels_evaluated"] > 0 == done["body"]["hand_distances"] == done["body"]["face_evaluations"]
+    still = ("voxels_evaluated", "hand_distances", "face_evaluations", "templates_posed")
+    assert not any(done["camera"][key] for key in still)
+    assert done["nothing"] == {}
+    assert images["nothing"] is images["camera"]
