@@ -101,7 +101,7 @@ class Palette:
 
 
 def _table(name: str, rows: list[tuple[str, str]]) -> None:
-    if imgui.begin_table(name, 2, imgui.TableFlags_.sizing_fixed_fit):
+    if imgui.begin_table(name, 2, imgui.TableFlags_.sizing_fixed_fit | imgui.TableFlags_.no_host_extend_x):
         for key, title in rows:
             imgui.table_next_row()
             imgui.table_next_column()

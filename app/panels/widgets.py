@@ -12,7 +12,8 @@ def slider(
 ) -> float | None:
     """The new value while it is dragged or typed (Ctrl+click); a double click gives `rest`; else None."""
     imgui.set_next_item_width(width)
-    shown = 0.0 if abs(value) < 5e-4 else value  # never "-0"
+    zero = float((form.partition("f")[0] + "f") % value) == 0  # never "-0"
+    shown = 0.0 if zero else value
     moved, new = imgui.slider_float(f"##{name}", shown, low, high, form)
     if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
         imgui.internal.clear_active_id()  # else the held button drags it to the cursor again

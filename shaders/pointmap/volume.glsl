@@ -38,7 +38,18 @@ bool in_box(int k, vec3 p) {
 
 vec3 body_place(vec3 p) { return (p - u_origin) / u_voxel; }
 
-// The composed field at p; `place` is p in body voxels, `inside` says which boxes hold it. SAMPLE is one of the two above.
+// Textures are chosen by a literal: llvmpipe takes a computed index from a lane that may have left the loop.
+#define ADD_PART(SAMPLE, K) \
+    if (inside[K]) { \
+        vec2 part = SAMPLE(u_part[K], box_place(K, p) / in_part[K].voxel); \
+        vec2 pair = vec2(body, NOWHERE); \
+        if (CONTACTS == 1 && in_part[K].contact == 1) pair = SAMPLE(u_contact[K], place - in_part[K].contact_first); \
+        compose_part(sum, K, part, pair); \
+        f.scale = min(f.scale, mix(u_voxel, in_part[K].voxel, part.y)); \
+    }
+
+// The composed field at p; `place` is p in body voxels, `inside` says which boxes hold it. SAMPLE is one of the two of
+// lib/trilinear.glsl.
 #define DEFINE_FIELD(NAME, SAMPLE) \
 Field NAME(vec3 p, vec3 place, bvec3 inside) { \
     float body = SAMPLE(u_body, place).x; \
@@ -46,14 +57,9 @@ Field NAME(vec3 p, vec3 place, bvec3 inside) { \
     if (PARTS == 0) return f; \
     body += u_voxel * length(place - clamp(place, vec3(0), body_last())); \
     Composition sum = compose_nothing(); \
-    for (int k = 0; k < 3; ++k) { \
-        if (!inside[k]) continue; \
-        vec2 part = SAMPLE(u_part[k], box_place(k, p) / in_part[k].voxel); \
-        vec2 pair = vec2(body, NOWHERE); \
-        if (CONTACTS == 1 && in_part[k].contact == 1) pair = SAMPLE(u_contact[k], place - in_part[k].contact_first); \
-        compose_part(sum, k, part, pair); \
-        f.scale = min(f.scale, mix(u_voxel, in_part[k].voxel, part.y)); \
-    } \
+    ADD_PART(SAMPLE, 0) \
+    ADD_PART(SAMPLE, 1) \
+    ADD_PART(SAMPLE, 2) \
     f.sdf = compose_sdf(sum, body); \
     f.bound = compose_step(sum, f.sdf); \
     f.weight = compose_weight(sum); \

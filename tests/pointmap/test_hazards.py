@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
-from conftest import agree
+from raycast_cases import agree
 
 from avatarrex.camera import Camera
 from avatarrex.pointmap.pointmap import raycast
@@ -134,11 +134,11 @@ def test_overlapping_boxes_are_a_union_in_any_order(impl):
     one_at, two_at = (0.28, 0.3, 0.3), (0.34, 0.31, 0.32)
     left = box("left_hand", sphere(one_at, 0.05), one_at)
     right = box("right_hand", sphere(two_at, 0.05), two_at, degrees=-40)
-    camera = Camera.orbit(15, 20, 1.0, 20, MIDDLE, 64, 64)
+    camera = Camera.orbit(15, 20, 1.0, 20, MIDDLE, 48, 48)
     one = agree(SdfVolume(body_grid(everywhere, *GRID), (left, right)), camera, impl)
     other = raycast(SdfVolume(body_grid(everywhere, *GRID), (right, left)), camera, impl)
     assert torch.equal(one.position, other.position)
-    assert (one.part_weight[one.hit][:, :2].amax(0) == 1).all()
+    assert (one.part_weight[one.hit][:, :2].amax(0) > 0.999).all()
     nearest = torch.stack([(one.position[one.hit] - torch.tensor(at)).norm(dim=-1) for at in (one_at, two_at)]).amin(0)
     assert (nearest - 0.05).abs().max() < 1e-3
 
@@ -149,7 +149,7 @@ def test_a_hand_on_a_hip_carves_no_flesh(impl):
     part = box("left_hand", sphere(hand, 0.04), hand, side=0.2)
     pair = torch.stack([torch.full_like(body.sdf, 0.5), body.sdf], -1)
     touching = dataclasses.replace(part, contact=Contact(np.array([0, 0, 0]), pair))
-    camera = Camera.orbit(30, 20, 1.2, 25, MIDDLE, 64, 64)
+    camera = Camera.orbit(30, 20, 1.2, 25, MIDDLE, 40, 40)
     one = agree(SdfVolume(body, (touching,)), camera, impl)
     alone = raycast(SdfVolume(body), camera, impl)
     assert (one.hit | ~alone.hit).all()

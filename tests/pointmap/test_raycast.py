@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
-from conftest import VIEWS, agree, errors
+from raycast_cases import VIEWS, agree, errors, reference
 
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
@@ -16,10 +16,9 @@ from avatarrex.volume.volume import BodyGrid, SdfVolume
 
 @pytest.mark.parametrize("camera", VIEWS, ids=["whole", "hand", "head"])
 def test_the_capsule_man_within_the_targets(man, impl, camera):
-    one = agree(man, camera, impl)
-    truth = raycast(man, camera, "reference")
+    one, truth = agree(man, camera, impl), reference(man, camera)
     both = one.hit & truth.hit
-    assert both.sum() > 400
+    assert both.sum() > 300
     assert (one.normal - truth.normal)[both].abs().mean() < 1e-4
     assert (one.part_weight - truth.part_weight)[both].abs().mean() < 1e-4
     assert (one.depth - truth.depth)[both].abs().max() < 1e-4
@@ -28,7 +27,7 @@ def test_the_capsule_man_within_the_targets(man, impl, camera):
 
 def test_the_comparison_sees_a_grid_that_is_one_voxel_off(man):
     body = dataclasses.replace(man.body, origin=man.body.origin + np.array([0, 0, man.body.voxel]))
-    truth = raycast(man, VIEWS[0], "reference")
+    truth = reference(man, VIEWS[0])
     apart, missed, _ = errors(raycast(SdfVolume(body, man.parts), VIEWS[0], "torch"), truth)
     assert apart.mean() > 1e-3
     assert missed > 0
@@ -59,8 +58,11 @@ def test_a_ball_where_it_is(impl):
     camera = Camera.orbit(33, 21, 1.5, 30, (0.3, 0.3, 0.3), 64, 64)
     one = raycast(volume, camera, impl)
     radius = (one.position[one.hit] - 0.3).norm(dim=-1)
-    # Linear interpolation of a ball's distance reads too far out by at most h²/(8 R) per axis across the normal.
-    assert (radius - 0.2).abs().max() < 2 * 0.02**2 / (8 * 0.2) + 1e-6
+    # Linear interpolation of a convex function reads high, so the ball shrinks: by at most h²/8 Δs, Δs = 2/R, and a
+    # little for the curvature's growth within the cell.
+    assert radius.max() < 0.2 + 1e-6
+    assert radius.min() > 0.2 - 1.1 * 0.02**2 / 8 * (2 / 0.2)
+    assert radius.min() < 0.2 - 1e-4
     outward = (one.position[one.hit] - 0.3) / radius[:, None]
     assert (one.normal[one.hit] * outward).sum(-1).min() > 0.995
 
@@ -135,7 +137,7 @@ def test_without_opengl_torch_serves_and_says_so(man, monkeypatch):
 
 
 def test_the_renderer_is_named(man):
-    assert raycast(man, VIEWS[0], "reference").renderer == "float64 reference"
+    assert reference(man, VIEWS[0]).renderer == "float64 reference"
     if "gl" in available():
         assert raycast(man, VIEWS[0]).renderer.startswith("OpenGL compute, ")
 
