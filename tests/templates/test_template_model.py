@@ -191,7 +191,7 @@ def test_bad_models_are_refused(body: TemplateModel) -> None:
         ({"parents": body.parents[:-1]}, "parents"),
         ({"parents": (-1, *body.parents[1:-1], 54)}, "parents"),
         ({"parents": (-1, -1, *body.parents[2:])}, "parents"),
-        ({"posedirs": torch.zeros(len(body.weights), 3, 7)}, "posedirs"),
+        ({"posedirs": torch.zeros(len(body.weights), 3, 7), "pose_columns": None}, "posedirs"),
         ({"posedirs": torch.zeros(len(body.weights), 3, 1), "pose_columns": torch.tensor([486])}, "pose_columns"),
     ):
         with pytest.raises(InputError, match=field):
