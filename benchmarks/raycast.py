@@ -25,6 +25,8 @@ from avatarrex.volume.volume import SdfVolume
 
 VIEWS = ((20, 10, 2.6, 40), (75, -20, 2.2, 45), (200, 35, 3.0, 40))
 NO_HIT = 1e8
+SLOW = "fixed steps of h/4"
+"""Run once."""
 
 
 def methods(volume: SdfVolume, camera: Camera) -> dict[str, list[tuple[str, int | None, dict[str, int]]]]:
@@ -36,7 +38,7 @@ def methods(volume: SdfVolume, camera: Camera) -> dict[str, list[tuple[str, int 
         "two passes": [*trace, *exact],
         "first pass alone": trace,
         "sphere tracing to 1e-4": [("plain", None, {"PARTS": parts[-1], "METHOD": 1})],
-        "fixed steps of h/4": [("plain", None, {"PARTS": parts[-1], "METHOD": 0})],
+        SLOW: [("plain", None, {"PARTS": parts[-1], "METHOD": 0})],
     }
 
 
@@ -48,7 +50,7 @@ def measure(volume: SdfVolume, camera: Camera, repeats: int) -> None:
     hit = np.isfinite(truth)
     for name, passes in methods(volume, camera).items():
         times, cpu = [], []
-        for _ in range(repeats + 1 if name != "fixed steps of h/4" else 2):
+        for _ in range(repeats + 1 if name != SLOW else 1):
             run, _ = caster.prepare(volume, camera, antialias=False)
             caster.context.finish()
             start, work = time.perf_counter(), time.process_time()
@@ -61,7 +63,7 @@ def measure(volume: SdfVolume, camera: Camera, repeats: int) -> None:
         found = t < NO_HIT
         error = 1e3 * np.abs(t - truth)[found & hit]
         print(
-            f"  {name:24s} {1e3 * min(times[1:]):7.1f} ms, CPU {1e3 * min(cpu[1:]):7.1f}"
+            f"  {name:24s} {1e3 * min(times[1:] or times):7.1f} ms, CPU {1e3 * min(cpu[1:] or cpu):7.1f}"
             f"  mean {error.mean():.5f} mm  p99 {np.quantile(error, 0.99):.5f}  max {error.max():.4f}"
             f"  missed {np.sum(hit & ~found)}  false {np.sum(found & ~hit)} of {hit.sum()} hits"
         )

@@ -73,6 +73,7 @@ class GlCaster:
         self.parts = context.buffer(reserve=len(PARTS) * PART.itemsize)
         self.lists = context.buffer(reserve=LISTS.itemsize)
         self.pixels: list[moderngl.Buffer] = []
+        self.float_filter = int(self._filters_in_float())
 
     def cast(self, volume: SdfVolume, camera: Camera, antialias: bool) -> PointMap:
         """All passes, one read-back."""
@@ -110,7 +111,8 @@ class GlCaster:
         uniforms = _uniforms(volume, camera, _slots(camera, antialias))
 
         def run(name: str, over: int | None = None, **constants: int) -> None:
-            program = self._program(name, CONTACTS=contacts * constants["PARTS"], **constants)
+            contact = contacts * constants["PARTS"]
+            program = self._program(name, CONTACTS=contact, FLOAT_FILTER=self.float_filter, **constants)
             for uniform in program:
                 if uniform in uniforms:
                     program[uniform].value = uniforms[uniform]
@@ -127,6 +129,17 @@ class GlCaster:
         if key not in self.programs:
             self.programs[key] = compute_shader(self.context, f"pointmap/{name}.comp", constants)
         return self.programs[key]
+
+    def _filters_in_float(self) -> bool:
+        """Hardware rounds the weights of its texture filter to 8 bits, software need not."""
+        self.textures.bind("probe", torch.tensor([[[0.0, 1.0]]]), 0)
+        values = self.context.buffer(reserve=4 * GROUP)
+        values.bind_to_storage_buffer(0)
+        self._program("probe").run()
+        self.context.memory_barrier()
+        got = np.frombuffer(values.read(), "f4")
+        values.release()
+        return bool(np.abs(got - np.linspace(0, 1, GROUP)).max() < 1e-6)
 
     def _bind_volume(self, volume: SdfVolume, camera: Camera) -> int:
         """Body on texture unit 0, parts on 1–3, contacts on 4–6; bytes uploaded."""

@@ -1,5 +1,6 @@
 // The volume as the raycast passes read it. Root frame, metres.
-// PARTS: whether part boxes are looked at; CONTACTS: whether any box has a contact block.
+// PARTS: whether part boxes are looked at; CONTACTS: whether any box has a contact block; FLOAT_FILTER: whether the
+// texture unit interpolates in float, as Mesa's software renderers do (probe.comp found out).
 #include "lib/trilinear.glsl"
 #include "lib/composition.glsl"
 #include "lib/slab.glsl"
@@ -65,5 +66,9 @@ Field NAME(vec3 p, vec3 place, bvec3 inside) { \
     f.weight = compose_weight(sum); \
     return f; \
 }
-DEFINE_FIELD(field_at, trilinear)
 DEFINE_FIELD(field_filtered, trilinear_filtered)
+#if FLOAT_FILTER == 1
+#define field_at field_filtered
+#else
+DEFINE_FIELD(field_at, trilinear)
+#endif

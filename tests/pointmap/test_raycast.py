@@ -149,3 +149,24 @@ def test_two_views_in_turn_do_not_disturb_each_other(man, impl):
     again = raycast(man, small, impl)
     for name in ("position", "normal", "coverage", "part_weight", "hit"):
         assert torch.equal(getattr(first, name), getattr(again, name))
+
+
+def test_the_shaders_read_the_parts_as_numpy_wrote_them():
+    if "gl" not in available():
+        pytest.skip("no OpenGL 4.3 here")
+    from avatarrex.pointmap.raycast_gl import LISTS, PART, RECORD, gl_caster
+
+    program = gl_caster()._program("surface", PARTS=1, CONTACTS=1, FLOAT_FILTER=0)
+    assert program["Parts"].size == 3 * PART.itemsize
+    assert RECORD.itemsize % 16 == 0
+    assert LISTS.fields["steps"][1] == 8 * 16
+
+
+def test_eight_texel_fetches_give_what_a_float_filter_gives(man, monkeypatch):
+    """The path of hardware whose filter rounds, tried where it does not."""
+    if "gl" not in available():
+        pytest.skip("no OpenGL 4.3 here")
+    from avatarrex.pointmap.raycast_gl import gl_caster
+
+    monkeypatch.setattr(gl_caster(), "float_filter", 0)
+    agree(man, VIEWS[0], "gl")
