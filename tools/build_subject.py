@@ -40,6 +40,10 @@ CLOTH = 0.004
 """Metres, thickness of a hem."""
 TUCK = 0.014
 """Metres that covered skin is pushed in, so that it stays inside when joints bend."""
+WALL = 0.013
+"""Metres that the mouth's lining stands off the skin behind it: lips and cheeks are otherwise shells of 3 mm."""
+CROWN = 0.007
+"""Metres of a tooth that the lining leaves bare."""
 DOWN = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 X, Y, Z = 0, 1, 2
 
@@ -311,6 +315,29 @@ def tuck(body: Body, pieces: list[Piece]) -> np.ndarray:
     return -TUCK * smooth[:, None] * soft
 
 
+def line_mouth(body: Body, person: object, lip: np.ndarray) -> np.ndarray:
+    """Offsets (v, 3) that bring the mouth's lining forward as gums and cheeks, up to the bare crowns and the tongue.
+
+    `lip` (v,): metres from the mouth's rim, negative inside. The lining keeps its own skinning and expressions, so it
+    never comes through the lips.
+    """
+    model = person.body.double()
+    upper, lower, tongue = (model.v_template.numpy()[model.groups[n].numpy()] for n in ("upper_teeth", "lower_teeth", "tongue"))
+    meet = (upper[:, Y].min() + lower[:, Y].max()) / 2
+    crowns = np.concatenate([upper, lower])
+    bare = np.concatenate([crowns[np.abs(crowns[:, Y] - meet) < CROWN], tongue])
+    normal = drape.vertex_normals(body.vertices, body.faces)
+    mean = drape.averaging(body.faces, len(normal))
+    for _ in range(2):
+        normal = 0.5 * normal + 0.5 * (mean @ normal)
+    depth = np.clip((-lip - 0.001) / 0.007, 0, 1)
+    free = cKDTree(bare).query(body.vertices)[0] - 0.001
+    amount = depth * depth * (3 - 2 * depth) * np.clip(free, 0, WALL)
+    for _ in range(2):
+        amount = np.where(depth > 0, np.minimum(amount, 0.5 * amount + 0.5 * (mean @ amount)), 0)
+    return amount[:, None] * normal
+
+
 def bind(piece: Piece, source: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Smoothed skin weights (v, 55), nearest template face (v,) and barycentrics (v, 3) there."""
     vertices, faces, weights = source
@@ -486,10 +513,12 @@ def main(path: Path = OUT) -> None:
     arrays["weight"] = np.round(strongest * 65535).astype(np.uint16)
     arrays["bind_face"] = np.concatenate(faces_of).astype(np.uint16)
     arrays["bind_bary"] = np.round(np.concatenate(bary_of) * 65535).astype(np.uint16)
-    arrays["tuck"] = tuck(body, pieces).astype(np.float16)
+    painted = masks(body, pieces)
+    lining = line_mouth(body, person, painted["lip"][: len(body.vertices)])
+    arrays["tuck"] = (tuck(body, pieces) + lining).astype(np.float16)
     arrays["person_hash"] = np.array(person.hash)
     arrays["measures"] = np.array([_crotch(body), _armpit(body)])
-    for name, mask in masks(body, pieces).items():
+    for name, mask in painted.items():
         arrays[f"mask_{name}"] = mask.astype(np.float16)
     count = len(body.vertices) + len(arrays["vertices"])
     arrays["openness"] = np.full(count, 255, np.uint8)

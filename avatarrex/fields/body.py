@@ -34,7 +34,7 @@ from avatarrex.templates.model import PosedTemplate, TemplateModel
 
 SDF_UNIT = 0.05
 """Metres per unit of the blending MLP's output: distances near the surface become O(1)."""
-COLOUR_UNIT = RADIUS
+COLOUR_UNIT = RADIUS / 2
 """Metres per unit of the colour networks' coordinates."""
 CLOTH = 0.02
 """How far the surface may stand off the template when the empty space is filled, metres."""
@@ -71,7 +71,6 @@ class BodyField(nn.Module):
     node_vertex: Tensor
     anchor_vertex: Tensor
     node_rest: Tensor
-    node_normal: Tensor
     node_axes: Tensor
     node_weights: Tensor
     node_part: Tensor
@@ -111,7 +110,6 @@ class BodyField(nn.Module):
         rest = model.v_template
         derived = {
             "node_rest": rest[vertex],
-            "node_normal": normal,
             "node_axes": plane_axes(normal),
             "node_weights": model.weights[vertex],
             "sample_rest": rest[sampled],
@@ -211,9 +209,8 @@ class BodyField(nn.Module):
         pairs, local, weight = self.localise(frame, position, pairs, among)
         coordinate = encode(local / RADIUS, COORDINATE_OCTAVES)
         feature = self.geometry_local([coordinate], frame.code.embedding, pairs.offsets, impl)
-        plane = (local.T * take(self.node_normal, pairs.node)).sum(0)[:, None] / SDF_UNIT
-        mean, total = weighted_mean(torch.cat([feature, plane], -1), weight, pairs, len(position))
-        inside = SDF_UNIT * (self.geometry_blend(mean[:, :-1])[:, 0] + mean[:, -1])
+        mean, total = weighted_mean(feature, weight, pairs, len(position))
+        inside = SDF_UNIT * self.geometry_blend(mean)[:, 0]
         missed = total <= 0
         if not missed.any():
             return inside

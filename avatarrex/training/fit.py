@@ -1,10 +1,10 @@
 """Fit the fields of an avatar directly to the clothed subject: signed distances and surface colours, no images.
 
-    python -m avatarrex.training.fit OUT [--part body|face|hands] [--minutes M]
+    python -m avatarrex.training.fit OUT [--parts body face hands] [--minutes M] [--package FILE.avatar]
 
 A first avatar to look at, honest about what it is (`avatar.json` says 'fitted to geometry'); training from images replaces
-it. Each part is fitted in its own process and checkpoints every minute; started again, it goes on. `--package` joins the
-parts into one `.avatar` file.
+it. The body is fitted beside face and hands, in two processes that checkpoint every minute; started again, they go on.
+`--package` joins the parts into one `.avatar` file.
 
 Letters: p points, v vertices. Root frame for the body, head frame for the face; metres; colours sRGB-encoded.
 """
@@ -13,8 +13,10 @@ from __future__ import annotations
 
 import argparse
 import os
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,13 +27,13 @@ from torch import Tensor
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar, save_avatar
-from avatarrex.capture.subject import PosedSubject, Subject, load_subject
+from avatarrex.capture.subject import FACE_SOLIDS, PosedSubject, Subject, load_subject
 from avatarrex.counters import Counters
 from avatarrex.fields.hand import HandQuery
 from avatarrex.signals.joints import EXPRESSION_NAMES
+from avatarrex.signals.library import POSES, named_pose
 from avatarrex.signals.limits import random_signals
 from avatarrex.signals.signals import Signals
-from avatarrex.templates.face import pose_face
 from avatarrex.templates.hand import pose_hand
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.person import load_person
@@ -40,11 +42,25 @@ from avatarrex.templates.posed import PosedPerson, pose_person
 CLAMP = 0.06
 """Metres: farther distances all count the same; the volume's band is as wide."""
 CHECKPOINT_SECONDS = 60
-HALF_POSES, FULL_POSES, EXPRESSIONS = 34, 10, 44
+MINUTES = {"body": 66.0, "face": 62.0, "hands": 3.0}
+"""Of steps, without the sampling of poses before them (three minutes each for body and face)."""
+HALF_POSES, FULL_POSES, MIXTURES = 70, 20, 60
+"""Random body poses at half and at full joint limits beside the named ones; mixed expressions beside every single one."""
 BODY_POINTS, FACE_POINTS = 14000, 16000
 """Per pose or expression held in the bank; a step draws some of them."""
 BODY_BATCH, FACE_BATCH = 3000, 8000
+HIDDEN_SHARE = 0.12
+"""Of the body's samples: where hands or face have taken over, it is only seen when they are switched off."""
+DETAIL_SHARE = 0.45
+"""Of the face's samples: eyes, lids, lips and teeth, a tenth of its area."""
+BODY_SPREAD = ((0.004, 0.5), (0.012, 0.3), (0.030, 0.2))
+FACE_SPREAD = ((0.0015, 0.4), (0.005, 0.4), (0.020, 0.2))
+"""Standard deviation of samples off the surface, metres, and the share of each."""
+BODY_COLOUR_SPREAD, FACE_COLOUR_SPREAD = 0.005, 0.001
+"""How far off the surface its colour is asked for, metres: rays hit the surface that the voxels hold, not the true one."""
 JAW_OPEN, BLINK_LEFT, BLINK_RIGHT = (EXPRESSION_NAMES.index(n) for n in ("jawOpen", "eyeBlinkLeft", "eyeBlinkRight"))
+FAR = 0.1
+"""Share of samples up to `CLAMP` away in any direction."""
 
 
 @dataclass(frozen=True)
@@ -58,17 +74,29 @@ class Samples:
     colour: Tensor
 
 
-def sample_subject(
-    posed: PosedSubject, count: int, rng: np.random.Generator, faces: np.ndarray, move: np.ndarray
-) -> Samples:
-    """Near and far points with their signed distance, and surface points with colour, after subtracting `move` (3,)."""
-    face, bary = posed.solids.sample(count, rng, faces)
+@dataclass(frozen=True)
+class Sampling:
+    """How a part's samples lie: triangles with their shares, spreads with theirs, and how far colour is asked for."""
+
+    faces: tuple[tuple[np.ndarray, float], ...]
+    spread: tuple[tuple[float, float], ...]
+    colour_spread: float
+    count: int
+
+
+def sample_subject(posed: PosedSubject, sampling: Sampling, rng: np.random.Generator, move: np.ndarray) -> Samples:
+    """Points around the surface with their signed distance, and surface points with colour, minus `move` (3,)."""
+    count = sampling.count
+    drawn = [posed.solids.sample(round(count * share), rng, faces) for faces, share in sampling.faces]
+    face, bary = (np.concatenate(values) for values in zip(*drawn))
+    count = len(face)
     surface, normal = posed.at(face, bary)
-    spread = np.where(rng.random(count) < 0.6, 0.005, 0.025)
-    points = surface + normal * (rng.normal(size=count) * spread)[:, None] + rng.normal(size=(count, 3)) * 0.002
-    far = rng.random(count) < 0.1
-    points[far] += rng.normal(size=(far.sum(), 3)) * 0.04
+    sigma = rng.choice([width for width, _ in sampling.spread], count, p=[share for _, share in sampling.spread])
+    points = surface + rng.normal(size=(count, 1)) * sigma[:, None] * normal + rng.normal(size=(count, 3)) * 0.001
+    far = rng.random(count) < FAR
+    points[far] += rng.uniform(-CLAMP, CLAMP, (int(far.sum()), 3))
     distance = posed.signed_distance(points)
+    shown = surface + rng.normal(size=(count, 1)) * sampling.colour_spread * normal
 
     def tensor(values: np.ndarray) -> Tensor:
         return torch.as_tensor(values, dtype=torch.float32)
@@ -76,21 +104,26 @@ def sample_subject(
     return Samples(
         tensor(points - move),
         tensor(distance),
-        tensor(surface - move),
+        tensor(shown - move),
         tensor(normal),
         tensor(posed.colour_at(face, bary)),
     )
 
 
 def body_bank(subject: Subject, seed: int) -> list[tuple[PosedPerson, Samples]]:
-    """Poses at half and at full joint limits, flat hands and a neutral face (docs/architecture.md)."""
+    """Named poses and random ones, all with flat hands and a neutral face (docs/architecture.md)."""
     rng = np.random.default_rng(seed)
+    poses = [named_pose(name) for name in POSES]
+    poses += [random_signals(rng, 0.5 if k < HALF_POSES else 1.0).body_pose for k in range(HALF_POSES + FULL_POSES)]
+    hidden = subject.faces_of("left_hand", "right_hand", "face")
     bank = []
-    for k in tqdm(range(HALF_POSES + FULL_POSES), desc="body poses"):
-        signals = random_signals(rng, 0.5 if k < HALF_POSES else 1.0)
-        signals = Signals.rest().replace(body_pose=signals.body_pose * (0.0 if k == 0 else 1.0))
+    for pose in tqdm(poses, desc="body poses"):
+        signals = Signals.rest().replace(body_pose=pose)
         posed, target = pose_person(subject.person, signals, Counters(), None), subject.pose(signals)
-        bank.append((posed, sample_subject(target, BODY_POINTS, rng, target.solids.outer, np.zeros(3))))
+        outer = target.solids.outer
+        faces = ((np.setdiff1d(outer, hidden), 1 - HIDDEN_SHARE), (np.intersect1d(outer, hidden), HIDDEN_SHARE))
+        sampling = Sampling(faces, BODY_SPREAD, BODY_COLOUR_SPREAD, BODY_POINTS)
+        bank.append((posed, sample_subject(target, sampling, rng, np.zeros(3))))
     return bank
 
 
@@ -117,15 +150,19 @@ def fit_body(
     return [*field.geometry_parameters(), *field.colour_parameters()], step
 
 
-def random_expression(rng: np.random.Generator, k: int) -> np.ndarray:
-    """Neutral first, then sparse mixtures in which jaw and lids move often; (52,)."""
-    value = np.zeros(52)
-    if k:
+def random_face(rng: np.random.Generator, k: int) -> Signals:
+    """Neutral, then every coefficient alone, then sparse mixtures in which jaw, lids and gaze move often."""
+    value, jaw, eyes = np.zeros(52), np.zeros(3), np.zeros((2, 3))
+    if 0 < k <= 52:
+        value[k - 1] = 1
+    elif k:
         chosen = rng.choice(52, rng.integers(3, 9), replace=False)
         value[chosen] = rng.random(len(chosen))
         value[JAW_OPEN] = rng.random() * (rng.random() < 0.5)
         value[[BLINK_LEFT, BLINK_RIGHT]] = rng.random() * (rng.random() < 0.4)
-    return value
+        jaw[0] = rng.uniform(0, 0.35) * (rng.random() < 0.2)
+        eyes[:] = rng.uniform(-1, 1, 3) * (0.3, 0.4, 0) * (rng.random() < 0.5)
+    return Signals.rest().replace(expression=value, jaw_pose=jaw, eye_pose=eyes)
 
 
 def fit_face(
@@ -136,20 +173,19 @@ def fit_face(
     head = person.body.joint_template[15].double().numpy()
     near = person.face.v_template[person.face.blend_weight > 0].double().numpy()
     low, high = near.min(0) - 0.02 + head, near.max(0) + 0.02 + head
+    detail = np.isin(subject.solid_of_vertex, [subject.names.index(name) for name in FACE_SOLIDS])
+    detail |= (subject.masks["lip"] < 0.012) | (subject.masks["lid"] < 0.012)
+    detail_faces = np.flatnonzero(detail[subject.faces].all(1))
     bank = []
-    for k in tqdm(range(EXPRESSIONS), desc="expressions"):
-        expression = random_expression(rng, k)
-        posed = subject.pose(Signals.rest().replace(expression=expression))
+    for k in tqdm(range(1 + 52 + MIXTURES), desc="expressions"):
+        signals = random_face(rng, k)
+        posed = subject.pose(signals)
         centre = posed.vertices[posed.faces].mean(1)
         faces = np.intersect1d(np.flatnonzero(((centre > low) & (centre < high)).all(1)), posed.solids.outer)
-        vertices = pose_face(
-            person.face,
-            torch.as_tensor(expression, dtype=torch.float32),
-            torch.zeros(3),
-            torch.zeros(2, 3),
-            torch.zeros(10),
-        )
-        bank.append((field.views(vertices), sample_subject(posed, FACE_POINTS, rng, faces, head)))
+        groups = ((faces, 1 - DETAIL_SHARE), (np.intersect1d(faces, detail_faces), DETAIL_SHARE))
+        sampling = Sampling(groups, FACE_SPREAD, FACE_COLOUR_SPREAD, FACE_POINTS)
+        vertices = pose_person(person, signals, Counters(), None).parts["face"]
+        bank.append((field.views(vertices), sample_subject(posed, sampling, rng, head)))
 
     def step(rng: np.random.Generator) -> dict[str, Tensor]:
         views, data = bank[rng.integers(len(bank))]
@@ -282,24 +318,32 @@ def _checkpoint(path: Path, avatar: Avatar, part: str, optimiser: torch.optim.Op
     os.replace(temporary, path)
 
 
-def _parts(choice: str | None) -> Iterator[str]:
-    yield from ([choice] if choice else FITS)
+def _both(out: Path) -> int:
+    """Body in one process, face and hands in another, half of the cores each; the first exit status that is not 0."""
+    threads = str(max(1, (os.cpu_count() or 2) // 2))
+    command = [sys.executable, "-m", "avatarrex.training.fit", str(out), "--parts"]
+    groups = (["body"], ["face", "hands"])
+    runs = [subprocess.Popen([*command, *parts], env={**os.environ, "OMP_NUM_THREADS": threads}) for parts in groups]
+    return next((status for run in runs if (status := run.wait())), 0)
 
 
-def main() -> None:
+def main() -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path, help="folder of the checkpoints")
-    parser.add_argument("--part", choices=list(FITS), help="only this part (default: all, one after the other)")
-    parser.add_argument("--minutes", type=float, default=0, help="per part (default: body 40, face 40, hands 3)")
+    parser.add_argument("--parts", nargs="+", choices=list(FITS), help="only these, one after the other")
+    parser.add_argument("--minutes", type=float, help=f"per part (default: {MINUTES})")
     parser.add_argument("--package", type=Path, help="join the fitted parts into this .avatar file")
     options = parser.parse_args()
     if options.package:
         package(options.out, options.package)
-        return
-    for part in _parts(options.part):
-        fit(options.out, part, options.minutes or {"body": 40.0, "face": 40.0, "hands": 3.0}[part])
+        return 0
+    if not options.parts:
+        return _both(options.out)
+    for part in options.parts:
+        fit(options.out, part, options.minutes or MINUTES[part])
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
