@@ -20,17 +20,22 @@ import safetensors.torch
 import torch
 from torch import Tensor, nn
 
+from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.fields.body import BodyField
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
 from avatarrex.fields.presets import PRESETS
+from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import Person, load_person
+from avatarrex.templates.posed import pose_person
 from avatarrex.volume.contact import Ownership
 
 FORMAT = 1
 """Version of the folder layout; a reader refuses a newer one by name."""
 DATA = Path(__file__).parent / "data"
+MOST_WORN = 0.04
+"""Metres: cloth and hair thicker than this are not guessed."""
 
 
 @dataclass
@@ -75,6 +80,16 @@ class Avatar:
     def hand_weight(self) -> Tensor:
         """Painted ω of either hand on the body template, (v,)."""
         return self.person.blend_weight[:, :2].amax(-1)
+
+    @cached_property
+    def worn(self) -> Tensor:
+        """Metres that the body field's surface stands off each template vertex in the T-pose, (v,); a guess elsewhere."""
+        person, neutral = self.person.body, Signals.rest()
+        posed = pose_person(self.person, neutral, Counters(), None)
+        with torch.no_grad():
+            frame = self.body.frame(posed.body, self.body.code(posed.body_rotation))
+            depth = self.body.sdf(frame, person.v_template.float())
+        return -depth.clamp(-MOST_WORN, MOST_WORN)
 
     @cached_property
     def ownership(self) -> dict[str, Ownership]:

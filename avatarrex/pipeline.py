@@ -37,7 +37,7 @@ class RenderSettings:
 
     voxel: float = 0.02
     """Side of a body voxel, metres; it grows where 128 of them would cut the person off."""
-    part_voxel: float = 0.005
+    part_voxel: float = 0.0025
     """Side of a voxel of the hand and face boxes, metres."""
     raycast: str = "auto"
     """`auto`, `gl`, `torch` or `reference`."""

@@ -1,64 +1,38 @@
 """Step I for the body: its signed distance on a regular grid in the root frame (paper sec. 4, Step I).
 
-The surface stands off the template by at most `CLOTH`, so only voxels within `BAND` of the template are evaluated and the
-field is held to that shell; the rest is filled with a distance that never exceeds the true one.
+The distance is guessed first: a voxel's height over the posed template, less what the avatar wears there (`worn`, the field's
+own depth at the template's vertices at rest). Blocks of 4 and 2 voxels far from the surface are culled whole; voxels
+whose guess is below `REACH` voxels are evaluated, and then every voxel that a crossing touches (narrow.py). The rest keeps
+a distance that never exceeds the true one. The field is held to a shell of `CLOTH` around the template.
 
 Letters: z y x voxels, p evaluated voxels, v template vertices. Root frame, metres, negative inside.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
-from scipy.spatial import cKDTree
-from torch import Tensor
 
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyField, BodyFrame
+from avatarrex.fields.composition import EMPTIED, emptied
+from avatarrex.volume.narrow import settle
+from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.stencil import Lattice, stencil_pairs
 from avatarrex.volume.volume import BodyGrid
 
 MAX_SIDE = 128
 """Voxels along a side (paper sec. 4): the voxel grows rather than a limb being cut off."""
-CLOTH = 0.045
+CLOTH = 0.06
 """Metres that the surface may stand off the template; beyond it a fitted field has seen no samples and may hold anything."""
-BAND = 0.065
-"""Metres around the template that are evaluated: the cloth and a voxel."""
-MARGIN = 0.08
-"""Metres of box around the template: the band and a voxel."""
+MARGIN = 0.09
+"""Metres of box around the template: the cloth and more than a voxel."""
+REACH = 1.3
+"""Voxels: what is guessed nearer to the surface than this is evaluated at once."""
+SLACK = 0.012
+"""Metres by which a guess may be wrong; far values are this much smaller."""
 BLOCK = 4
-"""Voxels along a side of the blocks that are culled whole."""
-EMPTY = 0.02
-"""Metres: value of the emptied hand region, a voxel (docs/architecture.md)."""
-
-
-@dataclass(frozen=True)
-class TemplateProbe:
-    """Nearest-vertex queries on the posed template: distance, side and painted weights of the nearest vertex."""
-
-    vertices: np.ndarray
-    normals: np.ndarray
-    hand_weight: np.ndarray
-    tree: cKDTree
-
-    @staticmethod
-    def of(vertices: np.ndarray, normals: np.ndarray, hand_weight: np.ndarray) -> TemplateProbe:
-        """(v, 3) vertices and normals, (v,) painted hand weight ω."""
-        return TemplateProbe(vertices, normals, hand_weight, cKDTree(vertices))
-
-    def query(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Distance (p,), whether inside (p,), and hand weight (p,) of the nearest vertex to `position` (p, 3)."""
-        distance, nearest = self.tree.query(position, workers=-1)
-        offset = position - self.vertices[nearest]
-        inside = np.einsum("pc,pc->p", offset, self.normals[nearest]) < 0
-        return distance, inside, self.hand_weight[nearest]
-
-
-def empty_hands(sdf: Tensor, hand_weight: Tensor) -> Tensor:
-    """The body field without its hands: `s_B ← (1−ω) s_B + ω max(s_B, 2 cm)`; (p,) both."""
-    return torch.lerp(sdf, sdf.clamp(min=EMPTY), hand_weight)
+"""Voxels along a side of the largest blocks that are culled whole."""
 
 
 def lattice_around(points: np.ndarray, voxel: float) -> Lattice:
@@ -73,58 +47,51 @@ def lattice_around(points: np.ndarray, voxel: float) -> Lattice:
 
 
 def build_body_grid(
-    field: BodyField, frame: BodyFrame, probe: TemplateProbe, voxel: float, counters: Counters
+    field: BodyField, frame: BodyFrame, probe: VertexProbe, voxel: float, counters: Counters
 ) -> BodyGrid:
-    """Evaluate the body field near the template, on multiples of `voxel` metres in the root frame."""
+    """Evaluate the body field around its surface, on multiples of `voxel` metres in the root frame."""
     lattice = lattice_around(np.concatenate([probe.vertices - MARGIN, probe.vertices + MARGIN]), voxel)
-    grid = _evaluate(field, frame, probe, lattice, max(BAND, CLOTH + lattice.voxel), counters)
-    return BodyGrid(origin=lattice.origin, voxel=lattice.voxel, sdf=grid)
+    fill, first = guess(probe, lattice)
+
+    def evaluate(index: np.ndarray) -> np.ndarray:
+        position = lattice.position(index)
+        here = probe.query(position)
+        pairs = stencil_pairs(frame.node_position, lattice, index)
+        with torch.no_grad():
+            sdf = field.sdf(frame, torch.as_tensor(position, dtype=torch.float32), pairs)
+        counters.add("voxels_evaluated", len(index))
+        counters.add("local_mlp_evaluations", len(pairs.point))
+        beyond = torch.as_tensor(np.where(here.inside, -np.inf, here.distance - CLOTH), dtype=torch.float32)
+        weight = torch.as_tensor(here.weight, dtype=torch.float32)
+        return emptied(torch.maximum(sdf, beyond), weight).numpy()
+
+    sdf = settle(fill, first, evaluate)
+    return BodyGrid(origin=lattice.origin, voxel=lattice.voxel, sdf=torch.from_numpy(sdf))
 
 
-def _evaluate(
-    field: BodyField, frame: BodyFrame, probe: TemplateProbe, lattice: Lattice, band: float, counters: Counters
-) -> Tensor:
-    """The filled grid (z, y, x)."""
-    grid, index = _block_fill(lattice, probe, band)
-    position = lattice.position(index)
-    distance, inside, hand_weight = probe.query(position)
-    near = distance < band
-    side = np.where(inside, -1.0, 1.0)
-    fill = side * np.maximum(distance - band + lattice.voxel, lattice.voxel)
-    pairs = stencil_pairs(frame.node_position, lattice, index[near])
-    with torch.no_grad():
-        sdf = field.sdf(frame, torch.as_tensor(position[near], dtype=torch.float32), pairs)
-    counters.add("voxels_evaluated", int(near.sum()))
-    counters.add("local_mlp_evaluations", len(pairs.point))
-    beyond = torch.as_tensor(np.where(inside, -np.inf, distance - CLOTH)[near], dtype=torch.float32)
-    sdf = torch.maximum(sdf, beyond)
-    flat = grid.view(-1)
-    flat[torch.from_numpy(index)] = torch.as_tensor(fill, dtype=torch.float32)
-    flat[torch.from_numpy(index[near])] = empty_hands(sdf, torch.as_tensor(hand_weight[near], dtype=torch.float32))
-    return grid
+def guess(probe: VertexProbe, lattice: Lattice) -> tuple[np.ndarray, np.ndarray]:
+    """A distance (z, y, x) that never exceeds the true one, and the flat indices of voxels near the surface.
 
-
-def _block_fill(lattice: Lattice, probe: TemplateProbe, band: float) -> tuple[Tensor, np.ndarray]:
-    """A grid filled block by block, and the flat indices of the voxels in blocks that reach into the band.
-
-    A block centre at distance d with block radius r says that every voxel in it is at least d − r from the template, and
-    the surface lies at most band − voxel from the template: the fill d − r − band + voxel never exceeds the distance.
+    Coarse to fine: a block whose centre's guess exceeds its radius and `REACH` holds no surface.
     """
-    shape = lattice.shape
-    blocks = tuple(-(-side // BLOCK) for side in shape)
-    z, y, x = np.meshgrid(*(np.arange(side) for side in blocks), indexing="ij")
-    corner = np.stack([x, y, z], -1).reshape(-1, 3) * BLOCK
-    centre = lattice.origin + lattice.voxel * (corner + (BLOCK - 1) / 2)
-    distance, inside, _ = probe.query(centre)
-    radius = np.sqrt(3) * lattice.voxel * (BLOCK - 1) / 2
-    fill = np.where(inside, -1.0, 1.0) * np.maximum(distance - radius - band + lattice.voxel, lattice.voxel)
-    near = (distance < band + radius).reshape(blocks)
-    coarse = torch.as_tensor(fill.reshape(blocks), dtype=torch.float32)
-    grid = coarse
-    for axis in range(3):
-        grid = grid.repeat_interleave(BLOCK, axis)
-    grid = grid[: shape[0], : shape[1], : shape[2]].contiguous()
-    mask = near
-    for axis in range(3):
-        mask = mask.repeat(BLOCK, axis)
-    return grid, np.flatnonzero(mask[: shape[0], : shape[1], : shape[2]])
+    shape, reach = np.array(lattice.shape), REACH * lattice.voxel
+    near = np.ones(-(-shape // BLOCK), dtype=bool)
+    fill = np.zeros(near.shape, dtype=np.float32)
+    side = BLOCK
+    while True:
+        block = np.stack(np.nonzero(near), -1)
+        centre = lattice.origin + lattice.voxel * (block[:, ::-1] * side + (side - 1) / 2)
+        radius = np.sqrt(3) * lattice.voxel * (side - 1) / 2
+        here = probe.query(centre)
+        least = np.maximum(np.abs(here.guess) - radius - SLACK, lattice.voxel)
+        empty = here.weight == 1  # emptied: whatever the field holds there
+        fill[near] = np.where(empty, np.maximum(least, EMPTIED), np.where(here.guess < 0, -least, least))
+        slack = SLACK if side > 1 else 0.0
+        near[near] = (np.abs(here.guess) < reach + radius + slack) & ~(empty & (side == 1))
+        if side == 1:
+            return fill, np.flatnonzero(near)
+        for axis in range(3):
+            near, fill = near.repeat(2, axis), fill.repeat(2, axis)
+        side //= 2
+        inner = tuple(slice(0, -(-int(n) // side)) for n in shape)
+        near, fill = near[inner], np.ascontiguousarray(fill[inner])

@@ -14,9 +14,10 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.posed import PART_JOINT, PosedPerson
-from avatarrex.volume.body_grid import TemplateProbe, build_body_grid
+from avatarrex.volume.body_grid import build_body_grid
 from avatarrex.volume.contact import find_contact
 from avatarrex.volume.part_box import PartField, face_box, hand_box
+from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.volume import BodyGrid, PartBox, SdfVolume
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class AvatarVolume:
     parts: dict[str, PartField]
     views: Tensor | None
     """Orthographic views of the face mesh, (3, 7, 256, 256); None while the face is hidden."""
-    probe: TemplateProbe
+    probe: VertexProbe
     keys: dict[str, object]
     notes: tuple[str, ...] = ()
 
@@ -67,8 +68,11 @@ def build_volume(
     else:
         frame = body_frame(avatar, posed)
         normals = vertex_normals(posed.body.vertices, avatar.person.body.faces)
-        probe = TemplateProbe.of(
-            posed.body.vertices.double().numpy(), normals.double().numpy(), avatar.hand_weight.double().numpy()
+        probe = VertexProbe.of(
+            posed.body.vertices.double().numpy(),
+            normals.double().numpy(),
+            avatar.hand_weight.double().numpy(),
+            avatar.worn.double().numpy(),
         )
         grid = build_body_grid(avatar.body, frame, probe, settings.voxel, counters)
     boxes = []
@@ -96,7 +100,7 @@ def _face_part(avatar: Avatar, posed: PosedPerson, views: Tensor, voxel: float, 
 def _place(
     avatar: Avatar,
     frame: BodyFrame,
-    probe: TemplateProbe,
+    probe: VertexProbe,
     grid: BodyGrid,
     part: PartField,
     root_from_part: np.ndarray,

@@ -15,8 +15,9 @@ from torch import Tensor
 
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyField, BodyFrame
-from avatarrex.volume.body_grid import TemplateProbe, empty_hands
+from avatarrex.fields.composition import emptied
 from avatarrex.volume.part_box import PartField
+from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.stencil import Lattice, stencil_pairs
 from avatarrex.volume.volume import BodyGrid, Contact
 
@@ -48,7 +49,7 @@ class Ownership:
 def find_contact(
     field: BodyField,
     frame: BodyFrame,
-    probe: TemplateProbe,
+    probe: VertexProbe,
     grid: BodyGrid,
     part: PartField,
     root_from_part: np.ndarray,
@@ -74,11 +75,11 @@ def find_contact(
     pairs = stencil_pairs(frame.node_position, lattice, index)
     values = []
     for among, vertices in ((ownership.own_node, ~other), (~ownership.own_node, other)):
-        subset = TemplateProbe.of(probe.vertices[vertices], probe.normals[vertices], probe.hand_weight[vertices])
+        subset = VertexProbe.of(*(v[vertices] for v in (probe.vertices, probe.normals, probe.weight, probe.worn)))
         with torch.no_grad():
             sdf = field.sdf(frame, points, pairs, among=among)
-        _, _, hand_weight = subset.query(points.double().numpy())
-        values.append(empty_hands(sdf, torch.as_tensor(hand_weight, dtype=torch.float32)))
+        hand_weight = subset.query(points.double().numpy()).weight
+        values.append(emptied(sdf, torch.as_tensor(hand_weight, dtype=torch.float32)))
     counters.add("voxels_evaluated", 2 * len(index))
     counters.add("local_mlp_evaluations", len(pairs.point))
     shape = tuple(int(n) for n in last - first + 1)

@@ -1,22 +1,28 @@
 """Step I for hands and face: fine boxes of (signed distance, ω) that live in wrist and head frames.
 
 A box depends on the part's own coefficients alone, so a moving body only moves it (paper sec. 4, 'refine the hands and
-the face'; docs/architecture.md). Letters: z y x voxels, v vertices. Part frame, metres.
+the face'; docs/architecture.md). It is evaluated coarse to fine: voxels half as large get the mean of their neighbours,
+and the field only where that is within `REACH` coarse voxels of the surface or a crossing touches them (narrow.py).
+
+Letters: z y x voxels, v vertices. Part frame, metres.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from jaxtyping import Float32
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
+from avatarrex.templates.mesh import vertex_normals
+from avatarrex.volume.narrow import between, halved, settle
+from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.stencil import Lattice
 
 CLAMP = 0.05
@@ -25,6 +31,10 @@ HAND_MARGIN = 0.028
 """Metres of box around the hand: past +0.025 the hand is not blended (paper eq. 13)."""
 FACE_BAND = 0.03
 """Metres around the face mesh in which the face field is evaluated and blended: past +0.025 it is not used."""
+FACE_REACH = 0.012
+"""Metres from the face mesh that are evaluated at the coarse level; the surface is followed from there."""
+REACH = 1.0
+"""Coarse voxels."""
 
 
 @dataclass(frozen=True)
@@ -53,34 +63,61 @@ def _lattice(points: np.ndarray, margin: float, voxel: float) -> Lattice:
 
 def hand_box(name: str, field: HandField, vertices: Tensor, voxel: float, counters: Counters) -> PartField:
     """The exact distance to the hand mesh (v, 3) and the painted ω of the nearest surface point (paper eq. 8, 9)."""
-    weight = field.blend_weight
-    lattice = _lattice(vertices[weight > 0].double().numpy(), HAND_MARGIN, voxel)
-    count = int(np.prod(lattice.shape))
-    points = torch.as_tensor(lattice.position(np.arange(count)), dtype=torch.float32)
-    with torch.no_grad():
-        query = field.sdf(vertices, points)
-        omega = (weight[field.faces[query.face]] * query.barycentric).sum(-1)
-    counters.add("hand_distances", count)
-    values = torch.stack([query.sdf.clamp(-CLAMP, CLAMP), omega], -1)
-    return PartField(name, lattice.origin, voxel, values.float().reshape(*lattice.shape, 2))
+    lattice = _lattice(vertices[field.blend_weight > 0].double().numpy(), HAND_MARGIN, 4 * voxel)
+
+    def evaluate(lattice: Lattice, index: np.ndarray) -> np.ndarray:
+        with torch.no_grad():
+            query = field.sdf(vertices, torch.as_tensor(lattice.position(index), dtype=torch.float32))
+        counters.add("hand_distances", len(index))
+        return torch.stack([query.sdf.clamp(-CLAMP, CLAMP), field.omega(query)], -1).numpy()
+
+    values = evaluate(lattice, np.arange(np.prod(lattice.shape))).reshape(*lattice.shape, 2)
+    for _ in range(2):
+        lattice, values = _refine(lattice, values, evaluate, None)
+    return PartField(name, lattice.origin, lattice.voxel, torch.from_numpy(values))
 
 
 def face_box(
     field: FaceField, planes: Tensor, vertices: Tensor, blend_weight: Tensor, voxel: float, counters: Counters
 ) -> PartField:
     """The face field near the face mesh (v, 3), with the ω (v,) of the nearest vertex; elsewhere 'not used'."""
-    tree = cKDTree(vertices.double().numpy())
-    lattice = _lattice(vertices[blend_weight > 0].double().numpy(), FACE_BAND, voxel)
-    count = int(np.prod(lattice.shape))
-    position = lattice.position(np.arange(count))
-    distance, nearest = tree.query(position, distance_upper_bound=FACE_BAND, workers=-1)
-    near = np.flatnonzero(np.isfinite(distance))
-    omega = torch.zeros(count)
-    omega[torch.from_numpy(near)] = blend_weight[torch.from_numpy(nearest[near])].float()
-    wanted = torch.nonzero(omega > 0)[:, 0]
-    sdf = torch.full((count,), CLAMP)
-    with torch.no_grad():
-        values = field.sdf(planes, torch.as_tensor(position, dtype=torch.float32)[wanted])
-    sdf[wanted] = values.float().clamp(-CLAMP, CLAMP)
-    counters.add("face_evaluations", len(wanted))
-    return PartField("face", lattice.origin, voxel, torch.stack([sdf, omega], -1).reshape(*lattice.shape, 2))
+    lattice = _lattice(vertices[blend_weight > 0].double().numpy(), FACE_BAND, 2 * voxel)
+    mesh, normals = vertices.double().numpy(), vertex_normals(vertices, field.faces).double().numpy()
+    probe = VertexProbe.of(mesh, normals, blend_weight.double().numpy(), np.zeros(len(mesh)))
+    here = probe.query(lattice.position(np.arange(np.prod(lattice.shape))))
+    used = (here.distance < FACE_BAND) & (here.weight > 0)
+    guess = np.where(used, here.guess, CLAMP).clip(-CLAMP, CLAMP)
+    values = np.stack([guess, np.where(used, here.weight, 0)], -1).astype(np.float32)
+
+    def evaluate(lattice: Lattice, index: np.ndarray) -> np.ndarray:
+        with torch.no_grad():
+            sdf = field.sdf(planes, torch.as_tensor(lattice.position(index), dtype=torch.float32))
+        counters.add("face_evaluations", len(index))
+        return sdf.float().clamp(-CLAMP, CLAMP).numpy()[:, None]
+
+    near = np.flatnonzero(used & (np.abs(guess) < FACE_REACH))
+    values[near, :1] = evaluate(lattice, near)
+    lattice, values = _refine(lattice, values.reshape(*lattice.shape, 2), evaluate, ~used.reshape(lattice.shape))
+    return PartField("face", lattice.origin, lattice.voxel, torch.from_numpy(values))
+
+
+def _refine(
+    lattice: Lattice,
+    values: np.ndarray,
+    evaluate: Callable[[Lattice, np.ndarray], np.ndarray],
+    unused: np.ndarray | None,
+) -> tuple[Lattice, np.ndarray]:
+    """`values` (z, y, x, 2) at half the voxel; `evaluate` gives (p, 1 or 2) channels; `unused` voxels are not asked."""
+    fine = halved(lattice)
+    values = np.ascontiguousarray(between(values))
+    closed = None if unused is None else between(unused.astype(np.float32)) == 1
+    near = np.abs(values[..., 0]) < REACH * lattice.voxel
+    flat = values.reshape(-1, 2)
+
+    def at(index: np.ndarray) -> np.ndarray:
+        found = evaluate(fine, index)
+        flat[index, : found.shape[1]] = found
+        return found[:, 0]
+
+    values[..., 0] = settle(values[..., 0], np.flatnonzero(near if closed is None else near & ~closed), at, closed)
+    return fine, values
