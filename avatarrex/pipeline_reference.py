@@ -1,0 +1,188 @@
+"""The same frame with nothing skipped: float64, every voxel, every node, every stage by its reference. For small images.
+
+What render_frame does by narrow bands, stencils, bricks, compute shaders and cut-offs is done here by evaluating everything;
+tests hold the fast frame to this one (tests/test_pipeline_reference.py). Contact between limbs is not handled.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from avatarrex.avatar import Avatar
+from avatarrex.camera import Camera
+from avatarrex.fields.body import BodyField, BodyFrame
+from avatarrex.fields.composition import emptied
+from avatarrex.fields.face import FaceField
+from avatarrex.fields.hand import HandField
+from avatarrex.fields.patches import patches_reference
+from avatarrex.ops.rotation import matrix_from_rotvec
+from avatarrex.pipeline import RenderSettings
+from avatarrex.pointmap.pointmap import PointMap, raycast
+from avatarrex.signals.signals import Signals
+from avatarrex.templates.face import FaceTemplate, pose_face
+from avatarrex.templates.hand import HandTemplate, pose_hand
+from avatarrex.templates.mesh import vertex_normals
+from avatarrex.templates.model import PosedTemplate, pose_template
+from avatarrex.templates.posed import PART_JOINT
+from avatarrex.volume.body_grid import CLOTH, MARGIN, lattice_around
+from avatarrex.volume.part_box import CLAMP, FACE_BAND, HAND_MARGIN
+from avatarrex.volume.probe import VertexProbe
+from avatarrex.volume.stencil import Lattice
+from avatarrex.volume.volume import PARTS, BodyGrid, PartBox, SdfVolume
+
+Module = TypeVar("Module", bound=nn.Module)
+Part = TypeVar("Part", HandTemplate, FaceTemplate)
+
+
+@dataclass(frozen=True)
+class _Posed:
+    """Everything in float64: fields, posed meshes, coefficients."""
+
+    body: BodyField
+    hands: dict[str, HandField]
+    face: FaceField
+    template: PosedTemplate
+    frame: BodyFrame
+    meshes: dict[str, Tensor]
+    views: Tensor
+    value: dict[str, Tensor]
+
+    def part_from_root(self, name: str) -> Tensor:
+        """Rigid (4, 4)."""
+        return torch.linalg.inv(self.template.joint_transforms[PART_JOINT[name]])
+
+
+@torch.no_grad()
+def render_reference(
+    avatar: Avatar, signals: Signals, camera: Camera, settings: RenderSettings
+) -> tuple[Float[Tensor, "h w 4"], PointMap]:
+    """Image (premultiplied sRGB and hit mask, float64) and point map of one frame; no antialiasing."""
+    posed = _pose(avatar, signals)
+    volume = SdfVolume(
+        _body_grid(avatar, posed, settings.voxel),
+        tuple(_part_box(avatar, posed, name, settings.part_voxel) for name in PARTS),
+    )
+    pelvis = posed.template.joints[0].numpy()
+    world_from_root = np.eye(4)
+    world_from_root[:3, :3] = matrix_from_rotvec(posed.value["global_orient"]).numpy()
+    world_from_root[:3, 3] = pelvis - world_from_root[:3, :3] @ pelvis + signals.translation
+    view = camera.seen_from(world_from_root)
+    pointmap = raycast(volume, view, "reference", antialias=False)
+    return _shade(posed, pointmap, view), pointmap
+
+
+def _pose(avatar: Avatar, signals: Signals) -> _Posed:
+    person = avatar.person
+    body, face = _double(avatar.body), _double(avatar.face)
+    body.widths = replace(body.widths, colour_cutoff=0.0)
+    value = {name: torch.as_tensor(np.array(getattr(signals, name))).double() for name in _SIGNALS}
+    model, shape = person.body.double(), value["shape"]
+    pose = torch.cat([torch.zeros(1, 3), value["body_pose"], torch.zeros(33, 3)])
+    template = pose_template(model, pose, shape, torch.zeros(model.expression_dirs.shape[2], dtype=torch.float64))
+    meshes = {
+        name: pose_hand(_in_double(getattr(person, name)), value[f"{name}_pose"], shape)
+        for name in ("left_hand", "right_hand")
+    }
+    meshes["face"] = pose_face(
+        _in_double(person.face), value["expression"], value["jaw_pose"], value["eye_pose"], shape
+    )
+    return _Posed(
+        body,
+        {name: _double(avatar.hand(name)) for name in ("left_hand", "right_hand")},
+        face,
+        template,
+        body.frame(template, body.code(matrix_from_rotvec(value["body_pose"]))),
+        meshes,
+        face.views(meshes["face"].float(), "reference").double(),
+        value,
+    )
+
+
+def _body_grid(avatar: Avatar, posed: _Posed, voxel: float) -> BodyGrid:
+    """Every voxel, by every node that hears it."""
+    skin = posed.template.vertices.numpy()
+    lattice = lattice_around(np.concatenate([skin - MARGIN, skin + MARGIN]), voxel)
+    points = _points(lattice)
+    sdf = torch.cat([posed.body.sdf(posed.frame, block, impl="reference") for block in points.split(20000)])
+    normals = vertex_normals(posed.template.vertices, avatar.person.body.faces).numpy()
+    probe = VertexProbe.of(skin, normals, avatar.hand_weight.double().numpy(), np.zeros(len(skin)))
+    here = probe.query(points.numpy())
+    shell = torch.as_tensor(np.where(here.inside, -np.inf, here.distance - CLOTH))
+    sdf = emptied(torch.maximum(sdf, shell), torch.as_tensor(here.weight))
+    return BodyGrid(lattice.origin, lattice.voxel, sdf.reshape(lattice.shape))
+
+
+def _part_box(avatar: Avatar, posed: _Posed, name: str, voxel: float) -> PartBox:
+    """Every voxel of a part's box: hands by all triangles, the face with the nearest of all vertices."""
+    mesh = posed.meshes[name]
+    painted = avatar.person.face.blend_weight if name == "face" else posed.hands[name].blend_weight
+    weight, margin = painted.double(), FACE_BAND if name == "face" else HAND_MARGIN
+    lattice = _box(mesh[weight > 0].numpy(), margin, (2 if name == "face" else 4) * voxel, voxel)
+    points = _points(lattice)
+    if name == "face":
+        planes = posed.face.geometry_planes(posed.views)
+        distance = torch.cat([posed.face.sdf(planes, block) for block in points.split(100000)])
+        nearest = torch.cat([torch.cdist(block, mesh).min(1).indices for block in points.split(20000)])
+        omega = torch.where((points - mesh[nearest]).norm(dim=-1) < FACE_BAND, weight[nearest], 0.0)
+    else:
+        query = posed.hands[name].sdf(mesh, points, impl="reference")
+        distance, omega = query.sdf, posed.hands[name].omega(query)
+    box_from_part = np.eye(4)
+    box_from_part[:3, 3] = -lattice.origin
+    field = torch.stack([distance.clamp(-CLAMP, CLAMP), omega], -1).reshape(*lattice.shape, 2)
+    return PartBox(name, box_from_part @ posed.part_from_root(name).numpy(), voxel, field)
+
+
+def _shade(posed: _Posed, pointmap: PointMap, view: Camera) -> Tensor:
+    """Every hit pixel asks every field that has a share."""
+    hit = pointmap.hit
+    position, weight = pointmap.position[hit].double(), pointmap.part_weight[hit].double()
+    gaze = torch.nn.functional.normalize(position - torch.as_tensor(view.centre), dim=-1)
+    patches = patches_reference(posed.body.patch_network, posed.frame.code.embedding)
+    colour = posed.body.colour(posed.frame, patches, position, gaze, impl="reference")
+    colour = colour * (1 - weight.sum(-1, keepdim=True))
+    for column, name in enumerate(PARTS):
+        place = posed.part_from_root(name)
+        local, turned = position @ place[:3, :3].T + place[:3, 3], gaze @ place[:3, :3].T
+        if name == "face":
+            own = posed.face.colour(posed.face.colour_planes(posed.views), local, turned)
+        else:
+            query = posed.hands[name].sdf(posed.meshes[name], local, impl="reference")
+            own = posed.hands[name].colour(posed.meshes[name], posed.value[f"{name}_pose"], query)
+        colour = colour + weight[:, column, None] * own
+    image = torch.zeros(*hit.shape, 4, dtype=torch.float64)
+    image[hit] = torch.cat([colour.clamp(0, 1), torch.ones_like(colour[:, :1])], -1)
+    return image
+
+
+_SIGNALS = (
+    "global_orient", "body_pose", "left_hand_pose", "right_hand_pose", "jaw_pose", "eye_pose", "expression", "shape",
+)  # fmt: skip
+
+
+def _double(module: Module) -> Module:
+    return copy.deepcopy(module).double()
+
+
+def _in_double(part: Part) -> Part:
+    """A hand or face template with its model in float64."""
+    return replace(part, model=part.model.double())
+
+
+def _points(lattice: Lattice) -> Tensor:
+    return torch.as_tensor(lattice.position(np.arange(np.prod(lattice.shape))))
+
+
+def _box(mesh: np.ndarray, margin: float, coarse: float, voxel: float) -> Lattice:
+    """The lattice of part_box.py: on multiples of the coarse voxel, refined to `voxel`."""
+    first = np.floor((mesh.min(0) - margin) / coarse).astype(int)
+    size = np.ceil((mesh.max(0) + margin) / coarse).astype(int) - first
+    z, y, x = (int(n) * round(coarse / voxel) + 1 for n in size[::-1])
+    return Lattice(first * coarse, voxel, (z, y, x))
