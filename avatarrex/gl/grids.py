@@ -1,6 +1,8 @@
 """Tensors as 3D textures, uploaded when they change and not before.
 
 A name (`body`, `left_hand`, …) holds one texture; it is written again only when another tensor comes under that name.
+No side is a power of two (the last texel is repeated there): Mesa's llvmpipe compiles a shader anew, in half a second and
+more, whenever a texture it reads changes from such a size to another.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ class GridTextures:
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
         self._held: dict[str, tuple[weakref.ref[Tensor], moderngl.Texture3D]] = {}
-        self._blank = context.texture3d((1, 1, 1), 2, np.zeros(2, "f4").tobytes(), dtype="f4")
+        self._blank = context.texture3d((3, 3, 3), 2, np.zeros(54, "f4").tobytes(), dtype="f4")
 
     def bind(self, name: str, grid: Tensor | None, unit: int) -> int:
         """Bind the grid (z, y, x) or (z, y, x, c), float32 or half, to a texture unit; the bytes that were uploaded."""
@@ -32,7 +34,8 @@ class GridTextures:
         if texture is not None and reference is not None and reference() is grid:
             texture.use(unit)
             return 0
-        data = np.ascontiguousarray(grid.detach().cpu().numpy())
+        extra = [(0, 2 if side == 1 else int(side & (side - 1) == 0)) for side in grid.shape[:3]]
+        data = np.pad(grid.detach().cpu().numpy(), extra + [(0, 0)] * (grid.ndim - 3), mode="edge")
         size, channels = data.shape[2::-1], 1 if grid.ndim == 3 else data.shape[3]
         kind = _TYPES[grid.dtype]
         if texture is None or (texture.size, texture.components, texture.dtype) != (size, channels, kind):

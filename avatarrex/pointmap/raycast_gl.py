@@ -215,6 +215,7 @@ def _uniforms(volume: SdfVolume, camera: Camera, slots: int) -> dict[str, object
         "u_contact": (4, 5, 6),
         "u_origin": tuple(volume.body.origin),
         "u_voxel": volume.body.voxel,
+        "u_last": tuple(side - 1 for side in volume.body.sdf.shape[::-1]),
         "u_image": (camera.width, camera.height),
         "u_middle": tuple(plane.middle),
         "u_point": tuple(plane.point),

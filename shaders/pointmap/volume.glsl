@@ -20,6 +20,7 @@ uniform sampler3D u_part[3];
 uniform sampler3D u_contact[3];
 uniform vec3 u_origin;  // centre of the body grid's voxel 0
 uniform float u_voxel;  // side of a body voxel
+uniform vec3 u_last;    // the last body voxel (the texture may be larger)
 
 struct Field {
     float sdf;
@@ -28,7 +29,7 @@ struct Field {
     vec3 weight;  // effective omega of left hand, right hand, face
 };
 
-vec3 body_last() { return vec3(textureSize(u_body, 0) - 1); }
+vec3 body_last() { return u_last; }
 
 vec3 box_place(int k, vec3 p) { return (in_part[k].box_from_root * vec4(p, 1)).xyz; }
 
