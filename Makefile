@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 APT := libegl1 libgl1 libgl1-mesa-dri libglx-mesa0 libegl-mesa0 xvfb xauth
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup run test window-test check bench goldens clean
+.PHONY: setup run test check bench goldens clean
 
 setup: $(VENV)/.ready system
 
@@ -33,12 +33,10 @@ check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# Windows have a process of their own: an X or GLFW error ends it, and its last words are then not captured.
 test: check
 	$(BIN)/python -m pytest -q -m "not window"
-
-# A window's X connection can end its whole process: these tests have a command of their own (see ROADMAP.md).
-window-test: setup
-	$(BIN)/python -m pytest -q -m window tests/app/test_window.py
+	$(BIN)/python -m pytest -q -m window --capture=sys tests/app/test_window.py
 
 bench: setup
 	$(BIN)/python benchmarks/frame.py
