@@ -36,7 +36,7 @@ def main() -> None:
         times: dict[str, list[Frame]] = {"pose": [], "expression": [], "view": []}
         frame = render_frame(avatar, rest, _camera(0, size), RenderSettings())
         for k in range(options.repeats):
-            posed = rest.replace(body_pose=named_pose("wave") * (k + 1) / options.repeats)
+            posed = frame.signals.replace(body_pose=named_pose("wave") * (k + 1) / options.repeats)
             frame = render_frame(avatar, posed, _camera(0, size), RenderSettings(), frame)
             times["pose"].append(frame)
             smiling = posed.replace(expression=named_expression("laugh") * (k + 1) / options.repeats)
