@@ -28,10 +28,9 @@ POSES: dict[str, _Pose] = {
             "left_shoulder": (45, 0, -65), "right_shoulder": (-40, 0, 65), "both_elbow": (0, -90, 0), "spine2": (10, 0, 0)},
     "hands_on_hips": {"both_collar": (8, 15, -10), "both_shoulder": (21, 24, -64), "both_elbow": (-8, -94, -5),
                       "both_wrist": (5, -2, -16)},
-    "think": {**_ARMS_DOWN, "right_collar": (3, 9, 10), "right_shoulder": (5, 49, 65), "right_elbow": (-11, 139, 0),
-              "right_wrist": (4, 22, -5), "head": (8, 0, -4)},
-    "clasped_hands": {"both_collar": (8, 1, -10), "both_shoulder": (22, -35, -72), "both_elbow": (0, -70, 5),
-                      "both_wrist": (-7, -25, 33)},
+    "think": {**_ARMS_DOWN, "right_shoulder": (0, 59, 43), "right_elbow": (7, 132, 5), "right_wrist": (-10, 25, -52),
+              "head": (8, 0, -4)},
+    "clasped_hands": {"both_shoulder": (34, -65, -62), "both_elbow": (-28, -47, -3), "both_wrist": (-10, -25, 42)},
     "star": {"both_shoulder": (0, 0, 30), "both_hip": (0, 0, 25)},
     "bow": {**_ARMS_DOWN, "spine1": (28, 0, 0), "spine2": (18, 0, 0), "both_hip": (-22, 0, 0), "head": (15, 0, 0)},
 }  # fmt: skip

@@ -12,6 +12,8 @@ from avatarrex.signals.sequence import SignalSequence
 from avatarrex.signals.signals import Signals
 from avatarrex.signals.smplx_npz import read_smplx
 
+FORMAT, VERSION = "avatarrex-signals", 1
+
 
 def read_motion(path: str | Path) -> SignalSequence:
     """`.bvh`, `.npz` (SMPL-X, AMASS), `.csv` (Live Link Face) or our `.json`. Raises `InputError`."""
@@ -26,17 +28,37 @@ def read_motion(path: str | Path) -> SignalSequence:
 
 
 def read_json(path: str | Path) -> SignalSequence:
-    """One frame of `Signals.to_json`, or {"fps": …, "frames": […]}."""
+    """One frame of `Signals.to_json`, or a sequence: {"fps": …, "frames": […]} (assets_spec/signals.json)."""
     try:
-        data = json.loads(Path(path).read_text())
+        data = json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(path, "", "a JSON file", error) from None
-    if isinstance(data, dict) and "frames" in data:
-        frames = tuple(Signals.from_json(frame, str(path)) for frame in data["frames"])
-        return SignalSequence(frames, float(data.get("fps", 30)), Path(path).name)
-    return SignalSequence((Signals.from_json(data, str(path)),), 30.0, Path(path).name)
+    if not (isinstance(data, dict) and "frames" in data):
+        return SignalSequence((Signals.from_json(data, str(path)),), 30.0, Path(path).name)
+    known = {"format", "version", "name", "fps", "notes", "frames"}
+    for key in data.keys() - known:
+        raise InputError(path, key, "one of " + ", ".join(sorted(known)), "an unknown field")
+    if data.get("format", FORMAT) != FORMAT:
+        raise InputError(path, "format", FORMAT, data["format"])
+    if data.get("version", VERSION) != VERSION:
+        raise InputError(path, "version", str(VERSION), data["version"])
+    rate, frames, notes = data.get("fps", 30), data["frames"], data.get("notes", [])
+    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate <= 1000:
+        raise InputError(path, "fps", "a rate above 0, at most 1000", rate)
+    if not isinstance(frames, list) or not frames:
+        raise InputError(
+            path, "frames", "a list of at least one frame", frames if frames == [] else type(frames).__name__
+        )
+    if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
+        raise InputError(path, "notes", "a list of texts", type(notes).__name__)
+    signals = tuple(Signals.from_json(frame, f"{path}: frames[{k}]") for k, frame in enumerate(frames))
+    return SignalSequence(signals, float(rate), str(data.get("name") or Path(path).name), tuple(notes))
 
 
 def write_json(path: str | Path, sequence: SignalSequence) -> None:
-    """Write what `read_json` reads."""
-    Path(path).write_text(json.dumps({"fps": sequence.fps, "frames": [frame.to_json() for frame in sequence]}))
+    """Write what `read_json` reads, as assets_spec/signals.json says."""
+    data = {
+        "format": FORMAT, "version": VERSION, "name": sequence.name, "fps": sequence.fps, "notes": list(sequence.notes),
+        "frames": [frame.to_json() for frame in sequence],
+    }  # fmt: skip
+    Path(path).write_text(json.dumps(data, ensure_ascii=False, allow_nan=False), encoding="utf-8")

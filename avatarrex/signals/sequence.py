@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import overload
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -33,7 +34,14 @@ class SignalSequence:
     def __len__(self) -> int:
         return len(self.frames)
 
-    def __getitem__(self, index: int) -> Signals:
+    @overload
+    def __getitem__(self, index: int) -> Signals: ...
+    @overload
+    def __getitem__(self, index: slice) -> SignalSequence: ...
+    def __getitem__(self, index: int | slice) -> Signals | SignalSequence:
+        """A frame, or a sequence of some: every fourth of 30 a second plays at 7.5 a second."""
+        if isinstance(index, slice):
+            return replace(self, frames=self.frames[index], fps=self.fps / abs(index.step or 1))
         return self.frames[index]
 
     def __iter__(self) -> Iterator[Signals]:
@@ -47,15 +55,19 @@ class SignalSequence:
     def at(self, seconds: float) -> Signals:
         """Interpolated signals at a time, held at both ends."""
         place = float(np.clip(seconds * self.fps, 0, len(self.frames) - 1))
-        low = min(int(place), max(len(self.frames) - 2, 0))
+        if abs(place - round(place)) < 1e-9:
+            return self.frames[round(place)]
+        low = int(place)
         high = min(low + 1, len(self.frames) - 1)
         return interpolate(self.frames[low], self.frames[high], place - low)
 
     def resample(self, fps: float) -> SignalSequence:
-        """The same motion at another rate; first and last frame are kept."""
-        count = max(round(self.duration * fps) + 1, 1)
-        times = np.linspace(0, self.duration, count)
-        return SignalSequence(tuple(self.at(t) for t in times), fps, self.name, self.notes)
+        """The same motion at another rate: frame k is the motion at exactly k / fps seconds, up to the last that fits."""
+        if not (np.isfinite(fps) and 0 < fps <= 1000):
+            raise InputError(self.name or "sequence", "fps", "a rate above 0, at most 1000", fps)
+        # 1e-9: a last frame that falls on a sample is not lost to rounding
+        count = int(self.duration * fps * (1 + 1e-9)) + 1
+        return replace(self, frames=tuple(self.at(k / fps) for k in range(count)), fps=fps)
 
 
 def interpolate(start: Signals, end: Signals, fraction: float) -> Signals:

@@ -105,7 +105,7 @@ class Signals:
         return {name: getattr(self, name).tolist() for name in SHAPES}
 
     @classmethod
-    def from_json(cls, data: dict[str, Any] | str, source: str = "signals") -> Signals:
+    def from_json(cls, data: Any, source: str = "signals") -> Signals:
         """From `to_json`'s dictionary or its text; missing fields are at rest, unknown ones are refused."""
         if isinstance(data, str):
             try:
@@ -122,6 +122,11 @@ class Signals:
 
 def _array(source: str, name: str, value: object) -> np.ndarray:
     try:
-        return np.array(value, dtype=np.float64)
+        array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(source, name, f"numbers of shape {SHAPES[name]}", repr(value)[:60]) from None
+    if array.shape != SHAPES[name]:
+        raise InputError(source, name, f"shape {SHAPES[name]}", array.shape)
+    if not np.isfinite(array).all():
+        raise InputError(source, name, "finite numbers", "NaN or Inf")
+    return array

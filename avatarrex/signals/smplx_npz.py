@@ -1,4 +1,10 @@
-"""SMPL-X and AMASS `.npz` motions (formats.md). A file's betas belong to its own model and are not applied."""
+"""SMPL-X and AMASS `.npz` motions (formats.md): full axis-angle, metres. Letters: t frames.
+
+Three layouts: `poses` (t, 156 SMPL+H or 165 SMPL-X) with `trans`; the same by parts, `root_orient`, `pose_body`, `pose_hand`,
+`pose_jaw`, `pose_eye`; AvatarReX's `body_pose` (t, 63) with `global_orient`, `transl`, `jaw_pose`, `left_hand_pose` … A file's
+betas belong to its own model and its 10 expression coefficients to its own face: neither is applied. Files that hold
+`arkit52` are captures in this project's layout: their 52 coefficients and their exact path are read.
+"""
 
 from __future__ import annotations
 
@@ -9,46 +15,108 @@ from scipy.spatial.transform import Rotation
 
 from avatarrex.assets import read_arrays, require
 from avatarrex.errors import InputError
+from avatarrex.signals.ground import grounded
 from avatarrex.signals.sequence import SignalSequence, stack
+
+RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
+_PARTS: dict[str, tuple[tuple[str, ...], slice]] = {
+    "body": (("body_pose", "pose_body"), slice(1, 22)),
+    "root": (("global_orient", "root_orient"), slice(0, 1)),
+    "jaw": (("jaw_pose", "pose_jaw"), slice(22, 23)),
+    "eyes": (("eye_pose", "pose_eye"), slice(23, 25)),
+    "left eye": (("leye_pose",), slice(23, 24)),
+    "right eye": (("reye_pose",), slice(24, 25)),
+    "hands": (("pose_hand",), slice(25, 55)),
+    "left hand": (("left_hand_pose",), slice(25, 40)),
+    "right hand": (("right_hand_pose",), slice(40, 55)),
+}
+_OTHERS = ("poses", "trans", "transl", "arkit52", "expression", *RATES)
+_SMPLH = [*range(22), *range(25, 55)]
+"""SMPL+H lacks jaw and eyes."""
 
 
 def read_smplx(path: str | Path) -> SignalSequence:
-    """Read AvatarReX-style (`body_pose` …) or AMASS-style (`poses`, Z up) arrays. Raises `InputError`."""
-    arrays = read_arrays(path)
-    rate = next((float(arrays[key]) for key in ("mocap_framerate", "mocap_frame_rate", "fps") if key in arrays), 30.0)
-    if "poses" in arrays:
-        poses = require(arrays, path, "poses", (None, None)).astype(np.float64)
-        count = len(poses)
-        if poses.shape[1] not in (156, 165):
-            raise InputError(path, "poses", "156 (SMPL+H) or 165 (SMPL-X) columns", poses.shape[1])
-        full = np.zeros((count, 55, 3))
-        joints = poses.reshape(count, -1, 3)
-        full[:, :22] = joints[:, :22]
-        if joints.shape[1] == 55:
-            full[:, 22:] = joints[:, 22:]
-        else:
-            full[:, 25:] = joints[:, 22:]
-        translation = require(arrays, path, "trans", (count, 3)).astype(np.float64)
-        to_ours = Rotation.from_euler("x", -90, degrees=True)
-        full[:, 0] = (to_ours * Rotation.from_rotvec(full[:, 0])).as_rotvec()
-        translation = to_ours.apply(translation - translation[0])
-        return SignalSequence(
-            stack(full, translation), rate, Path(path).name, ("Z-up turned to Y-up", "hands: flat_hand_mean as stored")
+    """Read a motion of any of the three layouts. Raises `InputError` naming the key."""
+    arrays = read_arrays(path, [*_OTHERS, *(key for keys, _ in _PARTS.values() for key in keys)])
+    for key, value in arrays.items():
+        if value.dtype.kind not in "fiu":
+            raise InputError(path, key, "numbers", value.dtype)
+    rate, notes = _rate(arrays, path)
+    full = _poses(arrays, path) if "poses" in arrays else _by_parts(arrays, path)
+    translation = np.zeros((len(full), 3))
+    for key in ("trans", "transl"):
+        if key in arrays:
+            translation = require(arrays, path, key, (len(full), 3)).astype(np.float64)
+    notes.append("hands: full axis-angle as stored (flat_hand_mean=True)")
+    if not full[:, 25:].any():
+        notes.append("no finger moves: flat hands")
+    expression = None
+    if "arkit52" in arrays:
+        expression = np.clip(require(arrays, path, "arkit52", (len(full), 52)).astype(np.float64), 0, 1)
+        notes.append("a capture in our layout: path as stored")
+    else:
+        if "expression" in arrays:
+            notes.append("the file's expression coefficients belong to another face: not applied")
+        translation, more = _placed(full, translation)
+        notes += more
+    return SignalSequence(stack(full, translation, expression), rate, Path(path).name, tuple(notes))
+
+
+def _rate(arrays: dict[str, np.ndarray], path: str | Path) -> tuple[float, list[str]]:
+    for key in RATES:
+        if key in arrays:
+            value = arrays[key]
+            if value.size != 1 or not (np.isfinite(value).all() and 0 < float(value.ravel()[0]) <= 1000):
+                raise InputError(path, key, "one rate above 0, at most 1000", value if value.size == 1 else value.shape)
+            return float(value.ravel()[0]), []
+    return 30.0, ["no frame rate in the file: taken as 30 a second"]
+
+
+def _poses(arrays: dict[str, np.ndarray], path: str | Path) -> np.ndarray:
+    """(t, 55, 3) from `poses`."""
+    poses = require(arrays, path, "poses", (None, None)).astype(np.float64)
+    if poses.shape[1] not in (156, 165) or not len(poses):
+        raise InputError(path, "poses", "shape (any, 156) SMPL+H or (any, 165) SMPL-X", poses.shape)
+    full = np.zeros((len(poses), 55, 3))
+    full[:, range(55) if poses.shape[1] == 165 else _SMPLH] = poses.reshape(len(poses), -1, 3)
+    return full
+
+
+def _by_parts(arrays: dict[str, np.ndarray], path: str | Path) -> np.ndarray:
+    """(t, 55, 3) from one array per part; the body must be there."""
+    body = next((key for key in _PARTS["body"][0] if key in arrays), None)
+    if body is None:
+        found = ", ".join(sorted(arrays)[:12])
+        raise InputError(
+            path, "poses", "poses, pose_body or body_pose", f"only {found}" if found else "none of a motion's keys"
         )
-    body = require(arrays, path, "body_pose", (None, 63)).astype(np.float64)
-    count = len(body)
+    count = len(np.atleast_1d(arrays[body]))
+    if not count:
+        raise InputError(path, body, "at least one frame", 0)
     full = np.zeros((count, 55, 3))
-    full[:, 1:22] = body.reshape(count, 21, 3)
+    for keys, joints in _PARTS.values():
+        width = joints.stop - joints.start
+        for key in keys:
+            if key in arrays:
+                flat = arrays[key].ndim != 3
+                value = require(arrays, path, key, (count, 3 * width) if flat else (count, width, 3))
+                full[:, joints] = value.reshape(count, width, 3)
+    return full
 
-    def optional(key: str, width: int) -> np.ndarray:
-        if key not in arrays:
-            return np.zeros((count, width))
-        return require(arrays, path, key, (count, width)).astype(np.float64)
 
-    full[:, 0] = optional("global_orient", 3)
-    full[:, 22] = optional("jaw_pose", 3)
-    full[:, 25:40] = optional("left_hand_pose", 45).reshape(count, 15, 3)
-    full[:, 40:55] = optional("right_hand_pose", 45).reshape(count, 15, 3)
-    expression = optional("arkit52", 52) if "arkit52" in arrays else None
-    notes = ("hands: full axis-angle, flat_hand_mean=True",)
-    return SignalSequence(stack(full, optional("transl", 3), expression), rate, Path(path).name, notes)
+def _placed(full: np.ndarray, translation: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Turn the axis along which the pelvis stands to +Y, start above the origin, put the lowest frame on the floor.
+
+    `full` is changed in place. AMASS is Z-up, most other files are Y-up and cameras' worlds Y-down: the motion tells.
+    """
+    up = Rotation.from_rotvec(full[:, 0]).apply([0.0, 1.0, 0.0]).mean(0)
+    axis = int(np.abs(up[1:]).argmax()) + 1
+    turn, notes = Rotation.identity(), []
+    if axis == 2 or up[1] < 0:
+        # −90° about X takes +Z to +Y
+        degrees = (-90.0 if up[2] > 0 else 90.0) if axis == 2 else 180.0
+        turn = Rotation.from_euler("x", degrees, degrees=True)
+        notes = [f"{'-' if up[axis] < 0 else ''}{'XYZ'[axis]}-up turned to Y-up"]
+    full[:, 0] = (turn * Rotation.from_rotvec(full[:, 0])).as_rotvec()
+    moved, floor_note = grounded(full, turn.apply(translation - translation[0]))
+    return moved, [*notes, floor_note]

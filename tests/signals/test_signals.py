@@ -60,6 +60,24 @@ def test_resampling_keeps_first_and_last_frame() -> None:
     assert len(again) == 11
     assert np.allclose(again[0].full_pose(), sequence[0].full_pose())
     assert np.allclose(again[10].full_pose(), sequence[6].full_pose())
+    assert again[5] == sequence[3], "a sample on a frame is that frame"
+    assert again[4] == sequence.at(4 / 50)
+    odd = sequence.resample(7.0)
+    assert len(odd) == 2
+    assert odd[1] == sequence.at(1 / 7), "samples lie at k / fps, whether or not the last one meets the end"
+    with pytest.raises(InputError, match="fps: expected a rate"):
+        sequence.resample(0)
+
+
+def test_a_slice_of_a_sequence_plays_as_long() -> None:
+    rng = np.random.default_rng(5)
+    sequence = SignalSequence(tuple(random_signals(rng) for _ in range(9)), 30.0, "walk")
+    some = sequence[0:9:4]
+    assert (len(some), some.fps, some.name) == (3, 7.5, "walk")
+    assert some.duration == pytest.approx(sequence.duration)
+    assert some[1] == sequence[4]
+    with pytest.raises(InputError, match="frames: expected at least one"):
+        sequence[20:]
 
 
 def test_limits_are_mirrored_and_clamping_reaches_them() -> None:
