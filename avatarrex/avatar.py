@@ -34,8 +34,6 @@ from avatarrex.volume.contact import Ownership
 FORMAT = 1
 """Version of the folder layout; a reader refuses a newer one by name."""
 DATA = Path(__file__).parent / "data"
-MOST_WORN = 0.04
-"""Metres: cloth and hair thicker than this are not guessed."""
 
 
 @dataclass
@@ -81,15 +79,10 @@ class Avatar:
         """Painted ω of either hand on the body template, (v,)."""
         return self.person.blend_weight[:, :2].amax(-1)
 
-    @cached_property
-    def worn(self) -> Tensor:
-        """Metres that the body field's surface stands off each template vertex in the T-pose, (v,); a guess elsewhere."""
-        person, neutral = self.person.body, Signals.rest()
-        posed = pose_person(self.person, neutral, Counters(), None)
-        with torch.no_grad():
-            frame = self.body.frame(posed.body, self.body.code(posed.body_rotation))
-            depth = self.body.sdf(frame, person.v_template.float())
-        return -depth.clamp(-MOST_WORN, MOST_WORN)
+    def measure_worn(self) -> None:
+        """Let the body field find how far its surface stands off the template; after every change of its weights."""
+        posed = pose_person(self.person, Signals.rest(), Counters(), None)
+        self.body.measure_worn(posed.body, self.body.code(posed.body_rotation))
 
     @cached_property
     def ownership(self) -> dict[str, Ownership]:

@@ -28,10 +28,9 @@ from avatarrex.pointmap.pointmap import PointMap, raycast
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.face import FaceTemplate, pose_face
 from avatarrex.templates.hand import HandTemplate, pose_hand
-from avatarrex.templates.mesh import vertex_normals
-from avatarrex.templates.model import PosedTemplate, pose_template
+from avatarrex.templates.model import PosedTemplate, pose_template, skinned_normals
 from avatarrex.templates.posed import PART_JOINT
-from avatarrex.volume.body_grid import CLOTH, MARGIN, lattice_around
+from avatarrex.volume.body_grid import MARGIN, lattice_around
 from avatarrex.volume.part_box import CLAMP, FACE_BAND, HAND_MARGIN
 from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.stencil import Lattice
@@ -111,11 +110,10 @@ def _body_grid(avatar: Avatar, posed: _Posed, voxel: float) -> BodyGrid:
     lattice = lattice_around(np.concatenate([skin - MARGIN, skin + MARGIN]), voxel)
     points = _points(lattice)
     sdf = torch.cat([posed.body.sdf(posed.frame, block, impl="reference") for block in points.split(20000)])
-    normals = vertex_normals(posed.template.vertices, avatar.person.body.faces).numpy()
-    probe = VertexProbe.of(skin, normals, avatar.hand_weight.double().numpy(), np.zeros(len(skin)))
+    normals = skinned_normals(avatar.person.body.double(), posed.template).numpy()
+    probe = VertexProbe.of(skin, normals, avatar.hand_weight.double().numpy(), avatar.body.worn.double().numpy())
     here = probe.query(points.numpy())
-    shell = torch.as_tensor(np.where(here.inside, -np.inf, here.distance - CLOTH))
-    sdf = emptied(torch.maximum(sdf, shell), torch.as_tensor(here.weight))
+    sdf = emptied(here.held(sdf), torch.as_tensor(here.weight))
     return BodyGrid(lattice.origin, lattice.voxel, sdf.reshape(lattice.shape))
 
 

@@ -30,6 +30,7 @@ from avatarrex.fields.patches import PatchNetwork, sample_patches
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
 from avatarrex.ops.encoding import channels, encode
 from avatarrex.ops.skinning import blend, invert_affine, skin
+from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.model import PosedTemplate, TemplateModel
 
 SDF_UNIT = 0.05
@@ -38,6 +39,8 @@ COLOUR_UNIT = RADIUS / 2
 """Metres per unit of the colour networks' coordinates."""
 CLOTH = 0.02
 """How far the surface may stand off the template when the empty space is filled, metres."""
+MOST_WORN = 0.04
+"""Metres: cloth and hair that stand off farther are not measured."""
 LEAST = 0.005
 """Smallest fill, metres: a pose that stretches the nodes apart must not put a surface into empty space."""
 
@@ -78,6 +81,9 @@ class BodyField(nn.Module):
     sample_rest: Tensor
     sample_weights: Tensor
     sample_owner: Tensor
+    sample_normal: Tensor
+    worn: Tensor
+    """(v,) metres that the surface stands off each template vertex at rest (`measure_worn`); zero until measured."""
 
     def __init__(self, model: TemplateModel, preset: Preset, seed: int = 0, local_frame: str = "anchors") -> None:
         super().__init__()
@@ -88,6 +94,7 @@ class BodyField(nn.Module):
         chosen = farthest_points(model.v_template, max(widths.anchors, widths.nodes), seed)
         self.register_buffer("node_vertex", chosen[: widths.nodes].clone())
         self.register_buffer("anchor_vertex", chosen)
+        self.register_buffer("worn", torch.zeros(len(model.v_template)))
         self.register_load_state_dict_post_hook(lambda module, _: module.place())
         self.place()
         n, e = len(self.node_vertex), widths.embedding
@@ -113,6 +120,7 @@ class BodyField(nn.Module):
             "node_axes": plane_axes(normal),
             "node_weights": model.weights[vertex],
             "sample_rest": rest[sampled],
+            "sample_normal": vertex_normals(rest, model.faces)[sampled],
             "sample_weights": model.weights[sampled],
         }
         for name, value in derived.items():
@@ -122,6 +130,16 @@ class BodyField(nn.Module):
         self.register_buffer("sample_owner", owner.to(like.device), persistent=False)
         labels = part_labels(model.joint_names, model.weights[vertex])
         self.register_buffer("node_part", labels.to(like.device), persistent=False)
+
+    @torch.no_grad()
+    def measure_worn(self, posed: PosedTemplate, code: BodyCode) -> None:
+        """Set `worn` from the field under the rest pose: the depth of each template vertex below the surface.
+
+        Samples are then searched where the surface is: cloth beside an arm must not take the arm's skin for its own.
+        """
+        self.worn.zero_()
+        depth = self.sdf(self.frame(posed, code), self.template.v_template.to(self.worn))
+        self.worn.copy_((-depth).clamp(-MOST_WORN, MOST_WORN))
 
     def geometry_parameters(self) -> list[nn.Parameter]:
         """What pass I trains and pass II freezes: decoder, encoder, geometry networks."""
@@ -145,10 +163,13 @@ class BodyField(nn.Module):
         samples = None
         if self.local_frame in ("anchors", "vertex"):
             vertex, anchors = self.sample_vertex, self.local_frame == "anchors"
+            onto = _onto(posed, self.sample_weights, self.sample_rest, vertex)
+            outward = F.normalize((onto[:, :, :3] @ self.sample_normal[:, :, None])[:, :, 0], dim=-1)
             samples = Samples(
                 self.sample_rest,
-                posed.vertices[vertex],
-                invert_affine(_onto(posed, self.sample_weights, self.sample_rest, vertex)),
+                posed.vertices[vertex] + outward * self.worn[vertex, None],
+                outward,
+                invert_affine(onto),
                 self.sample_owner,
                 NEIGHBOURS if anchors else 1,
                 SPREAD * (2048 / len(vertex)) ** 0.5,

@@ -6,7 +6,7 @@ Four readings, chosen by the setting `local_frame` that an avatar stores (benchm
     blend    T = Σ w_i T_i / Σ w_i, gated by the rest distance that the strongest node sees
     vertex   T of the nearest template vertex
     anchors  T⁻¹ = Σ_a g_a T_a⁻¹ / Σ g_a over the nearest skinned anchors, g Gaussian in the posed distance and gated
-             by the rest distance to the nearest one, so that another limb's anchors do not mix in
+             by the rest distance to the one whose surface the point is on, so that another limb's anchors do not mix in
 
 A sample's T maps its rest position onto its vertex of the posed template, whatever moved it there (skinning, shape,
 pose blend shapes), with the linear part of its blended skinning matrix.
@@ -35,8 +35,11 @@ NEVER_ZERO = 1e-6
 """Keeps the sum positive where all neighbours are equally far."""
 SPREAD = 0.015
 """σ of the anchors' Gaussian at 2048 anchors, metres; it grows with their spacing, 0.021 at 1024 (performance.md)."""
+ASIDE = 0.1
+"""Share of the distance along the skin where limbs touch: the point belongs to the one whose surface it is on, though a
+sample of the other may be nearer (they are 3 cm apart)."""
 OPEN, SHUT = 4.0, 6.0
-"""Rest distance to the nearest anchor, in σ, where an anchor's gate starts to close and where it is shut."""
+"""Rest distance to that anchor, in σ, where an anchor's gate starts to close and where it is shut."""
 CHUNK = 16384
 """Points per block of the all-distances search (128 MB against 2048 anchors)."""
 
@@ -47,6 +50,9 @@ class Samples:
 
     rest: Float[Tensor, "a 3"]
     position: Float[Tensor, "a 3"]
+    """On the posed surface: where the cloth is, where there is any."""
+    outward: Float[Tensor, "a 3"]
+    """Unit normals there."""
     rest_from_posed: Float[Tensor, "a 3 4"]
     owner: Int[Tensor, " a"]
     """The node nearest at rest: `among` nodes, only the samples they own are searched."""
@@ -77,6 +83,7 @@ class Samples:
         return Samples(
             self.rest[keep],
             self.position[keep],
+            self.outward[keep],
             self.rest_from_posed[keep],
             self.owner[keep],
             self.neighbours,
@@ -91,9 +98,13 @@ class Samples:
         if index.shape[1] == 1:
             return skin(self.rest_from_posed[index[:, 0]], position)
         shape = index.shape
-        squared = (position.T[:, :, None] - take(self.position, index.flatten()).unflatten(1, shape)).square().sum(0)
+        offset = position.T[:, :, None] - take(self.position, index.flatten()).unflatten(1, shape)
+        squared = offset.square().sum(0)
         rest = take(self.rest, index.flatten()).unflatten(1, shape)
-        apart = (rest - rest[:, :, :1]).square().sum(0) / self.spread**2
+        height = (offset * take(self.outward, index.flatten()).unflatten(1, shape)).sum(0).detach()
+        limb = (height.square() + ASIDE * squared.detach()).argmin(1)
+        leader = rest.gather(2, limb[None, :, None].expand(3, -1, 1))
+        apart = (rest - leader).square().sum(0) / self.spread**2
         t = ((SHUT**2 - apart) / (SHUT**2 - OPEN**2)).clamp(0, 1)
         weight = torch.exp((squared[:, :1].detach() - squared) / (2 * self.spread**2))
         weight = (weight - weight[:, -1:] + NEVER_ZERO) * t * t * (3 - 2 * t)

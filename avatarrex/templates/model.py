@@ -17,6 +17,7 @@ from torch import Tensor
 from avatarrex.errors import InputError
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.ops.skinning import blend, joint_transforms, skin, skinning_matrices, tree_levels
+from avatarrex.templates.mesh import vertex_normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +139,13 @@ def pose_template(
     skinning = skinning_matrices(transforms, joints)
     vertices = skin(blend(skinning, model.weights), rest)
     return PosedTemplate(vertices, transforms[:, :3, 3], transforms, skinning)
+
+
+def skinned_normals(model: TemplateModel, posed: PosedTemplate) -> Float[Tensor, "v 3"]:
+    """Unit rest normals turned by the blended joints: where a bent limb folds its skin over, they still point outwards."""
+    normal = vertex_normals(model.v_template, model.faces)
+    linear = blend(posed.skinning, model.weights)[:, :, :3]
+    return torch.nn.functional.normalize((linear @ normal[:, :, None])[:, :, 0], dim=-1)
 
 
 def _shaped(model: TemplateModel, shape: Tensor) -> tuple[Tensor, Tensor]:

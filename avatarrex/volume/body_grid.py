@@ -3,7 +3,7 @@
 The distance is guessed first: a voxel's height over the posed template, less what the avatar wears there (`worn`, the field's
 own depth at the template's vertices at rest). Blocks of 4 and 2 voxels far from the surface are culled whole; voxels
 whose guess is below `REACH` voxels are evaluated, and then every voxel that a crossing touches (narrow.py). The rest keeps
-a distance that never exceeds the true one. The field is held to a shell of `CLOTH` around the template.
+a distance that never exceeds the true one. The field itself is held to within `HOLD` of the guess (probe.py).
 
 Letters: z y x voxels, p evaluated voxels, v template vertices. Root frame, metres, negative inside.
 """
@@ -23,10 +23,8 @@ from avatarrex.volume.volume import BodyGrid
 
 MAX_SIDE = 128
 """Voxels along a side (paper sec. 4): the voxel grows rather than a limb being cut off."""
-CLOTH = 0.06
-"""Metres that the surface may stand off the template; beyond it a fitted field has seen no samples and may hold anything."""
 MARGIN = 0.09
-"""Metres of box around the template: the cloth and more than a voxel."""
+"""Metres of box around the template: the thickest cloth, what the field may differ from it, and a voxel."""
 REACH = 1.3
 """Voxels: what is guessed nearer to the surface than this is evaluated at once."""
 SLACK = 0.012
@@ -61,9 +59,7 @@ def build_body_grid(
             sdf = field.sdf(frame, torch.as_tensor(position, dtype=torch.float32), pairs)
         counters.add("voxels_evaluated", len(index))
         counters.add("local_mlp_evaluations", len(pairs.point))
-        beyond = torch.as_tensor(np.where(here.inside, -np.inf, here.distance - CLOTH), dtype=torch.float32)
-        weight = torch.as_tensor(here.weight, dtype=torch.float32)
-        return emptied(torch.maximum(sdf, beyond), weight).numpy()
+        return emptied(here.held(sdf), torch.as_tensor(here.weight, dtype=torch.float32)).numpy()
 
     sdf = settle(fill, first, evaluate)
     return BodyGrid(origin=lattice.origin, voxel=lattice.voxel, sdf=torch.from_numpy(sdf))

@@ -12,7 +12,7 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
-from avatarrex.templates.mesh import vertex_normals
+from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import PART_JOINT, PosedPerson
 from avatarrex.volume.body_grid import build_body_grid
 from avatarrex.volume.contact import find_contact
@@ -67,12 +67,12 @@ def build_volume(
         frame, grid, probe = previous.body_frame, previous.grid, previous.probe
     else:
         frame = body_frame(avatar, posed)
-        normals = vertex_normals(posed.body.vertices, avatar.person.body.faces)
+        normals = skinned_normals(avatar.person.body, posed.body)
         probe = VertexProbe.of(
             posed.body.vertices.double().numpy(),
             normals.double().numpy(),
             avatar.hand_weight.double().numpy(),
-            avatar.worn.double().numpy(),
+            avatar.body.worn.double().numpy(),
         )
         grid = build_body_grid(avatar.body, frame, probe, settings.voxel, counters)
     boxes = []

@@ -21,8 +21,9 @@ from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.stencil import Lattice, stencil_pairs
 from avatarrex.volume.volume import BodyGrid, Contact
 
-OWN_REACH = 0.25
-"""Metres at rest from the part's surface: nodes nearer are the part's own (wrist and forearm; neck and shoulders)."""
+OWN_REACH = 0.22
+"""Metres at rest around the part's extent: what is nearer is the part's own (forearm; neck, shoulders, chest). More than a
+node's influence and the box's margin: a field that lacks some of its nodes is wrong where they are heard."""
 NEAR = 0.03
 """Metres around the box in which another limb's vertex counts as contact: its surface may stand off by cloth."""
 
@@ -39,11 +40,12 @@ class Ownership:
     @staticmethod
     def of(rest_node: Tensor, rest_vertices: Tensor, part_vertices: Tensor) -> Ownership:
         """From rest positions (n, 3), (v, 3) and the part's own rest vertices (k, 3), root frame."""
-        some = part_vertices[:: max(1, len(part_vertices) // 256)]
-        return Ownership(
-            torch.cdist(rest_node, some).amin(1) < OWN_REACH,
-            (torch.cdist(rest_vertices, some).amin(1) >= OWN_REACH).numpy(),
-        )
+        low, high = part_vertices.amin(0), part_vertices.amax(0)
+
+        def apart(position: Tensor) -> Tensor:
+            return (position - position.clamp(low, high)).norm(dim=-1)
+
+        return Ownership(apart(rest_node) < OWN_REACH, (apart(rest_vertices) >= OWN_REACH).numpy())
 
 
 def find_contact(
@@ -78,8 +80,8 @@ def find_contact(
         subset = VertexProbe.of(*(v[vertices] for v in (probe.vertices, probe.normals, probe.weight, probe.worn)))
         with torch.no_grad():
             sdf = field.sdf(frame, points, pairs, among=among)
-        hand_weight = subset.query(points.double().numpy()).weight
-        values.append(emptied(sdf, torch.as_tensor(hand_weight, dtype=torch.float32)))
+        here = subset.query(points.double().numpy())
+        values.append(emptied(here.held(sdf), torch.as_tensor(here.weight, dtype=torch.float32)))
     counters.add("voxels_evaluated", 2 * len(index))
     counters.add("local_mlp_evaluations", len(pairs.point))
     shape = tuple(int(n) for n in last - first + 1)

@@ -10,9 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
+from torch import Tensor
 
 FLAT = 0.012
 """Metres around a vertex in which the skin counts as its tangent plane: about the spacing of the body's vertices."""
+STEEP = 0.5
+"""A point this much less below a vertex' tangent plane than aside of it is outside: past the rim of a part of the skin."""
+RIM = 0.015
+"""Metres aside of a vertex, beyond `FLAT`, over which neither its cloth nor the field's freedom reaches: there is a rim."""
+HOLD = 0.025
+"""Metres that a fitted field may differ from the guess: farther out it has seen no samples and may hold anything."""
 
 
 @dataclass(frozen=True)
@@ -21,11 +28,16 @@ class Probe:
 
     distance: np.ndarray
     """Metres to the vertex."""
-    inside: np.ndarray
-    """Whether the point is behind the vertex' tangent plane."""
     weight: np.ndarray
     guess: np.ndarray
     """Metres: signed height over the skin around the vertex, less what is worn there."""
+    freedom: np.ndarray
+    """Metres that a field may differ from the guess."""
+
+    def held(self, sdf: Tensor) -> Tensor:
+        """`sdf` (p,) no farther from the guess than its freedom."""
+        low, high = (torch.as_tensor(self.guess + side * self.freedom).to(sdf) for side in (-1, 1))
+        return sdf.clamp(low, high)
 
 
 @dataclass(frozen=True)
@@ -48,7 +60,8 @@ class VertexProbe:
         """`position` (p, 3)."""
         distance, nearest = self.tree.query(position, workers=torch.get_num_threads())
         height = np.einsum("pc,pc->p", position - self.vertices[nearest], self.normals[nearest])
-        inside = height < 0
         aside = np.maximum(np.sqrt(np.maximum(distance**2 - height**2, 0)) - FLAT, 0)
+        inside = -height > STEEP * aside
         signed = np.where(inside, -1.0, 1.0) * np.hypot(height, aside)
-        return Probe(distance, inside, self.weight[nearest], signed - self.worn[nearest])
+        here = np.clip(1 - aside / RIM, 0, 1)
+        return Probe(distance, self.weight[nearest], signed - here * self.worn[nearest], here * HOLD)

@@ -13,7 +13,8 @@ def two_limbs(gap: float) -> Samples:
     eye = torch.eye(3).expand(40, 3, 3)
     back = torch.cat([eye, (rest - position)[:, :, None]], -1)
     owner = torch.arange(40) // 20
-    return Samples(rest, position, back, owner, NEIGHBOURS, 0.015)
+    outward = torch.tensor([[0.0, 1, 0], [0, -1, 0]])[owner]
+    return Samples(rest, position, outward, back, owner, NEIGHBOURS, 0.015)
 
 
 def test_another_limb_does_not_mix_in():

@@ -8,9 +8,9 @@ from avatarrex.avatar import load_avatar
 from avatarrex.counters import Counters
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.signals.signals import Signals
-from avatarrex.templates.mesh import vertex_normals
+from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import pose_person
-from avatarrex.volume.body_grid import CLOTH, build_body_grid
+from avatarrex.volume.body_grid import build_body_grid
 from avatarrex.volume.build import body_frame
 from avatarrex.volume.narrow import between, halved, settle, unsettled
 from avatarrex.volume.part_box import hand_box
@@ -104,18 +104,18 @@ def test_the_body_grid_crosses_where_the_whole_shell_does(pose: str) -> None:
     avatar, counters = load_avatar(), Counters()
     posed = pose_person(avatar.person, Signals.rest().replace(body_pose=named_pose(pose)), Counters(), None)
     frame = body_frame(avatar, posed)
-    normals = vertex_normals(posed.body.vertices, avatar.person.body.faces)
-    arrays = (posed.body.vertices, normals, avatar.hand_weight, avatar.worn)
+    normals = skinned_normals(avatar.person.body, posed.body)
+    arrays = (posed.body.vertices, normals, avatar.hand_weight, avatar.body.worn)
     probe = VertexProbe.of(*(value.double().numpy() for value in arrays))
     grid = build_body_grid(avatar.body, frame, probe, 0.02, counters)
     shape = (grid.sdf.shape[0], grid.sdf.shape[1], grid.sdf.shape[2])
     position = Lattice(grid.origin, grid.voxel, shape).position(np.arange(grid.sdf.numel()))
     here = probe.query(position)
-    shell = np.flatnonzero((here.distance < CLOTH) & (here.weight == 0))
+    shell = np.flatnonzero((here.distance < 0.06) & (here.weight == 0))
     with torch.no_grad():
         all_of_it = avatar.body.sdf(frame, torch.as_tensor(position[shell], dtype=torch.float32)).numpy()
-    outside = ~here.inside[shell]
-    all_of_it[outside] = np.maximum(all_of_it, here.distance[shell] - CLOTH)[outside]
+    bounds = here.guess[shell] - here.freedom[shell], here.guess[shell] + here.freedom[shell]
+    all_of_it = np.clip(all_of_it, *bounds)
     stored = grid.sdf.numpy().ravel()
     assert ((stored[shell] < 0) != (all_of_it < 0)).sum() <= 2
     corners = np.intersect1d(crossed(grid.sdf.numpy() < 0), shell, return_indices=True)[2]
