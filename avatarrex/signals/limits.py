@@ -11,14 +11,14 @@ from avatarrex.signals.joints import HAND_JOINTS, JOINT_NAMES
 from avatarrex.signals.signals import Signals
 
 _DEGREES: dict[str, tuple[tuple[int, int], ...]] = {
-    "hip": ((-110, 25), (-30, 30), (-15, 40)),
-    "knee": ((0, 135), (-8, 8), (-5, 5)),
-    "ankle": ((-25, 40), (-15, 15), (-15, 15)),
-    "foot": ((-30, 30), (-5, 5), (-5, 5)),
-    "collar": ((-8, 8), (-15, 15), (-10, 20)),
-    "shoulder": ((-50, 50), (-80, 30), (-85, 75)),
-    "elbow": ((-70, 70), (-140, 0), (-5, 5)),
-    "wrist": ((-10, 10), (-25, 25), (-60, 60)),
+    "hip": ((-115, 25), (-35, 35), (-15, 40)),
+    "knee": ((-8, 140), (-8, 8), (-5, 5)),
+    "ankle": ((-28, 40), (-15, 15), (-15, 15)),
+    "foot": ((-35, 30), (-5, 5), (-5, 5)),
+    "collar": ((-10, 10), (-22, 18), (-12, 22)),
+    "shoulder": ((-60, 50), (-90, 30), (-85, 75)),
+    "elbow": ((-75, 75), (-148, 5), (-10, 10)),
+    "wrist": ((-15, 15), (-25, 25), (-60, 60)),
 }
 _MIDDLE = {
     "spine1": ((-15, 30), (-20, 20), (-15, 15)),
@@ -28,9 +28,14 @@ _MIDDLE = {
     "head": ((-25, 25), (-35, 35), (-20, 20)),
     "jaw": ((0, 20), (-5, 5), (0, 0)),
 }
-_FINGER = {
-    "index": ((-5, 5), (-12, 12)), "middle": ((-5, 5), (-8, 8)), "ring": ((-5, 5), (-10, 10)), "pinky": ((-5, 5), (-15, 15)),
+_FLEXION = {
+    "index": (0.17, 0.21, -0.96), "middle": (-0.14, 0.06, -0.99), "ring": (-0.34, 0.07, -0.94), "pinky": (-0.43, -0.09, -0.90),
+    "thumb": (0.53, 0.84, -0.02),
 }  # fmt: skip
+"""Axes about which fingers close, from bone and nail directions of the default person (nail × bone)."""
+_CLOSE = {1: (-15, 95), 2: (-5, 105), 3: (-10, 80)}
+_SPREAD = {"index": 15, "middle": 8, "ring": 10, "pinky": 18}
+"""Degrees about y of the first knuckles, either way."""
 
 
 def joint_limits() -> np.ndarray:
@@ -52,15 +57,17 @@ def _left(part: str) -> tuple[tuple[int, int], ...]:
         return _DEGREES[part]
     if part == "eye":
         return ((-25, 25), (-30, 30), (0, 0))
-    finger, knuckle = part[:-1], part[-1]
-    if finger == "thumb":
-        return {
-            "1": ((-25, 25), (-35, 15), (-25, 25)),
-            "2": ((-5, 5), (-45, 5), (-10, 10)),
-            "3": ((-5, 5), (-70, 5), (-5, 5)),
-        }[knuckle]
-    twist, spread = _FINGER[finger]
-    return (twist, spread, (-85, 15)) if knuckle == "1" else ((0, 0), (0, 0), (-100, 5) if knuckle == "2" else (-75, 5))
+    finger, knuckle = part[:-1], int(part[-1])
+    if part == "thumb1":
+        return ((-30, 30), (-30, 50), (-40, 28))
+    low, high = _CLOSE[knuckle] if finger != "thumb" else {2: (-10, 50), 3: (-12, 75)}[knuckle]
+    spread = _SPREAD.get(finger, 0) if knuckle == 1 else 0
+    box = []
+    for axis, extra in zip(_FLEXION[finger], (0, spread, 0)):
+        ends = sorted((axis * low, axis * high))
+        # 2: named poses are given in whole degrees
+        box.append((round(ends[0]) - 2 - extra, round(ends[1]) + 2 + extra))
+    return tuple(box)
 
 
 LIMITS = joint_limits()

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import torch
+from scipy.spatial import cKDTree
 
 from avatarrex.errors import InputError
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
@@ -9,6 +11,8 @@ from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES, mirror, named_e
 from avatarrex.signals.limits import LIMITS, clamp, random_signals, violations
 from avatarrex.signals.sequence import SignalSequence, interpolate
 from avatarrex.signals.signals import SHAPES, Signals
+from avatarrex.templates.model import pose_template
+from avatarrex.templates.person import load_person
 
 
 def test_json_round_trip() -> None:
@@ -102,3 +106,51 @@ def test_every_name_gives_something_of_its_own() -> None:
     assert len({named_expression(name).tobytes() for name in EXPRESSIONS}) == len(EXPRESSIONS)
     with pytest.raises(InputError, match="squat"):
         named_pose("sqat")
+
+
+def test_named_poses_and_hands_keep_to_the_limits() -> None:
+    for name in POSES:
+        assert violations(Signals.rest().replace(body_pose=named_pose(name))) == (), name
+    for name in HANDS:
+        hands = {f"{side}_hand_pose": named_hand(name, side) for side in ("left", "right")}
+        assert violations(Signals.rest().replace(**hands)) == (), name
+
+
+def skin(signals: Signals, *joints: str) -> np.ndarray:
+    """Vertices of the default person that move most with one of the joints, metres."""
+    body = load_person().body
+    values = (
+        torch.tensor(np.array(v), dtype=torch.float32) for v in (signals.full_pose(), signals.shape, np.zeros(52))
+    )
+    owner = body.weights.argmax(1)
+    chosen = torch.isin(owner, torch.tensor([JOINT_NAMES.index(name) for name in joints]))
+    return pose_template(body, *values).vertices[chosen].numpy()
+
+
+TOUCHES = {
+    "hands_on_hips": (("left_wrist", "left_index1"), ("pelvis", "spine1")),
+    "think": (("right_index2", "right_middle2"), ("head", "jaw")),
+    "clasped_hands": (("left_middle1", "left_middle2"), ("right_middle1", "right_middle2")),
+    "crossed_arms": (("left_elbow",), ("right_elbow",)),
+    "salute": (("right_index3", "right_middle3"), ("head",)),
+}
+
+
+@pytest.mark.parametrize("name", TOUCHES)
+def test_poses_that_touch_touch(name: str) -> None:
+    """Nearest points of bare skin within 2.5 cm: a T-shirt and its folds lie between on the clothed subject."""
+    signals = Signals.rest().replace(body_pose=named_pose(name))
+    one, other = (cKDTree(skin(signals, *joints)) for joints in TOUCHES[name])
+    assert one.query(other.data)[0].min() < 0.025
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_pinch_closes_and_a_fist_hides_its_fingers(side: str) -> None:
+    pinch = Signals.rest().replace(**{f"{side}_hand_pose": named_hand("pinch", side)})
+    thumb, index = (skin(pinch, f"{side}_{finger}3") for finger in ("thumb", "index"))
+    assert cKDTree(thumb).query(index)[0].min() < 0.003
+    fist = Signals.rest().replace(**{f"{side}_hand_pose": named_hand("fist", side)})
+    reach = np.abs(skin(fist, *(f"{side}_{finger}3" for finger in ("index", "middle", "ring", "pinky")))[:, 0]).max()
+    assert reach < np.abs(skin(fist, f"{side}_middle1")[:, 0]).max()
+    across = skin(fist, f"{side}_thumb3")[:, 2].min()
+    assert across < skin(fist, f"{side}_index2")[:, 2].mean(), "the thumb lies across the fingers"
