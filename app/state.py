@@ -31,7 +31,7 @@ class OrbitView:
 
     azimuth: float = 0.0
     elevation: float = 0.0
-    distance: float = 2.8
+    distance: float = 3.0
     fov: float = 40.0
     target: tuple[float, float, float] = (0.0, -0.05, 0.0)
     follow: bool = True

@@ -24,6 +24,8 @@ from avatarrex.volume.volume import BodyGrid, Contact
 OWN_REACH = 0.22
 """Metres at rest around the part's extent: what is nearer is the part's own (forearm; neck, shoulders, chest). More than a
 node's influence and the box's margin: a field that lacks some of its nodes is wrong where they are heard."""
+TRUST, RIM = 0.5, 0.015
+"""Share of the usual freedom for a field of some nodes only, and how far (metres) it reaches past the rim of their skin."""
 NEAR = 0.03
 """Metres around the box in which another limb's vertex counts as contact: its surface may stand off by cloth."""
 
@@ -77,11 +79,13 @@ def find_contact(
     pairs = stencil_pairs(frame.node_position, lattice, index)
     values = []
     for among, vertices in ((ownership.own_node, ~other), (~ownership.own_node, other)):
-        subset = VertexProbe.of(*(v[vertices] for v in (probe.vertices, probe.normals, probe.weight, probe.worn)))
+        subset = VertexProbe.of(
+            probe.vertices[vertices], probe.normals[vertices], probe.weight[vertices], probe.worn[vertices], RIM
+        )
         with torch.no_grad():
             sdf = field.sdf(frame, points, pairs, among=among)
         here = subset.query(points.double().numpy())
-        values.append(emptied(here.held(sdf), torch.as_tensor(here.weight, dtype=torch.float32)))
+        values.append(emptied(here.held(sdf, TRUST), torch.as_tensor(here.weight, dtype=torch.float32)))
     counters.add("voxels_evaluated", 2 * len(index))
     counters.add("local_mlp_evaluations", len(pairs.point))
     shape = tuple(int(n) for n in last - first + 1)

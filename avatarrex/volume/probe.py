@@ -16,9 +16,9 @@ FLAT = 0.012
 """Metres around a vertex in which the skin counts as its tangent plane: about the spacing of the body's vertices."""
 STEEP = 0.5
 """A point this much less below a vertex' tangent plane than aside of it is outside: past the rim of a part of the skin."""
-RIM = 0.015
-"""Metres aside of a vertex, beyond `FLAT`, over which neither its cloth nor the field's freedom reaches: there is a rim."""
-HOLD = 0.025
+RIM = 0.04
+"""Metres: of a whole skin, whose cloth may bridge folds."""
+HOLD = 0.05
 """Metres that a fitted field may differ from the guess: farther out it has seen no samples and may hold anything."""
 
 
@@ -34,9 +34,9 @@ class Probe:
     freedom: np.ndarray
     """Metres that a field may differ from the guess."""
 
-    def held(self, sdf: Tensor) -> Tensor:
-        """`sdf` (p,) no farther from the guess than its freedom."""
-        low, high = (torch.as_tensor(self.guess + side * self.freedom).to(sdf) for side in (-1, 1))
+    def held(self, sdf: Tensor, share: float = 1.0) -> Tensor:
+        """`sdf` (p,) no farther from the guess than this share of its freedom."""
+        low, high = (torch.as_tensor(self.guess + side * share * self.freedom).to(sdf) for side in (-1, 1))
         return sdf.clamp(low, high)
 
 
@@ -49,19 +49,23 @@ class VertexProbe:
     weight: np.ndarray
     worn: np.ndarray
     """(v,) metres that the surface stands off each vertex."""
+    rim: float
+    """Metres aside of a vertex, beyond `FLAT`, over which its cloth and the field's freedom fade out."""
     tree: cKDTree
 
     @staticmethod
-    def of(vertices: np.ndarray, normals: np.ndarray, weight: np.ndarray, worn: np.ndarray) -> VertexProbe:
+    def of(
+        vertices: np.ndarray, normals: np.ndarray, weight: np.ndarray, worn: np.ndarray, rim: float = RIM
+    ) -> VertexProbe:
         """(v, 3) vertices and normals, (v,) painted weight ω, (v,) metres of cloth."""
-        return VertexProbe(vertices, normals, weight, worn, cKDTree(vertices))
+        return VertexProbe(vertices, normals, weight, worn, rim, cKDTree(vertices))
 
     def query(self, position: np.ndarray) -> Probe:
         """`position` (p, 3)."""
         distance, nearest = self.tree.query(position, workers=torch.get_num_threads())
         height = np.einsum("pc,pc->p", position - self.vertices[nearest], self.normals[nearest])
         aside = np.maximum(np.sqrt(np.maximum(distance**2 - height**2, 0)) - FLAT, 0)
-        inside = -height > STEEP * aside
+        inside = (-height > STEEP * aside) & (aside < self.rim)
         signed = np.where(inside, -1.0, 1.0) * np.hypot(height, aside)
-        here = np.clip(1 - aside / RIM, 0, 1)
+        here = np.clip(1 - aside / self.rim, 0, 1)
         return Probe(distance, self.weight[nearest], signed - here * self.worn[nearest], here * HOLD)
