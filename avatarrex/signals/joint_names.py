@@ -26,7 +26,7 @@ _SIDED: dict[str, tuple[str, ...]] = {
     "hip": ("hip", "upleg", "thigh", "upperleg"),
     "knee": ("knee", "loleg", "leg", "shin", "lowerleg", "calf"),
     "ankle": ("ankle", "foot"),
-    "foot": ("toe", "toebase", "toes", "toe0", "ball"),
+    "foot": ("toe", "toebase", "toes", "toe0", "ball", "foot"),
     "collar": ("collar", "clavicle", "shoulder"),
     "shoulder": ("shoulder", "uparm", "arm", "upperarm"),
     "elbow": ("elbow", "loarm", "forearm", "lowerarm"),
