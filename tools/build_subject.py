@@ -322,7 +322,9 @@ def line_mouth(body: Body, person: object, lip: np.ndarray) -> np.ndarray:
     never comes through the lips.
     """
     model = person.body.double()
-    upper, lower, tongue = (model.v_template.numpy()[model.groups[n].numpy()] for n in ("upper_teeth", "lower_teeth", "tongue"))
+    upper, lower, tongue = (
+        model.v_template.numpy()[model.groups[n].numpy()] for n in ("upper_teeth", "lower_teeth", "tongue")
+    )
     meet = (upper[:, Y].min() + lower[:, Y].max()) / 2
     crowns = np.concatenate([upper, lower])
     bare = np.concatenate([crowns[np.abs(crowns[:, Y] - meet) < CROWN], tongue])
