@@ -1,6 +1,8 @@
 """Step II: run time against error, on the capsule man at 512² and three views, judged by the float64 cell walk.
 
-    python benchmarks/raycast.py [--size 512] [--views 3] [--repeats 5]
+    python benchmarks/raycast.py [--size 512] [--views 3] [--repeats 5] [--avatar NAME]
+
+With `--avatar`, its volume in the pose `stand` takes the place of the capsule man.
 
 Times are the least of the repeats, in one run; only their ratios travel to another machine. On Mesa llvmpipe the CPU
 time of all threads is the steadier figure where other programs run.
@@ -14,12 +16,19 @@ import time
 import numpy as np
 import torch
 
+from avatarrex.avatar import load_avatar
 from avatarrex.camera import Camera
+from avatarrex.counters import Counters
 from avatarrex.gl.context import gl_context, renderer_name
+from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.pointmap import raycast
 from avatarrex.pointmap.raycast_gl import EXACT_LIST, TRACE_LIST, gl_caster
 from avatarrex.pointmap.raycast_reference import first_crossing
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
+from avatarrex.signals.library import named_pose
+from avatarrex.signals.signals import Signals
+from avatarrex.templates.posed import pose_person
+from avatarrex.volume.build import build_volume
 from avatarrex.volume.solids import capsule_man
 from avatarrex.volume.volume import SdfVolume
 
@@ -77,14 +86,22 @@ def measure(volume: SdfVolume, camera: Camera, repeats: int) -> None:
         print(f"  {label:24s} {1e3 * min(times):8.1f} ms  {result.counters}")
 
 
+def avatar_volume(name: str) -> SdfVolume:
+    """The volume of an avatar that stands."""
+    avatar = load_avatar(name)
+    posed = pose_person(avatar.person, Signals.rest().replace(body_pose=named_pose("stand")), Counters(), None)
+    return build_volume(avatar, posed, RenderSettings(), Counters(), None).sdf
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--views", type=int, default=3)
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--avatar")
     options = parser.parse_args()
     print(f"{renderer_name(gl_context())}, {options.size}²")
-    volume = capsule_man()
+    volume = avatar_volume(options.avatar) if options.avatar else capsule_man()
     for azimuth, elevation, distance, fov in VIEWS[: options.views]:
         camera = Camera.orbit(azimuth, elevation, distance, fov, (0, -0.05, 0), options.size, options.size)
         for label, case in (("body alone", SdfVolume(volume.body)), ("body, hands and face", volume)):
