@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import shutil
 import subprocess
@@ -33,11 +34,31 @@ def studio(clock):
 
 
 @pytest.fixture(scope="session")
-def display():
-    """A free X display: the one that is there, or an Xvfb of our own."""
+def last_words(pytestconfig):
+    """Xlib ends the process when its server is lost: say so on the true stderr, past pytest's capture."""
+    with pytestconfig.pluginmanager.getplugin("capturemanager").global_and_fixture_disabled():
+        stderr = os.dup(2)
+
+    @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
+    def lost(_display):
+        test = os.environ.get("PYTEST_CURRENT_TEST", "no test")
+        os.write(stderr, f"\nFAILED {test}: the X server is lost, and Xlib ends this process\n".encode())
+        return 0
+
+    library = ctypes.CDLL("libX11.so.6")  # the one that GLFW opens
+    library.XSetIOErrorHandler(lost)
+    yield
+    library.XSetIOErrorHandler(None)
+    os.close(stderr)
+
+
+@pytest.fixture(scope="session")
+def display(request):
+    """An Xvfb of our own."""
     program = shutil.which("Xvfb")
     if program is None:
         pytest.skip("Xvfb is not installed")
+    request.getfixturevalue("last_words")
     read, write = os.pipe()
     server = subprocess.Popen(
         # Without -noreset the server starts anew when its last client leaves, and drops who connects meanwhile.
