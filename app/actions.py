@@ -21,15 +21,14 @@ from avatarrex_studio.commands import (
     SetHandPose,
     SetHidden,
 )
-from avatarrex_studio.state import OrbitView, StudioState
+from avatarrex_studio.state import StudioState
 from avatarrex_studio.studio import Studio
 
 from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
 
-HOME = OrbitView()
 EFFECTS = (
     "undo", "redo", "toggle_play", "step_back", "step_on", "open_motion", "open_session", "save_session", "copy_pose",
-    "paste_pose", "screenshot", "palette", "shortcuts", "reset_layout", "quit",
+    "paste_pose", "screenshot", "whole_person", "palette", "shortcuts", "reset_layout", "quit",
 )  # fmt: skip
 
 
@@ -57,10 +56,6 @@ def _has_motion(studio: Studio) -> bool:
 
 def _view(azimuth: float, elevation: float) -> Callable[[StudioState], Command]:
     return lambda state: SetCamera(azimuth=azimuth, elevation=elevation)
-
-
-def _home(state: StudioState) -> Command:
-    return SetCamera(HOME.azimuth, HOME.elevation, HOME.distance, HOME.fov, _place(state, HOME.target))
 
 
 def _face(state: StudioState) -> Command:
@@ -108,7 +103,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("view.top", "Top view", "View", "7", command=_view(0.0, 89.0)),
     Action("view.back", "Back view", "View", "Ctrl+1", command=_view(180.0, 0.0)),
     Action("view.left", "Left view", "View", "Ctrl+3", command=_view(90.0, 0.0)),
-    Action("view.home", "Whole person", "View", "Home", command=_home, separator=True),
+    Action("view.home", "Whole person", "View", "Home", effect="whole_person", separator=True),
     Action("view.face", "Frame the face", "View", "F", command=_face),
     Action("view.orbit_left", "Turn left", "", "4", command=_fixed(OrbitBy(-15.0, 0.0))),
     Action("view.orbit_right", "Turn right", "", "6", command=_fixed(OrbitBy(15.0, 0.0))),

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from avatarrex_studio.framing import Outline
 from avatarrex_studio.state import StudioState
 
 from avatarrex.avatar import Avatar, load_avatar
@@ -46,6 +48,7 @@ class Engine:
         self._settings = settings or RenderSettings()
         self._name: str | None = None
         self._previous: Frame | None = None
+        self._outline: Outline | None = None
 
     def render(
         self, state: StudioState, size: tuple[int, int] | None = None, rows: tuple[int, int] | None = None
@@ -78,6 +81,13 @@ class Engine:
             self._name, self._previous = name, None
         assert self._avatar is not None
         return self._avatar
+
+    def outline(self, state: StudioState) -> np.ndarray:
+        """(p, 3) world metres: points of the posed body, for framing it. Raises `InputError`."""
+        person = self.avatar(state.avatar).person
+        if self._outline is None or self._outline.body is not person.body:
+            self._outline = Outline(person.body)
+        return self._outline.points(state.signals)
 
     def settings(self, state: StudioState) -> RenderSettings:
         """The pipeline's settings for `state`."""

@@ -10,13 +10,14 @@ import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from avatarrex_studio import options
 from avatarrex_studio.commands import ApplyExpression, ApplyPose, Command, SetBackground, SetCamera, apply
 from avatarrex_studio.engine import Engine
+from avatarrex_studio.framing import backed_off, framed
 from avatarrex_studio.motion import Motion
 from avatarrex_studio.state import StudioState
 from tqdm import tqdm
@@ -26,6 +27,8 @@ from avatarrex.images import VideoWriter, composite, write_arrays, write_png, wr
 from avatarrex.pipeline import Frame
 
 DEFAULT_SIZE = (512, 512)
+_FRAMING = {(True, True): "place", (True, False): "target", (False, True): "distance", (False, False): ""}
+"""What is chosen where target or distance are not given."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,8 @@ class Job:
     aovs: tuple[str, ...]
     stats: Path | None
     fps: float = 30.0
+    framing: str = ""
+    """What is chosen so that the person is seen in every frame: `place` (target and distance), `target`, `distance`."""
 
     def states(self) -> Iterator[tuple[int, StudioState]]:
         """Each frame's number and state."""
@@ -55,6 +60,21 @@ class Job:
             for command in self.edits:
                 state = apply(state, command)
             yield number, state
+
+    def framed(self, engine: Engine) -> Job:
+        """The order with the view that `framing` asks for; it goes along with the target of each frame."""
+        if not self.framing:
+            return self
+        start = self.start.view
+        steps = [(np.subtract(state.view.target, start.target), state) for _, state in self.states()]
+        points = np.concatenate([engine.outline(state) - step for step, state in steps])
+        if self.framing == "distance":
+            view = backed_off(start, points, self.size)
+        else:
+            view = framed(start, points, self.size)
+            if self.framing == "target":
+                view = replace(view, distance=start.distance)
+        return replace(self, start=self.start.change(view=view), framing="")
 
     def image_path(self, number: int) -> Path:
         """Where the image of a frame goes; its passes lie beside it as `.npz`."""
@@ -70,11 +90,10 @@ def job(arguments: Namespace) -> Job:
     motion = Motion.read(arguments.motion) if arguments.motion else None
     frames = _frames(arguments, motion, kind)
     state = StudioState(avatar=arguments.avatar, limit_joints=False)
-    if arguments.camera:
-        view = options.camera(arguments.camera)
-        if view.target and view.follow is None:
-            view = SetCamera(view.azimuth, view.elevation, view.distance, view.fov, view.target, follow=False)
-        state = apply(state, view)
+    view = options.camera(arguments.camera) if arguments.camera else SetCamera()
+    if view.target and view.follow is None:
+        view = replace(view, follow=False)
+    state = apply(state, view)
     background = options.background(arguments.background) if arguments.background else state.background
     if arguments.alpha:
         background = (0.0, 0.0, 0.0, 0.0)
@@ -94,6 +113,7 @@ def job(arguments: Namespace) -> Job:
     order = Job(
         out, kind, apply(state, SetBackground(background)), motion, frames, edits, size,
         options.aovs(arguments.aov) if arguments.aov else (), stats, fps,
+        _FRAMING[view.target is None, view.distance is None],
     )  # fmt: skip
     next(order.states())  # an edit that cannot be applied is refused now
     return order
@@ -105,6 +125,7 @@ def run(order: Job, engine: Engine) -> list[Path]:
     statistics: list[dict[str, object]] = []
     video = VideoWriter(order.out, *order.size, order.fps) if order.kind == "video" else None
     engine.avatar(order.start.avatar)
+    order = order.framed(engine)
     with video or nullcontext():
         bar = tqdm(order.states(), total=len(order.frames), unit="frame", disable=len(order.frames) == 1)
         for number, state in bar:

@@ -42,7 +42,10 @@ def size(text: str) -> tuple[int, int]:
 
 
 def camera(text: str) -> SetCamera:
-    """`azimuth=30,elevation=10,distance=2.6,fov=40`; `x`, `y`, `z` place the target, `follow=0` keeps it there."""
+    """`azimuth=30,elevation=10,distance=2.6,fov=40`; `x`, `y`, `z` place the target, `follow=0` keeps it there.
+
+    What is left out stays None: the target and the distance are then framed about the person (`framing.py`).
+    """
     given: dict[str, float] = {}
     for item in filter(None, text.split(",")):
         name, _, value = item.partition("=")

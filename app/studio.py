@@ -11,12 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from avatarrex_studio.commands import Command
+from avatarrex_studio.commands import Command, SetCamera
 from avatarrex_studio.engine import Engine, Shot
+from avatarrex_studio.framing import framed
 from avatarrex_studio.journal import Journal
 from avatarrex_studio.motion import Motion
 from avatarrex_studio.resolution import Resolution
-from avatarrex_studio.state import StudioState
+from avatarrex_studio.state import OrbitView, StudioState
 from avatarrex_studio.strips import SECONDS, Strips
 from torch import Tensor
 
@@ -153,6 +154,15 @@ class Studio:
     def moving(self) -> bool:
         """Whether something has not come to rest yet."""
         return self.playing or self._strips is not None or self.resolution.wait(self._clock()) is not None
+
+    def frame_person(self, viewport: tuple[int, int]) -> None:
+        """The front view that holds the person as it stands."""
+        try:
+            view = framed(OrbitView(), self.engine.outline(self.state), self.state.size.pixels(viewport))
+        except InputError as error:
+            log.error("%s", error)
+            return
+        self.do(SetCamera(view.azimuth, view.elevation, view.distance, view.fov, view.target))
 
     def open_motion(self, path: str) -> None:
         """Load a motion file and stand at its first frame."""

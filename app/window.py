@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -67,6 +67,7 @@ class Window:
             "open_session": lambda: self.files.open("session", "Open a session", studio.open_session),
             "save_session": lambda: self.files.save("session", "Save the session", studio.save_session),
             "copy_pose": self._copy, "paste_pose": self._paste, "screenshot": self._screenshot,
+            "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
             "quit": self._quit,
         }  # fmt: skip
@@ -153,12 +154,15 @@ class Window:
         imgui.end()
         return commands
 
-    def _show(self, draw: Callable[[], list[Command] | None]) -> None:
+    def _show(self, draw: Callable[[], Sequence[Command | Action] | None]) -> None:
         self._collect(draw())
 
-    def _collect(self, commands: list[Command] | None) -> None:
+    def _collect(self, commands: Sequence[Command | Action] | None) -> None:
         """Do what a panel asked for; a drag is one undo step, and so is a turn of the wheel."""
         for command in commands or ():
+            if isinstance(command, Action):
+                self._run(command)
+                continue
             gesture: tuple[str, int] = ("drag", self._gesture)
             if isinstance(command, ZoomBy):
                 last, number = self._wheel

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from avatarrex_studio.actions import action
+from avatarrex_studio.actions import Action, action
 from avatarrex_studio.commands import Command, SetCamera
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.state import OrbitView, StudioState
@@ -13,16 +13,16 @@ LABEL = 78.0
 REST = OrbitView()
 
 
-def draw(state: StudioState) -> list[Command]:
-    """Draw the panel; the commands of this frame."""
-    commands: list[Command] = []
+def draw(state: StudioState) -> list[Command | Action]:
+    """Draw the panel; the commands of this frame, and the action of a view that was pressed."""
+    commands: list[Command | Action] = []
     titles = [
         (name, action(name).title.replace(" view", "").replace("Frame the f", "F").replace("Whole p", "P"))
         for name in VIEWS
     ]
     pressed = widgets.button_grid(titles, 62)
-    if pressed and (make := action(pressed).command):
-        commands.append(make(state))
+    if pressed:
+        commands.append(action(pressed))
     imgui.spacing()
     view = state.view
     for name, low, high, form, rest in (

@@ -11,6 +11,7 @@ from avatarrex_studio.engine import Engine
 from avatarrex.avatar import Avatar
 from avatarrex.counters import NAMES
 from avatarrex.pipeline import Frame
+from avatarrex.templates.person import load_person
 
 
 @dataclass(frozen=True)
@@ -63,5 +64,7 @@ def render_ball(avatar, signals, camera, settings, previous=None):
 
 
 def ball_engine(render=render_ball):
-    """An engine without an avatar file."""
-    return Engine(avatar=object.__new__(Avatar), render=render)
+    """An engine without an avatar file; the person is the true one."""
+    avatar = object.__new__(Avatar)
+    avatar.person = load_person("default")
+    return Engine(avatar=avatar, render=render)
