@@ -35,17 +35,19 @@ class Work:
     ms: dict[str, float]
     counters: dict[str, int]
     notes: tuple[str, ...]
+    device: str
+    """The torch device that the networks ran on."""
 
     @classmethod
     def of(cls, frame: Frame) -> Work:
         """One frame's."""
-        return cls(frame.ms, frame.counters, frame.notes)
+        return cls(frame.ms, frame.counters, frame.notes, str(frame.image.device))
 
     def plus(self, frame: Frame) -> Work:
         """With another strip's."""
         ms = {name: value + frame.ms[name] for name, value in self.ms.items()}
         counters = {name: count + frame.counters[name] for name, count in self.counters.items()}
-        return Work(ms, counters, frame.notes)
+        return Work(ms, counters, frame.notes, self.device)
 
 
 class Studio:

@@ -33,7 +33,7 @@ from avatarrex_studio.studio import Studio
 from imgui_bundle import hello_imgui, imgui, immapp
 
 from avatarrex.errors import InputError
-from avatarrex.gl.context import REQUIRED, use_context
+from avatarrex.gl.context import REQUIRED, renderer_name, use_context
 from avatarrex.images import composite
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.signals.signals import Signals
@@ -101,7 +101,7 @@ class Window:
         calls.pre_new_frame = self._render
         calls.show_gui = self._over
         calls.show_menus = lambda: self._run(menu.draw(self.studio))
-        calls.show_status = lambda: status.draw(self.studio)
+        calls.show_status = lambda: status.draw(self.studio, renderer_name(self._context) if self._context else "none")
         calls.before_exit = self._close
         params.docking_params = self._docking()
         return params

@@ -23,8 +23,14 @@ def skipped(work: Work) -> tuple[str, ...]:
     return tuple(name for name, counters in WORK.items() if not any(work.counters.get(key, 0) for key in counters))
 
 
-def draw(studio: Studio) -> None:
-    """Draw the bar's items in one line."""
+def machine(work: Work, renderer: str) -> tuple[str, ...]:
+    """The torch device, the OpenGL `renderer` where no note names it, and the picture's notes."""
+    named = any(renderer in note for note in work.notes)
+    return (f"torch: {work.device}", *(() if named else (f"OpenGL: {renderer}",)), *work.notes)
+
+
+def draw(studio: Studio, renderer: str) -> None:
+    """Draw the bar's items in one line; `renderer` is the window's GL_RENDERER."""
     work = studio.work
     items = [f"{hello_imgui.frame_rate():.0f} fps"]
     if work is not None:
@@ -33,7 +39,7 @@ def draw(studio: Studio) -> None:
             f"{work.ms['total']:.0f} ms",
             f"{width} × {height} {studio.resolution.state.value}",
             "skipped: " + (", ".join(skipped(work)) or "nothing"),
-            *work.notes,
+            *machine(work, renderer),
         ]
     for number, item in enumerate(items):
         if number:
