@@ -1,0 +1,136 @@
+"""How near is a picture to the truth: PSNR, SSIM, MS-SSIM, gradient energy. Differentiable.
+
+    PSNR = −10 log₁₀ mean (a − b)²                                                         decibels, peak 1
+    SSIM = mean of  l · cs,   l = (2 μ_a μ_b + C₁) / (μ_a² + μ_b² + C₁),   cs = (2 σ_ab + C₂) / (σ_a² + σ_b² + C₂)
+    MS-SSIM = l_M^w_M · Π_j cs_j^w_j     over M scales, each half as wide as the one before (Wang et al. 2003)
+
+μ, σ are taken in an 11 × 11 Gaussian window of σ = 1.5 pixels (Wang et al. 2004): scikit-image's
+`structural_similarity(gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=1)`, per channel, then
+averaged. Only windows that lie wholly inside the picture count: the map is 10 pixels smaller on each axis.
+
+With a mask (1 inside the matte, 0 outside) the *measure* is averaged over the mask: PSNR over the squared errors of its
+pixels, SSIM over the map at its pixels (a window there may reach outside, where both pictures hold the background).
+Letters: b images, h w pixels, c = 3 channels; sRGB-encoded values in [0, 1]. Each function returns one number per image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+import torch.nn.functional as functional
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from avatarrex.errors import InputError
+
+WINDOW, SIGMA = 11, 1.5
+"""Pixels: σ = 1.5 cut at 3.5 σ is a window of 11, in scikit-image as in Wang et al. 2004."""
+C1, C2 = 0.01**2, 0.03**2
+"""Wang et al. 2004, K = 0.01 and 0.03 at peak 1."""
+SCALES = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
+"""w_j of Wang et al. 2003, finest first: fitted to how people judged pictures at five scales."""
+LUMA = (0.299, 0.587, 0.114)
+"""Rec. 601 luma of encoded values, what sharpness is seen in."""
+Images = Float[Tensor, "b 3 h w"]
+Mask = Bool[Tensor, "b h w"] | Float[Tensor, "b h w"]
+
+
+def psnr(a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
+    """Peak signal to noise ratio in decibels; +inf for equal pictures, NaN where the mask is empty."""
+    _agree(a, b, 1)
+    return -10 * torch.log10(_mean((a - b).square().mean(1), mask))
+
+
+def ssim(a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
+    """Structural similarity, 1 for equal pictures; NaN where no pixel of the mask is 5 pixels from the border.
+
+    Raises `InputError` below 11 pixels a side.
+    """
+    _agree(a, b, WINDOW)
+    luminance, structure = _similarity(a, b)
+    return _mean((luminance * structure).mean(1), _inner(mask))
+
+
+def ms_ssim(a: Images, b: Images, mask: Mask | None = None, weights: Sequence[float] = SCALES) -> Float[Tensor, " b"]:
+    """Multi-scale structural similarity, 1 for equal pictures.
+
+    All five scales need 176 pixels a side. A smaller picture is compared on the scales that hold a window (128 pixels:
+    four; at least 11 pixels: one), with their weights made to sum to one again. A negative mean cs counts as 10⁻⁶.
+    The mask is averaged down with the pictures. Raises `InputError` below 11 pixels a side.
+    """
+    _agree(a, b, WINDOW)
+    used = torch.tensor(weights[: scales(min(a.shape[-2:]))], dtype=a.dtype, device=a.device)
+    used = used / used.sum()
+    product = torch.ones(a.shape[:2], dtype=a.dtype, device=a.device)
+    mask = None if mask is None else mask.to(a.dtype)
+    for scale, weight in enumerate(used):
+        if scale:
+            a, b = functional.avg_pool2d(a, 2), functional.avg_pool2d(b, 2)
+            mask = None if mask is None else functional.avg_pool2d(mask[:, None], 2)[:, 0]
+        luminance, structure = _similarity(a, b)
+        last = scale == len(used) - 1
+        inner = _inner(mask)
+        channels = (luminance * structure if last else structure).unbind(1)
+        value = torch.stack([_mean(channel, inner) for channel in channels], 1)
+        # torch.where keeps NaN of an empty mask; the power has no slope at or below zero
+        product = product * torch.where(value < 1e-6, 1e-6, value) ** weight
+    return product.mean(1)
+
+
+def scales(side: int) -> int:
+    """How many scales of MS-SSIM hold a whole window in a picture of that smaller side, in pixels."""
+    return max(k + 1 for k in range(len(SCALES)) if side >> k >= WINDOW)
+
+
+def gradient_energy(a: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
+    """Mean |∇ luma|² per pixel², forward differences; with a mask only where all three pixels of ∇ are inside it.
+
+    A blurred picture has less than a sharp one: `gradient_energy(render) / gradient_energy(truth)` is its sharpness.
+    """
+    luma = (a * torch.tensor(LUMA, dtype=a.dtype, device=a.device)[:, None, None]).sum(1)
+    here, right, below = luma[:, :-1, :-1], luma[:, :-1, 1:], luma[:, 1:, :-1]
+    energy = (right - here).square() + (below - here).square()
+    if mask is not None:
+        inside = mask.to(a.dtype)
+        mask = inside[:, :-1, :-1] * inside[:, :-1, 1:] * inside[:, 1:, :-1]
+    return _mean(energy, mask)
+
+
+def _similarity(a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
+    """Luminance l and contrast-structure cs, (b, c, h − 10, w − 10)."""
+    mean_a, mean_b, square_a, square_b, cross = _blur(torch.cat([a, b, a * a, b * b, a * b], 1)).chunk(5, 1)
+    variance_a, variance_b, covariance = square_a - mean_a**2, square_b - mean_b**2, cross - mean_a * mean_b
+    luminance = (2 * mean_a * mean_b + C1) / (mean_a**2 + mean_b**2 + C1)
+    return luminance, (2 * covariance + C2) / (variance_a + variance_b + C2)
+
+
+def _blur(values: Tensor) -> Tensor:
+    """Gaussian means in whole windows, (b, c, h − 10, w − 10)."""
+    place = torch.arange(WINDOW, dtype=values.dtype, device=values.device) - WINDOW // 2
+    kernel = torch.exp(-0.5 * (place / SIGMA) ** 2)
+    kernel = kernel / kernel.sum()
+    flat = values.reshape(-1, 1, *values.shape[-2:])
+    flat = functional.conv2d(functional.conv2d(flat, kernel.view(1, 1, -1, 1)), kernel.view(1, 1, 1, -1))
+    return flat.reshape(*values.shape[:2], *flat.shape[-2:])
+
+
+def _inner(mask: Tensor | None) -> Tensor | None:
+    """The mask at the centres of whole windows."""
+    edge = WINDOW // 2
+    return None if mask is None else mask[:, edge:-edge, edge:-edge]
+
+
+def _mean(values: Tensor, mask: Tensor | None) -> Tensor:
+    """Per image: mean of `values` (b, h, w), weighted by the mask."""
+    if mask is None:
+        return values.mean((-2, -1))
+    weight = mask.to(values.dtype)
+    return (values * weight).sum((-2, -1)) / weight.sum((-2, -1))
+
+
+def _agree(a: Tensor, b: Tensor, least: int) -> None:
+    if a.shape != b.shape:
+        raise InputError("metrics", "images", f"two of one size, {tuple(a.shape)}", tuple(b.shape))
+    if min(a.shape[-2:]) < least:
+        raise InputError("metrics", "images", f"at least {least} pixels a side", f"{a.shape[-1]}x{a.shape[-2]}")

@@ -1,0 +1,163 @@
+"""The perceptual loss of pass II and its measure: LPIPS on VGG-16 (Zhang et al. 2018), else 1 − MS-SSIM.
+
+    LPIPS(a, b) = Σ_l mean over pixels of  Σ_c w_lc (â_lc − b̂_lc)²        â: features of unit length over the channels
+
+at the layers relu1_2, relu2_2, relu3_3, relu4_3, relu5_3. The network is defined here; its weights are the user's files:
+
+- `vgg16-397923af.pth` (torch hub's name; 528 MB) by path, by AVATARREX_VGG, or in torch hub's `checkpoints` folder;
+  a `.safetensors` with the same `features.*` names will do.
+- the linear heads w: `vgg.pth` (7 KB) of the PyPI package `lpips`, by path (that file, or the package's wheel), by
+  AVATARREX_LPIPS, or as installed. The package is never imported: it imports torchvision.
+
+Letters: b images, h w pixels, c channels, l layers; sRGB-encoded values in [0, 1].
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import os
+from pathlib import Path
+
+import torch
+import torch.nn.functional as functional
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from avatarrex.errors import InputError
+from avatarrex.metrics.image import Images, Mask, ms_ssim
+from avatarrex.metrics.weights import fill, find_weights, read_weights
+
+log = logging.getLogger(__name__)
+VGG_FILE, HEADS_FILE = "vgg16-397923af.pth", "lpips/weights/v0.1/vgg.pth"
+BLOCKS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))
+"""Channels of VGG-16's convolutions between its poolings (Simonyan & Zisserman 2015, configuration D)."""
+SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
+"""LPIPS 0.1 normalises pictures in [−1, 1] by these (ImageNet's mean and deviation on that scale)."""
+LEAST = 16
+"""Pixels a side: four poolings leave one."""
+
+
+class VggFeatures(nn.Module):
+    """The convolutions of VGG-16 under torch hub's names; gives the five activations before each pooling and the last."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        before = 3
+        for block in BLOCKS:
+            for channels in block:
+                layers += [nn.Conv2d(before, channels, 3, padding=1), nn.ReLU()]
+                before = channels
+            layers.append(nn.MaxPool2d(2))
+        self.features = nn.Sequential(*layers[:-1])
+
+    def forward(self, images: Images) -> list[Tensor]:
+        """Activations (b, c, h, w) at relu1_2, relu2_2, relu3_3, relu4_3, relu5_3."""
+        found = []
+        for layer in self.features:
+            if isinstance(layer, nn.MaxPool2d):
+                found.append(images)
+            images = layer(images)
+        return [*found, images]
+
+
+class Lpips(nn.Module):
+    """LPIPS with VGG-16; untrained until filled."""
+
+    shift: Tensor
+    scale: Tensor
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.network = VggFeatures()
+        self.heads = nn.ParameterList([torch.zeros(block[-1]) for block in BLOCKS])
+        self.register_buffer("shift", torch.tensor(SHIFT)[:, None, None])
+        self.register_buffer("scale", torch.tensor(SCALE)[:, None, None])
+
+    def forward(self, a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
+        """Distance per image; with a mask each layer's average is weighted by the mask's share of its cells."""
+        if a.shape != b.shape or min(a.shape[-2:]) < LEAST:
+            found = f"{tuple(a.shape)} and {tuple(b.shape)}"
+            raise InputError("lpips", "images", f"two of one size, at least {LEAST} pixels a side", found)
+        both = self.network((2 * torch.cat([a, b]) - 1 - self.shift) / self.scale)
+        total = a.new_zeros(len(a))
+        for features, head in zip(both, self.heads):
+            of_a, of_b = _unit(features).chunk(2)
+            distance = ((of_a - of_b).square() * head[:, None, None]).sum(1)
+            total = total + _mean(distance, mask)
+        return total
+
+
+class Perceptual(nn.Module):
+    """A perceptual loss: `perceptual(a, b)` is one number, 0 for equal pictures; `distance` gives one per image."""
+
+    def __init__(self, lpips: Lpips | None, note: str) -> None:
+        super().__init__()
+        self.lpips = lpips
+        self.name = "lpips-vgg" if lpips else "ms-ssim"
+        self.note = note
+        """Which files it uses, or which are missing."""
+
+    @classmethod
+    def load(cls, weights: Path | None = None, heads: Path | None = None) -> Perceptual:
+        """LPIPS-VGG where both files are found, else 1 − MS-SSIM; the log and `note` say which and why.
+
+        Raises `InputError` for a file that was named and is missing, and for any that is broken.
+        """
+        found = {VGG_FILE: find_weights(VGG_FILE, "AVATARREX_VGG", weights), HEADS_FILE: find_heads(heads)}
+        vgg, linear = found.values()
+        if vgg is None or linear is None:
+            missing = ", ".join(name for name, file in found.items() if file is None)
+            perceptual = cls(None, f"perceptual term: 1 − MS-SSIM (no weights: {missing})")
+        else:
+            perceptual = cls(load_lpips(vgg, linear), f"perceptual term: LPIPS-VGG ({vgg.name}, {linear.name})")
+        log.warning(perceptual.note) if perceptual.lpips is None else log.info(perceptual.note)
+        return perceptual
+
+    def forward(self, a: Images, b: Images) -> Float[Tensor, ""]:
+        """Mean over the batch; gradients flow into both pictures, never into the weights."""
+        return self.distance(a, b).mean()
+
+    def distance(self, a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
+        """Per image."""
+        return self.lpips(a, b, mask) if self.lpips is not None else 1 - ms_ssim(a, b, mask)
+
+
+def find_heads(path: Path | None = None) -> Path | None:
+    """The file of the linear heads or the wheel that holds it; None where there is none. Raises `InputError`."""
+    if path or os.environ.get("AVATARREX_LPIPS"):
+        return find_weights(Path(HEADS_FILE).name, "AVATARREX_LPIPS", path)
+    package = importlib.util.find_spec("lpips")  # finds, does not import
+    if package is None or package.origin is None:
+        return None
+    file = Path(package.origin).parent.parent / HEADS_FILE
+    return file if file.is_file() else None
+
+
+def load_lpips(vgg: Path, heads: Path) -> Lpips:
+    """LPIPS from its two files. Raises `InputError`."""
+    lpips = Lpips()
+    fill(lpips.network, read_weights(vgg), vgg)
+    linear = read_weights(heads, HEADS_FILE)
+    for layer, head in enumerate(lpips.heads):
+        name = f"lin{layer}.model.1.weight"
+        expected = (1, len(head), 1, 1)
+        if name not in linear or tuple(linear[name].shape) != expected or not torch.isfinite(linear[name]).all():
+            found = tuple(linear[name].shape) if name in linear else "no such tensor"
+            raise InputError(heads, name, f"{expected} finite numbers", found)
+        head.data = linear[name].flatten().float()
+    return lpips.requires_grad_(False).eval()
+
+
+def _unit(features: Tensor) -> Tensor:
+    """Unit length over channels. 1e-20 under the root: silent cells have no slope instead of NaN."""
+    return features / ((features.square().sum(1, keepdim=True) + 1e-20).sqrt() + 1e-10)
+
+
+def _mean(values: Tensor, mask: Tensor | None) -> Tensor:
+    if mask is None:
+        return values.mean((-2, -1))
+    height, width = values.shape[-2:]
+    weight = functional.adaptive_avg_pool2d(mask.to(values.dtype)[:, None], (height, width))[:, 0]
+    return (values * weight).sum((-2, -1)) / weight.sum((-2, -1))
