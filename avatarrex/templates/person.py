@@ -1,20 +1,23 @@
 """A person's templates together: body, both hands, face, and the painted weights that compose them.
 
 One reader serves the packaged person and official SMPL-X arrays (formats.md): joints are explicit (`J_template`,
-`J_shapedirs`) or follow from a regressor, J = J_regressor · v_shaped, which is linear and so becomes joint directions.
+`J_shapedirs`) or follow from a regressor, J = J_regressor · v_shaped, which is linear and so
+becomes joint directions. A `PersonFit` gives the person another body's size.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.interpolate import RBFInterpolator
 from torch import Tensor
 
 from avatarrex.assets import DATA, check_arrays, read_npz, read_spec
@@ -32,6 +35,39 @@ POSING = (
 
 
 @dataclass(frozen=True, eq=False)
+class PersonFit:
+    """Another body's size on a person's template: a shape, then an offset of every joint from where the shape has it."""
+
+    shape: np.ndarray
+    """β, (s,) standard deviations."""
+    joint_offsets: np.ndarray
+    """(j, 3) metres, root frame; the pelvis stays: its row is zero."""
+
+    def __post_init__(self) -> None:
+        for name, shape in (("shape", (10,)), ("joint_offsets", (55, 3))):
+            try:
+                value = np.array(getattr(self, name), dtype=np.float64)
+            except (TypeError, ValueError):
+                raise InputError("person fit", name, f"numbers of shape {shape}", "another form") from None
+            if value.shape != shape or not np.isfinite(value).all() or np.abs(value).max() > 20:
+                raise InputError("person fit", name, f"{shape} finite numbers, none beyond 20", value.shape)
+            object.__setattr__(self, name, value)
+        if self.joint_offsets[0].any():
+            raise InputError("person fit", "joint_offsets", "a pelvis that stays (row 0 zero)", self.joint_offsets[0])
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain lists; `PersonFit(**json)` gives the same fit back, bit for bit."""
+        return {"shape": self.shape.tolist(), "joint_offsets": self.joint_offsets.tolist()}
+
+    @classmethod
+    def from_json(cls, data: Any, source: str | Path) -> PersonFit:
+        """From `to_json`'s object. Raises `InputError`."""
+        if not isinstance(data, dict) or set(data) != {"shape", "joint_offsets"}:
+            raise InputError(source, "person_fit", "an object with shape and joint_offsets", repr(data)[:60])
+        return cls(**data)
+
+
+@dataclass(frozen=True, eq=False)
 class Person:
     """Everything that poses one person."""
 
@@ -43,7 +79,9 @@ class Person:
     """Painted ω of left hand, right hand and face on the body template."""
     name: str
     hash: str
-    """SHA-256 of the arrays that pose it, first 16 hex digits."""
+    """SHA-256 of the arrays that pose it (and of its fit), first 16 hex digits."""
+    fit: PersonFit | None = None
+    """What made it another size than the one called `name`."""
 
 
 def load_person(source: str | Path = "default") -> Person:
@@ -58,9 +96,31 @@ def _load(name: str, path: Path) -> Person:
     body = read_model(arrays, path)
     if len(body.parents) != 55:
         raise InputError(path, "weights", "55 joints in SMPL-X order", len(body.parents))
+    return _cut(body, name, hash_arrays(arrays))
+
+
+def resize_person(person: Person, fit: PersonFit) -> Person:
+    """`person` with the size of `fit`: its new mean shape (β = 0) has the fit's joints exactly.
+
+    The skin follows the joints' offsets by the smooth field that interpolates them, φ(r) = r with an affine part, in
+    which a bone takes its flesh along evenly. Raises `InputError` for a person that is resized already.
+    """
+    if person.fit is not None:
+        raise InputError("person", "fit", "a person of the original size", "one that is resized")
+    body, shape = person.body.double(), torch.from_numpy(fit.shape)
+    vertices = (body.v_template + body.shapedirs[..., :10] @ shape).numpy()
+    joints = (body.joint_template + body.joint_shapedirs[..., :10] @ shape).numpy()
+    moved = RBFInterpolator(joints, fit.joint_offsets, kernel="linear", degree=1)(vertices)
+    resized = replace(person.body, v_template=_real(vertices + moved), joint_template=_real(joints + fit.joint_offsets))
+    digest = hashlib.sha256(person.hash.encode() + fit.shape.tobytes() + fit.joint_offsets.tobytes())
+    return replace(_cut(resized, person.name, digest.hexdigest()[:16]), fit=fit)
+
+
+def _cut(body: TemplateModel, name: str, hash: str) -> Person:
+    """The person of a body: hands and face are cut out of it."""
     left, right, face = cut_hand(body, "left"), cut_hand(body, "right"), cut_face(body)
     painted = scatter_to_body(len(body.v_template), left, right, face)
-    return Person(body, left, right, face, painted, name, hash_arrays(arrays))
+    return Person(body, left, right, face, painted, name, hash)
 
 
 def hash_arrays(arrays: Mapping[str, np.ndarray]) -> str:
