@@ -1,0 +1,57 @@
+"""Fréchet inception distance between two sets of pictures (Heusel et al. 2017).
+
+    FID = |μ₁ − μ₂|² + tr(Σ₁ + Σ₂ − 2 (Σ₁^½ Σ₂ Σ₁^½)^½)
+
+over the features of `inception.py`, in float64. The weights are the user's file `pt_inception-2015-12-05-6726825d.pth`,
+by path, by AVATARREX_INCEPTION, or in torch hub's `checkpoints` folder. With fewer pictures than features Σ is singular
+and the value is biased upwards: compare only values over the same pictures. Letters: n pictures, d features.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from avatarrex.errors import InputError
+from avatarrex.metrics.inception import Inception
+from avatarrex.metrics.weights import fill, find_weights, read_weights
+
+INCEPTION_FILE = "pt_inception-2015-12-05-6726825d.pth"
+
+
+def load_inception(weights: Path | None = None) -> Inception | None:
+    """The network, or None where no weights are found. Raises `InputError` for a named file that is not one."""
+    file = find_weights(INCEPTION_FILE, "AVATARREX_INCEPTION", weights)
+    if file is None:
+        return None
+    network = Inception()
+    fill(network, read_weights(file), file)
+    return network
+
+
+def frechet_distance(a: Float[np.ndarray, "n d"], b: Float[np.ndarray, "m d"]) -> float:
+    """Between the normal distributions with the means and (unbiased) covariances of two sets of features.
+
+    Raises `InputError` for fewer than two in a set.
+    """
+    if min(len(a), len(b)) < 2:
+        raise InputError("fid", "pictures", "at least two in each set", min(len(a), len(b)))
+    a, b = a.astype(np.float64), b.astype(np.float64)
+    cov_a, cov_b = (np.cov(features, rowvar=False).reshape(a.shape[1], -1) for features in (a, b))
+    return frechet_of_moments(a.mean(0), cov_a, b.mean(0), cov_b)
+
+
+def frechet_of_moments(
+    mean_a: Float[np.ndarray, " d"],
+    cov_a: Float[np.ndarray, "d d"],
+    mean_b: Float[np.ndarray, " d"],
+    cov_b: Float[np.ndarray, "d d"],
+) -> float:
+    """Squared Fréchet (Wasserstein-2) distance of two normal distributions; singular covariances are fine."""
+    value, vector = np.linalg.eigh(cov_a)
+    root = (vector * np.sqrt(np.maximum(value, 0))) @ vector.T
+    between = np.linalg.eigvalsh(root @ cov_b @ root)
+    spread = np.trace(cov_a) + np.trace(cov_b) - 2 * np.sqrt(np.maximum(between, 0)).sum()
+    return float(((mean_a - mean_b) ** 2).sum() + max(spread, 0.0))
