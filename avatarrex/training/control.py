@@ -10,6 +10,7 @@ Spec: `assets_spec/run.json`.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import socket
@@ -17,7 +18,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -47,10 +48,11 @@ class Heartbeat:
     @classmethod
     def read(cls, path: Path) -> Heartbeat | None:
         """The last beat of the run in folder `path`; None where there is none that can be read."""
-        data = read_json(path / "heartbeat.json") or {}
+        file = path / "heartbeat.json"
         try:
-            return cls(**data)
-        except TypeError:
+            beat = cls(**(read_json(file) or {}))
+            return replace(beat, time=max(float(beat.time), file.stat().st_mtime))
+        except (TypeError, ValueError, OSError):
             return None
 
     def alive(self, now: float | None = None) -> bool:
@@ -124,8 +126,6 @@ class Heart(threading.Thread):
         super().__init__(name="heartbeat", daemon=True)
         self._path, self._beat = path / "heartbeat.json", beat
         self._stopped = threading.Event()
-        self.failure: InputError | None = None
-        """Why the last beat could not be written."""
 
     def run(self) -> None:
         """Beat until stopped."""
@@ -134,13 +134,11 @@ class Heart(threading.Thread):
 
     def beat(self) -> None:
         """One beat, now. A disk that is full does not stop the run: the time of the file alone is then renewed."""
-        beat = self._beat()
-        data = {name: getattr(beat, name) for name in beat.__dataclass_fields__}
         try:
-            write_json(self._path, data)
-            self.failure = None
-        except InputError as error:
-            self.failure = error
+            write_json(self._path, asdict(self._beat()))
+        except InputError:
+            with contextlib.suppress(FileNotFoundError):
+                os.utime(self._path)
 
     def stop(self) -> None:
         """Beat no more."""

@@ -179,7 +179,11 @@ class Run:
         self._heart.stop()
         self._events.close()
         self._events = None
-        self._say(state or ("stopped" if self._asked == "stop" else "finished"), note)
+        try:
+            self._say(state or ("stopped" if self._asked == "stop" else "finished"), note)
+        except InputError:
+            (self.path / "heartbeat.json").unlink(missing_ok=True)  # a full disk: dead, not alive
+            raise
 
     def __enter__(self) -> Run:
         return self
@@ -190,10 +194,15 @@ class Run:
         """Close; a run that an exception ends has failed, and says why. Ctrl+C stops it."""
         if error is None:
             self.close()
-        elif isinstance(error, KeyboardInterrupt):
-            self.close("stopped")
-        else:
-            self.close("failed", (str(error) or type(error).__name__).splitlines()[0])
+            return
+        stopped = isinstance(error, KeyboardInterrupt)
+        try:
+            self.close(
+                "stopped" if stopped else "failed",
+                "" if stopped else (str(error) or type(error).__name__).splitlines()[0],
+            )
+        except InputError as second:  # the first error is the one to tell
+            log.warning("%s", second)
 
     @property
     def _writer(self) -> EventWriter:
