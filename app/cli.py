@@ -44,7 +44,23 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("--size", metavar="N|WxH", help="pixels (512)")
     inspect = verbs.add_parser("inspect", help="say what an avatar, motion or session file holds", allow_abbrev=False)
     inspect.add_argument("path", help="a file or folder")
+    _capture_options(
+        verbs.add_parser("capture", help="captures: images of a person from many sides", allow_abbrev=False)
+    )
     return top
+
+
+def _capture_options(capture: argparse.ArgumentParser) -> None:
+    acts = capture.add_subparsers(dest="act", metavar="ACT", required=True)
+    check = acts.add_parser(
+        "check", help="how well a capture's pictures, cameras and parameters fit", allow_abbrev=False
+    )
+    check.add_argument("capture", help="a folder or .zip")
+    check.add_argument(
+        "--out", metavar="DIR", help="contact sheets with the template drawn over the images, and check.json"
+    )
+    check.add_argument("--rig", choices=("body", "face"), help="one rig alone")
+    check.add_argument("--frames", default="4", metavar="N", help="how many frames to compare (4)")
 
 
 def _render_options(render: argparse.ArgumentParser) -> None:
@@ -75,14 +91,20 @@ def _render_options(render: argparse.ArgumentParser) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    verbs = ("open", "render", "replay", "inspect")
+    verbs = ("open", "render", "replay", "inspect", "capture")
     if words and words[0] not in verbs and not words[0].startswith("-") and Path(words[0]).exists():
         words.insert(0, "open")
     try:
         arguments = parser().parse_args(_joined(words))
-        return {None: _open, "open": _open, "render": _render, "replay": _replay, "inspect": _inspect}[arguments.verb](
-            arguments
-        )
+        run = {
+            None: _open,
+            "open": _open,
+            "render": _render,
+            "replay": _replay,
+            "inspect": _inspect,
+            "capture": _capture,
+        }
+        return run[arguments.verb](arguments)
     except InputError as error:
         print(f"{PROGRAM}: error: {error}", file=sys.stderr)
         return 2
@@ -142,6 +164,12 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
     print("\n".join(describe(arguments.path)))
     return 0
+
+
+def _capture(arguments: argparse.Namespace) -> int:
+    from avatarrex_studio import capture_check
+
+    return {"check": capture_check.run}[arguments.act](arguments)
 
 
 def _say(written: list[Path]) -> None:

@@ -1,6 +1,6 @@
 """An avatar: a person's templates and the fields that were learned on them, in one folder or one `.avatar` zip.
 
-`avatar.json` says what it is (format version, presets, template hash, provenance, licence), `weights.safetensors` holds
+`avatar.json` says what it is (format version, presets, template with its hash and size, provenance, licence), `weights.safetensors` holds
 every parameter and buffer. Spec: `assets_spec/avatar.json`.
 """
 
@@ -27,7 +27,7 @@ from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
 from avatarrex.fields.presets import PRESETS
 from avatarrex.signals.signals import Signals
-from avatarrex.templates.person import Person, load_person
+from avatarrex.templates.person import Person, PersonFit, load_person, resize_person
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.contact import Ownership
 
@@ -120,6 +120,8 @@ def load_avatar(source: str | Path = "default") -> Avatar:
     if meta["format"] > FORMAT:
         raise InputError(path, "avatar.json: format", f"at most {FORMAT} (update the studio)", meta["format"])
     person = load_person(meta.get("person", "default"))
+    if "person_fit" in meta:
+        person = resize_person(person, PersonFit.from_json(meta["person_fit"], f"{path}: avatar.json"))
     if meta.get("person_hash") not in (None, person.hash):
         raise InputError(
             path, "avatar.json: person_hash", f"the template it was made on ({person.hash})", meta["person_hash"]
@@ -144,6 +146,9 @@ def save_avatar(avatar: Avatar, path: str | Path, half: bool = True) -> None:
         name: value.half() if half and value.is_floating_point() else value for name, value in avatar.state().items()
     }
     meta = {**avatar.meta, "format": FORMAT, "person": avatar.person.name, "person_hash": avatar.person.hash}
+    meta.pop("person_fit", None)
+    if avatar.person.fit is not None:
+        meta["person_fit"] = avatar.person.fit.to_json()
     text = json.dumps(meta, indent=2, ensure_ascii=False) + "\n"
     weights = safetensors.torch.save(state)
     path.parent.mkdir(parents=True, exist_ok=True)

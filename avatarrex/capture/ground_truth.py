@@ -1,7 +1,8 @@
 """What a capture knows exactly: posed meshes, joints, and where it was rendered with them depth and normals.
 
 `ground_truth.npz` of a rig: `vertices` (t, v, 3), `faces` (f, 3), optional `joints` (t, 55, 3), `tpose_joints` (55, 3),
-world metres. Letters: t frames, v vertices, f faces.
+world metres; optional `face_material` (f,) into the names `materials`: one called opacity is of cards that are mostly
+transparent, and no part of the surface. Letters: t frames, v vertices, f faces.
 """
 
 from __future__ import annotations
@@ -63,7 +64,16 @@ class RigTruth:
             raise InputError(
                 self.place, "faces", f"triangles of {count} vertices", "none" if found is None else found.shape
             )
-        return found.astype(np.int64)
+        return found[self._opaque(len(found))].astype(np.int64)
+
+    def _opaque(self, count: int) -> np.ndarray:
+        """(count,) bool: faces that a picture shows as surface."""
+        material = self.array("face_material", (count,))
+        names = self.array("materials", (None,))
+        if material is None or names is None:
+            return np.ones(count, dtype=bool)
+        clear = [index for index, name in enumerate(names) if "opacity" in str(name).lower()]
+        return ~np.isin(material, clear)
 
     @cached_property
     def joints(self) -> np.ndarray | None:

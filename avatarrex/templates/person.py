@@ -39,9 +39,9 @@ class PersonFit:
     """Another body's size on a person's template: a shape, then an offset of every joint from where the shape has it."""
 
     shape: np.ndarray
-    """β, (s,) standard deviations."""
+    """β, (10,) standard deviations."""
     joint_offsets: np.ndarray
-    """(j, 3) metres, root frame; the pelvis stays: its row is zero."""
+    """(55, 3) metres, root frame; the pelvis stays: its row is zero."""
 
     def __post_init__(self) -> None:
         for name, shape in (("shape", (10,)), ("joint_offsets", (55, 3))):
@@ -56,7 +56,7 @@ class PersonFit:
             raise InputError("person fit", "joint_offsets", "a pelvis that stays (row 0 zero)", self.joint_offsets[0])
 
     def to_json(self) -> dict[str, Any]:
-        """Plain lists; `PersonFit(**json)` gives the same fit back, bit for bit."""
+        """Plain lists; `from_json` gives the same fit back, bit for bit."""
         return {"shape": self.shape.tolist(), "joint_offsets": self.joint_offsets.tolist()}
 
     @classmethod
@@ -64,7 +64,10 @@ class PersonFit:
         """From `to_json`'s object. Raises `InputError`."""
         if not isinstance(data, dict) or set(data) != {"shape", "joint_offsets"}:
             raise InputError(source, "person_fit", "an object with shape and joint_offsets", repr(data)[:60])
-        return cls(**data)
+        try:
+            return cls(**data)
+        except InputError as error:
+            raise InputError(source, f"person_fit.{error.field}", error.expected, error.found) from None
 
 
 @dataclass(frozen=True, eq=False)
