@@ -15,7 +15,7 @@ Letters: b images, h w pixels, c = 3 channels; sRGB-encoded values in [0, 1]. Ea
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as functional
@@ -47,35 +47,58 @@ def ssim(a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
 
     Raises `InputError` below 11 pixels a side.
     """
-    _agree(a, b, WINDOW)
-    luminance, structure = _similarity(a, b)
-    return _mean((luminance * structure).mean(1), _inner(mask))
+    return Similarity.of(a, b, levels=1).ssim(mask)
 
 
-def ms_ssim(a: Images, b: Images, mask: Mask | None = None, weights: Sequence[float] = SCALES) -> Float[Tensor, " b"]:
+def ms_ssim(a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
     """Multi-scale structural similarity, 1 for equal pictures.
 
     All five scales need 176 pixels a side. A smaller picture is compared on the scales that hold a window (128 pixels:
     four; at least 11 pixels: one), with their weights made to sum to one again. A negative mean cs counts as 10⁻⁶.
     The mask is averaged down with the pictures. Raises `InputError` below 11 pixels a side.
     """
-    _agree(a, b, WINDOW)
-    used = torch.tensor(weights[: scales(min(a.shape[-2:]))], dtype=a.dtype, device=a.device)
-    used = used / used.sum()
-    product = torch.ones(a.shape[:2], dtype=a.dtype, device=a.device)
-    mask = None if mask is None else mask.to(a.dtype)
-    for scale, weight in enumerate(used):
-        if scale:
-            a, b = functional.avg_pool2d(a, 2), functional.avg_pool2d(b, 2)
-            mask = None if mask is None else functional.avg_pool2d(mask[:, None], 2)[:, 0]
-        luminance, structure = _similarity(a, b)
-        last = scale == len(used) - 1
-        inner = _inner(mask)
-        channels = (luminance * structure if last else structure).unbind(1)
-        value = torch.stack([_mean(channel, inner) for channel in channels], 1)
-        # torch.where keeps NaN of an empty mask; the power has no slope at or below zero
-        product = product * torch.where(value < 1e-6, 1e-6, value) ** weight
-    return product.mean(1)
+    return Similarity.of(a, b).ms_ssim(mask)
+
+
+@dataclass(frozen=True, eq=False)
+class Similarity:
+    """The maps that SSIM and MS-SSIM average, computed once for both and for any mask."""
+
+    luminance: tuple[Tensor, ...]
+    """l, (b, 3, h, w) at the finest and the coarsest scale."""
+    structure: tuple[Tensor, ...]
+    """cs, (b, 3, h, w) per scale, finest first."""
+
+    @classmethod
+    def of(cls, a: Images, b: Images, levels: int = len(SCALES)) -> Similarity:
+        """On `levels` scales, or as many as fit. Raises `InputError` below 11 pixels a side."""
+        _agree(a, b, WINDOW)
+        pairs = []
+        for scale in range(min(levels, scales(min(a.shape[-2:])))):
+            if scale:
+                a, b = functional.avg_pool2d(a, 2), functional.avg_pool2d(b, 2)
+            pairs.append(_similarity(a, b))
+        return cls((pairs[0][0], pairs[-1][0]), tuple(structure for _, structure in pairs))
+
+    def ssim(self, mask: Mask | None = None) -> Float[Tensor, " b"]:
+        """At the finest scale."""
+        return _mean((self.luminance[0] * self.structure[0]).mean(1), _inner(mask))
+
+    def ms_ssim(self, mask: Mask | None = None) -> Float[Tensor, " b"]:
+        """Over all scales."""
+        used = torch.tensor(SCALES[: len(self.structure)])
+        mask = None if mask is None else mask.to(self.structure[0].dtype)
+        product = torch.ones_like(self.structure[0][..., 0, 0])
+        for scale, weight in enumerate((used / used.sum()).tolist()):
+            if scale and mask is not None:
+                mask = functional.avg_pool2d(mask[:, None], 2)[:, 0]
+            last = scale == len(used) - 1
+            values = self.luminance[-1] * self.structure[-1] if last else self.structure[scale]
+            inner = _inner(mask)
+            value = torch.stack([_mean(channel, inner) for channel in values.unbind(1)], 1)
+            # torch.where keeps the NaN of an empty mask; the power has no slope at or below zero
+            product = product * torch.where(value < 1e-6, 1e-6, value) ** weight
+        return product.mean(1)
 
 
 def scales(side: int) -> int:
@@ -110,9 +133,11 @@ def _blur(values: Tensor) -> Tensor:
     place = torch.arange(WINDOW, dtype=values.dtype, device=values.device) - WINDOW // 2
     kernel = torch.exp(-0.5 * (place / SIGMA) ** 2)
     kernel = kernel / kernel.sum()
-    flat = values.reshape(-1, 1, *values.shape[-2:])
-    flat = functional.conv2d(functional.conv2d(flat, kernel.view(1, 1, -1, 1)), kernel.view(1, 1, 1, -1))
-    return flat.reshape(*values.shape[:2], *flat.shape[-2:])
+    count = values.shape[
+        1
+    ]  # one group per channel: six times as fast on a CPU as one channel per picture, 30 backwards
+    down, across = (kernel.view(shape).expand(count, 1, -1, -1) for shape in ((1, 1, -1, 1), (1, 1, 1, -1)))
+    return functional.conv2d(functional.conv2d(values, down, groups=count), across, groups=count)
 
 
 def _inner(mask: Tensor | None) -> Tensor | None:

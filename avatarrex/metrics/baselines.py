@@ -1,0 +1,218 @@
+"""What an avatar has to beat: the template of the captured person, skinned, with colours from the training pictures.
+
+- **textured mesh**: per texel the median of the colours seen there (per channel), over the training pictures in which the
+  posed texel is visible: nearest surface under its pixel, facing the camera by less than 72 degrees, inside the matte.
+  A texel never seen has the colour of the nearest seen one at rest.
+- **mean-colour mesh**: one colour, the matte-weighted mean of the foreground over the same pictures.
+
+Texels lie on a lattice of each triangle, `EDGE` to an edge (about 4 mm apart on the default person), and are interpolated
+linearly. The mesh is the whole template: fingers and face move with φ and ψ. Letters: f faces, t texels of a face,
+p points, h w pixels. Metres; colours sRGB-encoded in [0, 1].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
+
+from avatarrex.camera import Camera
+from avatarrex.capture.preview import visible_faces
+from avatarrex.errors import InputError
+from avatarrex.metrics.drawing import Drawing
+from avatarrex.metrics.mesh import Surface
+from avatarrex.signals.signals import Signals
+from avatarrex.templates.model import pose_template
+from avatarrex.templates.person import Person
+from avatarrex.templates.transform import world_from_root
+
+EDGE = 3
+"""Texels along an edge are EDGE + 1; the default person's edges are 12 mm, a pixel of 512² on a whole person 4 mm."""
+FACING = 0.3
+"""Cosine from which a texel is believed: beyond 72 degrees a pixel covers three times its width."""
+DEPTH_TOLERANCE = 0.006
+"""Metres that a texel may lie behind the z-buffer's surface: a pixel's slope at 512², less than a finger's thickness."""
+INSIDE = 250
+"""Matte byte from which a pixel holds the person's colour alone."""
+SAMPLES = 2
+"""Samples along each side of a pixel when a mesh is drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """One training picture."""
+
+    signals: Signals
+    camera: Camera
+    image: np.ndarray
+    """(h, w, 3) sRGB bytes."""
+    matte: np.ndarray
+    """(h, w) bytes."""
+
+
+class PosedMesh:
+    """The person's whole template under signals, in the world; remembers the last pose and the last view."""
+
+    def __init__(self, person: Person) -> None:
+        self.person = person
+        self.faces = person.body.faces.numpy()
+        self._pose: tuple[Signals, Surface] | None = None
+        self._view: tuple[tuple[object, ...], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+
+    def surface(self, signals: Signals) -> Surface:
+        """World metres."""
+        if self._pose is None or self._pose[0] != signals:
+            body, pose = self.person.body, torch.tensor(signals.full_pose(), dtype=torch.float32)
+            pose[0] = 0
+            shape, expression = (torch.tensor(x, dtype=torch.float32) for x in (signals.shape, signals.expression))
+            posed = pose_template(body, pose, shape, expression)
+            world = world_from_root(signals.global_orient, signals.translation, posed.joints[0].double().numpy())
+            vertices = posed.vertices.double().numpy() @ world[:3, :3].T + world[:3, 3]
+            self._pose, self._view = (signals, Surface.of(vertices, self.faces)), None
+        return self._pose[1]
+
+    def visible(self, signals: Signals, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Face, barycentrics and camera z under each pixel centre."""
+        surface = self.surface(signals)
+        if self._view is None or self._view[0] != camera.key():
+            self._view = (camera.key(), visible_faces(surface.vertices, surface.faces, camera))
+        return self._view[1]
+
+
+class MeshDrawer:
+    """A coloured skinned mesh, a subject of comparison."""
+
+    def __init__(self, name: str, mesh: PosedMesh, texels: Float[np.ndarray, "f t 3"]) -> None:
+        self.name, self.mesh, self.texels = name, mesh, texels
+
+    def draw(self, signals: Signals, camera: Camera) -> Drawing:
+        """The mesh with `SAMPLES`² colours per pixel; its geometry is that of each pixel's first sample."""
+        s, height, width = SAMPLES, camera.height, camera.width
+        face, weight, _ = self.mesh.visible(signals, camera.resized(width * s, height * s))
+        hit = face >= 0
+        fine = np.zeros((*face.shape, 4), np.float32)
+        fine[hit, :3] = look_up(self.texels, face[hit], weight[hit])
+        fine[hit, 3] = 1
+        image = fine.reshape(height, s, width, s, 4).mean((1, 3))
+        first, at = hit[::s, ::s], (face[::s, ::s], weight[::s, ::s])
+        position, normal = np.zeros((2, height, width, 3), np.float32)
+        position[first], normal[first] = self.mesh.surface(signals).at(at[0][first], at[1][first])
+        return Drawing(torch.from_numpy(image), position, normal, first)
+
+
+def baselines(person: Person, observations: Iterable[Observation]) -> list[MeshDrawer]:
+    """The textured and the mean-colour mesh of `person`. Raises `InputError` where no picture shows any of it."""
+    mesh, gathered = PosedMesh(person), Gathered(person)
+    for observation in observations:
+        gathered.add(mesh, observation)
+    one = np.broadcast_to(gathered.mean_colour.astype(np.float32), (len(mesh.faces), *lattice().shape))
+    return [MeshDrawer("textured mesh", mesh, gathered.texels), MeshDrawer("mean-colour mesh", mesh, one)]
+
+
+class Gathered:
+    """Colours of the texels in the pictures seen so far."""
+
+    def __init__(self, person: Person) -> None:
+        self.person = person
+        self._seen: list[np.ndarray] = []
+        self._colour, self._weight = np.zeros(3), 0.0
+
+    def add(self, mesh: PosedMesh, observation: Observation) -> None:
+        """Take one picture."""
+        camera = observation.camera
+        surface = mesh.surface(observation.signals)
+        matte = observation.matte.astype(np.float64)
+        self._colour += (observation.image * matte[..., None]).sum((0, 1)) / 255
+        self._weight += matte.sum()
+        points = (lattice()[None, :, :, None] * surface.vertices[surface.faces][:, None]).sum(2).reshape(-1, 3)
+        local = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
+        depth = local[:, 2]
+        pixel = (local @ camera.intrinsics.T)[:, :2] / np.maximum(depth, 1e-3)[:, None]
+        column, row = np.floor(pixel).astype(np.int64).T
+        inside = (depth > 0.02) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+        column, row = np.where(inside, column, 0), np.where(inside, row, 0)
+        nearest = mesh.visible(observation.signals, camera)[2][row, column]
+        inside &= (depth < nearest + DEPTH_TOLERANCE) & (observation.matte[row, column] >= INSIDE)
+        inside &= np.repeat(_facing(surface, camera) > FACING, len(lattice()))
+        colour = np.full((len(points), 3), 255, np.uint8)
+        place = pixel[inside, ::-1].T - 0.5
+        for channel in range(3):
+            colour[inside, channel] = map_coordinates(
+                observation.image[..., channel], place, order=1, mode="nearest", output=np.float32
+            ).round()
+        self._seen.append(np.concatenate([colour, inside[:, None].astype(np.uint8)], 1))
+
+    @property
+    def mean_colour(self) -> np.ndarray:
+        """(3,) of the whole foreground."""
+        if not self._weight:
+            raise InputError("baselines", "training pictures", "some with a foreground", "none")
+        return self._colour / self._weight
+
+    @cached_property
+    def texels(self) -> np.ndarray:
+        """(f, t, 3) medians."""
+        if not self._seen:
+            raise InputError("baselines", "training pictures", "at least one", 0)
+        middle = np.concatenate([_median(np.stack(part)) for part in zip(*(np.array_split(s, 16) for s in self._seen))])
+        known = ~np.isnan(middle[:, 0])
+        if not known.any():
+            raise InputError("baselines", "training pictures", "some that show the template", "none")
+        rest = self.person.body.v_template.double().numpy()[self.person.body.faces.numpy()]
+        place = (lattice()[None, :, :, None] * rest[:, None]).sum(2).reshape(-1, 3)
+        middle[~known] = middle[known][cKDTree(place[known]).query(place[~known])[1]]
+        return middle.reshape(len(rest), -1, 3)
+
+
+def look_up(texels: Float[np.ndarray, "f t 3"], face: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(p, 3) colours at barycentrics `weight` (p, 3) of `face` (p,), linear between the three texels around.
+
+    On the lattice a point lies in a small triangle that stands upright (fractions add to one) or on its head (to two).
+    """
+    number = {tuple(corner): k for k, corner in enumerate((EDGE * lattice()).round().astype(int))}
+    table = np.zeros((EDGE + 1, EDGE + 1), np.int64)
+    for (i, j, _), k in number.items():
+        table[i, j] = k
+    scaled = EDGE * weight
+    low = np.floor(scaled + 1e-9).astype(np.int64)
+    part = np.clip(scaled - low, 0, 1)
+    rest = EDGE - low.sum(1)  # 0 at a texel, 1 upright, 2 on its head
+    turned = rest == 2
+    share = np.where(turned[:, None], 1 - part, part)
+    colour = np.zeros((len(face), 3), np.float32)
+    for axis in range(3):
+        step = np.eye(3, dtype=np.int64)[axis]
+        corner = np.where(turned[:, None], low + 1 - step, low + np.where(rest == 1, 1, 0)[:, None] * step)
+        corner = np.clip(corner, 0, EDGE)
+        colour += share[:, axis, None] * texels[face, table[corner[:, 0], corner[:, 1]]]
+    return np.where((rest == 0)[:, None], texels[face, table[low[:, 0], low[:, 1]]], colour)
+
+
+def lattice() -> np.ndarray:
+    """(t, 3) barycentrics of a face's texels."""
+    return np.array([(i, j, EDGE - i - j) for i in range(EDGE + 1) for j in range(EDGE + 1 - i)]) / EDGE
+
+
+def _facing(surface: Surface, camera: Camera) -> np.ndarray:
+    """(f,) cosine between a face's normal and the way to the camera."""
+    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
+    normal, way = np.cross(b - a, c - a), camera.centre - (a + b + c) / 3
+    length = np.linalg.norm(normal, axis=1) * np.linalg.norm(way, axis=1)
+    return (normal * way).sum(1) / np.maximum(length, 1e-20)
+
+
+def _median(seen: np.ndarray) -> np.ndarray:
+    """(p, 3) in [0, 1] from bytes (observations, p, 4) whose last says whether it counts; NaN where none does."""
+    count = seen[..., 3].sum(0, dtype=np.int64)
+    ordered = np.sort(np.where(seen[..., 3:] > 0, seen[..., :3].astype(np.int16), 256), axis=0)
+    last = np.maximum(count - 1, 0)
+    rows = np.arange(len(count))
+    middle = (ordered[last // 2, rows].astype(np.float32) + ordered[(last + 1) // 2, rows]) / 510
+    middle[count == 0] = np.nan
+    return middle

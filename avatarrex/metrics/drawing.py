@@ -1,0 +1,103 @@
+"""What one subject of a comparison shows of itself to one camera: its picture, and the surface under each pixel.
+
+Letters: h w pixels. World metres; colours sRGB-encoded, premultiplied, so that what is not covered is black.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float32
+from PIL import Image
+from torch import Tensor
+
+from avatarrex.avatar import Avatar
+from avatarrex.camera import Camera
+from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.signals.signals import Signals
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A picture with its geometry."""
+
+    image: Float32[Tensor, "h w 4"]
+    """Premultiplied colour and coverage."""
+    position: Float32[np.ndarray, "h w 3"]
+    """World metres; zero where nothing is hit."""
+    normal: Float32[np.ndarray, "h w 3"]
+    """Unit, outwards."""
+    hit: Bool[np.ndarray, "h w"]
+
+
+@runtime_checkable
+class Drawer(Protocol):
+    """Who draws a subject of comparison."""
+
+    name: str
+
+    def draw(self, signals: Signals, camera: Camera) -> Drawing:
+        """The subject under `signals`, seen by `camera` (world)."""
+
+
+class AvatarDrawer:
+    """The avatar by the deferred pipeline; cameras after one another on one pose share its volume."""
+
+    name = "avatar"
+
+    def __init__(
+        self, avatar: Avatar, settings: RenderSettings | None = None, render: Callable[..., Frame] = render_frame
+    ) -> None:
+        self._avatar, self._settings, self._render = avatar, settings, render
+        self._previous: Frame | None = None
+
+    def draw(self, signals: Signals, camera: Camera) -> Drawing:
+        """The avatar's frame."""
+        frame = self._render(self._avatar, signals, camera, self._settings, self._previous)
+        self._previous = frame
+        points, world = frame.pointmap, frame.world_from_root
+        hit = points.hit.cpu().numpy()
+        position = points.position.double().cpu().numpy() @ world[:3, :3].T + world[:3, 3]
+        normal = points.normal.double().cpu().numpy() @ world[:3, :3].T
+        return Drawing(frame.image.cpu().float(), _seen(position, hit), _seen(normal, hit), hit)
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """A captured picture over black."""
+
+    image: Float32[Tensor, "h w 3"]
+    """Premultiplied by the matte."""
+    matte: Float32[Tensor, "h w"]
+
+
+def over_black(image: np.ndarray, matte: np.ndarray, width: int, height: int) -> Truth:
+    """An image (h, w, 3) with its matte (h, w), both bytes, averaged over the pixels of `width` x `height`."""
+    alpha = matte.astype(np.float32) / 255
+    colour = image.astype(np.float32) / 255 * alpha[..., None]
+    layers = [_averaged(layer, width, height) for layer in (*np.moveaxis(colour, -1, 0), alpha)]
+    return Truth(torch.from_numpy(np.stack(layers[:3], -1)), torch.from_numpy(layers[3]))
+
+
+def fitted(camera: Camera, size: int | None) -> Camera:
+    """The same view with at most `size` pixels on its longer side."""
+    longest = max(camera.width, camera.height)
+    if size is None or size >= longest:
+        return camera
+    width, height = (max(round(side * size / longest), 1) for side in (camera.width, camera.height))
+    return camera.resized(width, height)
+
+
+def _averaged(layer: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Box-filtered to another size, exactly, at any ratio."""
+    if layer.shape == (height, width):
+        return np.ascontiguousarray(layer)
+    return np.array(Image.fromarray(layer).resize((width, height), Image.Resampling.BOX))
+
+
+def _seen(values: np.ndarray, hit: np.ndarray) -> np.ndarray:
+    return np.where(hit[..., None], values, 0).astype(np.float32)

@@ -1,0 +1,238 @@
+"""An avatar against a capture: pictures from its cameras under its signals, measured by held-out split.
+
+| split | the frame was | the camera was |
+|---|---|---|
+| `train` | trained on | trained on |
+| `held-out pose` | held out | trained on |
+| `held-out view` | trained on | held out |
+| `held-out both` | held out | held out |
+
+Pictures are compared over black: the captured one is premultiplied by its matte, at the evaluated size by a box filter.
+Where the capture has true meshes, the surfaces are compared too, per frame, over all cameras that are evaluated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from avatarrex.camera import Camera
+from avatarrex.capture.capture import Capture, Rig
+from avatarrex.errors import InputError
+from avatarrex.metrics.baselines import Observation
+from avatarrex.metrics.drawing import Drawer, Drawing, Truth, fitted, over_black
+from avatarrex.metrics.measures import Measured, Networks, means, measure
+from avatarrex.metrics.mesh import Surface, depth_surface, distances, sampled
+
+SPLITS = ("train", "held-out pose", "held-out view", "held-out both")
+FRAMES = 4
+"""Frames evaluated of those trained on, and of those held out, unless chosen."""
+OBSERVATIONS = 48
+"""Training pictures that the baselines' colours come from: a texel on the side of the body is then seen by a dozen."""
+OBSERVED_SIZE = 1024
+"""Pixels of their longer side at most: finer than the texels."""
+SURFACE_PIXELS = 150_000
+"""Points a camera contributes to a surface at most."""
+
+
+@dataclass(eq=False)
+class Evaluation:
+    """Every measured picture and surface."""
+
+    rig: Rig
+    frames: tuple[int, ...]
+    views: tuple[int, ...]
+    size: tuple[int, int]
+    """Width and height of the first camera's pictures."""
+    missing: dict[str, str]
+    """Measures without a value: the weights that are not there."""
+    pictures: list[Measured] = field(default_factory=list)
+    surfaces: list[dict[str, Any]] = field(default_factory=list)
+    """`subject`, `frame`, `split`, and `to_truth`, `from_truth` with `mean_mm`, `p95_mm`, `angle_deg`."""
+    samples: dict[tuple[int, int], dict[str, np.ndarray]] = field(default_factory=dict)
+    """By (view, frame): pictures (h, w, 4) in [0, 1] of `truth` and every subject, for a contact sheet."""
+
+    @property
+    def subjects(self) -> tuple[str, ...]:
+        """In the order they were drawn."""
+        return tuple(dict.fromkeys(picture.subject for picture in self.pictures))
+
+    def grouped(self, key: str) -> dict[Any, dict[str, dict[str, float | None]]]:
+        """Means by `split`, `view` or `frame`, then by subject."""
+        places = dict.fromkeys(getattr(picture, key) for picture in self.pictures)
+        ordered = [split for split in SPLITS if split in places] if key == "split" else list(places)
+        return {
+            place: {
+                subject: means(p for p in self.pictures if getattr(p, key) == place and p.subject == subject)
+                for subject in self.subjects
+            }
+            for place in ordered
+        }
+
+    def surface_means(self) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
+        """Split (`train` or `held-out pose`), subject, direction, measure: means over frames."""
+        found: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
+        for split in SPLITS[:2]:
+            for subject in self.subjects:
+                rows = [row for row in self.surfaces if row["split"] == split and row["subject"] == subject]
+                if rows:
+                    found.setdefault(split, {})[subject] = {
+                        way: {key: float(np.mean([row[way][key] for row in rows])) for key in rows[0][way]}
+                        for way in ("to_truth", "from_truth")
+                    }
+        return found
+
+
+def evaluate(
+    capture: Capture,
+    rig: Rig,
+    subjects: Sequence[Drawer],
+    networks: Networks,
+    frames: Iterable[int] | None = None,
+    views: Iterable[int] | None = None,
+    size: int | None = None,
+    sheet: int = 0,
+    progress: bool = False,
+) -> Evaluation:
+    """Draw and measure the `subjects` in `frames` (a choice of each split unless given) from `views` (all).
+
+    `size` bounds the longer side in pixels; `sheet` says how many pictures to keep for a contact sheet. Raises
+    `InputError` for frames or views that the rig does not have, and where no picture is left.
+    """
+    chosen = _chosen("frame", frames, default_frames(rig), rig.frames)
+    seen = _chosen("view", views, range(len(rig.views)), len(rig.views))
+    pairs = [(view, frame) for frame in chosen for view in seen if rig.available(view, frame)]
+    if not pairs:
+        raise InputError(capture.path, rig.name, "pictures of the chosen frames and views", "none")
+    first = fitted(rig.views[seen[0]].camera, size)
+    result = Evaluation(rig, chosen, seen, (first.width, first.height), networks.missing)
+    kept = _kept(rig, pairs, sheet)
+    bar = tqdm(total=len(pairs), unit="picture", disable=not progress)
+    for frame in chosen:
+        truth_surface = _true_surface(capture, rig, frame)
+        parts: dict[str, list[tuple[Drawing, Camera]]] = {subject.name: [] for subject in subjects}
+        for view in (view for view, of in pairs if of == frame):
+            camera = fitted(rig.views[view].camera, size)
+            truth = captured(rig, view, frame, camera)
+            if (view, frame) in kept:
+                result.samples[view, frame] = {"truth": np.dstack([truth.image.numpy(), truth.matte.numpy()])}
+            for subject in subjects:
+                drawing = subject.draw(rig.signals[frame], camera)
+                values, features = measure(drawing, truth, networks)
+                name, split = rig.views[view].name, split_of(rig, view, frame)
+                result.pictures.append(Measured(subject.name, name, frame, split, values, features))
+                if truth_surface is not None:
+                    parts[subject.name].append(_thinned(drawing, camera))
+                if (view, frame) in kept:
+                    result.samples[view, frame][subject.name] = drawing.image.numpy()
+            bar.update()
+        if truth_surface is not None:
+            result.surfaces += [
+                {"subject": name, "frame": frame, "split": SPLITS[frame in rig.held_out_frames], **found}
+                for name, drawn in parts.items()
+                if (found := compare_surfaces(truth_surface, drawn))
+            ]
+    bar.close()
+    return result
+
+
+def split_of(rig: Rig, view: int, frame: int) -> str:
+    """Which of `SPLITS` a picture belongs to."""
+    return SPLITS[(frame in rig.held_out_frames) + 2 * (view in rig.held_out_views)]
+
+
+def default_frames(rig: Rig) -> tuple[int, ...]:
+    """`FRAMES` of those trained on and of those held out, evenly spread."""
+    held = sorted(rig.held_out_frames)
+    rest = [frame for frame in range(rig.frames) if frame not in rig.held_out_frames]
+    return tuple(sorted({*_spread(held, FRAMES), *_spread(rest, FRAMES)}))
+
+
+def captured(rig: Rig, view: int, frame: int, camera: Camera) -> Truth:
+    """A captured picture over black, at the size of `camera`."""
+    return over_black(rig.image(view, frame), rig.matte(view, frame), camera.width, camera.height)
+
+
+def observations(rig: Rig, count: int = OBSERVATIONS) -> Iterator[Observation]:
+    """Training pictures spread over frames and views; of everything where all is held out."""
+    pairs = [(v, f) for f in range(rig.frames) for v in range(len(rig.views)) if rig.available(v, f)]
+    training = [pair for pair in pairs if split_of(rig, *pair) == "train"] or pairs
+    views = sorted({view for view, _ in training})
+    for number in range(min(count, len(training))):
+        view = views[number % len(views)]
+        frames = [frame for of, frame in training if of == view]
+        frame = frames[(number // len(views)) * len(frames) * len(views) // count % len(frames)]
+        camera = fitted(rig.views[view].camera, OBSERVED_SIZE)
+        image, matte = rig.image(view, frame), rig.matte(view, frame)
+        if camera.width != image.shape[1]:
+            truth = over_black(image, matte, camera.width, camera.height)
+            alpha = np.maximum(truth.matte.numpy(), 1e-6)[..., None]
+            image = np.rint(255 * np.clip(truth.image.numpy() / alpha, 0, 1)).astype(np.uint8)
+            matte = np.rint(255 * truth.matte.numpy()).astype(np.uint8)
+        yield Observation(rig.signals[frame], camera, image, matte)
+
+
+def compare_surfaces(truth: Surface, drawn: list[tuple[Drawing, Camera]]) -> dict[str, dict[str, float]]:
+    """Both directions, or nothing where the subject is seen by no camera."""
+    own = Surface.joined([depth_surface(d.position, d.normal, d.hit, camera) for d, camera in drawn])
+    if not len(own.faces):
+        return {}
+    points = np.concatenate([d.position[d.hit] for d, _ in drawn]).astype(np.float64)
+    normals = np.concatenate([d.normal[d.hit] for d, _ in drawn]).astype(np.float64)
+    true_points, true_normals = (np.concatenate(x) for x in zip(*(truth.seen_by(camera) for _, camera in drawn)))
+    return {
+        "to_truth": distances(*sampled(points, normals), truth).summary(),
+        "from_truth": distances(*sampled(true_points, true_normals), own).summary(),
+    }
+
+
+def _true_surface(capture: Capture, rig: Rig, frame: int) -> Surface | None:
+    truth = capture.ground_truth
+    if truth is None or rig.name not in truth.rigs:
+        return None
+    return Surface.of(truth.vertices(rig.name, frame), truth.faces)
+
+
+def _thinned(drawing: Drawing, camera: Camera) -> tuple[Drawing, Camera]:
+    """Every k-th pixel, so that a camera contributes at most `SURFACE_PIXELS`."""
+    step = int(np.ceil(np.sqrt(drawing.hit.size / SURFACE_PIXELS)))
+    if step == 1:
+        return drawing, camera
+    pick = (slice(step // 2, None, step), slice(step // 2, None, step))
+    position, normal, hit = (np.ascontiguousarray(x[pick]) for x in (drawing.position, drawing.normal, drawing.hit))
+    intrinsics = camera.intrinsics.copy()
+    intrinsics[:2, 2] -= step // 2 + 0.5  # the picked pixel's centre becomes the first one's
+    intrinsics[:2] /= step
+    intrinsics[:2, 2] += 0.5
+    thin = Camera(intrinsics, camera.camera_from_world, hit.shape[1], hit.shape[0])
+    return Drawing(drawing.image[pick], position, normal, hit), thin
+
+
+def _chosen(what: str, given: Iterable[int] | None, default: Iterable[int], count: int) -> tuple[int, ...]:
+    chosen = tuple(dict.fromkeys(default if given is None else given))
+    for index in chosen:
+        if not 0 <= index < count:
+            raise InputError("evaluate", what, f"0 to {count - 1}", index)
+    if not chosen:
+        raise InputError("evaluate", what, "at least one", "none")
+    return chosen
+
+
+def _kept(rig: Rig, pairs: list[tuple[int, int]], count: int) -> set[tuple[int, int]]:
+    """Pictures for a contact sheet: held-out ones where there are any, spread over frames and views."""
+    held = [pair for pair in pairs if pair[1] in rig.held_out_frames] or pairs
+    views = len({view for view, _ in held})
+    step = len(held) / max(count, 1)
+    # a step that shares a factor with the number of views would show one view again and again: each moves on by one
+    return {
+        held[min(int(k * step) // views * views + (k * max(views // 3, 1)) % views, len(held) - 1)]
+        for k in range(count)
+    }
+
+
+def _spread(items: list[int], count: int) -> list[int]:
+    return [items[k] for k in np.unique(np.linspace(0, len(items) - 1, count).round().astype(int))] if items else []
