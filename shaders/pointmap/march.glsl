@@ -17,7 +17,7 @@ Field field_on(Ray ray, float t) { return field_at(at(ray, t), body_at(ray, t), 
 
 Hit march(Ray ray, float start) {
     Hit hit = Hit(NO_HIT, NO_HIT, NO_HIT, false, 0u);
-    float t = max(ray.range.x, start), s = -1, before = t, s_before = -1, smallest = 0;
+    float t = max(ray.range.x, start), s = -1, before = t, earlier = t, s_before = -1, smallest = 0;
     bool found = false;
     if (ray.range.x > ray.range.y) return hit;
     for (int i = 0; i < MAX_STEPS; ++i) {
@@ -33,10 +33,11 @@ Hit march(Ray ray, float start) {
         // A dip between two samples: only where the smallest step was longer than the distance, and the field rises
         // again. Fields are steeper than 1 by no more than SLOPE.
         bool dip = s_before >= 0 && s_before < smallest && s >= s_before && s + s_before < SLOPE * smallest;
-        if (dip && hit.suspect == NO_HIT) hit.suspect = before - smallest;
+        if (dip && hit.suspect == NO_HIT) hit.suspect = earlier;
         if (t >= ray.range.y) break;
         smallest = FINEST * u_voxel;
         for (int k = 0; k < 3 * PARTS; ++k) if (inside[k]) smallest = min(smallest, FINEST * in_part[k].voxel);
+        earlier = before;
         before = t;
         s_before = s;
         float reach = PARTS == 1 ? max(reach_at(ray, t), 1e-6) : NOWHERE;
