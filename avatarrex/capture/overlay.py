@@ -50,14 +50,15 @@ def _tile(rig: Rig, view: int, frame: int, vertices: np.ndarray, faces: np.ndarr
         return _labelled(np.full((side, side, 3), 60, np.uint8), f"{label}  missing", side)
     camera, matte = rig.views[view].camera, rig.matte(view, frame)
     box = _box(matte, vertices, camera)
-    covered = silhouette(vertices, faces, _cut(camera, box, side))
+    seen = _resized(np.full(matte.shape, 255, np.uint8), box, side) > FOREGROUND
+    covered = silhouette(vertices, faces, _cut(camera, box, side)) & seen
     picture = _resized(rig.image(view, frame), box, side)
     inside = _resized(matte, box, side) > FOREGROUND
     return _labelled(_drawn(picture, covered, inside), f"{label}  IoU {iou(covered, inside):.3f}", side)
 
 
 def _box(matte: np.ndarray, vertices: np.ndarray, camera: Camera) -> tuple[float, float, float, float]:
-    """Left, top, right, bottom of a square about matte and template, which may reach beyond the picture."""
+    """Left, top, right, bottom of a square about matte and template, inside the picture where that is possible."""
     seen = vertices @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
     pixels = seen[seen[:, 2] > 0] @ camera.intrinsics.T
     pixels = pixels[:, :2] / pixels[:, 2:]
@@ -66,8 +67,9 @@ def _box(matte: np.ndarray, vertices: np.ndarray, camera: Camera) -> tuple[float
     if not len(points):
         points = np.array([[0.0, 0.0], [camera.width, camera.height]])
     low, high = points.min(0), points.max(0)
-    half = max((high - low).max() * (0.5 + MARGIN), 16)
-    (x, y) = (low + high) / 2
+    size = np.array([camera.width, camera.height])
+    half = min(max((high - low).max() * (0.5 + MARGIN), 16), size.max() / 2)
+    x, y = np.where(size > 2 * half, np.clip((low + high) / 2, half, np.maximum(size - half, half)), size / 2)
     return x - half, y - half, x + half, y + half
 
 

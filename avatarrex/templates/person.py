@@ -45,10 +45,7 @@ class PersonFit:
 
     def __post_init__(self) -> None:
         for name, shape in (("shape", (10,)), ("joint_offsets", (55, 3))):
-            try:
-                value = np.array(getattr(self, name), dtype=np.float64)
-            except (TypeError, ValueError):
-                raise InputError("person fit", name, f"numbers of shape {shape}", "another form") from None
+            value = np.asarray(getattr(self, name), dtype=np.float64)
             if value.shape != shape or not np.isfinite(value).all() or np.abs(value).max() > 20:
                 raise InputError("person fit", name, f"{shape} finite numbers, none beyond 20", value.shape)
             object.__setattr__(self, name, value)
@@ -65,8 +62,10 @@ class PersonFit:
         if not isinstance(data, dict) or set(data) != {"shape", "joint_offsets"}:
             raise InputError(source, "person_fit", "an object with shape and joint_offsets", repr(data)[:60])
         try:
-            return cls(**data)
-        except InputError as error:
+            return cls(**{name: np.array(value, dtype=np.float64) for name, value in data.items()})
+        except (TypeError, ValueError) as error:
+            if not isinstance(error, InputError):
+                raise InputError(source, "person_fit", "lists of numbers", "another form") from None
             raise InputError(source, f"person_fit.{error.field}", error.expected, error.found) from None
 
 
