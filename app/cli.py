@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from avatarrex.errors import InputError
+from avatarrex.files import check_writable
 
 PROGRAM = "avatarrex-studio"
 EPILOGUE = """\
@@ -44,14 +45,45 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("--size", metavar="N|WxH", help="pixels (512)")
     inspect = verbs.add_parser("inspect", help="say what an avatar, motion or session file holds", allow_abbrev=False)
     inspect.add_argument("path", help="a file or folder")
+    runs = verbs.add_parser("runs", help="watch trainings: curves, samples, time left", allow_abbrev=False)
+    runs.add_argument("folder", nargs="?", default="runs", help="a run, or a folder of runs (runs)")
+    runs.add_argument("--text", action="store_true", help="a live table in the terminal; needs no display")
+    runs.add_argument("--once", action="store_true", help="print the table once and end")
     _capture_options(
         verbs.add_parser("capture", help="captures: images of a person from many sides", allow_abbrev=False)
+    )
+    _evaluate_options(
+        verbs.add_parser("evaluate", help="measure an avatar against a capture's pictures", allow_abbrev=False)
     )
     return top
 
 
+def _evaluate_options(evaluate: argparse.ArgumentParser) -> None:
+    add = evaluate.add_argument
+    add("avatar", help="name, folder or .avatar file")
+    add("capture", help="a folder or .zip")
+    add("--rig", choices=("body", "face"), help="body, where there is one")
+    add("--frames", metavar="A:B:S", help="frames A to B (not included) in steps of S (4 of each split)")
+    add("--views", metavar="NAMES", help="cameras by name or number, comma separated (all)")
+    add("--held-out-frames", metavar="A:B:S", help="frames that were not trained on, instead of the capture's own")
+    add("--held-out-views", metavar="NAMES", help="cameras that were not trained on, instead of the capture's own")
+    add("--size", metavar="N", help="pixels of the longer side at most (the capture's)")
+    add("--baselines", action="store_true", help="the skinned textured and mean-colour template beside it")
+    add("--json", metavar="FILE.json", help="every figure")
+    add("--sheet", metavar="OUT.png", help="a contact sheet: ground truth, avatar, difference")
+    add("--vgg", metavar="FILE", help="vgg16-397923af.pth, for LPIPS (or AVATARREX_VGG, or torch hub's folder)")
+    add("--lpips", metavar="FILE", help="the linear heads: lpips' vgg.pth or its wheel (or AVATARREX_LPIPS)")
+    add("--inception", metavar="FILE", help="pt_inception-2015-12-05-6726825d.pth, for FID (or AVATARREX_INCEPTION)")
+
+
 def _capture_options(capture: argparse.ArgumentParser) -> None:
     acts = capture.add_subparsers(dest="act", metavar="ACT", required=True)
+    make = acts.add_parser("make", help="a synthetic capture of the default subject", allow_abbrev=False)
+    make.add_argument("out", help="a new folder, or one to go on with; OUT.zip with --format zip")
+    make.add_argument("--size", default="small", metavar="S", help="smoke, small or paper (small)")
+    make.add_argument("--seed", default="0", metavar="N", help="varies motions, hands and expressions (0)")
+    make.add_argument("--garment", default="printed", metavar="G", help="printed or loose (printed)")
+    make.add_argument("--format", default="folder", metavar="F", help="folder or zip (folder)")
     check = acts.add_parser(
         "check", help="how well a capture's pictures, cameras and parameters fit", allow_abbrev=False
     )
@@ -91,8 +123,8 @@ def _render_options(render: argparse.ArgumentParser) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    verbs = ("open", "render", "replay", "inspect", "capture")
-    if words and words[0] not in verbs and not words[0].startswith("-") and Path(words[0]).exists():
+    verbs = ("open", "render", "replay", "inspect", "capture", "evaluate", "runs")
+    if words and words[0] not in verbs and not words[0].startswith("-") and os.path.exists(words[0]):
         words.insert(0, "open")
     try:
         arguments = parser().parse_args(_joined(words))
@@ -103,6 +135,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "replay": _replay,
             "inspect": _inspect,
             "capture": _capture,
+            "runs": _runs,
         }
         return run[arguments.verb](arguments)
     except InputError as error:
@@ -111,6 +144,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # whoever read our words has left (`… | head`); nothing more can be said to them
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141  # 128 + SIGPIPE
+    except (OSError, MemoryError) as error:
+        name = getattr(error, "filename", None) or "this machine"
+        said = getattr(error, "strerror", None) or "not enough memory"
+        print(f"{PROGRAM}: error: {name}: {said}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print(f"{PROGRAM}: interrupted", file=sys.stderr)
         return 130
@@ -118,7 +156,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _joined(words: list[str]) -> list[str]:
     """Lets an option's value start with a minus: `--frames -10:-1` reads as `--frames=-10:-1`."""
-    taking = ("--frame", "--frames", "--size", "--camera")
+    taking = ("--frame", "--frames", "--held-out-frames", "--size", "--camera")
     joined: list[str] = []
     for word in words:
         if joined and joined[-1] in taking and word.startswith("-") and not word.startswith("--"):
@@ -129,33 +167,60 @@ def _joined(words: list[str]) -> list[str]:
 
 
 def _open(arguments: argparse.Namespace) -> int:
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        print(f"{PROGRAM}: error: no display; without one use `{PROGRAM} render OUT.png`", file=sys.stderr)
+    if _no_display(f"{PROGRAM} render OUT.png"):
         return 2
     from avatarrex_studio.window import run_window
 
     return run_window(getattr(arguments, "source", "default"))
 
 
+def _runs(arguments: argparse.Namespace) -> int:
+    if arguments.text or arguments.once:
+        from avatarrex_studio.runs_text import show
+
+        return show(arguments.folder, arguments.once)
+    if _no_display(f"{PROGRAM} runs {arguments.folder} --text"):
+        return 2
+    from avatarrex_studio.runs_window import run_window
+
+    return run_window(arguments.folder)
+
+
+def _no_display(instead: str) -> bool:
+    """Whether there is no display to open a window on; says so, and what to do `instead`."""
+    if not sys.platform.startswith("linux") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        return False
+    print(f"{PROGRAM}: error: no display; without one use `{instead}`", file=sys.stderr)
+    return True
+
+
 def _render(arguments: argparse.Namespace) -> int:
-    from avatarrex_studio import headless
+    from avatarrex_studio.job import read_job
+
+    job = read_job(arguments)
+    from avatarrex_studio import headless  # needs torch, which takes seconds to load: wrong options are refused before
     from avatarrex_studio.engine import Engine
 
-    _say(headless.run(headless.job(arguments), Engine()))
+    _say(headless.run(job, Engine()))
     return 0
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from avatarrex_studio import headless, options
-    from avatarrex_studio.engine import Engine
+    from avatarrex_studio import options
+    from avatarrex_studio.job import DEFAULT_SIZE, Job
     from avatarrex_studio.journal import Journal
 
     state = Journal.load(arguments.session).state
     out = Path(arguments.out or Path(arguments.session).with_suffix(".png"))
     if out.suffix.lower() != ".png":
         raise InputError(out, "", "OUT.png", out.suffix or "no extension")
-    size = options.size(arguments.size) if arguments.size else state.size.fixed or headless.DEFAULT_SIZE
-    _say(headless.run(headless.Job(out, "image", state, None, (0,), (), size, (), None), Engine()))
+    check_writable(out)
+    size = options.size(arguments.size) if arguments.size else state.size.fixed or DEFAULT_SIZE
+    job = Job(out, "image", state, None, (0,), (), size, (), None)
+    from avatarrex_studio import headless
+    from avatarrex_studio.engine import Engine
+
+    _say(headless.run(job, Engine()))
     return 0
 
 
@@ -167,9 +232,15 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 
 def _capture(arguments: argparse.Namespace) -> int:
-    from avatarrex_studio import capture_check
+    from avatarrex_studio import capture_check, capture_make
 
-    return {"check": capture_check.run}[arguments.act](arguments)
+    return {"check": capture_check.run, "make": capture_make.run}[arguments.act](arguments)
+
+
+def _evaluate(arguments: argparse.Namespace) -> int:
+    from avatarrex_studio import evaluate
+
+    return evaluate.run(arguments)
 
 
 def _say(written: list[Path]) -> None:

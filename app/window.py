@@ -27,7 +27,9 @@ from avatarrex_studio.panels.joints import body_panel, hand_panel
 from avatarrex_studio.panels.palette import Palette
 from avatarrex_studio.panels.poses import PosesPanel
 from avatarrex_studio.panels.timeline import TimelinePanel
+from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.panels.viewport import Picture, ViewportPanel
+from avatarrex_studio.runs import Watcher
 from avatarrex_studio.state import Colour, StudioState
 from avatarrex_studio.studio import Studio
 from imgui_bundle import hello_imgui, imgui, immapp
@@ -48,8 +50,10 @@ WHEEL_PAUSE = 0.5
 class Window:
     """The loop's callbacks."""
 
-    def __init__(self, studio: Studio) -> None:
+    def __init__(self, studio: Studio, runs: str | Path = "runs") -> None:
+        """`runs`: the folder whose trainings the Training tab shows."""
         self.studio = studio
+        self.training = TrainingPanel(Watcher(runs))
         self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
         self.body, self.left, self.right = body_panel(), hand_panel("left"), hand_panel("right")
         self.face, self.poses, self.palette, self.files = FacePanel(), PosesPanel(), Palette(), FileDialogs()
@@ -127,6 +131,7 @@ class Window:
             ("Right hand", "Right", lambda: self.right.draw(state())),
             ("Face", "Right", lambda: self.face.draw(state())),
             ("Poses", "Right", lambda: self.poses.draw(state())),
+            ("Training", "Right", self.training.draw),
             ("Camera", "Left", lambda: camera.draw(state())),
             ("Render", "LeftMiddle", lambda: render.draw(state())),
             ("Scene", "LeftBottom", lambda: scene.draw(state())),
@@ -205,6 +210,7 @@ class Window:
             held = any(imgui.get_io().mouse_down[button] for button in range(3))
             self.studio.tick(self.viewport.size, held)
             self._upload()
+        self.training.upload(self._context)
         moving = self.studio.moving or self._frames <= WARM_UP + 1
         hello_imgui.get_runner_params().fps_idling.enable_idling = not moving
         if self._context.screen:
@@ -247,6 +253,7 @@ class Window:
         hello_imgui.get_runner_params().app_shall_exit = True
 
     def _close(self) -> None:
+        self.training.close()
         if self._texture:
             self._texture.release()
         use_context(None)

@@ -9,6 +9,7 @@ from imgui_bundle import im_file_dialog
 FILTERS = {
     "motion": "Motion (*.bvh;*.npz;*.csv;*.json){.bvh,.npz,.csv,.json},.*",
     "session": "Session (*.json){.json},.*",
+    "capture": "Capture (*.zip;*.json;*.npz){.zip,.json,.npz},.*",
 }
 
 

@@ -1,0 +1,146 @@
+"""Samples: what a run renders beside the picture it should be, and where the two differ.
+
+The difference is the mean over the channels of |render − truth|, sRGB-encoded in [0, 1], times a gain, from black over
+violet and orange to white.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import moderngl
+import numpy as np
+from avatarrex_studio.panels import theme
+from avatarrex_studio.runs import RunView, Watcher
+from imgui_bundle import imgui
+from jaxtyping import UInt8
+
+HEAT = np.array([(0, 0, 0), (70, 20, 110), (190, 55, 85), (245, 145, 35), (255, 250, 220)], np.float64)
+ROWS = 3
+"""Runs that are shown below one another."""
+KINDS = ("truth", "render", "difference")
+TITLES = {"truth": "Ground truth", "render": "Avatar", "difference": "Difference"}
+GAP = 8.0
+
+
+class Samples:
+    """The pictures of one view, for every run that is compared."""
+
+    def __init__(self) -> None:
+        self.view, self.gain = "", 4.0
+        self.step: int | None = None
+        """The step that is looked at; None follows the newest."""
+        self._wanted: dict[str, tuple[object, UInt8[np.ndarray, "h w 3"]]] = {}
+        self._textures: dict[str, tuple[object, moderngl.Texture]] = {}
+
+    def draw(self, runs: Sequence[tuple[RunView, tuple[float, float, float]]], watcher: Watcher, part: str) -> None:
+        """Draw the newest pictures of `runs`, each with its colour, of the views whose names begin with `part`."""
+        names = sorted({name for run, _ in runs for name in run.samples if not part or name.startswith(f"{part}/")})
+        self._wanted = {}
+        if not names:
+            imgui.text_colored(theme.vec4(theme.MUTED), "No sample pictures yet")
+            return
+        if self.view not in names:
+            self.view, self.step = names[0], None
+        having = [(run, colour) for run, colour in runs if self.view in run.samples][:ROWS]
+        newest = self._options(names, having)
+        width = imgui.get_content_region_avail().x
+        for run, colour in having:
+            if len(having) > 1:
+                imgui.text_colored(theme.vec4(colour), run.name)
+            self._row(run, watcher, newest if self.step is None else self.step, width)
+
+    def upload(self, context: moderngl.Context) -> None:
+        """Bring what was drawn into textures. Before the interface's frame, in the window's context."""
+        for slot, (version, pixels) in self._wanted.items():
+            known = self._textures.get(slot)
+            if known and known[0] == version:
+                continue
+            size = (pixels.shape[1], pixels.shape[0])
+            texture = known[1] if known and known[1].size == size else None
+            if texture is None:
+                if known:
+                    known[1].release()
+                texture = context.texture(size, 3, alignment=1)
+                texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+            texture.write(np.ascontiguousarray(pixels).tobytes())
+            self._textures[slot] = version, texture
+
+    def close(self) -> None:
+        """Give the textures back."""
+        for _, texture in self._textures.values():
+            texture.release()
+        self._textures.clear()
+
+    def _options(self, names: Sequence[str], having: Sequence[tuple[RunView, object]]) -> int:
+        """View, step and gain; the newest step there is."""
+        steps = sorted({step for run, _ in having for kind, at in run.samples[self.view].items() if kind != "truth"
+                        for step in at} or {0})  # fmt: skip
+        room = imgui.get_content_region_avail().x
+        imgui.set_next_item_width(min(200.0, 0.36 * room))
+        if imgui.begin_combo("##view", self.view.partition("/")[2] or self.view):
+            for name in names:
+                if imgui.selectable(name, name == self.view)[0]:
+                    self.view, self.step = name, None
+            imgui.end_combo()
+        imgui.same_line()
+        at = len(steps) - 1 if self.step is None else int(np.searchsorted(steps, self.step))
+        at = min(at, len(steps) - 1)
+        imgui.set_next_item_width(min(260.0, 0.36 * room))
+        moved, at = imgui.slider_int("##step", at, 0, len(steps) - 1, f"step {steps[at]:,}")
+        if moved:
+            self.step = None if at == len(steps) - 1 else steps[at]
+        imgui.same_line()
+        imgui.set_next_item_width(min(110.0, imgui.get_content_region_avail().x))
+        _, self.gain = imgui.slider_float("##gain", self.gain, 1.0, 16.0, "diff × %.0f")
+        return steps[-1]
+
+    def _row(self, run: RunView, watcher: Watcher, step: int, width: float) -> None:
+        paths = {kind: run.picture(self.view, kind, step) for kind in ("truth", "render")}
+        lone = [kind for kind in run.samples[self.view] if kind not in paths]
+        paths |= {kind: run.picture(self.view, kind, step) for kind in lone}
+        pictures = {kind: watcher.picture(path) for kind, path in paths.items() if path}
+        shown = {kind: pixels for kind, pixels in pictures.items() if pixels is not None}
+        truth, render = shown.get("truth"), shown.get("render")
+        if truth is not None and render is not None and truth.shape == render.shape:
+            shown["difference"] = difference(truth, render, self.gain)
+        kinds = [kind for kind in (*KINDS, *lone) if kind in paths or kind == "difference"]
+        side = (width - GAP * (len(kinds) - 1)) / max(len(kinds), 1)
+        for number, kind in enumerate(kinds):
+            if number:
+                imgui.same_line(0, GAP)
+            imgui.begin_group()
+            imgui.text_colored(theme.vec4(theme.MUTED), TITLES.get(kind, kind))
+            version = (paths.get("truth"), paths.get("render"), self.gain) if kind == "difference" else paths[kind]
+            self._picture(f"{run.path}:{kind}", version, shown.get(kind), side)
+            imgui.end_group()
+
+    def _picture(self, slot: str, version: object, pixels: UInt8[np.ndarray, "h w 3"] | None, side: float) -> None:
+        """One picture `side` points wide, as far as it is there."""
+        known = self._textures.get(slot)
+        if pixels is not None:
+            self._wanted[slot] = version, pixels
+        elif known is None:
+            imgui.dummy(imgui.ImVec2(side, side))
+            return
+        shape = pixels.shape if pixels is not None else (known[1].height, known[1].width) if known else (1, 1)
+        height = min(side * shape[0] / shape[1], 460.0)
+        size = imgui.ImVec2(height * shape[1] / shape[0], height)
+        if known is None:
+            imgui.dummy(size)
+            return
+        start = imgui.get_cursor_pos_x()
+        imgui.set_cursor_pos_x(start)
+        imgui.image(imgui.ImTextureRef(known[1].glo), size)
+        if size.x < side:
+            imgui.same_line(0, 0)
+            imgui.dummy(imgui.ImVec2(side - size.x, 1))
+
+
+def difference(truth: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "h w 3"], gain: float
+               ) -> UInt8[np.ndarray, "h w 3"]:  # fmt: skip
+    """Where and how much two pictures differ, as heat."""
+    amount = gain * np.abs(truth.astype(np.float64) - render).mean(-1) / 255
+    place = np.clip(amount, 0, 1) * (len(HEAT) - 1)
+    knots = np.arange(len(HEAT))
+    return np.stack([np.interp(place, knots, HEAT[:, channel]) for channel in range(3)], -1).round().astype(np.uint8)
