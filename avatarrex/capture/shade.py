@@ -13,6 +13,8 @@ import numpy as np
 KEY = np.array([0.36, 0.55, 0.75]) / np.linalg.norm([0.36, 0.55, 0.75])
 FILL = np.array([-0.80, 0.15, 0.45]) / np.linalg.norm([-0.80, 0.15, 0.45])
 RIM = np.array([0.25, 0.35, -0.90]) / np.linalg.norm([0.25, 0.35, -0.90])
+WRAP = 0.35
+"""How far round the terminator soft lights reach, as a cosine."""
 WARM, COOL = np.array([1.02, 1.0, 0.965]), np.array([0.965, 0.99, 1.03])
 
 
@@ -26,7 +28,7 @@ def studio_light(albedo: np.ndarray, normal: np.ndarray, openness: np.ndarray, w
     return np.clip(albedo * light * (shadow * fold)[:, None] * 1.06, 0, 1)
 
 
-def _soft(normal: np.ndarray, direction: np.ndarray, wrap: float = 0.35) -> np.ndarray:
+def _soft(normal: np.ndarray, direction: np.ndarray, wrap: float = WRAP) -> np.ndarray:
     """(p, 1) in [0, 1]: a light as wide as `wrap` allows, smooth at its end."""
     lit = np.clip((normal @ direction + wrap) / (1 + wrap), 0, 1)[:, None]
     return lit * lit * (3 - 2 * lit) * 0.5 + lit * 0.5
