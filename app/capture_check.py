@@ -12,7 +12,8 @@ from avatarrex.capture.capture import Capture, open_capture
 from avatarrex.capture.check import CaptureReport, RigReport, check_capture, compared_frames
 from avatarrex.capture.overlay import contact_sheet
 from avatarrex.errors import InputError
-from avatarrex.images import write_png, write_text
+from avatarrex.files import write_text
+from avatarrex.images import write_png
 
 
 def run(arguments: argparse.Namespace) -> int:

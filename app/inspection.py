@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from avatarrex_studio.journal import Journal
 from avatarrex_studio.motion import Motion
 
-from avatarrex.avatar import load_avatar
 from avatarrex.errors import InputError
+from avatarrex.files import read_json, what_is
 
 
 def describe(path: str) -> list[str]:
     """Lines about the file at `path`. Raises `InputError` for what cannot be read."""
     file = Path(path)
-    if path != "default" and not file.exists():
-        raise InputError(path, "", "an avatar, a motion or a session", "nothing there")
-    if path == "default" or file.is_dir() or file.suffix == ".avatar":
+    found = "a file" if path == "default" else what_is(path)
+    if found not in ("a file", "a folder"):
+        raise InputError(path, "", "an avatar, a motion or a session", found)
+    if path == "default" or found == "a folder" or file.suffix == ".avatar":
         return _avatar(path)
     if file.suffix == ".json" and _is_session(file):
         return _session(file)
@@ -25,6 +25,8 @@ def describe(path: str) -> list[str]:
 
 
 def _avatar(path: str) -> list[str]:
+    from avatarrex.avatar import load_avatar  # torch: a wrong file is refused without it
+
     avatar = load_avatar(path)
     counts = {
         name: sum(parameter.numel() for parameter in module.parameters()) for name, module in avatar.modules().items()
@@ -58,8 +60,5 @@ def _session(file: Path) -> list[str]:
 
 
 def _is_session(file: Path) -> bool:
-    try:
-        data = json.loads(file.read_text())
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        raise InputError(file, "", "JSON", error) from None
+    data = read_json(file)
     return isinstance(data, dict) and data.get("kind") == "session"

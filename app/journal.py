@@ -14,7 +14,7 @@ from avatarrex_studio.commands import Command, apply, from_json, merge, to_json
 from avatarrex_studio.state import StudioState
 
 from avatarrex.errors import InputError
-from avatarrex.images import write_text
+from avatarrex.files import read_json, write_text
 
 FORMAT = 1
 STEPS = 200
@@ -96,16 +96,19 @@ class Journal:
             raise InputError(source, "kind", "a session of the studio", type(data).__name__)
         if not isinstance(data.get("format"), int) or data["format"] > FORMAT:
             raise InputError(source, "format", f"at most {FORMAT} (update the studio)", data.get("format"))
-        journal = cls(StudioState.from_json(data.get("start"), source))
+        journal = cls(StudioState.from_json(data.get("start"), f"{source}: start"))
         for number, entries in enumerate(data["steps"]):
             if not isinstance(entries, list):
                 raise InputError(source, f"steps[{number}]", "a list of commands", type(entries).__name__)
             for entry in entries:
                 try:
                     journal.do(from_json(entry, source), gesture=("read", number))
-                except InputError:
-                    raise
-                except (TypeError, ValueError, AttributeError) as error:
+                except InputError as error:
+                    if error.source.startswith(source):
+                        raise
+                    where = f"{source}: steps[{number}]: {error.source}"
+                    raise InputError(where, error.field, error.expected, error.found) from None
+                except (TypeError, ValueError, AttributeError, OverflowError) as error:
                     raise InputError(source, f"steps[{number}]", "values of the right kind", error) from None
         return journal
 
@@ -116,11 +119,7 @@ class Journal:
     @classmethod
     def load(cls, path: str | Path) -> Journal:
         """Read a session file. Raises `InputError`."""
-        try:
-            data = json.loads(Path(path).read_text())
-        except (OSError, UnicodeDecodeError, ValueError) as error:
-            raise InputError(path, "", "a session file", error) from None
-        return cls.from_json(data, str(path))
+        return cls.from_json(read_json(path, "a session file"), str(path))
 
 
 def _after(state: StudioState, commands: list[Command]) -> StudioState:

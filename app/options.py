@@ -26,12 +26,14 @@ from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, HAND_JOINTS
 
 AOVS = ("depth", "normal", "position", "mask")
 CAMERA = ("azimuth", "elevation", "distance", "fov", "x", "y", "z", "follow")
+FARTHEST = 1e6
+"""Largest number of a camera: metres or degrees that doubles still tell apart to 1e-9."""
 FACE_JOINTS = {"jaw": "jaw", "left_eye": "left_eye", "right_eye": "right_eye"}
 
 
 def size(text: str) -> tuple[int, int]:
     """`N` or `WxH`, pixels."""
-    match = re.fullmatch(r"(\d+)(?:x(\d+))?", text.strip().lower())
+    match = re.fullmatch(r"([0-9]{1,9})(?:x([0-9]{1,9}))?", text.strip().lower())
     if not match:
         raise InputError("--size", "", "N or WxH, e.g. 512 or 640x480", text or "nothing")
     width, height = int(match[1]), int(match[2] or match[1])
@@ -52,6 +54,8 @@ def camera(text: str) -> SetCamera:
         if name.strip() not in CAMERA:
             raise InputError("--camera", name, "one of " + ", ".join(CAMERA), "an unknown key")
         given[name.strip()] = number("--camera", name, value)
+        if abs(given[name.strip()]) > FARTHEST:
+            raise InputError("--camera", name, f"a number up to {FARTHEST:g}", value)
     if not given:
         raise InputError("--camera", "", "key=value pairs, e.g. azimuth=30,distance=2.6", text or "nothing")
     place = [given.pop(axis, None) for axis in "xyz"]
@@ -135,7 +139,7 @@ def aovs(text: str) -> tuple[str, ...]:
 
 def frame(text: str, count: int) -> int:
     """An index into a motion of `count` frames; negative from the end."""
-    if not re.fullmatch(r"-?\d+", text.strip()) or not -count <= int(text) < count:
+    if not re.fullmatch(r"-?[0-9]{1,9}", text.strip()) or not -count <= int(text) < count:
         raise InputError("--frame", "", f"an integer from 0 to {count - 1}", text)
     return int(text) % count
 
@@ -143,7 +147,7 @@ def frame(text: str, count: int) -> int:
 def frames(text: str, count: int) -> range:
     """`A:B:S` as a slice of a motion of `count` frames; B is not included."""
     parts = text.split(":")
-    if not 2 <= len(parts) <= 3 or not all(re.fullmatch(r"\s*-?\d*\s*", part) for part in parts):
+    if not 2 <= len(parts) <= 3 or not all(re.fullmatch(r"\s*(-?[0-9]{1,9})?\s*", part) for part in parts):
         raise InputError("--frames", "", "A:B or A:B:S, e.g. 0:120:4", text or "nothing")
     start, stop, step = (int(part) if part.strip() else None for part in [*parts, ""][:3])
     if step == 0:

@@ -66,6 +66,8 @@ class SizePolicy:
     def __post_init__(self) -> None:
         if not (_number(self.scale) and 0.05 <= self.scale <= 4):
             raise InputError("size", "scale", "a number from 0.05 to 4", self.scale)
+        if self.fixed is not None and len(self.fixed) != 2:
+            raise InputError("size", "fixed", "a width and a height", self.fixed)
         for side in self.fixed or ():
             if not (isinstance(side, int) and SIZES[0] <= side <= SIZES[1]):
                 raise InputError("size", "", f"sides of {SIZES[0]} to {SIZES[1]} pixels", side)

@@ -7,6 +7,7 @@ does not name is not read.
 from __future__ import annotations
 
 import json
+import struct
 import zipfile
 import zlib
 from collections.abc import Iterable
@@ -17,9 +18,12 @@ from typing import Any
 import numpy as np
 
 from avatarrex.errors import InputError
+from avatarrex.files import what_is
 
 DATA = Path(__file__).parent / "data"
 SPECS = Path(__file__).parent / "assets_spec"
+LARGEST = 2**32
+"""Bytes that the arrays of one file may unpack to: a few MB of zip can claim any number."""
 KINDS = {"float": "f", "integer": "iu", "text": "U"}
 
 
@@ -37,18 +41,27 @@ def read_npz(path: str | Path, spec_name: str) -> dict[str, np.ndarray]:
 def read_arrays(path: str | Path, only: Iterable[str] | None = None) -> dict[str, np.ndarray]:
     """Every array of an `.npz` file, or those of `only` that it has. Raises `InputError` if it is missing or broken."""
     path = Path(path)
-    if not path.is_file():
-        raise InputError(path, "", "an .npz file", "nothing there" if not path.exists() else "no file")
-    name = ""
+    found = what_is(path)
+    if found != "a file":
+        raise InputError(path, "", "an .npz file", found)
+    name, arrays, total = "", {}, 0
     try:
-        with zipfile.ZipFile(path), np.load(path, allow_pickle=False) as archive:
-            arrays = {}
+        with zipfile.ZipFile(path) as members, np.load(path, allow_pickle=False) as archive:
             for name in archive.files if only is None else [key for key in only if key in archive.files]:
+                entry = name if name in members.namelist() else name + ".npy"
+                total += members.getinfo(entry).file_size
+                if total > LARGEST:
+                    raise InputError(path, name, f"arrays of at most {LARGEST >> 30} GiB", f"{total >> 20} MiB")
                 arrays[name] = archive[name]
+                if not isinstance(arrays[name], np.ndarray):
+                    raise InputError(path, name, "a plain array (no pickled objects)", "other bytes")
             return arrays
-    except (OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, MemoryError) as error:
+    # RuntimeError: an encrypted archive; KeyError: a directory that does not fit its entries
+    except (OSError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError, MemoryError, KeyError) as error:
         raise InputError(path, name, "a complete .npz file", error) from None
-    except ValueError as error:
+    except InputError:
+        raise
+    except (ValueError, OverflowError, struct.error) as error:
         raise InputError(path, name, "a plain array (no pickled objects)", error) from None
 
 

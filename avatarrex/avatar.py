@@ -10,6 +10,7 @@ import json
 import os
 import tempfile
 import zipfile
+import zlib
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -26,6 +27,7 @@ from avatarrex.fields.body import BodyField
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
 from avatarrex.fields.presets import PRESETS
+from avatarrex.files import parse_json, what_is
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import Person, PersonFit, load_person, resize_person
 from avatarrex.templates.posed import pose_person
@@ -33,6 +35,9 @@ from avatarrex.volume.contact import Ownership
 
 FORMAT = 1
 """Version of the folder layout; a reader refuses a newer one by name."""
+FILES = ("avatar.json", "weights.safetensors")
+LARGEST = 2**30
+"""Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
 DATA = Path(__file__).parent / "data"
 
 
@@ -106,19 +111,8 @@ class Avatar:
 def load_avatar(source: str | Path = "default") -> Avatar:
     """Read a packaged avatar by name, an avatar folder, or an `.avatar` file. Raises `InputError`."""
     path = DATA / "default.avatar" if str(source) == "default" else Path(source)
-    if not path.exists():
-        raise InputError(source, "", "an avatar folder or an .avatar file", "nothing there")
     text, weights = _read(path)
-    try:
-        meta = json.loads(text)
-    except ValueError as error:
-        raise InputError(path, "avatar.json", "JSON", error) from None
-    if not isinstance(meta, dict) or not isinstance(meta.get("format"), int):
-        raise InputError(
-            path, "avatar.json: format", "an integer", meta.get("format") if isinstance(meta, dict) else meta
-        )
-    if meta["format"] > FORMAT:
-        raise InputError(path, "avatar.json: format", f"at most {FORMAT} (update the studio)", meta["format"])
+    meta = _meta(path, parse_json(text, path, "avatar.json"))
     person = load_person(meta.get("person", "default"))
     if "person_fit" in meta:
         person = resize_person(person, PersonFit.from_json(meta["person_fit"], f"{path}: avatar.json"))
@@ -126,7 +120,7 @@ def load_avatar(source: str | Path = "default") -> Avatar:
         raise InputError(
             path, "avatar.json: person_hash", f"the template it was made on ({person.hash})", meta["person_hash"]
         )
-    avatar = Avatar.create(person, meta.get("preset", ""), meta.get("seed", 0), meta.get("local_frame", "anchors"))
+    avatar = Avatar.create(person, meta["preset"], meta.get("seed", 0), meta.get("local_frame", "anchors"))
     try:
         state = safetensors.torch.load(weights)
     except (safetensors.SafetensorError, ValueError) as error:
@@ -167,13 +161,53 @@ def save_avatar(avatar: Avatar, path: str | Path, half: bool = True) -> None:
 
 
 def _read(path: Path) -> tuple[str, bytes]:
+    """The text of `avatar.json` and the bytes of the weights, from a folder or a zip."""
+    found, name, content = what_is(path), "", {}
+    if found not in ("a file", "a folder"):
+        raise InputError(path, "", "an avatar folder or an .avatar file", found)
     try:
-        if path.is_dir():
-            return (path / "avatar.json").read_text(), (path / "weights.safetensors").read_bytes()
-        with zipfile.ZipFile(path) as archive:
-            return archive.read("avatar.json").decode(), archive.read("weights.safetensors")
-    except (OSError, KeyError, zipfile.BadZipFile, UnicodeDecodeError, ValueError) as error:
-        raise InputError(path, "", "an avatar folder or .avatar file with avatar.json and weights", error) from None
+        if found == "a folder":
+            for name in FILES:
+                content[name] = (path / name).read_bytes()
+        else:
+            with zipfile.ZipFile(path) as archive:
+                for name in FILES:
+                    size = archive.getinfo(name).file_size
+                    if size > LARGEST:
+                        raise InputError(path, name, f"at most {LARGEST >> 20} MiB", f"{size >> 20} MiB")
+                    content[name] = archive.read(name)
+        return content[FILES[0]].decode(), content[FILES[1]]
+    except (KeyError, FileNotFoundError):
+        raise InputError(path, name, "the file to be in the avatar", "nothing there") from None
+    except UnicodeDecodeError:
+        raise InputError(path, FILES[0], "text in UTF-8", "another encoding") from None
+    # RuntimeError: an encrypted archive
+    except (OSError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError, MemoryError) as error:
+        raise InputError(path, name, "an avatar folder or a whole .avatar file", error) from None
+
+
+def _meta(path: Path, meta: Any) -> dict[str, Any]:
+    """`avatar.json`, checked."""
+    if not isinstance(meta, dict):
+        raise InputError(path, "avatar.json", "an object", type(meta).__name__)
+    kinds = {
+        "format": (int, None),
+        "preset": (str, None),
+        "seed": (int, 0),
+        "person": (str, ""),
+        "local_frame": (str, ""),
+    }
+    for key, (kind, default) in kinds.items():
+        value = meta.get(key, default)
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise InputError(path, f"avatar.json: {key}", "a text" if kind is str else "an integer", value)
+    if not 1 <= meta["format"] <= FORMAT:
+        raise InputError(path, "avatar.json: format", f"at most {FORMAT} (update the studio)", meta["format"])
+    if meta["preset"] not in PRESETS:
+        raise InputError(path, "avatar.json: preset", " or ".join(PRESETS), meta["preset"])
+    if not 0 <= meta.get("seed", 0) < 2**63:
+        raise InputError(path, "avatar.json: seed", "an integer from 0, below 2^63", meta["seed"])
+    return meta
 
 
 def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
@@ -184,6 +218,13 @@ def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
             raise InputError(path, f"weights.safetensors: {name}", f"a tensor {tuple(value.shape)}", "missing")
         if state[name].shape != value.shape:
             raise InputError(path, f"weights.safetensors: {name}", str(tuple(value.shape)), tuple(state[name].shape))
+        if state[name].is_floating_point() != value.is_floating_point() or state[name].dtype == torch.bool:
+            raise InputError(path, f"weights.safetensors: {name}", f"numbers as {value.dtype}", state[name].dtype)
+        vertices = len(avatar.person.body.v_template)
+        if name.endswith("_vertex") and not ((state[name] >= 0) & (state[name] < vertices)).all():
+            raise InputError(
+                path, f"weights.safetensors: {name}", f"vertices of the template, 0 to {vertices - 1}", "others"
+            )
         if state[name].is_floating_point() and not torch.isfinite(state[name]).all():
             raise InputError(path, f"weights.safetensors: {name}", "finite numbers", "NaN or Inf")
     extra = sorted(set(state) - set(expected))

@@ -11,6 +11,16 @@ class InputError(ValueError):
     """
 
     def __init__(self, source: object, field: str, expected: str, found: object) -> None:
-        self.source, self.field, self.expected, self.found = str(source), field, expected, str(found)
+        self.source, self.field, self.expected, self.found = str(source), field, expected, _short(str(found))
         place = f"{source}: {field}" if field else str(source)
-        super().__init__(f"{place}: expected {expected}, found {found}".replace("\n", " "))
+        super().__init__(_plain(f"{place}: expected {expected}, found {self.found}"))
+
+
+def _short(text: str) -> str:
+    """What was found may be a whole file: its beginning says enough."""
+    return text if len(text) <= 300 else text[:300] + "…"
+
+
+def _plain(text: str) -> str:
+    """One line without control characters: what a file holds must not reach the terminal as commands."""
+    return "".join(letter if letter.isprintable() else " " if letter.isspace() else "�" for letter in text)

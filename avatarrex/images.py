@@ -6,10 +6,7 @@ alpha is straight. Letters: h w image rows and columns.
 
 from __future__ import annotations
 
-import os
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -21,6 +18,8 @@ from PIL import Image, PngImagePlugin
 from torch import Tensor
 
 from avatarrex.errors import InputError
+from avatarrex.files import write_text as write_text
+from avatarrex.files import written as written
 
 Colour = tuple[float, float, float, float]
 
@@ -52,46 +51,14 @@ def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
-def write_text(path: str | Path, text: str) -> None:
-    """A text file, UTF-8."""
-    with written(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-@contextmanager
-def written(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its name once the block ends well, and vanishes otherwise.
-
-    Raises `InputError` where the folder cannot be made or written.
-    """
-    path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_dir():
-            raise InputError(path, "", "a file to write", "a folder")
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-    except OSError as error:
-        raise InputError(path, "", "a file that can be written", error.strerror or error) from None
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(path, "", "a file that can be written", error.strerror or error) from None
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
 class VideoWriter:
     """An H.264 `.mp4` of opaque frames with even sides; use as a context manager. Needs the `video` extra (PyAV)."""
 
     def __init__(self, path: str | Path, width: int, height: int, fps: float) -> None:
         if width % 2 or height % 2:
             raise InputError(path, "size", "even sides for H.264", f"{width}x{height}")
-        if not (np.isfinite(fps) and 0 < fps <= 1000):
-            raise InputError(path, "fps", "a number from 0 to 1000", fps)
+        if not 0.001 <= fps <= 1000:
+            raise InputError(path, "fps", "a number from 0.001 to 1000", fps)
         self._av = _av(path)
         self._path, self._size, self._rate = path, (width, height), Fraction(fps).limit_denominator(1001)
 

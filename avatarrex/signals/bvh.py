@@ -15,11 +15,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
+from avatarrex.files import read_text
 from avatarrex.signals.retarget import SourceMotion, retarget
 from avatarrex.signals.sequence import SignalSequence
 
 END = " end"
 """Suffix of the name that an end site gets from its joint; no joint's name ends so, as names are stripped."""
+LARGEST = 1e9
+"""Largest number in a file: 1000 km in millimetres, or as many turns as nobody makes."""
 
 
 @dataclass
@@ -33,10 +36,7 @@ class _Joint:
 def read_bvh(path: str | Path) -> SignalSequence:
     """Read and retarget a BVH file. Raises `InputError` naming the line."""
     path = Path(path)
-    try:
-        lines = path.read_text(errors="replace").splitlines()
-    except OSError as error:
-        raise InputError(path, "", "a readable BVH file", error.strerror) from None
+    lines = read_text(path, "a BVH file", errors="replace").splitlines()
     joints, start = _hierarchy(path, lines)
     fps, values = _motion(path, lines, start, sum(len(j.channels) for j in joints))
     offsets = np.stack([joint.offset for joint in joints])
@@ -86,6 +86,8 @@ def _hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
             for word in words[2:]:
                 if not re.fullmatch("[XYZ](position|rotation)", word):
                     raise InputError(path, f"line {number}", "Xposition … Zrotation", word)
+            if len(set(words[2:])) != len(words[2:]):
+                raise InputError(path, f"line {number}", "each channel once", line.strip())
         else:
             raise InputError(path, f"line {number}", "a line of the hierarchy", line.strip()[:40])
     raise InputError(path, "MOTION", "a MOTION section", "the end of the file")
@@ -100,9 +102,12 @@ def _motion(path: Path, lines: list[str], start: int, width: int) -> tuple[float
             raise InputError(path, f"line {number + 1}", key, text[:40])
         return _numbers(path, number + 1, [text.split(":", 1)[1]], 1)[0]
 
-    count, interval = int(header(start, "Frames:")), header(start + 1, "Frame Time:")
-    if count < 1 or not interval > 0:
-        raise InputError(path, "MOTION", "at least one frame and a frame time above 0", f"{count} frames, {interval} s")
+    announced, interval = header(start, "Frames:"), header(start + 1, "Frame Time:")
+    count = int(announced)
+    if count != announced or count < 1:
+        raise InputError(path, "Frames", "a whole number above 0", announced)
+    if not 1e-3 <= interval <= 1e3:
+        raise InputError(path, "Frame Time", "a frame time above 0: seconds, 0.001 to 1000", interval)
     rows = [(n, line.split()) for n, line in enumerate(lines[start + 2 :], start=start + 3) if line.strip()]
     if len(rows) < count:
         raise InputError(path, "Frames", f"{count} lines of motion", len(rows))
@@ -120,6 +125,8 @@ def _numbers(path: Path, line: int, words: list[str], count: int) -> list[float]
     if len(values) != count or not np.isfinite(values).all():
         found = f"{len(values)}" if len(values) != count else "NaN or Inf"
         raise InputError(path, f"line {line}", f"{count} finite numbers", found)
+    if count and np.abs(values).max() > LARGEST:
+        raise InputError(path, f"line {line}", f"numbers up to {LARGEST:g}", f"{max(values, key=abs):g}")
     return values
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from avatarrex.signals.joints import JOINT_NAMES
-from avatarrex.templates.person import load_person
 
 _THICKNESS = {"pelvis": 0.11, "knee": 0.06, "elbow": 0.04, "wrist": 0.03, "head": 0.05}
 """Metres of flesh below a joint that may rest on the floor: sitting, kneeling, crawling."""
@@ -22,6 +21,8 @@ _SOLE = 0.012
 
 def floor_height() -> float:
     """y of the floor in metres: the lowest vertex of the T-pose."""
+    from avatarrex.templates.person import load_person  # needs torch: a wrong file is refused without it
+
     return float(load_person().body.v_template[:, 1].min())
 
 
@@ -50,6 +51,8 @@ def grounded(pose: np.ndarray, translation: np.ndarray, each: bool = False) -> t
 @lru_cache(maxsize=1)
 def _skeleton() -> tuple[np.ndarray, np.ndarray, np.ndarray, list[int], np.ndarray]:
     """Points (p, 3) at rest, the joint each moves with, thickness below it; parents and joints of the person."""
+    from avatarrex.templates.person import load_person
+
     body = load_person().body
     vertices, rest = body.v_template.double().numpy(), body.joint_template.double().numpy()
     owner = body.weights.argmax(1).numpy()

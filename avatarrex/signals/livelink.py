@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from avatarrex.errors import InputError
+from avatarrex.files import read_text
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.sequence import SignalSequence, stack
 
@@ -24,6 +25,10 @@ HEAD = ("HeadYaw", "HeadPitch", "HeadRoll")
 ANGLES = (*HEAD, *(f"{part}{angle}" for part in ("LeftEye", "RightEye") for angle in ("Yaw", "Pitch", "Roll")))
 OPTIONAL = ("tongueOut", *HEAD)
 """Columns that older recordings lack: zero then, with a note."""
+LARGEST = 100.0
+"""Coefficients are at most 1, angles at most 2π: beyond this it is another file."""
+GAP = 10.0
+"""Seconds between rows that are still one recording."""
 _IGNORED = {"timecode", "blendshapecount", *(name.lower() for name in ANGLES[3:])}
 
 
@@ -31,9 +36,8 @@ def read_livelink(path: str | Path) -> SignalSequence:
     """Read a Live Link Face recording; the head's turn is shared by neck and head. Raises `InputError`."""
     path = Path(path)
     try:
-        with path.open(newline="", errors="replace") as file:
-            rows = [row for row in csv.reader(file) if row]
-    except (OSError, csv.Error) as error:
+        rows = [row for row in csv.reader(read_text(path, "a CSV file", errors="replace").splitlines()) if row]
+    except csv.Error as error:
         raise InputError(path, "", "a readable CSV file", error) from None
     if len(rows) < 2:
         raise InputError(path, "rows", "a header and at least one frame", len(rows))
@@ -81,9 +85,12 @@ def _values(path: Path, rows: list[list[str]], columns: dict[str, int]) -> tuple
                 values[number - 2, k] = float(text)
             except ValueError:
                 raise InputError(path, f"line {number}: {name}", "a number", text) from None
-    if not np.isfinite(values).all():
-        row, column = np.argwhere(~np.isfinite(values))[0]
-        raise InputError(path, f"line {row + 2}: {wanted[column]}", "a finite number", values[row, column])
+    # not in range is also true of NaN
+    wrong = np.argwhere(~(np.abs(values) <= LARGEST))
+    if len(wrong):
+        row, column = wrong[0]
+        expected = f"a finite number up to {LARGEST:g}"
+        raise InputError(path, f"line {row + 2}: {wanted[column]}", expected, values[row, column])
     return values, notes
 
 
@@ -94,7 +101,7 @@ def _times(path: Path, rows: list[list[str]], columns: dict[str, int]) -> tuple[
     parts = []
     for number, row in enumerate(rows[1:], start=2):
         text = row[columns["timecode"]].strip()
-        match = re.fullmatch(r"(\d+)[:;](\d+)[:;](\d+)[:;](\d+(?:\.\d+)?)", text)
+        match = re.fullmatch(r"(\d{1,3})[:;](\d{1,3})[:;](\d{1,3})[:;](\d{1,3}(?:\.\d+)?)", text)
         if match is None:
             raise InputError(path, f"line {number}: Timecode", "hh:mm:ss:ff.fraction", text)
         parts.append([float(word) for word in match.groups()])
@@ -104,7 +111,9 @@ def _times(path: Path, rows: list[list[str]], columns: dict[str, int]) -> tuple[
     crossed = whole[-1] - whole[0] >= 2 or frames.max() >= 30
     rate = next((rate for rate in RATES if rate > np.floor(frames.max())), RATES[-1]) if crossed else FPS
     times = whole + frames / rate
-    back = np.flatnonzero(np.diff(times) <= 0)
+    steps = np.diff(times)
+    back = np.flatnonzero((steps <= 0) | (steps > GAP))
     if len(back):
-        return None, rate, f"the timecode stands or turns back at line {back[0] + 3}: taken as {rate:g} frames a second"
+        what = "stands or turns back" if steps[back[0]] <= 0 else f"jumps by {steps[back[0]]:.0f} s"
+        return None, rate, f"the timecode {what} at line {back[0] + 3}: taken as {rate:g} frames a second"
     return times, rate, f"{rate:g} frames a second" + (" by the timecode" if crossed else " assumed: too short to tell")

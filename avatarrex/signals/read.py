@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 
 from avatarrex.errors import InputError
+from avatarrex.files import read_json as read_json_file
+from avatarrex.files import what_is, write_text
 from avatarrex.signals.bvh import read_bvh
 from avatarrex.signals.livelink import read_livelink
 from avatarrex.signals.sequence import SignalSequence
@@ -22,17 +24,21 @@ def read_motion(path: str | Path) -> SignalSequence:
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise InputError(path, "", "a motion file: " + ", ".join(readers), path.suffix or "no extension")
-    if not path.is_file():
-        raise InputError(path, "", "a motion file", "nothing there")
-    return reader(path)
+    found = what_is(path)
+    if found != "a file":
+        raise InputError(path, "", "a motion file", found)
+    try:
+        return reader(path)
+    except InputError as error:
+        if error.source != "signals":
+            raise
+        # a frame that cannot be: say whose
+        raise InputError(path, error.field, error.expected, error.found) from None
 
 
 def read_json(path: str | Path) -> SignalSequence:
     """One frame of `Signals.to_json`, or a sequence: {"fps": …, "frames": […]} (assets_spec/signals.json)."""
-    try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(path, "", "a JSON file", error) from None
+    data = read_json_file(path)
     if not (isinstance(data, dict) and "frames" in data):
         return SignalSequence((Signals.from_json(data, str(path)),), 30.0, Path(path).name)
     known = {"format", "version", "name", "fps", "notes", "frames"}
@@ -61,4 +67,4 @@ def write_json(path: str | Path, sequence: SignalSequence) -> None:
         "format": FORMAT, "version": VERSION, "name": sequence.name, "fps": sequence.fps, "notes": list(sequence.notes),
         "frames": [frame.to_json() for frame in sequence],
     }  # fmt: skip
-    Path(path).write_text(json.dumps(data, ensure_ascii=False, allow_nan=False), encoding="utf-8")
+    write_text(path, json.dumps(data, ensure_ascii=False, allow_nan=False))

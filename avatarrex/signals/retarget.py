@@ -20,7 +20,6 @@ from avatarrex.signals.ground import grounded
 from avatarrex.signals.joint_names import NEEDED, find
 from avatarrex.signals.joints import FINGERS, JOINT_NAMES
 from avatarrex.signals.sequence import SignalSequence, stack
-from avatarrex.templates.person import load_person
 
 _LIMBS = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
 _KNUCKLES = tuple((f"{finger}{k}", f"{finger}{k + 1}") for finger in FINGERS for k in (1, 2))
@@ -60,6 +59,8 @@ def retarget(path: Path, source: SourceMotion, fps: float) -> SignalSequence:
     axes = _axes(path, rest, found)
     rest, places = rest @ axes.T, source.places @ axes.T
     turned = np.einsum("ab,tjbc,dc->tjad", axes, source.turned, axes)
+    from avatarrex.templates.person import load_person  # needs torch: a wrong file is refused without it
+
     body = load_person().body
     ours, parents = body.joint_template.double().numpy(), [int(parent) for parent in body.parents]
     globals_ = _globals(turned, _alignments(rest, ours, found, source), found, parents)

@@ -5,13 +5,13 @@ Rotation vectors in radians in the joints' rest frames (axes of the T-pose), met
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from avatarrex.errors import InputError
+from avatarrex.files import parse_json
 
 SHAPES: dict[str, tuple[int, ...]] = {
     "global_orient": (3,),
@@ -24,6 +24,11 @@ SHAPES: dict[str, tuple[int, ...]] = {
     "expression": (52,),
     "shape": (10,),
 }
+LARGEST = {
+    **dict.fromkeys(SHAPES, 1e3), "translation": 1e6, "expression": 5.0, "shape": 10.0
+}  # fmt: skip
+"""Largest magnitudes: 160 turns (exact in single precision to 1e-4), 1000 km, and as far as faces and bodies stay finite:
+one coefficient of 50 or a β of 100 is a person of many metres, whose volume takes minutes and gigabytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +51,8 @@ class Signals:
     """β, standard deviations."""
 
     def __post_init__(self) -> None:
-        for name, shape in SHAPES.items():
-            try:
-                value = np.array(getattr(self, name), dtype=np.float64)
-            except (TypeError, ValueError):
-                raise InputError("signals", name, f"numbers of shape {shape}", repr(getattr(self, name))[:60]) from None
-            if value.shape != shape:
-                raise InputError("signals", name, f"shape {shape}", value.shape)
-            if not np.isfinite(value).all():
-                raise InputError("signals", name, "finite numbers", "NaN or Inf")
+        for name in SHAPES:
+            value = _array("signals", name, getattr(self, name))
             value.setflags(write=False)
             object.__setattr__(self, name, value)
 
@@ -108,10 +106,7 @@ class Signals:
     def from_json(cls, data: Any, source: str = "signals") -> Signals:
         """From `to_json`'s dictionary or its text; missing fields are at rest, unknown ones are refused."""
         if isinstance(data, str):
-            try:
-                data = json.loads(data)
-            except ValueError as error:
-                raise InputError(source, "", "JSON", error) from None
+            data = parse_json(data, source)
         if not isinstance(data, dict):
             raise InputError(source, "", "an object", type(data).__name__)
         for name in data:
@@ -121,12 +116,19 @@ class Signals:
 
 
 def _array(source: str, name: str, value: object) -> np.ndarray:
+    """A float64 copy of `value`, checked: numbers, shape, finite, within `LARGEST`."""
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(source, name, f"numbers of shape {SHAPES[name]}", repr(value)[:60]) from None
-    if array.shape != SHAPES[name]:
-        raise InputError(source, name, f"shape {SHAPES[name]}", array.shape)
+        given = np.array(value)
+    except ValueError:  # ragged lists
+        given = np.array(None)
+    if given.dtype.kind not in "fiu":
+        raise InputError(source, name, f"numbers of shape {SHAPES[name]}", repr(value)[:60])
+    if given.shape != SHAPES[name]:
+        raise InputError(source, name, f"shape {SHAPES[name]}", given.shape)
+    array = given.astype(np.float64)
     if not np.isfinite(array).all():
         raise InputError(source, name, "finite numbers", "NaN or Inf")
+    largest = float(np.abs(array).max())
+    if largest > LARGEST[name]:
+        raise InputError(source, name, f"numbers up to ±{LARGEST[name]:g}", f"{largest:g}")
     return array

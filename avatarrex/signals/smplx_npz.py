@@ -17,6 +17,7 @@ from avatarrex.assets import read_arrays, require
 from avatarrex.errors import InputError
 from avatarrex.signals.ground import grounded
 from avatarrex.signals.sequence import SignalSequence, stack
+from avatarrex.signals.signals import LARGEST
 
 RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
 _PARTS: dict[str, tuple[tuple[str, ...], slice]] = {
@@ -31,6 +32,8 @@ _PARTS: dict[str, tuple[tuple[str, ...], slice]] = {
     "right hand": (("right_hand_pose",), slice(40, 55)),
 }
 _OTHERS = ("poses", "trans", "transl", "arkit52", "expression", *RATES)
+FASTEST = 15.0
+"""Metres a second; sprinters reach 12."""
 _SMPLH = [*range(22), *range(25, 55)]
 """SMPL+H lacks jaw and eyes."""
 
@@ -41,6 +44,10 @@ def read_smplx(path: str | Path) -> SignalSequence:
     for key, value in arrays.items():
         if value.dtype.kind not in "fiu":
             raise InputError(path, key, "numbers", value.dtype)
+        largest = LARGEST["translation" if key.startswith("trans") else "body_pose"]
+        if key not in RATES and np.isfinite(value).all() and np.abs(value).max(initial=0) > largest:
+            unit = "metres" if key.startswith("trans") else "radians"
+            raise InputError(path, key, f"{unit} up to {largest:g}", f"{np.abs(value).max():g}")
     rate, notes = _rate(arrays, path)
     full = _poses(arrays, path) if "poses" in arrays else _by_parts(arrays, path)
     translation = np.zeros((len(full), 3))
@@ -59,7 +66,18 @@ def read_smplx(path: str | Path) -> SignalSequence:
             notes.append("the file's expression coefficients belong to another face: not applied")
         translation, more = _placed(full, translation)
         notes += more
+    notes += _haste(translation, rate)
     return SignalSequence(stack(full, translation, expression), rate, Path(path).name, tuple(notes))
+
+
+def _haste(translation: np.ndarray, rate: float) -> list[str]:
+    """A note where the root goes faster than anybody runs: the path is then in another unit than metres."""
+    speed = np.linalg.norm(np.diff(translation, axis=0), axis=1) * rate
+    usual = float(np.quantile(speed, 0.9)) if len(speed) else 0.0
+    if usual <= FASTEST:
+        return []
+    unit = "millimetres" if usual > 30 * FASTEST else "centimetres"
+    return [f"the root goes at {usual:.0f} metres a second: the path looks like {unit}, it is taken as metres"]
 
 
 def _rate(arrays: dict[str, np.ndarray], path: str | Path) -> tuple[float, list[str]]:

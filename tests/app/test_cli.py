@@ -14,7 +14,8 @@ from ball import ball_engine
 from PIL import Image
 
 from avatarrex.errors import InputError
-from avatarrex.images import VideoWriter, composite, written
+from avatarrex.files import written
+from avatarrex.images import VideoWriter, composite
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.signals.signals import Signals
