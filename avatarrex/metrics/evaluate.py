@@ -161,11 +161,7 @@ def observations(rig: Rig, count: int = OBSERVATIONS) -> Iterator[Observation]:
     """Training pictures spread over frames and views; of everything where all is held out."""
     pairs = [(v, f) for f in range(rig.frames) for v in range(len(rig.views)) if rig.available(v, f)]
     training = [pair for pair in pairs if split_of(rig, *pair) == "train"] or pairs
-    views = sorted({view for view, _ in training})
-    for number in range(min(count, len(training))):
-        view = views[number % len(views)]
-        frames = [frame for of, frame in training if of == view]
-        frame = frames[(number // len(views)) * len(frames) * len(views) // count % len(frames)]
+    for view, frame in _observed(training, count):
         camera = fitted(rig.views[view].camera, OBSERVED_SIZE)
         image, matte = rig.image(view, frame), rig.matte(view, frame)
         if camera.width != image.shape[1]:
@@ -232,6 +228,18 @@ def _kept(rig: Rig, pairs: list[tuple[int, int]], count: int) -> set[tuple[int, 
         held[min(int(k * step) // views * views + (k * max(views // 3, 1)) % views, len(held) - 1)]
         for k in range(count)
     }
+
+
+def _observed(training: list[tuple[int, int]], count: int) -> list[tuple[int, int]]:
+    """At most `count` pictures, as many of each view, its frames evenly spread and other than the next view's."""
+    views = sorted({view for view, _ in training})
+    each = max(count // len(views), 1)
+    chosen = []
+    for number, view in enumerate(views[:count]):
+        frames = [frame for of, frame in training if of == view]
+        places = (np.arange(each) + number / len(views)) / each * len(frames)
+        chosen += [(view, frames[place]) for place in np.unique(places.astype(int))]
+    return chosen
 
 
 def _spread(items: list[int], count: int) -> list[int]:

@@ -41,7 +41,7 @@ class Surface:
     @classmethod
     def of(cls, vertices: np.ndarray, faces: np.ndarray) -> Surface:
         """A mesh with area-weighted vertex normals."""
-        vertices, faces = np.asarray(vertices, np.float64), np.asarray(faces, np.int64)
+        vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
         return cls(vertices, faces, vertex_normals(torch.from_numpy(vertices), torch.from_numpy(faces)).numpy())
 
     @classmethod

@@ -1,0 +1,95 @@
+"""Baselines gathered from pictures of a template whose colours are known."""
+
+import numpy as np
+import pytest
+from drawn_capture import painted, poses
+
+from avatarrex.camera import Camera
+from avatarrex.errors import InputError
+from avatarrex.metrics.baselines import EDGE, Observation, PosedMesh, baselines, lattice, look_up
+from avatarrex.templates.person import load_person
+
+
+@pytest.fixture(scope="module")
+def gathered():
+    """The painted template, six pictures of it in two poses, and both baselines made from them."""
+    mesh = PosedMesh(load_person())
+    drawer, seen = painted(mesh), []
+    for number, signals in enumerate(poses(2)):
+        for azimuth in (20, 140, 260):
+            camera = Camera.orbit(azimuth + 60 * number, 5, 2.6, 40, (0, -0.1, 0), 320, 320)
+            image = drawer.draw(signals, camera).image.numpy()
+            colour = np.rint(255 * image[..., :3] / np.maximum(image[..., 3:], 1e-6)).astype(np.uint8)
+            seen.append(Observation(signals, camera, colour, np.rint(255 * image[..., 3]).astype(np.uint8)))
+    return drawer, seen, baselines(mesh.person, seen)
+
+
+def test_texels_give_back_themselves_and_every_linear_colour():
+    rng = np.random.default_rng(0)
+    texels = rng.random((4, len(lattice()), 3)).astype(np.float32)
+    for k, corner in enumerate(lattice()):
+        weight = np.tile(corner, (4, 1))
+        np.testing.assert_allclose(look_up(texels, np.arange(4), weight), texels[:, k], atol=1e-5)
+    slope = rng.random((3, 3))
+    linear = np.broadcast_to((lattice() @ slope).astype(np.float32), (4, len(lattice()), 3))
+    weight = rng.dirichlet((1, 1, 1), 500)
+    np.testing.assert_allclose(look_up(linear, rng.integers(0, 4, 500), weight), weight @ slope, atol=1e-5)
+    assert len(lattice()) == (EDGE + 1) * (EDGE + 2) // 2
+
+
+def test_the_texture_is_found_again(gathered):
+    drawer, seen, (textured, _) = gathered
+    error = np.abs(textured.texels - drawer.texels).max((1, 2))
+    assert textured.name == "textured mesh"
+    assert np.median(error) < 0.03  # a pixel is 8 mm here, the pattern 25 cm long
+    other = Camera.orbit(50, 0, 2.6, 40, (0, -0.1, 0), 160, 160)
+    again, true = (who.draw(seen[0].signals, other).image.numpy() for who in (textured, drawer))
+    np.testing.assert_array_equal(again[..., 3], true[..., 3])
+    covered = true[..., 3] == 1
+    assert np.sqrt(((again - true)[covered][:, :3] ** 2).mean()) < 0.03
+
+
+def test_half_a_pixel_off_is_noticed(gathered):
+    """The mutant: cameras whose pixel centres are at integers."""
+    drawer, seen, (textured, _) = gathered
+    moved = []
+    for one in seen:
+        intrinsics = one.camera.intrinsics.copy()
+        intrinsics[:2, 2] -= 0.5
+        camera = Camera(intrinsics, one.camera.camera_from_world, one.camera.width, one.camera.height)
+        moved.append(Observation(one.signals, camera, one.image, one.matte))
+    off = baselines(textured.mesh.person, moved)[0]
+    error = [np.median(np.abs(who.texels - drawer.texels).max((1, 2))) for who in (off, textured)]
+    assert error[0] > 1.5 * error[1]
+
+
+def test_the_mean_colour_is_that_of_the_foreground(gathered):
+    _, seen, (_, mean) = gathered
+    colour = np.concatenate([one.image[one.matte == 255] for one in seen]).mean(0) / 255
+    assert mean.name == "mean-colour mesh"
+    np.testing.assert_allclose(mean.texels[0, 0], colour, atol=0.01)
+    assert np.ptp(mean.texels.reshape(-1, 3), axis=0).max() == 0
+
+
+def test_its_geometry_is_the_posed_template(gathered):
+    drawer, seen, _ = gathered
+    camera = seen[0].camera
+    drawing = drawer.draw(seen[0].signals, camera)
+    surface = drawer.mesh.surface(seen[0].signals)
+    pelvis = drawer.mesh.person.body.joint_template[0].numpy()
+    centre = surface.vertices.mean(0) - (pelvis + seen[0].signals.translation)
+    assert np.linalg.norm(centre) < 0.4
+    local = drawing.position[drawing.hit] @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
+    pixel = (local @ camera.intrinsics.T)[:, :2] / local[:, 2:]
+    rows, columns = np.nonzero(drawing.hit)
+    np.testing.assert_allclose(pixel, np.stack([columns, rows], 1) + 0.25, atol=1e-3)  # first of 2 x 2 samples
+
+
+def test_nothing_to_gather_is_refused():
+    person = load_person()
+    with pytest.raises(InputError, match="training pictures"):
+        baselines(person, [])
+    black = np.zeros((32, 32, 3), np.uint8)
+    empty = Observation(poses(1)[0], Camera.orbit(width=32, height=32), black, black[..., 0])
+    with pytest.raises(InputError, match="training pictures"):
+        baselines(person, [empty])
