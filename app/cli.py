@@ -135,6 +135,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "replay": _replay,
             "inspect": _inspect,
             "capture": _capture,
+            "evaluate": _evaluate,
             "runs": _runs,
         }
         return run[arguments.verb](arguments)
