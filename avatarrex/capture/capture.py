@@ -119,17 +119,20 @@ def open_capture(path: str | Path, memory_mb: float = 1024) -> Capture:
     archive = Archive(path)
     root, rig_files = find_rigs(archive)
     manifest = _manifest(archive, root, rig_files)
-    notes: list[str] = []
+    notes = ["capture.json: the capture is not complete"] if manifest.get("complete") is False else []
     parameters = {name: _parameters(files) for name, files in rig_files.items()}
-    person, pelvis, pelvis_scale = _person(rig_files, parameters, notes)
+    person, pelvis, scale = _person(rig_files, parameters, notes)
     cache = ByteCache(int(memory_mb * 2**20))
     rigs, truths = {}, {}
     for name, files in rig_files.items():
         rig, truth = _rig(name, files, parameters[name], pelvis, manifest, cache, notes)
         rigs[name] = rig
         if truth is not None:
-            truth.scale = pelvis_scale
+            truth.scale = scale
             truths[name] = truth
+    made_on = (manifest.get("provenance") or {}).get("person_hash", person.hash)
+    if person.fit is None and made_on != person.hash:
+        notes.append(f"capture.json: made on another version of the person ({made_on}), not this one ({person.hash})")
     return Capture(archive.path, rigs, person, GroundTruth(truths) if truths else None, tuple(notes), manifest)
 
 
@@ -195,7 +198,7 @@ def _rig(
     signals = values.signals(shift, scale, archive.path.name)
     notes.extend(f"{name}: {note}" for note in values.notes)
     rig = Rig(name, views, signals, missing, frozenset(), frozenset(), pictures)
-    truth = RigTruth(files, frames=count) if files.ground_truth else None
+    truth = RigTruth(files, frames=count, lenses=lenses) if files.ground_truth else None
     return _hold_out(rig, manifest, archive.place("capture.json")), truth
 
 
@@ -259,6 +262,8 @@ def _manifest(archive: Archive, root: str, rigs: dict[str, RigFiles]) -> dict[st
         raise InputError(place, "format", "an object with an integer format", repr(manifest)[:60])
     if manifest["format"] > FORMAT:
         raise InputError(place, "format", f"at most {FORMAT} (update the studio)", manifest["format"])
+    if not isinstance(manifest.get("provenance", {}), dict):
+        raise InputError(place, "provenance", "an object", repr(manifest["provenance"])[:60])
     for key in ("held_out_frames", "held_out_cameras"):
         held = manifest.get(key, {})
         if not isinstance(held, dict) or not all(isinstance(held[rig], list) for rig in held):

@@ -1,8 +1,9 @@
 """What a capture knows exactly: posed meshes, joints, and where it was rendered with them depth and normals.
 
 `ground_truth.npz` of a rig: `vertices` (t, v, 3), `faces` (f, 3), optional `joints` (t, 55, 3), `tpose_joints` (55, 3),
-world metres; optional `face_material` (f,) into the names `materials`: one called opacity is of cards that are mostly
-transparent, and no part of the surface. Letters: t frames, v vertices, f faces.
+world metres; `<camera>/truth/%08d.npz` of some frames: `depth` (h, w) camera z, `normal` (h, w, 3) world, both 0 on the
+background; optional `face_material` (f,) into the names `materials`: one called opacity is of cards that are mostly
+transparent, and no part of the surface. Letters: t frames, v vertices, f faces, h w pixels.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from avatarrex.assets import require
+from avatarrex.capture.calibration import Lens
 from avatarrex.capture.layout import RigFiles
 from avatarrex.errors import InputError
 
@@ -22,15 +24,18 @@ from avatarrex.errors import InputError
 class RigTruth:
     """The exact data of one rig, read when first asked for."""
 
-    def __init__(self, files: RigFiles, scale: float = 1.0, frames: int | None = None) -> None:
+    def __init__(
+        self, files: RigFiles, scale: float = 1.0, frames: int | None = None, lenses: tuple[Lens, ...] = ()
+    ) -> None:
         name = files.ground_truth
         if name is None:
             raise InputError(files.archive.path, files.name("ground_truth.npz"), "the file to be there", "nothing")
         self._files, self._name, self.scale, self.frames = files, name, scale, frames
+        self._lenses = lenses
         self._lock = threading.Lock()
 
     def __getstate__(self) -> dict[str, Any]:
-        held = {"_files", "_name", "scale", "frames"}
+        held = {"_files", "_name", "scale", "frames", "_lenses"}
         return {name: value for name, value in self.__dict__.items() if name in held}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -81,6 +86,17 @@ class RigTruth:
         found = self.array("joints", (self.frames, 55, 3))
         return None if found is None else found.astype(np.float64) * self.scale
 
+    def geometry(self, view: int, frame: int, key: str, channels: tuple[int, ...]) -> np.ndarray | None:
+        """`depth` or `normal` of a picture, (h, w, *channels) as stored, or None where the capture has none."""
+        name = self._files.name(self._lenses[view].name, "truth", f"{frame:08d}.npz")
+        if not self._files.archive.exists(name):
+            return None
+        camera = self._lenses[view].camera
+        arrays = self._files.archive.arrays(name, (key,))
+        if key not in arrays:
+            return None
+        return require(arrays, self._files.archive.place(name), key, (camera.height, camera.width, *channels))
+
 
 class GroundTruth:
     """Exact meshes (and where there are any, depth and normals) by rig and frame."""
@@ -103,12 +119,14 @@ class GroundTruth:
         return None if joints is None else joints[frame]
 
     def depth(self, rig: str, view: int, frame: int) -> np.ndarray | None:
-        """(h, w) camera z in metres, 0 on the background, or None."""
-        return None
+        """(h, w) float32 camera z in metres, 0 on the background, or None."""
+        found = self._rig(rig).geometry(view, frame, "depth", ())
+        return None if found is None else found.astype(np.float32) * np.float32(self._rig(rig).scale)
 
     def normal(self, rig: str, view: int, frame: int) -> np.ndarray | None:
-        """(h, w, 3) unit world normals, 0 on the background, or None."""
-        return None
+        """(h, w, 3) float32 unit world normals, 0 on the background, or None."""
+        found = self._rig(rig).geometry(view, frame, "normal", (3,))
+        return None if found is None else found.astype(np.float32)
 
     def _rig(self, name: str) -> RigTruth:
         if name not in self.rigs:

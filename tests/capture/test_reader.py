@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from capture.tiny_capture import FRAMES, HEIGHT, WIDTH, TinyCapture, cameras, jpeg
+from capture.tiny_capture import FRAMES, HEIGHT, WIDTH, TinyCapture, cameras, jpeg, npz
 
 from avatarrex.capture.capture import Capture, open_capture
 from avatarrex.capture.images_store import ByteCache
@@ -212,3 +212,39 @@ def test_threads_and_pickles_read_the_same(tiny: TinyCapture, tmp_path: Path) ->
     assert np.array_equal(again.image(1, 2), wanted[1, 2])
     truth = pickle.loads(pickle.dumps(capture.ground_truth))
     assert np.array_equal(truth.vertices("body", 1), capture.ground_truth.vertices("body", 1))
+
+
+def test_depth_and_normals_where_there_are_any(copy: TinyCapture, tmp_path: Path, rng: np.random.Generator) -> None:
+    depth = rng.uniform(1, 3, (HEIGHT, WIDTH)).astype(np.float32)
+    normal = rng.standard_normal((HEIGHT, WIDTH, 3)).astype(np.float16)
+    copy.files["body/c1/truth/00000002.npz"] = npz(depth=depth, normal=normal)
+    copy.files["body/c2/truth/00000002.npz"] = npz(depth=depth[1:])
+    truth = open_capture(copy.zip(tmp_path / "a.zip")).ground_truth
+    assert truth is not None
+    assert np.array_equal(truth.depth("body", 1, 2), depth)
+    assert np.array_equal(truth.normal("body", 1, 2), normal.astype(np.float32))
+    assert truth.depth("body", 1, 1) is None
+    assert truth.normal("body", 2, 2) is None
+    with pytest.raises(ValueError, match=r"c2/truth/00000002\.npz: depth: expected shape \(80, 60\)"):
+        truth.depth("body", 2, 2)
+
+
+def test_faces_of_transparent_cards_are_no_surface(copy: TinyCapture, tmp_path: Path) -> None:
+    vertices = np.zeros((FRAMES, 4, 3), np.float32)
+    faces = np.array([[0, 1, 2], [1, 2, 3], [0, 2, 3]])
+    copy.files["body/ground_truth.npz"] = npz(
+        vertices=vertices,
+        faces=faces,
+        face_material=np.array([0, 1, 0], np.int8),
+        materials=np.array(["skin", "a_opacity"]),
+    )
+    truth = open_capture(copy.zip(tmp_path / "a.zip")).ground_truth
+    assert truth is not None
+    assert truth.faces.tolist() == faces[[0, 2]].tolist()
+
+
+def test_a_capture_that_is_still_being_made_says_so(copy: TinyCapture, tmp_path: Path) -> None:
+    copy.manifest(complete=False, provenance={"person_hash": "0" * 16})
+    notes = open_capture(copy.folder(tmp_path / "a")).notes
+    assert "capture.json: the capture is not complete" in notes
+    assert any("another version of the person (0000000000000000)" in note for note in notes)
