@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.fields.composition import Composed, compose, step_bound
@@ -97,28 +97,50 @@ def sample(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> Sample:
     size = torch.tensor(grid.sdf.shape).flip(0).to(position) - 1
     beyond = (place - place.clamp(min=torch.zeros_like(size), max=size)).norm(dim=-1) * grid.voxel
     body = trilinear(grid.sdf[..., None], place)[:, 0] + beyond
+    stored = stored_parts(volume, position)
+    own = body[:, None] * stored.inside
+    others = torch.full_like(own, torch.inf)
+    reach = position.new_full(position.shape[:1], torch.inf)
+    voxel, scale = (torch.full_like(reach, grid.voxel) for _ in range(2))
+    for part in volume.parts:
+        k = PARTS.index(part.name)
+        inside = stored.inside[:, k]
+        rows = torch.nonzero(inside)[:, 0]
+        reach = torch.where(inside, reach, reach.minimum(stored.distance[:, k] + part.voxel))
+        if part.contact is not None:
+            first = torch.as_tensor(part.contact.first[::-1].copy()).to(position)
+            own[rows, k], others[rows, k] = trilinear(part.contact.field, place[rows] - first).unbind(-1)
+        voxel[rows] = voxel[rows].clamp(max=part.voxel)
+        scale[rows] = scale[rows].minimum(grid.voxel + stored.omega[rows, k] * (part.voxel - grid.voxel))
+    composed = compose(body, stored.inside, stored.sdf, stored.omega, own, others)
+    bound = step_bound(composed.sdf, stored.inside, stored.sdf, own, others)
+    return Sample(composed, bound.minimum(reach), voxel, scale)
+
+
+@dataclass(frozen=True)
+class StoredParts:
+    """What the part boxes hold at points, in the order of `PARTS`; zero outside them."""
+
+    inside: Bool[Tensor, "p k"]
+    sdf: Float[Tensor, "p k"]
+    omega: Float[Tensor, "p k"]
+    distance: Float[Tensor, "p k"]
+    """Metres to the box; +inf where there is no such part."""
+
+
+def stored_parts(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> StoredParts:
+    """Trilinear values of all boxes at `position`, root frame."""
     count = len(position), len(PARTS)
     inside = torch.zeros(count, dtype=torch.bool)
-    part_sdf, omega, own = (position.new_zeros(count) for _ in range(3))
-    others = position.new_full(count, torch.inf)
-    reach = position.new_full(count[:1], torch.inf)
-    voxel, scale = (position.new_full(count[:1], grid.voxel) for _ in range(2))
+    sdf, omega = position.new_zeros(count), position.new_zeros(count)
+    apart = position.new_full(count, torch.inf)
     for part in volume.parts:
         k = PARTS.index(part.name)
         matrix = torch.as_tensor(part.box_from_root).to(position)
         local = position @ matrix[:3, :3].T + matrix[:3, 3]
         box = torch.as_tensor(part.size).to(position)
-        distance = torch.maximum(-local, local - box).clamp(min=0).norm(dim=-1)
-        inside[:, k] = distance == 0
+        apart[:, k] = torch.maximum(-local, local - box).clamp(min=0).norm(dim=-1)
+        inside[:, k] = apart[:, k] == 0
         rows = torch.nonzero(inside[:, k])[:, 0]
-        reach = torch.where(inside[:, k], reach, reach.minimum(distance + part.voxel))
-        part_sdf[rows, k], omega[rows, k] = trilinear(part.field, local[rows] / part.voxel).unbind(-1)
-        own[rows, k] = body[rows]
-        if part.contact is not None:
-            first = torch.as_tensor(part.contact.first[::-1].copy()).to(position)
-            own[rows, k], others[rows, k] = trilinear(part.contact.field, place[rows] - first).unbind(-1)
-        voxel[rows] = voxel[rows].clamp(max=part.voxel)
-        scale[rows] = scale[rows].minimum(grid.voxel + omega[rows, k] * (part.voxel - grid.voxel))
-    composed = compose(body, inside, part_sdf, omega, own, others)
-    bound = step_bound(composed.sdf, inside, part_sdf, own, others)
-    return Sample(composed, bound.minimum(reach), voxel, scale)
+        sdf[rows, k], omega[rows, k] = trilinear(part.field, local[rows] / part.voxel).unbind(-1)
+    return StoredParts(inside, sdf, omega, apart)

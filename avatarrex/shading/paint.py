@@ -1,0 +1,87 @@
+"""The colour of surface points of one posed avatar: body, hands and face by their shares (paper eq. 14).
+
+The body's points are grouped by node; hands and face are asked where their ω is not zero. Differentiable in the fields'
+parameters: training paints with it, too.
+
+Letters: p points. Root frame, metres; colours sRGB-encoded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from avatarrex.avatar import Avatar
+from avatarrex.counters import Counters
+from avatarrex.fields.body import BodyFrame
+from avatarrex.templates.posed import PosedPerson
+from avatarrex.volume.volume import PARTS
+
+OPAQUE = 0.999
+"""Summed ω from which the body's own colour is not computed: its share is below 1/255."""
+
+
+@dataclass
+class Paint:
+    """Colours of one frame; what a pose needs is decoded when it is first asked for."""
+
+    avatar: Avatar
+    posed: PosedPerson
+    body_frame: BodyFrame
+    views: Tensor | None
+    """Orthographic views of the face mesh."""
+    counters: Counters
+    patches: Tensor | None = None
+    """Feature patches (n, c, 32, 32) of this body pose."""
+    planes: Tensor | None = None
+    """Colour tri-planes of this expression."""
+
+    def colour(
+        self, position: Float[Tensor, "p 3"], direction: Float[Tensor, "p 3"], weight: Float[Tensor, "p 3"]
+    ) -> Float[Tensor, "p 3"]:
+        """Colours of points seen along unit `direction` (from the eye), with the parts' shares `weight`."""
+        colour = torch.zeros_like(position)
+        body = torch.nonzero(weight.sum(-1) < OPAQUE)[:, 0]
+        if len(body):
+            share = 1 - weight[body].sum(-1, keepdim=True)
+            colour = colour.index_add(0, body, share * self._body(position[body], direction[body]))
+        for column, name in enumerate(PARTS):
+            rows = torch.nonzero(weight[:, column] > 0)[:, 0]
+            if len(rows):
+                local, gaze = _into(self.posed.root_from_part(name), position[rows], direction[rows])
+                part = self._face(local, gaze) if name == "face" else self._hand(name, local)
+                colour = colour.index_add(0, rows, weight[rows, column, None] * part)
+        return colour
+
+    def _body(self, position: Tensor, direction: Tensor) -> Tensor:
+        body, frame = self.avatar.body, self.body_frame
+        if self.patches is None:
+            self.patches = body.patches(frame)
+            self.counters.add("patches_decoded", len(self.patches))
+        pairs = body.pairs(frame, position)
+        self.counters.add("body_pixels", len(position))
+        self.counters.add("local_mlp_evaluations", len(pairs.point))
+        return body.colour(frame, self.patches, position, direction, pairs)
+
+    def _hand(self, name: str, local: Tensor) -> Tensor:
+        self.counters.add("hand_pixels", len(local))
+        return self.avatar.hand(name).colour(self.posed.parts[name], self.posed.hand_pose[name], local)
+
+    def _face(self, local: Tensor, gaze: Tensor) -> Tensor:
+        if self.planes is None:
+            assert self.views is not None, "a pixel of the face, whose views were not drawn"
+            self.planes = self.avatar.face.colour_planes(self.views)
+            self.counters.add("unet_runs", 3)
+        self.counters.add("face_pixels", len(local))
+        return self.avatar.face.colour(self.planes, local, gaze)
+
+
+def _into(root_from_part: np.ndarray, position: Tensor, direction: Tensor) -> tuple[Tensor, Tensor]:
+    """Root-frame points and directions in a part's frame."""
+    part_from_root = torch.as_tensor(np.linalg.inv(root_from_part), dtype=torch.float32)
+    rotation = part_from_root[:3, :3].T
+    return position @ rotation + part_from_root[:3, 3], direction @ rotation

@@ -1,0 +1,101 @@
+"""Recipes: how long and how each part is trained (paper table 'Training statistics' and appendix table).
+
+`paper` is the paper's schedule; `quick` trains `compact` fields on two cores within the hour; `smoke` is for tests.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from avatarrex.training.volume_rendering import Quadrature
+
+Sampling = Literal["near", "uniform"]
+
+
+@dataclass(frozen=True)
+class PassOne:
+    """Volume rendering on sparse pixels."""
+
+    steps: int
+    frames: int
+    """Frames of a batch."""
+    rays: int
+    """Of the whole batch."""
+    samples: int
+    """On a ray: of `uniform` sampling all, of `near` those that are evaluated once γ is small."""
+    rate: float
+    """Learning rate at the start."""
+    decay: float
+    """Factor on the rate after every `decay_steps` steps, applied continuously."""
+    decay_steps: int
+    gamma_steps: int
+    """N of γ(n)."""
+    warm_steps: int
+    """Steps that fit the geometry to the template before; 0 starts from scratch."""
+    sampling: Sampling = "near"
+    quadrature: Quadrature = "interval"
+
+
+@dataclass(frozen=True)
+class PassTwo:
+    """Surface rendering of patches, geometry frozen."""
+
+    steps: int
+    patch: int
+    """Pixels a side."""
+    rate: float
+    decay: float
+    decay_steps: int
+    perceptual: float = 1.0
+    """λ_LPIPS."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All of a training."""
+
+    name: str
+    preset: str
+    """Widths of the networks."""
+    face: tuple[PassOne, PassTwo]
+    body: tuple[PassOne, PassTwo]
+    interval: int
+    """Steps between checkpoints; the volumes that place the samples are renewed with each."""
+    evaluate: int
+    """Steps between held-out renderings."""
+
+    def steps(self) -> dict[str, int]:
+        """Both passes' steps by part."""
+        return {part: sum(stage.steps for stage in getattr(self, part)) for part in ("face", "body")}
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self)
+
+
+PAPER = Recipe(
+    "paper",
+    "paper",
+    face=(PassOne(200_000, 4, 400, 64, 5e-4, 0.8, 20_000, 100_000, 2000, "near"), PassTwo(100_000, 128, 1e-4, 0.8, 20_000)),
+    body=(PassOne(300_000, 4, 400, 64, 5e-4, 0.8, 20_000, 100_000, 4000, "near"), PassTwo(100_000, 128, 1e-4, 0.8, 20_000)),
+    interval=2000,
+    evaluate=10_000,
+)  # fmt: skip
+QUICK = Recipe(
+    "quick",
+    "compact",
+    face=(PassOne(700, 1, 400, 6, 2e-3, 0.1, 700, 400, 300), PassTwo(300, 128, 2e-3, 0.2, 300)),
+    body=(PassOne(2600, 2, 400, 6, 2e-3, 0.15, 2600, 1300, 500), PassTwo(900, 128, 2e-3, 0.15, 900)),
+    interval=200,
+    evaluate=600,
+)
+SMOKE = Recipe(
+    "smoke",
+    "compact",
+    face=(PassOne(6, 1, 64, 6, 2e-3, 0.5, 10, 10, 6), PassTwo(3, 32, 1e-3, 0.5, 10)),
+    body=(PassOne(12, 2, 96, 6, 2e-3, 0.5, 20, 20, 12), PassTwo(4, 32, 1e-3, 0.5, 10)),
+    interval=5,
+    evaluate=1000,
+)
+RECIPES = {recipe.name: recipe for recipe in (PAPER, QUICK, SMOKE)}
