@@ -36,7 +36,7 @@ check: setup
 # Windows have a process of their own: Xlib ends it where the X server is lost (tests/app/conftest.py then names the test).
 test: check
 	$(BIN)/python -m pytest -q -m "not window"
-	$(BIN)/python -m pytest -q -m window tests/app/test_window.py
+	$(BIN)/python -m pytest -q -m window tests/app/test_window.py tests/app/test_runs_window.py
 
 bench: setup
 	$(BIN)/python benchmarks/frame.py

@@ -154,9 +154,11 @@ class Watched:
         if state not in ENDED and not (beat and beat.alive()):
             state = "dead"
         note = note or "; ".join(f"{name}: {text}" for name, text in self.reader.notes.items())
-        last = max(series.items(), key=lambda item: item[1].times[-1], default=None)
-        part = beat.part if beat and beat.part else (last[0].split("/")[0] if last else str(about.get("part") or ""))
-        step = max(beat.step if beat else 0, int(last[1].steps[-1]) if last and last[0].startswith(part + "/") else 0)
+        newest = max(series.items(), key=lambda item: item[1].times.max(), default=None)
+        reported = newest[0].split("/")[0] if newest else str(about.get("part") or "")
+        part, step = beat.part if beat and beat.part else reported, beat.step if beat else 0
+        if newest and part == reported:
+            step = int(newest[1].steps[newest[1].times.argmax()])
         steps = beat.steps if beat and beat.steps else _planned(about["config"].get("steps"), part)
         return RunView(
             self.path, self.name, state, note, about, part, beat.pass_name if beat else "", step, steps, series,

@@ -37,7 +37,7 @@ class Picture(torch.nn.Module):
 def target(path=None):
     """(h, w, 3) in [0, 1]: a picture file, or a disc on a gradient."""
     if path:
-        return torch.from_numpy(np.asarray(Image.open(path).convert("RGB"))).float() / 255
+        return torch.from_numpy(np.array(Image.open(path).convert("RGB"))).float() / 255
     y, x = torch.meshgrid(torch.linspace(-1, 1, 48), torch.linspace(-1, 1, 36), indexing="ij")
     disc = ((x**2 + y**2) < 0.4).float()
     return torch.stack([disc, 0.5 + 0.5 * y, 0.5 + 0.5 * x * (1 - disc)], -1)

@@ -58,35 +58,33 @@ class Curves:
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip("Axes go along with new values; wheel or drag a plot to look closer")
 
-    def plot(self, title: str, lines: Sequence[Line], size: tuple[float, float], log: bool = False,
-             form: str = "%.4g") -> None:  # fmt: skip
-        """A titled plot of `lines` of `size` points; `log`: a logarithmic axis, which values ≤ 0 are not on."""
+    def plot(
+        self, title: str, lines: Sequence[Line], size: tuple[float, float], log: bool = False, form: str = "%.4g",
+        named: bool = False, smooth: bool = False,
+    ) -> None:  # fmt: skip
+        """A titled plot of `lines` of `size` points, with their names or else their last values beside the title.
+
+        `log`: a logarithmic axis, which values ≤ 0 are not on; `smooth`: smoothed, over the values as they were.
+        """
         context()
         imgui.begin_group()
         imgui.text_colored(theme.vec4(theme.TEXT), title)
-        if len(lines) == 1:
-            _value(lines[0], form, size[0])
-        else:
-            _legend(lines, size[0])
+        _names(lines, size[0]) if named else _values(lines, form, size[0])
         flags = implot.Flags_.no_title | implot.Flags_.no_legend | implot.Flags_.no_menus
         flags |= implot.Flags_.no_mouse_text | implot.Flags_.no_box_select
         height = size[1] - imgui.get_text_line_height_with_spacing()
         if implot.begin_plot(f"##{title}", imgui.ImVec2(size[0], height), flags):
-            self._content(lines, log, form)
+            self._content(lines, log, form, smooth and self.smoothing > 0)
             implot.end_plot()
         imgui.end_group()
 
-    def _content(self, lines: Sequence[Line], log: bool, form: str) -> None:
-        fit = implot.AxisFlags_.auto_fit if self.following else implot.AxisFlags_.none
-        implot.setup_axes("", "", implot.AxisFlags_.no_label | fit, implot.AxisFlags_.no_label | fit)
-        if log:
-            implot.setup_axis_scale(implot.ImAxis_.y1, implot.Scale_.log10)
-        if self.by_time:
-            implot.setup_axis_format(implot.ImAxis_.x1, "%g min")
-        drawn = [(line, self._x(line.series), self._y(line.series, log)) for line in lines]
+    def _content(self, lines: Sequence[Line], log: bool, form: str, smooth: bool) -> None:
+        raw = [(line, self._x(line.series), _shown(line.series.values, log)) for line in lines]
+        drawn = [(line, x, self._y(line.series, log)) for line, x, _ in raw] if smooth else raw
+        self._axes([x for _, x, _ in raw], [y for *_, y in (*raw, *drawn)], log)
+        for line, x, y in raw if smooth else ():
+            _draw(f"##raw {line.label}", x, y, (*line.colour, 0.22), 1.0)
         for line, x, y in drawn:
-            if self.smoothing > 0 and len(x) > 1:
-                _draw(f"##raw {line.label}", x, _shown(line.series.values, log), (*line.colour, 0.22), 1.0)
             _draw(line.label, x, y, (*line.colour, 1.0), 1.8)
         if not implot.is_plot_hovered():
             return
@@ -95,6 +93,21 @@ class Curves:
         if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
             self.following = True
         self._tip(drawn, form)
+
+    def _axes(self, xs: Sequence[np.ndarray], ys: Sequence[np.ndarray], log: bool) -> None:
+        """Both axes around all values while they are followed, else where the user left them."""
+        bare = implot.AxisFlags_.no_label
+        implot.setup_axes("", "", bare, bare)
+        left, right = span(xs, 0.0, False)
+        low, high = span(ys, 0.06, log)
+        condition = implot.Cond_.always if self.following else implot.Cond_.once
+        implot.setup_axes_limits(left, right, low, high, condition)
+        implot.setup_axis_format(implot.ImAxis_.x1, "%g min" if self.by_time else "%.0f")
+        if log:
+            implot.setup_axis_scale(implot.ImAxis_.y1, implot.Scale_.log10)
+            if self.following:
+                ticks = log_ticks(low, high)
+                implot.setup_axis_ticks(implot.ImAxis_.y1, ticks, [f"{tick:.3g}" for tick in ticks])
 
     def _tip(self, drawn: Sequence[tuple[Line, np.ndarray, np.ndarray]], form: str) -> None:
         """The values at the cursor."""
@@ -120,6 +133,29 @@ class Curves:
             values = smoothed(series.values, self.smoothing)
             self._cache[id(series)] = series, self.smoothing, values
         return _shown(values, log)
+
+
+def span(values: Sequence[Float64[np.ndarray, "_"]], share: float, log: bool) -> tuple[float, float]:
+    """Lowest and highest of all finite values with `share` of their distance added, by ratio where `log`."""
+    finite = np.concatenate([np.zeros(0), *(entry[np.isfinite(entry)] for entry in values)])
+    if not len(finite):
+        return (0.1, 1.0) if log else (0.0, 1.0)
+    low, high = float(finite.min()), float(finite.max())
+    if log:
+        spread = max(high / low, 1.25) ** share if high > 1.25 * low else 1.12
+        return low / spread, high * spread
+    pad = share * (high - low) if high > low else max(0.05 * abs(low), 0.5 * (share == 0), 1e-12)
+    return low - pad, high + pad
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Round numbers on a logarithmic axis: powers of ten where there are many, else 1, 2 and 5, else even ratios."""
+    exponents = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    decades = [10.0**k for k in exponents if low <= 10.0**k <= high]
+    if len(decades) >= 4:
+        return decades[:: -(-len(decades) // 7)]
+    ticks = [step * 10.0**k for k in exponents for step in (1, 2, 5) if low <= step * 10.0**k <= high]
+    return ticks if len(ticks) >= 2 else [float(f"{tick:.2g}") for tick in np.geomspace(low, high, 5)[1:-1]]
 
 
 def smoothed(values: Float64[np.ndarray, "p"], amount: float) -> Float64[np.ndarray, "p"]:
@@ -153,7 +189,6 @@ def context() -> None:
     style = implot.get_style()
     style.plot_padding = imgui.ImVec2(4, 6)
     style.label_padding = imgui.ImVec2(4, 3)
-    style.fit_padding = imgui.ImVec2(0.0, 0.06)
     style.plot_border_size = 0
     style.minor_alpha = 0.35
     style.major_tick_len = style.minor_tick_len = imgui.ImVec2(0, 0)
@@ -189,20 +224,26 @@ def _draw(label: str, x: np.ndarray, y: np.ndarray, colour: tuple[float, ...], w
         implot.plot_line(label, x, y, spec)
 
 
-def _value(line: Line, form: str, width: float) -> None:
-    """The last value at the right end of the title's line."""
-    if len(line.series.values):
-        text = form % line.series.values[-1]
-        imgui.same_line(imgui.get_cursor_pos_x() + width - imgui.calc_text_size(text).x)
-        imgui.text_colored(theme.vec4(line.colour), text)
+def _values(lines: Sequence[Line], form: str, width: float) -> None:
+    """The last values at the right end of the title's line, as far as there is room."""
+    texts = [(form % line.series.values[-1], line.colour) for line in lines if len(line.series.values)]
+    title, gap = imgui.get_item_rect_size().x, 8.0
+    while texts and title + sum(imgui.calc_text_size(text).x + gap for text, _ in texts) > width:
+        texts.pop()
+    space = width - title - sum(imgui.calc_text_size(text).x for text, _ in texts) - gap * (len(texts) - 1)
+    for text, colour in texts:
+        imgui.same_line(0, space)
+        imgui.text_colored(theme.vec4(colour), text)
+        space = gap
 
 
-def _legend(lines: Sequence[Line], width: float) -> None:
-    """Coloured labels after the title, as many as fit."""
-    left = imgui.get_cursor_pos_x()
+def _names(lines: Sequence[Line], width: float) -> None:
+    """Coloured names after the title, as many as fit."""
+    used = imgui.get_item_rect_size().x
     for line in lines:
+        used += imgui.calc_text_size(line.label).x + 12
         imgui.same_line(0, 12)
-        if imgui.get_cursor_pos_x() + imgui.calc_text_size(line.label).x > left + width:
+        if used > width:
             imgui.text_colored(theme.vec4(theme.MUTED), "…")
             break
         imgui.text_colored(theme.vec4(line.colour), line.label)

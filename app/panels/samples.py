@@ -21,6 +21,8 @@ ROWS = 3
 KINDS = ("truth", "render", "difference")
 TITLES = {"truth": "Ground truth", "render": "Avatar", "difference": "Difference"}
 GAP = 8.0
+HIGHEST = 400.0
+"""Points that a picture may be high."""
 
 
 class Samples:
@@ -45,10 +47,11 @@ class Samples:
         having = [(run, colour) for run, colour in runs if self.view in run.samples][:ROWS]
         newest = self._options(names, having)
         width = imgui.get_content_region_avail().x
+        highest = HIGHEST if len(having) == 1 else 0.7 * HIGHEST
         for run, colour in having:
             if len(having) > 1:
                 imgui.text_colored(theme.vec4(colour), run.name)
-            self._row(run, watcher, newest if self.step is None else self.step, width)
+            self._row(run, watcher, newest if self.step is None else self.step, width, highest)
 
     def upload(self, context: moderngl.Context) -> None:
         """Bring what was drawn into textures. Before the interface's frame, in the window's context."""
@@ -95,7 +98,7 @@ class Samples:
         _, self.gain = imgui.slider_float("##gain", self.gain, 1.0, 16.0, "diff × %.0f")
         return steps[-1]
 
-    def _row(self, run: RunView, watcher: Watcher, step: int, width: float) -> None:
+    def _row(self, run: RunView, watcher: Watcher, step: int, width: float, highest: float) -> None:
         paths = {kind: run.picture(self.view, kind, step) for kind in ("truth", "render")}
         lone = [kind for kind in run.samples[self.view] if kind not in paths]
         paths |= {kind: run.picture(self.view, kind, step) for kind in lone}
@@ -106,6 +109,8 @@ class Samples:
             shown["difference"] = difference(truth, render, self.gain)
         kinds = [kind for kind in (*KINDS, *lone) if kind in paths or kind == "difference"]
         side = (width - GAP * (len(kinds) - 1)) / max(len(kinds), 1)
+        if shown:
+            side = min(side, min(highest * pixels.shape[1] / pixels.shape[0] for pixels in shown.values()))
         for number, kind in enumerate(kinds):
             if number:
                 imgui.same_line(0, GAP)
@@ -124,17 +129,11 @@ class Samples:
             imgui.dummy(imgui.ImVec2(side, side))
             return
         shape = pixels.shape if pixels is not None else (known[1].height, known[1].width) if known else (1, 1)
-        height = min(side * shape[0] / shape[1], 460.0)
-        size = imgui.ImVec2(height * shape[1] / shape[0], height)
+        size = imgui.ImVec2(side, side * shape[0] / shape[1])
         if known is None:
             imgui.dummy(size)
-            return
-        start = imgui.get_cursor_pos_x()
-        imgui.set_cursor_pos_x(start)
-        imgui.image(imgui.ImTextureRef(known[1].glo), size)
-        if size.x < side:
-            imgui.same_line(0, 0)
-            imgui.dummy(imgui.ImVec2(side - size.x, 1))
+        else:
+            imgui.image(imgui.ImTextureRef(known[1].glo), size)
 
 
 def difference(truth: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "h w 3"], gain: float

@@ -31,9 +31,11 @@ STATE_COLOURS = {
     "running": (0.47, 0.79, 0.50), "paused": theme.WARNING, "finished": theme.ACCENT, "stopped": theme.MUTED,
     "failed": theme.ERROR, "dead": theme.ERROR,
 }  # fmt: skip
-METRICS = (
+QUALITY = (
     ("heldout/psnr", "PSNR, held out (dB)", "%.2f", False), ("heldout/ssim", "SSIM, held out", "%.4f", False),
     ("heldout/lpips", "LPIPS, held out", "%.4f", False), ("heldout/iou", "IoU, held out", "%.4f", False),
+)  # fmt: skip
+PROGRESS = (
     ("schedule/lr", "Learning rate", "%.3g", True), ("schedule/gamma", "γ", "%.4g", True),
     ("rate/steps_per_s", "Steps a second", "%.3g", False), ("rate/samples_per_ray", "Samples per ray", "%.3g", False),
     ("memory/mib", "Memory (MiB)", "%.0f", False),
@@ -269,13 +271,15 @@ class TrainingPanel:
         lines = self._loss_lines(drawn, losses, width)
         if any(len(line.series.steps) for line in lines):
             title = "Loss" if len(drawn) == 1 else f"Loss: {self.term}"
-            self.curves.plot(title, lines, (width, 250 if width < WIDE - LIST_WIDTH else 300), log=True, form="%.3g")
+            self.curves.plot(title, lines, (width, 240), log=True, form="%.3g", named=True, smooth=True)
         else:
             imgui.text_colored(theme.vec4(theme.MUTED), "No losses reported yet")
-        self._metrics(drawn, shown, width)
+        self._metrics(QUALITY, drawn, shown, width)
         if widgets.group("Samples", "training.samples", False)[0]:
             pairs = [(view, self._colours[view.path]) for view in drawn]
             self.samples.draw(pairs, self.watcher, shown)
+        if widgets.group("Schedule and speed", "training.progress", False)[0]:
+            self._metrics(PROGRESS, drawn, shown, width)
 
     def _part_choice(self, parts: Sequence[str], shown: str) -> str:
         for number, part in enumerate(parts):
@@ -308,19 +312,18 @@ class TrainingPanel:
         return [Line(view.name, self._colours[view.path], losses[view.path][self.term]) for view in drawn
                 if self.term in losses[view.path]]  # fmt: skip
 
-    def _metrics(self, drawn: Sequence[RunView], part: str, width: float) -> None:
+    def _metrics(self, metrics: Sequence[tuple[str, str, str, bool]], drawn: Sequence[RunView], part: str, width: float
+                 ) -> None:  # fmt: skip
+        reported = [entry for entry in metrics if any(f"{part}/{entry[0]}" in view.series for view in drawn)]
         gap = imgui.get_style().item_spacing.x + 6
-        columns = max(1, min(4, int((width + gap) / (170 + gap))))
+        columns = max(1, min(len(reported), 4, int((width + gap) / (170 + gap))))
         side = (width - gap * (columns - 1)) / columns
-        number = 0
-        for tag, title, form, log_axis in METRICS:
+        for number, (tag, title, form, log_axis) in enumerate(reported):
             lines = [Line(view.name, self._colours[view.path], view.series[f"{part}/{tag}"]) for view in drawn
                      if f"{part}/{tag}" in view.series]  # fmt: skip
-            if lines:
-                if number % columns:
-                    imgui.same_line(0, gap)
-                number += 1
-                self.curves.plot(title, lines, (side, 158), log_axis, form)
+            if number % columns:
+                imgui.same_line(0, gap)
+            self.curves.plot(title, lines, (side, 150), log_axis, form, smooth=tag.startswith("rate/"))
 
 
 def facts(view: RunView) -> list[tuple[str, str]]:

@@ -51,6 +51,9 @@ class Heartbeat:
         file = path / "heartbeat.json"
         try:
             beat = cls(**(read_json(file) or {}))
+            numbers, words = (beat.pid, beat.step, beat.steps), (beat.host, beat.part, beat.pass_name)
+            if not (all(type(entry) is int for entry in numbers) and all(isinstance(entry, str) for entry in words)):
+                return None
             return replace(beat, time=max(float(beat.time), file.stat().st_mtime))
         except (TypeError, ValueError, OSError):
             return None

@@ -109,6 +109,8 @@ class Run:
 
     def stage(self, part: str, pass_name: str, steps: int) -> None:
         """Say what is being trained now and at which step it ends, for whoever watches. Optional."""
+        if part != self.part:
+            self.step = 0
         self.part, self.pass_name, self.steps = part, pass_name, steps
         self._heart.beat()
 
