@@ -55,7 +55,20 @@ def parser() -> argparse.ArgumentParser:
     _evaluate_options(
         verbs.add_parser("evaluate", help="measure an avatar against a capture's pictures", allow_abbrev=False)
     )
+    _train_options(verbs.add_parser("train", help="train an avatar from a capture", allow_abbrev=False))
     return top
+
+
+def _train_options(train: argparse.ArgumentParser) -> None:
+    add = train.add_argument
+    add("capture", help="a folder or .zip")
+    add("--out", required=True, metavar="RUN", help="a new folder for the run, or with --resume the one to go on with")
+    add("--preset", default="quick", metavar="P", help="paper, quick or smoke (quick)")
+    add("--parts", metavar="PARTS", help="face, body or face,body (what the capture has)")
+    add("--resume", action="store_true", help="go on from the run's last checkpoint")
+    add("--seed", default="0", metavar="N", help="of everything random (0)")
+    add("--held-out-frames", metavar="A:B:S", help="frames kept from training, instead of the capture's own")
+    add("--held-out-views", metavar="NAMES", help="body cameras kept from training, instead of the capture's own")
 
 
 def _evaluate_options(evaluate: argparse.ArgumentParser) -> None:
@@ -68,6 +81,7 @@ def _evaluate_options(evaluate: argparse.ArgumentParser) -> None:
     add("--held-out-frames", metavar="A:B:S", help="frames that were not trained on, instead of the capture's own")
     add("--held-out-views", metavar="NAMES", help="cameras that were not trained on, instead of the capture's own")
     add("--size", metavar="N", help="pixels of the longer side at most (the capture's)")
+    add("--samples", metavar="N", help="samples averaged along each side of a pixel (1, what the window shows)")
     add("--baselines", action="store_true", help="the skinned textured and mean-colour template beside it")
     add("--json", metavar="FILE.json", help="every figure")
     add("--sheet", metavar="OUT.png", help="a contact sheet: ground truth, avatar, difference")
@@ -136,6 +150,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "inspect": _inspect,
             "capture": _capture,
             "evaluate": _evaluate,
+            "train": _train,
             "runs": _runs,
         }
         return run[arguments.verb](arguments)
@@ -236,6 +251,12 @@ def _capture(arguments: argparse.Namespace) -> int:
     from avatarrex_studio import capture_check, capture_make
 
     return {"check": capture_check.run, "make": capture_make.run}[arguments.act](arguments)
+
+
+def _train(arguments: argparse.Namespace) -> int:
+    from avatarrex_studio import train
+
+    return train.run(arguments)
 
 
 def _evaluate(arguments: argparse.Namespace) -> int:

@@ -38,9 +38,8 @@ from avatarrex.templates.hand import pose_hand
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import PosedPerson, pose_person
+from avatarrex.training.losses import CLAMP, distance_loss
 
-CLAMP = 0.06
-"""Metres: farther distances all count the same; the volume's band is as wide."""
 CHECKPOINT_SECONDS = 60
 MINUTES = {"body": 66.0, "face": 62.0, "hands": 3.0}
 """Of steps, without the sampling of poses before them (three minutes each for body and face)."""
@@ -142,7 +141,7 @@ def fit_body(
         gaze = torch.nn.functional.normalize(-data.normal[paint] + 0.5 * torch.randn(BODY_BATCH, 3), dim=-1)
         colour = field.colour(frame, field.patches(frame), data.surface[paint], gaze)
         return {
-            "distance": 20 * _distance_loss(predicted, data.sdf[rows]),
+            "distance": 20 * distance_loss(predicted, data.sdf[rows]),
             "colour": (colour - data.colour[paint]).abs().mean(),
             "residual": 10 * frame.code.residual.square().mean(),
         }
@@ -194,7 +193,7 @@ def fit_face(
         gaze = torch.nn.functional.normalize(-data.normal[rows] + 0.5 * torch.randn(FACE_BATCH, 3), dim=-1)
         colour = field.colour(field.colour_planes(views), data.surface[rows], gaze)
         return {
-            "distance": 20 * _distance_loss(predicted, data.sdf[rows]),
+            "distance": 20 * distance_loss(predicted, data.sdf[rows]),
             "colour": (colour - data.colour[rows]).abs().mean(),
         }
 
@@ -304,12 +303,6 @@ def package(out: Path, target: Path, preset: str = "compact", seed: int = 0) -> 
         "consent": "synthetic person; no real person is depicted",
     }
     save_avatar(avatar, target)
-
-
-def _distance_loss(predicted: Tensor, target: Tensor) -> Tensor:
-    """Mean absolute error of clamped distances, near the surface counted more; in metres."""
-    weight = 1 / (1 + target.abs() / 0.01)
-    return (weight * (predicted.clamp(-CLAMP, CLAMP) - target.clamp(-CLAMP, CLAMP)).abs()).mean()
 
 
 def _checkpoint(path: Path, avatar: Avatar, part: str, optimiser: torch.optim.Optimizer, state: dict[str, Any]) -> None:

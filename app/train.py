@@ -1,0 +1,78 @@
+"""`avatarrex-studio train CAPTURE --preset P --out RUN`: train an avatar from a capture."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+
+from avatarrex_studio import options
+from avatarrex_studio.evaluate import views_of
+
+from avatarrex.capture.capture import Capture, Rig, open_capture
+from avatarrex.errors import InputError
+from avatarrex.training.recipe import RECIPES
+from avatarrex.training.run import Run
+from avatarrex.training.train import PARTS, Trainer
+
+STOPPED = 130
+"""Exit status of a run that was asked to stop before its end."""
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Train, or go on with a training. Raises `InputError` before any work for a wrong option."""
+    if arguments.preset not in RECIPES:
+        raise InputError("--preset", "", ", ".join(RECIPES), arguments.preset)
+    if not arguments.seed.isdigit():
+        raise InputError("--seed", "", "an integer from 0", arguments.seed or "nothing")
+    seed = int(arguments.seed)
+    chosen = tuple(arguments.parts.split(",")) if arguments.parts else None
+    for part in chosen or ():
+        if part not in PARTS:
+            raise InputError("--parts", "", "face, body or face,body", part or "nothing")
+    capture = open_capture(arguments.capture)
+    for note in capture.notes:
+        print(note)
+    capture = replace(capture, rigs={name: _held_out(rig, arguments) for name, rig in capture.rigs.items()})
+    parts = tuple(part for part in PARTS if part in (chosen or capture.rigs))
+    trained = _open_run(arguments, capture, parts, seed)
+    with trained:
+        trainer = Trainer(capture, RECIPES[arguments.preset], parts, trained, seed)
+        print(trainer.perceptual.note)
+        finished = trainer.train()
+        trained.close("finished" if finished else "stopped")
+    print(f"{trained.path}: " + ("finished" if finished else "stopped; --resume goes on"))
+    return 0 if finished else STOPPED
+
+
+def _held_out(rig: Rig, arguments: argparse.Namespace) -> Rig:
+    """The rig with the options' frames (of every rig) and views (of the rig that has them) held out."""
+    frames, views = rig.held_out_frames, rig.held_out_views
+    if arguments.held_out_frames:
+        frames = frozenset(options.frames(arguments.held_out_frames, rig.frames))
+    if arguments.held_out_views and rig.name == "body":
+        views = frozenset(views_of(rig, arguments.held_out_views, "--held-out-views"))
+    return rig.holding_out(frames, views)
+
+
+def _open_run(arguments: argparse.Namespace, capture: Capture, parts: tuple[str, ...], seed: int) -> Run:
+    recipe = RECIPES[arguments.preset]
+    config = {
+        "part": ",".join(parts),
+        "preset": recipe.name,
+        "capture": str(arguments.capture),
+        "seed": seed,
+        "steps": {part: steps for part, steps in recipe.steps().items() if part in parts},
+        "recipe": recipe.to_json(),
+        "held_out": {
+            name: {"frames": sorted(rig.held_out_frames), "views": sorted(rig.held_out_views)}
+            for name, rig in capture.rigs.items()
+        },
+    }
+    if not arguments.resume:
+        return Run.create(arguments.out, config)
+    opened = Run.open(arguments.out)
+    for key in ("part", "preset", "seed", "held_out"):
+        if opened.config.get(key) != config[key]:
+            opened.close("stopped")
+            raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as asked for", opened.config.get(key))
+    return opened

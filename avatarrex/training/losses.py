@@ -1,0 +1,47 @@
+"""The terms of both passes' losses, with the paper's weights (sec. 5.1 and the appendix's table).
+
+    L_I  = L_rgb + 1.0 L_mask + 2.0 L_eikonal + 0.04 L_node + 0.01 L_ebd + 1e-6 L_KL
+    L_II = L_rgb + 1.0 L_perceptual
+
+Letters: r rays, p points. Colours in [0, 1], premultiplied.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from avatarrex.training.trained_field import TrainedField
+
+WEIGHTS = {"rgb": 1.0, "mask": 1.0, "eikonal": 2.0, "node": 0.04, "embedding": 0.01, "kl": 1e-6, "perceptual": 1.0}
+CLAMP = 0.06
+"""Metres: farther distances all count the same; the volume's band is as wide."""
+
+
+def rgb_loss(colour: Float[Tensor, "r 3"], truth: Float[Tensor, "r 3"], weight: Float[Tensor, " r"]) -> Tensor:
+    """Mean squared error over rays and channels, rays weighted."""
+    return ((colour - truth).square().mean(-1) * weight).sum() / weight.sum().clamp_min(1e-6)
+
+
+def mask_loss(opacity: Float[Tensor, " r"], matte: Float[Tensor, " r"], weight: Float[Tensor, " r"]) -> Tensor:
+    """Mean absolute error, rays weighted."""
+    return ((opacity - matte).abs() * weight).sum() / weight.sum().clamp_min(1e-6)
+
+
+def eikonal_loss(field: TrainedField, position: Float[Tensor, "p 3"]) -> Tensor:
+    """Mean (‖∇s‖ − 1)² of the trained part at points."""
+    position = position.detach().requires_grad_(True)
+    (slope,) = torch.autograd.grad(field.alone(position).sum(), position, create_graph=True)
+    return (slope.norm(dim=-1) - 1).square().mean()
+
+
+def weighted(terms: dict[str, Tensor]) -> Tensor:
+    """The sum with the paper's weights."""
+    return torch.stack([WEIGHTS[name] * value for name, value in terms.items()]).sum()
+
+
+def distance_loss(predicted: Float[Tensor, " p"], target: Float[Tensor, " p"]) -> Tensor:
+    """Mean absolute error of clamped distances, near the surface counted more; in metres. Of supervised fits."""
+    weight = 1 / (1 + target.abs() / 0.01)
+    return (weight * (predicted.clamp(-CLAMP, CLAMP) - target.clamp(-CLAMP, CLAMP)).abs()).mean()

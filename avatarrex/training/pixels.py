@@ -1,0 +1,87 @@
+"""Pixels of a rig to learn from: colours on black, mattes, and the rays that see them.
+
+Colours are sRGB-encoded in [0, 1], multiplied by the matte. Letters: r rays, h w pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from avatarrex.camera import Camera
+from avatarrex.capture.capture import Rig
+from avatarrex.errors import InputError
+
+FOREGROUND = 0.75
+"""Share of the rays on the person; the others are drawn from the box around it."""
+AROUND = 0.12
+"""Of the box's size: how far around the person the background is drawn from."""
+
+
+@dataclass(frozen=True)
+class PixelBatch:
+    """Pixels of one view of one frame."""
+
+    place: Float[Tensor, "r 2"]
+    """(x, y), centres at +0.5."""
+    colour: Float[Tensor, "r 3"]
+    matte: Float[Tensor, " r"]
+
+
+def training_pairs(rig: Rig) -> list[tuple[int, int]]:
+    """(frame, view) that are there and not held out, frame by frame. Raises `InputError` where there are none."""
+    pairs = [
+        (frame, view)
+        for frame in range(rig.frames)
+        for view in range(len(rig.views))
+        if frame not in rig.held_out_frames and view not in rig.held_out_views and rig.available(view, frame)
+    ]
+    if not pairs:
+        raise InputError(f"{rig.name} rig", "pictures", "at least one that is not held out", "none")
+    return pairs
+
+
+def on_black(rig: Rig, view: int, frame: int) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w"]]:
+    """A whole picture: colours times matte, and the matte."""
+    matte = torch.from_numpy(rig.matte(view, frame) / np.float32(255))
+    return torch.from_numpy(rig.image(view, frame) / np.float32(255)) * matte[..., None], matte
+
+
+def draw_pixels(
+    rig: Rig, view: int, frame: int, count: int, rng: np.random.Generator, within: tuple[int, int, int, int] | None
+) -> PixelBatch:
+    """`count` pixels, most of them on the person; `within` (x0, y0, x1, y1) restricts them to a box.
+
+    A picture without foreground gives background alone.
+    """
+    image, matte = rig.image(view, frame), rig.matte(view, frame)
+    height, width = matte.shape
+    x0, y0, x1, y1 = within or (0, 0, width, height)
+    ys, xs = np.nonzero(matte[y0:y1, x0:x1] > 127)
+    wanted = round(count * FOREGROUND) if len(ys) else 0
+    picked = rng.integers(len(ys), size=wanted) if wanted else np.zeros(0, int)
+    if len(ys) and within is None:
+        margin = 1 + int(AROUND * max(np.ptp(ys), np.ptp(xs)))
+        x0, x1 = max(int(xs.min()) - margin, 0), min(int(xs.max()) + margin + 1, width)
+        y0, y1 = max(int(ys.min()) - margin, 0), min(int(ys.max()) + margin + 1, height)
+        on_x, on_y = xs[picked], ys[picked]
+    else:
+        on_x, on_y = xs[picked] + x0, ys[picked] + y0
+    x = np.concatenate([on_x, rng.integers(x0, x1, count - wanted)])
+    y = np.concatenate([on_y, rng.integers(y0, y1, count - wanted)])
+    alpha = matte[y, x].astype(np.float32) / 255
+    colour = image[y, x].astype(np.float32) / 255 * alpha[:, None]
+    place = np.stack([x, y], 1).astype(np.float32) + 0.5
+    return PixelBatch(torch.from_numpy(place), torch.from_numpy(colour), torch.from_numpy(alpha))
+
+
+def cropped(camera: Camera, x: int, y: int, width: int, height: int) -> Camera:
+    """The part of a view whose top left pixel is (x, y)."""
+    intrinsics = camera.intrinsics.copy()
+    intrinsics[0, 2] -= x
+    intrinsics[1, 2] -= y
+    return Camera(intrinsics, camera.camera_from_world, width, height)

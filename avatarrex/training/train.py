@@ -1,0 +1,291 @@
+"""Training from images: face first, then frozen; then body and hands; each in two passes (paper sec. 5.3).
+
+A run folder (run.py) takes losses, held-out figures and pictures, and checkpoints at steps that are multiples of the
+recipe's interval. Everything random in a step follows from the seed and the step, and the stored volumes are renewed at
+checkpoints only: a resumed run repeats the interrupted one bit for bit on a CPU.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import resource
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from tqdm import tqdm
+
+from avatarrex.avatar import Avatar
+from avatarrex.capture.capture import Capture
+from avatarrex.errors import InputError
+from avatarrex.metrics.perceptual import Perceptual
+from avatarrex.training.frames import FrameStore
+from avatarrex.training.held_out import HeldOut
+from avatarrex.training.losses import weighted
+from avatarrex.training.pass_one import BodyPass, FacePass, StepResult
+from avatarrex.training.pass_two import PatchPass
+from avatarrex.training.recipe import PassOne, PassTwo, Recipe
+from avatarrex.training.run import Run
+from avatarrex.training.volume_rendering import Gamma
+from avatarrex.training.warm_start import warm_start
+
+PARTS = ("face", "body")
+"""In the order of training."""
+REPORT = 20
+"""Steps between lines of figures."""
+
+
+class Diverged(ArithmeticError):
+    """A loss that is not finite; the message names the saved batch."""
+
+
+@dataclass
+class Stage:
+    """One pass of one part."""
+
+    part: str
+    name: str
+    """`I` or `II`."""
+    recipe: PassOne | PassTwo
+    begin: int
+    """Its first step in the count of its part."""
+
+    @property
+    def end(self) -> int:
+        """The step after its last."""
+        return self.begin + self.recipe.steps
+
+    def rate(self, step: int) -> float:
+        """Learning rate, exponential decay."""
+        return self.recipe.rate * self.recipe.decay ** ((step - self.begin) / self.recipe.decay_steps)
+
+    def gamma(self, step: int) -> float:
+        """γ(n) of pass I; its last value in pass II."""
+        one = self.recipe
+        return Gamma(steps=one.gamma_steps).at(step) if isinstance(one, PassOne) else Gamma().last
+
+
+def stages(recipe: Recipe, parts: tuple[str, ...]) -> list[Stage]:
+    """All passes in order."""
+    found = []
+    for part in (part for part in PARTS if part in parts):
+        one, two = getattr(recipe, part)
+        found += [Stage(part, "I", one, 0), Stage(part, "II", two, one.steps)]
+    return found
+
+
+class Trainer:
+    """A training at work."""
+
+    def __init__(self, capture: Capture, recipe: Recipe, parts: tuple[str, ...], run: Run, seed: int) -> None:
+        self.capture, self.recipe, self.run, self.seed = capture, recipe, run, seed
+        for part in parts:
+            if part not in capture.rigs:
+                raise InputError(capture.path, "parts", "rigs of the capture: " + ", ".join(capture.rigs), part)
+        self.parts = parts
+        self.stages = stages(recipe, parts)
+        self.avatar = Avatar.create(capture.person, recipe.preset, seed)
+        self.hidden = frozenset() if "face" in parts else frozenset({"face"})
+        self.perceptual = Perceptual.load()
+        self.interrupted = False
+
+    def train(self) -> bool:
+        """Go on from the run's last checkpoint to the end; False where it was stopped before."""
+        place, state = self._restore()
+        with _on_interrupt(self):
+            for number, stage in enumerate(self.stages):
+                if number < place:
+                    continue
+                if not self._train_stage(number, stage, state if number == place else None):
+                    return False
+        return True
+
+    def _restore(self) -> tuple[int, dict[str, Any] | None]:
+        """The stage to go on with, and its state where it has begun."""
+        latest = self.run.latest()
+        if latest is None:
+            return 0, None
+        _, state = latest
+        for name, module in self.avatar.modules().items():
+            module.load_state_dict(state["modules"][name])
+        return int(state["stage"]), state if "optimiser" in state else None
+
+    def _train_stage(self, number: int, stage: Stage, state: dict[str, Any] | None) -> bool:
+        rig = self.capture.rigs[stage.part]
+        fine = stage.name == "II"
+        step = stage.begin if state is None else int(state["step"])
+        if state is None and number == 0:
+            self._warm_start()
+        store = FrameStore(self.avatar, rig, stage.part, self.hidden, fine)
+        store.renew(step)
+        work = self._pass(stage, store)
+        parameters = work.parameters()
+        for parameter in parameters:
+            parameter.requires_grad_(True)
+        optimiser = torch.optim.Adam(parameters, lr=stage.rate(step))
+        if state is not None:
+            optimiser.load_state_dict(state["optimiser"])
+            if isinstance(work, BodyPass):
+                work.frame_codes.data.copy_(state["frame_codes"])
+        self.run.stage(stage.part, stage.name, stage.end)
+        if state is None:
+            self._save(number, step, work, optimiser)
+        held_out = HeldOut(self.avatar, rig, self.hidden, self.run, stage.part)
+        done = self._loop(number, stage, step, store, work, optimiser, held_out)
+        for parameter in parameters:
+            parameter.requires_grad_(False)
+        return done
+
+    def _warm_start(self) -> None:
+        """Fit the geometry of every part to the template: a part that is trained first is seen beside the others."""
+        for part in (part for part in ("body", "face") if part not in self.hidden):
+            steps = getattr(self.recipe, part)[0].warm_steps
+            rig = self.capture.rigs.get(part) or self.capture.rigs[self.parts[0]]
+            store = FrameStore(self.avatar, rig, part, self.hidden)
+            error = warm_start(self.avatar, store, part, steps, self.seed) if steps else math.nan
+            self.run.scalars(0, {f"{part}/warm_start/error_mm": 1e3 * error})
+
+    def _pass(self, stage: Stage, store: FrameStore) -> BodyPass | FacePass | PatchPass:
+        if isinstance(stage.recipe, PassTwo):
+            return PatchPass(self.avatar, store, stage.part, stage.recipe, self.perceptual, self.seed)
+        kind = FacePass if stage.part == "face" else BodyPass
+        return kind(self.avatar, store, stage.recipe, self.seed)
+
+    def _loop(
+        self,
+        number: int,
+        stage: Stage,
+        step: int,
+        store: FrameStore,
+        work: BodyPass | FacePass | PatchPass,
+        optimiser: torch.optim.Optimizer,
+        held_out: HeldOut,
+    ) -> bool:
+        label = f"{stage.part}: pass {stage.name}"
+        began, begun_at = time.monotonic(), step
+        with tqdm(total=stage.recipe.steps, initial=step - stage.begin, desc=label) as bar:
+            while step < stage.end:
+                gamma = stage.gamma(step)
+                for group in optimiser.param_groups:
+                    group["lr"] = stage.rate(step)
+                result = work.step(step, gamma)
+                total = weighted(result.terms)
+                if not torch.isfinite(total):
+                    raise self._diverged(stage, step, result)
+                optimiser.zero_grad(set_to_none=True)
+                total.backward()
+                optimiser.step()
+                if step % REPORT == 0:
+                    seconds = max(time.monotonic() - began, 1e-6)
+                    self._report(stage, step, result, float(total), gamma, (step + 1 - begun_at) / seconds)
+                step += 1
+                bar.update()
+                asked = self._asked()
+                at_interval = step % self.recipe.interval == 0 or step == stage.end
+                if at_interval:
+                    if isinstance(stage.recipe, PassOne):
+                        store.renew(step)
+                    last = step == stage.end
+                    score = held_out.measure(step) if last or step % self.recipe.evaluate == 0 else None
+                    follows = number + 1 if last else number
+                    self._save(follows, step, None if last else work, None if last else optimiser, score)
+                if asked == "stop":
+                    if not at_interval:
+                        self._save(number, step, work, optimiser)
+                    return number + 1 == len(self.stages) and step == stage.end
+        return True
+
+    def _asked(self) -> str:
+        asked = "stop" if self.interrupted else self.run.control()
+        while asked == "pause":
+            time.sleep(0.2)
+            asked = "stop" if self.interrupted else self.run.control()
+        return asked
+
+    def _save(
+        self,
+        stage: int,
+        step: int,
+        work: BodyPass | FacePass | PatchPass | None,
+        optimiser: torch.optim.Optimizer | None,
+        score: float | None = None,
+    ) -> None:
+        self.avatar.meta |= self._provenance(step)
+        state: dict[str, Any] = {
+            "stage": stage,
+            "step": step,
+            "modules": {name: dict(module.state_dict()) for name, module in self.avatar.modules().items()},
+        }
+        if optimiser is not None:
+            state["optimiser"] = optimiser.state_dict()
+        if isinstance(work, BodyPass):
+            state["frame_codes"] = work.frame_codes.data
+        before = sum(self.recipe.steps()[part] for part in PARTS[: PARTS.index(self.run.part)] if part in self.parts)
+        self.run.save(before + step, state, avatar=self.avatar, score=score)
+
+    def _provenance(self, step: int) -> dict[str, Any]:
+        """What avatar.json says of where the avatar comes from."""
+        return {
+            "name": Path(self.capture.path).stem,
+            "origin": "trained from images in two passes",
+            "training": {
+                "capture": Path(self.capture.path).name,
+                "recipe": self.recipe.name,
+                "parts": list(self.parts),
+                "at": f"{self.run.part} step {step}",
+                "perceptual": self.perceptual.name,
+                "seed": self.seed,
+            },
+        }
+
+    def _report(self, stage: Stage, step: int, result: StepResult, total: float, gamma: float, rate: float) -> None:
+        values = {f"loss/{name}": float(value.detach()) for name, value in result.terms.items()}
+        values |= {
+            "loss/total": total,
+            "schedule/gamma": gamma,
+            "schedule/lr": stage.rate(step),
+            "rate/steps_per_s": rate,
+            "rate/samples_per_ray": result.samples_per_ray,
+            "memory/mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        }
+        self.run.scalars(step, {f"{stage.part}/{name}": value for name, value in values.items()})
+
+    def _diverged(self, stage: Stage, step: int, result: StepResult) -> Diverged:
+        """Save what the step was made of, and the error to raise."""
+        path = self.run.path / "failed_step.json"
+        terms = {name: float(value.detach()) for name, value in result.terms.items()}
+        content = {"part": stage.part, "pass": stage.name, "step": step, "seed": self.seed, "terms": terms}
+        content["pictures"] = [list(pair) for pair in result.pictures]
+        path.write_text(json.dumps(content, indent=2) + "\n")
+        bad = ", ".join(name for name, value in terms.items() if not math.isfinite(value))
+        return Diverged(
+            f"{stage.part}, pass {stage.name}, step {step}: {bad or 'the total'} is not finite; the batch is described in"
+            f" {path}; --resume goes on from the last checkpoint"
+        )
+
+
+@contextmanager
+def _on_interrupt(trainer: Trainer) -> Iterator[None]:
+    """Ctrl+C asks for a stop after the step; a second one stops at once."""
+
+    def ask(number: int, frame: object) -> None:
+        if trainer.interrupted:
+            raise KeyboardInterrupt
+        trainer.interrupted = True
+        tqdm.write("stopping after this step (Ctrl+C again: at once)")
+
+    try:
+        before = signal.signal(signal.SIGINT, ask)
+    except ValueError:  # not in the main thread: whoever runs it there stops it by control.json
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
