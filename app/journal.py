@@ -96,7 +96,9 @@ class Journal:
             raise InputError(source, "kind", "a session of the studio", type(data).__name__)
         if not isinstance(data.get("format"), int) or data["format"] > FORMAT:
             raise InputError(source, "format", f"at most {FORMAT} (update the studio)", data.get("format"))
-        journal = cls(StudioState.from_json(data.get("start"), f"{source}: start"))
+        if not isinstance(data.get("start"), dict):
+            raise InputError(source, "start", "an object", type(data.get("start")).__name__)
+        journal = cls(StudioState.from_json(data["start"], f"{source}: start"))
         for number, entries in enumerate(data["steps"]):
             if not isinstance(entries, list):
                 raise InputError(source, f"steps[{number}]", "a list of commands", type(entries).__name__)

@@ -212,10 +212,12 @@ class Studio:
     def open_session(self, path: str) -> None:
         """Go on from a saved journal."""
         try:
-            self.journal = Journal.load(path)
+            journal = Journal.load(path)
+            self.engine.avatar(journal.state.avatar)  # a session whose avatar is lost does not replace this one
         except InputError as error:
             log.error("%s", error)
             return
+        self.journal = journal
         self.playing, self.motion = False, None
         log.info("opened %s", path)
 

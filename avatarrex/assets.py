@@ -22,7 +22,7 @@ from avatarrex.files import what_is
 
 DATA = Path(__file__).parent / "data"
 SPECS = Path(__file__).parent / "assets_spec"
-LARGEST = 2**32
+LARGEST = 2**31
 """Bytes that the arrays of one file may unpack to: a few MB of zip can claim any number."""
 KINDS = {"float": "f", "integer": "iu", "text": "U"}
 
