@@ -1,6 +1,7 @@
 """Make the clothed subject's solids: `avatarrex/data/subject.npz` from `avatarrex/data/person.npz`.
 
     python tools/build_subject.py            (needs the extra `sdf`; about two minutes)
+    python tools/build_subject.py loose      (`subject_loose.npz`: a wide tunic instead of the T-shirt)
 
 The pattern: a T-shirt, trousers, two shoes and a short haircut as level sets over the default person
 (capture/drape.py), teeth closed by caps, and the skin under cloth pushed inwards. Each solid is bound to the body:
@@ -26,13 +27,13 @@ from scipy.spatial import cKDTree
 from avatarrex.assets import DATA, read_arrays
 from avatarrex.capture import drape
 from avatarrex.capture.drape import Field, Loft, hang, loft, smooth_max, smooth_min
-from avatarrex.capture.subject import Subject, load_subject
+from avatarrex.capture.subject import PACKAGED, Subject, load_subject
 from avatarrex.capture.texture import value_noise
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import load_person
 
-PERSON, OUT = DATA / "person.npz", DATA / "subject.npz"
-CLOTH_STEP, SHOE_STEP, HAIR_STEP = 0.0085, 0.0055, 0.0038
+PERSON = DATA / "person.npz"
+CLOTH_STEP, TUNIC_STEP, SHOE_STEP, HAIR_STEP = 0.0085, 0.0095, 0.0055, 0.0038
 """Metres between marching-cubes samples: folds of 3 cm need 4 vertices."""
 MOUTH_OPENNESS = 0.55
 """Least openness inside the mouth, which is baked shut but seen open."""
@@ -193,6 +194,58 @@ def shirt(body: Body, below: Piece) -> Piece:
     cloth = len(vertices)
     vertices, faces = drape.close_hems(vertices, faces, level, CLOTH, lambda c: 0.010 if c[Y] > 0.5 else 0.016)
     return Piece("shirt", vertices, faces, 30, level, cloth)
+
+
+def tunic(body: Body) -> Piece:
+    """A wide tunic to above the knee: one flared trunk over both thighs, bell sleeves, deep flutes.
+
+    Its topology is not the body's (one tube about two legs), and it stands off the skin by up to a decimetre.
+    """
+    joints = body.joints
+    shoulder, elbow, wrist, knee = (joints[f"left_{name}"] for name in ("shoulder", "elbow", "wrist", "knee"))
+    armpit, hem = _armpit(body), knee[Y] + 0.045
+    end = elbow[X] + 0.72 * (wrist[X] - elbow[X])
+    arms = body.share(*(n for n in body.names if any(k in n for k in ("shoulder", "elbow", "wrist", "index", "thumb"))))
+    trunk_points = body.cloud[(arms < 0.35) & (body.cloud[:, Y] < shoulder[Y] - 0.02) & (body.cloud[:, Y] > hem - 0.05)]
+    trunk_points = trunk_points[np.abs(trunk_points[:, X]) < 0.3]
+    section = loft(trunk_points, np.zeros(3), DOWN, -armpit, -hem + 0.04)
+    trunk = hang(section, np.linspace(0.014, 0.030, len(section.t)), -0.11)
+    sleeves: list[Loft] = []
+    for name, side in (("left", 1), ("right", -1)):
+        own = body.cloud[
+            (body.share(f"{name}_shoulder", f"{name}_elbow", f"{name}_wrist") > 0.5)
+            & (side * body.cloud[:, X] > shoulder[X])
+            & (side * body.cloud[:, X] < wrist[X])
+        ]
+        arm = loft(own, np.zeros(3), arm_frame(side), shoulder[X] + 0.02, end + 0.03)
+        sleeves.append(hang(arm, np.linspace(0.018, 0.034, len(arm.t)), -0.03))
+
+    def solid(p: np.ndarray) -> np.ndarray:
+        top = smooth_max(trunk(p), p[:, Y] - armpit, 0.06)
+        cloth = smooth_min(top, body.distance(p) - 0.012, 0.045)
+        for side, sleeve in zip((1, -1), sleeves):
+            arm = smooth_max(sleeve(p), shoulder[X] + 0.03 - side * p[:, X], 0.05)
+            cloth = smooth_min(cloth, arm, 0.075)
+        around = np.arctan2(p[:, X], p[:, Z])
+        low = np.clip((armpit - 0.12 - p[:, Y]) / (armpit - 0.12 - hem), 0, 1)
+        flute = np.sin(12 * around + 1.6 * value_noise(p * [1, 0.3, 1], 0.16)) * (0.7 + 0.3 * value_noise(p, 0.25))
+        turn = np.arctan2(p[:, Y] - shoulder[Y], p[:, Z] - shoulder[Z])
+        far = np.clip((np.abs(p[:, X]) - elbow[X] + 0.10) / 0.2, 0, 1) * (p[:, Y] > armpit - 0.05)
+        bell = np.sin(5 * turn + 2 * value_noise(p, 0.1))
+        return cloth - 0.014 * low**1.3 * flute - 0.005 * far * bell
+
+    def level(p: np.ndarray) -> np.ndarray:
+        ring = np.hypot(p[:, X] / 0.086, (p[:, Z] - joints["neck"][Z] - 0.012) / 0.066)
+        neck = (p[:, Y] - joints["neck"][Y] + 0.032 + 0.45 * p[:, Z] - 0.085 * (ring - 1)) * 0.7
+        bottom = hem - 0.014 * np.cos(2 * np.arctan2(p[:, X], p[:, Z])) - p[:, Y]
+        return np.maximum(np.maximum(np.abs(p[:, X]) - end, bottom), neck)
+
+    low, high = [-end - 0.02, hem - 0.04, -0.36], [end + 0.02, joints["neck"][Y] + 0.07, 0.40]
+    vertices, faces = drape.extract(solid, low, high, TUNIC_STEP)
+    vertices, faces = drape.cut(vertices, faces, level, TUNIC_STEP)
+    cloth = len(vertices)
+    vertices, faces = drape.close_hems(vertices, faces, level, CLOTH, lambda c: 0.010 if c[Y] > 0.5 else 0.030)
+    return Piece("tunic", vertices, faces, 130, level, cloth)
 
 
 def shoe(body: Body, side: float) -> Piece:
@@ -475,13 +528,15 @@ def _armpit(body: Body) -> float:
     return float(np.quantile(body.cloud[near, Y], 0.02)) - 0.02
 
 
-def main(path: Path = OUT) -> None:
+def main(garment: str = "default", out: str = "") -> None:
+    path = Path(out) if out else DATA / PACKAGED[garment]
     started = time.time()
     body, person = read_body()
     model = person.body.double()
     print(f"crotch {_crotch(body):.3f}, armpit {_armpit(body):.3f}")
     below = trousers(body)
-    pieces = [shirt(body, below), below, shoe(body, 1), shoe(body, -1), hair(body), *inner_parts(person)]
+    upper = tunic(body) if garment == "loose" else shirt(body, below)
+    pieces = [upper, below, shoe(body, 1), shoe(body, -1), hair(body), *inner_parts(person)]
     print(f"shapes {time.time() - started:.0f} s")
     all_source = (model.v_template.numpy(), model.faces.numpy(), model.weights.numpy())
     body_source = (body.vertices, body.faces, body.weights)
@@ -501,7 +556,8 @@ def main(path: Path = OUT) -> None:
         bound.append(weights)
         faces_of.append(face)
         bary_of.append(bary)
-    bound[0] = follow(pieces[0], bound[0], below, bound[1])
+    if garment == "default":
+        bound[0] = follow(upper, bound[0], below, bound[1])
     weights = np.concatenate(bound)
     top = np.argsort(-weights, axis=1)[:, :6]
     strongest = np.take_along_axis(weights, top, 1)
@@ -552,4 +608,4 @@ def _template_face(faces: np.ndarray, body_faces: np.ndarray) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    main(*(Path(argument) for argument in sys.argv[1:]))
+    main(*sys.argv[1:])

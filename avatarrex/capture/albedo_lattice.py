@@ -48,12 +48,20 @@ def bake(subject: Subject, spacing: np.ndarray) -> AlbedoLattice:
     count = (n + 1) * (n + 2) // 2
     start = np.cumsum(count) - count
     samples = np.empty(int(count.sum()), np.uint32)
-    for faces, per_side in _batches(n):
+    plain = np.flatnonzero(n == 1)
+    samples[(start[plain][:, None] + np.arange(3)).ravel()] = _corners(subject)[subject.faces[plain]].ravel()
+    for faces, per_side in _batches(np.where(n == 1, 0, n)):
         points = _points(per_side)
-        face = np.repeat(faces, len(points))
-        colour = subject.albedo(face, np.tile(points, (len(faces), 1)))
+        colour = subject.albedo(np.repeat(faces, len(points)), np.tile(points, (len(faces), 1)))
         samples[(start[faces][:, None] + np.arange(len(points))).ravel()] = pack(colour)
     return AlbedoLattice(np.stack([start, n], 1).astype(np.uint32), samples)
+
+
+def _corners(subject: Subject) -> np.ndarray:
+    """(v,) packed albedo of every vertex: what a lattice of three samples holds, once instead of six times."""
+    face = np.empty(len(subject.vertices), np.int64)
+    face[subject.faces.ravel()] = np.repeat(np.arange(len(subject.faces)), 3)
+    return pack(subject.albedo(face, (subject.faces[face] == np.arange(len(face))[:, None]).astype(np.float64)))
 
 
 def pack(colour: np.ndarray) -> np.ndarray:
@@ -71,8 +79,8 @@ def _subdivisions(subject: Subject, spacing: np.ndarray) -> np.ndarray:
 
 
 def _batches(n: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
-    """Triangles with the same n, in pieces of `BATCH` samples."""
-    for per_side in np.unique(n).tolist():
+    """Triangles with the same n > 0, in pieces of `BATCH` samples."""
+    for per_side in np.unique(n[n > 0]).tolist():
         faces = np.flatnonzero(n == per_side)
         most = max(BATCH // len(_points(per_side)), 1)
         for first in range(0, len(faces), most):

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import igl
 import numpy as np
 import scipy.ndimage as ndi
-import scipy.sparse as sp
+
+from avatarrex.capture.smoothing import averaging
 
 Field = Callable[[np.ndarray], np.ndarray]
 DIRECTIONS = 72
@@ -217,14 +218,6 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     face = np.cross(b - a, c - a)
     normal = np.stack([np.bincount(faces.ravel(), np.repeat(face[:, k], 3), len(vertices)) for k in range(3)], 1)
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-20)
-
-
-def averaging(faces: np.ndarray, count: int) -> sp.csr_matrix:
-    """Row-stochastic neighbour average (v, v)."""
-    i, j = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    edges = sp.coo_matrix((np.ones(2 * len(i)), (np.r_[i, j], np.r_[j, i])), (count, count)).tocsr()
-    edges.data[:] = 1
-    return sp.diags(1 / np.maximum(np.asarray(edges.sum(1)).ravel(), 1)) @ edges
 
 
 def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:

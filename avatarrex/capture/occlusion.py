@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import moderngl
 import numpy as np
-import scipy.sparse as sp
 
+from avatarrex.capture.smoothing import averaging
 from avatarrex.gl.context import gl_context, per_context
 from avatarrex.gl.shader import compute_shader, draw_program
 
@@ -108,11 +108,3 @@ def clip_along(towards: np.ndarray, centre: np.ndarray, radius: float, reach: fl
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = axes, -axes @ centre
     return matrix
-
-
-def averaging(faces: np.ndarray, count: int) -> sp.csr_matrix:
-    """Row-stochastic neighbour average (v, v)."""
-    i, j = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    edges = sp.coo_matrix((np.ones(2 * len(i)), (np.r_[i, j], np.r_[j, i])), (count, count)).tocsr()
-    edges.data[:] = 1
-    return sp.diags(1 / np.maximum(np.asarray(edges.sum(1)).ravel(), 1)) @ edges

@@ -19,12 +19,14 @@ from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.transform import world_from_root
 
-GARMENTS = {"printed": "default"}
-"""Subject file of each garment."""
+GARMENTS = {"printed": "default", "loose": "loose"}
+"""The subject that wears each."""
 HELD_OUT = {"body": ((0.45, 0.55), (0.825, 0.925)), "face": ((0.3, 0.4), (0.8, 0.9))}
 """Parts of the time that no training sees: whole stretches, so that no neighbouring frame gives them away."""
 MARGIN = {"body": 0.96, "face": 0.86}
 """Share of half the picture that the subject (the skin of the face) may reach."""
+FINEST = 0.0002
+"""Metres between albedo samples at least: a quarter of the texture's finest edge."""
 STRIDE = 8
 """Every so many frames of the others have exact depth and normals, too."""
 
@@ -55,7 +57,7 @@ class Size:
 
 
 SIZES = {
-    "smoke": Size(96, 128, 3, 12, RigSize(4, 6, (1,), 256), RigSize(3, 6, (1,), 256)),
+    "smoke": Size(96, 128, 3, 8, RigSize(4, 4, (1,), 256), RigSize(3, 4, (1,), 256)),
     "small": Size(384, 512, 4, 48, RigSize(16, 80, (2, 11), 768), RigSize(6, 80, (3,), 768)),
     "paper": Size(1500, 2048, 3, 96, RigSize(16, 400, (2, 11), 1536), RigSize(6, 300, (3,), 1536)),
 }
@@ -81,17 +83,21 @@ class RigPlan:
         pelvis = self.subject.person.body.joint_template[0].double().numpy()
         return world_from_root(signals.global_orient, signals.translation, pelvis)
 
-    def world_vertices(self, frame: int) -> np.ndarray:
-        """(v, 3) float32 world metres."""
-        placed = self.world_from_root(frame)
-        return (self.posed(frame).vertices @ placed[:3, :3].T + placed[:3, 3]).astype(np.float32)
+    @cached_property
+    def world_vertices(self) -> np.ndarray:
+        """(t, v, 3) float32 world metres."""
+        moved = np.empty((len(self.motion), *self.subject.vertices.shape), np.float32)
+        for frame in range(len(moved)):
+            placed = self.world_from_root(frame)
+            moved[frame] = self.posed(frame).vertices @ placed[:3, :3].T + placed[:3, 3]
+        return moved
 
     @cached_property
     def cameras(self) -> dict[str, Camera]:
         """By serial number, which AvatarReX's are: eight digits."""
         keep = np.flatnonzero(self._framed)[::4]  # a few millimetres apart
-        points = [self.world_vertices(frame)[keep].astype(np.float64) for frame in range(len(self.motion))]
-        low, high = np.min([p.min(0) for p in points], 0), np.max([p.max(0) for p in points], 0)
+        points = self.world_vertices[:, keep].astype(np.float64)
+        low, high = points.min((0, 1)), points.max((0, 1))
         make, first = (body_ring, 24070100) if self.name == "body" else (face_arc, 24070200)
         cameras = make(self.size.cameras, self.picture.width, self.picture.height, (low + high) / 2)
         return {str(first + k): camera for k, camera in enumerate(fitted(cameras, points, MARGIN[self.name]))}
@@ -115,7 +121,7 @@ class RigPlan:
         """Frames with exact depth and normals: those held out, and some of the others."""
         return sorted({*self.held_out_frames, *range(0, len(self.motion), STRIDE)})
 
-    @property
+    @cached_property
     def _framed(self) -> np.ndarray:
         """(v,) what must be in every picture: all of the body; the skin of the face."""
         if self.name == "body":
@@ -127,24 +133,20 @@ class RigPlan:
     def spacing(self) -> np.ndarray:
         """(f,) metres between albedo samples: two to a pixel or more, a third of the finest edge of the texture on the face."""
         camera = next(iter(self.cameras.values()))
-        distance = np.linalg.norm(camera.centre - self._centre(0))
-        finest = 1.8 * distance / (camera.intrinsics[0, 0] * self.picture.samples)
+        distance = np.linalg.norm(camera.centre - self.world_vertices[0, self._framed].mean(0))
+        finest = max(1.8 * distance / (camera.intrinsics[0, 0] * self.picture.samples), FINEST)
         if self.name == "body":
             return np.full(len(self.subject.faces), finest)
         head = self.subject.person.body.joint_template[JOINT_NAMES.index("head")].double().numpy()
         away = np.linalg.norm(self.subject.vertices[self.subject.faces].mean(1) - head, axis=1)
         return np.where(away < 0.20, finest, np.where(away < 0.5, 6 * finest, 0.05))
 
-    def occlusion_ball(self, frame: int) -> tuple[np.ndarray, float]:
-        """Centre (3,) in the root frame and radius of what openness is needed for."""
-        posed = self.posed(frame).vertices
+    def occlusion_ball(self, vertices: np.ndarray) -> tuple[np.ndarray, float]:
+        """Centre (3,) and radius of what openness is needed for, given posed `vertices` (v, 3) of the root frame."""
         if self.name == "face":
-            return posed[self._framed].mean(0), 0.30
-        centre = (posed.min(0) + posed.max(0)) / 2
-        return centre, float(np.linalg.norm(posed - centre, axis=1).max())
-
-    def _centre(self, frame: int) -> np.ndarray:
-        return self.world_vertices(frame)[self._framed].mean(0)
+            return vertices[self._framed].mean(0), 0.30
+        centre = (vertices.min(0) + vertices.max(0)) / 2
+        return centre, float(np.linalg.norm(vertices - centre, axis=1).max())
 
 
 @dataclass(frozen=True)

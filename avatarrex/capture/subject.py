@@ -29,6 +29,7 @@ from avatarrex.signals.signals import Signals
 from avatarrex.templates.model import TemplateModel, pose_template
 from avatarrex.templates.person import Person, load_person
 
+PACKAGED = {"default": "subject.npz", "loose": "subject_loose.npz"}
 FACE_SOLIDS = ("left_eye", "right_eye", "upper_teeth", "lower_teeth", "tongue")
 
 
@@ -192,8 +193,11 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def load_subject(name: str = "default") -> Subject:
-    """The packaged subject ("default") or one from an `.npz` in the same layout. Raises `InputError`."""
-    path = DATA / "subject.npz" if name == "default" else Path(name)
+    """A packaged subject ("default", or "loose" in a wide tunic) or one from an `.npz` in the same layout.
+
+    Raises `InputError`.
+    """
+    path = DATA / PACKAGED[name] if name in PACKAGED else Path(name)
     arrays = read_arrays(path)
     person = load_person()
     found = str(require(arrays, path, "person_hash", ()))

@@ -138,7 +138,7 @@ def _meshes(rig: RigPlan) -> dict[str, np.ndarray]:
     """`ground_truth.npz`: the posed mesh of every frame, world metres."""
     subject = rig.subject
     return {
-        "vertices": np.stack([rig.world_vertices(frame) for frame in range(len(rig.motion))]),
+        "vertices": rig.world_vertices,
         "faces": subject.faces.astype(np.int32),
         "tpose_vertices": subject.vertices.astype(np.float32),
         "tpose_joints": subject.person.body.joint_template.double().numpy(),
@@ -166,7 +166,9 @@ def _draw_rig(folder: Path, rig: RigPlan) -> None:
         occlusion = Occlusion(subject.faces, len(subject.vertices), picture.directions, rig.size.shadow_map)
         for frame, missing in to_do.items():
             posed, placed = rig.posed(frame), rig.world_from_root(frame)
-            rasteriser.pose(posed, occlusion.openness(posed.vertices, posed.normals, *rig.occlusion_ball(frame)))
+            rasteriser.pose(
+                posed, occlusion.openness(posed.vertices, posed.normals, *rig.occlusion_ball(posed.vertices))
+            )
             for serial in missing:
                 camera = rig.cameras[serial].seen_from(placed)
                 write(_write_picture, folder / serial, frame, rasteriser.draw(camera))

@@ -24,6 +24,7 @@ NAVY, ECRU, RED, YELLOW, TEAL = (
     np.array([0.13, 0.19, 0.36]), np.array([0.93, 0.915, 0.87]), np.array([0.84, 0.26, 0.17]),
     np.array([0.96, 0.70, 0.20]), np.array([0.13, 0.47, 0.50]),
 )  # fmt: skip
+WINE, GOLD = np.array([0.47, 0.115, 0.17]), np.array([0.86, 0.68, 0.33])
 DENIM, THREAD = np.array([0.235, 0.305, 0.43]), np.array([0.80, 0.60, 0.33])
 
 
@@ -110,6 +111,48 @@ def _number(colour: np.ndarray, x: np.ndarray, y: np.ndarray, on: np.ndarray) ->
     slope = (u - 0.031) - 0.42 * (y - 0.048)
     leg = step(0.0095 - np.abs(slope)) * step(0.057 - y) * step(y + 0.057)
     return mix(colour, RED, np.maximum(bar, leg) * on)
+
+
+def tunic(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
+    """Wine-red linen, woven diamonds, a buttoned placket, gold bands with a zigzag along hem and cuffs, dark inside."""
+    x, y, z = rest.T
+    slub = (
+        1
+        + 0.03 * np.sin(2 * np.pi * y / 0.0036) * np.sin(2 * np.pi * (x + z) / 0.0036)
+        + 0.06 * value_noise(rest, 0.012)
+    )
+    colour = WINE * slub[:, None]
+    sleeve = (np.abs(x) > 0.24) & (y > 0.30)
+    along = np.where(sleeve, np.abs(x), y)
+    around = np.where(sleeve, 0.075 * np.arctan2(y - 0.455, z - 0.01), 0.19 * np.arctan2(x, z))
+    row = np.floor(along / 0.060)
+    u = (around + 0.030 * (row % 2)) % 0.060 - 0.030
+    v = along % 0.060 - 0.030
+    diamond = np.abs(u) * 1.2 + np.abs(v)
+    edge = masks["edge"]
+    field = step(edge - 0.075)
+    colour = mix(colour, 1.35 * WINE * slub[:, None], step(0.017 - diamond) * field)
+    colour = mix(colour, GOLD, step(0.0014 - np.abs(diamond - 0.017)) * field * 0.85)
+    colour = mix(colour, GOLD, step(0.005 - diamond) * field * 0.85)
+    neck = (y > 0.44) & (np.abs(x) < 0.17)
+    zigzag = 0.041 + 0.009 * (np.abs((around / 0.018) % 2 - 1) * 2 - 1)
+    band = (
+        step(0.0014 - np.abs(edge - 0.024)) + step(0.0014 - np.abs(edge - 0.058)) + step(0.0026 - np.abs(edge - zigzag))
+    )
+    ground = step(0.0165 - np.abs(edge - 0.041))
+    hemmed = (np.abs(x) > 0.30) | (y < 0.0)
+    colour = mix(colour, 0.55 * WINE * slub[:, None], ground * hemmed)
+    colour = mix(colour, GOLD * slub[:, None], np.clip(band, 0, 1) * hemmed)
+    colour = mix(colour, 0.35 * WINE * slub[:, None], step(0.0004 - edge, 0.0008) * hemmed)
+    colour = mix(
+        colour, GOLD * (0.9 + 0.1 * np.sign(np.sin(np.arctan2(x, z - 0.01) * 90)))[:, None], step(0.014 - edge) * neck
+    )
+    front = (z > 0.03) & (y > 0.14) & ~(neck & (edge < 0.014))
+    colour = mix(colour, 0.72 * WINE * slub[:, None], step(0.019 - np.abs(x)) * front)
+    colour = mix(colour, GOLD, step(0.0012 - np.abs(np.abs(x) - 0.017)) * front)
+    button = np.hypot(x, (y + 0.002) % 0.055 - 0.0275)
+    colour = mix(colour, np.array([0.95, 0.91, 0.80]), step(0.0065 - button) * front)
+    return mix(colour, 0.45 * WINE, step(0.0015 - np.abs(button - 0.0066)) * front)
 
 
 def trousers(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
@@ -307,6 +350,6 @@ def teeth(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
 
 
 TEXTURES: dict[str, Texture] = {
-    "body": skin, "shirt": shirt, "trousers": trousers, "left_shoe": shoe, "right_shoe": shoe, "hair": hair,
+    "body": skin, "shirt": shirt, "tunic": tunic, "trousers": trousers, "left_shoe": shoe, "right_shoe": shoe, "hair": hair,
     "left_eye": eye, "right_eye": eye, "upper_teeth": teeth, "lower_teeth": teeth, "tongue": tongue,
 }  # fmt: skip

@@ -17,6 +17,8 @@ import numpy as np
 
 from avatarrex.capture.texture import value_noise
 
+TOPS = {"shirt": ("shirt", "tunic"), "trousers": ("trousers",)}
+"""Solids that fold where a site says: whatever covers the trunk folds like the shirt."""
 Activation = Callable[[np.ndarray], float]
 
 
@@ -80,7 +82,7 @@ def basis(site_list: list[Site], rest: np.ndarray, solid: np.ndarray) -> np.ndar
     """(v, k) float32 metres: each site's folds at full strength; `solid` (v,) names each vertex's solid."""
     columns = np.zeros((len(rest), len(site_list)), dtype=np.float32)
     for k, site in enumerate(site_list):
-        here = np.flatnonzero(solid == site.solid)
+        here = np.flatnonzero(np.isin(solid, TOPS[site.solid]))
         offset = rest[here] - site.centre
         patch = np.exp(-((offset / site.radius) ** 2).sum(1))
         phase = 2 * np.pi * (offset @ site.across) / site.wavelength + 2.0 * value_noise(rest[here], 0.06)
