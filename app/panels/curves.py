@@ -187,7 +187,7 @@ def context() -> None:
         return
     implot.create_context()
     style = implot.get_style()
-    style.plot_padding = imgui.ImVec2(4, 6)
+    style.plot_padding = imgui.ImVec2(12, 6)
     style.label_padding = imgui.ImVec2(4, 3)
     style.plot_border_size = 0
     style.minor_alpha = 0.35

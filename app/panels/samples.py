@@ -47,11 +47,20 @@ class Samples:
         having = [(run, colour) for run, colour in runs if self.view in run.samples][:ROWS]
         newest = self._options(names, having)
         width = imgui.get_content_region_avail().x
-        highest = HIGHEST if len(having) == 1 else 0.7 * HIGHEST
+        highest = HIGHEST if len(having) == 1 else 0.6 * HIGHEST
+        used = 0.0
         for run, colour in having:
+            imgui.begin_group()
             if len(having) > 1:
                 imgui.text_colored(theme.vec4(colour), run.name)
             self._row(run, watcher, newest if self.step is None else self.step, width, highest)
+            imgui.end_group()
+            row = imgui.get_item_rect_size().x + 3 * GAP
+            used += row
+            if run is not having[-1][0] and used + row < width:
+                imgui.same_line(0, 3 * GAP)
+            else:
+                used = 0.0
 
     def upload(self, context: moderngl.Context) -> None:
         """Bring what was drawn into textures. Before the interface's frame, in the window's context."""
