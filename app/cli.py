@@ -105,6 +105,7 @@ def _capture_options(capture: argparse.ArgumentParser) -> None:
     check.add_argument(
         "--out", metavar="DIR", help="contact sheets with the template drawn over the images, and check.json"
     )
+    check.add_argument("--surface", action="store_true", help="fit the template's skin to the mattes first (a minute)")
     check.add_argument("--rig", choices=("body", "face"), help="one rig alone")
     check.add_argument("--frames", default="4", metavar="N", help="how many frames to compare (4)")
 

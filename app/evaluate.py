@@ -28,7 +28,8 @@ SHEET = 8
 
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate, print the table, write what was asked for. Raises `InputError` before any work for a wrong option."""
-    size = _size(arguments.size)
+    size, samples = _whole("--size", arguments.size, 32, 8192, "pixels of the longer side"), arguments.samples
+    samples = _whole("--samples", samples, 1, 8, "samples along a pixel's side") or 1
     for path in (arguments.json, arguments.sheet):
         if path is not None and Path(path).is_dir():
             raise InputError(path, "", "a file to write", "a folder")
@@ -42,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     for note in (*capture.notes, *_other_body(avatar, capture)):
         print(note, file=sys.stderr)
     start = time.perf_counter()
-    subjects: list[Drawer] = [AvatarDrawer(avatar)]
+    subjects: list[Drawer] = [AvatarDrawer(avatar, samples)]
     if arguments.baselines:
         subjects += baselines(capture.person, observations(rig))
     sheet = SHEET if arguments.sheet else 0
@@ -86,11 +87,11 @@ def views_of(rig: Rig, text: str, option: str) -> list[int]:
     return found
 
 
-def _size(text: str | None) -> int | None:
+def _whole(option: str, text: str | None, low: int, high: int, what: str) -> int | None:
     if text is None:
         return None
-    if not text.isdecimal() or not 32 <= int(text) <= 8192:
-        raise InputError("--size", "", "32 to 8192 pixels of the longer side", text or "nothing")
+    if not text.isdecimal() or not low <= int(text) <= high:
+        raise InputError(option, "", f"{low} to {high} {what}", text or "nothing")
     return int(text)
 
 

@@ -50,20 +50,29 @@ class AvatarDrawer:
     name = "avatar"
 
     def __init__(
-        self, avatar: Avatar, settings: RenderSettings | None = None, render: Callable[..., Frame] = render_frame
+        self,
+        avatar: Avatar,
+        samples: int = 1,
+        settings: RenderSettings | None = None,
+        render: Callable[..., Frame] = render_frame,
     ) -> None:
-        self._avatar, self._settings, self._render = avatar, settings, render
+        """`samples` along each side of a pixel are averaged; 1 is what the studio shows."""
+        self._avatar, self._samples, self._settings, self._render = avatar, samples, settings, render
         self._previous: Frame | None = None
 
     def draw(self, signals: Signals, camera: Camera) -> Drawing:
-        """The avatar's frame."""
-        frame = self._render(self._avatar, signals, camera, self._settings, self._previous)
+        """The avatar's frame; its geometry is that of one sample near each pixel's centre."""
+        s, height, width = self._samples, camera.height, camera.width
+        fine = camera if s == 1 else camera.resized(width * s, height * s)
+        frame = self._render(self._avatar, signals, fine, self._settings, self._previous)
         self._previous = frame
         points, world = frame.pointmap, frame.world_from_root
-        hit = points.hit.cpu().numpy()
-        position = points.position.double().cpu().numpy() @ world[:3, :3].T + world[:3, 3]
-        normal = points.normal.double().cpu().numpy() @ world[:3, :3].T
-        return Drawing(frame.image.cpu().float(), _seen(position, hit), _seen(normal, hit), hit)
+        pick = (slice(s // 2, None, s), slice(s // 2, None, s))
+        hit = points.hit[pick].cpu().numpy()
+        position = points.position[pick].double().cpu().numpy() @ world[:3, :3].T + world[:3, 3]
+        normal = points.normal[pick].double().cpu().numpy() @ world[:3, :3].T
+        image = frame.image.cpu().float().reshape(height, s, width, s, 4).mean((1, 3))
+        return Drawing(image, _seen(position, hit), _seen(normal, hit), hit)
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,7 +105,7 @@ def _group(evaluation: Evaluation, view: int, frame: int) -> Image.Image:
         images[first][..., :3] - images["truth"][..., :3]
     )
     scale = PANEL / (high[0] - low[0])
-    width = max(round((high[1] - low[1]) * scale), 110)
+    width = max(round((high[1] - low[1]) * scale), 124)
     group = Image.new("RGB", (len(panels) * (width + GAP) - GAP, PANEL + 2 * TITLE), PAPER)
     draw, font = ImageDraw.Draw(group), ImageFont.load_default(13)
     value = next(

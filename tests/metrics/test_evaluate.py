@@ -2,6 +2,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,14 +10,16 @@ import torch
 from drawn_capture import CAMERAS, FRAMES, HELD_FRAME, HELD_VIEW, camera, painted, write_capture
 
 from avatarrex.assets import SPECS
+from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.capture import open_capture
 from avatarrex.errors import InputError
 from avatarrex.metrics.baselines import PosedMesh, baselines
-from avatarrex.metrics.drawing import Drawing, fitted, over_black
+from avatarrex.metrics.drawing import AvatarDrawer, Drawing, fitted, over_black
 from avatarrex.metrics.evaluate import SPLITS, _thinned, captured, evaluate, observations, split_of
 from avatarrex.metrics.measures import KEYS, Measured, Networks, means, measure
 from avatarrex.metrics.report import contact_sheet, table, to_json
+from avatarrex.signals.signals import Signals
 
 SCHEMA = json.loads((SPECS / "metrics.json").read_text(encoding="utf-8"))
 KINDS = {"object": dict, "array": list, "string": str, "number": (int, float), "null": type(None)}
@@ -159,6 +162,25 @@ def test_truth_is_premultiplied_and_averaged():
     truth = over_black(image, matte, 3, 2)
     np.testing.assert_allclose(truth.matte.numpy(), [[1, 0.5, 0]] * 2, atol=1e-6)
     np.testing.assert_allclose(truth.image.numpy()[0, :, 0], np.array([1, 0.5, 0]) * 200 / 255, atol=1e-6)
+
+
+def test_supersamples_are_averaged():
+    """On a stand-in for the pipeline: columns of coverage 1, 0, 1, 0 … become a half."""
+    asked = []
+
+    def stripes(avatar, signals, view, settings, previous):
+        asked.append((view.width, view.height, previous))
+        even = (torch.arange(view.width) % 2 == 0).float().expand(view.height, -1)
+        position = torch.zeros(view.height, view.width, 3)
+        points = SimpleNamespace(hit=even > 0, position=position, normal=position)
+        image = even[..., None].expand(-1, -1, 4)
+        return SimpleNamespace(image=image, pointmap=points, world_from_root=np.eye(4))
+
+    whole, fine = (AvatarDrawer(object.__new__(Avatar), samples, render=stripes) for samples in (1, 2))
+    small = camera(0.0, 16)
+    assert set(whole.draw(Signals.rest(), small).image.unique().tolist()) == {0.0, 1.0}
+    assert fine.draw(Signals.rest(), small).image.unique().tolist() == [0.5]
+    assert asked == [(16, 16, None), (32, 32, None)]
 
 
 def test_a_smaller_evaluation_looks_the_same_way(capture):

@@ -31,6 +31,7 @@ def no_weights(monkeypatch, tmp_path):
         ),
         (["--frames", "5:9"], "--frames: expected some of the 3 frames"),
         (["--held-out-views", "3"], "--held-out-views: expected cameras 0 to 2"),
+        (["--samples", "0"], "--samples: expected 1 to 8 samples along a pixel's side, found 0"),
         (["--rig", "face"], "--rig: expected one of body, found face"),
         (["--sheet", "sheet.jpg"], "sheet.jpg: expected OUT.png, found .jpg"),
         (["--vgg", "nowhere.pth"], "nowhere.pth: expected a weights file such as vgg16-397923af.pth"),
