@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from avatarrex.capture.capture import Capture, open_capture
 from avatarrex.capture.check import CaptureReport, RigReport, check_capture, compared_frames
 from avatarrex.capture.overlay import contact_sheet
+from avatarrex.capture.surface_fit import fit_surface
 from avatarrex.errors import InputError
 from avatarrex.files import write_text
 from avatarrex.images import write_png
@@ -27,6 +29,9 @@ def run(arguments: argparse.Namespace) -> int:
     capture = open_capture(arguments.capture)
     if arguments.rig is not None and arguments.rig not in capture.rigs:
         raise InputError(capture.path, "--rig", "one of " + ", ".join(capture.rigs), arguments.rig)
+    if arguments.surface:
+        note = "person: surface fitted to the mattes of the frames and views that are not held out"
+        capture = replace(capture, person=fit_surface(capture), notes=(*capture.notes, note))
     rigs = (arguments.rig,) if arguments.rig else tuple(capture.rigs)
     report = check_capture(capture, rigs, count)
     print("\n".join(table(report)))

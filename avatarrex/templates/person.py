@@ -8,6 +8,7 @@ becomes joint directions. A `PersonFit` gives the person another body's size.
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -18,6 +19,8 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.interpolate import RBFInterpolator
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avatarrex.assets import DATA, check_arrays, read_npz, read_spec
@@ -32,6 +35,37 @@ POSING = (
     "kintree_table", "posedirs", "pose_columns",
 )  # fmt: skip
 """The arrays that decide where a posed vertex is, and so the person's hash."""
+SPREAD = 0.05
+"""Metres: σ of a surface offset, about what 320 of them are apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceOffsets:
+    """A smooth field that moves the skin at rest and leaves the joints: offsets of some vertices, spread over all."""
+
+    vertices: tuple[int, ...]
+    """Indices into the body template."""
+    offsets: np.ndarray
+    """(n, 3) metres."""
+
+    def __post_init__(self) -> None:
+        value = np.asarray(self.offsets, dtype=np.float64)
+        if value.shape != (len(self.vertices), 3) or not value.size or not (np.abs(value) < 1).all():
+            raise InputError("person fit", "surface.offsets", f"({len(self.vertices)}, 3) below 1 m", value.shape)
+        object.__setattr__(self, "offsets", value)
+
+    def weights(self, rest: np.ndarray) -> csr_array:
+        """(v, n) of the original rest vertices (v, 3): Gaussians of the eight nearest, as wide as those are apart."""
+        if min(self.vertices) < 0 or max(self.vertices) >= len(rest) or len(self.vertices) < 8:
+            raise InputError(
+                "person fit", "surface.vertices", f"8 or more indices below {len(rest)}", self.vertices[:8]
+            )
+        centres = rest[list(self.vertices)]
+        away, nearest = cKDTree(centres).query(rest, 8)
+        value = np.exp(-0.5 * (away / SPREAD) ** 2) + 1e-9
+        value /= value.sum(1, keepdims=True)
+        rows = np.repeat(np.arange(len(rest)), 8)
+        return csr_array((value.ravel(), (rows, nearest.ravel())), shape=(len(rest), len(centres)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +76,7 @@ class PersonFit:
     """β, (10,) standard deviations."""
     joint_offsets: np.ndarray
     """(55, 3) metres, root frame; the pelvis stays: its row is zero."""
+    surface: SurfaceOffsets | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (("shape", (10,)), ("joint_offsets", (55, 3))):
@@ -54,16 +89,23 @@ class PersonFit:
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists; `from_json` gives the same fit back, bit for bit."""
-        return {"shape": self.shape.tolist(), "joint_offsets": self.joint_offsets.tolist()}
+        fit: dict[str, Any] = {"shape": self.shape.tolist(), "joint_offsets": self.joint_offsets.tolist()}
+        if self.surface is not None:
+            fit["surface"] = {"vertices": list(self.surface.vertices), "offsets": self.surface.offsets.tolist()}
+        return fit
 
     @classmethod
     def from_json(cls, data: Any, source: str | Path) -> PersonFit:
         """From `to_json`'s object. Raises `InputError`."""
-        if not isinstance(data, dict) or set(data) != {"shape", "joint_offsets"}:
+        if not isinstance(data, dict) or set(data) - {"surface"} != {"shape", "joint_offsets"}:
             raise InputError(source, "person_fit", "an object with shape and joint_offsets", repr(data)[:60])
         try:
-            return cls(**{name: np.array(value, dtype=np.float64) for name, value in data.items()})
-        except (TypeError, ValueError) as error:
+            shape, offsets = (np.array(data[name], dtype=np.float64) for name in ("shape", "joint_offsets"))
+            if "surface" not in data:
+                return cls(shape, offsets)
+            moved = np.array(data["surface"]["offsets"], dtype=np.float64)
+            return cls(shape, offsets, SurfaceOffsets(tuple(map(int, data["surface"]["vertices"])), moved))
+        except (TypeError, ValueError, KeyError) as error:
             if not isinstance(error, InputError):
                 raise InputError(source, "person_fit", "lists of numbers", "another form") from None
             raise InputError(source, f"person_fit.{error.field}", error.expected, error.found) from None
@@ -113,8 +155,10 @@ def resize_person(person: Person, fit: PersonFit) -> Person:
     vertices = (body.v_template + body.shapedirs[..., :10] @ shape).numpy()
     joints = (body.joint_template + body.joint_shapedirs[..., :10] @ shape).numpy()
     moved = RBFInterpolator(joints, fit.joint_offsets, kernel="linear", degree=1)(vertices)
+    if fit.surface is not None:
+        moved += fit.surface.weights(body.v_template.numpy()) @ fit.surface.offsets
     resized = replace(person.body, v_template=_real(vertices + moved), joint_template=_real(joints + fit.joint_offsets))
-    digest = hashlib.sha256(person.hash.encode() + fit.shape.tobytes() + fit.joint_offsets.tobytes())
+    digest = hashlib.sha256((person.hash + json.dumps(fit.to_json())).encode())
     return replace(_cut(resized, person.name, digest.hexdigest()[:16]), fit=fit)
 
 

@@ -22,11 +22,12 @@ FRAMES = 3
 WIDTH, HEIGHT = 60, 80
 
 
-def cameras(rig: str) -> dict[str, Camera]:
-    """Cameras by name, about a person at (0.2, 1, −0.1)."""
+def cameras(rig: str, scale: int = 1) -> dict[str, Camera]:
+    """Cameras by name, about a person at (0.2, 1, −0.1), `scale` times 60×80 pixels."""
+    size = (WIDTH * scale, HEIGHT * scale)
     if rig == "face":
-        return {"f0": Camera.orbit(10, 0, 0.9, 35, (0.2, 1.7, -0.1), WIDTH, HEIGHT)}
-    return {f"c{k}": Camera.orbit(120 * k + 10, 5, 3.0, 50, (0.2, 0.95, -0.1), WIDTH, HEIGHT) for k in range(3)}
+        return {"f0": Camera.orbit(10, 0, 0.9, 35, (0.2, 1.7, -0.1), *size)}
+    return {f"c{k}": Camera.orbit(120 * k + 10, 5, 3.0, 50, (0.2, 0.95, -0.1), *size) for k in range(3)}
 
 
 def motion(rng: np.random.Generator, shape: np.ndarray) -> list[Signals]:
@@ -56,27 +57,29 @@ class TinyCapture:
     files: dict[str, bytes] = field(default_factory=dict)
 
     @classmethod
-    def make(cls, rigs: tuple[str, ...] = ("body", "face"), seed: int = 3, person: Person | None = None) -> TinyCapture:
+    def make(
+        cls, rigs: tuple[str, ...] = ("body", "face"), seed: int = 3, person: Person | None = None, scale: int = 1
+    ) -> TinyCapture:
         """Our layout; `shape10` where the person is our own, `tpose_joints` where it is another `person`."""
         rng = np.random.default_rng(seed)
         shape = np.zeros(10) if person else rng.standard_normal(10)
         capture = cls(motion(rng, shape))
         for rig in rigs:
-            capture._add(rig, person or load_person(), own=person is None)
+            capture._add(rig, person or load_person(), person is None, scale)
         return capture
 
-    def _add(self, rig: str, person: Person, own: bool) -> None:
+    def _add(self, rig: str, person: Person, own: bool, scale: int) -> None:
         faces = person.body.faces.numpy()
         surfaces = [template_surface(person, signals) for signals in self.signals]
         calibration: dict[str, Any] = {}
-        for name, camera in cameras(rig).items():
+        for name, camera in cameras(rig, scale).items():
             matrix = camera.camera_from_world
             calibration[name] = {
                 "K": camera.intrinsics.ravel().tolist(),
                 "R": matrix[:3, :3].tolist(),
                 "T": matrix[:3, 3].tolist(),
                 "distCoeff": [0, 0, 0, 0, 0],
-                "imgSize": [WIDTH, HEIGHT],
+                "imgSize": [camera.width, camera.height],
                 "rectifyAlpha": 0.0,
             }
             for frame, (vertices, _) in enumerate(surfaces):
