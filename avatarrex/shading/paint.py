@@ -82,6 +82,6 @@ class Paint:
 
 def _into(root_from_part: np.ndarray, position: Tensor, direction: Tensor) -> tuple[Tensor, Tensor]:
     """Root-frame points and directions in a part's frame."""
-    part_from_root = torch.as_tensor(np.linalg.inv(root_from_part), dtype=torch.float32)
+    part_from_root = torch.as_tensor(np.linalg.inv(root_from_part)).to(position)
     rotation = part_from_root[:3, :3].T
     return position @ rotation + part_from_root[:3, 3], direction @ rotation

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.counters import Counters
@@ -31,11 +31,11 @@ class PosedPerson:
     """The posed meshes with the key each was made from."""
 
     body: PosedTemplate
-    parts: dict[str, Float32[Tensor, "v 3"]]
+    parts: dict[str, Float[Tensor, "v 3"]]
     """Vertices by part name, metres: hands in wrist frames, face in the head frame."""
-    body_rotation: Float32[Tensor, "21 3 3"]
+    body_rotation: Float[Tensor, "21 3 3"]
     """θ, what the detail embedding is predicted from."""
-    hand_pose: dict[str, Float32[Tensor, "15 3"]]
+    hand_pose: dict[str, Float[Tensor, "15 3"]]
     """φ by hand, rotation vectors."""
     keys: dict[str, bytes]
 

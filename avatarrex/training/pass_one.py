@@ -15,6 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from avatarrex.avatar import Avatar
+from avatarrex.camera import Camera
 from avatarrex.fields.code import embedding_loss, kl_loss, node_loss
 from avatarrex.pointmap.rays import RayPlane
 from avatarrex.training.frames import FrameStore, TrainingFrame
@@ -78,7 +79,7 @@ class BodyPass:
 
     def ray_weight(self, share: Tensor) -> Tensor:
         """All rays count alike."""
-        return torch.ones(len(share))
+        return torch.ones_like(share[:, 0])
 
 
 class FacePass:
@@ -110,7 +111,7 @@ class FacePass:
         return share[:, FACE]
 
 
-def face_window(avatar: Avatar, frame: TrainingFrame, camera) -> tuple[int, int, int, int] | None:
+def face_window(avatar: Avatar, frame: TrainingFrame, camera: Camera) -> tuple[int, int, int, int] | None:
     """(x0, y0, x1, y1) in pixels around the vertices with ω > 0; None where no pixel sees them."""
     mesh = frame.posed.parts["face"][avatar.person.face.blend_weight > 0].double().numpy()
     head, view = frame.posed.root_from_part("face"), frame.camera(camera)
@@ -151,7 +152,7 @@ def _render_losses(
     stage: BodyPass | FacePass,
     field: TrainedField,
     frame: TrainingFrame,
-    camera,
+    camera: Camera,
     pixels: PixelBatch,
     gamma: float,
     noise: torch.Generator,
@@ -177,8 +178,8 @@ def _render_losses(
         colour = colour.index_add(0, ray[shown], share[shown, None] * painted)
     with torch.no_grad():
         presence = share + 1e-3
-        total = torch.zeros(len(rays.origin)).index_add(0, ray, presence)
-        parts = torch.zeros(len(rays.origin), 3).index_add(0, ray, presence[:, None] * composed.part_weight)
+        total = share.new_zeros(len(rays.origin)).index_add(0, ray, presence)
+        parts = share.new_zeros(len(rays.origin), 3).index_add(0, ray, presence[:, None] * composed.part_weight)
         counted = stage.ray_weight(parts / total.clamp_min(1e-9)[:, None])
     near = (
         position.detach()[torch.randint(max(len(position), 1), (EIKONAL_POINTS // 2,), generator=noise)]

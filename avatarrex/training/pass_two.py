@@ -67,14 +67,15 @@ class PatchPass:
         if self.part == "face":
             counts = counts * (pointmap.part_weight[..., FACE] > 0.5)
         seen = counts > 0
-        position = pointmap.position[seen]
-        direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre, dtype=torch.float32), dim=-1)
+        position = pointmap.position[seen].to(self.parameters()[0])
+        direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre).to(position), dim=-1)
         volume = frame.volume
         planes = frame.planes.get("colour")
         paint = Paint(self.avatar, frame.posed, volume.body_frame, volume.views, Counters(), planes=planes)
-        image = torch.zeros(*seen.shape, 3)
+        image = position.new_zeros(*seen.shape, 3)
         if len(position):
-            image = image.index_put((seen,), paint.colour(position, direction, pointmap.part_weight[seen]))
+            colour = paint.colour(position, direction, pointmap.part_weight[seen].to(position))
+            image = image.index_put((seen,), colour)
         return image, counts
 
     def _compare(self, rendered: Tensor, truth: Tensor, both: Tensor) -> dict[str, Tensor]:

@@ -9,7 +9,7 @@ Letters: p points, k parts. Root frame, metres.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -28,6 +28,7 @@ from avatarrex.volume.volume import PARTS, SdfVolume, stored_parts
 FACE = PARTS.index("face")
 
 
+@runtime_checkable
 class TrainedField(Protocol):
     """What pass I asks of a part."""
 

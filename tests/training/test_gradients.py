@@ -1,0 +1,183 @@
+"""Both passes' losses against central differences in float64, on an avatar of a dozen nodes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from capture.tiny_capture import TinyCapture
+
+from avatarrex.avatar import Avatar
+from avatarrex.camera import Camera
+from avatarrex.capture.capture import Rig, open_capture
+from avatarrex.counters import Counters
+from avatarrex.fields import presets
+from avatarrex.fields.body import BodyFrame
+from avatarrex.fields.presets import COMPACT
+from avatarrex.metrics.perceptual import Perceptual
+from avatarrex.pipeline import RenderSettings
+from avatarrex.templates.model import PosedTemplate, skinned_normals
+from avatarrex.templates.person import load_person
+from avatarrex.templates.posed import PosedPerson, pose_person
+from avatarrex.training.frames import FrameStore, TrainingFrame
+from avatarrex.training.losses import weighted
+from avatarrex.training.pass_one import BodyPass, FacePass, _render_losses
+from avatarrex.training.pass_two import PatchPass
+from avatarrex.training.pixels import PixelBatch
+from avatarrex.training.recipe import SMOKE
+from avatarrex.training.sampling import noise_of
+from avatarrex.training.trained_field import TrainedBody
+from avatarrex.volume.build import build_volume
+from avatarrex.volume.probe import VertexProbe
+
+TINY = replace(
+    COMPACT,
+    name="tiny",
+    body=replace(
+        COMPACT.body, nodes=128, anchors=256, decoder=(8,), encoder=(8,), geometry_local=(8,), colour_local=(8,),
+        patch_encoding=4, patch_hidden=(4,), colour_cutoff=0.0,
+    ),
+    face=replace(COMPACT.face, stem=8, geometry_levels=(4, 4), colour_levels=(4, 4), geometry_mlp=(8,), colour_mlp=(8,)),
+)  # fmt: skip
+STEP = 1e-6
+
+
+class OneFrame(FrameStore):
+    """A store that holds one frame as it was made."""
+
+    def __init__(self, avatar: Avatar, rig: Rig, frame: TrainingFrame) -> None:
+        self.avatar, self.rig, self.frame = avatar, rig, frame
+
+    def __getitem__(self, index: int) -> TrainingFrame:
+        return self.frame
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory) -> tuple[Avatar, TrainingFrame, OneFrame]:
+    """A tiny avatar in float64 and one posed frame of a small capture."""
+    capture = open_capture(TinyCapture.make(("body",), scale=1).folder(tmp_path_factory.mktemp("tiny") / "capture"))
+    presets.PRESETS["tiny"] = TINY
+    try:
+        avatar = Avatar.create(load_person(), "tiny", seed=3)
+    finally:
+        del presets.PRESETS["tiny"]
+    rig = capture.rigs["body"]
+    posed = pose_person(avatar.person, rig.signals[0], Counters(), None)
+    volume = build_volume(avatar, posed, RenderSettings(voxel=0.03, part_voxel=0.01), Counters(), None)
+    normals = skinned_normals(avatar.person.body, posed.body).double().numpy()
+    probe = VertexProbe.of(
+        posed.body.vertices.double().numpy(), normals, avatar.hand_weight.double().numpy(), np.zeros(len(normals))
+    )
+    double = replace(
+        posed,
+        body=PosedTemplate(*(value.double() for value in vars(posed.body).values())),
+        body_rotation=posed.body_rotation.double(),
+        parts={name: mesh.double() for name, mesh in posed.parts.items()},
+        hand_pose={name: pose.double() for name, pose in posed.hand_pose.items()},
+    )
+    for module in avatar.modules().values():
+        module.double()
+    assert volume.views is not None
+    volume = replace(volume, views=volume.views.double(), body_frame=_double_frame(avatar, double))
+    frame = TrainingFrame(0, double, posed.world_from_root(rig.signals[0]), probe, volume, 0, {})
+    return avatar, frame, OneFrame(avatar, rig, frame)
+
+
+def _double_frame(avatar: Avatar, posed: PosedPerson) -> BodyFrame:
+    with torch.no_grad():
+        return avatar.body.frame(posed.body, avatar.body.code(posed.body_rotation))
+
+
+def pixels(camera: Camera, frame: TrainingFrame, near: np.ndarray) -> PixelBatch:
+    """Pixels about root-frame points."""
+    view = frame.camera(camera)
+    seen = near @ view.camera_from_world[:3, :3].T + view.camera_from_world[:3, 3]
+    place = torch.from_numpy((seen @ view.intrinsics.T)[:, :2] / seen[:, 2:])
+    generator = torch.Generator().manual_seed(0)
+    colour = torch.rand(len(place), 3, generator=generator, dtype=torch.float64)
+    return PixelBatch(place, colour, (torch.arange(len(place)) % 3 > 0).double())
+
+
+def check(parameters: list[torch.nn.Parameter], loss, count: int, seed: int = 0) -> None:
+    """Autograd against central differences along random directions in each of `count` parameters with a gradient."""
+    for parameter in parameters:
+        parameter.requires_grad_(True)
+    found = torch.autograd.grad(loss(), parameters, allow_unused=True)
+    generator = torch.Generator().manual_seed(seed)
+    tested = 0
+    for number, (parameter, gradient) in enumerate(zip(parameters, found)):
+        if gradient is None or float(gradient.norm()) < 1e-9 or tested == count:
+            continue
+        direction = (
+            gradient / gradient.norm()
+            + 0.2 * torch.randn(gradient.shape, generator=generator) / gradient.numel() ** 0.5
+        )
+        direction = direction.double() / direction.norm()
+        values = []
+        for step in (STEP, -STEP):
+            parameter.data.add_(step * direction)
+            values.append(float(loss().detach()))
+            parameter.data.sub_(step * direction)
+        above, below = values
+        slope = float((gradient * direction).sum())
+        difference = (above - below) / (2 * STEP)
+        assert difference == pytest.approx(slope, rel=2e-3, abs=1e-9), f"parameter {number}"
+        tested += 1
+    assert tested == count
+
+
+def test_pass_one_of_the_body(tiny, monkeypatch):
+    avatar, frame, store = tiny
+    monkeypatch.setattr("avatarrex.training.pass_one.SHOWN", 0.0)
+    # The nodes carry the eikonal points along; their places have no gradient.
+    fixed = 0.3 * torch.randn(40, 3, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    monkeypatch.setattr(TrainedBody, "around", lambda self, count, noise: fixed)
+    stage = BodyPass(avatar, store, SMOKE.body[0], 0)
+    stage.frame_codes = torch.nn.Parameter(stage.frame_codes.double())
+    camera = store.rig.views[0].camera
+    batch = pixels(camera, frame, frame.posed.body.vertices[::900].numpy())
+
+    def loss() -> torch.Tensor:
+        noise = noise_of(0, 1, 2)
+        field, terms = stage.field(frame, noise)
+        rendered, _ = _render_losses(stage, field, frame, camera, batch, 0.02, noise)
+        return weighted(terms | rendered)
+
+    modules = avatar.body
+    chosen = [*modules.geometry_parameters(), *modules.colour_parameters(), stage.frame_codes]
+    check(chosen, loss, 12)
+
+
+def test_pass_one_of_the_face(tiny, monkeypatch):
+    avatar, frame, store = tiny
+    monkeypatch.setattr("avatarrex.training.pass_one.SHOWN", 0.0)
+    monkeypatch.setattr(FacePass, "ray_weight", lambda self, share: torch.ones_like(share[:, 0]))  # without gradient
+    stage = FacePass(avatar, store, SMOKE.face[0], 0)
+    camera = store.rig.views[0].camera
+    head = frame.posed.root_from_part("face")
+    mesh = frame.posed.parts["face"][avatar.person.face.blend_weight > 0.9][::60].numpy()
+    batch = pixels(camera, frame, mesh @ head[:3, :3].T + head[:3, 3])
+
+    def loss() -> torch.Tensor:
+        noise = noise_of(0, 1, 2)
+        field, terms = stage.field(frame, noise)
+        rendered, _ = _render_losses(stage, field, frame, camera, batch, 0.02, noise)
+        return weighted(terms | rendered)
+
+    check(stage.parameters(), loss, 12)
+
+
+def test_pass_two(tiny):
+    avatar, frame, store = tiny
+    stage = PatchPass(avatar, store, "body", SMOKE.body[1], Perceptual(None, "test"), 0)
+    camera = store.rig.views[0].camera
+    truth = torch.rand(camera.height, camera.width, 3, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+
+    def loss() -> torch.Tensor:
+        rendered, coverage = stage.shade(frame, camera)
+        both = coverage[..., None].double()
+        return weighted(stage._compare(rendered * both, truth * both, both))
+
+    check(stage.parameters(), loss, 8)
