@@ -130,12 +130,15 @@ SENTENCE = [
 ]
 
 
-def body_motion(frames: int, seed: int) -> SignalSequence:
-    """`frames` body frames that cover all of `BODY_KEYS`, with moving hands and a lively face."""
+def body_motion(frames: int, seed: int, girth: float = 0.0) -> SignalSequence:
+    """`frames` body frames that cover all of `BODY_KEYS`, with moving hands and a lively face.
+
+    `girth`: degrees by which upper arms stay further out where hands would touch the body: cloth that stands off it.
+    """
     rng = np.random.default_rng([seed, 1])
     times = np.arange(len(BODY_KEYS)) * BODY_KEY
     at = _sampled(times, frames)
-    keyed = np.stack([_body_pose(key, 1 + 0.12 * rng.uniform(-1, 1)) for key in BODY_KEYS])
+    keyed = np.stack([_body_pose(key, 1 + 0.12 * rng.uniform(-1, 1), girth) for key in BODY_KEYS])
     pose = np.zeros((frames, 55, 3))
     pose[:, 1:22] = PchipInterpolator(times, keyed)(at) + _sway(at, rng)
     pose[:, 0, 1] = PchipInterpolator(times, np.radians([key.yaw for key in BODY_KEYS]))(at)
@@ -184,13 +187,17 @@ def _rate(at: np.ndarray) -> float:
     return float(1 / (at[1] - at[0])) if len(at) > 1 else 30.0
 
 
-def _body_pose(key: BodyKey, amplitude: float) -> np.ndarray:
+def _body_pose(key: BodyKey, amplitude: float, girth: float) -> np.ndarray:
     """(21, 3): the library pose with the key's joints, the latter scaled about the standing pose."""
     pose = named_pose(key.pose)
     if key.pose == "stand":
         pose = _joints(tuple(_DOWN.items()), np.zeros((21, 3)))
     changed = _joints(key.joints, pose)
-    return pose + amplitude * (changed - pose)
+    pose = pose + amplitude * (changed - pose)
+    if key.pose == "hands_on_hips":
+        for joint, side in (("left_shoulder", 1), ("right_shoulder", -1)):
+            pose[BODY_JOINTS.index(joint), 2] += side * np.radians(girth)
+    return pose
 
 
 def _joints(joints: tuple[tuple[str, tuple[float, float, float]], ...], base: np.ndarray) -> np.ndarray:

@@ -69,15 +69,15 @@ class Occlusion:
         return np.clip(openness, 0, 1)
 
     def _add(self, towards: np.ndarray, clip: np.ndarray, lift: float, bias: float) -> None:
-        matrix = clip.T.astype(np.float32).tobytes()
-        self.draw["u_clip_from_root"].write(matrix)
+        matrix = tuple(clip.T.ravel().tolist())
+        self.draw["u_clip_from_root"] = matrix
         self.target.use()
         self.target.clear()
         self.context.disable(moderngl.CULL_FACE | moderngl.BLEND)
         self.context.enable(moderngl.DEPTH_TEST)
         self.mesh.render(moderngl.TRIANGLES)
         self.context.disable(moderngl.DEPTH_TEST)
-        self.gather["u_clip_from_root"].write(matrix)
+        self.gather["u_clip_from_root"] = matrix
         for name, value in (
             ("towards", tuple(towards.tolist())),
             ("lift", lift),

@@ -21,6 +21,8 @@ from avatarrex.templates.transform import world_from_root
 
 GARMENTS = {"printed": "default", "loose": "loose"}
 """The subject that wears each."""
+GIRTH = {"printed": 0.0, "loose": 14.0}
+"""Degrees that arms stay further out where hands touch the body: the tunic stands off it."""
 HELD_OUT = {"body": ((0.45, 0.55), (0.825, 0.925)), "face": ((0.3, 0.4), (0.8, 0.9))}
 """Parts of the time that no training sees: whole stretches, so that no neighbouring frame gives them away."""
 MARGIN = {"body": 0.96, "face": 0.86}
@@ -167,6 +169,6 @@ def plan(size: str, seed: int, garment: str) -> Plan:
     if not 0 <= seed < 2**32:
         raise InputError("--seed", "", "an integer from 0 to 4294967295", seed)
     subject, chosen = load_subject(GARMENTS[garment]), SIZES[size]
-    motions = (("body", body_motion, chosen.body), ("face", face_motion, chosen.face))
-    rigs = tuple(RigPlan(name, subject, make(rig.frames, seed), rig, chosen) for name, make, rig in motions)
-    return Plan(size, seed, garment, rigs)
+    body = RigPlan("body", subject, body_motion(chosen.body.frames, seed, GIRTH[garment]), chosen.body, chosen)
+    face = RigPlan("face", subject, face_motion(chosen.face.frames, seed), chosen.face, chosen)
+    return Plan(size, seed, garment, (body, face))

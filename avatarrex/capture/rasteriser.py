@@ -85,7 +85,7 @@ class Rasteriser:
     def geometry(self, camera: Camera) -> Geometry:
         """Depth and normals from a camera whose world is the root frame."""
         h, w = camera.height, camera.width
-        target = per_context(self.context, ("capture geometry", w, h), lambda: _target(self.context, (w, h), "f4"))
+        target, _ = per_context(self.context, ("capture geometry", w, h), lambda: _target(self.context, (w, h), "f4"))
         self._render(1, target, clip_from_root(camera, (0, 0, w, h)), (w, h))
         read = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(h, w, 4)
         return Geometry(read[..., 3].copy(), read[..., :3].copy())
@@ -104,12 +104,12 @@ class Rasteriser:
     def _tile(self, camera: Camera, tile: tuple[int, int, int, int]) -> np.ndarray:
         """(h, w, 4) of the tile (left, top, width, height)."""
         context, side = self.context, TILE // self.samples
-        samples = per_context(context, "capture samples", lambda: _target(context, (TILE, TILE), "f2"))
-        means = per_context(context, ("capture means", side), lambda: _target(context, (side, side), "f4"))
+        samples, sampled = per_context(context, "capture samples", lambda: _target(context, (TILE, TILE), "f2"))
+        means, mean = per_context(context, ("capture means", side), lambda: _target(context, (side, side), "f4"))
         size = tile[2:]
         self._render(0, samples, clip_from_root(camera, tile), (size[0] * self.samples, size[1] * self.samples))
-        samples.color_attachments[0].use(0)
-        means.color_attachments[0].bind_to_image(0, read=False, write=True)
+        sampled.use(0)
+        mean.bind_to_image(0, read=False, write=True)
         self.resolve["u_size"] = size
         self.resolve.run((size[0] + 7) // 8, (size[1] + 7) // 8)
         context.memory_barrier()
@@ -120,7 +120,7 @@ class Rasteriser:
         context = self.context
         for binding, buffer in enumerate((self.faces, self.vertices, self.lattice, self.albedo)):
             buffer.bind_to_storage_buffer(binding)
-        (self.lit, self.plain)[which]["u_clip_from_root"].write(clip.T.astype(np.float32).tobytes())
+        (self.lit, self.plain)[which]["u_clip_from_root"] = tuple(clip.T.ravel().tolist())
         target.use()
         target.viewport = (0, 0, *size)
         target.clear()
@@ -165,7 +165,9 @@ def _program(context: moderngl.Context, fragment: str) -> moderngl.Program:
     )
 
 
-def _target(context: moderngl.Context, size: tuple[int, int], kind: str) -> moderngl.Framebuffer:
+def _target(
+    context: moderngl.Context, size: tuple[int, int], kind: str
+) -> tuple[moderngl.Framebuffer, moderngl.Texture]:
     texture = context.texture(size, 4, dtype=kind)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-    return context.framebuffer([texture], context.depth_renderbuffer(size))
+    return context.framebuffer([texture], context.depth_renderbuffer(size)), texture
