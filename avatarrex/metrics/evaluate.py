@@ -219,15 +219,9 @@ def _chosen(what: str, given: Iterable[int] | None, default: Iterable[int], coun
 
 
 def _kept(rig: Rig, pairs: list[tuple[int, int]], count: int) -> set[tuple[int, int]]:
-    """Pictures for a contact sheet: held-out ones where there are any, spread over frames and views."""
+    """Pictures for a contact sheet, by chance, the same each time: of held-out frames where there are any."""
     held = [pair for pair in pairs if pair[1] in rig.held_out_frames] or pairs
-    views = len({view for view, _ in held})
-    step = len(held) / max(count, 1)
-    # a step that shares a factor with the number of views would show one view again and again: each moves on by one
-    return {
-        held[min(int(k * step) // views * views + (k * max(views // 3, 1)) % views, len(held) - 1)]
-        for k in range(count)
-    }
+    return {held[k] for k in np.random.default_rng(0).permutation(len(held))[:count]}
 
 
 def _observed(training: list[tuple[int, int]], count: int) -> list[tuple[int, int]]:

@@ -2,7 +2,8 @@
 
     FID = |μ₁ − μ₂|² + tr(Σ₁ + Σ₂ − 2 (Σ₁^½ Σ₂ Σ₁^½)^½)
 
-over the features of `inception.py`, in float64. The weights are the user's file `pt_inception-2015-12-05-6726825d.pth`,
+over the features of `inception.py`, in float64. With Σ₁ = AᵀA and Σ₂ = BᵀB, the rows of A and B being the centred features
+over √(n − 1), the last trace is the sum of the singular values of ABᵀ: small, and exact where Σ is singular. The weights are the user's file `pt_inception-2015-12-05-6726825d.pth`,
 by path, by AVATARREX_INCEPTION, or in torch hub's `checkpoints` folder. With fewer pictures than features Σ is singular
 and the value is biased upwards: compare only values over the same pictures. Letters: n pictures, d features.
 """
@@ -39,17 +40,25 @@ def frechet_distance(a: Float[np.ndarray, "n d"], b: Float[np.ndarray, "m d"]) -
     if min(len(a), len(b)) < 2:
         raise InputError("fid", "pictures", "at least two in each set", min(len(a), len(b)))
     a, b = a.astype(np.float64), b.astype(np.float64)
-    cov_a, cov_b = (np.cov(features, rowvar=False).reshape(a.shape[1], -1) for features in (a, b))
-    return frechet_of_moments(a.mean(0), cov_a, b.mean(0), cov_b)
+    root_a, root_b = (_root(features) for features in (a, b))
+    shared = np.linalg.svd(root_a @ root_b.T, compute_uv=False).sum()
+    spread = (root_a**2).sum() + (root_b**2).sum() - 2 * shared
+    return float(((a.mean(0) - b.mean(0)) ** 2).sum() + max(spread, 0.0))
 
 
-def frechet_of_moments(
+def _root(features: np.ndarray) -> np.ndarray:
+    """A with AᵀA the covariance, at most d rows."""
+    centred = (features - features.mean(0)) / np.sqrt(len(features) - 1)
+    return np.linalg.qr(centred, mode="r") if len(centred) > centred.shape[1] else centred
+
+
+def frechet_reference(
     mean_a: Float[np.ndarray, " d"],
     cov_a: Float[np.ndarray, "d d"],
     mean_b: Float[np.ndarray, " d"],
     cov_b: Float[np.ndarray, "d d"],
 ) -> float:
-    """Squared Fréchet (Wasserstein-2) distance of two normal distributions; singular covariances are fine."""
+    """The formula on means and covariances: squared Wasserstein-2 distance of two normal distributions."""
     value, vector = np.linalg.eigh(cov_a)
     root = (vector * np.sqrt(np.maximum(value, 0))) @ vector.T
     between = np.linalg.eigvalsh(root @ cov_b @ root)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from avatarrex.errors import InputError
-from avatarrex.metrics.fid import INCEPTION_FILE, frechet_distance, frechet_of_moments, load_inception
+from avatarrex.metrics.fid import INCEPTION_FILE, frechet_distance, frechet_reference, load_inception
 from avatarrex.metrics.inception import Inception
 
 
@@ -14,7 +14,7 @@ def test_normals_that_differ_in_mean_and_scale():
     a, b = np.array([1.0, 2.0, 0.0]), np.array([0.5, 2.0, 3.0])
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     shift = np.array([0.3, -0.4, 1.2])
-    found = frechet_of_moments(np.zeros(3), turn * a**2 @ turn.T, shift, turn * b**2 @ turn.T)
+    found = frechet_reference(np.zeros(3), turn * a**2 @ turn.T, shift, turn * b**2 @ turn.T)
     assert found == pytest.approx((shift**2).sum() + ((a - b) ** 2).sum(), rel=1e-6)
 
 
@@ -26,6 +26,14 @@ def test_it_is_symmetric_unmoved_by_rotation_and_zero_for_equal_sets():
     assert frechet_distance(a @ turn, b @ turn) == pytest.approx(frechet_distance(a, b))
     assert frechet_distance(a, a) == pytest.approx(0, abs=1e-6)
     assert frechet_distance(a, a + 0.5) == pytest.approx(30 * 0.25, abs=1e-6)
+
+
+@pytest.mark.parametrize("count", [2, 12, 60])
+def test_it_is_the_formula_on_covariances(count):
+    rng = np.random.default_rng(2)
+    a, b = rng.normal(size=(count, 20)), rng.normal(0.5, 1.5, (40, 20)) @ rng.normal(size=(20, 20))
+    expected = frechet_reference(a.mean(0), np.cov(a, rowvar=False), b.mean(0), np.cov(b, rowvar=False))
+    assert frechet_distance(a, b) == pytest.approx(expected, rel=1e-6)
 
 
 def test_one_picture_has_no_spread():
