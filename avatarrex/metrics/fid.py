@@ -3,9 +3,11 @@
     FID = |μ₁ − μ₂|² + tr(Σ₁ + Σ₂ − 2 (Σ₁^½ Σ₂ Σ₁^½)^½)
 
 over the features of `inception.py`, in float64. With Σ₁ = AᵀA and Σ₂ = BᵀB, the rows of A and B being the centred features
-over √(n − 1), the last trace is the sum of the singular values of ABᵀ: small, and exact where Σ is singular. The weights are the user's file `pt_inception-2015-12-05-6726825d.pth`,
-by path, by AVATARREX_INCEPTION, or in torch hub's `checkpoints` folder. With fewer pictures than features Σ is singular
-and the value is biased upwards: compare only values over the same pictures. Letters: n pictures, d features.
+over √(n − 1), the last trace is the sum of the singular values of ABᵀ: small, and exact where Σ is singular.
+
+The weights are the user's file `pt_inception-2015-12-05-6726825d.pth`, by path, by AVATARREX_INCEPTION, or in torch hub's
+`checkpoints` folder. With fewer pictures than features Σ is singular and the value is biased upwards: compare only values
+over the same pictures. Letters: n pictures, d features.
 """
 
 from __future__ import annotations
@@ -49,7 +51,7 @@ def frechet_distance(a: Float[np.ndarray, "n d"], b: Float[np.ndarray, "m d"]) -
 def _root(features: np.ndarray) -> np.ndarray:
     """A with AᵀA the covariance, at most d rows."""
     centred = (features - features.mean(0)) / np.sqrt(len(features) - 1)
-    return np.linalg.qr(centred, mode="r") if len(centred) > centred.shape[1] else centred
+    return np.asarray(np.linalg.qr(centred, mode="r")) if len(centred) > centred.shape[1] else centred
 
 
 def frechet_reference(
