@@ -39,6 +39,7 @@ def away(person: Person, other: Person) -> float:
     return float(cKDTree(person.body.v_template.numpy()).query(skin[moved])[0].mean())
 
 
+@pytest.mark.slow
 def test_the_skin_moves_onto_the_mattes(stout: Person, tmp_path: Path) -> None:
     files = TinyCapture.make(("body",), person=stout, scale=4)
     files.manifest(held_out_frames={"body": [2]}, held_out_cameras={"body": ["c2"]})
@@ -62,6 +63,7 @@ def test_the_skin_moves_onto_the_mattes(stout: Person, tmp_path: Path) -> None:
         rig.matte(0, 2)
 
 
+@pytest.mark.slow
 def test_a_template_that_fits_stays(tmp_path: Path) -> None:
     capture = open_capture(TinyCapture.make(("body",), scale=4).zip(tmp_path / "a.zip"))
     person = fit_surface(capture, count=1)
