@@ -27,14 +27,16 @@ from avatarrex.fields.body import BodyField
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
 from avatarrex.fields.presets import PRESETS
+from avatarrex.fields.tone import ToneMap
 from avatarrex.files import parse_json, what_is
 from avatarrex.signals.signals import Signals
-from avatarrex.templates.person import Person, PersonFit, load_person, resize_person
+from avatarrex.templates.person import Person, load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.contact import Ownership
 
-FORMAT = 1
-"""Version of the folder layout; a reader refuses a newer one by name."""
+FORMAT = 2
+"""Version of the folder layout; a reader refuses a newer one by name. 1 had no tone mapping: the identity."""
 FILES = ("avatar.json", "weights.safetensors")
 LARGEST = 2**30
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
@@ -50,6 +52,7 @@ class Avatar:
     left_hand: HandField
     right_hand: HandField
     face: FaceField
+    tone: ToneMap
     meta: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -65,6 +68,7 @@ class Avatar:
             HandField(person.left_hand, widths),
             HandField(person.right_hand, widths),
             FaceField(person.face, widths),
+            ToneMap(widths),
             {"format": FORMAT, "preset": preset, "local_frame": local_frame, "seed": seed},
         )
         for module in avatar.modules().values():
@@ -76,8 +80,19 @@ class Avatar:
         return {"left_hand": self.left_hand, "right_hand": self.right_hand}[name]
 
     def modules(self) -> dict[str, nn.Module]:
-        """The four fields by name."""
-        return {"body": self.body, "left_hand": self.left_hand, "right_hand": self.right_hand, "face": self.face}
+        """The fields by name, and the tone mapping."""
+        return {
+            "body": self.body,
+            "left_hand": self.left_hand,
+            "right_hand": self.right_hand,
+            "face": self.face,
+            "tone": self.tone,
+        }
+
+    @property
+    def hidden(self) -> frozenset[str]:
+        """Parts that were never trained: they are not drawn, and the body's field shows in their place."""
+        return frozenset(self.meta.get("untrained", ()))
 
     @cached_property
     def hand_weight(self) -> Tensor:
@@ -125,7 +140,7 @@ def load_avatar(source: str | Path = "default") -> Avatar:
         state = safetensors.torch.load(weights)
     except (safetensors.SafetensorError, ValueError) as error:
         raise InputError(path, "weights.safetensors", "a safetensors file", error) from None
-    _fill(path, avatar, state)
+    _fill(path, avatar, state, meta["format"])
     avatar.meta = meta
     return avatar
 
@@ -210,9 +225,11 @@ def _meta(path: Path, meta: Any) -> dict[str, Any]:
     return meta
 
 
-def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
+def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor], format: int) -> None:
     """Load `state` into the fields after checking every name, shape and value."""
     expected = avatar.state()
+    if format == 1:
+        state = {**{name: value for name, value in expected.items() if name.startswith("tone.")}, **state}
     for name, value in expected.items():
         if name not in state:
             raise InputError(path, f"weights.safetensors: {name}", f"a tensor {tuple(value.shape)}", "missing")

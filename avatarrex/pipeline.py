@@ -15,7 +15,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float32
@@ -79,6 +79,7 @@ def render_frame(
     `previous` must stem from the same avatar. Raises `InputError` for signals or settings that cannot be drawn.
     """
     settings = settings or RenderSettings()
+    settings = replace(settings, hidden=settings.hidden | avatar.hidden)
     clock, counters = _Clock(), Counters()
     with clock("templates"):
         posed = pose_person(avatar.person, signals, counters, previous.posed if previous else None)

@@ -22,6 +22,7 @@ from avatarrex.fields.composition import emptied
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
 from avatarrex.fields.patches import patches_reference
+from avatarrex.fields.tone import ToneMap
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.pointmap import PointMap, raycast
@@ -47,6 +48,7 @@ class _Posed:
     body: BodyField
     hands: dict[str, HandField]
     face: FaceField
+    tone: ToneMap
     template: PosedTemplate
     frame: BodyFrame
     meshes: dict[str, Tensor]
@@ -96,6 +98,7 @@ def _pose(avatar: Avatar, signals: Signals) -> _Posed:
         body,
         {name: _double(avatar.hand(name)) for name in ("left_hand", "right_hand")},
         face,
+        _double(avatar.tone),
         template,
         body.frame(template, body.code(matrix_from_rotvec(value["body_pose"]))),
         meshes,
@@ -151,6 +154,7 @@ def _shade(posed: _Posed, pointmap: PointMap, view: Camera) -> Tensor:
         local, turned = position @ place[:3, :3].T + place[:3, 3], gaze @ place[:3, :3].T
         if name == "face":
             own = posed.face.colour(posed.face.colour_planes(posed.views), local, turned)
+            own = posed.tone(own, gaze, turned)
         else:
             query = posed.hands[name].sdf(posed.meshes[name], local, impl="reference")
             own = posed.hands[name].colour(posed.meshes[name], posed.value[f"{name}_pose"], query)

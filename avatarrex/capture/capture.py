@@ -6,7 +6,6 @@ sRGB bytes without lens distortion, pixel centres at +0.5. Letters: h w pixels, 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from avatarrex.capture.calibration import Lens, read_calibration
 from avatarrex.capture.ground_truth import GroundTruth, RigTruth
 from avatarrex.capture.images_store import ByteCache, Pictures
 from avatarrex.capture.layout import RigFiles, find_rigs
+from avatarrex.capture.manifest import held_out, read_manifest
 from avatarrex.capture.parameters import KEYS, Parameters, read_parameters
 from avatarrex.capture.person_fit import check_height, fit_person
 from avatarrex.capture.units import metres
@@ -28,8 +28,6 @@ from avatarrex.errors import InputError
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.person import Person, load_person
 
-FORMAT = 1
-"""Version of `capture.json`; a newer one is refused by name."""
 SMPLX_PELVIS = np.array([0.0031, -0.3514, 0.0120])
 """J_0 of the neutral SMPL-X template, metres, to 0.1 mm: where a capture's pelvis is at transl = 0 when it does not say."""
 
@@ -118,7 +116,7 @@ def open_capture(path: str | Path, memory_mb: float = 1024) -> Capture:
     """
     archive = Archive(path)
     root, rig_files = find_rigs(archive)
-    manifest = _manifest(archive, root, rig_files)
+    manifest = read_manifest(archive, root, rig_files)
     notes = ["capture.json: the capture is not complete"] if manifest.get("complete") is False else []
     parameters = {name: _parameters(files) for name, files in rig_files.items()}
     person, pelvis, scale = _person(rig_files, parameters, notes)
@@ -199,7 +197,8 @@ def _rig(
     notes.extend(f"{name}: {note}" for note in values.notes)
     rig = Rig(name, views, signals, missing, frozenset(), frozenset(), pictures)
     truth = RigTruth(files, frames=count, lenses=lenses) if files.ground_truth else None
-    return _hold_out(rig, manifest, archive.place("capture.json")), truth
+    kept = held_out(manifest, name, count, tuple(lens.name for lens in lenses), archive.place("capture.json"))
+    return rig.holding_out(*kept), truth
 
 
 def _with_pictures(
@@ -244,45 +243,3 @@ def _missing(
     if absent - listed:
         notes.append(f"{name}: {len(absent - listed)} of {len(images) * count} pictures are not there")
     return frozenset(absent | listed)
-
-
-def _manifest(archive: Archive, root: str, rigs: dict[str, RigFiles]) -> dict[str, Any]:
-    """`capture.json`, or nothing."""
-    name = f"{root}/capture.json".lstrip("/")
-    if not archive.exists(name):
-        return {}
-    place = archive.place(name)
-    try:
-        manifest = json.loads(archive.text(name))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(place, "", "JSON", error) from None
-    if not isinstance(manifest, dict) or type(manifest.get("format")) is not int:
-        raise InputError(place, "format", "an object with an integer format", repr(manifest)[:60])
-    if manifest["format"] > FORMAT:
-        raise InputError(place, "format", f"at most {FORMAT} (update the studio)", manifest["format"])
-    if not isinstance(manifest.get("provenance", {}), dict):
-        raise InputError(place, "provenance", "an object", repr(manifest["provenance"])[:60])
-    for key in ("held_out_frames", "held_out_cameras"):
-        held = manifest.get(key, {})
-        if not isinstance(held, dict) or not all(isinstance(held[rig], list) for rig in held):
-            raise InputError(place, key, "an object with a list per rig", repr(held)[:60])
-        for rig in held:
-            if rig not in rigs:
-                raise InputError(place, key, "rigs of the capture: " + ", ".join(rigs), rig)
-    return manifest
-
-
-def _hold_out(rig: Rig, manifest: dict[str, Any], place: str) -> Rig:
-    """What `capture.json` keeps from training."""
-    names = {view.name: index for index, view in enumerate(rig.views)}
-    frames = manifest.get("held_out_frames", {}).get(rig.name, [])
-    cameras = manifest.get("held_out_cameras", {}).get(rig.name, [])
-    for frame in frames:
-        if type(frame) is not int or not 0 <= frame < rig.frames:
-            raise InputError(place, f"held_out_frames.{rig.name}", f"integers from 0 to {rig.frames - 1}", frame)
-    for camera in cameras:
-        if camera not in names:
-            raise InputError(place, f"held_out_cameras.{rig.name}", "one of " + ", ".join(names), camera)
-    return rig.holding_out(frames, (names[camera] for camera in cameras))

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from avatarrex.errors import InputError
-from avatarrex.templates.person import Person, PersonFit, resize_person
+from avatarrex.templates.person import Person, resize_person
+from avatarrex.templates.person_fit import PersonFit
 
 RIG_NOISE = 0.1
 """σ, metres: rigs place the joints of the same body differently. On person_f001's joints (`docs/capture.md`) 0.03 and 0.3

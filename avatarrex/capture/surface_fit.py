@@ -28,7 +28,8 @@ from avatarrex.capture.check import FOREGROUND, reduced, silhouette
 from avatarrex.ops.skinning import blend
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.model import pose_template
-from avatarrex.templates.person import Person, PersonFit, SurfaceOffsets, load_person, resize_person
+from avatarrex.templates.person import Person, load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
 from avatarrex.templates.transform import world_from_root
 
 NODES = 320

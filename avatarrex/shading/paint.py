@@ -53,7 +53,7 @@ class Paint:
             rows = torch.nonzero(weight[:, column] > 0)[:, 0]
             if len(rows):
                 local, gaze = _into(self.posed.root_from_part(name), position[rows], direction[rows])
-                part = self._face(local, gaze) if name == "face" else self._hand(name, local)
+                part = self._face(local, gaze, direction[rows]) if name == "face" else self._hand(name, local)
                 colour = colour.index_add(0, rows, weight[rows, column, None] * part)
         return colour
 
@@ -71,13 +71,13 @@ class Paint:
         self.counters.add("hand_pixels", len(local))
         return self.avatar.hand(name).colour(self.posed.parts[name], self.posed.hand_pose[name], local)
 
-    def _face(self, local: Tensor, gaze: Tensor) -> Tensor:
+    def _face(self, local: Tensor, gaze: Tensor, direction: Tensor) -> Tensor:
         if self.planes is None:
             assert self.views is not None, "a pixel of the face, whose views were not drawn"
             self.planes = self.avatar.face.colour_planes(self.views)
             self.counters.add("unet_runs", 3)
         self.counters.add("face_pixels", len(local))
-        return self.avatar.face.colour(self.planes, local, gaze)
+        return self.avatar.tone(self.avatar.face.colour(self.planes, local, gaze), direction, gaze)
 
 
 def _into(root_from_part: np.ndarray, position: Tensor, direction: Tensor) -> tuple[Tensor, Tensor]:

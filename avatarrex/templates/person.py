@@ -13,14 +13,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.interpolate import RBFInterpolator
-from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avatarrex.assets import DATA, check_arrays, read_npz, read_spec
@@ -29,86 +25,13 @@ from avatarrex.templates.blend_weight import scatter_to_body
 from avatarrex.templates.face import FaceTemplate, cut_face
 from avatarrex.templates.hand import HandTemplate, cut_hand
 from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.person_fit import PersonFit
 
 POSING = (
     "v_template", "f", "shapedirs", "n_shape", "J_template", "J_shapedirs", "J_regressor", "J_idx", "J_w", "weights",
     "kintree_table", "posedirs", "pose_columns",
 )  # fmt: skip
 """The arrays that decide where a posed vertex is, and so the person's hash."""
-SPREAD = 0.05
-"""Metres: σ of a surface offset, about what 320 of them are apart."""
-
-
-@dataclass(frozen=True, eq=False)
-class SurfaceOffsets:
-    """A smooth field that moves the skin at rest and leaves the joints: offsets of some vertices, spread over all."""
-
-    vertices: tuple[int, ...]
-    """Indices into the body template."""
-    offsets: np.ndarray
-    """(n, 3) metres."""
-
-    def __post_init__(self) -> None:
-        value = np.asarray(self.offsets, dtype=np.float64)
-        if value.shape != (len(self.vertices), 3) or not value.size or not (np.abs(value) < 1).all():
-            raise InputError("person fit", "surface.offsets", f"({len(self.vertices)}, 3) below 1 m", value.shape)
-        object.__setattr__(self, "offsets", value)
-
-    def weights(self, rest: np.ndarray) -> csr_array:
-        """(v, n) of the original rest vertices (v, 3): Gaussians of the eight nearest, as wide as those are apart."""
-        if min(self.vertices) < 0 or max(self.vertices) >= len(rest) or len(self.vertices) < 8:
-            raise InputError(
-                "person fit", "surface.vertices", f"8 or more indices below {len(rest)}", self.vertices[:8]
-            )
-        centres = rest[list(self.vertices)]
-        away, nearest = cKDTree(centres).query(rest, 8)
-        value = np.exp(-0.5 * (away / SPREAD) ** 2) + 1e-9
-        value /= value.sum(1, keepdims=True)
-        rows = np.repeat(np.arange(len(rest)), 8)
-        return csr_array((value.ravel(), (rows, nearest.ravel())), shape=(len(rest), len(centres)))
-
-
-@dataclass(frozen=True, eq=False)
-class PersonFit:
-    """Another body's size on a person's template: a shape, then an offset of every joint from where the shape has it."""
-
-    shape: np.ndarray
-    """β, (10,) standard deviations."""
-    joint_offsets: np.ndarray
-    """(55, 3) metres, root frame; the pelvis stays: its row is zero."""
-    surface: SurfaceOffsets | None = None
-
-    def __post_init__(self) -> None:
-        for name, shape in (("shape", (10,)), ("joint_offsets", (55, 3))):
-            value = np.asarray(getattr(self, name), dtype=np.float64)
-            if value.shape != shape or not np.isfinite(value).all() or np.abs(value).max() > 20:
-                raise InputError("person fit", name, f"{shape} finite numbers, none beyond 20", value.shape)
-            object.__setattr__(self, name, value)
-        if self.joint_offsets[0].any():
-            raise InputError("person fit", "joint_offsets", "a pelvis that stays (row 0 zero)", self.joint_offsets[0])
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain lists; `from_json` gives the same fit back, bit for bit."""
-        fit: dict[str, Any] = {"shape": self.shape.tolist(), "joint_offsets": self.joint_offsets.tolist()}
-        if self.surface is not None:
-            fit["surface"] = {"vertices": list(self.surface.vertices), "offsets": self.surface.offsets.tolist()}
-        return fit
-
-    @classmethod
-    def from_json(cls, data: Any, source: str | Path) -> PersonFit:
-        """From `to_json`'s object. Raises `InputError`."""
-        if not isinstance(data, dict) or set(data) - {"surface"} != {"shape", "joint_offsets"}:
-            raise InputError(source, "person_fit", "an object with shape and joint_offsets", repr(data)[:60])
-        try:
-            shape, offsets = (np.array(data[name], dtype=np.float64) for name in ("shape", "joint_offsets"))
-            if "surface" not in data:
-                return cls(shape, offsets)
-            moved = np.array(data["surface"]["offsets"], dtype=np.float64)
-            return cls(shape, offsets, SurfaceOffsets(tuple(map(int, data["surface"]["vertices"])), moved))
-        except (TypeError, ValueError, KeyError) as error:
-            if not isinstance(error, InputError):
-                raise InputError(source, "person_fit", "lists of numbers", "another form") from None
-            raise InputError(source, f"person_fit.{error.field}", error.expected, error.found) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,18 +69,12 @@ def _load(name: str, path: Path) -> Person:
 def resize_person(person: Person, fit: PersonFit) -> Person:
     """`person` with the size of `fit`: its new mean shape (β = 0) has the fit's joints exactly.
 
-    The skin follows the joints' offsets by the smooth field that interpolates them, φ(r) = r with an affine part, in
-    which a bone takes its flesh along evenly. Raises `InputError` for a person that is resized already.
+    Raises `InputError` for a person that is resized already.
     """
     if person.fit is not None:
         raise InputError("person", "fit", "a person of the original size", "one that is resized")
-    body, shape = person.body.double(), torch.from_numpy(fit.shape)
-    vertices = (body.v_template + body.shapedirs[..., :10] @ shape).numpy()
-    joints = (body.joint_template + body.joint_shapedirs[..., :10] @ shape).numpy()
-    moved = RBFInterpolator(joints, fit.joint_offsets, kernel="linear", degree=1)(vertices)
-    if fit.surface is not None:
-        moved += fit.surface.weights(body.v_template.numpy()) @ fit.surface.offsets
-    resized = replace(person.body, v_template=_real(vertices + moved), joint_template=_real(joints + fit.joint_offsets))
+    vertices, joints = fit.moved(person.body.double())
+    resized = replace(person.body, v_template=_real(vertices), joint_template=_real(joints))
     digest = hashlib.sha256((person.hash + json.dumps(fit.to_json())).encode())
     return replace(_cut(resized, person.name, digest.hexdigest()[:16]), fit=fit)
 

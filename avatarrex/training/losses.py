@@ -14,7 +14,17 @@ from torch import Tensor
 
 from avatarrex.training.trained_field import TrainedField
 
-WEIGHTS = {"rgb": 1.0, "mask": 1.0, "eikonal": 2.0, "node": 0.04, "embedding": 0.01, "kl": 1e-6, "perceptual": 1.0}
+WEIGHTS = {
+    "rgb": 1.0,
+    "mask": 1.0,
+    "eikonal": 2.0,
+    "node": 0.04,
+    "embedding": 0.01,
+    "kl": 1e-6,
+    "tone": 0.1,
+    "perceptual": 1.0,
+}
+"""The paper's; of the tone mapping's deviation from the identity: ours."""
 CLAMP = 0.06
 """Metres: farther distances all count the same; the volume's band is as wide."""
 

@@ -53,7 +53,7 @@ class BodyPass:
 
     def parameters(self) -> list[nn.Parameter]:
         """Everything that pass I trains."""
-        modules = (self.avatar.body, self.avatar.left_hand, self.avatar.right_hand)
+        modules = (self.avatar.body, self.avatar.left_hand, self.avatar.right_hand, self.avatar.tone)
         return [*(p for module in modules for p in module.parameters()), self.frame_codes]
 
     def step(self, step: int, gamma: float) -> StepResult:
@@ -70,6 +70,7 @@ class BodyPass:
             "node": node_loss(code),
             "embedding": embedding_loss(code),
             "kl": kl_loss(mean[None], log_variance[None]),
+            "tone": self.avatar.tone.deviation(),
         }
         return TrainedBody(self.avatar, frame, body.frame(frame.posed.body, code)), terms
 

@@ -40,8 +40,8 @@ class PatchPass:
         """The colour networks."""
         if self.part == "face":
             return list(self.avatar.face.colour_net.parameters())
-        hands = (self.avatar.left_hand, self.avatar.right_hand)
-        return [*self.avatar.body.colour_parameters(), *(p for hand in hands for p in hand.parameters())]
+        others = (self.avatar.left_hand, self.avatar.right_hand, self.avatar.tone)
+        return [*self.avatar.body.colour_parameters(), *(p for module in others for p in module.parameters())]
 
     def step(self, step: int, gamma: float) -> StepResult:
         """Losses of one patch; the same for the same step and weights."""
@@ -81,6 +81,8 @@ class PatchPass:
     def _compare(self, rendered: Tensor, truth: Tensor, both: Tensor) -> dict[str, Tensor]:
         a, b = (picture.permute(2, 0, 1)[None] for picture in (rendered, truth))
         terms = {"rgb": (rendered - truth).square().sum() / (3 * both.sum().clamp_min(1.0))}
+        if self.part == "body":
+            terms["tone"] = self.avatar.tone.deviation()
         if self.recipe.perceptual and min(a.shape[-2:]) >= 16:
             terms["perceptual"] = self.recipe.perceptual * self.perceptual(a, b)
         return terms

@@ -85,8 +85,8 @@ PAPER = Recipe(
 QUICK = Recipe(
     "quick",
     "compact",
-    face=(PassOne(700, 1, 400, 6, 2e-3, 0.1, 700, 400, 300), PassTwo(300, 128, 2e-3, 0.2, 300)),
-    body=(PassOne(2600, 2, 400, 6, 2e-3, 0.15, 2600, 1300, 500), PassTwo(900, 128, 2e-3, 0.15, 900)),
+    face=(PassOne(700, 1, 400, 6, 4e-3, 0.05, 700, 400, 300), PassTwo(300, 128, 3e-3, 0.1, 300)),
+    body=(PassOne(2600, 2, 400, 6, 4e-3, 0.05, 2600, 1300, 500), PassTwo(900, 128, 3e-3, 0.05, 900)),
     interval=200,
     evaluate=600,
 )

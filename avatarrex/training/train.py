@@ -147,9 +147,9 @@ class Trainer:
         for part in (part for part in ("body", "face") if part not in self.hidden):
             steps = getattr(self.recipe, part)[0].warm_steps
             rig = self.capture.rigs.get(part) or self.capture.rigs[self.parts[0]]
-            store = FrameStore(self.avatar, rig, part, self.hidden)
-            error = warm_start(self.avatar, store, part, steps, self.seed) if steps else math.nan
-            self.run.scalars(0, {f"{part}/warm_start/error_mm": 1e3 * error})
+            if steps:
+                error = warm_start(self.avatar, rig.signals, part, steps, self.seed)
+                self.run.scalars(0, {f"{part}/warm_start/error_mm": 1e3 * error})
 
     def _pass(self, stage: Stage, store: FrameStore) -> BodyPass | FacePass | PatchPass:
         if isinstance(stage.recipe, PassTwo):
@@ -234,6 +234,7 @@ class Trainer:
         return {
             "name": Path(self.capture.path).stem,
             "origin": "trained from images in two passes",
+            "untrained": sorted(self.hidden),
             "training": {
                 "capture": Path(self.capture.path).name,
                 "recipe": self.recipe.name,

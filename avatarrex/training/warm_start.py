@@ -15,8 +15,10 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
+from avatarrex.counters import Counters
 from avatarrex.ops.closest_point import closest_point
-from avatarrex.training.frames import FrameStore, TrainingFrame
+from avatarrex.signals.sequence import SignalSequence
+from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.training.losses import distance_loss
 
 FRAMES = 16
@@ -44,30 +46,31 @@ def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, 
     return Distances(position, closest_point(vertices, faces, position, (-0.06, 0.06)).sdf.detach())
 
 
-def warm_start(avatar: Avatar, store: FrameStore, part: str, steps: int, seed: int) -> float:
-    """Fit the geometry of `body` or `face` for `steps` steps on frames of the rig; mean error of the last tenth, metres."""
-    frames = sorted(set(np.linspace(0, store.rig.frames - 1, FRAMES).round().astype(int).tolist()))
+def warm_start(avatar: Avatar, motion: SignalSequence, part: str, steps: int, seed: int) -> float:
+    """Fit the geometry of `body` or `face` for `steps` steps on frames of a motion; mean error of the last tenth, metres."""
+    frames = sorted(set(np.linspace(0, len(motion) - 1, FRAMES).round().astype(int).tolist()))
+    posed = [pose_person(avatar.person, motion[index], Counters(), None) for index in frames]
     rng = np.random.default_rng([seed, 17])
-    fit = {"body": _body, "face": _face}[part](avatar, [store[index] for index in frames], rng)
+    fit = {"body": _body, "face": _face}[part](avatar, posed, rng)
     parameters = avatar.body.geometry_parameters() if part == "body" else list(avatar.face.geometry.parameters())
     return _descend(parameters, fit, steps, rng, f"{part}: warm start")
 
 
-def _body(avatar: Avatar, frames: list[TrainingFrame], rng: np.random.Generator) -> Callable[[], tuple[Tensor, Tensor]]:
+def _body(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -> Callable[[], tuple[Tensor, Tensor]]:
     field, faces = avatar.body, avatar.person.body.faces
     everywhere = torch.ones(len(avatar.person.body.v_template), dtype=torch.bool)
-    bank = [(f, distances_around(f.posed.body.vertices, faces, everywhere, POINTS, rng)) for f in frames]
+    bank = [(f, distances_around(f.body.vertices, faces, everywhere, POINTS, rng)) for f in frames]
 
     def draw() -> tuple[Tensor, Tensor]:
-        frame, data = bank[rng.integers(len(bank))]
+        posed, data = bank[rng.integers(len(bank))]
         rows = torch.from_numpy(rng.integers(POINTS, size=BATCH))
-        body_frame = field.frame(frame.posed.body, field.code(frame.posed.body_rotation))
+        body_frame = field.frame(posed.body, field.code(posed.body_rotation))
         return field.sdf(body_frame, data.position[rows]), data.sdf[rows]
 
     return draw
 
 
-def _face(avatar: Avatar, frames: list[TrainingFrame], rng: np.random.Generator) -> Callable[[], tuple[Tensor, Tensor]]:
+def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -> Callable[[], tuple[Tensor, Tensor]]:
     field, template = avatar.face, avatar.person.face
     bank = []
     for frame in frames:

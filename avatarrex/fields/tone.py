@@ -1,0 +1,53 @@
+"""Tone mapping of the face's colours into the body capture's light (paper sec. 5.3).
+
+A tiny MLP takes the directions from which both rigs see a point and gives a 3×3 matrix: c ← M(v_body, v_face) c. The body's
+direction is in the pelvis frame, the face's in the head frame. M is the identity until it is trained.
+
+Letters: p points. Colours sRGB-encoded in [0, 1].
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from avatarrex.fields.presets import DIRECTION_OCTAVES, Preset
+from avatarrex.ops.encoding import channels, encode
+
+
+class ToneMap(nn.Module):
+    """54 → hidden → 9."""
+
+    def __init__(self, preset: Preset) -> None:
+        super().__init__()
+        widths = (2 * channels(DIRECTION_OCTAVES), *preset.face.tone)
+        layers: list[nn.Module] = []
+        for a, b in itertools.pairwise(widths):
+            layers += [nn.Linear(a, b), nn.ReLU()]
+        last = nn.Linear(widths[-1], 9)
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
+        self.network = nn.Sequential(*layers, last)
+
+    def matrix(self, from_body: Float[Tensor, "p 3"], from_head: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3 3"]:
+        """M of unit view directions in the pelvis and in the head frame."""
+        seen = torch.cat([encode(from_body, DIRECTION_OCTAVES), encode(from_head, DIRECTION_OCTAVES)], -1)
+        return torch.eye(3).to(seen) + self.network(seen).unflatten(-1, (3, 3))
+
+    def forward(
+        self, colour: Float[Tensor, "p 3"], from_body: Float[Tensor, "p 3"], from_head: Float[Tensor, "p 3"]
+    ) -> Float[Tensor, "p 3"]:
+        """The colours mapped."""
+        return (self.matrix(from_body, from_head) @ colour[:, :, None])[:, :, 0]
+
+    def deviation(self) -> Float[Tensor, ""]:
+        """Mean squared difference of M from the identity over fixed directions: keeps it from explaining the face."""
+        directions = torch.nn.functional.normalize(_DIRECTIONS.to(next(self.parameters())), dim=-1)
+        unit = torch.eye(3).to(directions)
+        return (self.matrix(directions, directions.roll(1, 0)) - unit).square().mean()
+
+
+_DIRECTIONS = torch.randn(64, 3, generator=torch.Generator().manual_seed(0))
