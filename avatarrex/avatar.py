@@ -6,6 +6,7 @@ every parameter and buffer. Spec: `assets_spec/avatar.json`.
 
 from __future__ import annotations
 
+import copy
 import json
 import os
 import tempfile
@@ -88,6 +89,11 @@ class Avatar:
             "face": self.face,
             "tone": self.tone,
         }
+
+    def frozen_copy(self) -> Avatar:
+        """The fields as they are now, without gradients; later training does not change them."""
+        copies = {name: copy.deepcopy(module).requires_grad_(False) for name, module in self.modules().items()}
+        return Avatar(self.person, meta=self.meta, **copies)  # type: ignore[arg-type]
 
     @property
     def hidden(self) -> frozenset[str]:

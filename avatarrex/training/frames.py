@@ -6,7 +6,6 @@ that is resumed there places its samples as it would have without the interrupti
 
 from __future__ import annotations
 
-import copy
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 
@@ -65,10 +64,7 @@ class FrameStore:
         """From now on volumes come from the fields as they are."""
         if self.trained == "body":
             self.avatar.measure_worn()
-        copies = {name: copy.deepcopy(module) for name, module in self.avatar.modules().items()}
-        self._copy = replace(self.avatar, **copies)
-        for module in copies.values():
-            module.requires_grad_(False)
+        self._copy = self.avatar.frozen_copy()
         self.age = age
 
     def __getitem__(self, index: int) -> TrainingFrame:

@@ -73,12 +73,10 @@ def _body(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -
 def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -> Callable[[], tuple[Tensor, Tensor]]:
     field, template = avatar.face, avatar.person.face
     bank = []
-    for frame in frames:
-        assert frame.volume.views is not None
-        mesh = frame.posed.parts["face"]
-        bank.append(
-            (frame.volume.views, distances_around(mesh, template.faces, template.blend_weight > 0, POINTS, rng))
-        )
+    for posed in frames:
+        mesh = posed.parts["face"]
+        near = template.blend_weight > 0
+        bank.append((field.views(mesh), distances_around(mesh, template.faces, near, POINTS, rng)))
 
     def draw() -> tuple[Tensor, Tensor]:
         views, data = bank[rng.integers(len(bank))]
