@@ -23,8 +23,9 @@ from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.volume.build import AvatarVolume, build_volume
 from avatarrex.volume.probe import VertexProbe
 
-COARSE = {"voxel": 0.02, "part_voxel": 0.005}
-"""Metres: enough to place samples; hands are asked for their distance at this resolution while the body is trained."""
+FINE = RenderSettings()
+COARSE = RenderSettings(voxel=0.02, part_voxel=0.005)
+"""Enough to place samples; hands are asked for their distance at this resolution while the body is trained."""
 KEPT = 256
 """Frames that stay posed: 8 MB each with their volume."""
 
@@ -54,8 +55,7 @@ class FrameStore:
     def __init__(self, avatar: Avatar, rig: Rig, trained: str, hidden: frozenset[str], fine: bool = False) -> None:
         """`trained`: `body` or `face`, what changes with age; `fine` makes volumes as they are rendered."""
         self.avatar, self.rig, self.trained = avatar, rig, trained
-        sizes = {} if fine else COARSE
-        self.settings = RenderSettings(hidden=hidden, **sizes)
+        self.settings = replace(FINE if fine else COARSE, hidden=hidden)
         self.age = -1
         self._frames: OrderedDict[int, TrainingFrame] = OrderedDict()
         self._copy = avatar

@@ -27,8 +27,8 @@ class HeldOut:
         frames = sorted(rig.held_out_frames) or range(rig.frames)
         views = [view for view in range(len(rig.views)) if view not in rig.held_out_views] or range(len(rig.views))
         pairs = [(frame, view) for frame in frames for view in views if rig.available(view, frame)]
-        chosen = np.linspace(0, len(pairs) - 1, PICTURES).round().astype(int) if pairs else []
-        self.pairs = list(dict.fromkeys(pairs[k] for k in chosen))
+        chosen = np.linspace(0, len(pairs) - 1, PICTURES).round().astype(int)
+        self.pairs = list(dict.fromkeys(pairs[k] for k in chosen)) if pairs else []
 
     def measure(self, step: int) -> float | None:
         """Report means and keep the pictures; PSNR inside the matte, or None where there is no picture."""

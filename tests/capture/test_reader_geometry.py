@@ -20,7 +20,8 @@ from avatarrex.capture.check import check_capture, iou, silhouette, template_sur
 from avatarrex.capture.person_fit import fit_person
 from avatarrex.capture.undistort import distort, source_pixels, undistort
 from avatarrex.errors import InputError
-from avatarrex.templates.person import Person, PersonFit, load_person, resize_person
+from avatarrex.templates.person import Person, load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit
 
 CAPTURE = Path(__file__).parents[2].parent / "shared" / "data" / "capture" / "person_f001.zip"
 needs_capture = pytest.mark.skipif(not CAPTURE.exists(), reason="needs person_f001.zip in ../shared/data/capture")

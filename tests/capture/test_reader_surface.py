@@ -15,7 +15,8 @@ from avatarrex.capture.check import iou, silhouette, template_surface
 from avatarrex.capture.surface_fit import fit_surface
 from avatarrex.errors import InputError
 from avatarrex.templates.mesh import vertex_normals
-from avatarrex.templates.person import Person, PersonFit, SurfaceOffsets, load_person, resize_person
+from avatarrex.templates.person import Person, load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
 
 
 @pytest.fixture(scope="module")
