@@ -21,8 +21,8 @@ from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.training.losses import distance_loss
 
-FRAMES = 16
-POINTS = 12_000
+FRAMES = 10
+POINTS = 6_000
 """Per frame, held for all steps."""
 BATCH = 2500
 SPREAD = ((0.004, 0.4), (0.015, 0.4), (0.035, 0.2))
