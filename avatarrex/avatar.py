@@ -31,7 +31,8 @@ from avatarrex.fields.presets import PRESETS
 from avatarrex.fields.tone import ToneMap
 from avatarrex.files import parse_json, what_is
 from avatarrex.signals.signals import Signals
-from avatarrex.templates.person import Person, PersonFit, load_person, resize_person
+from avatarrex.templates.person import Person, load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.contact import Ownership
 
