@@ -1,4 +1,4 @@
-"""Warm start: the geometry of body and face is fitted to the template's own signed distance before pass I.
+"""Warm start: the geometry of body and face is fitted to a guess at the template's signed distance before pass I.
 
 Not in the paper, which starts from scratch: supervised distances take seconds where volume rendering takes hours to find
 the rough shape. Letters: p points. Root frame for the body, head frame for the face; metres.
@@ -16,13 +16,14 @@ from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
-from avatarrex.ops.closest_point import closest_point
 from avatarrex.signals.sequence import SignalSequence
+from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.training.losses import distance_loss
+from avatarrex.volume.probe import VertexProbe
 
-FRAMES = 10
-POINTS = 6_000
+FRAMES = 16
+POINTS = 12_000
 """Per frame, held for all steps."""
 BATCH = 2500
 SPREAD = ((0.004, 0.4), (0.015, 0.4), (0.035, 0.2))
@@ -39,11 +40,14 @@ class Distances:
 
 
 def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, rng: np.random.Generator) -> Distances:
-    """Points around the vertices of the mask `near` (v,), with their exact signed distance to the mesh."""
+    """Points around the vertices of the mask `near` (v,), with the height over its nearest vertex (volume/probe.py)."""
     chosen = vertices[near][torch.from_numpy(rng.integers(int(near.sum()), size=count))].double().numpy()
     sigma = rng.choice([width for width, _ in SPREAD], count, p=[share for _, share in SPREAD])
-    position = torch.as_tensor(chosen + rng.normal(size=(count, 3)) * sigma[:, None], dtype=torch.float32)
-    return Distances(position, closest_point(vertices, faces, position, (-0.06, 0.06)).sdf.detach())
+    position = chosen + rng.normal(size=(count, 3)) * sigma[:, None]
+    mesh, nothing = vertices.double().numpy(), np.zeros(len(vertices))
+    probe = VertexProbe.of(mesh, vertex_normals(vertices, faces).double().numpy(), nothing, nothing)
+    guess = probe.query(position).guess
+    return Distances(torch.as_tensor(position, dtype=torch.float32), torch.as_tensor(guess, dtype=torch.float32))
 
 
 def warm_start(avatar: Avatar, motion: SignalSequence, part: str, steps: int, seed: int) -> float:
