@@ -9,6 +9,7 @@ from avatarrex_studio import options
 from avatarrex_studio.evaluate import views_of
 
 from avatarrex.capture.capture import Capture, Rig, open_capture
+from avatarrex.capture.surface_fit import fit_surface
 from avatarrex.errors import InputError
 from avatarrex.training.recipe import RECIPES
 from avatarrex.training.run import Run
@@ -33,6 +34,9 @@ def run(arguments: argparse.Namespace) -> int:
     for note in capture.notes:
         print(note)
     capture = replace(capture, rigs={name: _held_out(rig, arguments) for name, rig in capture.rigs.items()})
+    if capture.person.fit is not None:
+        print("person: fitting the template's skin to the mattes")
+        capture = replace(capture, person=fit_surface(capture))
     parts = tuple(part for part in PARTS if part in (chosen or capture.rigs))
     trained = _open_run(arguments, capture, parts, seed)
     with trained:
