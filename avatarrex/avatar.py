@@ -228,6 +228,9 @@ def _meta(path: Path, meta: Any) -> dict[str, Any]:
         raise InputError(path, "avatar.json: preset", " or ".join(PRESETS), meta["preset"])
     if not 0 <= meta.get("seed", 0) < 2**63:
         raise InputError(path, "avatar.json: seed", "an integer from 0, below 2^63", meta["seed"])
+    untrained = meta.get("untrained", [])
+    if not (isinstance(untrained, list) and all(part in ("left_hand", "right_hand", "face") for part in untrained)):
+        raise InputError(path, "avatar.json: untrained", "a list of left_hand, right_hand, face", untrained)
     return meta
 
 

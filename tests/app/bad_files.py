@@ -248,6 +248,8 @@ AVATARS: Bad = {
     "seed as text": ("a.avatar", _meta(seed="x"), "avatar.json: seed: expected an integer, found x"),
     "endless seed": ("a.avatar", _meta(seed=10**40), "avatar.json: seed: expected"),
     "another template": ("a.avatar", _meta(person_hash="0"), "avatar.json: person_hash: expected the template"),
+    "untrained parts as number": ("a.avatar", _meta(untrained=5), "avatar.json: untrained: expected a list of .* found 5"),
+    "unknown part": ("a.avatar", _meta(untrained=["tail"]), "avatar.json: untrained: expected a list of"),
     "template as number": ("a.avatar", _meta(person=5), "avatar.json: person: expected a text, found 5"),
     "weights are no tensors": ("a.avatar", lambda path: _avatar(path, _parts()[0], b"x" * 99), "a safetensors file"),
     "weights cut": ("a.avatar", lambda path: _avatar(path, _parts()[0], _parts()[1][:-999]), "a safetensors file"),
