@@ -110,6 +110,6 @@ class _TriPlaneNet(nn.Module):
         """At normalised points (p, 3)."""
         count = len(place)
         index = torch.arange(3, device=place.device).repeat_interleave(count)
-        feature = bilinear(planes, index, project(place).reshape(-1, 2)).reshape(3, count, -1)
+        feature = bilinear(planes, index, project(place).reshape(-1, 2)).reshape(3, count, planes.shape[1])
         parts = [encode(place, COORDINATE_OCTAVES), *feature]
         return self.mlp(torch.cat(parts if extra is None else [*parts, extra], -1))

@@ -183,7 +183,7 @@ class Trainer:
                 optimiser.step()
                 if step % REPORT == 0:
                     seconds = max(time.monotonic() - began, 1e-6)
-                    self._report(stage, step, result, float(total), gamma, (step + 1 - begun_at) / seconds)
+                    self._report(stage, step, result, float(total.detach()), gamma, (step + 1 - begun_at) / seconds)
                 step += 1
                 bar.update()
                 asked = self._asked()

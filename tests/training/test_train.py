@@ -1,0 +1,197 @@
+"""Whole trainings on a capture of three frames: to the end, stopped, killed, with NaN, with little to see."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
+
+import avatarrex.training.train as train_module
+from avatarrex.avatar import load_avatar
+from avatarrex.capture.capture import open_capture
+from avatarrex.errors import InputError
+from avatarrex.training.events import EventReader
+from avatarrex.training.recipe import PassOne, PassTwo, Recipe
+from avatarrex.training.run import Run, read_about
+from avatarrex.training.train import Diverged, Trainer
+
+TINY = Recipe(
+    "tiny",
+    "compact",
+    face=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1), PassTwo(1, 32, 1e-3, 0.5, 10)),
+    body=(PassOne(4, 1, 40, 4, 1e-3, 0.5, 10, 10, 1), PassTwo(2, 32, 1e-3, 0.5, 10)),
+    interval=2,
+    evaluate=1000,
+)
+
+
+@pytest.fixture(autouse=True)
+def every_step_is_reported(monkeypatch):
+    monkeypatch.setattr(train_module, "REPORT", 1)
+    monkeypatch.setattr("avatarrex.training.held_out.PICTURES", 1)
+
+
+def start(capture: Path, folder: Path, parts: tuple[str, ...] = ("body",), resume: bool = False) -> tuple[Run, Trainer]:
+    """A run and what trains in it."""
+    config = {"part": ",".join(parts), "preset": "tiny", "capture": str(capture), "seed": 0, "steps": TINY.steps()}
+    run = Run.open(folder) if resume else Run.create(folder, config)
+    return run, Trainer(open_capture(capture), TINY, parts, run, 0)
+
+
+def losses(folder: Path) -> dict[str, dict[int, float]]:
+    """Every loss by step, the later value where a step was repeated."""
+    events = EventReader(folder)
+    while events.poll():
+        pass
+    found = {tag: events.series(tag) for tag in events.tags if "/loss/" in tag}
+    return {tag: dict(zip(series.steps.tolist(), series.values.tolist())) for tag, series in found.items()}
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory) -> Path:
+    return TinyCapture.make(("body",)).folder(tmp_path_factory.mktemp("tiny") / "capture")
+
+
+@pytest.fixture(scope="module")
+def whole(capture, tmp_path_factory) -> Path:
+    """A body training that nothing interrupted."""
+    before, train_module.REPORT = train_module.REPORT, 1
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    run, trainer = start(capture, folder)
+    with run:
+        assert trainer.train()
+    train_module.REPORT = before
+    return folder
+
+
+def test_a_training_ends_with_an_avatar_that_says_what_it_is(whole):
+    checkpoint = sorted((whole / "checkpoints").iterdir())[-1]
+    avatar = load_avatar(checkpoint / "avatar.avatar")
+    assert avatar.meta["origin"].startswith("trained from images")
+    assert avatar.hidden == {"face"}, "the capture has no face rig"
+    assert read_about(whole)["state"] == "finished"
+    found = losses(whole)
+    assert set(found["body/loss/rgb"]) == set(range(6))
+    assert {"body/loss/mask", "body/loss/eikonal", "body/loss/kl", "body/loss/perceptual"} <= set(found)
+
+
+@pytest.mark.parametrize("dies_at", [3, 5])
+def test_a_killed_run_repeats_its_losses_bit_for_bit(capture, whole, tmp_path, monkeypatch, dies_at):
+    """Steps 2 and 3 follow the first checkpoint of pass I, 4 and 5 are pass II: what was not saved is done again."""
+    run, trainer = start(capture, tmp_path / "run")
+    real = Run.scalars
+
+    def die(self: Run, step: int, values) -> None:
+        if step == dies_at:
+            raise OSError("killed")
+        real(self, step, values)
+
+    monkeypatch.setattr(Run, "scalars", die)
+    with pytest.raises(OSError, match="killed"), run:
+        trainer.train()
+    monkeypatch.setattr(Run, "scalars", real)
+    run, trainer = start(capture, tmp_path / "run", resume=True)
+    with run:
+        assert trainer.train()
+    assert losses(tmp_path / "run") == losses(whole)
+
+
+def test_a_stop_is_saved_and_gone_on_with(capture, tmp_path, monkeypatch):
+    run, trainer = start(capture, tmp_path / "run")
+    asked = iter(["run", "stop"])
+    monkeypatch.setattr(Run, "control", lambda self: next(asked))
+    with run:
+        assert not trainer.train()
+        run.close("stopped")
+    monkeypatch.undo()
+    found = Run.open(tmp_path / "run")
+    step, state = found.latest()
+    found.close("stopped")
+    assert step == 2
+    assert state["step"] == 2
+
+
+def test_nan_stops_with_the_batch_described(capture, tmp_path):
+    run, trainer = start(capture, tmp_path / "run")
+    steps = []
+    real = trainer._pass
+
+    def spoiled(stage, store):
+        work = real(stage, store)
+        step = work.step
+
+        def once(number: int, gamma: float):
+            steps.append(number)
+            if number == 3:
+                trainer.avatar.body.colour_blend[0].bias.data[0] = torch.nan
+            return step(number, gamma)
+
+        work.step = once
+        return work
+
+    trainer._pass = spoiled
+    with pytest.raises(Diverged, match="step 3: rgb is not finite"), run:
+        trainer.train()
+    described = json.loads((tmp_path / "run" / "failed_step.json").read_text())
+    assert described["step"] == 3
+    assert len(described["pictures"]) == 1
+    assert steps == [0, 1, 2, 3], "no step after the one that failed"
+    assert read_about(tmp_path / "run")["state"] == "failed"
+    opened = Run.open(tmp_path / "run")
+    _, state = opened.latest()
+    opened.close("stopped")
+    assert all(value.isfinite().all() for value in state["modules"]["body"].values() if value.is_floating_point())
+
+
+def test_pictures_without_a_person_are_learnt_from_too(tmp_path):
+    """All mattes of one frame are empty."""
+    tiny = TinyCapture.make(("body",))
+    blank = jpeg(np.zeros((HEIGHT, WIDTH), np.uint8))
+    for name in tiny.files:
+        if "/mask/" in name and name.endswith("00000001.jpg"):
+            tiny.files[name] = blank
+    run, trainer = start(tiny.folder(tmp_path / "capture"), tmp_path / "run")
+    with run:
+        assert trainer.train()
+
+
+def test_one_camera_and_missing_pictures_will_do(tmp_path):
+    tiny = TinyCapture.make(("body",))
+    kept = {name: data for name, data in tiny.files.items() if "/c1/" not in name and "/c2/" not in name}
+    del kept["body/c0/00000002.jpg"]
+    tiny.files = kept
+    run, trainer = start(tiny.folder(tmp_path / "capture"), tmp_path / "run")
+    with run:
+        assert trainer.train()
+
+
+def test_nothing_left_to_train_on_is_said_at_once(capture, tmp_path):
+    opened = open_capture(capture)
+    rig = opened.rigs["body"].holding_out(range(3), ())
+    opened.rigs["body"] = rig
+    run = Run.create(tmp_path / "run", {"part": "body"})
+    trainer = Trainer(opened, TINY, ("body",), run, 0)
+    with pytest.raises(InputError, match="not held out"), run:
+        trainer.train()
+
+
+def test_a_part_without_a_rig_is_refused(capture, tmp_path):
+    run = Run.create(tmp_path / "run", {"part": "face"})
+    with pytest.raises(InputError, match="rigs of the capture"), run:
+        Trainer(open_capture(capture), TINY, ("face",), run, 0)
+
+
+@pytest.mark.slow
+def test_face_then_body(tmp_path):
+    run, trainer = start(TinyCapture.make().folder(tmp_path / "capture"), tmp_path / "run", ("face", "body"))
+    with run:
+        assert trainer.train()
+    found = losses(tmp_path / "run")
+    assert set(found["face/loss/rgb"]) == set(range(3))
+    assert set(found["body/loss/rgb"]) == set(range(6))
+    avatar = load_avatar(sorted((tmp_path / "run" / "checkpoints").iterdir())[-1] / "avatar.avatar")
+    assert not avatar.hidden
