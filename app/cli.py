@@ -129,6 +129,7 @@ def _render_options(render: argparse.ArgumentParser) -> None:
     add("--pose", action="append", default=[], metavar="NAME", help="a named body pose")
     add("--hand", action="append", default=[], metavar="SIDE=NAME", help="a named hand pose: left=fist, both=relaxed")
     add("--expression", action="append", default=[], metavar="NAME", help="a named expression")
+    add("--detail-from", metavar="POSE", help="feature patches of another pose: a named one, or MOTION:FRAME")
     add("--alpha", action="store_true", help="transparent background (straight alpha)")
     add("--aov", metavar="NAMES", help="depth,normal,position,mask as .npz beside the image")
     add("--background", metavar="COLOUR", help="name, #rrggbb, r,g,b or transparent")
@@ -138,7 +139,7 @@ def _render_options(render: argparse.ArgumentParser) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    verbs = ("open", "render", "replay", "inspect", "capture", "evaluate", "runs")
+    verbs = ("open", "render", "replay", "inspect", "capture", "train", "evaluate", "runs")
     if words and words[0] not in verbs and not words[0].startswith("-") and os.path.exists(words[0]):
         words.insert(0, "open")
     try:
@@ -218,7 +219,9 @@ def _render(arguments: argparse.Namespace) -> int:
     from avatarrex_studio import headless  # needs torch, which takes seconds to load: wrong options are refused before
     from avatarrex_studio.engine import Engine
 
-    _say(headless.run(job, Engine()))
+    from avatarrex.pipeline import RenderSettings
+
+    _say(headless.run(job, Engine(settings=RenderSettings(detail_from=job.detail))))
     return 0
 
 

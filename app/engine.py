@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -91,8 +91,7 @@ class Engine:
 
     def settings(self, state: StudioState) -> RenderSettings:
         """The pipeline's settings for `state`."""
-        base = self._settings
-        return RenderSettings(base.voxel, base.part_voxel, base.raycast, base.antialias, state.hidden)
+        return replace(self._settings, hidden=state.hidden)
 
 
 def _crop(camera: Camera, first: int, end: int) -> Camera:

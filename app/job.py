@@ -18,6 +18,9 @@ from avatarrex_studio.state import StudioState
 
 from avatarrex.errors import InputError
 from avatarrex.files import check_writable, what_is
+from avatarrex.signals.library import POSES, named_pose
+from avatarrex.signals.read import read_motion
+from avatarrex.signals.signals import Signals
 
 DEFAULT_SIZE = (512, 512)
 _FRAMING = {(True, True): "place", (True, False): "target", (False, True): "distance", (False, False): ""}
@@ -40,6 +43,8 @@ class Job:
     aovs: tuple[str, ...]
     stats: Path | None
     fps: float = 30.0
+    detail: Signals | None = None
+    """The pose that feature patches are decoded from, where it is not the frame's own."""
     framing: str = ""
     """What is chosen so that the person is seen in every frame: `place` (target and distance), `target`, `distance`."""
 
@@ -80,7 +85,7 @@ def read_job(arguments: Namespace) -> Job:
         step = frames[1] - frames[0] if len(frames) > 1 else 1
         fps = motion.sequence.fps / abs(step)
     order = Job(
-        out, kind, state, motion, frames, edits, size, aovs, stats, fps,
+        out, kind, state, motion, frames, edits, size, aovs, stats, fps, _detail(arguments),
         _FRAMING[view.target is None, view.distance is None],
     )  # fmt: skip
     next(order.states())  # an edit that cannot be applied is refused now
@@ -153,6 +158,20 @@ def _frames(arguments: Namespace, motion: Motion | None, kind: str) -> tuple[int
     if kind == "image" and len(chosen) > 1:
         raise InputError(arguments.out, "", f"a folder or OUT.mp4 for {len(chosen)} frames", "one image")
     return chosen
+
+
+def _detail(arguments: Namespace) -> Signals | None:
+    """A named pose, or a motion file with `:FRAME` (0 unless given)."""
+    text = arguments.detail_from
+    if text is None:
+        return None
+    if text in POSES:
+        return Signals.rest().replace(body_pose=named_pose(text))
+    path, _, number = text.rpartition(":") if not os.path.exists(text) else (text, "", "0")
+    if not path or not os.path.exists(path):
+        raise InputError("--detail-from", "", "a named pose, or a motion file with :FRAME", text)
+    sequence = read_motion(path)
+    return sequence[options.frame(number, len(sequence), "--detail-from")]
 
 
 def _edits(arguments: Namespace) -> tuple[Command, ...]:

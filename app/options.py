@@ -137,10 +137,10 @@ def aovs(text: str) -> tuple[str, ...]:
     return names
 
 
-def frame(text: str, count: int) -> int:
+def frame(text: str, count: int, option: str = "--frame") -> int:
     """An index into a motion of `count` frames; negative from the end."""
     if not re.fullmatch(r"-?[0-9]{1,9}", text.strip()) or not -count <= int(text) < count:
-        raise InputError("--frame", "", f"an integer from 0 to {count - 1}", text)
+        raise InputError(option, "", f"an integer from 0 to {count - 1}", text)
     return int(text) % count
 
 

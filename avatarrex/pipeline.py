@@ -44,6 +44,8 @@ class RenderSettings:
     antialias: bool = True
     hidden: frozenset[str] = field(default_factory=frozenset)
     """Parts not drawn with their own fields: `left_hand`, `right_hand`, `face`."""
+    detail_from: Signals | None = None
+    """Feature patches are decoded from this body pose instead of the one that is drawn (the paper's patch figure)."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,8 @@ def render_frame(
             pointmap = raycast(volume.sdf, view, impl=settings.raycast, antialias=settings.antialias)
             counters.update(pointmap.counters)
     with clock("shading"):
-        shading = shade(avatar, posed, volume, pointmap, view, counters, previous.shading if previous else None)
+        kept = previous.shading if previous and previous.settings.detail_from == settings.detail_from else None
+        shading = shade(avatar, posed, volume, pointmap, view, counters, kept, settings.detail_from)
     return Frame(
         image=shading.image,
         signals=signals,

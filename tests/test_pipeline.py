@@ -1,5 +1,7 @@
 """The whole frame: what is skipped, what comes out, and the fallback without OpenGL. Uses the packaged avatar."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -12,6 +14,7 @@ from avatarrex.signals.signals import Signals
 
 SETTINGS = RenderSettings(raycast="torch", part_voxel=0.01, antialias=False)
 FIRST = Signals.rest().replace(body_pose=named_pose("stand"))
+SQUAT = Signals.rest().replace(body_pose=named_pose("squat"))
 WORK = (
     "voxels_evaluated",
     "local_mlp_evaluations",
@@ -115,3 +118,14 @@ def test_far_from_the_origin_is_the_same_image(avatar: Avatar, first: Frame) -> 
 def test_one_frame_is_the_same_bits_twice(avatar: Avatar, first: Frame) -> None:
     again = render_frame(avatar, FIRST, camera(), SETTINGS)
     assert torch.equal(again.image, first.image)
+
+
+def test_detail_of_another_pose_changes_colours_alone(avatar: Avatar, first: Frame) -> None:
+    settings = replace(SETTINGS, detail_from=FIRST)
+    own = render_frame(avatar, FIRST, camera(), settings, first)
+    torch.testing.assert_close(own.image, first.image, rtol=0, atol=1e-6)
+    other = render_frame(avatar, FIRST, camera(), replace(SETTINGS, detail_from=SQUAT), first)
+    assert other.volume is first.volume
+    assert other.counters["patches_decoded"] == avatar.body.widths.nodes
+    assert torch.equal(other.image[..., 3], first.image[..., 3])
+    assert (other.image - first.image).abs().max() > 0.005

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from jaxtyping import Float32
 from torch import Tensor
@@ -17,8 +18,10 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
+from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.pointmap.pointmap import PointMap
 from avatarrex.shading.paint import Paint
+from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import PosedPerson
 from avatarrex.volume.build import AvatarVolume
 
@@ -45,8 +48,9 @@ def shade(
     view: Camera,
     counters: Counters,
     previous: Shading | None,
+    detail_from: Signals | None = None,
 ) -> Shading:
-    """Colour the covered pixels; `view` is the camera in the root frame."""
+    """Colour the covered pixels; `view` is the camera in the root frame. `detail_from`: see `RenderSettings`."""
     if previous and previous.pointmap is pointmap and previous.volume is volume:
         return previous
     paint = Paint(avatar, posed, volume.body_frame, volume.views, counters)
@@ -54,6 +58,8 @@ def shade(
         paint.patches = previous.patches
     if previous and previous.volume.views is volume.views:
         paint.planes = previous.planes
+    if detail_from is not None and paint.patches is None:
+        paint.patches = _patches_of(avatar, detail_from, counters)
     covered = pointmap.coverage > 0
     position = pointmap.position[covered]
     direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre, dtype=torch.float32), dim=-1)
@@ -64,3 +70,12 @@ def shade(
     coverage = pointmap.coverage[covered][:, None]
     image[covered] = torch.cat([colour.clamp(0, 1) * coverage, coverage], -1)
     return Shading(image, pointmap, paint.patches, paint.planes, volume)
+
+
+def _patches_of(avatar: Avatar, signals: Signals, counters: Counters) -> Tensor:
+    """Feature patches of another body pose."""
+    with torch.no_grad():
+        rotation = matrix_from_rotvec(torch.as_tensor(np.array(signals.body_pose), dtype=torch.float32))
+        patches = avatar.body.patch_network(avatar.body.code(rotation).embedding)
+    counters.add("patches_decoded", len(patches))
+    return patches
