@@ -1,6 +1,6 @@
 """How near is an avatar to the subject it was fitted to? Silhouettes and surface, with the ceiling that its grid allows.
 
-    python benchmarks/accuracy.py [--avatar default] [--poses 50] [--motion FILE]... [--json FILE]     (extra `sdf`)
+    python benchmarks/accuracy.py [--avatar default] [--poses 50] [--motion FILE]... [--local-frame F] [--json FILE]
 
 Per pose: the subject's mesh gives the true silhouette (pixel centres, no antialiasing). `ceiling` is the subject's own exact
 signed distance in the avatar's lattices, seen by the same camera: what a perfect field would reach. Surface: distance from
@@ -25,6 +25,7 @@ from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.preview import visible_faces
 from avatarrex.capture.subject import PosedSubject, Subject, load_subject
+from avatarrex.fields.local_frame import LOCAL_FRAMES
 from avatarrex.pipeline import RenderSettings, render_frame
 from avatarrex.pointmap.pointmap import raycast
 from avatarrex.signals.limits import random_signals
@@ -48,9 +49,13 @@ def main() -> None:
     parser.add_argument("--poses", type=int, default=50)
     parser.add_argument("--motion", action="append", default=[], type=Path)
     parser.add_argument("--frames", type=int, default=10, help="of each motion, evenly spaced")
+    parser.add_argument("--local-frame", choices=LOCAL_FRAMES, help="read the same networks through another one")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     avatar, subject = load_avatar(options.avatar), load_subject()
+    if options.local_frame:
+        avatar.body.local_frame = options.local_frame
+        avatar.body.place()
     print(f"{platform.machine()}, torch {torch.__version__}; {SIZE}², {len(REGIONS)} regions, seed {SEED}")
     head = ("", "ceiling IoU med / worst", "avatar IoU med / worst", "drop med / worst")
     print(
