@@ -13,6 +13,7 @@ from avatarrex.metrics.image import psnr, ssim
 from avatarrex.pipeline import RenderSettings, render_frame
 from avatarrex.training.pixels import on_black
 from avatarrex.training.run import Run
+from avatarrex.training.trained_field import FACE
 
 PICTURES = 3
 """Drawn each time: about a second each."""
@@ -35,12 +36,11 @@ class HeldOut:
         figures: dict[str, list[float]] = {"psnr": [], "ssim": [], "iou": []}
         for frame, view in self.pairs:
             truth, matte = on_black(self.rig, view, frame)
-            image = render_frame(self.avatar, self.rig.signals[frame], self.rig.views[view].camera, self.settings).image
-            a, b, inside = (
-                image[None, ..., :3].permute(0, 3, 1, 2),
-                truth[None].permute(0, 3, 1, 2),
-                (matte > 0.5)[None],
-            )
+            found = render_frame(self.avatar, self.rig.signals[frame], self.rig.views[view].camera, self.settings)
+            image, inside = found.image, (matte > 0.5)[None]
+            if self.part == "face":  # the rest of the person is not trained yet
+                inside = inside & (found.pointmap.part_weight[None, ..., FACE] > 0.5)
+            a, b = (picture[None].permute(0, 3, 1, 2) for picture in (image[..., :3], truth))
             if inside.any():
                 figures["psnr"].append(float(psnr(a, b, inside)))
                 figures["ssim"].append(float(ssim(a, b, inside)))

@@ -108,8 +108,8 @@ class FacePass:
         return face_window(self.avatar, frame, self.store.rig.views[view].camera)
 
     def ray_weight(self, share: Tensor) -> Tensor:
-        """A ray counts as far as it sees the face's field."""
-        return share[:, FACE]
+        """A ray counts where the face's field has most of the say; hair and neck are the body's."""
+        return (2 * share[:, FACE] - 1).clamp_min(0)
 
 
 def face_window(avatar: Avatar, frame: TrainingFrame, camera: Camera) -> tuple[int, int, int, int] | None:

@@ -85,7 +85,7 @@ PAPER = Recipe(
 QUICK = Recipe(
     "quick",
     "compact",
-    face=(PassOne(700, 1, 400, 6, 4e-3, 0.05, 700, 400, 300), PassTwo(300, 128, 3e-3, 0.1, 300)),
+    face=(PassOne(600, 1, 400, 6, 4e-3, 0.05, 600, 300, 300), PassTwo(200, 128, 3e-3, 0.1, 200)),
     body=(PassOne(2600, 2, 400, 6, 4e-3, 0.05, 2600, 1300, 500), PassTwo(900, 128, 3e-3, 0.05, 900)),
     interval=200,
     evaluate=600,

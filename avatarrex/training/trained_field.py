@@ -98,20 +98,14 @@ class TrainedFace:
     planes: Tensor
 
     def composed(self, position: Float[Tensor, "p 3"]) -> Composed:
-        """See `TrainedField`."""
+        """See `TrainedField`. Without the band of equation 13: a face that leaves it must not hand over to the body."""
         volume = self.frame.volume.sdf
         body = _stored_body(volume, position)
-        parts = stored_parts(volume, position)
-        rows = torch.nonzero(parts.omega[:, FACE] > 0)[:, 0]
-        live = self.alone(position[rows])
-        keep = torch.ones_like(parts.sdf)
-        keep[rows, FACE] = 0
-        column = torch.nn.functional.one_hot(torch.tensor(FACE), len(PARTS)).to(live)
-        sdf = keep * parts.sdf + position.new_zeros(len(position), len(PARTS)).index_add(
-            0, rows, live[:, None] * column
-        )
-        own = body[:, None].expand_as(sdf)
-        return compose(body, parts.inside, sdf, parts.omega, own, torch.full_like(sdf, torch.inf))
+        omega = stored_parts(volume, position).omega
+        rows = torch.nonzero(omega[:, FACE] > 0)[:, 0]
+        share = omega[rows, FACE]
+        change = share * (self.alone(position[rows]) - body[rows])
+        return Composed(body.index_add(0, rows, change), omega)
 
     def alone(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """See `TrainedField`."""

@@ -26,7 +26,7 @@ FRAMES = 16
 POINTS = 12_000
 """Per frame, held for all steps."""
 BATCH = 2500
-SPREAD = ((0.004, 0.4), (0.015, 0.4), (0.035, 0.2))
+SPREAD = ((0.004, 0.35), (0.015, 0.35), (0.05, 0.3))
 """Standard deviation of the points off the surface, metres, and the share of each."""
 RATE = 2e-3
 
