@@ -33,6 +33,10 @@ class PassOne:
     """N of γ(n)."""
     warm_steps: int
     """Steps that fit the geometry to the template before; 0 starts from scratch."""
+    gamma_extra: float = 0.02
+    """γ1, metres. With a warm start the surface is known to a centimetre: fog of two would wash it away first."""
+    geometry_rate: float = 1.0
+    """Of the learning rate, for the geometry: less where it only has to settle."""
     sampling: Sampling = "near"
     quadrature: Quadrature = "interval"
 
@@ -77,16 +81,22 @@ class Recipe:
 PAPER = Recipe(
     "paper",
     "paper",
-    face=(PassOne(200_000, 4, 400, 64, 5e-4, 0.8, 20_000, 100_000, 2000, "near"), PassTwo(100_000, 128, 1e-4, 0.8, 20_000)),
-    body=(PassOne(300_000, 4, 400, 64, 5e-4, 0.8, 20_000, 100_000, 4000, "near"), PassTwo(100_000, 128, 1e-4, 0.8, 20_000)),
+    face=(PassOne(200_000, 4, 400, 64, 5e-4, 0.8, 20_000, 100_000, 2000), PassTwo(100_000, 128, 1e-4, 0.8, 20_000)),
+    body=(PassOne(300_000, 4, 400, 64, 5e-4, 0.8, 20_000, 100_000, 4000), PassTwo(100_000, 128, 1e-4, 0.8, 20_000)),
     interval=2000,
     evaluate=10_000,
 )  # fmt: skip
 QUICK = Recipe(
     "quick",
     "compact",
-    face=(PassOne(600, 1, 400, 6, 4e-3, 0.05, 600, 300, 300), PassTwo(200, 128, 3e-3, 0.1, 200)),
-    body=(PassOne(2600, 2, 400, 6, 4e-3, 0.05, 2600, 1300, 500), PassTwo(900, 128, 3e-3, 0.05, 900)),
+    face=(
+        PassOne(600, 1, 400, 6, 4e-3, 0.05, 600, 400, 300, gamma_extra=0.003, geometry_rate=0.1),
+        PassTwo(200, 128, 3e-3, 0.1, 200),
+    ),
+    body=(
+        PassOne(2600, 2, 400, 6, 4e-3, 0.05, 2600, 1800, 500, gamma_extra=0.005, geometry_rate=0.25),
+        PassTwo(900, 128, 3e-3, 0.05, 900),
+    ),
     interval=200,
     evaluate=600,
 )

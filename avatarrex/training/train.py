@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from torch import nn
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
@@ -68,7 +69,9 @@ class Stage:
     def gamma(self, step: int) -> float:
         """γ(n) of pass I; its last value in pass II."""
         one = self.recipe
-        return Gamma(steps=one.gamma_steps).at(step) if isinstance(one, PassOne) else Gamma().last
+        return (
+            Gamma(extra=one.gamma_extra, steps=one.gamma_steps).at(step) if isinstance(one, PassOne) else Gamma().last
+        )
 
 
 def stages(recipe: Recipe, parts: tuple[str, ...]) -> list[Stage]:
@@ -122,13 +125,14 @@ class Trainer:
         step = stage.begin if state is None else int(state["step"])
         if state is None and number == 0:
             self._warm_start()
-        store = FrameStore(self.avatar, rig, stage.part, self.hidden, fine)
+        unseen = self.hidden | {"left_hand", "right_hand"} if stage.part == "face" else self.hidden
+        store = FrameStore(self.avatar, rig, stage.part, unseen, fine)
         store.renew(step)
         work = self._pass(stage, store)
         parameters = work.parameters()
         for parameter in parameters:
             parameter.requires_grad_(True)
-        optimiser = torch.optim.Adam(parameters, lr=stage.rate(step))
+        optimiser = torch.optim.Adam(self._groups(stage.part, parameters), lr=stage.rate(step))
         if state is not None:
             optimiser.load_state_dict(state["optimiser"])
             if isinstance(work, BodyPass):
@@ -157,6 +161,12 @@ class Trainer:
         kind = FacePass if stage.part == "face" else BodyPass
         return kind(self.avatar, store, stage.recipe, self.seed)
 
+    def _groups(self, part: str, parameters: list[nn.Parameter]) -> list[dict[str, Any]]:
+        """Geometry and all else."""
+        field = self.avatar.body.geometry_parameters() if part == "body" else self.avatar.face.geometry.parameters()
+        geometry = {id(parameter) for parameter in field}
+        return [{"params": [p for p in parameters if (id(p) in geometry) is wanted]} for wanted in (True, False)]
+
     def _loop(
         self,
         number: int,
@@ -168,12 +178,13 @@ class Trainer:
         held_out: HeldOut,
     ) -> bool:
         label = f"{stage.part}: pass {stage.name}"
+        geometry_rate = stage.recipe.geometry_rate if isinstance(stage.recipe, PassOne) else 1.0
         began, begun_at = time.monotonic(), step
         with tqdm(total=stage.recipe.steps, initial=step - stage.begin, desc=label) as bar:
             while step < stage.end:
                 gamma = stage.gamma(step)
-                for group in optimiser.param_groups:
-                    group["lr"] = stage.rate(step)
+                for group, share in zip(optimiser.param_groups, (geometry_rate, 1.0)):
+                    group["lr"] = share * stage.rate(step)
                 result = work.step(step, gamma)
                 total = weighted(result.terms)
                 if not torch.isfinite(total):
