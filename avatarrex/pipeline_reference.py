@@ -94,6 +94,7 @@ def _pose(avatar: Avatar, signals: Signals) -> _Posed:
     meshes["face"] = pose_face(
         _in_double(person.face), value["expression"], value["jaw_pose"], value["eye_pose"], shape
     )
+    coefficients = torch.cat([value["expression"], value["jaw_pose"], value["eye_pose"].flatten()])
     return _Posed(
         body,
         {name: _double(avatar.hand(name)) for name in ("left_hand", "right_hand")},
@@ -102,7 +103,7 @@ def _pose(avatar: Avatar, signals: Signals) -> _Posed:
         template,
         body.frame(template, body.code(matrix_from_rotvec(value["body_pose"]))),
         meshes,
-        face.views(meshes["face"].float(), "reference").double(),
+        face.driven(meshes["face"].float(), coefficients.float(), "reference").double(),
         value,
     )
 

@@ -26,7 +26,7 @@ from avatarrex.fields.influence import GATE, RADIUS, Pairs, find_pairs, gate, in
 from avatarrex.fields.local_frame import LOCAL_FRAMES, NEIGHBOURS, SPREAD, Samples, blended_rest_position, take
 from avatarrex.fields.local_networks import LocalNetworks, mlp
 from avatarrex.fields.nodes import covering_radius, farthest_points, node_normals, part_labels, plane_axes
-from avatarrex.fields.patches import PatchNetwork, sample_patches
+from avatarrex.fields.patches import NoPatches, PatchNetwork, sample_patches
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
 from avatarrex.ops.encoding import channels, encode
 from avatarrex.ops.skinning import blend, invert_affine, skin
@@ -100,11 +100,18 @@ class BodyField(nn.Module):
         n, e = len(self.node_vertex), widths.embedding
         coordinate, direction = channels(COORDINATE_OCTAVES), channels(DIRECTION_OCTAVES)
         self.code_network = DetailCode(n, e, widths.latent, widths.decoder, widths.encoder)
-        self.geometry_local = LocalNetworks(n, coordinate, e, widths.geometry_local, widths.geometry_feature, "elu")
+        shared = widths.colour_feature if widths.colour_local is None else 0
+        out = widths.geometry_feature + shared
+        self.geometry_local = LocalNetworks(n, coordinate, e, widths.geometry_local, out, "elu")
         self.geometry_blend = mlp((widths.geometry_feature, *widths.geometry_blend, 1), "elu")
-        self.patch_network = PatchNetwork(n, e, widths.patch_encoding, widths.patch_hidden, widths.patch_feature)
-        self.colour_local = LocalNetworks(
-            n, coordinate + widths.patch_feature, e, widths.colour_local, widths.colour_feature, "relu"
+        patch = widths.patch_feature
+        self.patch_network: PatchNetwork | NoPatches = (
+            PatchNetwork(n, e, widths.patch_encoding, widths.patch_hidden, patch) if patch else NoPatches()
+        )
+        self.colour_local = (
+            None
+            if widths.colour_local is None
+            else LocalNetworks(n, coordinate + patch, e, widths.colour_local, widths.colour_feature, "relu")
         )
         self.colour_blend = mlp((widths.colour_feature + direction, *widths.colour_blend, 3), "relu")
 
@@ -147,9 +154,9 @@ class BodyField(nn.Module):
         return list(chain.from_iterable(module.parameters() for module in modules))
 
     def colour_parameters(self) -> list[nn.Parameter]:
-        """Patches and colour networks."""
+        """Patches and colour networks; what is shared with the geometry is the geometry's."""
         modules = (self.patch_network, self.colour_local, self.colour_blend)
-        return list(chain.from_iterable(module.parameters() for module in modules))
+        return list(chain.from_iterable(module.parameters() for module in modules if module is not None))
 
     def code(self, body_rotations: Float[Tensor, "21 3 3"], latent: Float[Tensor, " z"] | None = None) -> BodyCode:
         """Node residuals and detail embeddings of a pose; `latent` None is z = 0, the test-time value."""
@@ -231,7 +238,7 @@ class BodyField(nn.Module):
         coordinate = encode(local / RADIUS, COORDINATE_OCTAVES)
         feature = self.geometry_local([coordinate], frame.code.embedding, pairs.offsets, impl)
         mean, total = weighted_mean(feature, weight, pairs, len(position))
-        inside = SDF_UNIT * self.geometry_blend(mean)[:, 0]
+        inside = SDF_UNIT * self.geometry_blend(mean[:, : self.widths.geometry_feature])[:, 0]
         missed = total <= 0
         if not missed.any():
             return inside
@@ -268,14 +275,24 @@ class BodyField(nn.Module):
         """
         pairs = self.pairs(frame, position) if pairs is None else pairs
         pairs, local, weight = self.localise(frame, position, pairs, cutoff=self.widths.colour_cutoff)
+        feature = self._colour_features(frame, patches, pairs, local, impl)
+        mean, _ = weighted_mean(feature, weight, pairs, len(position))
+        direction = encode(view_direction, DIRECTION_OCTAVES)
+        return torch.sigmoid(self.colour_blend(torch.cat([F.relu(mean), direction], -1)))
+
+    def _colour_features(
+        self, frame: BodyFrame, patches: Tensor, pairs: Pairs, local: Float[Tensor, "k 3"], impl: str
+    ) -> Float[Tensor, "k c"]:
+        """𝒞_i(p_i, e_i, f_i) of every pair."""
+        if self.colour_local is None:
+            coordinate = encode(local / RADIUS, COORDINATE_OCTAVES)
+            both = self.geometry_local([coordinate], frame.code.embedding, pairs.offsets, impl)
+            return both[:, self.widths.geometry_feature :]
         axes = take(self.node_axes.flatten(1), pairs.node)
         plane = (axes.unflatten(0, (2, 3)) * local.T).sum(1).T
         coordinate = encode(local / COLOUR_UNIT, COORDINATE_OCTAVES, GATE[1] / COLOUR_UNIT)
         blocks = [coordinate, sample_patches(patches, pairs.node, plane)]
-        feature = self.colour_local(blocks, frame.code.embedding, pairs.offsets, impl)
-        mean, _ = weighted_mean(feature, weight, pairs, len(position))
-        direction = encode(view_direction, DIRECTION_OCTAVES)
-        return torch.sigmoid(self.colour_blend(torch.cat([F.relu(mean), direction], -1)))
+        return self.colour_local(blocks, frame.code.embedding, pairs.offsets, impl)
 
 
 def _onto(posed: PosedTemplate, weights: Tensor, rest: Tensor, vertex: Tensor) -> Float[Tensor, "n 3 4"]:

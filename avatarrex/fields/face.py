@@ -17,11 +17,13 @@ from avatarrex.fields.orthographic import CHANNELS, HeadBox, Impl, project, rend
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
 from avatarrex.fields.unet import UNet
 from avatarrex.ops.bilinear import bilinear
-from avatarrex.ops.encoding import encode
+from avatarrex.ops.encoding import channels, encode
 from avatarrex.templates.face import FaceTemplate
 
 MARGIN = 0.03
 """Metres of the views' cube around the blended face: room for an open jaw, and for the band in which s_F is used."""
+COEFFICIENTS = 61
+"""ψ 52, jaw 3, eyes 2 × 3."""
 OUTPUT = 0.05
 """Metres per unit of the geometry MLP's output: the composition's band is about one unit deep."""
 
@@ -40,18 +42,18 @@ class FaceField(nn.Module):
         self.register_buffer("albedo", template.albedo.float().clone(), persistent=False)
         self.register_buffer("box_centre", box.centre, persistent=False)
         self.box_half = box.half
-        self.geometry = _TriPlaneNet(
-            widths.geometry_levels, widths.stem, widths.geometry_planes, widths.geometry_mlp, 1, nn.ELU
-        )
-        self.colour_net = _TriPlaneNet(
-            widths.colour_levels,
-            widths.stem,
-            widths.colour_planes,
-            widths.colour_mlp,
-            3,
-            nn.ReLU,
-            extra=3 * (1 + 2 * DIRECTION_OCTAVES),
-        )
+        direction = channels(DIRECTION_OCTAVES)
+        self.driven_by_views = bool(widths.geometry_levels)
+        self.geometry: _TriPlaneNet | _CoefficientNet
+        self.colour_net: _TriPlaneNet | _CoefficientNet
+        if self.driven_by_views:
+            levels, planes, stem = widths.geometry_levels, widths.geometry_planes, widths.stem
+            self.geometry = _TriPlaneNet(levels, stem, planes, widths.geometry_mlp, 1, nn.ELU)
+            levels, planes = widths.colour_levels, widths.colour_planes
+            self.colour_net = _TriPlaneNet(levels, stem, planes, widths.colour_mlp, 3, nn.ReLU, extra=direction)
+        else:
+            self.geometry = _CoefficientNet(widths.geometry_mlp, 1, nn.ELU)
+            self.colour_net = _CoefficientNet(widths.colour_mlp, 3, nn.ReLU, extra=direction)
 
     @property
     def box(self) -> HeadBox:
@@ -62,20 +64,26 @@ class FaceField(nn.Module):
         """Orthographic renders of the posed mesh (head frame)."""
         return render_views(vertices, self.faces, self.albedo, self.box, impl=impl)
 
-    def geometry_planes(self, views: Float[Tensor, "3 7 h w"]) -> Float[Tensor, "3 c y x"]:
-        """F_front, F_left, F_right of the geometry set; three U-Net runs."""
+    def driven(
+        self, vertices: Float[Tensor, "v 3"], coefficients: Float[Tensor, " 61"], impl: Impl = "auto"
+    ) -> Float[Tensor, "..."]:
+        """What the planes are made of: `views` of the posed mesh or, without tri-planes, ψ, jaw and eyes themselves."""
+        return self.views(vertices, impl) if self.driven_by_views else coefficients
+
+    def geometry_planes(self, views: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """F_front, F_left, F_right (3, c, y, x) of the geometry set; three U-Net runs."""
         return self.geometry.planes(views)
 
-    def colour_planes(self, views: Float[Tensor, "3 7 h w"]) -> Float[Tensor, "3 c y x"]:
-        """F_front, F_left, F_right of the colour set; three U-Net runs."""
+    def colour_planes(self, views: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+        """F_front, F_left, F_right (3, c, y, x) of the colour set; three U-Net runs."""
         return self.colour_net.planes(views)
 
-    def sdf(self, planes: Float[Tensor, "3 c y x"], position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
+    def sdf(self, planes: Float[Tensor, "..."], position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """G_F, metres, at head-frame points; meaningful near the face only."""
         return OUTPUT * self.geometry(planes, self.box.normalise(position))[:, 0]
 
     def colour(
-        self, planes: Float[Tensor, "3 c y x"], position: Float[Tensor, "p 3"], view: Float[Tensor, "p 3"]
+        self, planes: Float[Tensor, "..."], position: Float[Tensor, "p 3"], view: Float[Tensor, "p 3"]
     ) -> Float[Tensor, "p 3"]:
         """C_F, sRGB in [0, 1]; `view` is the unit direction from the camera to the point, head frame."""
         direction = encode(view, DIRECTION_OCTAVES)
@@ -97,11 +105,7 @@ class _TriPlaneNet(nn.Module):
     ) -> None:
         super().__init__()
         self.unets = nn.ModuleList(UNet(CHANNELS, levels, planes, stem) for _ in range(3))
-        widths = (3 * (1 + 2 * COORDINATE_OCTAVES) + 3 * planes + extra, *hidden, out)
-        layers: list[nn.Module] = []
-        for a, b in itertools.pairwise(widths):
-            layers += [nn.Linear(a, b), activation()]
-        self.mlp = nn.Sequential(*layers[:-1])
+        self.mlp = _mlp((channels(COORDINATE_OCTAVES) + 3 * planes + extra, *hidden, out), activation)
 
     def planes(self, views: Tensor) -> Tensor:
         return torch.cat([unet(view[None]) for unet, view in zip(self.unets, views)])
@@ -113,3 +117,26 @@ class _TriPlaneNet(nn.Module):
         feature = bilinear(planes, index, project(place).reshape(-1, 2)).reshape(3, count, planes.shape[1])
         parts = [encode(place, COORDINATE_OCTAVES), *feature]
         return self.mlp(torch.cat(parts if extra is None else [*parts, extra], -1))
+
+
+class _CoefficientNet(nn.Module):
+    """The ablation of the tri-planes: one MLP on (γ(p), ψ, jaw, eyes[, extra]). Its `planes` are the coefficients."""
+
+    def __init__(self, hidden: tuple[int, ...], out: int, activation: type[nn.Module], extra: int = 0) -> None:
+        super().__init__()
+        self.mlp = _mlp((channels(COORDINATE_OCTAVES) + COEFFICIENTS + extra, *hidden, out), activation)
+
+    def planes(self, coefficients: Tensor) -> Tensor:
+        return coefficients
+
+    def forward(self, coefficients: Tensor, place: Tensor, extra: Tensor | None = None) -> Tensor:
+        """At normalised points (p, 3)."""
+        parts = [encode(place, COORDINATE_OCTAVES), coefficients.expand(len(place), -1)]
+        return self.mlp(torch.cat(parts if extra is None else [*parts, extra], -1))
+
+
+def _mlp(widths: tuple[int, ...], activation: type[nn.Module]) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for a, b in itertools.pairwise(widths):
+        layers += [nn.Linear(a, b), activation()]
+    return nn.Sequential(*layers[:-1])

@@ -55,8 +55,20 @@ class PatchNetwork(nn.Module):
         return maps
 
 
-def patches_reference(network: PatchNetwork, embedding: Float[Tensor, "n e"]) -> Float[Tensor, "n c s s"]:
+class NoPatches(nn.Module):
+    """Patches without channels: local colours from the MLPs alone (the paper's baseline)."""
+
+    def forward(
+        self, embedding: Float[Tensor, "n e"], nodes: Int[Tensor, " m"] | None = None
+    ) -> Float[Tensor, "m 0 s s"]:
+        """See `PatchNetwork`."""
+        return embedding.new_zeros(len(embedding) if nodes is None else len(nodes), 0, SIZE, SIZE)
+
+
+def patches_reference(network: PatchNetwork | NoPatches, embedding: Float[Tensor, "n e"]) -> Float[Tensor, "n c s s"]:
     """Node by node, e_i as constant maps beside the positional encoding."""
+    if isinstance(network, NoPatches):
+        return network(embedding)
     rows = []
     for node, code in enumerate(embedding):
         maps = torch.cat([network.encoding[node], code[:, None, None].expand(-1, SIZE, SIZE)])[None]
@@ -72,7 +84,9 @@ def sample_patches(
     patches: Float[Tensor, "n c s s"], node: Int[Tensor, " k"], plane: Float[Tensor, "k 2"]
 ) -> Float[Tensor, "k c"]:
     """Bilinear features at plane coordinates (u right, v down the rows), metres from the node."""
-    nodes, _, size, _ = patches.shape
+    nodes, channels, size, _ = patches.shape
+    if not channels:
+        return plane.new_zeros(len(plane), 0)
     texel = ((plane / EXTENT + 1) * (size / 2) - 0.5).clamp(0, size - 1)
     low = texel.detach().floor().clamp_max(size - 2)
     part = texel - low

@@ -3,13 +3,14 @@
 `paper` meets the paper's parameter counts within ±10 %: body geometry side 0.98 M, body and hand colour side 17.57 M,
 face geometry 0.66 M, face colour 1.10 M. The paper gives no layer widths in its text: these are our choice.
 `compact` serves machines without a GPU: a few million parameters, at most 16 MB in half precision for the whole avatar.
+Each has variants for ablations, `PRESET/VARIANT` (docs/ablations.md); an avatar made of one is stored and loaded as any.
 
 Letters: n nodes, e channels of a detail embedding, m octaves of the encoding, c channels.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 COORDINATE_OCTAVES = 6
 """m of γ for coordinates: 3·(1 + 2·6) = 39 channels."""
@@ -37,7 +38,9 @@ class BodyWidths:
     """Channels of the learnable 2-D positional encoding, 32×32 per node."""
     patch_hidden: tuple[int, ...]
     patch_feature: int
-    colour_local: tuple[int, ...]
+    """0: no feature patches."""
+    colour_local: tuple[int, ...] | None
+    """None: colour features come from the geometry's local networks."""
     colour_feature: int
     colour_blend: tuple[int, ...]
     colour_cutoff: float
@@ -53,7 +56,9 @@ class HandWidths:
 
 @dataclass(frozen=True)
 class FaceWidths:
-    """Face: U-Net channels per level from 256² down, of one plane, MLP hidden layers; tone 54 → hidden → 9."""
+    """Face: U-Net channels per level from 256² down, of one plane, MLP hidden layers; tone 54 → hidden → 9.
+
+    No levels: no tri-planes, but MLPs on the point and the face's coefficients."""
 
     stem: int
     """Stride of the U-Nets' first convolution: planes of 256/stem texels."""
@@ -142,4 +147,23 @@ COMPACT = Preset(
     ),
 )
 
-PRESETS = {preset.name: preset for preset in (PAPER, COMPACT)}
+
+def _variants(preset: Preset, one_network: int, face_mlp: tuple[int, int]) -> tuple[Preset, ...]:
+    """The preset and its ablations; widths of equal parameter count: of hidden layers of the one local network, and of
+    the face's geometry and colour MLPs."""
+    body, face, plain = preset.body, preset.face, replace(preset.body, patch_feature=0)
+    shared = replace(plain, geometry_local=(one_network, one_network), colour_local=None)
+    geometry, colour = ((width,) * 4 for width in face_mlp)
+    without = replace(
+        face, geometry_levels=(), geometry_planes=0, geometry_mlp=geometry, colour_levels=(), colour_planes=0,
+        colour_mlp=colour,
+    )  # fmt: skip
+    return (
+        preset,
+        Preset(f"{preset.name}/no-patches", plain, preset.hand, face),
+        Preset(f"{preset.name}/one-network", shared, preset.hand, face),
+        Preset(f"{preset.name}/face-mlp", body, preset.hand, without),
+    )
+
+
+PRESETS = {preset.name: preset for preset in (*_variants(PAPER, 83, (452, 584)), *_variants(COMPACT, 42, (333, 331)))}

@@ -37,6 +37,8 @@ class PosedPerson:
     """θ, what the detail embedding is predicted from."""
     hand_pose: dict[str, Float[Tensor, "15 3"]]
     """φ by hand, rotation vectors."""
+    face_coefficients: Float[Tensor, " 61"]
+    """ψ, then jaw and eyes as rotation vectors."""
     keys: dict[str, bytes]
 
     def root_from_part(self, name: str) -> np.ndarray:
@@ -75,7 +77,8 @@ def pose_person(person: Person, signals: Signals, counters: Counters, previous: 
             )
         else:
             parts[name] = pose_hand(getattr(person, name), hand_pose[name], shape)
-    return PosedPerson(body, parts, rotation, hand_pose, keys)
+    face = np.concatenate([signals.expression, signals.jaw_pose, signals.eye_pose.ravel()])
+    return PosedPerson(body, parts, rotation, hand_pose, _tensor(face), keys)
 
 
 def _keys(signals: Signals) -> dict[str, bytes]:

@@ -183,8 +183,9 @@ def fit_face(
         faces = np.intersect1d(np.flatnonzero(((centre > low) & (centre < high)).all(1)), posed.solids.outer)
         groups = ((faces, 1 - DETAIL_SHARE), (np.intersect1d(faces, detail_faces), DETAIL_SHARE))
         sampling = Sampling(groups, FACE_SPREAD, FACE_COLOUR_SPREAD, FACE_POINTS)
-        vertices = pose_person(person, signals, Counters(), None).parts["face"]
-        bank.append((field.views(vertices), sample_subject(posed, sampling, rng, head)))
+        template = pose_person(person, signals, Counters(), None)
+        driven = field.driven(template.parts["face"], template.face_coefficients)
+        bank.append((driven, sample_subject(posed, sampling, rng, head)))
 
     def step(rng: np.random.Generator) -> dict[str, Tensor]:
         views, data = bank[rng.integers(len(bank))]

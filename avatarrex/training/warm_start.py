@@ -80,7 +80,8 @@ def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -
     for posed in frames:
         mesh = posed.parts["face"]
         near = template.blend_weight > 0
-        bank.append((field.views(mesh), distances_around(mesh, template.faces, near, POINTS, rng)))
+        driven = field.driven(mesh, posed.face_coefficients)
+        bank.append((driven, distances_around(mesh, template.faces, near, POINTS, rng)))
 
     def draw() -> tuple[Tensor, Tensor]:
         views, data = bank[rng.integers(len(bank))]

@@ -33,7 +33,7 @@ class AvatarVolume:
     grid: BodyGrid
     parts: dict[str, PartField]
     views: Tensor | None
-    """Orthographic views of the face mesh, (3, 7, 256, 256); None while the face is hidden."""
+    """Orthographic views of the face mesh, (3, 7, 256, 256), or what else drives the face; None while it is hidden."""
     probe: VertexProbe
     keys: dict[str, object]
     notes: tuple[str, ...] = ()
@@ -59,7 +59,7 @@ def build_volume(
         if previous and kept(name) and name in previous.parts:
             parts[name] = previous.parts[name]
         elif name == "face":
-            views = avatar.face.views(posed.parts["face"])
+            views = avatar.face.driven(posed.parts["face"], posed.face_coefficients)
             parts[name] = _face_part(avatar, posed, views, settings.part_voxel, counters)
         else:
             parts[name] = hand_box(name, avatar.hand(name), posed.parts[name], settings.part_voxel, counters)
