@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from avatarrex_studio import bench
+
 from avatarrex.errors import InputError
 from avatarrex.files import check_writable
 
@@ -56,6 +58,7 @@ def parser() -> argparse.ArgumentParser:
         verbs.add_parser("evaluate", help="measure an avatar against a capture's pictures", allow_abbrev=False)
     )
     _train_options(verbs.add_parser("train", help="train an avatar from a capture", allow_abbrev=False))
+    bench.add_options(verbs.add_parser("bench", help="measurements that take long", allow_abbrev=False))
     return top
 
 
@@ -139,7 +142,7 @@ def _render_options(render: argparse.ArgumentParser) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    verbs = ("open", "render", "replay", "inspect", "capture", "train", "evaluate", "runs")
+    verbs = ("open", "render", "replay", "inspect", "capture", "train", "evaluate", "runs", "bench")
     if words and words[0] not in verbs and not words[0].startswith("-") and os.path.exists(words[0]):
         words.insert(0, "open")
     try:
@@ -154,6 +157,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "evaluate": _evaluate,
             "train": _train,
             "runs": _runs,
+            "bench": bench.run,
         }
         return run[arguments.verb](arguments)
     except InputError as error:

@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     capture = open_capture(arguments.capture)
     for note in capture.notes:
         print(note)
-    capture = replace(capture, rigs={name: _held_out(rig, arguments) for name, rig in capture.rigs.items()})
+    capture = replace(capture, rigs={name: held_out(rig, arguments) for name, rig in capture.rigs.items()})
     if capture.person.fit is not None:
         print("person: fitting the template's skin to the mattes")
         capture = replace(capture, person=fit_surface(capture))
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if finished else STOPPED
 
 
-def _held_out(rig: Rig, arguments: argparse.Namespace) -> Rig:
+def held_out(rig: Rig, arguments: argparse.Namespace) -> Rig:
     """The rig with the options' frames (of every rig) and views (of the rig that has them) held out."""
     frames, views = rig.held_out_frames, rig.held_out_views
     if arguments.held_out_frames:

@@ -27,7 +27,7 @@ from avatarrex.errors import InputError
 from avatarrex.fields.body import BodyField
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
-from avatarrex.fields.presets import PRESETS
+from avatarrex.fields.presets import BASES, PRESETS
 from avatarrex.fields.tone import ToneMap
 from avatarrex.files import parse_json, what_is
 from avatarrex.signals.signals import Signals
@@ -58,9 +58,9 @@ class Avatar:
 
     @classmethod
     def create(cls, person: Person, preset: str, seed: int = 0, local_frame: str = "anchors") -> Avatar:
-        """Untrained fields on `person`; preset `paper` or `compact`."""
+        """Untrained fields on `person`; preset `paper` or `compact`, or `PRESET/VARIANT` (fields/presets.py)."""
         if preset not in PRESETS:
-            raise InputError("avatar", "preset", " or ".join(PRESETS), preset)
+            raise InputError("avatar", "preset", " or ".join(BASES), preset)
         torch.manual_seed(seed)
         widths = PRESETS[preset]
         avatar = cls(
@@ -225,7 +225,7 @@ def _meta(path: Path, meta: Any) -> dict[str, Any]:
     if not 1 <= meta["format"] <= FORMAT:
         raise InputError(path, "avatar.json: format", f"at most {FORMAT} (update the studio)", meta["format"])
     if meta["preset"] not in PRESETS:
-        raise InputError(path, "avatar.json: preset", " or ".join(PRESETS), meta["preset"])
+        raise InputError(path, "avatar.json: preset", " or ".join(BASES), meta["preset"])
     if not 0 <= meta.get("seed", 0) < 2**63:
         raise InputError(path, "avatar.json: seed", "an integer from 0, below 2^63", meta["seed"])
     untrained = meta.get("untrained", [])

@@ -167,3 +167,5 @@ def _variants(preset: Preset, one_network: int, face_mlp: tuple[int, int]) -> tu
 
 
 PRESETS = {preset.name: preset for preset in (*_variants(PAPER, 83, (452, 584)), *_variants(COMPACT, 42, (333, 331)))}
+BASES = tuple(name for name in PRESETS if "/" not in name)
+"""Those that are no variants."""

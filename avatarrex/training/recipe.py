@@ -77,6 +77,12 @@ class Recipe:
         """Plain values."""
         return asdict(self)
 
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> Recipe:
+        """What `to_json` gave."""
+        passes = {part: (PassOne(**data[part][0]), PassTwo(**data[part][1])) for part in ("face", "body")}
+        return cls(**{**data, **passes})
+
 
 PAPER = Recipe(
     "paper",

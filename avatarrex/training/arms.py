@@ -1,0 +1,120 @@
+"""Arms of the ablation: each is one recipe with one thing changed (paper sec. 5.1 and the ablation study; issue's arms).
+
+    full               pass I, then pass II with the perceptual term; feature patches or tri-planes
+    no-pass-two        pass I alone, lengthened to as many steps
+    plain              no-pass-two without feature patches: the paper's baseline
+    one-network        plain, geometry and colour in one local network per node
+    uniform-64         no-pass-two on 64 uniform samples a ray, weighed as the paper does; -time: as long as no-pass-two
+
+Schedules (learning rate, γ) are stretched with the steps they belong to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+from avatarrex.errors import InputError
+from avatarrex.training.recipe import PassOne, PassTwo, Recipe
+
+Pass = TypeVar("Pass", PassOne, PassTwo)
+
+
+@dataclass(frozen=True)
+class Arm:
+    """What differs from `full`."""
+
+    name: str
+    what: str
+    parts: tuple[str, ...] = ("body", "face")
+    """Of which it can be asked."""
+    variant: str = ""
+    """Of the networks (fields/presets.py)."""
+    passes: int = 2
+    one: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of pass I."""
+    two: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of pass II."""
+    redraws: str = ""
+    """Not trained: that arm's avatar, drawn by volume rendering."""
+    pace_of: str = ""
+    time_of: str = ""
+    """As many steps as take the processor time of `time_of` at the pace of `pace_of`, both measured."""
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Arms that have to be finished before."""
+        return tuple(filter(None, (self.redraws, self.pace_of, self.time_of)))
+
+
+UNIFORM = {"sampling": "uniform", "samples": 64, "quadrature": "point"}
+ARMS = {
+    arm.name: arm
+    for arm in (
+        Arm("full", "both passes, perceptual term, feature patches or tri-planes"),
+        Arm("no-pass-two", "pass I alone, as many steps", passes=1),
+        Arm("no-patches", "both passes, no feature patches", ("body",), variant="no-patches"),
+        Arm("plain", "pass I alone, no feature patches (the paper's baseline)", ("body",), "no-patches", passes=1),
+        Arm("no-perceptual", "both passes, squared error alone", two={"perceptual": 0.0}),
+        Arm("face-mlp", "both passes, an MLP on the face's coefficients in place of tri-planes", ("face",), "face-mlp"),
+        Arm(
+            "one-network", "pass I alone, geometry and colour in one local network, no patches", ("body",),
+            "one-network", passes=1, one={"geometry_rate": 1.0},
+        ),
+        Arm("volume-test-time", "full, drawn by volume rendering, 64 uniform samples", redraws="full"),
+        Arm("uniform-64", "pass I alone on 64 uniform samples, as many steps", passes=1, one=UNIFORM),
+        Arm(
+            "uniform-64-time", "pass I alone on 64 uniform samples, as long as no-pass-two", passes=1, one=UNIFORM,
+            pace_of="uniform-64", time_of="no-pass-two",
+        ),
+    )
+}  # fmt: skip
+"""In the order of tables."""
+QUESTIONS = (
+    ("feature patches, one pass", "no-pass-two", "plain"),
+    ("feature patches, two passes", "full", "no-patches"),
+    ("tri-planes against an MLP on coefficients", "full", "face-mlp"),
+    ("pass II against as many steps of pass I", "full", "no-pass-two"),
+    ("perceptual term", "full", "no-perceptual"),
+    ("separate networks against one", "plain", "one-network"),
+    ("surface against volume rendering, test time", "full", "volume-test-time"),
+    ("near samples against 64 uniform, same steps", "no-pass-two", "uniform-64"),
+    ("near samples against 64 uniform, same time", "no-pass-two", "uniform-64-time"),
+)
+"""What is asked, and the two arms whose difference answers."""
+
+
+def chosen_arms(names: tuple[str, ...] | None, part: str) -> list[Arm]:
+    """The named arms of a part (all unless named) with those they need, in the order of tables. Raises `InputError`."""
+    known = [name for name, arm in ARMS.items() if part in arm.parts]
+    wanted = set(known if names is None else names)
+    for name in sorted(wanted):
+        if name not in known:
+            raise InputError("--arms", "", f"arms of the {part}: " + ", ".join(known), name or "nothing")
+    while missing := {need for name in wanted for need in ARMS[name].needs} - wanted:
+        wanted |= missing
+    return [ARMS[name] for name in known if name in wanted]
+
+
+def recipe_of(arm: Arm, base: Recipe, part: str) -> Recipe:
+    """The base recipe with the arm's change."""
+    one, two = getattr(base, part)
+    one, two = replace(one, **arm.one), replace(two, **arm.two)
+    if arm.passes == 1:
+        one, two = stretched(one, (one.steps + two.steps) / one.steps), replace(two, steps=0)
+    preset = f"{base.preset}/{arm.variant}" if arm.variant else base.preset
+    return replace(base, name=f"{base.name}/{arm.name}", preset=preset, **{part: (one, two)})  # type: ignore[arg-type]
+
+
+def scaled(recipe: Recipe, part: str, factor: float) -> Recipe:
+    """Both passes of a part longer or shorter, with their schedules; the warm start is as it was."""
+    one, two = getattr(recipe, part)
+    passes = stretched(one, factor), stretched(two, factor)
+    return replace(recipe, **{part: passes})  # type: ignore[arg-type]
+
+
+def stretched(stage: Pass, factor: float) -> Pass:
+    """A pass of `factor` times the steps; at least one, where it has any."""
+    names = [name for name in ("steps", "decay_steps", "gamma_steps") if getattr(stage, name, 0)]
+    return replace(stage, **{name: max(round(factor * getattr(stage, name)), 1) for name in names})
