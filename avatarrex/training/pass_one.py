@@ -63,6 +63,10 @@ class BodyPass:
     def field(self, frame: TrainingFrame, noise: torch.Generator) -> tuple[TrainedField, dict[str, Tensor]]:
         """The body of a frame with a latent drawn from its posterior, and the regularisers."""
         body, rotation = self.avatar.body, frame.posed.body_rotation
+        if not self.recipe.latent:
+            code = body.code(rotation)
+            terms = {"node": node_loss(code), "embedding": embedding_loss(code), "tone": self.avatar.tone.deviation()}
+            return TrainedBody(self.avatar, frame, body.frame(frame.posed.body, code)), terms
         mean, log_variance = body.code_network.posterior(rotation, self.frame_codes[frame.index])
         latent = mean + torch.exp(log_variance / 2) * torch.randn(mean.shape, generator=noise)
         code = body.code(rotation, latent)

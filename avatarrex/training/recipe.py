@@ -37,6 +37,8 @@ class PassOne:
     """γ1, metres. With a warm start the surface is known to a centimetre: fog of two would wash it away first."""
     geometry_rate: float = 1.0
     """Of the learning rate, for the geometry: less where it only has to settle."""
+    latent: bool = True
+    """Whether frames have codes of their own and z is drawn; without, z = 0 as at test, and detail follows the pose alone."""
     sampling: Sampling = "near"
     quadrature: Quadrature = "interval"
 
@@ -100,7 +102,7 @@ QUICK = Recipe(
         PassTwo(200, 128, 3e-3, 0.1, 200),
     ),
     body=(
-        PassOne(2600, 2, 400, 6, 4e-3, 0.05, 2600, 1800, 500, gamma_extra=0.005, geometry_rate=0.25),
+        PassOne(2600, 2, 400, 6, 4e-3, 0.05, 2600, 1800, 500, gamma_extra=0.005, geometry_rate=0.25, latent=False),
         PassTwo(900, 128, 3e-3, 0.05, 900),
     ),
     interval=200,
