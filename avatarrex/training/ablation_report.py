@@ -168,7 +168,7 @@ def plot(found: list[Row], path: Path, title: str) -> None:
         axis.grid(axis="x", alpha=0.3)
         axis.tick_params(labelsize=9)
     axes[0].set_yticks(range(len(found)), [row.name for row in found])
-    axes[0].invert_yaxis()
+    axes[0].set_ylim(len(found) - 0.5, -0.5)
     figure.suptitle(title, fontsize=10)
     path.parent.mkdir(parents=True, exist_ok=True)
     with written(path) as temporary:

@@ -78,8 +78,10 @@ def _seconds(avatar: Avatar, store: FrameStore, stage: Stage, interval: int, see
         for step in chosen:
             result = work.step(step, stage.gamma(step))
             optimiser.zero_grad(set_to_none=True)
-            weighted(result.terms).backward()
-            optimiser.step()
+            total = weighted(result.terms)
+            if total.requires_grad:
+                total.backward()
+                optimiser.step()
             seen |= {frame for frame, _ in result.pictures}
             pictures = len(result.pictures)
         times.append(time.process_time() - begun)

@@ -190,8 +190,9 @@ class Trainer:
                 if not torch.isfinite(total):
                     raise self._diverged(stage, step, result)
                 optimiser.zero_grad(set_to_none=True)
-                total.backward()
-                optimiser.step()
+                if total.requires_grad:  # else nothing of the part is seen in the patch: nothing to learn
+                    total.backward()
+                    optimiser.step()
                 if step % REPORT == 0:
                     seconds = max(time.monotonic() - began, 1e-6)
                     self._report(stage, step, result, float(total.detach()), gamma, (step + 1 - begun_at) / seconds)
