@@ -84,10 +84,12 @@ class Study:
             "base": _plain(self.base),
         }
         found = read_json(self.folder / "study.json")
-        for key, value in about.items():
-            if found is not None and found.get(key) != value:
-                wanted = f"{value}, as asked for (or another --out)"
-                raise InputError(self.folder, f"study.json: {key}", wanted, found.get(key))
+        if found is not None:
+            try:  # a field of recipes that is newer than the study has its default
+                found["base"] = _plain(Recipe.from_json(found["base"]))
+            except (KeyError, TypeError) as error:
+                raise InputError(self.folder, "study.json: base", "a recipe of this version", error) from None
+            _same(self.folder, "", about, {key: found.get(key) for key in about})
         self.about: dict[str, Any] = found or {**about, "recipes": {}}
         self.folder.mkdir(parents=True, exist_ok=True)
         self._note()
@@ -303,6 +305,18 @@ def _steady(folder: Path, tag: str, steps: int) -> float | None:
     series = events.series(tag)
     values = series.values[series.steps < steps]
     return float(values[-max(round(STEADY * len(values)), 1) :].mean()) if len(values) else None
+
+
+def _same(folder: Path, place: str, wanted: Any, found: Any) -> None:
+    """Raises `InputError` for the first entry in which two JSON values differ."""
+    if isinstance(wanted, dict) and isinstance(found, dict) and wanted.keys() == found.keys():
+        for key in wanted:
+            _same(folder, f"{place}.{key}", wanted[key], found[key])
+    elif isinstance(wanted, list) and isinstance(found, list) and len(wanted) == len(found):
+        for number, pair in enumerate(zip(wanted, found)):
+            _same(folder, f"{place}[{number}]", *pair)
+    elif wanted != found:
+        raise InputError(folder, f"study.json: {place[1:]}", f"{wanted}, as asked for (else another --out)", found)
 
 
 def _plain(recipe: Recipe) -> dict[str, Any]:

@@ -51,7 +51,7 @@ def little_is_reported(monkeypatch):
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory) -> Capture:
     opened = open_capture(TinyCapture.make().folder(tmp_path_factory.mktemp("tiny") / "capture"))
-    rigs = {name: rig.holding_out((1,), ()) for name, rig in opened.rigs.items()}
+    rigs = {name: rig.holding_out((2,), ()) for name, rig in opened.rigs.items()}
     return replace(opened, rigs=rigs)
 
 
@@ -176,40 +176,39 @@ def test_the_face_alone_is_measured_in_a_study_of_the_face(capture):
 
 @pytest.mark.slow
 def test_a_study_of_the_body_is_complete_and_not_done_twice(capture, tmp_path, monkeypatch):
-    arms, seeds = chosen_arms(("plain", "no-pass-two", "volume-test-time"), "body"), [0, 1]
+    arms, seeds = chosen_arms(("no-pass-two", "volume-test-time"), "body"), [0, 1]
     monkeypatch.setattr("avatarrex.training.ablation.SLOW", (1, 1))
     study = Study(tmp_path, capture, "body", TINY)
-    for seed, arm in ((seed, arm) for seed in seeds for arm in arms):
-        assert study.finish(arm, seed) is not None
+    done = [("full", 0), ("no-pass-two", 0), ("volume-test-time", 0), ("no-pass-two", 1)]
+    assert all(study.finish(ARMS[name], seed) is not None for name, seed in done)
     found = rows(study, arms, seeds)
     assert [row.name for row in found] == [
-        "textured mesh", "mean-colour mesh", "full", "no-pass-two", "plain", "volume-test-time"
+        "textured mesh", "mean-colour mesh", "full", "no-pass-two", "volume-test-time"
     ]  # fmt: skip
     wanted = {*MEASURES, "parameters", "steps", "minutes", "cpu_minutes", "samples_per_ray", "seconds_per_picture"}
     for row in found[2:]:
         assert wanted - {"lpips_matte"} <= set(row.values), row.name
-        assert all(len(values) == 2 for values in row.values.values())
-    steps = {row.name: row.values["steps"] for row in found[2:]}
-    assert set(map(tuple, steps.values())) == {(3, 3)}, "one pass takes as many steps as two"
+        assert all(len(values) == len(row.seeds) for values in row.values.values())
+        assert set(row.values["steps"]) == {3}, "one pass takes as many steps as two"
+    assert [row.seeds for row in found] == [[], [], [0], [0, 1], [0]]
     given = {answer.question: answer.differences for answer in answers(found)}
     assert set(given) == {q for q, *pair in QUESTIONS if set(pair) <= {row.name for row in found}}
     values = {row.name: row.values for row in found}
-    assert given["pass II against as many steps of pass I"]["psnr_matte"] == pytest.approx(
-        np.subtract(values["full"]["psnr_matte"], values["no-pass-two"]["psnr_matte"])
-    )
+    expected = values["full"]["psnr_matte"][0] - values["no-pass-two"]["psnr_matte"][0]
+    assert given["pass II against as many steps of pass I"]["psnr_matte"] == pytest.approx([expected])
     text = table(study, found)
     assert "nan" not in text
     assert all(row.name in text for row in found)
     json.dumps(to_json(study, found, seeds), allow_nan=False)
     plot(found, tmp_path / "plot.png", "tiny")
     assert (tmp_path / "plot.png").stat().st_size > 5000
-    for folder in (tmp_path / "full" / "seed_0", tmp_path / "plain" / "seed_1"):
+    for folder in (tmp_path / "full" / "seed_0", tmp_path / "no-pass-two" / "seed_1"):
         about = read_about(folder)
         assert (about["state"], about["config"]["arm"]) == ("finished", folder.parent.name)
     monkeypatch.setattr("avatarrex.training.ablation.Trainer", None)
     again = Study(tmp_path, capture, "body", TINY)
-    assert all(again.finish(arm, seed) == study.evaluation(arm, seed) for arm in arms for seed in seeds)
-    with pytest.raises(InputError, match=r"study.json: base"):
+    assert all(again.finish(ARMS[name], seed) == study.evaluation(ARMS[name], seed) for name, seed in done)
+    with pytest.raises(InputError, match=r"study.json: base.interval: expected 3, as asked for"):
         Study(tmp_path, capture, "body", replace(TINY, interval=3))
 
 
@@ -229,7 +228,7 @@ def test_uniform_samples_for_as_long(capture, tmp_path):
     """64 samples a ray cost more than 4 near the surface: the time buys fewer steps."""
     study = Study(tmp_path, capture, "body", TINY)
     found = {name: study.finish(ARMS[name], 0) for name in ("no-pass-two", "uniform-64", "uniform-64-time")}
-    assert found["uniform-64"]["samples_per_ray"] > 5 * found["no-pass-two"]["samples_per_ray"]
+    assert found["uniform-64"]["samples_per_ray"] > 2 * found["no-pass-two"]["samples_per_ray"]
     assert found["uniform-64"]["steps"] == found["no-pass-two"]["steps"]
     ratio = found["no-pass-two"]["cpu_seconds"] / found["uniform-64"]["cpu_seconds"]
     assert found["uniform-64-time"]["steps"][0] == max(round(3 * ratio), 1)
