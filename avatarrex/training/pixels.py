@@ -16,8 +16,12 @@ from avatarrex.camera import Camera
 from avatarrex.capture.capture import Rig
 from avatarrex.errors import InputError
 
-FOREGROUND = 0.75
-"""Share of the rays on the person; the others are drawn from the box around it."""
+FOREGROUND, RIM = 0.65, 0.2
+"""Shares of the rays on the person and just beside it; the others are drawn from the box around it."""
+BESIDE = 0.03
+"""Of the person's height in the picture: how far beside it the rim reaches. What sticks out too far is seen there."""
+TRIES = 8
+"""Places looked at for each ray of the rim."""
 AROUND = 0.12
 """Of the box's size: how far around the person the background is drawn from."""
 
@@ -54,7 +58,7 @@ def on_black(rig: Rig, view: int, frame: int) -> tuple[Float[Tensor, "h w 3"], F
 def draw_pixels(
     rig: Rig, view: int, frame: int, count: int, rng: np.random.Generator, within: tuple[int, int, int, int] | None
 ) -> PixelBatch:
-    """`count` pixels, most of them on the person; `within` (x0, y0, x1, y1) restricts them to a box.
+    """`count` pixels, most of them on the person or beside it; `within` (x0, y0, x1, y1) restricts them to a box.
 
     A picture without foreground gives background alone.
     """
@@ -62,17 +66,22 @@ def draw_pixels(
     height, width = matte.shape
     x0, y0, x1, y1 = within or (0, 0, width, height)
     ys, xs = np.nonzero(matte[y0:y1, x0:x1] > 127)
-    wanted = round(count * FOREGROUND) if len(ys) else 0
-    picked = rng.integers(len(ys), size=wanted) if wanted else np.zeros(0, int)
+    xs, ys = xs + x0, ys + y0
+    on = rng.integers(len(ys), size=round(count * FOREGROUND)) if len(ys) else np.zeros(0, int)
+    places = [np.stack([xs[on], ys[on]], 1)]
+    if len(ys):
+        near = rng.integers(len(ys), size=TRIES * round(count * RIM))
+        reach = 1 + int(BESIDE * np.ptp(ys))
+        beside = np.stack([xs[near], ys[near]], 1) + rng.integers(-reach, reach + 1, (len(near), 2))
+        beside = beside[((beside >= (x0, y0)) & (beside < (x1, y1))).all(1)]
+        places.append(beside[matte[beside[:, 1], beside[:, 0]] <= 127][: round(count * RIM)])
     if len(ys) and within is None:
         margin = 1 + int(AROUND * max(np.ptp(ys), np.ptp(xs)))
         x0, x1 = max(int(xs.min()) - margin, 0), min(int(xs.max()) + margin + 1, width)
         y0, y1 = max(int(ys.min()) - margin, 0), min(int(ys.max()) + margin + 1, height)
-        on_x, on_y = xs[picked], ys[picked]
-    else:
-        on_x, on_y = xs[picked] + x0, ys[picked] + y0
-    x = np.concatenate([on_x, rng.integers(x0, x1, count - wanted)])
-    y = np.concatenate([on_y, rng.integers(y0, y1, count - wanted)])
+    left = count - sum(len(place) for place in places)
+    places.append(np.stack([rng.integers(x0, x1, left), rng.integers(y0, y1, left)], 1))
+    x, y = np.concatenate(places).T
     alpha = matte[y, x].astype(np.float32) / 255
     colour = image[y, x].astype(np.float32) / 255 * alpha[:, None]
     place = np.stack([x, y], 1).astype(np.float32) + 0.5

@@ -1,22 +1,26 @@
 """Warm start: the geometry of body and face is fitted to a guess at the template's signed distance before pass I.
 
 Not in the paper, which starts from scratch: supervised distances take seconds where volume rendering takes hours to find
-the rough shape. Letters: p points. Root frame for the body, head frame for the face; metres.
+the rough shape. Where the packaged prior (prior.py) has the shape of the avatar's networks and template, the fit goes on
+from there. Letters: p points. Root frame for the body, head frame for the face; metres.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import safetensors
+import safetensors.torch
 import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from avatarrex.avatar import Avatar
+from avatarrex.avatar import DATA, Avatar
 from avatarrex.counters import Counters
 from avatarrex.signals.sequence import SignalSequence
+from avatarrex.signals.signals import Signals
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.training.losses import distance_loss
@@ -29,6 +33,11 @@ BATCH = 2500
 SPREAD = ((0.004, 0.35), (0.015, 0.35), (0.05, 0.3))
 """Standard deviation of the points off the surface, metres, and the share of each."""
 RATE = 2e-3
+KNOWN_RATE = 5e-4
+"""Where the prior has been loaded: only the person's own shape is left to find."""
+PRIOR = DATA / "prior.safetensors"
+Draw = Callable[[np.random.Generator], tuple[Tensor, Tensor]]
+"""Predicted and true distances of one step's points."""
 
 
 @dataclass(frozen=True)
@@ -50,22 +59,58 @@ def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, 
     return Distances(torch.as_tensor(position, dtype=torch.float32), torch.as_tensor(guess, dtype=torch.float32))
 
 
+def geometry_state(field: nn.Module, part: str) -> dict[str, Tensor]:
+    """Weights and nodes that make the geometry of `body` or `face`, named `part.name`."""
+    kept = {
+        "body": ("code_network.", "geometry_local.", "geometry_blend.", "node_vertex", "anchor_vertex"),
+        "face": ("geometry.",),
+    }[part]
+    return {f"{part}.{name}": value for name, value in field.state_dict().items() if name.startswith(kept)}
+
+
+def load_prior(avatar: Avatar, part: str) -> bool:
+    """Take the packaged geometry of `body` or `face`; False, and nothing changed, where networks or template are others."""
+    with safetensors.safe_open(PRIOR, "pt") as file:
+        names, vertices = file.keys(), int(file.metadata()["vertices"])
+        prior = {name: file.get_tensor(name) for name in names if name.startswith(f"{part}.")}
+    own = geometry_state(avatar.modules()[part], part)
+    same = {name: value.shape for name, value in own.items()} == {name: value.shape for name, value in prior.items()}
+    if vertices != len(avatar.person.body.v_template) or not same:
+        return False
+    module = avatar.modules()[part]
+    taken = {name.removeprefix(f"{part}."): value for name, value in prior.items()}
+    module.load_state_dict({**module.state_dict(), **taken})
+    return True
+
+
 def warm_start(avatar: Avatar, motion: SignalSequence, part: str, steps: int, seed: int) -> float:
-    """Fit the geometry of `body` or `face` for `steps` steps on frames of a motion; mean error of the last tenth, metres."""
+    """Load what is known of `body` or `face` and fit its geometry for `steps` steps on frames of a motion.
+
+    Returns the mean error of the last tenth, metres.
+    """
+    rate = KNOWN_RATE if load_prior(avatar, part) else RATE
     frames = sorted(set(np.linspace(0, len(motion) - 1, FRAMES).round().astype(int).tolist()))
-    posed = [pose_person(avatar.person, motion[index], Counters(), None) for index in frames]
     rng = np.random.default_rng([seed, 17])
-    fit = {"body": _body, "face": _face}[part](avatar, posed, rng)
-    parameters = avatar.body.geometry_parameters() if part == "body" else list(avatar.face.geometry.parameters())
-    return _descend(parameters, fit, steps, rng, f"{part}: warm start")
+    parameters, draw = supervision(avatar, [motion[index] for index in frames], part, rng)
+    return _descend(parameters, draw, steps, rate, rng, f"{part}: warm start")
 
 
-def _body(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -> Callable[[], tuple[Tensor, Tensor]]:
+def supervision(
+    avatar: Avatar, poses: Sequence[Signals], part: str, rng: np.random.Generator
+) -> tuple[list[nn.Parameter], Draw]:
+    """Parameters of the geometry of `body` or `face`, and what draws a step from those poses."""
+    posed = [pose_person(avatar.person, pose, Counters(), None) for pose in tqdm(poses, desc=f"{part}: poses")]
+    if part == "body":
+        return avatar.body.geometry_parameters(), _body(avatar, posed, rng)
+    return list(avatar.face.geometry.parameters()), _face(avatar, posed, rng)
+
+
+def _body(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -> Draw:
     field, faces = avatar.body, avatar.person.body.faces
     everywhere = torch.ones(len(avatar.person.body.v_template), dtype=torch.bool)
     bank = [(f, distances_around(f.body.vertices, faces, everywhere, POINTS, rng)) for f in frames]
 
-    def draw() -> tuple[Tensor, Tensor]:
+    def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         posed, data = bank[rng.integers(len(bank))]
         rows = torch.from_numpy(rng.integers(POINTS, size=BATCH))
         body_frame = field.frame(posed.body, field.code(posed.body_rotation))
@@ -74,7 +119,7 @@ def _body(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -
     return draw
 
 
-def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -> Callable[[], tuple[Tensor, Tensor]]:
+def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -> Draw:
     field, template = avatar.face, avatar.person.face
     bank = []
     for posed in frames:
@@ -83,7 +128,7 @@ def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -
         driven = field.driven(mesh, posed.face_coefficients)
         bank.append((driven, distances_around(mesh, template.faces, near, POINTS, rng)))
 
-    def draw() -> tuple[Tensor, Tensor]:
+    def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         views, data = bank[rng.integers(len(bank))]
         rows = torch.from_numpy(rng.integers(POINTS, size=2 * BATCH))
         return field.sdf(field.geometry_planes(views), data.position[rows]), data.sdf[rows]
@@ -92,20 +137,16 @@ def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -
 
 
 def _descend(
-    parameters: list[nn.Parameter],
-    draw: Callable[[], tuple[Tensor, Tensor]],
-    steps: int,
-    rng: np.random.Generator,
-    label: str,
+    parameters: list[nn.Parameter], draw: Draw, steps: int, rate: float, rng: np.random.Generator, label: str
 ) -> float:
     for parameter in parameters:
         parameter.requires_grad_(True)
-    optimiser = torch.optim.Adam(parameters, lr=RATE)
+    optimiser = torch.optim.Adam(parameters, lr=rate)
     errors = []
     with tqdm(total=steps, desc=label) as bar:
         for step in range(steps):
-            optimiser.param_groups[0]["lr"] = RATE * 0.05 ** (step / steps)
-            predicted, truth = draw()
+            optimiser.param_groups[0]["lr"] = rate * 0.05 ** (step / steps)
+            predicted, truth = draw(rng)
             optimiser.zero_grad(set_to_none=True)
             (20 * distance_loss(predicted, truth)).backward()
             optimiser.step()
