@@ -27,6 +27,7 @@ def _ablation(stage: argparse.ArgumentParser) -> None:
     add("--seeds", default="0,1,2", metavar="N,…", help="each arm is trained with each (0,1,2)")
     add("--preset", default="quick", metavar="P", help="quick, smoke or paper: the recipe that the arms vary (quick)")
     add("--minutes", metavar="M", help="length of every arm, instead of the recipe's steps")
+    add("--scale", metavar="F", default="1", help="times the recipe's steps and schedules, for every arm")
     add("--parts", default="body", choices=("body", "face"), help="what is studied (body)")
     add("--held-out-frames", metavar="A:B:S", help="frames kept from training, instead of the capture's own")
     add("--held-out-views", metavar="NAMES", help="body cameras kept from training, instead of the capture's own")

@@ -18,7 +18,7 @@ from avatarrex.errors import InputError
 from avatarrex.files import write_text
 from avatarrex.training.ablation import Study
 from avatarrex.training.ablation_report import plot, rows, table, to_json
-from avatarrex.training.arms import chosen_arms
+from avatarrex.training.arms import chosen_arms, scaled
 from avatarrex.training.recipe import RECIPES
 
 
@@ -28,13 +28,15 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--preset", "", ", ".join(RECIPES), arguments.preset)
     seeds = _seeds(arguments.seeds)
     arms = chosen_arms(tuple(arguments.arms.split(",")) if arguments.arms else None, arguments.parts)
-    minutes = _minutes(arguments.minutes)
+    minutes = None if arguments.minutes is None else _positive("--minutes", arguments.minutes)
+    factor = _positive("--scale", arguments.scale)
     if arguments.plot and find_spec("matplotlib") is None:
         raise InputError("--plot", "", "matplotlib: pip install 'avatarrex-studio[bench]'", "none")
     if arguments.json and Path(arguments.json).is_dir():
         raise InputError(arguments.json, "", "a file to write", "a folder")
     capture = _opened(arguments)
-    study = Study(Path(arguments.out), capture, arguments.parts, RECIPES[arguments.preset], minutes)
+    recipe = scaled(RECIPES[arguments.preset], arguments.parts, factor)
+    study = Study(Path(arguments.out), capture, arguments.parts, recipe, minutes)
     finished = True
     for seed in seeds:
         for arm in arms:
@@ -72,13 +74,11 @@ def _seeds(text: str) -> list[int]:
     return list(dict.fromkeys(int(word) for word in words))
 
 
-def _minutes(text: str | None) -> float | None:
-    if text is None:
-        return None
+def _positive(option: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not 0 < value < math.inf:
-        raise InputError("--minutes", "", "a positive number", text or "nothing")
+        raise InputError(option, "", "a positive number", text or "nothing")
     return value

@@ -37,13 +37,14 @@ class HeldOut:
         for frame, view in self.pairs:
             truth, matte = on_black(self.rig, view, frame)
             found = render_frame(self.avatar, self.rig.signals[frame], self.rig.views[view].camera, self.settings)
-            image, inside = found.image, (matte > 0.5)[None]
-            if self.part == "face":  # the rest of the person is not trained yet
+            image, inside, whole = found.image, (matte > 0.5)[None], self.part == "body"
+            if not whole:  # the rest of the person is not trained yet
                 inside = inside & (found.pointmap.part_weight[None, ..., FACE] > 0.5)
             a, b = (picture[None].permute(0, 3, 1, 2) for picture in (image[..., :3], truth))
             if inside.any():
                 figures["psnr"].append(float(psnr(a, b, inside)))
                 figures["ssim"].append(float(ssim(a, b, inside)))
+            if whole and inside.any():
                 covered = image[..., 3] > 0.5
                 figures["iou"].append(float((covered & inside[0]).sum() / (covered | inside[0]).sum()))
             name = f"{self.part}/frame_{frame}_view_{view}"

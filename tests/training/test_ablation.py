@@ -272,6 +272,7 @@ def test_minutes_scale_the_steps(capture, tmp_path, monkeypatch):
         (["--arms", "face-mlp"], "--arms: expected arms of the body: full"),
         (["--seeds", "one"], "--seeds: expected integers from 0"),
         (["--minutes", "-1"], "--minutes: expected a positive number, found -1"),
+        (["--scale", "much"], "--scale: expected a positive number, found much"),
         (["--preset", "huge"], "--preset: expected paper, quick, smoke, found huge"),
     ],
 )
