@@ -57,6 +57,9 @@ def parser() -> argparse.ArgumentParser:
     _evaluate_options(
         verbs.add_parser("evaluate", help="measure an avatar against a capture's pictures", allow_abbrev=False)
     )
+    _sheet_options(
+        verbs.add_parser("sheet", help="contact sheets of an avatar, and what floats about it", allow_abbrev=False)
+    )
     _train_options(verbs.add_parser("train", help="train an avatar from a capture", allow_abbrev=False))
     bench.add_options(verbs.add_parser("bench", help="measurements that take long", allow_abbrev=False))
     return top
@@ -72,6 +75,22 @@ def _train_options(train: argparse.ArgumentParser) -> None:
     add("--seed", default="0", metavar="N", help="of everything random (0)")
     add("--held-out-frames", metavar="A:B:S", help="frames kept from training, instead of the capture's own")
     add("--held-out-views", metavar="NAMES", help="body cameras kept from training, instead of the capture's own")
+
+
+def _sheet_options(sheet: argparse.ArgumentParser) -> None:
+    add = sheet.add_argument
+    add("avatar", help="name, folder or .avatar file")
+    add("out", metavar="OUT_DIR", help="a folder for body.jpg, face.jpg, hands.jpg, motion.jpg and sheet.json")
+    add("--truth", metavar="S", help="the clothed subject beside every picture: subject or loose")
+    add(
+        "--motion",
+        metavar="FILE",
+        help="motion.jpg: frames of .bvh, .npz (SMPL-X, AMASS), .csv (Live Link Face) or .json",
+    )
+    add("--other", metavar="AVATAR2", help="a second avatar that follows the same motion")
+    add("--frames", metavar="A:B:S", help="frames of the motion (8, evenly spaced)")
+    add("--only", metavar="NAMES", help="some of body,face,hands,motion,floaters (all)")
+    add("--samples", default="2", metavar="N", help="samples averaged along each side of a pixel (2)")
 
 
 def _evaluate_options(evaluate: argparse.ArgumentParser) -> None:
@@ -142,7 +161,7 @@ def _render_options(render: argparse.ArgumentParser) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    verbs = ("open", "render", "replay", "inspect", "capture", "train", "evaluate", "runs", "bench")
+    verbs = ("open", "render", "replay", "inspect", "capture", "train", "evaluate", "sheet", "runs", "bench")
     if words and words[0] not in verbs and not words[0].startswith("-") and os.path.exists(words[0]):
         words.insert(0, "open")
     try:
@@ -155,6 +174,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "inspect": _inspect,
             "capture": _capture,
             "evaluate": _evaluate,
+            "sheet": _sheet,
             "train": _train,
             "runs": _runs,
             "bench": bench.run,
@@ -271,6 +291,15 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     from avatarrex_studio import evaluate
 
     return evaluate.run(arguments)
+
+
+def _sheet(arguments: argparse.Namespace) -> int:
+    from avatarrex_studio.sheet_order import read_order
+
+    order = read_order(arguments)
+    from avatarrex_studio import sheet  # needs torch
+
+    return sheet.run(order)
 
 
 def _say(written: list[Path]) -> None:

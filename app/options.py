@@ -24,6 +24,7 @@ from PIL import ImageColor
 from avatarrex.errors import InputError
 from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, HAND_JOINTS
 
+SHEETS = ("body", "face", "hands", "motion", "floaters")
 AOVS = ("depth", "normal", "position", "mask")
 CAMERA = ("azimuth", "elevation", "distance", "fov", "x", "y", "z", "follow")
 FARTHEST = 1e6
@@ -134,6 +135,15 @@ def aovs(text: str) -> tuple[str, ...]:
     for name in names:
         if name not in AOVS:
             raise InputError("--aov", "", "some of " + ",".join(AOVS), name or "nothing")
+    return names
+
+
+def sheets(text: str) -> tuple[str, ...]:
+    """Names of contact sheets, comma separated."""
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    for name in names:
+        if name not in SHEETS:
+            raise InputError("--only", "", "some of " + ",".join(SHEETS), name or "nothing")
     return names
 
 

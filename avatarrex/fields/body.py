@@ -263,7 +263,7 @@ class BodyField(nn.Module):
     def colour(
         self,
         frame: BodyFrame,
-        patches: Float[Tensor, "n c s s"],
+        patches: Float[Tensor, "n c s s"] | None,
         position: Float[Tensor, "p 3"],
         view_direction: Float[Tensor, "p 3"],
         pairs: Pairs | None = None,
@@ -271,6 +271,7 @@ class BodyField(nn.Module):
     ) -> Float[Tensor, "p 3"]:
         """sRGB in [0, 1] of surface points seen along unit `view_direction` (root frame, from the eye).
 
+        `patches` None decodes those of the nodes that the points hear, for this call alone.
         Where no node reaches, the colour of zero features: no such point lies on a surface.
         """
         pairs = self.pairs(frame, position) if pairs is None else pairs
@@ -281,13 +282,17 @@ class BodyField(nn.Module):
         return torch.sigmoid(self.colour_blend(torch.cat([F.relu(mean), direction], -1)))
 
     def _colour_features(
-        self, frame: BodyFrame, patches: Tensor, pairs: Pairs, local: Float[Tensor, "k 3"], impl: str
+        self, frame: BodyFrame, patches: Tensor | None, pairs: Pairs, local: Float[Tensor, "k 3"], impl: str
     ) -> Float[Tensor, "k c"]:
         """𝒞_i(p_i, e_i, f_i) of every pair."""
         if self.colour_local is None:
             coordinate = encode(local / RADIUS, COORDINATE_OCTAVES)
             both = self.geometry_local([coordinate], frame.code.embedding, pairs.offsets, impl)
             return both[:, self.widths.geometry_feature :]
+        if patches is None:
+            nodes = torch.nonzero(pairs.offsets.diff())[:, 0]
+            heard = self.patches(frame, nodes)
+            patches = heard.new_zeros(len(self.node_rest), *heard.shape[1:]).index_copy(0, nodes, heard)
         axes = take(self.node_axes.flatten(1), pairs.node)
         plane = (axes.unflatten(0, (2, 3)) * local.T).sum(1).T
         coordinate = encode(local / COLOUR_UNIT, COORDINATE_OCTAVES, GATE[1] / COLOUR_UNIT)

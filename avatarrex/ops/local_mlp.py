@@ -18,8 +18,8 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor
 
-CHUNK = 256
-"""Rows of one chunk of `bucket`: padding wastes half a chunk per node, 13 % at 1000 rows per node."""
+CHUNKS = (32, 256)
+"""Rows of one chunk of `bucket`, at least and at most: a quarter of a node's rows, as padding wastes half a chunk per node."""
 
 
 def available() -> tuple[str, ...]:
@@ -45,10 +45,11 @@ def local_mlp(
 ) -> Float[Tensor, "k o"]:
     """y for every row; `activation` is `elu` or `relu`, `offsets` has n + 1 entries, `impl` is one of `available()`.
 
-    `auto` takes `loop` on a CPU and `bucket` elsewhere. All are differentiable, twice where `elu` or `relu` is.
+    `auto` takes `loop` on a CPU unless gradients are wanted, and `bucket` elsewhere. All are differentiable, twice where
+    `elu` or `relu` is.
     """
     if impl == "auto":
-        impl = "loop" if blocks[0].device.type == "cpu" else "bucket"
+        impl = "loop" if blocks[0].device.type == "cpu" and not _tracked(blocks, weights, biases) else "bucket"
     if impl not in _IMPLEMENTATIONS:
         raise ValueError(f"impl: expected auto or one of {available()}, found {impl!r}")
     return _IMPLEMENTATIONS[impl](blocks, offsets, weights, biases, activation)
@@ -71,8 +72,7 @@ def _loop(
     blocks: Sequence[Tensor], offsets: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor], activation: str
 ) -> Tensor:
     """Node by node with matrix products whose intermediates stay in cache: the fastest on a CPU."""
-    tracked = torch.is_grad_enabled() and any(t.requires_grad for t in (*blocks, *weights, *biases))
-    act = _activation(activation, inplace=not tracked)
+    act = _activation(activation, inplace=not _tracked(blocks, weights, biases))
     counts = offsets.diff().tolist()
     first = [weight.unbind(0) for weight in weights[0].split([block.shape[1] for block in blocks], 1)]
     layers = [list(zip(bias.unbind(0), weight.unbind(0))) for bias, weight in zip(biases[1:], weights[1:])]
@@ -91,23 +91,28 @@ def _loop(
 def _bucket(
     blocks: Sequence[Tensor], offsets: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor], activation: str
 ) -> Tensor:
-    """Equal chunks of one node's rows, one batched product per layer: no loop, for a GPU."""
+    """Equal chunks of one node's rows, one batched product per layer: no loop, for a GPU and for backward passes."""
     x = torch.cat(list(blocks), -1)
     counts = offsets.diff()
-    chunks = (counts + CHUNK - 1) // CHUNK
+    chunk = min(max(CHUNKS[0], len(x) // (4 * len(counts))), CHUNKS[1])
+    chunks = (counts + chunk - 1) // chunk
     first = torch.cumsum(chunks, 0) - chunks
     nodes = torch.arange(len(counts), device=x.device)
     node_of_row = torch.repeat_interleave(nodes, counts)
-    slot = first[node_of_row] * CHUNK + torch.arange(len(x), device=x.device) - offsets[:-1][node_of_row]
+    slot = first[node_of_row] * chunk + torch.arange(len(x), device=x.device) - offsets[:-1][node_of_row]
     node_of_chunk = torch.repeat_interleave(nodes, chunks)
-    h = x.new_zeros(len(node_of_chunk) * CHUNK, x.shape[1]).index_copy(0, slot, x)
-    h = h.unflatten(0, (len(node_of_chunk), CHUNK))
+    h = x.new_zeros(len(node_of_chunk) * chunk, x.shape[1]).index_copy(0, slot, x)
+    h = h.unflatten(0, (len(node_of_chunk), chunk))
     act = _activation(activation, inplace=False)
     for layer, (weight, bias) in enumerate(zip(weights, biases)):
         h = torch.baddbmm(bias[node_of_chunk, None], h, weight[node_of_chunk])
         if layer + 1 < len(weights):
             h = act(h)
     return h.flatten(0, 1)[slot]
+
+
+def _tracked(*tensors: Sequence[Tensor]) -> bool:
+    return torch.is_grad_enabled() and any(t.requires_grad for some in tensors for t in some)
 
 
 def _activation(name: str, inplace: bool) -> torch.nn.Module:

@@ -39,6 +39,8 @@ class Paint:
     """Feature patches (n, c, 32, 32) of this body pose."""
     planes: Tensor | None = None
     """Colour tri-planes of this expression."""
+    sparse: bool = False
+    """Of few points: the patches of the nodes that they hear alone are decoded, and not kept."""
 
     def colour(
         self, position: Float[Tensor, "p 3"], direction: Float[Tensor, "p 3"], weight: Float[Tensor, "p 3"]
@@ -59,7 +61,7 @@ class Paint:
 
     def _body(self, position: Tensor, direction: Tensor) -> Tensor:
         body, frame = self.avatar.body, self.body_frame
-        if self.patches is None:
+        if self.patches is None and not self.sparse:
             self.patches = body.patches(frame)
             self.counters.add("patches_decoded", len(self.patches))
         pairs = body.pairs(frame, position)

@@ -98,15 +98,15 @@ QUICK = Recipe(
     "quick",
     "compact",
     face=(
-        PassOne(600, 1, 400, 6, 4e-3, 0.05, 600, 400, 300, gamma_extra=0.003, geometry_rate=0.1),
-        PassTwo(200, 128, 3e-3, 0.1, 200),
+        PassOne(400, 1, 400, 6, 4e-3, 0.05, 400, 250, 60, gamma_extra=0.003, geometry_rate=0.1),
+        PassTwo(1000, 128, 3e-3, 0.05, 1000),
     ),
     body=(
-        PassOne(2600, 2, 400, 6, 4e-3, 0.05, 2600, 1800, 500, gamma_extra=0.005, geometry_rate=0.25, latent=False),
-        PassTwo(900, 128, 3e-3, 0.05, 900),
+        PassOne(1200, 1, 400, 6, 4e-3, 0.05, 1200, 600, 60, gamma_extra=0.005, geometry_rate=0.25, latent=False),
+        PassTwo(2400, 128, 3e-3, 0.03, 2400),
     ),
     interval=200,
-    evaluate=600,
+    evaluate=400,
 )
 SMOKE = Recipe(
     "smoke",
