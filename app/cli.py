@@ -75,6 +75,8 @@ def _train_options(train: argparse.ArgumentParser) -> None:
     add("--seed", default="0", metavar="N", help="of everything random (0)")
     add("--held-out-frames", metavar="A:B:S", help="frames kept from training, instead of the capture's own")
     add("--held-out-views", metavar="NAMES", help="body cameras kept from training, instead of the capture's own")
+    for part in ("body", "face"):
+        add(f"--{part}-views", metavar="NAMES", help=f"{part} cameras to train on alone")
 
 
 def _sheet_options(sheet: argparse.ArgumentParser) -> None:

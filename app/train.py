@@ -49,12 +49,15 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def held_out(rig: Rig, arguments: argparse.Namespace) -> Rig:
-    """The rig with the options' frames (of every rig) and views (of the rig that has them) held out."""
+    """The rig with the options' frames (of every rig) and views held out; or all views but those to train on."""
     frames, views = rig.held_out_frames, rig.held_out_views
     if arguments.held_out_frames:
         frames = frozenset(options.frames(arguments.held_out_frames, rig.frames))
     if arguments.held_out_views and rig.name == "body":
         views = frozenset(views_of(rig, arguments.held_out_views, "--held-out-views"))
+    only = getattr(arguments, f"{rig.name}_views", None)
+    if only:
+        views = frozenset(range(len(rig.views))) - frozenset(views_of(rig, only, f"--{rig.name}-views"))
     return rig.holding_out(frames, views)
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from avatarrex_studio.cli import parser
+from avatarrex_studio.train import held_out
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
 import avatarrex.training.train as train_module
@@ -195,3 +198,17 @@ def test_face_then_body(tmp_path):
     assert set(found["body/loss/rgb"]) == set(range(6))
     avatar = load_avatar(sorted((tmp_path / "run" / "checkpoints").iterdir())[-1] / "avatar.avatar")
     assert not avatar.hidden
+
+
+def asked(*words: str) -> argparse.Namespace:
+    """Options of `train`."""
+    return parser().parse_args(["train", "capture", "--out", "run", *words])
+
+
+def test_cameras_to_train_on_alone(capture):
+    """By name or number, in place of what is held out; of the named rig only."""
+    rig = open_capture(capture).rigs["body"]
+    assert held_out(rig, asked("--body-views", "c0,2")).held_out_views == {1}
+    assert held_out(rig, asked("--face-views", "0")).held_out_views == rig.held_out_views
+    with pytest.raises(InputError, match="--body-views: expected cameras 0 to 2"):
+        held_out(rig, asked("--body-views", "c7"))
