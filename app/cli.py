@@ -69,12 +69,13 @@ def _train_options(train: argparse.ArgumentParser) -> None:
     add = train.add_argument
     add("capture", help="a folder or .zip")
     add("--out", required=True, metavar="RUN", help="a new folder for the run, or with --resume the one to go on with")
-    add("--preset", default="quick", metavar="P", help="paper, quick or smoke (quick)")
+    add("--preset", default="quick", metavar="P", help="paper, quick, refine or smoke (quick)")
     add("--parts", metavar="PARTS", help="face, body or face,body (what the capture has)")
     add("--resume", action="store_true", help="go on from the run's last checkpoint")
     add("--seed", default="0", metavar="N", help="of everything random (0)")
     add("--held-out-frames", metavar="A:B:S", help="frames kept from training, instead of the capture's own")
     add("--held-out-views", metavar="NAMES", help="body cameras kept from training, instead of the capture's own")
+    add("--start", metavar="AVATAR", help="an avatar to go on from (with --preset refine), in place of the template")
     for part in ("body", "face"):
         add(f"--{part}-views", metavar="NAMES", help=f"{part} cameras to train on alone")
 

@@ -8,9 +8,11 @@ from dataclasses import replace
 from avatarrex_studio import options
 from avatarrex_studio.evaluate import views_of
 
+from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.capture.capture import Capture, Rig, open_capture
 from avatarrex.capture.surface_fit import fit_surface
 from avatarrex.errors import InputError
+from avatarrex.templates.person import Person
 from avatarrex.training.recipe import RECIPES
 from avatarrex.training.run import Run
 from avatarrex.training.train import PARTS, Trainer
@@ -30,17 +32,20 @@ def run(arguments: argparse.Namespace) -> int:
     for part in chosen or ():
         if part not in PARTS:
             raise InputError("--parts", "", "face, body or face,body", part or "nothing")
+    start = load_avatar(arguments.start) if arguments.start else None
     capture = open_capture(arguments.capture)
     for note in capture.notes:
         print(note)
     capture = replace(capture, rigs={name: held_out(rig, arguments) for name, rig in capture.rigs.items()})
-    if capture.person.fit is not None:
+    if capture.person.fit is not None and start is None:
         print("person: fitting the template's skin to the mattes")
         capture = replace(capture, person=fit_surface(capture))
+    if start is not None:
+        capture = replace(capture, person=_same_body(start, capture))
     parts = tuple(part for part in PARTS if part in (chosen or capture.rigs))
     trained = _open_run(arguments, capture, parts, seed)
     with trained:
-        trainer = Trainer(capture, RECIPES[arguments.preset], parts, trained, seed)
+        trainer = Trainer(capture, RECIPES[arguments.preset], parts, trained, seed, start)
         print(trainer.perceptual.note)
         finished = trainer.train()
         trained.close("finished" if finished else "stopped")
@@ -61,6 +66,13 @@ def held_out(rig: Rig, arguments: argparse.Namespace) -> Rig:
     return rig.holding_out(frames, views)
 
 
+def _same_body(start: Avatar, capture: Capture) -> Person:
+    """The start's body, whose size and skin were fitted before; `InputError` where it is a modelled person's, but another."""
+    if (capture.person.fit is None) != (start.person.fit is None):
+        raise InputError("--start", "body", capture.person.name, start.person.name)
+    return start.person
+
+
 def _open_run(arguments: argparse.Namespace, capture: Capture, parts: tuple[str, ...], seed: int) -> Run:
     recipe = RECIPES[arguments.preset]
     config = {
@@ -68,6 +80,7 @@ def _open_run(arguments: argparse.Namespace, capture: Capture, parts: tuple[str,
         "preset": recipe.name,
         "capture": str(arguments.capture),
         "seed": seed,
+        "start": arguments.start,
         "steps": {part: steps for part, steps in recipe.steps().items() if part in parts},
         "recipe": recipe.to_json(),
         "held_out": {
@@ -78,7 +91,7 @@ def _open_run(arguments: argparse.Namespace, capture: Capture, parts: tuple[str,
     if not arguments.resume:
         return Run.create(arguments.out, config)
     opened = Run.open(arguments.out)
-    for key in ("part", "preset", "seed", "held_out"):
+    for key in ("part", "preset", "seed", "start", "held_out"):
         if opened.config.get(key) != config[key]:
             opened.close("stopped")
             raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as asked for", opened.config.get(key))

@@ -1,6 +1,7 @@
 """Recipes: how long and how each part is trained (paper table 'Training statistics' and appendix table).
 
-`paper` is the paper's schedule; `quick` trains `compact` fields on two cores within the hour; `smoke` is for tests.
+`paper` is the paper's schedule; `quick` trains `compact` fields on two cores within the hour, `refine` goes on from such an
+avatar (`train --start`): colours are good by then, and tell the geometry more; `smoke` is for tests.
 """
 
 from __future__ import annotations
@@ -98,12 +99,26 @@ QUICK = Recipe(
     "quick",
     "compact",
     face=(
-        PassOne(400, 1, 400, 6, 4e-3, 0.05, 400, 250, 60, gamma_extra=0.003, geometry_rate=0.1),
+        PassOne(400, 1, 400, 5, 4e-3, 0.05, 400, 250, 60, gamma_extra=0.003, geometry_rate=0.1),
         PassTwo(1000, 128, 3e-3, 0.05, 1000),
     ),
     body=(
-        PassOne(1200, 1, 400, 6, 4e-3, 0.05, 1200, 600, 60, gamma_extra=0.005, geometry_rate=0.25, latent=False),
+        PassOne(1200, 1, 400, 5, 4e-3, 0.05, 1200, 600, 60, gamma_extra=0.005, geometry_rate=0.25, latent=False),
         PassTwo(2400, 128, 3e-3, 0.03, 2400),
+    ),
+    interval=200,
+    evaluate=400,
+)
+REFINE = Recipe(
+    "refine",
+    "compact",
+    face=(
+        PassOne(300, 1, 400, 5, 2e-3, 0.1, 300, 100, 0, gamma_extra=0.001, geometry_rate=0.2),
+        PassTwo(800, 128, 2e-3, 0.05, 800),
+    ),
+    body=(
+        PassOne(1600, 1, 600, 5, 2e-3, 0.1, 1600, 500, 0, gamma_extra=0.001, geometry_rate=0.5, latent=False),
+        PassTwo(1600, 128, 2e-3, 0.05, 1600),
     ),
     interval=200,
     evaluate=400,
@@ -116,4 +131,4 @@ SMOKE = Recipe(
     interval=5,
     evaluate=1000,
 )
-RECIPES = {recipe.name: recipe for recipe in (PAPER, QUICK, SMOKE)}
+RECIPES = {recipe.name: recipe for recipe in (PAPER, QUICK, REFINE, SMOKE)}

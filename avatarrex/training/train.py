@@ -86,15 +86,27 @@ def stages(recipe: Recipe, parts: tuple[str, ...]) -> list[Stage]:
 class Trainer:
     """A training at work."""
 
-    def __init__(self, capture: Capture, recipe: Recipe, parts: tuple[str, ...], run: Run, seed: int) -> None:
+    def __init__(
+        self,
+        capture: Capture,
+        recipe: Recipe,
+        parts: tuple[str, ...],
+        run: Run,
+        seed: int,
+        start: Avatar | None = None,
+    ) -> None:
+        """`start`: an avatar to go on from, in place of the warm start; of the recipe's networks and the capture's body."""
         self.capture, self.recipe, self.run, self.seed = capture, recipe, run, seed
         for part in parts:
             if part not in capture.rigs:
                 raise InputError(capture.path, "parts", "rigs of the capture: " + ", ".join(capture.rigs), part)
         self.parts = parts
         self.stages = stages(recipe, parts)
-        self.avatar = Avatar.create(capture.person, recipe.preset, seed)
-        self.hidden = frozenset() if "face" in parts else frozenset({"face"})
+        self.start, self.avatar = start, Avatar.create(capture.person, recipe.preset, seed)
+        known = "face" in parts or (start is not None and "face" not in start.hidden)
+        self.hidden = frozenset() if known else frozenset({"face"})
+        if start is not None and (found := start.meta["preset"]) != recipe.preset:
+            raise InputError("--start", "preset", recipe.preset, found)
         self.perceptual = Perceptual.load()
         self.interrupted = False
 
@@ -148,6 +160,10 @@ class Trainer:
 
     def _warm_start(self) -> None:
         """Fit the geometry of every part to the template: a part that is trained first is seen beside the others."""
+        if self.start is not None:
+            for name, module in self.start.modules().items():
+                self.avatar.modules()[name].load_state_dict(module.state_dict())
+            return
         for part in (part for part in ("body", "face") if part not in self.hidden):
             steps = getattr(self.recipe, part)[0].warm_steps
             rig = self.capture.rigs.get(part) or self.capture.rigs[self.parts[0]]
@@ -254,6 +270,11 @@ class Trainer:
                 "at": f"{self.run.part} step {step}",
                 "perceptual": self.perceptual.name,
                 "seed": self.seed,
+                **(
+                    {}
+                    if self.start is None
+                    else {"start": self.start.meta.get("training", self.start.meta.get("origin"))}
+                ),
             },
         }
 

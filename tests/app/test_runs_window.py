@@ -15,25 +15,13 @@ from avatarrex_studio.studio import Studio
 from avatarrex_studio.training_process import TrainingProcesses
 from avatarrex_studio.window import Window, start
 from ball import ball_engine
-from imgui_bundle import hello_imgui, imgui
+from driving import drive
 from imgui_bundle import icons_fontawesome_6 as icons
-from imgui_bundle.immapp import testing
 
 from avatarrex.training.events import event_files
 
 pytestmark = pytest.mark.window
 TINY = (sys.executable, str(Path(__file__).parents[1] / "tiny_run.py"))
-
-
-def drive(window, scenario, size=(1280, 800)):
-    """Open `window`, run `scenario(test)` beside it, close it."""
-
-    def patient(test):
-        io = imgui.test_engine.get_io(hello_imgui.get_imgui_test_engine())
-        io.config_watchdog_warning = io.config_watchdog_kill_test = 500.0
-        scenario(test)
-
-    testing.run(test_function=patient, runner_params=window.params(size, remember=False))
 
 
 def wait(test, condition, seconds=90):

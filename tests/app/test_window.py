@@ -6,6 +6,7 @@ import logging
 import time
 from itertools import pairwise
 
+import driving
 import numpy as np
 import pytest
 import torch
@@ -15,30 +16,21 @@ from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.studio import Studio
 from avatarrex_studio.window import Window, start
 from ball import ball_engine
-from imgui_bundle import hello_imgui, imgui
-from imgui_bundle.immapp import testing
+from imgui_bundle import imgui
 
 from avatarrex.avatar import Avatar
 from avatarrex.pipeline import render_frame
 from avatarrex.templates.person import load_person
 
 pytestmark = pytest.mark.window
-PATIENCE = 500.0
-"""Seconds before the test engine gives up: compiling shaders takes a minute on a busy machine."""
 
 
 def drive(engine, scenario, size=(1280, 800)):
     """Open a window on `engine`, run `scenario(test, window)` beside it, close it."""
     window = Window(Studio(engine, Journal(start())))
-
-    def patient(test, window):
-        io = imgui.test_engine.get_io(hello_imgui.get_imgui_test_engine())
-        io.config_watchdog_warning = io.config_watchdog_kill_test = PATIENCE
-        scenario(test, window)
-
     logging.getLogger().addHandler(window.console)
     try:
-        testing.run(test_function=lambda test: patient(test, window), runner_params=window.params(size, remember=False))
+        driving.drive(window, lambda test: scenario(test, window), size)
     finally:
         logging.getLogger().removeHandler(window.console)
     return window

@@ -14,7 +14,7 @@ from avatarrex_studio.train import held_out
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
 import avatarrex.training.train as train_module
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.capture.capture import open_capture
 from avatarrex.errors import InputError
 from avatarrex.training.events import EventReader
@@ -198,6 +198,23 @@ def test_face_then_body(tmp_path):
     assert set(found["body/loss/rgb"]) == set(range(6))
     avatar = load_avatar(sorted((tmp_path / "run" / "checkpoints").iterdir())[-1] / "avatar.avatar")
     assert not avatar.hidden
+
+
+def test_it_goes_on_from_an_avatar(capture, whole, tmp_path, monkeypatch):
+    """One step of Adam away from the start, and the file says where it came from."""
+    known = load_avatar(sorted((whole / "checkpoints").iterdir())[-1] / "avatar.avatar")
+    run, _ = start(capture, tmp_path / "run")
+    monkeypatch.setattr(Run, "control", lambda self: "stop")
+    trainer = Trainer(open_capture(capture), TINY, ("body",), run, 0, known)
+    with run:
+        assert not trainer.train()
+    after, before = trainer.avatar.state(), known.state()
+    moved = max(float((after[name] - before[name]).abs().max()) for name in before if "geometry_local" in name)
+    assert 0 < moved < 1.5 * TINY.body[0].rate
+    assert trainer.avatar.meta["training"]["start"]["recipe"] == "tiny"
+    assert trainer.hidden == {"face"}, "nobody has trained it"
+    with pytest.raises(InputError, match="--start: preset: expected compact, found paper"):
+        Trainer(open_capture(capture), TINY, ("body",), run, 0, Avatar.create(known.person, "paper"))
 
 
 def asked(*words: str) -> argparse.Namespace:

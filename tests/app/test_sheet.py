@@ -1,0 +1,271 @@
+"""`avatarrex-studio sheet`: what is on a sheet, that every subject of it is seen alike, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+from avatarrex_studio import cli, sheet, sheet_pages, sheet_paper
+from avatarrex_studio.motion import Motion
+from avatarrex_studio.sheet_order import COLUMNS, read_order
+from avatarrex_studio.sheet_pages import Artist, body_page, drawn, face_page, hands_page, motion_page
+from avatarrex_studio.sheet_paper import HEADING, LINE, Tile, laid_out, over, tile_width, write_jpeg
+from bad_files import bvh, csv
+from PIL import Image
+
+from avatarrex.gl.context import gl_unavailable
+from avatarrex.signals.library import named_expression, named_hand
+from avatarrex.signals.read import write_json
+from avatarrex.signals.sequence import SignalSequence
+from avatarrex.signals.signals import Signals
+from avatarrex.templates.person import load_person
+
+needs_gl = pytest.mark.skipif(gl_unavailable() is not None, reason=str(gl_unavailable()))
+
+
+def orders(page):
+    """Every order of a page in reading order."""
+    return [order for row in page.rows for group in row for order in group]
+
+
+def loaded(path):
+    """The pixels of a sheet."""
+    with Image.open(path) as image:
+        return np.asarray(image)
+
+
+@pytest.fixture
+def walk(tmp_path):
+    """Twenty frames that go 3 m to the person's left, which is where the person faces."""
+    turn = np.array([0, np.pi / 2, 0])
+    frames = tuple(
+        Signals.rest().replace(
+            global_orient=turn, translation=np.array([0.15 * k, 0.1, 0]), body_pose=np.full((21, 3), 0.01 * k)
+        )
+        for k in range(20)
+    )
+    write_json(tmp_path / "walk.json", SignalSequence(frames, 30.0, "walk"))
+    return tmp_path / "walk.json"
+
+
+@pytest.mark.parametrize("artists", [1, 2])
+def test_pages_hold_what_they_promise(artists):
+    person = load_person()
+    body, face, hands = (make(person, artists) for make in (body_page, face_page, hands_page))
+    assert [page.pictures for page in (body, face, hands)] == [10 * artists, 16 * artists, 12 * artists]
+    labels = [scene.label for who, scene in orders(body) if who == 0]
+    assert labels[:4] == ["front", "left side", "back", "right side"]
+    assert len({scene.signals for _, scene in orders(body)}) == 7, "the standing pose and six others"
+    faces = [scene for who, scene in orders(face) if who == 0]
+    assert len({scene.signals for scene in faces}) == 8
+    assert {scene.rig for scene in faces} == {"face"}
+    assert np.array_equal(faces[2].signals.expression, named_expression("smile"))
+    lopsided = [
+        s.signals.expression for s in faces if not np.array_equal(s.signals.expression[0], s.signals.expression[7])
+    ]
+    assert len(lopsided) == 2, "one expression closes one eye, from two sides"
+    shown = {scene.signals for _, scene in orders(hands)}
+    assert len(shown) == 6
+    assert any(np.array_equal(signals.left_hand_pose, named_hand("fist", "left")) for signals in shown)
+
+
+@pytest.mark.parametrize("make", [body_page, face_page, hands_page])
+def test_the_truth_is_beside_each_picture_in_the_same_view(make):
+    for row in make(load_person(), 2).rows:
+        for group in row:
+            for (first, one), (second, two) in zip(group[::2], group[1::2]):
+                assert (first, second) == (0, 1)
+                assert one is two
+
+
+@pytest.mark.parametrize("make", [body_page, face_page, hands_page])
+@pytest.mark.parametrize("artists", [1, 2])
+def test_a_page_fits_its_width(make, artists):
+    """Left edge, tiles and gaps fill a row; nothing is cut off at the right."""
+    page = make(load_person(), artists)
+    blank = Artist("blank", lambda scene: np.zeros((scene.camera.height, scene.camera.width, 4)))
+    rows = drawn(page, [blank] * artists)
+    made = np.asarray(laid_out(page.heading, "", rows, page.width))
+    assert made.shape[1] <= 2000
+    assert made.shape[0] < 2200
+    ground = (made == sheet_paper.GROUND).all(-1)
+    assert not ground[:, : sheet_paper.EDGE].any()
+    assert not ground[:, -sheet_paper.EDGE :].any()
+    tiles = sum(t.picture.shape[0] * t.picture.shape[1] for row in rows for group in row for t in group)
+    assert ground.sum() == tiles, "no tile covers another"
+
+
+def test_the_figure_fills_its_tile():
+    """Feet and crown of the standing person are in every side's tile, and reach over most of it."""
+    person = load_person()
+    for _, scene in orders(body_page(person, 2))[:8]:
+        points = sheet_pages.Outline(person.body).points(scene.signals)
+        camera = scene.camera
+        seen = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
+        pixel = (seen @ camera.intrinsics.T)[:, :2] / seen[:, 2:]
+        assert pixel.min() > 0
+        assert (pixel < [camera.width, camera.height]).all()
+        assert np.ptp(pixel, axis=0)[1] > 0.8 * camera.height
+
+
+def test_a_motion_is_followed_over_the_ground_from_where_it_faces(walk):
+    person = load_person()
+    page = motion_page(person, 2, Motion.read(walk), range(0, 20, 2))
+    assert [len(row) for row in page.rows] == [8, 8, 2, 2], "bands of eight frames, a row to each artist"
+    first, second = page.rows[0], page.rows[1]
+    assert [group[0][0] for group in first + second] == [0] * 8 + [1] * 8
+    assert all(a[0][1] is b[0][1] for a, b in zip(first, second)), "both in the same views"
+    cameras = [group[0][1].camera for group in first]
+    steps = np.diff([camera.centre for camera in cameras], axis=0)
+    assert steps == pytest.approx(np.tile([0.3, 0, 0], (7, 1)), abs=1e-9)
+    assert cameras[0].centre[0] > 2, "the person faces +X here, and so does the camera stand there"
+
+
+def test_a_face_recording_is_seen_close(tmp_path):
+    (tmp_path / "talk.csv").write_text(csv().replace("52,0.0", "52,0.5"))
+    page = motion_page(load_person(), 1, Motion.read(tmp_path / "talk.csv"), (0, 1, 2))
+    ((who, scene),) = page.rows[0][0]
+    assert (who, scene.rig) == (0, "face")
+    assert np.linalg.norm(scene.camera.centre) < 2.5
+
+
+def test_tiles_lie_in_rows_over_their_labels():
+    red, blue = (np.full((20, 40, 3), colour, np.uint8) for colour in ((255, 0, 0), (0, 0, 255)))
+    made = laid_out("Heading", "note", [[[Tile(red, "a"), Tile(blue, "b", "who")]], [[Tile(blue, "c")]]], 160)
+    pixels = np.asarray(made)
+    assert pixels.shape == (HEADING + 2 * (20 + LINE) + sheet_paper.EDGE // 2, 160, 3)
+    assert (pixels[HEADING : HEADING + 20, 24:64] == (255, 0, 0)).all()
+    assert (pixels[HEADING : HEADING + 20, 68:108] == (0, 0, 255)).all()
+    assert (pixels[HEADING + 20 + LINE : HEADING + 40 + LINE, 24:64] == (0, 0, 255)).all()
+    label = pixels[HEADING + 20 : HEADING + 20 + LINE, 24:64]
+    assert label.min() < 100, "ink"
+    assert (pixels[HEADING + 40 + LINE :, 70:] == sheet_paper.PAPER).all()
+    assert tile_width(1, 2, 160) == (160 - 48 - 4) // 2
+
+
+def test_premultiplied_pictures_lie_over_the_ground():
+    image = np.array([[[0.25, 0.0, 0.0, 0.5], [0.0, 0.0, 0.0, 0.0]]])
+    assert over(image).tolist() == [[[180, 117, 118], list(sheet_paper.GROUND)]]
+
+
+def test_a_sheet_too_heavy_is_made_smaller(tmp_path):
+    noise = Image.fromarray(np.random.default_rng(0).integers(0, 255, (900, 1000, 3), dtype=np.uint8))
+    write_jpeg(tmp_path / "noise.jpg", noise)
+    assert (tmp_path / "noise.jpg").stat().st_size <= 700_000
+    assert 500 < loaded(tmp_path / "noise.jpg").shape[1] < 1000
+    assert [path.name for path in tmp_path.iterdir()] == ["noise.jpg"]
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Sheets a fifth as wide, an albedo that is baked at once."""
+    from avatarrex.capture import subject_drawer
+
+    monkeypatch.setattr(sheet_pages, "WIDTH", 420)
+    monkeypatch.setattr(sheet_pages, "NARROW", 420)
+    monkeypatch.setattr(subject_drawer, "SPACING", {"body": 0.05, "hand": 0.05, "face": 0.05})
+
+
+@needs_gl
+def test_avatars_and_truth_follow_one_motion(small, walk, tmp_path, capsys):
+    """Three rows that show the same figure: truth, the packaged avatar, and the packaged avatar again."""
+    words = ["--truth", "subject", "--motion", str(walk), "--other", "default", "--frames", "0:20:10", "--samples", "1"]
+    assert cli.main(["sheet", "default", str(tmp_path / "out"), "--only", "motion", *words]) == 0
+    assert "motion.jpg" in capsys.readouterr().out
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["motion.jpg", "sheet.json"]
+    report = json.loads((tmp_path / "out" / "sheet.json").read_text())
+    assert report["motion"] == {"file": str(walk), "frames": [0, 10]}
+    assert report["sheets"] == ["motion.jpg"]
+    assert report["floaters"] is None
+    made = loaded(tmp_path / "out" / "motion.jpg").astype(float)
+    figure = np.abs(made - sheet_paper.GROUND).max(-1) > 40
+    height = (len(made) - HEADING - sheet_paper.EDGE // 2) // 3
+    rows = [figure[HEADING + k * height : HEADING + (k + 1) * height - LINE] for k in range(3)]
+    rows = [row[:, sheet_paper.EDGE + 1 : sheet_paper.EDGE + 70] for row in rows]
+    assert 0.05 < rows[0].mean() < 0.6, "a figure"
+    overlap = [(rows[0] & row).sum() / (rows[0] | row).sum() for row in rows[1:]]
+    assert min(overlap) > 0.85, "the same pose in the same place"
+    assert (rows[1] ^ rows[2]).mean() < 1e-3, "twice the same avatar"
+
+
+@needs_gl
+def test_floaters_are_told_and_written(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(sheet, "FLOATING", ())
+    monkeypatch.setattr(sheet, "SIZE", 96)
+    assert cli.main(["sheet", "default", str(tmp_path / "out"), "--only", "floaters"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"^stand: .*silhouettes.*(volume in one piece|apart from the body)", out, re.M)
+    (entry,) = json.loads((tmp_path / "out" / "sheet.json").read_text())["floaters"]
+    assert set(entry) == {"pose", "views", "islands", "lumps"}
+    assert entry["views"] == 26
+    assert all(np.isfinite(lump["place"]).all() for lump in entry["lumps"])
+
+
+def test_frames_unless_asked_for():
+    arguments = cli.parser().parse_args(["sheet", "default", "/tmp/nowhere"])
+    assert read_order(arguments).only == ("body", "face", "hands", "floaters"), "no motion sheet without a motion"
+
+
+@pytest.mark.parametrize("count", [3, 8, 13, 500])
+def test_default_frames_are_spread(tmp_path, count):
+    (tmp_path / "m.bvh").write_text(bvh(count))
+    words = ["sheet", "default", str(tmp_path / "out"), "--motion", str(tmp_path / "m.bvh")]
+    chosen = read_order(cli.parser().parse_args(words)).frames
+    assert len(chosen) == min(count, COLUMNS)
+    assert len(set(np.diff(chosen))) == 1
+    assert chosen[-1] < count <= chosen[-1] + 2 * (chosen[1] - chosen[0]) + COLUMNS
+
+
+REFUSED = {
+    "nobody {out}": "nobody: expected an avatar folder or an .avatar file, found nothing there",
+    "default {file}": "flat: expected a folder to write to, found a file",
+    "default {file}/deeper": "sheet.json: expected a folder at .*flat, found a file",
+    "default /proc/sheets": "a folder at /proc that can be written",
+    "default {out} --truth photograph": "--truth: expected subject or loose, found photograph",
+    "default {out} --only body,feet": "--only: expected some of body,face,hands,motion,floaters, found feet",
+    "default {out} --only motion": "--only: motion: expected --motion FILE with it",
+    "default {out} --other default": "--other: expected --motion FILE with it, found no motion",
+    "default {out} --frames 0:4": "--frames: expected --motion FILE with it, found no motion",
+    "default {out} --motion {out}.bvh": "out.bvh: expected a motion file, found nothing there",
+    "default {out} --motion {file}": "flat: expected a motion file: .bvh",
+    "default {out} --motion {motion} --frames 0:40:0": "a step other than 0",
+    "default {out} --motion {motion} --frames 0:40": "--frames: expected at most 24 frames on a sheet",
+    "default {out} --motion {motion} --frames 50:60": "some of the 40 frames",
+    "default {out} --motion {motion} --other nobody": "nobody: expected an avatar folder",
+    "default {out} --samples 0": "--samples: expected 1 to 4, found 0",
+    "default {out} --samples many": "--samples: expected 1 to 4, found many",
+    "default {out} --motion \0": "--motion: expected a value, found nothing",
+    "default \0": "OUT_DIR: expected a value, found nothing",
+    "default": "the following arguments are required: OUT_DIR",
+}
+
+
+@pytest.mark.parametrize("line", REFUSED)
+def test_bad_input(line, monkeypatch, tmp_path, capsys):
+    """One line, exit code 2, before an avatar is loaded; nothing written."""
+    monkeypatch.setattr(sheet, "run", lambda order: pytest.fail("this was to be refused before"))
+    (tmp_path / "flat").write_text("kept")
+    (tmp_path / "m.bvh").write_text(bvh(40))
+    names = {"out": tmp_path / "out", "file": tmp_path / "flat", "motion": tmp_path / "m.bvh"}
+    try:
+        code = cli.main(["sheet", *("" if word == "\0" else word for word in line.format(**names).split(" "))])
+    except SystemExit as exit:
+        code = exit.code
+    captured = capsys.readouterr()
+    assert code == 2
+    assert captured.out == ""
+    said = captured.err.removesuffix("\n")
+    assert said.isprintable()
+    assert said.startswith("avatarrex-studio: error: ")
+    assert re.search(REFUSED[line], said), said
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["flat", "m.bvh"]
+    assert (tmp_path / "flat").read_text() == "kept"
+
+
+def test_a_file_that_is_no_avatar(tmp_path, capsys):
+    (tmp_path / "a.avatar").write_text("no zip")
+    assert cli.main(["sheet", str(tmp_path / "a.avatar"), str(tmp_path / "out")]) == 2
+    assert re.search(r"a\.avatar.*expected an avatar folder or a whole \.avatar file", capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
