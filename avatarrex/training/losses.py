@@ -1,6 +1,6 @@
 """The terms of both passes' losses, with the paper's weights (sec. 5.1 and the appendix's table).
 
-    L_I  = L_rgb + 1.0 L_mask + 2.0 L_eikonal + 0.04 L_node + 0.01 L_ebd + 1e-6 L_KL
+    L_I  = L_rgb + 1.0 L_mask + 2.0 L_eikonal + 0.04 L_node + 0.01 L_ebd + 1e-6 L_KL     (+ our silhouette term)
     L_II = L_rgb + 1.0 L_perceptual
 
 Letters: r rays, p points. Colours in [0, 1], premultiplied.
@@ -9,6 +9,7 @@ Letters: r rays, p points. Colours in [0, 1], premultiplied.
 from __future__ import annotations
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
@@ -17,6 +18,7 @@ from avatarrex.training.trained_field import TrainedField
 WEIGHTS = {
     "rgb": 1.0,
     "mask": 1.0,
+    "silhouette": 1.0,
     "eikonal": 2.0,
     "node": 0.04,
     "embedding": 0.01,
@@ -24,7 +26,9 @@ WEIGHTS = {
     "tone": 0.1,
     "perceptual": 1.0,
 }
-"""The paper's; of the tone mapping's deviation from the identity: ours."""
+"""The paper's; of the silhouette and of the tone mapping's deviation from the identity: ours."""
+NEARBY = 0.004
+"""Metres: the width of the silhouette's sigmoid."""
 CLAMP = 0.06
 """Metres: farther distances all count the same; the volume's band is as wide."""
 
@@ -37,6 +41,17 @@ def rgb_loss(colour: Float[Tensor, "r 3"], truth: Float[Tensor, "r 3"], weight: 
 def mask_loss(opacity: Float[Tensor, " r"], matte: Float[Tensor, " r"], weight: Float[Tensor, " r"]) -> Tensor:
     """Mean absolute error, rays weighted."""
     return ((opacity - matte).abs() * weight).sum() / weight.sum().clamp_min(1e-6)
+
+
+def silhouette_loss(lowest: Float[Tensor, " r"], matte: Float[Tensor, " r"], weight: Float[Tensor, " r"]) -> Tensor:
+    """Cross-entropy of σ(−s/`NEARBY`) at each ray's lowest distance s with the matte (after IDR, Yariv et al. 2020, eq. 7).
+
+    Once γ is small, a ray that misses the surface by more than a few γ tells the mask term nothing; here it does, however
+    far it passes. Rays without samples have s = ∞ and do not count.
+    """
+    known = torch.isfinite(lowest)
+    term = F.binary_cross_entropy_with_logits(-lowest[known] / NEARBY, matte[known], reduction="none")
+    return (term * weight[known]).sum() / weight[known].sum().clamp_min(1e-6)
 
 
 def eikonal_loss(field: TrainedField, position: Float[Tensor, "p 3"]) -> Tensor:

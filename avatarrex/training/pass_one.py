@@ -19,7 +19,7 @@ from avatarrex.camera import Camera
 from avatarrex.fields.code import embedding_loss, kl_loss, node_loss
 from avatarrex.pointmap.rays import RayPlane
 from avatarrex.training.frames import FrameStore, TrainingFrame
-from avatarrex.training.losses import eikonal_loss, mask_loss, rgb_loss
+from avatarrex.training.losses import eikonal_loss, mask_loss, rgb_loss, silhouette_loss
 from avatarrex.training.pixels import PixelBatch, draw_pixels, training_pairs
 from avatarrex.training.recipe import PassOne
 from avatarrex.training.sampling import draw, noise_of
@@ -192,8 +192,12 @@ def _render_losses(
         else position
     )
     spread = field.around(EIKONAL_POINTS - len(near), noise)
-    return {
+    terms = {
         "rgb": rgb_loss(colour, pixels.colour, counted),
         "mask": mask_loss(opacity, pixels.matte, counted),
         "eikonal": eikonal_loss(field, torch.cat([near, spread])),
-    }, len(position)
+    }
+    if recipe.silhouette:
+        lowest = sdf.amin(1).masked_fill(~drawn.used.any(1), torch.inf)
+        terms["silhouette"] = recipe.silhouette * silhouette_loss(lowest, pixels.matte, counted)
+    return terms, len(position)

@@ -40,6 +40,8 @@ class PassOne:
     """Of the learning rate, for the geometry: less where it only has to settle."""
     latent: bool = True
     """Whether frames have codes of their own and z is drawn; without, z = 0 as at test, and detail follows the pose alone."""
+    silhouette: float = 0.0
+    """Weight of the silhouette term (losses.py); the paper has none."""
     sampling: Sampling = "near"
     quadrature: Quadrature = "interval"
 

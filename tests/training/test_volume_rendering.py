@@ -7,6 +7,7 @@ import math
 import pytest
 import torch
 
+from avatarrex.training.losses import NEARBY, mask_loss, silhouette_loss
 from avatarrex.training.volume_rendering import Gamma, interval_depth, laplace_density, render_weights
 
 
@@ -99,3 +100,20 @@ def test_gamma_falls_to_its_last_value():
     assert gamma.at(0) == pytest.approx(0.0205)
     assert gamma.at(50) == pytest.approx(0.0105)
     assert gamma.at(100) == gamma.at(5000) == 5e-4
+
+
+def test_a_ray_that_misses_by_far_is_heard_by_the_silhouette_alone():
+    """A sphere of 10 cm is seen as large as one of 12 cm: fog of half a millimetre says nothing at the rim's rays."""
+    radius = torch.tensor(0.10, requires_grad=True)
+    beside = torch.linspace(0.112, 0.118, 7)
+    t = torch.linspace(-0.2, 0.2, 81).expand(7, -1)
+    sdf = (t.square() + beside[:, None].square()).sqrt() - radius
+    one = torch.ones(7)
+    _, opacity = render_weights(sdf, t, 5e-4)
+    (silent,) = torch.autograd.grad(mask_loss(opacity, one, one), radius, retain_graph=True)
+    (heard,) = torch.autograd.grad(silhouette_loss(sdf.amin(1), one, one), radius)
+    assert abs(float(silent)) < 1e-6
+    nearest = beside - 0.10
+    assert float(heard) == pytest.approx(-float(torch.sigmoid(nearest / NEARBY).mean()) / NEARBY, rel=1e-3)
+    unseen = silhouette_loss(torch.full((7,), torch.inf), one, one)
+    assert float(unseen) == 0
