@@ -25,7 +25,12 @@ def _ablation(stage: argparse.ArgumentParser) -> None:
     add("--out", required=True, metavar="DIR", help="the study's folder; what is finished there is not done again")
     add("--arms", metavar="A,B,…", help="what to compare (every arm of the part)")
     add("--seeds", default="0,1,2", metavar="N,…", help="each arm is trained with each (0,1,2)")
-    add("--preset", default="quick", metavar="P", help="quick, smoke or paper: the recipe that the arms vary (quick)")
+    add(
+        "--preset",
+        default="quick",
+        metavar="P",
+        help="quick, long, smoke or paper: the recipe that the arms vary (quick)",
+    )
     add("--minutes", metavar="M", help="length of every arm, instead of the recipe's steps")
     add("--scale", metavar="F", default="1", help="times the recipe's steps and schedules, for every arm")
     add("--parts", default="body", choices=("body", "face"), help="what is studied (body)")

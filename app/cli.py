@@ -69,7 +69,7 @@ def _train_options(train: argparse.ArgumentParser) -> None:
     add = train.add_argument
     add("capture", help="a folder or .zip")
     add("--out", required=True, metavar="RUN", help="a new folder for the run, or with --resume the one to go on with")
-    add("--preset", default="quick", metavar="P", help="paper, quick, refine or smoke (quick)")
+    add("--preset", default="quick", metavar="P", help="paper, quick, long, refine or smoke (quick)")
     add("--parts", metavar="PARTS", help="face, body or face,body (what the capture has)")
     add("--resume", action="store_true", help="go on from the run's last checkpoint")
     add("--seed", default="0", metavar="N", help="of everything random (0)")

@@ -31,7 +31,7 @@ from avatarrex.errors import InputError
 from avatarrex.files import write_text
 from avatarrex.gl.context import NoContext
 from avatarrex.metrics.drawing import AvatarDrawer
-from avatarrex.metrics.floaters import Floaters, find_floaters
+from avatarrex.metrics.floaters import SIZE, Floaters, find_floaters
 
 FORMAT = 1
 PAGES = {"body": body_page, "face": face_page, "hands": hands_page}
@@ -82,7 +82,7 @@ def _floaters(avatar: Avatar) -> list[Floaters]:
     poses = {"stand": standing(), **{name: posed(name) for name in FLOATING}}
     found = []
     with tqdm(total=len(poses), desc="floaters", unit="pose") as bar:
-        for one in find_floaters(avatar, poses):
+        for one in find_floaters(avatar, poses, SIZE):
             found.append(one)
             bar.update()
     for one in found:

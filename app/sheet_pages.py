@@ -13,12 +13,12 @@ import numpy as np
 from avatarrex_studio.framing import EVERY, Outline, framed
 from avatarrex_studio.motion import Motion
 from avatarrex_studio.sheet_order import COLUMNS
-from avatarrex_studio.sheet_paper import Tile, over, tile_width
+from avatarrex_studio.sheet_paper import Tile, over, sheet_width, tile_width
 from avatarrex_studio.state import OrbitView
 from scipy.spatial.transform import Rotation
 
 from avatarrex.camera import Camera
-from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES
+from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.signals.library import named_expression, named_hand, named_pose
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import Person
@@ -45,8 +45,12 @@ HANDS = ("relaxed", "fist", "point", "pinch", "spread", "victory")
 SIDES = {"left_hand": ("left, palm", -38.0), "right_hand": ("right, back", 38.0)}
 """Elevation of the camera before hands that are held out, palms down."""
 PERSON_FOV, CLOSE_FOV = 22.0, 16.0
-HEAD_ROOM = 1.32
-"""The face's skin is framed: so much further back, hair, ears and chin are in the picture."""
+HEAD = ("head", "jaw", "left_eye", "right_eye")
+"""Joints whose skin is framed in a face's close-up."""
+HAIR = 1.06
+"""How much further back the camera stands than the bare head asks for."""
+FEWEST = 4
+"""Frames that fill the width; a sheet of fewer is narrower."""
 TURN_HEAD = ("neck", "head")
 
 
@@ -128,19 +132,19 @@ def body_page(person: Person, artists: int) -> Page:
 
 
 def face_page(person: Person, artists: int) -> Page:
-    """Two expressions to a row, each from the front and from three quarters; all at one scale."""
+    """Two expressions to a row, each from the front and from three quarters."""
     width = NARROW if artists == 1 else WIDTH
     size = _size(2, 2 * artists, width, 1.16)
-    points = _part(person, standing(), 2)
+    points = _head(person, standing())
     rows: list[list[list[tuple[int, Scene]]]] = []
     for number, (label, what) in enumerate(FACES.items()):
         signals = standing().replace(expression=_expression(what))
         group = []
         for turn, azimuth in TURNS.items():
             view = framed(OrbitView(azimuth=azimuth, elevation=2, fov=CLOSE_FOV), points, size)
-            camera = replace(view, distance=HEAD_ROOM * view.distance).camera(*size)
-            words = label if turn == "front" else turn
-            group += [(who, Scene(signals, camera, words, "face")) for who in range(artists)]
+            camera = replace(view, distance=HAIR * view.distance).camera(*size)
+            scene = Scene(signals, camera, label if turn == "front" else turn, "face")
+            group += [(who, scene) for who in range(artists)]
         if number % 2 == 0:
             rows.append([])
         rows[-1].append(group)
@@ -158,10 +162,11 @@ def hands_page(person: Person, artists: int) -> Page:
         group = []
         for column, (words, elevation) in enumerate(SIDES.values()):
             view = OrbitView(elevation=elevation, fov=CLOSE_FOV)
-            open_hand = framed(view, _part(person, Signals.rest(), column), size)
-            target = framed(view, _part(person, signals, column), size).target
+            open_hand = framed(view, _hand(person, Signals.rest(), column), size)
+            target = framed(view, _hand(person, signals, column), size).target
             camera = replace(open_hand, target=target).camera(*size)
-            group += [(who, Scene(signals, camera, f"{name}: {words}")) for who in range(artists)]
+            scene = Scene(signals, camera, f"{name}: {words}")
+            group += [(who, scene) for who in range(artists)]
         if number % across == 0:
             rows.append([])
         rows[-1].append(group)
@@ -173,21 +178,22 @@ def motion_page(person: Person, artists: int, motion: Motion, frames: Sequence[i
     frame_signals = [motion.signals(frame, standing()) for frame in frames]
     face = _is_face(motion)
     across = min(COLUMNS, len(frames))
-    size = _size(across, 1, WIDTH, 1.2 if face else 1.8) if across > 3 else (440, 640)
+    size = _size(max(across, FEWEST), 1, WIDTH, 1.2 if face else 1.8)
     steps = [np.array([s.translation[0], 0, s.translation[2]]) for s in frame_signals]
     outline = Outline(person.body)
-    shown = [_part(person, s, 2) if face else outline.points(s) for s in frame_signals]
+    shown = [_head(person, s) if face else outline.points(s) for s in frame_signals]
     azimuth = 15.0 + _heading(frame_signals)
     view = OrbitView(azimuth=azimuth, elevation=4, fov=CLOSE_FOV if face else PERSON_FOV)
     view = framed(view, np.concatenate([points - step for points, step in zip(shown, steps)]), size)
-    view = replace(view, distance=HEAD_ROOM * view.distance) if face else view
+    view = replace(view, distance=HAIR * view.distance) if face else view
     scenes = []
     for frame, signals, step in zip(frames, frame_signals, steps):
         x, y, z = np.array(view.target) + step
         camera = replace(view, target=(float(x), float(y), float(z))).camera(*size)
         scenes.append(Scene(signals, camera, f"frame {frame}", "face" if face else "body"))
+    width = sheet_width(across, 1, size[0])
     bands = [scenes[k : k + across] for k in range(0, len(scenes), across)]
-    return Page("Motion", [[[(who, scene)] for scene in band] for band in bands for who in range(artists)])
+    return Page("Motion", [[[(who, scene)] for scene in band] for band in bands for who in range(artists)], width)
 
 
 def _size(groups: int, tiles: int, width: int, aspect: float) -> tuple[int, int]:
@@ -201,9 +207,15 @@ def _expression(what: str | dict[str, float]) -> np.ndarray:
     return np.array([what.get(name, 0.0) for name in EXPRESSION_NAMES])
 
 
-def _part(person: Person, signals: Signals, column: int) -> np.ndarray:
-    """(p, 3) world metres: points of the left hand (0), the right hand (1) or the face (2)."""
+def _hand(person: Person, signals: Signals, column: int) -> np.ndarray:
+    """(p, 3) world metres: points of the left hand (0) or the right (1)."""
     own = person.blend_weight[::EVERY, column].numpy() > 0.5
+    return Outline(person.body).points(signals)[own]
+
+
+def _head(person: Person, signals: Signals) -> np.ndarray:
+    """(p, 3) world metres: points of the head."""
+    own = person.body.weights[::EVERY, [JOINT_NAMES.index(name) for name in HEAD]].sum(1).numpy() > 0.5
     return Outline(person.body).points(signals)[own]
 
 

@@ -39,6 +39,11 @@ def tile_width(groups: int, tiles: int, width: int) -> int:
     return free // (groups * tiles)
 
 
+def sheet_width(groups: int, tiles: int, tile: int) -> int:
+    """Width of a sheet that a row of `groups` of `tiles`, each `tile` wide, fills: the inverse of `tile_width`."""
+    return 2 * EDGE + (groups - 1) * GROUPS + groups * ((tiles - 1) * TILES + tiles * tile)
+
+
 def over(image: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
     """Premultiplied RGBA (h, w, 4) in [0, 1] over the sheet's ground."""
     pixels = 255 * image[..., :3] + (1 - image[..., 3:]) * np.array(GROUND)

@@ -1,7 +1,8 @@
 """Recipes: how long and how each part is trained (paper table 'Training statistics' and appendix table).
 
-`paper` is the paper's schedule; `quick` trains `compact` fields on two cores within the hour, `refine` goes on from such an
-avatar (`train --start`): colours are good by then, and tell the geometry more; `smoke` is for tests.
+`paper` is the paper's schedule; `quick` trains `compact` fields on two cores within the hour, `long` in two or three;
+`refine` goes on from such an avatar (`train --start`): colours are good by then, and tell the geometry more; `smoke` is
+for tests.
 """
 
 from __future__ import annotations
@@ -111,15 +112,34 @@ QUICK = Recipe(
     interval=200,
     evaluate=400,
 )
+LONG = Recipe(
+    "long",
+    "compact",
+    face=(
+        PassOne(600, 1, 400, 5, 4e-3, 0.03, 600, 300, 60, gamma_extra=0.003, geometry_rate=0.1),
+        PassTwo(2500, 128, 3e-3, 0.02, 2500),
+    ),
+    body=(
+        PassOne(
+            10_000, 1, 600, 5, 4e-3, 0.02, 10_000, 2000, 60, gamma_extra=0.005, geometry_rate=0.15, latent=False,
+            silhouette=0.1,
+        ),
+        PassTwo(6000, 128, 3e-3, 0.02, 6000),
+    ),
+    interval=200,
+    evaluate=1000,
+)  # fmt: skip
 REFINE = Recipe(
     "refine",
     "compact",
     face=(
-        PassOne(300, 1, 400, 5, 2e-3, 0.1, 300, 100, 0, gamma_extra=0.001, geometry_rate=0.2),
+        PassOne(300, 1, 400, 5, 1e-3, 0.1, 300, 1, 0, gamma_extra=0.0, geometry_rate=0.1),
         PassTwo(800, 128, 2e-3, 0.05, 800),
     ),
     body=(
-        PassOne(1600, 1, 600, 5, 2e-3, 0.1, 1600, 500, 0, gamma_extra=0.001, geometry_rate=0.5, latent=False),
+        PassOne(
+            1000, 1, 800, 5, 1e-3, 0.1, 1000, 1, 0, gamma_extra=0.0, geometry_rate=0.25, latent=False, silhouette=0.1
+        ),
         PassTwo(1600, 128, 2e-3, 0.05, 1600),
     ),
     interval=200,
@@ -133,4 +153,4 @@ SMOKE = Recipe(
     interval=5,
     evaluate=1000,
 )
-RECIPES = {recipe.name: recipe for recipe in (PAPER, QUICK, REFINE, SMOKE)}
+RECIPES = {recipe.name: recipe for recipe in (PAPER, QUICK, LONG, REFINE, SMOKE)}
