@@ -187,7 +187,7 @@ def test_avatars_and_truth_follow_one_motion(small, walk, tmp_path, capsys):
     assert 0.05 < rows[0].mean() < 0.6, "a figure"
     overlap = [(rows[0] & row).sum() / (rows[0] | row).sum() for row in rows[1:]]
     assert min(overlap) > 0.85, "the same pose in the same place"
-    assert (rows[1] ^ rows[2]).mean() < 1e-3, "twice the same avatar"
+    assert (rows[1] ^ rows[2]).mean() < 0.006, "twice the same avatar, but for the blocks of JPEG"
 
 
 @needs_gl

@@ -44,7 +44,7 @@ def test_one_piece_has_none():
 def test_a_ball_apart_is_found_at_its_size_and_place():
     (lump,) = lumps(volume(BALL, sphere(AWAY, 0.05)), JOINTS)
     assert lump.size_mm == pytest.approx(100, abs=10)
-    assert lump.volume_mm3 == pytest.approx(4 / 3 * np.pi * 50**3, rel=0.05)
+    assert lump.volume_mm3 == pytest.approx(4 / 3 * np.pi * 50**3, rel=0.1), "linear between voxels, a ball is smaller"
     assert lump.place == pytest.approx(AWAY, abs=0.002)
     assert lump.near == "head"
 
@@ -95,7 +95,7 @@ def test_a_patched_grid_of_the_packaged_avatar_is_reported(monkeypatch):
 
     poses = {"rest": Signals.rest()}
     avatar = load_avatar()
-    (plain,) = find_floaters(avatar, poses, 96)
+    (plain,) = find_floaters(avatar, poses, 192)
     assert plain.views == 26
     assert all(np.isfinite(lump.place).all() and 0 < lump.size_mm < 60 for lump in plain.lumps)
     built, place = floaters.build_volume, []
@@ -113,7 +113,7 @@ def test_a_patched_grid_of_the_packaged_avatar_is_reported(monkeypatch):
         return replace(made, sdf=replace(made.sdf, body=replace(grid, sdf=sdf)))
 
     monkeypatch.setattr(floaters, "build_volume", patched)
-    (found,) = find_floaters(avatar, poses, 96)
+    (found,) = find_floaters(avatar, poses, 192)
     assert len(found.lumps) == len(plain.lumps) + 1
     assert found.lumps[0].place == pytest.approx(place[0], abs=0.005)
     assert found.lumps[0].size_mm == pytest.approx(60, abs=15)
