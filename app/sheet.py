@@ -32,11 +32,12 @@ from avatarrex.files import write_text
 from avatarrex.gl.context import NoContext
 from avatarrex.metrics.drawing import AvatarDrawer
 from avatarrex.metrics.floaters import SIZE, Floaters, find_floaters
+from avatarrex.signals.signals import Signals
 
 FORMAT = 1
 PAGES = {"body": body_page, "face": face_page, "hands": hands_page}
 FLOATING = ("arms_up", "squat", "run", "crossed_arms")
-"""Poses, besides standing, in which floaters are looked for: armpits, hips and crossing limbs at their most."""
+"""Poses of the library, besides standing, in which floaters are looked for: armpits, hips and crossing limbs at their most."""
 
 
 def run(order: SheetOrder) -> int:
@@ -52,7 +53,7 @@ def run(order: SheetOrder) -> int:
     for name in order.only:
         start = time.perf_counter()
         if name == "floaters":
-            floaters = _floaters(avatar)
+            floaters = _floaters(avatar, _poses(order))
         elif name == "motion":
             among = [*truth, *artists, *others]
             assert order.motion is not None
@@ -77,9 +78,17 @@ def _draw(order: SheetOrder, name: str, page: Page, artists: list[Artist]) -> No
     print(path, flush=True)
 
 
-def _floaters(avatar: Avatar) -> list[Floaters]:
-    """What floats, pose by pose, each said at once."""
+def _poses(order: SheetOrder) -> dict[str, Signals]:
+    """Where floaters are looked for: `FLOATING`, and the frames of the motion where there is one."""
     poses = {"stand": standing(), **{name: posed(name) for name in FLOATING}}
+    if order.motion:
+        name = Path(order.motion.path).name
+        poses |= {f"{name} frame {frame}": order.motion.signals(frame, standing()) for frame in order.frames}
+    return poses
+
+
+def _floaters(avatar: Avatar, poses: dict[str, Signals]) -> list[Floaters]:
+    """What floats, pose by pose."""
     found = []
     with tqdm(total=len(poses), desc="floaters", unit="pose") as bar:
         for one in find_floaters(avatar, poses, SIZE):

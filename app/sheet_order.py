@@ -75,7 +75,8 @@ def read_order(arguments: Namespace) -> SheetOrder:
 
 def _frames(text: str | None, motion: Motion) -> tuple[int, ...]:
     if text is None:
-        return tuple(range(len(motion))[:: max(len(motion) // COLUMNS, 1)][:COLUMNS])
+        shown = min(COLUMNS, len(motion))
+        return tuple(k * len(motion) // shown for k in range(shown))
     chosen = tuple(options.frames(text, len(motion)))
     if len(chosen) > MOST:
         raise InputError("--frames", "", f"at most {MOST} frames on a sheet", f"{text}, {len(chosen)} frames")

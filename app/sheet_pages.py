@@ -42,13 +42,15 @@ FACES: dict[str, str | dict[str, float]] = {
 """A name of the library, or coefficients."""
 TURNS = {"front": 0.0, "three-quarter": 40.0}
 HANDS = ("relaxed", "fist", "point", "pinch", "spread", "victory")
-SIDES = {"left_hand": ("left, palm", -38.0), "right_hand": ("right, back", 38.0)}
+SIDES = {"left, palm": -38.0, "right, back": 38.0}
 """Elevation of the camera before hands that are held out, palms down."""
 PERSON_FOV, CLOSE_FOV = 22.0, 16.0
 HEAD = ("head", "jaw", "left_eye", "right_eye")
 """Joints whose skin is framed in a face's close-up."""
-HAIR = 1.06
+HAIR = 1.14
 """How much further back the camera stands than the bare head asks for."""
+NAILS = 1.08
+"""The same for hands: a few points of each are framed."""
 FEWEST = 4
 """Frames that fill the width; a sheet of fewer is narrower."""
 TURN_HEAD = ("neck", "head")
@@ -155,21 +157,18 @@ def hands_page(person: Person, artists: int) -> Page:
     """Both hands of each pose, held out: the left from the palm's side, the right from the back; all at one scale."""
     across = 2 if artists == 1 else 1
     size = _size(across, 2 * artists, NARROW, 0.74)
-    rows: list[list[list[tuple[int, Scene]]]] = []
-    for number, name in enumerate(HANDS):
-        hands = {f"{side}_hand_pose": named_hand(name, side) for side in ("left", "right")}
-        signals = Signals.rest().replace(**hands)
-        group = []
-        for column, (words, elevation) in enumerate(SIDES.values()):
-            view = OrbitView(elevation=elevation, fov=CLOSE_FOV)
-            open_hand = framed(view, _hand(person, Signals.rest(), column), size)
-            target = framed(view, _hand(person, signals, column), size).target
-            camera = replace(open_hand, target=target).camera(*size)
-            scene = Scene(signals, camera, f"{name}: {words}")
-            group += [(who, scene) for who in range(artists)]
-        if number % across == 0:
-            rows.append([])
-        rows[-1].append(group)
+    poses = {name: _hands(name) for name in HANDS}
+    cameras: dict[tuple[str, str], Camera] = {}
+    for column, (words, elevation) in enumerate(SIDES.items()):
+        view = OrbitView(elevation=elevation, fov=CLOSE_FOV)
+        views = {name: framed(view, _hand(person, signals, column), size) for name, signals in poses.items()}
+        distance = NAILS * max(view.distance for view in views.values())
+        cameras |= {(name, words): replace(own, distance=distance).camera(*size) for name, own in views.items()}
+    groups = []
+    for name, signals in poses.items():
+        pair = [Scene(signals, cameras[name, words], f"{name}: {words}") for words in SIDES]
+        groups.append([(who, scene) for scene in pair for who in range(artists)])
+    rows = [groups[k : k + across] for k in range(0, len(groups), across)]
     return Page("Hands", rows, NARROW)
 
 
@@ -205,6 +204,12 @@ def _expression(what: str | dict[str, float]) -> np.ndarray:
     if isinstance(what, str):
         return named_expression(what)
     return np.array([what.get(name, 0.0) for name in EXPRESSION_NAMES])
+
+
+def _hands(name: str) -> Signals:
+    """The T-pose with both hands in a named pose."""
+    hands = {f"{side}_hand_pose": named_hand(name, side) for side in ("left", "right")}
+    return Signals.rest().replace(**hands)
 
 
 def _hand(person: Person, signals: Signals, column: int) -> np.ndarray:

@@ -14,7 +14,7 @@ from avatarrex.files import written
 QUALITY = 90
 LARGEST = 700_000
 """Bytes of a sheet at most: one that is larger is made smaller."""
-EDGE, GROUPS, TILES, LINE, HEADING = 24, 18, 4, 30, 68
+EDGE, GROUPS, TILES, LINE, HEADING = 24, 18, 4, 30, 78
 """Margin, space between groups and between a group's tiles, height of a label and of the heading."""
 INK, FAINT, PAPER, GROUND = (40, 42, 46), (120, 124, 130), (252, 252, 251), (233, 234, 236)
 """Text, lesser text, paper, and what stands behind the figures."""
@@ -55,8 +55,8 @@ def laid_out(heading: str, note: str, rows: list[list[Group]], width: int) -> Im
     heights = [max(len(tile.picture) for group in row for tile in group) for row in rows]
     sheet = Image.new("RGB", (width, HEADING + sum(heights) + LINE * len(rows) + EDGE // 2), PAPER)
     draw = ImageDraw.Draw(sheet)
-    draw.text((EDGE, HEADING / 2), heading, INK, ImageFont.load_default(26), anchor="lm")
-    draw.text((width - EDGE, HEADING / 2), note, FAINT, ImageFont.load_default(17), anchor="rm")
+    draw.text((EDGE, 30), heading, INK, ImageFont.load_default(26), anchor="lm")
+    draw.text((EDGE + 1, 57), _shortened(note, width - 2 * EDGE, 16), FAINT, ImageFont.load_default(16), anchor="lm")
     top = HEADING
     for row, height in zip(rows, heights):
         left = EDGE
@@ -82,9 +82,21 @@ def write_jpeg(path: str | Path, sheet: Image.Image) -> None:
 
 
 def _label(draw: ImageDraw.ImageDraw, tile: Tile, middle: float, height: float) -> None:
+    """The label and what of the note has room beside it, centred under the tile."""
     font = ImageFont.load_default(15)
-    words = [(tile.label, INK)] + ([(f"  {tile.note}", FAINT)] if tile.note else [])
+    room = tile.picture.shape[1] - font.getlength(tile.label)
+    words = [(tile.label, INK)] + ([(_shortened(f"  {tile.note}", room, 15), FAINT)] if tile.note else [])
     left = middle - sum(font.getlength(text) for text, _ in words) / 2
     for text, colour in words:
         draw.text((left, height), text, colour, font, anchor="lm")
         left += font.getlength(text)
+
+
+def _shortened(text: str, room: float, size: int) -> str:
+    """`text`, or its beginning where it is wider than `room` in letters of `size`."""
+    font = ImageFont.load_default(size)
+    if font.getlength(text) <= room:
+        return text
+    while text and font.getlength(text + "…") > room:
+        text = text[:-1]
+    return text + "…" if text else ""
