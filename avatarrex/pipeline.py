@@ -25,10 +25,12 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.pointmap.pointmap import PointMap, raycast
+from avatarrex.pointmap.seen import seen_cells
 from avatarrex.shading.shading import Shading, shade
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import PosedPerson, pose_person
-from avatarrex.volume.build import AvatarVolume, build_volume
+from avatarrex.volume.build import AvatarVolume, build_volume, refine_volume
+from avatarrex.volume.volume import SdfVolume
 
 
 @dataclass(frozen=True)
@@ -39,8 +41,14 @@ class RenderSettings:
     """Side of a body voxel, metres; it grows where 128 of them would cut the person off."""
     part_voxel: float = 0.0025
     """Side of a voxel of the hand and face boxes, metres."""
+    everywhere: bool = False
+    """Evaluate every voxel that the fields reach, not only those around the surface."""
+    bricks: int = 0
+    """Body voxels that a view meets are cut into this many along each side; 0: none is."""
     raycast: str = "auto"
     """`auto`, `gl`, `torch` or `reference`."""
+    march: str = "exact"
+    """`exact`, or `fixed`: steps of a quarter of a body voxel and one linear interpolation, without antialiasing."""
     antialias: bool = True
     hidden: frozenset[str] = field(default_factory=frozenset)
     """Parts not drawn with their own fields: `left_hand`, `right_hand`, `face`."""
@@ -63,6 +71,8 @@ class Frame:
     shading: Shading
     world_from_root: np.ndarray
     """(4, 4) float64: the point map lives in the root frame."""
+    view: Camera
+    """`camera` as seen from the root frame."""
     ms: dict[str, float]
     counters: dict[str, int]
     notes: tuple[str, ...]
@@ -87,14 +97,17 @@ def render_frame(
         posed = pose_person(avatar.person, signals, counters, previous.posed if previous else None)
     with clock("volume"):
         volume = build_volume(avatar, posed, settings, counters, previous.volume if previous else None)
-    with clock("pointmap"):
         world_from_root = posed.world_from_root(signals)
         view = camera.seen_from(world_from_root)
-        key = (view.key(), settings.raycast, settings.antialias)
-        if previous and previous.volume.sdf is volume.sdf and _pointmap_key(previous) == key:
+        key = _pointmap_key(view, settings)
+        view_kept = previous is not None and _pointmap_key(previous.view, previous.settings) == key
+        if settings.bricks and not (view_kept and previous and previous.volume is volume):
+            volume = _refined(avatar, volume, view, settings, counters, previous)
+    with clock("pointmap"):
+        if previous and view_kept and previous.volume.sdf is volume.sdf:
             pointmap = previous.pointmap
         else:
-            pointmap = raycast(volume.sdf, view, impl=settings.raycast, antialias=settings.antialias)
+            pointmap = raycast(volume.sdf, view, settings.raycast, settings.antialias, settings.march)
             counters.update(pointmap.counters)
     with clock("shading"):
         kept = previous.shading if previous and previous.settings.detail_from == settings.detail_from else None
@@ -109,15 +122,29 @@ def render_frame(
         pointmap=pointmap,
         shading=shading,
         world_from_root=world_from_root,
+        view=view,
         ms=clock.milliseconds(),
         counters=counters.as_dict(),
         notes=(f"rays: {pointmap.renderer}", *volume.notes),
     )
 
 
-def _pointmap_key(frame: Frame) -> tuple[object, ...]:
-    view = frame.camera.seen_from(frame.world_from_root)
-    return (view.key(), frame.settings.raycast, frame.settings.antialias)
+def _pointmap_key(view: Camera, settings: RenderSettings) -> tuple[object, ...]:
+    return (view.key(), settings.raycast, settings.antialias, settings.march)
+
+
+def _refined(
+    avatar: Avatar,
+    volume: AvatarVolume,
+    view: Camera,
+    settings: RenderSettings,
+    counters: Counters,
+    previous: Frame | None,
+) -> AvatarVolume:
+    """The volume with bricks where `view` sees it, so far as they are not there yet."""
+    cells, coarse = seen_cells(SdfVolume(volume.grid, volume.sdf.parts), view, settings.raycast)
+    counters.update(coarse.counters)
+    return refine_volume(avatar, volume, cells, settings.bricks, counters, previous.volume if previous else None)
 
 
 class _Clock:

@@ -8,6 +8,8 @@ import torch
 
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
+from avatarrex.errors import InputError
+from avatarrex.levels import LEVELS, level
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
 from avatarrex.signals.library import named_expression, named_hand, named_pose
 from avatarrex.signals.signals import Signals
@@ -129,3 +131,43 @@ def test_detail_of_another_pose_changes_colours_alone(avatar: Avatar, first: Fra
     assert other.counters["patches_decoded"] == avatar.body.widths.nodes
     assert torch.equal(other.image[..., 3], first.image[..., 3])
     assert (other.image - first.image).abs().max() > 0.005
+
+
+def test_bricks_are_made_where_seen_and_kept_while_the_pose_holds(avatar: Avatar, first: Frame) -> None:
+    settings = replace(SETTINGS, bricks=2)
+    one = render_frame(avatar, FIRST, camera(), settings, first)
+    assert one.volume.grid is first.volume.grid
+    assert one.counters["voxels_evaluated"] > 0
+    assert one.counters["hand_distances"] == one.counters["face_evaluations"] == one.counters["patches_decoded"] == 0
+    assert work(render_frame(avatar, FIRST, camera(), settings, one)) == set()
+    turned = render_frame(avatar, FIRST, camera(30), settings, one)
+    before, after = (frame.volume.sdf.body.bricks for frame in (one, turned))
+    assert before
+    assert after
+    assert 0 < turned.counters["voxels_evaluated"] < 0.7 * one.counters["voxels_evaluated"]
+    assert np.array_equal(after.cell[: len(before.cell)], before.cell)
+    back = render_frame(avatar, FIRST, camera(), settings, turned)
+    assert back.counters["voxels_evaluated"] == 0
+    fist = FIRST.replace(left_hand_pose=named_hand("fist", "left"))
+    assert render_frame(avatar, fist, camera(), settings, back).volume.sdf.body.bricks is not None
+    plain = render_frame(avatar, FIRST, camera(), SETTINGS, back)
+    assert plain.volume.sdf.body.bricks is None
+    assert plain.counters["voxels_evaluated"] == 0
+    assert torch.equal(plain.image, first.image)
+
+
+def test_every_level_draws_the_same_person(avatar: Avatar) -> None:
+    frames = {name: render_frame(avatar, FIRST, camera(), replace(level(name), raycast="torch")) for name in LEVELS}
+    masks = [frame.pointmap.hit for frame in frames.values()]
+    common = torch.stack(masks).all(0)
+    assert common.sum() > 0.97 * torch.stack(masks).any(0).sum()
+    depth = torch.stack([frame.pointmap.depth for frame in frames.values()])[:, common]
+    assert (depth - depth[0]).abs().median() < 2e-3
+    voxels = {name: frame.counters["voxels_evaluated"] for name, frame in frames.items()}
+    assert voxels["paper"] > 3 * voxels["balanced"]
+    assert voxels["quality"] > voxels["balanced"] == voxels["fast"]
+
+
+def test_an_unknown_level_is_named() -> None:
+    with pytest.raises(InputError, match=r"paper or fast or balanced or quality.*best"):
+        level("best")

@@ -47,18 +47,23 @@ def available() -> tuple[str, ...]:
     return ("gl", "torch", "reference") if gl_unavailable() is None else ("torch", "reference")
 
 
-def raycast(volume: SdfVolume, camera: Camera, impl: str = "auto", antialias: bool = True) -> PointMap:
+def raycast(
+    volume: SdfVolume, camera: Camera, impl: str = "auto", antialias: bool = True, march: str = "exact"
+) -> PointMap:
     """Walk each pixel's ray to its first outside-to-inside zero crossing; `camera` is in the root frame.
 
     `gl` runs the compute shaders, `torch` the same walk on tensors, `reference` walks every cell in float64 (small
-    images); `auto` takes the shaders where a context can be had and torch elsewhere, and `renderer` says which. Not
-    differentiable. A ray that starts inside the avatar first leaves it. Raises `InputError` for an impl that is unknown
-    or cannot run here.
+    images); `auto` takes the shaders where a context can be had and torch elsewhere, and `renderer` says which. `march`
+    is `exact`, or `fixed`: steps of a quarter of a body voxel and one linear interpolation, no antialiasing (to compare
+    with). Not differentiable. A ray that starts inside the avatar first leaves it. Raises `InputError` for an impl that
+    is unknown or cannot run here, and for an unknown march.
     """
-    return _caster(impl)(volume, camera, antialias)
+    if march not in ("exact", "fixed"):
+        raise InputError("raycast", "march", "exact or fixed", march)
+    return _caster(impl)(volume, camera, antialias, march)
 
 
-def _caster(impl: str) -> Callable[[SdfVolume, Camera, bool], PointMap]:
+def _caster(impl: str) -> Callable[[SdfVolume, Camera, bool, str], PointMap]:
     if impl not in ("auto", "gl", "torch", "reference"):
         raise InputError("raycast", "impl", "auto, gl, torch or reference", impl)
     # The three import this file for PointMap, and OpenGL only where it is used.

@@ -18,6 +18,7 @@ from avatarrex.gl.grids import GridTextures
 from avatarrex.gl.shader import compute_shader
 from avatarrex.pointmap.pointmap import PointMap, scatter
 from avatarrex.pointmap.rays import RayPlane
+from avatarrex.volume.bricks import ROW
 from avatarrex.volume.volume import PARTS, PartBox, SdfVolume
 
 GROUP = 64
@@ -52,9 +53,9 @@ TRACE_LIST, EXACT_LIST, EDGE_LIST, COVERED_LIST = range(0, 8, 2)
 HIT_BIT = np.uint32(1 << 31)
 
 
-def raycast_gl(volume: SdfVolume, camera: Camera, antialias: bool) -> PointMap:
+def raycast_gl(volume: SdfVolume, camera: Camera, antialias: bool, march: str) -> PointMap:
     """See `avatarrex.pointmap.pointmap.raycast`."""
-    return gl_caster().cast(volume, camera, antialias)
+    return gl_caster().cast(volume, camera, antialias, march)
 
 
 def gl_caster() -> GlCaster:
@@ -75,15 +76,19 @@ class GlCaster:
         self.pixels: list[moderngl.Buffer] = []
         self.float_filter = int(self._filters_in_float())
 
-    def cast(self, volume: SdfVolume, camera: Camera, antialias: bool) -> PointMap:
+    def cast(self, volume: SdfVolume, camera: Camera, antialias: bool, march: str = "exact") -> PointMap:
         """All passes, one read-back."""
+        antialias = antialias and march == "exact"
         run, uploaded = self.prepare(volume, camera, antialias)
         variants = (0, 1) if volume.parts else (0,)
-        run("trace", PARTS=0)
-        if volume.parts:
-            run("trace", TRACE_LIST, PARTS=1)
-        for parts in variants:
-            run("exact", EXACT_LIST, PARTS=parts)
+        if march == "fixed":
+            run("plain", PARTS=variants[-1], METHOD=2)
+        else:
+            run("trace", PARTS=0)
+            if volume.parts:
+                run("trace", TRACE_LIST, PARTS=1)
+            for parts in variants:
+                run("exact", EXACT_LIST, PARTS=parts)
         run("edges", PARTS=0)
         slots = _slots(camera, antialias)
         if antialias:
@@ -112,7 +117,8 @@ class GlCaster:
 
         def run(name: str, over: int | None = None, **constants: int) -> None:
             contact = contacts * constants["PARTS"]
-            program = self._program(name, CONTACTS=contact, FLOAT_FILTER=self.float_filter, **constants)
+            kind = {"CONTACTS": contact, "BRICKS": int(volume.body.bricks is not None)}
+            program = self._program(name, FLOAT_FILTER=self.float_filter, **kind, **constants)
             for uniform in program:
                 if uniform in uniforms:
                     program[uniform].value = uniforms[uniform]
@@ -142,11 +148,14 @@ class GlCaster:
         return bool(np.abs(got - np.linspace(0, 1, GROUP)).max() < 1e-6)
 
     def _bind_volume(self, volume: SdfVolume, camera: Camera) -> int:
-        """Body on texture unit 0, parts on 1–3, contacts on 4–6; bytes uploaded."""
+        """Body on texture unit 0, parts on 1–3, contacts on 4–6, bricks on 7 and 8; bytes uploaded."""
         table = np.zeros(len(PARTS), PART)
         table["box_from_root"], table["voxel"], table["size"] = np.eye(4), 1.0, -1.0
         table["window"] = (1, 1, 0, 0)
-        uploaded = self.textures.bind("body", volume.body.sdf, 0)
+        uploaded, bricks = self.textures.bind("body", volume.body.sdf, 0), volume.body.bricks
+        if bricks is not None:
+            uploaded += self.textures.bind("brick numbers", bricks.number, 7)
+            uploaded += self.textures.bind("bricks", bricks.atlas, 8)
         by_name = {part.name: part for part in volume.parts}
         for k, name in enumerate(PARTS):
             part = by_name.get(name)
@@ -216,6 +225,10 @@ def _uniforms(volume: SdfVolume, camera: Camera, slots: int) -> dict[str, object
         "u_origin": tuple(volume.body.origin),
         "u_voxel": volume.body.voxel,
         "u_last": tuple(side - 1 for side in volume.body.sdf.shape[::-1]),
+        "u_brick_number": 7,
+        "u_bricks": 8,
+        "u_brick_side": volume.body.bricks.side if volume.body.bricks else 1,
+        "u_brick_row": ROW,
         "u_image": (camera.width, camera.height),
         "u_middle": tuple(plane.middle),
         "u_point": tuple(plane.point),

@@ -26,8 +26,8 @@ BISECTIONS = 48
 """Halvings of at most 35 mm: 1e-16 m."""
 
 
-def raycast_reference(volume: SdfVolume, camera: Camera, antialias: bool) -> PointMap:
-    """See `avatarrex.pointmap.pointmap.raycast`; the coverage is the centre's, whatever `antialias`."""
+def raycast_reference(volume: SdfVolume, camera: Camera, antialias: bool, march: str) -> PointMap:
+    """See `avatarrex.pointmap.pointmap.raycast`; always exact, and the coverage is the centre's."""
     plane = RayPlane.of(camera, volume.middle)
     rays = plane.rays(pixel_centres(camera, torch.float64))
     t = first_crossing(volume, rays)
@@ -84,7 +84,8 @@ def _pieces(volume: SdfVolume, rays: Rays) -> tuple[Tensor, Tensor]:
     grid = volume.body
     body = torch.eye(4, dtype=torch.float64)
     body[:3, 3] = -torch.as_tensor(grid.origin)
-    lattices = [(body, grid.voxel, tuple(grid.sdf.shape))]
+    side = grid.bricks.side if grid.bricks else 1
+    lattices = [(body, grid.voxel / side, tuple((n - 1) * side + 1 for n in grid.sdf.shape))]
     lattices += [(torch.as_tensor(p.box_from_root), p.voxel, tuple(p.field.shape[:3])) for p in volume.parts]
     faces, spans = [], []
     for matrix, voxel, shape in lattices:
@@ -112,12 +113,15 @@ def _pieces(volume: SdfVolume, rays: Rays) -> tuple[Tensor, Tensor]:
 
 
 def _cell_signs(volume: SdfVolume) -> Tensor:
-    """+1 where all eight corners of a body cell are outside, −1 where all are inside, 0 where they differ."""
+    """+1 where all eight corners of a body cell are outside, −1 where all are inside, 0 where they differ or a brick is."""
     inside = (volume.body.sdf < 0)[None, None].float()
     if min(volume.body.sdf.shape) < 2:
         return torch.zeros(volume.body.sdf.shape, dtype=torch.int8)
     share = torch.nn.functional.avg_pool3d(inside, 2, 1)[0, 0]
-    return (share == 0).to(torch.int8) - (share == 1).to(torch.int8)
+    signs = (share == 0).to(torch.int8) - (share == 1).to(torch.int8)
+    if volume.body.bricks is not None:
+        signs[volume.body.bricks.number > 0] = 0
+    return signs
 
 
 def _signs_at(volume: SdfVolume, signs: Tensor, position: Tensor) -> Tensor:
@@ -132,7 +136,8 @@ def _field(volume: SdfVolume, rays: Rays, t: Tensor) -> Tensor:
 
 def _cubic_crossing(volume: SdfVolume, rays: Rays, start: Tensor, end: Tensor) -> tuple[Tensor, Tensor]:
     """First crossing in a body cell, from the exact cubic; and the values (·, 2) at both ends."""
-    u = torch.tensor([0.0, 1 / 3, 2 / 3, 1.0], dtype=start.dtype)
+    # The ends are taken a hair inside: beside a brick the field jumps.
+    u = torch.tensor([1e-9, 1 / 3, 2 / 3, 1 - 1e-9], dtype=start.dtype)
     f = torch.stack([_field(volume, rays, start + k * (end - start)) for k in u], 1)
     c = f @ torch.linalg.inv(torch.stack([u**k for k in range(4)])).to(f)
     root = (c[:, 2] ** 2 - 3 * c[:, 1] * c[:, 3]).clamp(min=0).sqrt()

@@ -39,19 +39,21 @@ class March:
     steps: Float[Tensor, " r"]
 
 
-def raycast_torch(volume: SdfVolume, camera: Camera, antialias: bool) -> PointMap:
+def raycast_torch(volume: SdfVolume, camera: Camera, antialias: bool, march: str) -> PointMap:
     """See `avatarrex.pointmap.pointmap.raycast`."""
+    if march == "fixed":
+        return _plain(volume, camera)
     plane = RayPlane.of(camera, volume.middle)
     pixels = pixel_centres(camera)
     rays = plane.rays(pixels)
-    march = _march(volume, rays, plane.footprint)
-    t, steps = march.t, march.steps
-    again = torch.nonzero(march.suspect)[:, 0]
+    first = _march(volume, rays, plane.footprint)
+    t, steps = first.t, first.steps
+    again = torch.nonzero(first.suspect)[:, 0]
     t[again] = first_crossing(volume, plane.rays(pixels[again].double())).float()
     hit = t.isfinite()
     coverage, count, total = hit.float(), len(pixels), int(steps.sum())
     if antialias:
-        edge = torch.nonzero(_beside_silhouette(hit, camera) | (march.near & ~hit))[:, 0]
+        edge = torch.nonzero(_beside_silhouette(hit, camera) | (first.near & ~hit))[:, 0]
         offset = torch.as_tensor(SUBPIXELS).float()
         sub_pixels = (pixels[edge, None] - 0.5 + offset).view(-1, 2)
         sub = _march(volume, plane.rays(sub_pixels), plane.footprint)
@@ -72,6 +74,31 @@ def raycast_torch(volume: SdfVolume, camera: Camera, antialias: bool) -> PointMa
     return scatter(
         camera, pixel, position, normal, hit[pixel], coverage[pixel], weight, steps[pixel], "torch on the CPU", counters
     )
+
+
+def _plain(volume: SdfVolume, camera: Camera) -> PointMap:
+    """Steps of a quarter of a body voxel to the first crossing, and one linear interpolation."""
+    rays = RayPlane.of(camera, volume.middle).rays(pixel_centres(camera))
+    t, end = _range(volume, rays)
+    before, steps = torch.full_like(t, -1.0), torch.zeros_like(t)
+    found, step = torch.zeros(len(t), dtype=torch.bool), FINEST * volume.body.voxel
+    going = torch.nonzero(t <= end)[:, 0]
+    while len(going):
+        s = sample(volume, rays[going].at(t[going])).composed.sdf
+        steps[going] += 1
+        crossed = (s < 0) & (before[going] >= 0)
+        rows = going[crossed]
+        t[rows] -= step * s[crossed] / (s[crossed] - before[rows])
+        found[rows] = True
+        before[going] = s
+        going = going[~crossed]
+        t[going] += step
+        going = going[t[going] <= end[going]]
+    pixel = torch.nonzero(found)[:, 0]
+    position = rays[pixel].at(t[pixel])
+    normal, weight = surface(volume, position)
+    one, counters = torch.ones(len(pixel)), {"rays": len(t), "ray_steps": int(steps.sum())}
+    return scatter(camera, pixel, position, normal, one.bool(), one, weight, steps[pixel], "torch on the CPU", counters)
 
 
 def _march(volume: SdfVolume, rays: Rays, footprint: float) -> March:

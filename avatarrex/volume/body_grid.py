@@ -10,12 +10,16 @@ Letters: z y x voxels, p evaluated voxels, v template vertices. Root frame, metr
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyField, BodyFrame
 from avatarrex.fields.composition import EMPTIED, emptied
+from avatarrex.fields.influence import Pairs
+from avatarrex.volume.bricks import Bricks, grow_bricks
 from avatarrex.volume.narrow import settle
 from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.stencil import Lattice, stencil_pairs
@@ -45,24 +49,62 @@ def lattice_around(points: np.ndarray, voxel: float) -> Lattice:
 
 
 def build_body_grid(
-    field: BodyField, frame: BodyFrame, probe: VertexProbe, voxel: float, counters: Counters
+    field: BodyField,
+    frame: BodyFrame,
+    probe: VertexProbe,
+    voxel: float,
+    counters: Counters,
+    everywhere: bool = False,
 ) -> BodyGrid:
-    """Evaluate the body field around its surface, on multiples of `voxel` metres in the root frame."""
+    """The body field around its surface, on multiples of `voxel` metres in the root frame.
+
+    `everywhere`: at every voxel that a node reaches, as the paper has it.
+    """
     lattice = lattice_around(np.concatenate([probe.vertices - MARGIN, probe.vertices + MARGIN]), voxel)
     fill, first = guess(probe, lattice)
+    if everywhere:
+        every = np.arange(fill.size)
+        first = every[np.unique(stencil_pairs(frame.node_position, lattice, every).point.numpy())]
 
     def evaluate(index: np.ndarray) -> np.ndarray:
-        position = lattice.position(index)
-        here = probe.query(position)
         pairs = stencil_pairs(frame.node_position, lattice, index)
-        with torch.no_grad():
-            sdf = field.sdf(frame, torch.as_tensor(position, dtype=torch.float32), pairs)
-        counters.add("voxels_evaluated", len(index))
-        counters.add("local_mlp_evaluations", len(pairs.point))
-        return emptied(here.held(sdf), torch.as_tensor(here.weight, dtype=torch.float32)).numpy()
+        return held_sdf(field, frame, probe, lattice.position(index), pairs, counters)
 
     sdf = settle(fill, first, evaluate)
     return BodyGrid(origin=lattice.origin, voxel=lattice.voxel, sdf=torch.from_numpy(sdf))
+
+
+def refined(
+    field: BodyField,
+    frame: BodyFrame,
+    probe: VertexProbe,
+    grid: BodyGrid,
+    seen: np.ndarray,
+    side: int,
+    counters: Counters,
+    kept: Bricks | None,
+) -> BodyGrid:
+    """`grid` with bricks of side³ voxels in the cells `seen` (flat) and those of `kept`, made for the same frame."""
+
+    def evaluate(place: np.ndarray) -> np.ndarray:
+        position = grid.origin + grid.voxel * place
+        pairs = field.pairs(frame, torch.as_tensor(position, dtype=torch.float32))
+        return held_sdf(field, frame, probe, position, pairs, counters)
+
+    bricks = grow_bricks(grid.sdf.numpy(), grid.voxel, side, seen, evaluate, kept)
+    return replace(grid, bricks=bricks)
+
+
+def held_sdf(
+    field: BodyField, frame: BodyFrame, probe: VertexProbe, position: np.ndarray, pairs: Pairs, counters: Counters
+) -> np.ndarray:
+    """The body's field at (p, 3) as it is stored: held to the template's guess, without its hands; (p,) metres."""
+    here = probe.query(position)
+    with torch.no_grad():
+        sdf = field.sdf(frame, torch.as_tensor(position, dtype=torch.float32), pairs)
+    counters.add("voxels_evaluated", len(position))
+    counters.add("local_mlp_evaluations", len(pairs.point))
+    return emptied(here.held(sdf), torch.as_tensor(here.weight, dtype=torch.float32)).numpy()
 
 
 def guess(probe: VertexProbe, lattice: Lattice) -> tuple[np.ndarray, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
 from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import PART_JOINT, PosedPerson
-from avatarrex.volume.body_grid import build_body_grid
+from avatarrex.volume.body_grid import build_body_grid, refined
 from avatarrex.volume.contact import find_contact
 from avatarrex.volume.part_box import PartField, face_box, hand_box
 from avatarrex.volume.probe import VertexProbe
@@ -31,6 +31,7 @@ class AvatarVolume:
     sdf: SdfVolume
     body_frame: BodyFrame
     grid: BodyGrid
+    """Without bricks: those of `sdf` grow with what is seen."""
     parts: dict[str, PartField]
     views: Tensor | None
     """Orthographic views of the face mesh, (3, 7, 256, 256), or what else drives the face; None while it is hidden."""
@@ -43,8 +44,9 @@ def build_volume(
     avatar: Avatar, posed: PosedPerson, settings: RenderSettings, counters: Counters, previous: AvatarVolume | None
 ) -> AvatarVolume:
     """Build the volume of `posed`, taking from `previous` every piece whose key has not changed."""
-    keys: dict[str, object] = {"hidden": settings.hidden, "body": (posed.keys["body"], settings.voxel)}
-    keys |= {name: (posed.keys[name], settings.part_voxel) for name in PART_JOINT}
+    every = settings.everywhere
+    keys: dict[str, object] = {"hidden": settings.hidden, "body": (posed.keys["body"], settings.voxel, every)}
+    keys |= {name: (posed.keys[name], settings.part_voxel, every) for name in PART_JOINT} | {"bricks": settings.bricks}
     if previous and previous.keys == keys:
         return previous
 
@@ -60,9 +62,10 @@ def build_volume(
             parts[name] = previous.parts[name]
         elif name == "face":
             views = avatar.face.driven(posed.parts["face"], posed.face_coefficients)
-            parts[name] = _face_part(avatar, posed, views, settings.part_voxel, counters)
+            parts[name] = _face_part(avatar, posed, views, settings, counters)
         else:
-            parts[name] = hand_box(name, avatar.hand(name), posed.parts[name], settings.part_voxel, counters)
+            hand, voxel = avatar.hand(name), settings.part_voxel
+            parts[name] = hand_box(name, hand, posed.parts[name], voxel, counters, every)
     if previous and kept("body"):
         frame, grid, probe = previous.body_frame, previous.grid, previous.probe
     else:
@@ -74,7 +77,7 @@ def build_volume(
             avatar.hand_weight.double().numpy(),
             avatar.body.worn.double().numpy(),
         )
-        grid = build_body_grid(avatar.body, frame, probe, settings.voxel, counters)
+        grid = build_body_grid(avatar.body, frame, probe, settings.voxel, counters, every)
     boxes = []
     for name, part in parts.items():
         if previous and grid is previous.grid and previous.parts.get(name) is part:
@@ -84,17 +87,37 @@ def build_volume(
     return AvatarVolume(SdfVolume(grid, tuple(boxes)), frame, grid, parts, views, probe, keys)
 
 
+def refine_volume(
+    avatar: Avatar,
+    volume: AvatarVolume,
+    seen: np.ndarray,
+    side: int,
+    counters: Counters,
+    previous: AvatarVolume | None,
+) -> AvatarVolume:
+    """`volume` with bricks of side³ voxels in the body cells `seen` (flat), besides those that `previous` has."""
+    kept = previous.sdf.body.bricks if previous and previous.grid is volume.grid else None
+    kept = kept if kept and kept.side == side else None
+    grid = refined(avatar.body, volume.body_frame, volume.probe, volume.grid, seen, side, counters, kept)
+    if grid.bricks is volume.sdf.body.bricks:
+        return volume
+    return replace(volume, sdf=SdfVolume(grid, volume.sdf.parts))
+
+
 def body_frame(avatar: Avatar, posed: PosedPerson) -> BodyFrame:
     """The body field under the posed template: nodes, embedding, residuals."""
     with torch.no_grad():
         return avatar.body.frame(posed.body, avatar.body.code(posed.body_rotation))
 
 
-def _face_part(avatar: Avatar, posed: PosedPerson, views: Tensor, voxel: float, counters: Counters) -> PartField:
+def _face_part(
+    avatar: Avatar, posed: PosedPerson, views: Tensor, settings: RenderSettings, counters: Counters
+) -> PartField:
     with torch.no_grad():
         planes = avatar.face.geometry_planes(views)
     counters.add("unet_runs", 3)
-    return face_box(avatar.face, planes, posed.parts["face"], avatar.person.face.blend_weight, voxel, counters)
+    mesh, weight = posed.parts["face"], avatar.person.face.blend_weight
+    return face_box(avatar.face, planes, mesh, weight, settings.part_voxel, counters, settings.everywhere)
 
 
 def _place(

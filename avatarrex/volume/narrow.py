@@ -19,9 +19,9 @@ BOTH = (slice(None, -1), slice(1, None))
 
 
 def unsettled(inside: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Flat indices of voxels that are not `known` (z, y, x) but corners of a cell in which `inside` (z, y, x) changes."""
+    """Flat indices of voxels that are not `known` (…, z, y, x) but corners of a cell in which `inside` (same) changes."""
     some, every = inside, inside
-    for axis in range(3):
+    for axis in (-3, -2, -1):
         some, every = (np.moveaxis(mask, axis, 0) for mask in (some, every))
         some, every = some[BOTH[0]] | some[BOTH[1]], every[BOTH[0]] & every[BOTH[1]]
         some, every = (np.moveaxis(mask, 0, axis) for mask in (some, every))
@@ -30,7 +30,7 @@ def unsettled(inside: np.ndarray, known: np.ndarray) -> np.ndarray:
     for z in BOTH:
         for y in BOTH:
             for x in BOTH:
-                corner[z, y, x] |= crossed
+                corner[..., z, y, x] |= crossed
     return np.flatnonzero(corner & ~known)
 
 

@@ -61,8 +61,13 @@ def _lattice(points: np.ndarray, margin: float, voxel: float) -> Lattice:
     return Lattice(first * voxel, voxel, (int(size[2]), int(size[1]), int(size[0])))
 
 
-def hand_box(name: str, field: HandField, vertices: Tensor, voxel: float, counters: Counters) -> PartField:
-    """The exact distance to the hand mesh (v, 3) and the painted ω of the nearest surface point (paper eq. 8, 9)."""
+def hand_box(
+    name: str, field: HandField, vertices: Tensor, voxel: float, counters: Counters, everywhere: bool = False
+) -> PartField:
+    """The exact distance to the hand mesh (v, 3) and the painted ω of the nearest surface point (paper eq. 8, 9).
+
+    `everywhere`: at every voxel, not only around the surface.
+    """
     lattice = _lattice(vertices[field.blend_weight > 0].double().numpy(), HAND_MARGIN, 4 * voxel)
 
     def evaluate(lattice: Lattice, index: np.ndarray) -> np.ndarray:
@@ -73,14 +78,23 @@ def hand_box(name: str, field: HandField, vertices: Tensor, voxel: float, counte
 
     values = evaluate(lattice, np.arange(np.prod(lattice.shape))).reshape(*lattice.shape, 2)
     for _ in range(2):
-        lattice, values = _refine(lattice, values, evaluate, None)
+        lattice, values = _refine(lattice, values, evaluate, None, everywhere)
     return PartField(name, lattice.origin, lattice.voxel, torch.from_numpy(values))
 
 
 def face_box(
-    field: FaceField, planes: Tensor, vertices: Tensor, blend_weight: Tensor, voxel: float, counters: Counters
+    field: FaceField,
+    planes: Tensor,
+    vertices: Tensor,
+    blend_weight: Tensor,
+    voxel: float,
+    counters: Counters,
+    everywhere: bool = False,
 ) -> PartField:
-    """The face field near the face mesh (v, 3), with the ω (v,) of the nearest vertex; elsewhere 'not used'."""
+    """The face field near the face mesh (v, 3), with the ω (v,) of the nearest vertex; elsewhere 'not used'.
+
+    `everywhere`: at every voxel that is used, not only around the surface.
+    """
     lattice = _lattice(vertices[blend_weight > 0].double().numpy(), FACE_BAND, 2 * voxel)
     mesh, normals = vertices.double().numpy(), vertex_normals(vertices, field.faces).double().numpy()
     probe = VertexProbe.of(mesh, normals, blend_weight.double().numpy(), np.zeros(len(mesh)))
@@ -95,9 +109,10 @@ def face_box(
         counters.add("face_evaluations", len(index))
         return sdf.float().clamp(-CLAMP, CLAMP).numpy()[:, None]
 
-    near = np.flatnonzero(used & (np.abs(guess) < FACE_REACH))
+    near = np.flatnonzero(used & ((np.abs(guess) < FACE_REACH) | everywhere))
     values[near, :1] = evaluate(lattice, near)
-    lattice, values = _refine(lattice, values.reshape(*lattice.shape, 2), evaluate, ~used.reshape(lattice.shape))
+    unused = ~used.reshape(lattice.shape)
+    lattice, values = _refine(lattice, values.reshape(*lattice.shape, 2), evaluate, unused, everywhere)
     return PartField("face", lattice.origin, lattice.voxel, torch.from_numpy(values))
 
 
@@ -106,12 +121,13 @@ def _refine(
     values: np.ndarray,
     evaluate: Callable[[Lattice, np.ndarray], np.ndarray],
     unused: np.ndarray | None,
+    everywhere: bool,
 ) -> tuple[Lattice, np.ndarray]:
     """`values` (z, y, x, 2) at half the voxel; `evaluate` gives (p, 1 or 2) channels; `unused` voxels are not asked."""
     fine = halved(lattice)
     values = np.ascontiguousarray(between(values))
     closed = None if unused is None else between(unused.astype(np.float32)) == 1
-    near = np.abs(values[..., 0]) < REACH * lattice.voxel
+    near = (np.abs(values[..., 0]) < REACH * lattice.voxel) | everywhere
     flat = values.reshape(-1, 2)
 
     def at(index: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from avatarrex.fields.composition import Composed, compose, step_bound
 from avatarrex.ops.trilinear import trilinear
+from avatarrex.volume.bricks import Bricks
 
 PARTS = ("left_hand", "right_hand", "face")
 """Order of part weights everywhere."""
@@ -28,6 +29,8 @@ class BodyGrid:
     """Root-frame position of voxel 0's centre, float64 metres."""
     voxel: float
     sdf: Float[Tensor, "z y x"]
+    bricks: Bricks | None = None
+    """Cells that are stored more finely than `sdf`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +84,7 @@ class Sample:
     step: Float[Tensor, " p"]
     """How far a ray may go from here, metres: the field's terms inside boxes, the nearest box outside."""
     voxel: Float[Tensor, " p"]
-    """Side of the finest voxels stored here, metres."""
+    """Side of the finest voxels stored here or less than a body voxel away, metres."""
     scale: Float[Tensor, " p"]
     """Side of the voxels that the surface is made of here, metres: body voxels and part voxels mixed by ω."""
 
@@ -96,12 +99,16 @@ def sample(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> Sample:
     place = (position - torch.as_tensor(grid.origin).to(position)) / grid.voxel
     size = torch.tensor(grid.sdf.shape).flip(0).to(position) - 1
     beyond = (place - place.clamp(min=torch.zeros_like(size), max=size)).norm(dim=-1) * grid.voxel
-    body = trilinear(grid.sdf[..., None], place)[:, 0] + beyond
+    body, voxel = trilinear(grid.sdf[..., None], place)[:, 0], torch.full_like(beyond, grid.voxel)
+    if grid.bricks is not None:
+        rows, finer = grid.bricks.sample(place.clamp(min=torch.zeros_like(size), max=size))
+        body[rows], voxel[rows] = finer, grid.voxel / grid.bricks.side
+    body, cell = body + beyond, voxel.clone()
     stored = stored_parts(volume, position)
     own = body[:, None] * stored.inside
     others = torch.full_like(own, torch.inf)
     reach = position.new_full(position.shape[:1], torch.inf)
-    voxel, scale = (torch.full_like(reach, grid.voxel) for _ in range(2))
+    scale = voxel.clone()
     for part in volume.parts:
         k = PARTS.index(part.name)
         inside = stored.inside[:, k]
@@ -110,8 +117,8 @@ def sample(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> Sample:
         if part.contact is not None:
             first = torch.as_tensor(part.contact.first[::-1].copy()).to(position)
             own[rows, k], others[rows, k] = trilinear(part.contact.field, place[rows] - first).unbind(-1)
-        voxel[rows] = voxel[rows].clamp(max=part.voxel)
-        scale[rows] = scale[rows].minimum(grid.voxel + stored.omega[rows, k] * (part.voxel - grid.voxel))
+        voxel[stored.distance[:, k] < grid.voxel] = part.voxel
+        scale[rows] = scale[rows].minimum(cell[rows] + stored.omega[rows, k] * (part.voxel - cell[rows]))
     composed = compose(body, stored.inside, stored.sdf, stored.omega, own, others)
     bound = step_bound(composed.sdf, stored.inside, stored.sdf, own, others)
     return Sample(composed, bound.minimum(reach), voxel, scale)

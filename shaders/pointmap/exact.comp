@@ -19,7 +19,8 @@ float next_face(vec3 origin, vec3 direction, float t) {
 
 float cell_end(Ray ray, float t, bvec3 inside) {
     float end = min(ray.range.y, t + max(reach_at(ray, t), 1e-6));
-    end = min(end, next_face(ray.body_origin, ray.body_direction, t));
+    float cut = BRICKS == 1 && brick_at(body_at(ray, t + 1e-6)) >= 0 ? float(u_brick_side) : 1.0;
+    end = min(end, next_face(cut * ray.body_origin, cut * ray.body_direction, t));
     for (int k = 0; k < 3; ++k) {
         if (!inside[k]) continue;
         float voxel = in_part[k].voxel;
@@ -48,6 +49,8 @@ void main() {
             float u = j < 4 ? j / 3.0 : cubic_minimum(f);
             if (u < 0) continue;
             float place = mix(t, end, u);
+            // A hair inside the cell: beside a brick the field jumps.
+            if (BRICKS == 1) place = clamp(place, t + 1e-6, max(end - 1e-6, t + 1e-6));
             Field here = field_at(at(ray, place), body_at(ray, place), inside);
             ++steps;
             if (j == 0) far = here.bound;

@@ -35,8 +35,7 @@ Hit march(Ray ray, float start) {
         bool dip = s_before >= 0 && s_before < smallest && s >= s_before && s + s_before < SLOPE * smallest;
         if (dip && hit.suspect == NO_HIT) hit.suspect = earlier;
         if (t >= ray.range.y) break;
-        smallest = FINEST * u_voxel;
-        for (int k = 0; k < 3 * PARTS; ++k) if (inside[k]) smallest = min(smallest, FINEST * in_part[k].voxel);
+        smallest = FINEST * f.voxel;
         earlier = before;
         before = t;
         s_before = s;

@@ -1,5 +1,5 @@
 // The volume as the raycast passes read it. Root frame, metres.
-// PARTS: whether part boxes are looked at; CONTACTS: whether any box has a contact block; FLOAT_FILTER: whether the
+// BRICKS: whether cells of the body grid are refined; PARTS: whether part boxes are looked at; CONTACTS: whether any box has a contact block; FLOAT_FILTER: whether the
 // texture unit interpolates in float, as Mesa's software renderers do (probe.comp found out).
 #include "lib/trilinear.glsl"
 #include "lib/composition.glsl"
@@ -21,10 +21,15 @@ uniform sampler3D u_contact[3];
 uniform vec3 u_origin;  // centre of the body grid's voxel 0
 uniform float u_voxel;  // side of a body voxel
 uniform vec3 u_last;    // the last body voxel (the texture may be larger)
+uniform sampler3D u_brick_number;  // per body cell, from 1; 0 where there is none
+uniform sampler3D u_bricks;        // all bricks, u_brick_row along x and y
+uniform int u_brick_side;          // fine voxels along a body voxel
+uniform int u_brick_row;
 
 struct Field {
     float sdf;
     float bound;  // how far a ray may step
+    float voxel;  // side of the finest voxels that are stored here
     float scale;  // side of the voxels that the surface is made of, body and part mixed by omega
     vec3 weight;  // effective omega of left hand, right hand, face
 };
@@ -38,6 +43,19 @@ bool in_box(int k, vec3 p) {
     return all(greaterThanEqual(local, vec3(0))) && all(lessThanEqual(local, in_part[k].size));
 }
 
+// Which brick refines the cell that holds `place` (body voxels), from 0; negative where none does.
+int brick_at(vec3 place) {
+    ivec3 cell = clamp(ivec3(floor(place)), ivec3(0), ivec3(u_last) - 1);
+    return int(texelFetch(u_brick_number, cell, 0).x) - 1;
+}
+
+vec3 brick_place(int brick, vec3 place) {
+    vec3 cell = clamp(floor(place), vec3(0), u_last - 1);
+    int row = u_brick_row;
+    vec3 tile = vec3(brick % row, brick / row % row, brick / (row * row));
+    return tile * (u_brick_side + 1) + clamp(place - cell, 0, 1) * u_brick_side;
+}
+
 vec3 body_place(vec3 p) { return (p - u_origin) / u_voxel; }
 
 // Textures are chosen by a literal: llvmpipe takes a computed index from a lane that may have left the loop.
@@ -47,15 +65,23 @@ vec3 body_place(vec3 p) { return (p - u_origin) / u_voxel; }
         vec2 pair = vec2(body, NOWHERE); \
         if (CONTACTS == 1 && in_part[K].contact == 1) pair = SAMPLE(u_contact[K], place - in_part[K].contact_first); \
         compose_part(sum, K, part, pair); \
-        f.scale = min(f.scale, mix(u_voxel, in_part[K].voxel, part.y)); \
+        f.voxel = min(f.voxel, in_part[K].voxel); \
+        f.scale = min(f.scale, mix(cell, in_part[K].voxel, part.y)); \
     }
 
 // The composed field at p; `place` is p in body voxels, `inside` says which boxes hold it. SAMPLE is one of the two of
 // lib/trilinear.glsl.
 #define DEFINE_FIELD(NAME, SAMPLE) \
 Field NAME(vec3 p, vec3 place, bvec3 inside) { \
-    float body = SAMPLE(u_body, place).x; \
-    Field f = Field(body, abs(body), u_voxel, vec3(0)); \
+    float body = SAMPLE(u_body, place).x, cell = u_voxel; \
+    if (BRICKS == 1) { \
+        int brick = brick_at(place); \
+        if (brick >= 0) { \
+            body = SAMPLE(u_bricks, brick_place(brick, place)).x; \
+            cell = u_voxel / u_brick_side; \
+        } \
+    } \
+    Field f = Field(body, abs(body), cell, cell, vec3(0)); \
     if (PARTS == 0) return f; \
     body += u_voxel * length(place - clamp(place, vec3(0), body_last())); \
     Composition sum = compose_nothing(); \

@@ -157,7 +157,7 @@ def test_the_shaders_read_the_parts_as_numpy_wrote_them():
         pytest.skip("no OpenGL 4.3 here")
     from avatarrex.pointmap.raycast_gl import LISTS, PART, RECORD, gl_caster
 
-    program = gl_caster()._program("surface", PARTS=1, CONTACTS=1, FLOAT_FILTER=0)
+    program = gl_caster()._program("surface", PARTS=1, CONTACTS=1, BRICKS=1, FLOAT_FILTER=0)
     assert program["Parts"].size == 3 * PART.itemsize
     assert RECORD.itemsize % 16 == 0
     assert LISTS.fields["steps"][1] == 8 * 16

@@ -1,0 +1,133 @@
+"""Sparse bricks: cells of the body grid cut into smaller ones where the surface is seen (architecture: levels).
+
+The body's surface is stored at 2 cm, which blurs hems and folds. A brick replaces one cell of the grid by side³ smaller
+cells, evaluated only around the surface; all bricks lie in one atlas texture, found by a number per cell. Bricks share
+nothing: each holds its own (side + 1)³ corners, so that interpolation never leaves one.
+
+Letters: m bricks, z y x coarse cells, p points. Root frame, metres, negative inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Int
+from torch import Tensor
+
+from avatarrex.ops.trilinear import trilinear
+from avatarrex.volume.narrow import unsettled
+
+ROW = 24
+"""Bricks along x and y of the atlas."""
+REACH = 0.6
+"""Fine voxels: what is guessed nearer to the surface than this is evaluated at once."""
+RINGS = 2
+"""How many cells the bricks follow the surface past what was seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bricks:
+    """Refined cells of one body grid."""
+
+    side: int
+    """Fine voxels along a coarse one."""
+    cell: Int[np.ndarray, " m"]
+    """Flat index of each brick's coarse cell."""
+    value: Float32[np.ndarray, "m n n n"]
+    """Signed distances at each brick's corners, z y x, n = side + 1."""
+    number: Float32[Tensor, "z y x"]
+    """Brick of a cell, counted from 1; 0 where there is none."""
+    atlas: Float32[Tensor, "az ay ax"]
+    """All bricks side by side, `ROW` along x, then y, then z."""
+
+    @staticmethod
+    def of(side: int, cell: np.ndarray, value: np.ndarray, shape: tuple[int, ...]) -> Bricks:
+        """Bricks of the flat cells (m,) of a grid of `shape` cells, with their corner values (m, n, n, n)."""
+        number = np.zeros(shape, dtype=np.float32)
+        number.reshape(-1)[cell] = np.arange(1, len(cell) + 1)
+        layers, n = -(-len(cell) // ROW**2), side + 1
+        atlas = np.zeros((max(layers, 1) * ROW**2, n, n, n), dtype=np.float32)
+        atlas[: len(cell)] = value
+        tiled = atlas.reshape(-1, ROW, ROW, n, n, n).transpose(0, 3, 1, 4, 2, 5)
+        return Bricks(
+            side, cell, value, torch.from_numpy(number), torch.from_numpy(tiled.reshape(-1, ROW * n, ROW * n))
+        )
+
+    def sample(self, place: Float[Tensor, "p 3"]) -> tuple[Int[Tensor, " r"], Float[Tensor, " r"]]:
+        """Which points, in coarse voxel coordinates inside the grid, lie in bricks (r,), and their values (r,)."""
+        last = torch.tensor(self.number.shape).flip(0) - 1
+        cell = place.floor().long().clamp(min=0).minimum(last)
+        brick = self.number[cell[:, 2], cell[:, 1], cell[:, 0]].long() - 1
+        rows = torch.nonzero(brick >= 0)[:, 0]
+        tile = torch.stack([brick[rows] % ROW, brick[rows] // ROW % ROW, brick[rows] // ROW**2], 1)
+        local = (place[rows] - cell[rows]).clamp(0, 1) * self.side + tile * (self.side + 1)
+        return rows, trilinear(self.atlas[..., None], local)[:, 0]
+
+
+def grow_bricks(
+    sdf: np.ndarray,
+    voxel: float,
+    side: int,
+    seen: np.ndarray,
+    evaluate: Callable[[np.ndarray], np.ndarray],
+    kept: Bricks | None = None,
+) -> Bricks:
+    """Bricks of the cells `seen` (flat), of the cells that their surface runs on into, and of `kept`.
+
+    `sdf` (z, y, x) is the coarse grid of `voxel` metres; `evaluate` gives the field (p,) at fractional coarse voxels (p, 3) x y z. Values
+    that are not evaluated are interpolated: no cell with a crossing has any. Returns `kept` itself when nothing is new.
+    """
+    shape = tuple(n - 1 for n in sdf.shape)
+    cells, values = (np.zeros(0, dtype=np.int64), np.zeros((0, *(side + 1,) * 3), dtype=np.float32))
+    if kept is not None:
+        cells, values = kept.cell, kept.value
+    wanted = np.setdiff1d(seen, cells)
+    if kept is not None and not len(wanted):
+        return kept
+    for _ in range(RINGS + 1):
+        cells = np.concatenate([cells, wanted])
+        values = np.concatenate([values, _refine(sdf, REACH * voxel / side, side, wanted, evaluate)])
+        wanted = np.setdiff1d(_beyond(cells, values < 0, shape), cells)
+        if not len(wanted):
+            break
+    return Bricks.of(side, cells, values, shape)
+
+
+def _refine(
+    sdf: np.ndarray, reach: float, side: int, cells: np.ndarray, evaluate: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """Corner values (m, n, n, n) of new bricks: interpolated, then evaluated within `reach` and at every crossing."""
+    n, shape = side + 1, tuple(k - 1 for k in sdf.shape)
+    corner = np.stack(np.unravel_index(cells, shape), -1)
+    step = np.stack(np.meshgrid(*(np.arange(n),) * 3, indexing="ij"), -1)
+    fine = corner[:, None, None, None] * side + step
+    extent = [k * side + 1 for k in shape]
+    point, place = np.unique(np.ravel_multi_index(tuple(np.moveaxis(fine, -1, 0)), extent), return_inverse=True)
+    place = place.reshape(fine.shape[:-1])
+    position = np.stack(np.unravel_index(point, extent)[::-1], -1) / side
+    coarse = trilinear(torch.from_numpy(sdf)[..., None], torch.from_numpy(position))
+    value = coarse[:, 0].numpy().astype(np.float32)
+    known = np.zeros(len(value), dtype=bool)
+    wanted = np.flatnonzero(np.abs(value) < reach)
+    while len(wanted):
+        value[wanted] = evaluate(position[wanted])
+        known[wanted] = True
+        wanted = np.unique(place.reshape(-1)[unsettled(value[place] < 0, known[place])])
+    return value[place]
+
+
+def _beyond(cells: np.ndarray, inside: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Flat cells on the other side of those faces of bricks (m, n, n, n) that a crossing meets."""
+    place = np.stack(np.unravel_index(cells, shape), -1)
+    found = []
+    for axis in range(3):
+        for end, step in ((0, -1), (-1, 1)):
+            face = np.take(inside, end, axis + 1)
+            next_to = place[face.any((1, 2)) & ~face.all((1, 2))]
+            next_to[:, axis] += step
+            held = (next_to[:, axis] >= 0) & (next_to[:, axis] < shape[axis])
+            found.append(np.ravel_multi_index(tuple(next_to[held].T), shape))
+    return np.unique(np.concatenate(found))
