@@ -20,7 +20,7 @@ from torch import Tensor
 
 from avatarrex.errors import InputError
 from avatarrex.ops.closest_bricks import search_bricks
-from avatarrex.ops.pseudonormal import pseudonormals, winding_number
+from avatarrex.ops.pseudonormal import Pseudonormals, pseudonormals, winding_number
 from avatarrex.ops.triangle import closest_on_triangle
 
 Impl = Literal["auto", "torch", "reference", "igl"]
@@ -68,6 +68,30 @@ def closest_point(
         else:
             reach = None if bound is None else (-bound[0], bound[1])
             face, barycentric, skipped = search_bricks(mesh, faces, query, normals, reach)
+    found = signed(vertices, faces, points, face, barycentric, normals, skipped)
+    if bound is None:
+        return found
+    far = torch.where(skipped > 0, bound[1], bound[0])
+    sdf = torch.where(skipped == 0, found.sdf, far.to(found.sdf.dtype)).clamp(*bound)
+    return ClosestPoint(sdf, face, found.barycentric)
+
+
+def signed(
+    vertices: Float[Tensor, "v 3"],
+    faces: Int[Tensor, "f 3"],
+    points: Float[Tensor, "p 3"],
+    face: Int[Tensor, " p"],
+    barycentric: Float[Tensor, "p 3"],
+    normals: Pseudonormals,
+    skipped: Float[Tensor, " p"] | None = None,
+) -> ClosestPoint:
+    """Distance and sign of `points` whose closest face and barycentrics (float64) are known; differentiable.
+
+    `skipped` names the side (±1) of points whose closest face was not searched, 0 for all others.
+    """
+    with torch.no_grad():
+        mesh, query = vertices.detach().double(), points.detach().double()
+        skipped = torch.zeros_like(query[:, 0]) if skipped is None else skipped
         nearest = (mesh[faces[face]] * barycentric[..., None]).sum(1)
         outward = normals.at(faces, face, barycentric)
         sign = torch.where(((query - nearest) * outward).sum(-1) >= 0, 1.0, -1.0)
@@ -77,9 +101,6 @@ def closest_point(
             sign[unsure] = torch.where(inside, -1.0, 1.0).to(sign.dtype)
         sign = torch.where(skipped == 0, sign, skipped)
     sdf = _signed_distance(vertices, faces, points, face, barycentric, sign, outward)
-    if bound is not None:
-        far = torch.where(skipped > 0, bound[1], bound[0])
-        sdf = torch.where(skipped == 0, sdf, far.to(sdf.dtype)).clamp(*bound)
     return ClosestPoint(sdf, face, barycentric.to(points.dtype))
 
 

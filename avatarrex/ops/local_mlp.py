@@ -11,7 +11,7 @@ Letters: k rows sorted by node, n nodes, c input, o output channels. `offsets[i]
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 import torch.nn.functional as F
@@ -74,10 +74,13 @@ def _loop(
     """Node by node with matrix products whose intermediates stay in cache: the fastest on a CPU."""
     act = _activation(activation, inplace=not _tracked(blocks, weights, biases))
     counts = offsets.diff().tolist()
+    any_rows = any(counts)
     first = [weight.unbind(0) for weight in weights[0].split([block.shape[1] for block in blocks], 1)]
     layers = [list(zip(bias.unbind(0), weight.unbind(0))) for bias, weight in zip(biases[1:], weights[1:])]
     rows = []
     for node, parts in enumerate(zip(*(block.split(counts) for block in blocks))):
+        if any_rows and not counts[node]:
+            continue
         h = torch.addmm(biases[0][node], parts[0], first[0][node])
         for part, weight in zip(parts[1:], first[1:]):
             h = torch.addmm(h, part, weight[node])
@@ -115,8 +118,15 @@ def _tracked(*tensors: Sequence[Tensor]) -> bool:
     return torch.is_grad_enabled() and any(t.requires_grad for some in tensors for t in some)
 
 
-def _activation(name: str, inplace: bool) -> torch.nn.Module:
-    return torch.nn.ELU(inplace=inplace) if name == "elu" else torch.nn.ReLU(inplace=inplace)
+def _activation(name: str, inplace: bool) -> Callable[[Tensor], Tensor]:
+    if name == "elu":
+        return _elu_ if inplace else F.elu
+    return F.relu_ if inplace else F.relu
+
+
+def _elu_(h: Tensor) -> Tensor:
+    """ELU in place; torch's own takes twice as long on a CPU. e^h − 1 is never below h, and errs by 6e-8."""
+    return torch.maximum(h, h.clamp(max=0).exp_().sub_(1), out=h)
 
 
 _IMPLEMENTATIONS = {"reference": _reference, "loop": _loop, "bucket": _bucket}

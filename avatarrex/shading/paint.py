@@ -8,7 +8,7 @@ Letters: p points. Root frame, metres; colours sRGB-encoded.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -18,6 +18,7 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
+from avatarrex.fields.hand import HandSurface
 from avatarrex.templates.posed import PosedPerson
 from avatarrex.volume.volume import PARTS
 
@@ -39,6 +40,8 @@ class Paint:
     """Feature patches (n, c, 32, 32) of this body pose."""
     planes: Tensor | None = None
     """Colour tri-planes of this expression."""
+    hands: dict[str, HandSurface] = field(default_factory=dict)
+    """Posed hands, prepared for look-ups."""
     sparse: bool = False
     """Of few points: the patches of the nodes that they hear alone are decoded, and not kept."""
 
@@ -71,7 +74,10 @@ class Paint:
 
     def _hand(self, name: str, local: Tensor) -> Tensor:
         self.counters.add("hand_pixels", len(local))
-        return self.avatar.hand(name).colour(self.posed.parts[name], self.posed.hand_pose[name], local)
+        hand, vertices = self.avatar.hand(name), self.posed.parts[name]
+        if name not in self.hands:
+            self.hands[name] = hand.surface(vertices)
+        return hand.colour(vertices, self.posed.hand_pose[name], hand.beside(self.hands[name], local))
 
     def _face(self, local: Tensor, gaze: Tensor, direction: Tensor) -> Tensor:
         if self.planes is None:

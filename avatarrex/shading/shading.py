@@ -18,6 +18,7 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
+from avatarrex.fields.hand import HandSurface
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.pointmap.pointmap import PointMap
 from avatarrex.shading.paint import Paint
@@ -37,6 +38,9 @@ class Shading:
     """Feature patches (n, c, 32, 32) of this body pose, once decoded."""
     planes: Tensor | None
     """Colour tri-planes of this expression, once decoded."""
+    hands: dict[str, HandSurface]
+    """Posed hands prepared for look-ups, of those that were seen."""
+    posed: PosedPerson
     volume: AvatarVolume
 
 
@@ -58,6 +62,8 @@ def shade(
         paint.patches = previous.patches
     if previous and previous.volume.views is volume.views:
         paint.planes = previous.planes
+    if previous:
+        paint.hands = {k: hand for k, hand in previous.hands.items() if previous.posed.parts[k] is posed.parts[k]}
     if detail_from is not None and paint.patches is None:
         paint.patches = _patches_of(avatar, detail_from, counters)
     covered = pointmap.coverage > 0
@@ -69,7 +75,7 @@ def shade(
     image = torch.zeros(*covered.shape, 4)
     coverage = pointmap.coverage[covered][:, None]
     image[covered] = torch.cat([colour.clamp(0, 1) * coverage, coverage], -1)
-    return Shading(image, pointmap, paint.patches, paint.planes, volume)
+    return Shading(image, pointmap, paint.patches, paint.planes, paint.hands, posed, volume)
 
 
 def _patches_of(avatar: Avatar, signals: Signals, counters: Counters) -> Tensor:

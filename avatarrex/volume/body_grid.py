@@ -21,7 +21,7 @@ from avatarrex.fields.composition import EMPTIED, emptied
 from avatarrex.fields.influence import Pairs
 from avatarrex.volume.bricks import Bricks, grow_bricks
 from avatarrex.volume.narrow import settle
-from avatarrex.volume.probe import VertexProbe
+from avatarrex.volume.probe import Probe, VertexProbe
 from avatarrex.volume.stencil import Lattice, stencil_pairs
 from avatarrex.volume.volume import BodyGrid
 
@@ -33,6 +33,8 @@ REACH = 1.3
 """Voxels: what is guessed nearer to the surface than this is evaluated at once."""
 SLACK = 0.012
 """Metres by which a guess may be wrong; far values are this much smaller."""
+SOME = 4000
+"""Voxels up to which pairs by all distances are found sooner than by stencils."""
 BLOCK = 4
 """Voxels along a side of the largest blocks that are culled whole."""
 
@@ -61,14 +63,20 @@ def build_body_grid(
     `everywhere`: at every voxel that a node reaches, as the paper has it.
     """
     lattice = lattice_around(np.concatenate([probe.vertices - MARGIN, probe.vertices + MARGIN]), voxel)
-    fill, first = guess(probe, lattice)
+    fill, first, asked = guess(probe, lattice)
     if everywhere:
         every = np.arange(fill.size)
         first = every[np.unique(stencil_pairs(frame.node_position, lattice, every).point.numpy())]
+        asked = probe.query(lattice.position(first))
 
     def evaluate(index: np.ndarray) -> np.ndarray:
-        pairs = stencil_pairs(frame.node_position, lattice, index)
-        return held_sdf(field, frame, probe, lattice.position(index), pairs, counters)
+        position = lattice.position(index)
+        here = asked if index is first else probe.query(position)
+        if len(index) > SOME:
+            pairs = stencil_pairs(frame.node_position, lattice, index)
+        else:
+            pairs = field.pairs(frame, torch.as_tensor(position, dtype=torch.float32))
+        return held_sdf(field, frame, here, position, pairs, counters)
 
     sdf = settle(fill, first, evaluate)
     return BodyGrid(origin=lattice.origin, voxel=lattice.voxel, sdf=torch.from_numpy(sdf))
@@ -89,17 +97,16 @@ def refined(
     def evaluate(place: np.ndarray) -> np.ndarray:
         position = grid.origin + grid.voxel * place
         pairs = field.pairs(frame, torch.as_tensor(position, dtype=torch.float32))
-        return held_sdf(field, frame, probe, position, pairs, counters)
+        return held_sdf(field, frame, probe.query(position), position, pairs, counters)
 
     bricks = grow_bricks(grid.sdf.numpy(), grid.voxel, side, seen, evaluate, kept)
     return replace(grid, bricks=bricks)
 
 
 def held_sdf(
-    field: BodyField, frame: BodyFrame, probe: VertexProbe, position: np.ndarray, pairs: Pairs, counters: Counters
+    field: BodyField, frame: BodyFrame, here: Probe, position: np.ndarray, pairs: Pairs, counters: Counters
 ) -> np.ndarray:
     """The body's field at (p, 3) as it is stored: held to the template's guess, without its hands; (p,) metres."""
-    here = probe.query(position)
     with torch.no_grad():
         sdf = field.sdf(frame, torch.as_tensor(position, dtype=torch.float32), pairs)
     counters.add("voxels_evaluated", len(position))
@@ -107,8 +114,8 @@ def held_sdf(
     return emptied(here.held(sdf), torch.as_tensor(here.weight, dtype=torch.float32)).numpy()
 
 
-def guess(probe: VertexProbe, lattice: Lattice) -> tuple[np.ndarray, np.ndarray]:
-    """A distance (z, y, x) that never exceeds the true one, and the flat indices of voxels near the surface.
+def guess(probe: VertexProbe, lattice: Lattice) -> tuple[np.ndarray, np.ndarray, Probe]:
+    """A distance (z, y, x) that never exceeds the true one; flat indices of voxels near the surface; the probe there.
 
     Coarse to fine: a block whose centre's guess exceeds its radius and `REACH` holds no surface.
     """
@@ -125,9 +132,10 @@ def guess(probe: VertexProbe, lattice: Lattice) -> tuple[np.ndarray, np.ndarray]
         empty = here.weight == 1  # emptied: whatever the field holds there
         fill[near] = np.where(empty, np.maximum(least, EMPTIED), np.where(here.guess < 0, -least, least))
         slack = SLACK if side > 1 else 0.0
-        near[near] = (np.abs(here.guess) < reach + radius + slack) & ~(empty & (side == 1))
+        kept = (np.abs(here.guess) < reach + radius + slack) & ~(empty & (side == 1))
+        near[near] = kept
         if side == 1:
-            return fill, np.flatnonzero(near)
+            return fill, np.flatnonzero(near), here.at(kept)
         for axis in range(3):
             near, fill = near.repeat(2, axis), fill.repeat(2, axis)
         side //= 2

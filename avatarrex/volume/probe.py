@@ -34,6 +34,10 @@ class Probe:
     freedom: np.ndarray
     """Metres that a field may differ from the guess."""
 
+    def at(self, chosen: np.ndarray) -> Probe:
+        """The points of a mask (p,) or of indices."""
+        return Probe(self.distance[chosen], self.weight[chosen], self.guess[chosen], self.freedom[chosen])
+
     def held(self, sdf: Tensor, share: float = 1.0) -> Tensor:
         """`sdf` (p,) no farther from the guess than this share of its freedom."""
         low, high = (torch.as_tensor(self.guess + side * share * self.freedom).to(sdf) for side in (-1, 1))
