@@ -19,6 +19,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.hand import HandSurface
+from avatarrex.shading.patch_cache import PatchCache
 from avatarrex.templates.posed import PosedPerson
 from avatarrex.volume.volume import PARTS
 
@@ -36,8 +37,8 @@ class Paint:
     views: Tensor | None
     """Orthographic views of the face mesh."""
     counters: Counters
-    patches: Tensor | None = None
-    """Feature patches (n, c, 32, 32) of this body pose."""
+    patches: PatchCache | None = None
+    """Feature patches of this body pose."""
     planes: Tensor | None = None
     """Colour tri-planes of this expression."""
     hands: dict[str, HandSurface] = field(default_factory=dict)
@@ -64,13 +65,16 @@ class Paint:
 
     def _body(self, position: Tensor, direction: Tensor) -> Tensor:
         body, frame = self.avatar.body, self.body_frame
-        if self.patches is None and not self.sparse:
-            self.patches = body.patches(frame)
-            self.counters.add("patches_decoded", len(self.patches))
         pairs = body.pairs(frame, position)
+        patches = None
+        if not self.sparse:
+            if self.patches is None:
+                self.patches = PatchCache.of(body.patch_network, frame.code.embedding)
+            self.counters.add("patches_decoded", self.patches.decode(pairs.node))
+            patches = self.patches.value
         self.counters.add("body_pixels", len(position))
         self.counters.add("local_mlp_evaluations", len(pairs.point))
-        return body.colour(frame, self.patches, position, direction, pairs)
+        return body.colour(frame, patches, position, direction, pairs)
 
     def _hand(self, name: str, local: Tensor) -> Tensor:
         self.counters.add("hand_pixels", len(local))

@@ -22,6 +22,7 @@ from avatarrex.fields.hand import HandSurface
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.pointmap.pointmap import PointMap
 from avatarrex.shading.paint import Paint
+from avatarrex.shading.patch_cache import PatchCache
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import PosedPerson
 from avatarrex.volume.build import AvatarVolume
@@ -34,8 +35,8 @@ class Shading:
     image: Float32[Tensor, "h w 4"]
     """Premultiplied sRGB-encoded colour and coverage."""
     pointmap: PointMap
-    patches: Tensor | None
-    """Feature patches (n, c, 32, 32) of this body pose, once decoded."""
+    patches: PatchCache | None
+    """Feature patches of this body pose, as far as pixels asked for them."""
     planes: Tensor | None
     """Colour tri-planes of this expression, once decoded."""
     hands: dict[str, HandSurface]
@@ -65,7 +66,7 @@ def shade(
     if previous:
         paint.hands = {k: hand for k, hand in previous.hands.items() if previous.posed.parts[k] is posed.parts[k]}
     if detail_from is not None and paint.patches is None:
-        paint.patches = _patches_of(avatar, detail_from, counters)
+        paint.patches = _patches_of(avatar, detail_from)
     covered = pointmap.coverage > 0
     position = pointmap.position[covered]
     direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre, dtype=torch.float32), dim=-1)
@@ -78,10 +79,8 @@ def shade(
     return Shading(image, pointmap, paint.patches, paint.planes, paint.hands, posed, volume)
 
 
-def _patches_of(avatar: Avatar, signals: Signals, counters: Counters) -> Tensor:
+def _patches_of(avatar: Avatar, signals: Signals) -> PatchCache:
     """Feature patches of another body pose."""
     with torch.no_grad():
         rotation = matrix_from_rotvec(torch.as_tensor(np.array(signals.body_pose), dtype=torch.float32))
-        patches = avatar.body.patch_network(avatar.body.code(rotation).embedding)
-    counters.add("patches_decoded", len(patches))
-    return patches
+        return PatchCache.of(avatar.body.patch_network, avatar.body.code(rotation).embedding)

@@ -1,0 +1,40 @@
+"""Feature patches of one body pose, each decoded when a pixel first hears its node: half of them are out of sight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from avatarrex.fields.patches import NoPatches, PatchNetwork
+
+
+@dataclass(frozen=True, eq=False)
+class PatchCache:
+    """Fills up while its pose is looked at; every frame of that pose shares it."""
+
+    network: PatchNetwork | NoPatches
+    embedding: Float[Tensor, "n e"]
+    value: Float[Tensor, "n c s s"]
+    """Zero where not decoded."""
+    decoded: Bool[Tensor, " n"]
+
+    @staticmethod
+    def of(network: PatchNetwork | NoPatches, embedding: Float[Tensor, "n e"]) -> PatchCache:
+        """Nothing is decoded yet."""
+        count = len(embedding)
+        shape = network(embedding, torch.zeros(0, dtype=torch.int64)).shape[1:]
+        return PatchCache(network, embedding, embedding.new_zeros(count, *shape), torch.zeros(count, dtype=torch.bool))
+
+    def decode(self, heard: Int[Tensor, " k"]) -> int:
+        """Make the patches of the nodes `heard` (repeats allowed) ready; how many were not yet."""
+        wanted = torch.zeros_like(self.decoded)
+        wanted[heard] = True
+        missing = torch.nonzero(wanted & ~self.decoded)[:, 0]
+        if len(missing):
+            with torch.no_grad():
+                self.value[missing] = self.network(self.embedding, missing)
+            self.decoded[missing] = True
+        return len(missing)
