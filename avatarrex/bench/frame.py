@@ -39,7 +39,9 @@ def measure(bench: Bench) -> list[Metric]:
     for name, settings in LEVELS.items():
         frames = sequence(bench, settings, large, poses, posing(bench))
         new_pose[name] = _total(frames)
-        metrics.append(Metric(f"frame.level.{name}.ms", new_pose[name], "ms", error={**errors[name], **by_stage(frames)}))
+        metrics.append(
+            Metric(f"frame.level.{name}.ms", new_pose[name], "ms", error={**errors[name], **by_stage(frames)})
+        )
     turned = _total(sequence(bench, level(EVERYDAY), small, views, turning(bench)))
     dragged = _total(sequence(bench, level(DRAGGING), drag, views, dragging(bench)))
     metrics += [

@@ -108,5 +108,11 @@ def _fit(bench: Bench, name: str, what: str, sizes: Sequence[float], work: Calla
     times = interleaved({str(size): (lambda s=size: work(s)) for size in sizes}, bench.count(3, 1))  # type: ignore[misc]
     ms = [times[str(size)].ms for size in sizes]
     exponent, factor, deviation = fitted(sizes, ms)
-    error: dict[str, Any] = {"of": what, "size": list(sizes), "ms": ms, "factor": factor, "largest_deviation": deviation}
+    error: dict[str, Any] = {
+        "of": what,
+        "size": list(sizes),
+        "ms": ms,
+        "factor": factor,
+        "largest_deviation": deviation,
+    }
     return Metric(f"growth.{name}.exponent", exponent, "exponent", error=error)

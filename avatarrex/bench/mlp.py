@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -54,7 +55,9 @@ def measure(bench: Bench) -> list[Metric]:
     least = min(value for value in vmap.values() if value is not None)
     worst = max(contest.best.error["max_error"] for _, contest in found)
     metrics.append(
-        Metric("mlp.vs_vmap", least, FASTER, "higher", target=3.5, error={"by_kind": vmap, "max_error": worst, "cores": 1})
+        Metric(
+            "mlp.vs_vmap", least, FASTER, "higher", target=3.5, error={"by_kind": vmap, "max_error": worst, "cores": 1}
+        )
     )
     return metrics + [metric for _, contest in found for metric in contest.metrics()]
 
@@ -92,7 +95,7 @@ def _networks(nodes: int, rows: int, widths: tuple[int, ...], activation: str) -
     def normal(*shape: int) -> Tensor:
         return torch.randn(shape, generator=generator)
 
-    weights = [normal(nodes, a, b) * (3 / a) ** 0.5 for a, b in zip(widths, widths[1:])]
+    weights = [normal(nodes, a, b) * (3 / a) ** 0.5 for a, b in pairwise(widths)]
     biases = [0.1 * normal(nodes, b) for b in widths[1:]]
     return Networks(normal(nodes, rows, widths[0]).clamp(-1, 1), weights, biases, activation)
 

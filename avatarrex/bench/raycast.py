@@ -16,13 +16,13 @@ from avatarrex.bench.clock import interleaved
 from avatarrex.bench.metric import FASTER, SLOWER, Metric
 from avatarrex.bench.mitsuba_peer import add_mitsuba
 from avatarrex.bench.peer import Contest, Contestant
+from avatarrex.bench.ray_truth import ray_error, truth
 from avatarrex.bench.session import Bench
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.gl.context import gl_context, gl_unavailable, renderer_name
 from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.raycast_gl import EXACT_LIST, TRACE_LIST, GlCaster, gl_caster
-from avatarrex.pointmap.raycast_reference import first_crossing
 from avatarrex.pointmap.raycast_torch import raycast_torch
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.templates.posed import pose_person
@@ -67,7 +67,9 @@ def contests(bench: Bench) -> list[Contest]:
     """One per view."""
     volume, size = stored_volume(bench), bench.side(512, 192)
     views = VIEWS[:1] if bench.quick else VIEWS
-    return [_contest(bench, volume, k, Camera.orbit(*view, (0, -0.05, 0), size, size)) for k, view in enumerate(views, 1)]
+    return [
+        _contest(bench, volume, k, Camera.orbit(*view, (0, -0.05, 0), size, size)) for k, view in enumerate(views, 1)
+    ]
 
 
 def stored_volume(bench: Bench) -> SdfVolume:
@@ -75,28 +77,6 @@ def stored_volume(bench: Bench) -> SdfVolume:
     avatar = bench.avatar
     posed = pose_person(avatar.person, bench.motion(1)[0], Counters(), None)
     return build_volume(avatar, posed, RenderSettings(hidden=avatar.hidden), Counters(), None).sdf
-
-
-def truth(volume: SdfVolume, camera: Camera) -> np.ndarray:
-    """(r,) float64 t of every pixel's ray, +inf where it misses."""
-    rays = RayPlane.of(camera, volume.middle).rays(pixel_centres(camera, torch.float64))
-    return np.asarray(first_crossing(volume, rays))
-
-
-def ray_error(t: np.ndarray, exact: np.ndarray) -> dict[str, Any]:
-    """Of found t (r,), +inf where nothing was found, in millimetres along the rays that both hit."""
-    found, hit = np.isfinite(t), np.isfinite(exact)
-    error = 1e3 * np.abs(t[found & hit] - exact[found & hit])
-    if not len(error):
-        raise ArithmeticError("no ray hits: there is nothing to measure")
-    return {
-        "mean_error_mm": float(error.mean()),
-        "p99_error_mm": float(np.quantile(error, 0.99)),
-        "max_error_mm": float(error.max()),
-        "missed": int(np.sum(hit & ~found)),
-        "false": int(np.sum(found & ~hit)),
-        "hits": int(hit.sum()),
-    }
 
 
 def _error(contest: Contest, name: str) -> dict[str, Any]:

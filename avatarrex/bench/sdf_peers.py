@@ -21,7 +21,9 @@ BOUND = (-0.05, 0.025)
 Measured = Callable[[], np.ndarray]
 
 
-def ours(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, bound: bool = True, impl: Any = "torch") -> Measured:
+def ours(
+    vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, bound: bool = True, impl: Any = "torch"
+) -> Measured:
     """`ops.closest_point` in float32, what a frame uses."""
     mesh, query = (torch.as_tensor(array, dtype=torch.float32) for array in (vertices, points))
     corners = torch.as_tensor(faces)

@@ -1,4 +1,4 @@
-// What Step II is compared with in benchmarks/raycast.py: one pass over all pixels, boxes included, no refinement list.
+// What Step II is compared with in `bench raycast`: one pass over all pixels, boxes included, no refinement list.
 // METHOD 0: fixed steps of a quarter voxel and one linear interpolation. METHOD 1: sphere tracing to 1e-4 m.
 layout(local_size_x = 64) in;
 #include "pointmap/volume.glsl"
