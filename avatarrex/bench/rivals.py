@@ -31,6 +31,8 @@ SAMPLES = 64
 UNSEEN = 12
 """Frame of the motion in which images are compared; the texture has seen every other pose of `SEEN`."""
 SEEN = (0, 20)
+SPACING = {"body": 0.006, "hand": 0.004, "face": 0.003}
+"""Metres between the subject's colours: about a pixel of the picture that images are compared in."""
 AROUND = (20, 110, 200, 290)
 """Azimuths of the pictures that the texture comes from."""
 
@@ -94,7 +96,7 @@ def unseen(bench: Bench) -> tuple[Signals, np.ndarray] | None:
 
 def subject_drawer(bench: Bench) -> SubjectDrawer | None:
     """None without OpenGL."""
-    return None if gl_unavailable() is not None else SubjectDrawer(bench.subject)
+    return None if gl_unavailable() is not None else SubjectDrawer(bench.subject, SPACING, samples=2)
 
 
 def mesh_drawer(bench: Bench) -> MeshDrawer | None:
@@ -103,7 +105,7 @@ def mesh_drawer(bench: Bench) -> MeshDrawer | None:
     if drawer is None:
         return None
     seen = []
-    for frame in SEEN:
+    for frame in SEEN[:1] if bench.quick else SEEN:
         signals = bench.motion(frame + 1)[-1]
         for azimuth in AROUND:
             camera = bench.camera(size, azimuth)

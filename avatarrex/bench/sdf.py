@@ -93,7 +93,7 @@ def contests(bench: Bench) -> list[Contest]:
 
 def cases(bench: Bench) -> list[Case]:
     """Hand, body, slivers."""
-    person, count = bench.avatar.person, bench.count(64_000, 32_000)
+    person, count = bench.avatar.person, bench.count(64_000, 16_000)
     meshes = {"hand": person.left_hand.model, "body": person.body}
     found = [_case(bench, name, *_skin(model), count) for name, model in meshes.items()]
     return [*found, _case(bench, "sliver", *sliver_mesh(), count)]

@@ -65,9 +65,9 @@ def _warp_kernel() -> tuple[Any, Any]:
 
     wp.config.quiet = True  # it greets on stdout otherwise
     wp.init()
-    from avatarrex.bench.warp_kernel import distance
+    from avatarrex.bench.warp_kernel import kernel
 
-    return distance, wp
+    return kernel(), wp
 
 
 def open3d(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> Measured:

@@ -162,27 +162,20 @@ def silhouette(hit: np.ndarray) -> np.ndarray:
 
 
 def test_the_command_measures_records_and_gates(tmp_path, capsys):
-    record = tmp_path / "baseline.json"
-    out = tmp_path / "run.json"
-    assert main(["bench", "volume", "--quick", "--json", str(out), "--record", str(record)]) == 0
+    words, record, out = ["bench", "skinning", "--quick"], tmp_path / "baseline.json", tmp_path / "run.json"
+    assert main([*words, "--json", str(out), "--record", str(record)]) == 0
     data = json.loads(out.read_text())
-    assert {"volume.mib", "volume.dense_difference_m"} <= {metric["name"] for metric in data["metrics"]}
+    assert data == json.loads(record.read_text())
     assert data["mode"] == "quick"
-    assert "volume.mib" in capsys.readouterr().out
-    assert main(["bench", "volume", "--quick", "--gate", str(record)]) == 0
-    data = json.loads(record.read_text())
-    for metric in data["metrics"]:
-        if metric["name"] == "volume.mib":
-            metric["value"] /= 10
+    assert "skinning.max_error_m" in capsys.readouterr().out
+    data["metrics"] = [metric for metric in data["metrics"] if metric["name"] == "skinning.max_error_m"]
     record.write_text(json.dumps(data))
-    assert main(["bench", "volume", "--quick", "--gate", str(record)]) == (1 if data_misses(out) else 0)
-    assert "gate:" in capsys.readouterr().out
-
-
-def data_misses(path) -> bool:
-    """Whether the volume is above its target: within it, it may grow again."""
-    metrics = json.loads(path.read_text())["metrics"]
-    return any(m["name"] == "volume.mib" and m["value"] > m["target"] for m in metrics)
+    assert main([*words, "--gate", str(record)]) == 0
+    assert "gate: 1 hold" in capsys.readouterr().out
+    data["metrics"].append({**data["metrics"][0], "name": "skinning.no_longer_measured"})
+    record.write_text(json.dumps(data))
+    assert main([*words, "--gate", str(record)]) == 1
+    assert "FAIL" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
