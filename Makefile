@@ -39,7 +39,7 @@ test: check
 	$(BIN)/python -m pytest -q -m window tests/app/test_window.py tests/app/test_runs_window.py
 
 bench: setup
-	$(BIN)/python benchmarks/frame.py
+	$(BIN)/avatarrex-studio bench
 
 goldens: setup
 	$(BIN)/python -m pytest -q tests/goldens --regenerate-goldens

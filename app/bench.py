@@ -1,26 +1,47 @@
-"""`avatarrex-studio bench STAGE …`: measurements that take long, each a stage with a module of its own, `bench_STAGE.py`.
+"""`avatarrex-studio bench [stage…]`: run time against error, here and now (docs/bench.md); `bench ablation`: bench_ablation.py.
 
-A stage declares its options here, so that the command line is read without loading torch, and has `run(arguments) -> int`.
+Options are declared and checked without loading torch.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from dataclasses import dataclass
-from importlib import import_module
+import json
+import sys
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+from avatarrex.bench.stages import STAGES, chosen
+from avatarrex.errors import InputError
+from avatarrex.files import check_writable, what_is, write_text
+
+ABLATION = "bench ablation"
+"""The verb that `bench ablation …` is read as: it has options of its own."""
 
 
-@dataclass(frozen=True)
-class Stage:
-    """One measurement."""
+def add_options(bench: argparse.ArgumentParser) -> None:
+    """The options of the measuring stages."""
+    add = bench.add_argument
+    add("stages", nargs="*", metavar="stage", help=", ".join(STAGES) + " (all); or `bench ablation CAPTURE --out DIR`")
+    add("--quick", action="store_true", help="two minutes in place of ten")
+    add("--avatar", default="default", metavar="A", help="name, folder or .avatar file")
+    add("--capture", metavar="C", help="what `training` steps on; a small one is drawn unless given")
+    add("--json", metavar="FILE.json", help="every figure")
+    add("--plot", metavar="DIR", help="PNG plots of time against error; needs matplotlib")
+    add("--record", nargs="?", const="", metavar="FILE.json", help="write the baseline of this class of machine")
+    add(
+        "--gate",
+        nargs="?",
+        const="",
+        metavar="FILE.json",
+        help="exit status 1 where something is worse than the baseline",
+    )
 
-    help: str
-    options: Callable[[argparse.ArgumentParser], None]
 
-
-def _ablation(stage: argparse.ArgumentParser) -> None:
-    add = stage.add_argument
+def add_ablation_options(ablation: argparse.ArgumentParser) -> None:
+    """The options of `bench ablation`."""
+    add = ablation.add_argument
     add("capture", help="a folder or .zip")
     add("--out", required=True, metavar="DIR", help="the study's folder; what is finished there is not done again")
     add("--arms", metavar="A,B,…", help="what to compare (every arm of the part)")
@@ -40,16 +61,62 @@ def _ablation(stage: argparse.ArgumentParser) -> None:
     add("--plot", metavar="DIR", help="PNG plots; needs matplotlib")
 
 
-STAGES = {"ablation": Stage("what feature patches, pass II, sampling … are worth, trained for real", _ablation)}
+def run_ablation(arguments: argparse.Namespace) -> int:
+    """Arms of the training compared."""
+    from avatarrex_studio import bench_ablation
 
-
-def add_options(bench: argparse.ArgumentParser) -> None:
-    """The options of every stage."""
-    stages = bench.add_subparsers(dest="stage", metavar="STAGE", required=True)
-    for name, stage in STAGES.items():
-        stage.options(stages.add_parser(name, help=stage.help, allow_abbrev=False))
+    return bench_ablation.run(arguments)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """The stage that was asked for."""
-    return import_module(f"avatarrex_studio.bench_{arguments.stage}").run(arguments)
+    """Measure, print the table, write what was asked for; 1 where the gate fails. Raises `InputError` before any work."""
+    stages = chosen(arguments.stages)
+    _check(arguments)
+    from avatarrex.bench import gate, plots
+    from avatarrex.bench.report import Report
+    from avatarrex.bench.session import Bench
+    from avatarrex.bench.stages import measure
+
+    capture = Path(arguments.capture) if arguments.capture else None
+    bench = Bench(quick=arguments.quick, source=arguments.avatar, capture=capture)
+    if arguments.gate is not None:  # a baseline that is missing is said now, not in ten minutes
+        empty = Report.of([], {}, arguments.quick)
+        path = Path(arguments.gate or gate.baseline_path(empty))
+        baseline = gate.read_baseline(path, empty)
+    metrics = []
+    for name in stages:
+        began = time.monotonic()
+        metrics += measure(name, bench)
+        print(f"{name}: {STAGES[name]}, {time.monotonic() - began:.0f} s", file=sys.stderr)
+    report = Report.of(metrics, bench.absent, arguments.quick)
+    print(report.table())
+    written = [Path(arguments.json)] if arguments.json else []
+    if arguments.record is not None:
+        written.append(Path(arguments.record or gate.baseline_path(report)))
+    for out in written:
+        write_text(out, json.dumps(report.to_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+        print(out)
+    if arguments.plot:
+        for out in plots.plot(metrics, Path(arguments.plot)):
+            print(out)
+    if arguments.gate is None:
+        return 0
+    verdicts = gate.compare(report, baseline, stages)
+    print(gate.table(verdicts, path))
+    return 0 if all(verdict.passed for verdict in verdicts) else 1
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """What would otherwise be noticed after the measurement."""
+    for option in ("json", "record"):
+        given = getattr(arguments, option)
+        if given:
+            check_writable(given)
+    if arguments.plot and find_spec("matplotlib") is None:
+        raise InputError("--plot", "", "matplotlib: pip install 'avatarrex-studio[bench]'", "none")
+    if arguments.plot and what_is(arguments.plot) not in ("a folder", "nothing there"):
+        raise InputError("--plot", "", "a folder", what_is(arguments.plot))
+    if arguments.json == "":
+        raise InputError("--json", "", "a file", "nothing")
+    if arguments.capture is not None and what_is(arguments.capture) not in ("a file", "a folder"):
+        raise InputError(arguments.capture or "--capture", "", "a capture's folder or .zip", what_is(arguments.capture))

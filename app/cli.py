@@ -61,7 +61,9 @@ def parser() -> argparse.ArgumentParser:
         verbs.add_parser("sheet", help="contact sheets of an avatar, and what floats about it", allow_abbrev=False)
     )
     _train_options(verbs.add_parser("train", help="train an avatar from a capture", allow_abbrev=False))
-    bench.add_options(verbs.add_parser("bench", help="measurements that take long", allow_abbrev=False))
+    bench.add_options(verbs.add_parser("bench", help="run time against error, stage by stage", allow_abbrev=False))
+    what = "what feature patches, pass II, sampling … are worth, trained for real"
+    bench.add_ablation_options(verbs.add_parser(bench.ABLATION, help=what, allow_abbrev=False))
     return top
 
 
@@ -168,6 +170,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if words and words[0] not in verbs and not words[0].startswith("-") and os.path.exists(words[0]):
         words.insert(0, "open")
     try:
+        if " ".join(words[:2]) == bench.ABLATION:
+            words[:2] = [bench.ABLATION]
         arguments = parser().parse_args(_joined(words))
         run = {
             None: _open,
@@ -181,6 +185,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "train": _train,
             "runs": _runs,
             "bench": bench.run,
+            bench.ABLATION: bench.run_ablation,
         }
         return run[arguments.verb](arguments)
     except InputError as error:

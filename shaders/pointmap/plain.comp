@@ -1,4 +1,4 @@
-// What Step II is compared with: one pass over all pixels, boxes included, no refinement list.
+// What Step II is compared with in `bench raycast`: one pass over all pixels, boxes included, no refinement list.
 // METHOD 0: fixed steps of a quarter of the voxel that is there, and one linear interpolation. METHOD 1: sphere tracing
 // to 1e-4 m. METHOD 2: as 0, by a quarter of the body's voxel everywhere (the level `paper`).
 layout(local_size_x = 64) in;

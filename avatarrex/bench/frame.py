@@ -1,0 +1,120 @@
+"""Stage `frame`: whole frames of every level, beside volume rendering of the same avatar and a skinned textured mesh.
+
+Frames follow each other as in the studio: the frame before is at hand. Times are what a user waits (wall clock); ratios and
+errors come from the same run. Errors of levels: judge.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from avatarrex.bench.judge import Exact, error_of, exact_frame
+from avatarrex.bench.metric import FASTER, Metric
+from avatarrex.bench.rivals import textured_mesh, volume_rendering
+from avatarrex.bench.session import Bench
+from avatarrex.levels import LEVELS, level
+from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.signals.signals import Signals
+
+JUDGED = 5
+"""Frame of the motion that errors are measured in: an arm on its way up."""
+EVERYDAY, DRAGGING = "balanced", "fast"
+"""Levels that the targets of a whole frame are about."""
+WARM = 2
+"""Frames that are not counted: shaders are compiled, caches filled."""
+LEFT_SHOULDER = 15
+"""Row of the body pose."""
+
+
+def measure(bench: Bench) -> list[Metric]:
+    """See the module."""
+    large, small, drag = bench.side(512, 512), bench.side(256, 256), bench.side(192, 192)
+    poses, views = bench.count(6, 2), bench.count(12, 4)
+    errors = bench.once(level_errors)
+    metrics, new_pose = [], {}
+    for name, settings in LEVELS.items():
+        frames = sequence(bench, settings, large, poses, posing(bench))
+        new_pose[name] = _total(frames)
+        metrics.append(
+            Metric(f"frame.level.{name}.ms", new_pose[name], "ms", error={**errors[name], **by_stage(frames)})
+        )
+    turned = _total(sequence(bench, level(EVERYDAY), small, views, turning(bench)))
+    dragged = _total(sequence(bench, level(DRAGGING), drag, views, dragging(bench)))
+    metrics += [
+        Metric("frame.new_pose_512_ms", new_pose[EVERYDAY], "ms", error=errors[EVERYDAY], target=500.0),
+        Metric("frame.view_256_fps", 1e3 / turned, "fps", "higher", errors[EVERYDAY], 15.0),
+        Metric("frame.drag_fps", 1e3 / dragged, "fps", "higher", errors[DRAGGING], 10.0),
+        Metric("frame.idle_work", idle_work(bench, small), "counts", target=0),
+        *volume_rendering(bench, large),
+        *textured_mesh(bench, large),
+    ]
+    if "paper" in LEVELS:
+        error = {"ours": errors[EVERYDAY], "paper": errors["paper"]}
+        quicker = new_pose["paper"] / new_pose[EVERYDAY]
+        metrics.append(Metric("frame.vs_paper_level", quicker, FASTER, "higher", error, 3.0))
+    else:
+        bench.absent["frame.vs_paper_level"] = "there is no level named paper"
+    return metrics
+
+
+def level_errors(bench: Bench) -> dict[str, dict[str, Any]]:
+    """Of every level against the exact frame, 64×64."""
+    exact: Exact = exact_frame(bench.avatar, bench.motion(JUDGED + 1)[-1], bench.camera(bench.side(64, 64)))
+    return {name: error_of(bench.avatar, settings, exact) for name, settings in LEVELS.items()}
+
+
+Change = Callable[[int], tuple[Signals, float]]
+"""Signals and the camera's azimuth of frame k."""
+
+
+def posing(bench: Bench) -> Change:
+    """A new body pose in every frame."""
+    return lambda k: (bench.motion(2 * k + 2)[-1], 20.0)
+
+
+def turning(bench: Bench) -> Change:
+    """The camera goes around somebody who stands."""
+    return lambda k: (bench.motion(1)[0], 20.0 + 5 * k)
+
+
+def dragging(bench: Bench) -> Change:
+    """One arm is lifted."""
+    rest = bench.motion(1)[0]
+
+    def at(k: int) -> tuple[Signals, float]:
+        pose = np.array(rest.body_pose)
+        pose[LEFT_SHOULDER] += [0, 0, 0.05 * k]
+        return rest.replace(body_pose=pose), 20.0
+
+    return at
+
+
+def sequence(bench: Bench, settings: RenderSettings, size: int, count: int, change: Change) -> list[Frame]:
+    """`count` frames after `WARM` others."""
+    frames: list[Frame] = []
+    previous: Frame | None = None
+    for k in range(count + WARM):
+        signals, azimuth = change(k)
+        previous = render_frame(bench.avatar, signals, bench.camera(size, azimuth), settings, previous)
+        frames.append(previous)
+    return frames[WARM:]
+
+
+def idle_work(bench: Bench, size: int) -> int:
+    """Sum of all counters of a frame in which nothing has changed."""
+    signals, camera = bench.motion(1)[0], bench.camera(size)
+    frame = render_frame(bench.avatar, signals, camera, level(EVERYDAY))
+    return sum(render_frame(bench.avatar, signals, camera, level(EVERYDAY), frame).counters.values())
+
+
+def by_stage(frames: list[Frame]) -> dict[str, float]:
+    """Medians, milliseconds."""
+    return {f"{name}_ms": median(frame.ms[name] for frame in frames) for name in frames[0].ms if name != "total"}
+
+
+def _total(frames: list[Frame]) -> float:
+    return median(frame.ms["total"] for frame in frames)

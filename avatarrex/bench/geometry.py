@@ -1,0 +1,136 @@
+"""Stage `geometry`: Step I of the body as a frame makes it, against evaluating every voxel that any node reaches.
+
+Both over the same moving sequence, frame by frame, the fast one with the frame before at hand. A crossing is a pair of
+neighbouring voxels with opposite signs: one that only one of the two grids has is changed. Where both have it, its place
+between the two voxels is compared. One core, processor time. Letters: z y x voxels, k (voxel, node) pairs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from statistics import median
+
+import numpy as np
+import torch
+
+from avatarrex.bench.clock import Times, one_core, spent, timed
+from avatarrex.bench.metric import SLOWER, Metric
+from avatarrex.bench.session import Bench
+from avatarrex.counters import Counters
+from avatarrex.fields.composition import EMPTIED, emptied
+from avatarrex.fields.influence import RADIUS
+from avatarrex.pipeline import RenderSettings
+from avatarrex.templates.posed import PART_JOINT, PosedPerson, pose_person
+from avatarrex.volume import body_grid
+from avatarrex.volume.build import AvatarVolume, build_volume
+from avatarrex.volume.stencil import Lattice, stencil_pairs
+from avatarrex.volume.volume import BodyGrid
+
+
+@dataclass
+class Found:
+    """Of a sequence, one entry a frame."""
+
+    band: list[Times] = field(default_factory=list)
+    full: list[Times] = field(default_factory=list)
+    lists: list[float] = field(default_factory=list)
+    """Processor milliseconds of the band in which pairs are listed."""
+    band_pairs: list[int] = field(default_factory=list)
+    full_pairs: list[int] = field(default_factory=list)
+    changed: int = 0
+    crossings: int = 0
+    shift: float = 0.0
+    """Metres, the largest."""
+
+
+def measure(bench: Bench) -> list[Metric]:
+    """See the module."""
+    found = bench.once(compare)
+    changed = {"changed_crossings": found.changed, "of": found.crossings, "largest_shift_mm": 1e3 * found.shift}
+    time = median(b.cpu[0] / f.cpu[0] for b, f in zip(found.band, found.full))
+    pairs = sum(found.band_pairs) / sum(found.full_pairs)
+    share = sum(found.lists) / sum(times.cpu[0] for times in found.band)
+    return [
+        Metric("geometry.band_vs_full", time, SLOWER, error=changed, target=0.4),
+        Metric("geometry.band_pairs", pairs, "of the pairs", error=changed, target=0.3),
+        Metric("geometry.changed_crossings", found.changed, "crossings", error=changed, target=0),
+        Metric("geometry.pairlist_share", share, "of the pass", target=0.1),
+        Metric("geometry.body.band.ms", median(t.cpu[0] for t in found.band), "ms", error=changed),
+        Metric("geometry.body.full.ms", median(t.cpu[0] for t in found.full), "ms", error={"changed_crossings": 0}),
+    ]
+
+
+def compare(bench: Bench) -> Found:
+    """The whole sequence."""
+    found, settings = Found(), RenderSettings(hidden=frozenset(PART_JOINT))
+    posed: PosedPerson | None = None
+    volume: AvatarVolume | None = None
+    with one_core():
+        for number, signals in enumerate(bench.motion(bench.count(33, 5) + 1)):
+            posed = pose_person(bench.avatar.person, signals, Counters(), posed)
+            volume = _frame(bench, posed, volume, settings, found if number else None)
+    return found
+
+
+def _frame(
+    bench: Bench, posed: PosedPerson, before: AvatarVolume | None, settings: RenderSettings, found: Found | None
+) -> AvatarVolume:
+    """Both grids of one frame; the first frame warms up and is not counted."""
+    counters, made = Counters(), []
+    with spent(body_grid, "stencil_pairs") as lists:
+        band = timed(lambda: made.append(build_volume(bench.avatar, posed, settings, counters, before)))
+    volume: AvatarVolume = made[0]
+    grids: list[tuple[np.ndarray, int]] = []
+    full = timed(lambda: grids.append(evaluate_all(bench, volume)))
+    if found is not None:
+        grid, pairs = grids[0]
+        found.band.append(band)
+        found.full.append(full)
+        found.lists.append(sum(lists.cpu))
+        found.band_pairs.append(counters["local_mlp_evaluations"])
+        found.full_pairs.append(pairs)
+        changed, crossings, shift = crossings_between(volume.grid, grid)
+        found.changed, found.crossings = found.changed + changed, found.crossings + crossings
+        found.shift = max(found.shift, shift)
+    return volume
+
+
+def evaluate_all(bench: Bench, volume: AvatarVolume) -> tuple[np.ndarray, int]:
+    """The body's distance at every voxel (z, y, x) that a node reaches, far elsewhere; and how many pairs that took."""
+    grid, frame, field = volume.grid, volume.body_frame, bench.avatar.body
+    lattice = Lattice(grid.origin, grid.voxel, tuple(grid.sdf.shape))  # type: ignore[arg-type]
+    reached = np.zeros(lattice.shape, dtype=bool)
+    axes = [grid.origin[a] + grid.voxel * np.arange(lattice.shape[2 - a]) for a in range(3)]
+    for node in frame.node_position.double().numpy():
+        near = [np.flatnonzero(np.abs(axis - node[a]) < RADIUS) for a, axis in enumerate(axes)]
+        x, y, z = (axes[a][rows] - node[a] for a, rows in enumerate(near))
+        ball = z[:, None, None] ** 2 + y[:, None] ** 2 + x**2 < RADIUS**2
+        reached[np.ix_(near[2], near[1], near[0])] |= ball
+    index = np.flatnonzero(reached)
+    sdf = np.full(lattice.shape, EMPTIED, dtype=np.float32)
+    position = lattice.position(index)
+    pairs = stencil_pairs(frame.node_position, lattice, index)
+    with torch.no_grad():
+        found = field.sdf(frame, torch.as_tensor(position, dtype=torch.float32), pairs)
+    here = volume.probe.query(position)
+    held = emptied(here.held(found), torch.as_tensor(here.weight, dtype=torch.float32))
+    sdf.reshape(-1)[index] = held.numpy()
+    return sdf, len(pairs.point)
+
+
+def crossings_between(grid: BodyGrid, full: np.ndarray) -> tuple[int, int, float]:
+    """Crossings that only one of two grids (z, y, x) has, those of the second, and the largest shift of a common one."""
+    changed = total = 0
+    shift = 0.0
+    for axis in range(3):
+        ours, theirs = (np.moveaxis(a, axis, 0) for a in (grid.sdf.numpy(), full))
+        (a, b), (c, d) = ((values[:-1], values[1:]) for values in (ours, theirs))
+        mine, other = (a < 0) != (b < 0), (c < 0) != (d < 0)
+        turned = mine & other & ((a < 0) != (c < 0))
+        changed += int((mine != other).sum() + turned.sum())
+        total += int(other.sum())
+        both = mine & other & ~turned
+        place = [p[both].astype(np.float64) / (p[both].astype(np.float64) - q[both]) for p, q in ((a, b), (c, d))]
+        if both.any():
+            shift = max(shift, float(grid.voxel * np.abs(place[0] - place[1]).max()))
+    return changed, total, shift
