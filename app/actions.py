@@ -20,8 +20,9 @@ from avatarrex_studio.commands import (
     SetCamera,
     SetHandPose,
     SetHidden,
+    SetLevel,
 )
-from avatarrex_studio.state import StudioState
+from avatarrex_studio.state import AUTO, LEVELS, StudioState
 from avatarrex_studio.studio import Studio
 
 from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
@@ -110,6 +111,10 @@ ACTIONS: tuple[Action, ...] = (
     Action("part.left_hand", "Show or hide the left hand", "View", command=_toggle("left_hand"), separator=True),
     Action("part.right_hand", "Show or hide the right hand", "View", command=_toggle("right_hand")),
     Action("part.face", "Show or hide the face", "View", command=_toggle("face")),
+    *(
+        Action(f"level.{name}", f"Level: {name}", "View", command=_fixed(SetLevel(name)), separator=name == AUTO)
+        for name in LEVELS
+    ),
     Action("layout.reset", "Reset layout", "View", effect="reset_layout", separator=True),
     Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_has_motion),
     Action("step.back", "Previous frame", "Motion", "LeftArrow", effect="step_back", enabled=_has_motion),

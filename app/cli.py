@@ -157,6 +157,12 @@ def _render_options(render: argparse.ArgumentParser) -> None:
     add("--hand", action="append", default=[], metavar="SIDE=NAME", help="a named hand pose: left=fist, both=relaxed")
     add("--expression", action="append", default=[], metavar="NAME", help="a named expression")
     add("--detail-from", metavar="POSE", help="feature patches of another pose: a named one, or MOTION:FRAME")
+    add(
+        "--level",
+        default="balanced",
+        metavar="L",
+        help="fast, balanced, quality or paper: time against error (balanced)",
+    )
     add("--alpha", action="store_true", help="transparent background (straight alpha)")
     add("--aov", metavar="NAMES", help="depth,normal,position,mask as .npz beside the image")
     add("--background", metavar="COLOUR", help="name, #rrggbb, r,g,b or transparent")

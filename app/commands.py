@@ -156,6 +156,13 @@ class SetHidden(Command):
 
 
 @dataclass(frozen=True)
+class SetLevel(Command):
+    """Run time against error: one of `state.LEVELS`."""
+
+    level: str
+
+
+@dataclass(frozen=True)
 class OpenAvatar(Command):
     avatar: str
 
@@ -316,6 +323,11 @@ def _(command: SetHidden, state: StudioState) -> StudioState:
 
 
 @_apply.register
+def _(command: SetLevel, state: StudioState) -> StudioState:
+    return state.change(level=command.level)
+
+
+@_apply.register
 def _(command: OpenAvatar, state: StudioState) -> StudioState:
     return state.change(avatar=command.avatar)
 
@@ -344,7 +356,9 @@ def merge(earlier: Command, later: Command) -> Command | None:
     return later if type(earlier) is type(later) and isinstance(later, _ABSOLUTE) and same_target else None
 
 
-_ABSOLUTE = (SetJoint, SetTranslation, SetExpression, SetShape, SetSignals, SetBackground, SetSize, SetFrame, SetLimits)
+_ABSOLUTE = (
+    SetJoint, SetTranslation, SetExpression, SetShape, SetSignals, SetBackground, SetSize, SetLevel, SetFrame, SetLimits
+)  # fmt: skip
 """Commands of which the last alone decides."""
 
 

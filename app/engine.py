@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from avatarrex_studio.auto_level import ORDER
 from avatarrex_studio.framing import Outline
-from avatarrex_studio.state import StudioState
+from avatarrex_studio.state import AUTO, StudioState
 
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
+from avatarrex.levels import level
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
 
 log = logging.getLogger(__name__)
@@ -34,7 +36,10 @@ class Shot:
 
 
 class Engine:
-    """Renders states. `avatar` is a loaded one; without it each state's own is read by name or path."""
+    """Renders states. `avatar` is a loaded one; without it each state's own is read by name or path.
+
+    `settings` says how rays are cast and whose patches are decoded; the rest comes from each state's level.
+    """
 
     def __init__(
         self,
@@ -90,8 +95,15 @@ class Engine:
         return self._outline.points(state.signals)
 
     def settings(self, state: StudioState) -> RenderSettings:
-        """The pipeline's settings for `state`."""
-        return replace(self._settings, hidden=state.hidden)
+        """The pipeline's settings for `state`; `auto` is the most exact level, for whoever waits for one picture."""
+        chosen = level(ORDER[-1] if state.level == AUTO else state.level)
+        kept = self._settings
+        return replace(chosen, hidden=state.hidden, raycast=kept.raycast, detail_from=kept.detail_from)
+
+    @property
+    def last(self) -> Frame | None:
+        """The last frame, or strip of one."""
+        return self._previous
 
 
 def _crop(camera: Camera, first: int, end: int) -> Camera:

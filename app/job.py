@@ -79,7 +79,9 @@ def read_job(arguments: Namespace) -> Job:
     frames = _frames(arguments, motion, kind)
     stats = _stats(arguments)
     check_writable(out / "frame_000000.png" if kind == "folder" else out)
-    state = apply(apply(StudioState(avatar=arguments.avatar, limit_joints=False), view), SetBackground(background))
+    level = options.level(arguments.level)
+    state = StudioState(avatar=arguments.avatar, limit_joints=False, level=level)
+    state = apply(apply(state, view), SetBackground(background))
     fps = 30.0
     if motion:
         step = frames[1] - frames[0] if len(frames) > 1 else 1

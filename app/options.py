@@ -18,7 +18,7 @@ from avatarrex_studio.commands import (
     SetShape,
     SetTranslation,
 )
-from avatarrex_studio.state import SIZES, Colour
+from avatarrex_studio.state import LEVELS, SIZES, Colour
 from PIL import ImageColor
 
 from avatarrex.errors import InputError
@@ -127,6 +127,13 @@ def background(text: str) -> Colour:
         raise InputError("--background", "", expected, text or "nothing") from None
     red, green, blue = (channel / 255 for channel in channels[:3])
     return (red, green, blue, channels[3] / 255 if len(channels) == 4 else 1.0)
+
+
+def level(text: str) -> str:
+    """The name of a level."""
+    if text not in LEVELS:
+        raise InputError("--level", "", "one of " + ", ".join(LEVELS), text)
+    return text
 
 
 def aovs(text: str) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ and a time budget, change only when they are off by more than a fifth, and have 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 FULL_AFTER = 0.2
@@ -36,8 +36,16 @@ class Resolution:
 
     state: Motion = Motion.FULL
     seconds_per_pixel: float = 1e-6
+    """Of the level in use."""
+    _level: str = ""
+    _others: dict[str, float] = field(default_factory=dict)
     _changed_at: float = -math.inf
     _scale: float = 1.0
+
+    def at(self, level: str) -> None:
+        """Go on with what a pixel cost at `level`; where that is not known yet, with the present figure."""
+        self._others[self._level] = self.seconds_per_pixel
+        self._level, self.seconds_per_pixel = level, self._others.get(level, self.seconds_per_pixel)
 
     def tick(self, now: float, changed: bool) -> Motion:
         """The state at `now`, given whether the picture's inputs changed since the last tick."""

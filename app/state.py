@@ -18,6 +18,10 @@ FORMAT = 1
 """Version of the JSON form; a reader refuses a newer one by name."""
 PARTS = ("left_hand", "right_hand", "face")
 """Parts that can be hidden."""
+AUTO = "auto"
+"""The level that is chosen by measured cost."""
+LEVELS = (AUTO, "paper", "fast", "balanced", "quality")
+"""`auto`, and the names of avatarrex/levels.py, which needs torch."""
 SIZES = (16, 8192)
 """Smallest and largest side of an image, pixels."""
 BACKGROUND = (0.145, 0.157, 0.176, 1.0)
@@ -111,6 +115,8 @@ class StudioState:
     hidden: frozenset[str] = frozenset()
     limit_joints: bool = True
     """Whether a joint that is set stays within its limits."""
+    level: str = "balanced"
+    """One of `LEVELS`: run time against error."""
 
     def __post_init__(self) -> None:
         if len(self.background) != 4 or not all(_number(c) and 0 <= c <= 1 for c in self.background):
@@ -118,6 +124,8 @@ class StudioState:
         for part in self.hidden:
             if part not in PARTS:
                 raise InputError("hidden", "", " or ".join(PARTS), part)
+        if self.level not in LEVELS:
+            raise InputError("level", "", " or ".join(LEVELS), self.level)
 
     def change(self, **changes: Any) -> StudioState:
         """A copy with some fields changed, validated."""
@@ -135,6 +143,7 @@ class StudioState:
             "motion": asdict(self.motion) if self.motion else None,
             "hidden": sorted(self.hidden),
             "limit_joints": self.limit_joints,
+            "level": self.level,
         }
 
     @classmethod
@@ -183,4 +192,5 @@ _READERS: dict[str, Any] = {
     "motion": lambda value, source: MotionState(**value) if value else None,
     "hidden": lambda value, source: frozenset(value),
     "limit_joints": _flag,
+    "level": lambda value, source: value,
 }

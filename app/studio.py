@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
+from avatarrex_studio.auto_level import ORDER, AutoLevel, Change
 from avatarrex_studio.commands import Command, SetCamera
 from avatarrex_studio.engine import Engine, Shot
 from avatarrex_studio.framing import framed
 from avatarrex_studio.journal import Journal
 from avatarrex_studio.motion import Motion
+from avatarrex_studio.resolution import Motion as Moving
 from avatarrex_studio.resolution import Resolution
-from avatarrex_studio.state import OrbitView, StudioState
+from avatarrex_studio.state import AUTO, OrbitView, StudioState
 from avatarrex_studio.strips import SECONDS, Strips
+from avatarrex_studio.work import Work
 from torch import Tensor
 
 from avatarrex.errors import InputError
@@ -26,28 +29,8 @@ from avatarrex.images import composite, write_png
 from avatarrex.pipeline import Frame
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Work:
-    """Times, counters and notes of a picture, be it one frame or several strips."""
-
-    ms: dict[str, float]
-    counters: dict[str, int]
-    notes: tuple[str, ...]
-    device: str
-    """The torch device that the networks ran on."""
-
-    @classmethod
-    def of(cls, frame: Frame) -> Work:
-        """One frame's."""
-        return cls(frame.ms, frame.counters, frame.notes, str(frame.image.device))
-
-    def plus(self, frame: Frame) -> Work:
-        """With another strip's."""
-        ms = {name: value + frame.ms[name] for name, value in self.ms.items()}
-        counters = {name: count + frame.counters[name] for name, count in self.counters.items()}
-        return Work(ms, counters, frame.notes, self.device)
+KEPT = 60
+"""Pictures whose times are kept."""
 
 
 class Studio:
@@ -59,18 +42,24 @@ class Studio:
         self.engine = engine
         self.journal = journal or Journal()
         self.resolution = Resolution()
+        self.auto = AutoLevel()
+        self.level = ORDER[0]
+        """Of the last picture."""
         self.shot = Shot(None)
         self.image: Tensor | None = None
         """What is shown, premultiplied (h, w, 4): the frame's image, or the one that grows strip by strip."""
         self.work: Work | None = None
         """What the last picture cost."""
+        self.history: deque[dict[str, float]] = deque(maxlen=KEPT)
+        """Milliseconds per stage of the last whole pictures."""
         self.size = (0, 0)
         """Raster of the last frame."""
         self.playing = False
         self.loop = True
         self.motion: Motion | None = None
         self._clock = clock
-        self._rendered: tuple[object, ...] | None = None
+        self._rendered: tuple[tuple[object, ...], tuple[int, int], str] | None = None
+        self._change: Change | None = None
         self._seen: tuple[object, ...] | None = None
         self._failed: tuple[object, ...] | None = None
         self._strips: Strips | None = None
@@ -107,16 +96,18 @@ class Studio:
         self._advance(now)
         state = self.state
         full = state.size.pixels(viewport)
-        key = (state.avatar, state.signals, state.view, state.hidden, full)
+        key = (state.avatar, state.signals, state.hidden, state.view, state.level, full)
         self.resolution.tick(now, key != self._seen or (held and self._seen is not None and self.moving))
         self._seen = key
         if key == self._failed:
             return False
-        size = self.resolution.size(full)
-        if (*key, size) == self._rendered:
+        size, level = self._raster(key, full)
+        if (key, size, level) == self._rendered:
             return self._grow()
-        enlarged = self._rendered is not None and self._rendered[:-1] == key and self.image is not None
-        self._rendered, self._strips, self._failed = (*key, size), None, None
+        enlarged = self._rendered is not None and self._rendered[0] == key and self.image is not None
+        self._change = self._what_changes(key, level)
+        self._rendered, self._strips, self._failed, self.level = (key, size, level), None, None, level
+        state = state.change(level=level)
         if enlarged and size[0] * size[1] * self.resolution.seconds_per_pixel > 2 * SECONDS:
             assert self.image is not None
             self._strips = Strips(self.engine, state, size, self.image, self.resolution.seconds_per_pixel)
@@ -127,9 +118,35 @@ class Studio:
             self._failed = key
             log.error("%s", self.shot.error)
         elif self.shot.frame is not None:
-            self.image, self.size, self.work = self.shot.frame.image, size, Work.of(self.shot.frame)
+            self.image, self.size, self.work = self.shot.frame.image, size, Work.of(self.shot.frame, level)
             self._measure(self.shot.frame)
+            self._finished()
         return True
+
+    def _raster(self, key: tuple[object, ...], full: tuple[int, int]) -> tuple[tuple[int, int], str]:
+        """Size and level of the next picture; under `auto` the size is what the quickest level affords."""
+        chosen = self.state.level
+        self.resolution.at(ORDER[0] if chosen == AUTO else chosen)
+        size = self.resolution.size(full)
+        if chosen == AUTO:
+            same = self._rendered is not None and self._rendered[0] == key
+            kept = same and (self._strips is not None or self.resolution.state is Moving.MOVING)
+            chosen = self.level if kept else self._best(key, size)
+            self.resolution.at(chosen)
+        return size, chosen
+
+    def _best(self, key: tuple[object, ...], size: tuple[int, int]) -> str:
+        change = self._what_changes(key, self.level) or Change.POSE
+        return self.auto.choose(self.level, change, self.resolution.state, size[0] * size[1])
+
+    def _what_changes(self, key: tuple[object, ...], level: str) -> Change | None:
+        """What sets a picture apart from the last one; None where it is the first, or where much does."""
+        if self._rendered is None:
+            return None
+        last, _, before = self._rendered
+        if level != before:
+            return Change.LEVEL if last[:4] == key[:4] else None
+        return Change.VIEW if last[:3] == key[:3] else Change.POSE
 
     def _grow(self) -> bool:
         """The next strip of a picture that is being refined."""
@@ -141,21 +158,37 @@ class Studio:
             log.error("%s", shot.error)
             self.shot = Shot(self.shot.frame, shot.error)
         elif shot.frame is not None:
-            self.work = Work.of(shot.frame) if first or self.work is None else self.work.plus(shot.frame)
+            self.work = Work.of(shot.frame, self.level) if first or self.work is None else self.work.plus(shot.frame)
             self._measure(shot.frame)
         self.image = self._strips.image.clone()
         if self._strips.finished:
             self._strips = None
+            if not shot.error:
+                self._finished()
         return True
 
     def _measure(self, frame: Frame) -> None:
         seconds = (frame.ms["pointmap"] + frame.ms["shading"]) / 1e3
         self.resolution.measured(self._clock(), frame.image.shape[0] * frame.image.shape[1], seconds)
 
+    def _finished(self) -> None:
+        """A whole picture is there: remember what it cost."""
+        assert self.work is not None
+        ms = self.work.ms
+        self.history.append(ms)
+        if self._change is not None:
+            pixels = self.size[0] * self.size[1]
+            fixed, growing = ms["templates"] + ms["volume"], ms["pointmap"] + ms["shading"]
+            self.auto.measured(self.level, self._change, pixels, fixed, growing)
+
     @property
     def moving(self) -> bool:
         """Whether something has not come to rest yet."""
-        return self.playing or self._strips is not None or self.resolution.wait(self._clock()) is not None
+        if self.playing or self._strips is not None or self.resolution.wait(self._clock()) is not None:
+            return True
+        if self.state.level != AUTO or self._rendered is None or self._failed is not None:
+            return False
+        return self._best(self._rendered[0], self.size) != self.level
 
     def frame_person(self, viewport: tuple[int, int]) -> None:
         """The front view that holds the person as it stands."""

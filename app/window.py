@@ -19,7 +19,7 @@ from avatarrex_studio.actions import ACTIONS, Action
 from avatarrex_studio.commands import Command, SetSignals, ZoomBy
 from avatarrex_studio.engine import Engine
 from avatarrex_studio.journal import Journal
-from avatarrex_studio.panels import camera, keys, menu, render, scene, status, theme
+from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status, theme
 from avatarrex_studio.panels.console import ConsolePanel
 from avatarrex_studio.panels.face import FacePanel
 from avatarrex_studio.panels.files import FileDialogs
@@ -132,6 +132,7 @@ class Window:
             ("Face", "Right", lambda: self.face.draw(state())),
             ("Poses", "Right", lambda: self.poses.draw(state())),
             ("Training", "Right", self.training.draw),
+            ("Performance", "Right", lambda: performance.draw(self.studio)),
             ("Camera", "Left", lambda: camera.draw(state())),
             ("Render", "LeftMiddle", lambda: render.draw(state())),
             ("Scene", "LeftBottom", lambda: scene.draw(state())),

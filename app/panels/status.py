@@ -3,24 +3,10 @@
 from __future__ import annotations
 
 from avatarrex_studio.panels import theme
-from avatarrex_studio.studio import Studio, Work
+from avatarrex_studio.skips import skipped
+from avatarrex_studio.studio import Studio
+from avatarrex_studio.work import Work
 from imgui_bundle import hello_imgui, imgui
-
-WORK = {
-    "body": ("voxels_evaluated",),
-    "hands": ("hand_distances",),
-    "face": ("face_evaluations",),
-    "patches": ("patches_decoded",),
-    "U-Nets": ("unet_runs",),
-    "rays": ("rays",),
-    "colour": ("pixels_shaded",),
-}
-"""What a frame may skip, and the counters that then read zero."""
-
-
-def skipped(work: Work) -> tuple[str, ...]:
-    """Names of the work that the picture did not need."""
-    return tuple(name for name, counters in WORK.items() if not any(work.counters.get(key, 0) for key in counters))
 
 
 def machine(work: Work, renderer: str) -> tuple[str, ...]:
@@ -38,6 +24,7 @@ def draw(studio: Studio, renderer: str) -> None:
         items += [
             f"{work.ms['total']:.0f} ms",
             f"{width} × {height} {studio.resolution.state.value}",
+            f"level {work.level}",
             "skipped: " + (", ".join(skipped(work)) or "nothing"),
             *machine(work, renderer),
         ]
@@ -46,7 +33,7 @@ def draw(studio: Studio, renderer: str) -> None:
             imgui.same_line(0, 10)
             imgui.text_colored(theme.vec4(theme.MUTED, 0.5), "|")
             imgui.same_line(0, 10)
-        imgui.text_colored(theme.vec4(theme.TEXT if number < 3 else theme.MUTED), item)
+        imgui.text_colored(theme.vec4(theme.TEXT if number < 4 else theme.MUTED), item)
     if work is not None and imgui.is_item_hovered():
         stages = "   ".join(f"{name} {value:.1f} ms" for name, value in work.ms.items())
         imgui.set_tooltip(stages + "\n" + "\n".join(f"{name}: {count:,}" for name, count in work.counters.items()))

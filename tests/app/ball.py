@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import torch
@@ -12,6 +13,10 @@ from avatarrex.avatar import Avatar
 from avatarrex.counters import NAMES
 from avatarrex.pipeline import Frame
 from avatarrex.templates.person import load_person
+from avatarrex.volume.volume import BodyGrid, SdfVolume
+
+VOLUME = SdfVolume(BodyGrid(np.zeros(3), 0.02, torch.zeros(64, 64, 64)))
+"""One MiB."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,8 @@ def render_ball(avatar, signals, camera, settings, previous=None):
         key=(signals.full_pose(),),
         ms={**ms, "total": sum(ms.values())},
         counters=counters,
+        settings=settings,
+        volume=SimpleNamespace(sdf=VOLUME),
         notes=("rays: ball",),
     )
 

@@ -28,6 +28,7 @@ from avatarrex_studio.commands import (
     SetHandPose,
     SetHidden,
     SetJoint,
+    SetLevel,
     SetLimits,
     SetShape,
     SetSignals,
@@ -65,6 +66,7 @@ EVERY = (
     SetBackground((1.0, 1.0, 1.0, 1.0)),
     SetSize(fixed=(64, 48)),
     SetHidden("face", True),
+    SetLevel("quality"),
     OpenAvatar("other"),
     SetSignals(STEPPING),
     LoadMotion("walk.bvh", "walk.bvh", 5, 30.0, STEPPING),
@@ -141,6 +143,8 @@ def test_the_state_survives_json():
         '{"format": 1, "hat": 2}',
         "[",
         '{"format": 1, "hidden": 3}',
+        '{"format": 1, "level": "best"}',
+        '{"format": 1, "level": ["fast"]}',
     ],
 )
 def test_a_bad_state_is_refused(text):
@@ -156,6 +160,7 @@ def test_a_bad_state_is_refused(text):
         {"command": "SetJoint", "joint": "jaw", "rotation": "up"},
         {"command": "SetCamera", "fov": "wide"},
         {"command": "ZoomBy"},
+        {"command": "SetLevel", "level": "best"},
         7,
     ],
 )

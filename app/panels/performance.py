@@ -1,0 +1,181 @@
+"""The Performance panel: the level and its error, time per stage, what was worked and what was kept, memory of the volume.
+
+It reads what the studio keeps anyway and computes only while it is drawn. Milliseconds, MiB.
+"""
+
+from __future__ import annotations
+
+from statistics import median
+
+from avatarrex_studio.commands import Command, SetLevel
+from avatarrex_studio.panels import theme, widgets
+from avatarrex_studio.skips import WORK, skipped
+from avatarrex_studio.state import AUTO, LEVELS
+from avatarrex_studio.studio import Studio
+from avatarrex_studio.work import Work
+from imgui_bundle import imgui
+
+from avatarrex.level_errors import level_errors
+from avatarrex.pipeline import Frame
+from avatarrex.volume.memory import memory_of
+
+LABEL = 90.0
+COLUMN = 62.0
+"""Width of a column of figures, points."""
+STAGES = ("templates", "volume", "pointmap", "shading")
+LEVEL_TEXT = {
+    AUTO: "the most exact level that the time at hand allows",
+    "paper": "2 cm body, 5 mm parts, every voxel, steps of 5 mm: to compare with",
+    "fast": "2 cm body, 5 mm hands and face, no antialiasing",
+    "balanced": "2 cm body, 2.5 mm hands and face, antialiased",
+    "quality": "as balanced, the body at 5 mm where it is seen",
+}
+TITLES = {
+    "templates": "Meshes posed",
+    "body": "Body voxels",
+    "hands": "Hand distances",
+    "face": "Face field",
+    "U-Nets": "U-Nets run",
+    "patches": "Patches decoded",
+    "rays": "Rays",
+    "colour": "Pixels shaded",
+}
+"""Of what a picture may skip."""
+OTHERS = {
+    "local_mlp_evaluations": "Local MLPs",
+    "ray_steps": "Ray steps",
+    "body_pixels": "Body pixels",
+    "hand_pixels": "Hand pixels",
+    "face_pixels": "Face pixels",
+    "bytes_uploaded": "Bytes uploaded",
+    "bytes_read_back": "Bytes read back",
+}
+"""Further counters and their titles."""
+
+
+def draw(studio: Studio) -> list[Command]:
+    """Draw the panel; the commands of this frame."""
+    commands = _level(studio)
+    if studio.work is None:
+        widgets.caption("No picture yet.")
+        return commands
+    _times(studio, studio.work)
+    _work(studio.work)
+    if studio.engine.last is not None:
+        _memory(studio.engine.last)
+    return commands
+
+
+def error_text(name: str) -> str:
+    """The measured depth error of a level, in words."""
+    error = level_errors().get(name)
+    if error is None:
+        return "not measured"
+    return f"mean {error.depth_mean_mm:.3g} mm, p99 {error.depth_p99_mm:.3g} mm"
+
+
+def _level(studio: Studio) -> list[Command]:
+    commands: list[Command] = []
+    current = studio.state.level
+    widgets.label("Level", False, LABEL)
+    imgui.set_next_item_width(imgui.get_content_region_avail().x)
+    shown = f"{AUTO}: {studio.level}" if current == AUTO else current
+    if imgui.begin_combo("##level", shown):
+        for name in LEVELS:
+            if imgui.selectable(name, name == current)[0]:
+                commands.append(SetLevel(name))
+            if imgui.is_item_hovered():
+                imgui.set_tooltip(LEVEL_TEXT[name])
+        imgui.end_combo()
+    _wrapped(LEVEL_TEXT[current])
+    widgets.label("Depth error", False, LABEL)
+    imgui.text(error_text(studio.level if current == AUTO else current))
+    return commands
+
+
+def _times(studio: Studio, work: Work) -> None:
+    imgui.separator_text("Last picture")
+    total = work.ms["total"]
+    width, height = studio.size
+    imgui.text(f"{total:.0f} ms" if total >= 10 else f"{total:.1f} ms")
+    imgui.same_line(0, 14)
+    imgui.text(f"{1e3 / total:.1f} fps" if total > 0 else "- fps")
+    imgui.same_line(0, 14)
+    widgets.caption(f"{width} × {height}, {work.level}")
+    middle = {name: median(ms[name] for ms in studio.history or (work.ms,)) for name in (*STAGES, "total")}
+    longest = max(1e-6, *(max(work.ms[name], middle[name]) for name in STAGES))
+    right = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
+    _figures(("last", f"median {len(studio.history)}"), right, theme.MUTED)
+    for name in STAGES:
+        widgets.label(name.capitalize(), False, LABEL)
+        _bar(work.ms[name] / longest, middle[name] / longest, right - 2 * COLUMN - imgui.get_cursor_pos_x() - 6)
+        _figures((f"{work.ms[name]:.1f}", f"{middle[name]:.1f}"), right)
+    widgets.label("Total", False, LABEL)
+    _figures((f"{total:.1f}", f"{middle['total']:.1f}"), right)
+
+
+def _bar(share: float, mark: float, width: float) -> None:
+    """A bar of `share` of the width, with a tick at the share `mark`."""
+    place, height, pen = imgui.get_cursor_screen_pos(), imgui.get_frame_height(), imgui.get_window_draw_list()
+    width = max(width, 8.0)
+    top, bottom = place.y + 0.25 * height, place.y + 0.75 * height
+    pen.add_rect_filled((place.x, top), (place.x + width, bottom), theme.colour(theme.MUTED, 0.15), 2)
+    if share > 0:
+        pen.add_rect_filled((place.x, top), (place.x + max(share * width, 1), bottom), theme.colour(theme.ACCENT), 2)
+    tick = place.x + mark * (width - 2)
+    pen.add_rect_filled((tick, top - 2), (tick + 2, bottom + 2), theme.colour(theme.TEXT, 0.8))
+    imgui.dummy((width, height))
+    imgui.same_line()
+
+
+def _figures(texts: tuple[str, ...], right: float, tint: tuple[float, float, float] = theme.TEXT) -> None:
+    """Texts that end at the right edge, a column each."""
+    for number, text in enumerate(texts, 1 - len(texts)):
+        imgui.set_cursor_pos_x(right + number * COLUMN - imgui.calc_text_size(text).x)
+        imgui.text_colored(theme.vec4(tint), text)
+        if number:
+            imgui.same_line()
+
+
+def _work(work: Work) -> None:
+    imgui.separator_text("Work")
+    without = skipped(work)
+    if not imgui.begin_table("work", 2, imgui.TableFlags_.row_bg):
+        return
+    imgui.table_setup_column("name", imgui.TableColumnFlags_.width_fixed, LABEL + 24)
+    imgui.table_setup_column("count", imgui.TableColumnFlags_.width_stretch)
+    for name, counter in WORK.items():
+        _row(TITLES[name], work.counters[counter], without.get(name))
+    for counter, title in OTHERS.items():
+        _row(title, work.counters[counter], None)
+    imgui.end_table()
+
+
+def _row(title: str, count: int, reason: str | None) -> None:
+    imgui.table_next_row()
+    imgui.table_next_column()
+    imgui.text_colored(theme.vec4(theme.TEXT if count else theme.MUTED), title)
+    imgui.table_next_column()
+    if reason:
+        _wrapped(reason)
+    else:
+        imgui.text_colored(theme.vec4(theme.TEXT if count else theme.MUTED), f"{count:,}".replace(",", " "))
+
+
+def _memory(frame: Frame) -> None:
+    imgui.separator_text("Volume")
+    memory = memory_of(frame.volume.sdf)
+    for title, size in (
+        ("Body grid", memory.body),
+        ("Bricks", memory.bricks),
+        ("Part boxes", memory.parts),
+        ("Together", memory.total),
+    ):
+        widgets.label(title, False, LABEL)
+        imgui.text(f"{size / 2**20:.2f} MiB")
+
+
+def _wrapped(text: str) -> None:
+    imgui.push_style_color(imgui.Col_.text, theme.vec4(theme.MUTED))
+    imgui.text_wrapped(text)
+    imgui.pop_style_color()

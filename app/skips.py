@@ -1,0 +1,54 @@
+"""What a picture did not need, and why: a counter that reads zero, and the key of avatarrex/pipeline.py that held.
+
+The pipeline does a work whenever its key changes and the part is drawn; so the counters and the hidden parts tell the
+reason.
+"""
+
+from __future__ import annotations
+
+from avatarrex_studio.work import Work
+
+WORK = {
+    "templates": "templates_posed",
+    "body": "voxels_evaluated",
+    "hands": "hand_distances",
+    "face": "face_evaluations",
+    "U-Nets": "unet_runs",
+    "patches": "patches_decoded",
+    "rays": "rays",
+    "colour": "pixels_shaded",
+}
+"""What a picture may skip, and the counter that then reads zero."""
+
+
+def skipped(work: Work) -> dict[str, str]:
+    """Names of the work that the picture did not need, each with the reason."""
+    return {name: _reason(name, work) for name, counter in WORK.items() if not work.counters[counter]}
+
+
+def _reason(name: str, work: Work) -> str:
+    hands = [side for side in ("left", "right") if f"{side}_hand" not in work.hidden]
+    if name == "hands" and not hands:
+        return "both hands hidden: no boxes"
+    if name == "hands" and len(hands) == 1:
+        return f"{hands[0]} hand unchanged, the other hidden: box kept"
+    if name in ("face", "U-Nets") and "face" in work.hidden:
+        return "face hidden: no box"
+    cast, shaded = work.counters["rays"], work.counters["pixels_shaded"]
+    if name == "colour" and cast:
+        return "no pixel is covered"
+    if name == "patches" and cast and not work.counters["body_pixels"]:
+        return "no pixel of the body in view" if shaded else "no pixel is covered"
+    return _HELD[name]
+
+
+_HELD = {
+    "templates": "poses and shape unchanged: meshes kept",
+    "body": "body pose unchanged: body voxels kept",
+    "hands": "hand poses unchanged: boxes kept",
+    "face": "expression unchanged: face box kept",
+    "U-Nets": "expression unchanged: planes kept",
+    "patches": "body pose unchanged: feature patches kept",
+    "rays": "volume and camera unchanged: point map kept",
+    "colour": "point map unchanged: colours kept",
+}

@@ -1,0 +1,33 @@
+"""What a picture cost: times, counters and notes of one frame or of several strips."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from avatarrex.pipeline import Frame
+
+
+@dataclass(frozen=True)
+class Work:
+    """Times, counters and notes of a picture."""
+
+    ms: dict[str, float]
+    """Milliseconds of each stage, and their `total`."""
+    counters: dict[str, int]
+    notes: tuple[str, ...]
+    device: str
+    """The torch device that the networks ran on."""
+    level: str
+    hidden: frozenset[str]
+    """Parts that were not drawn with their own fields."""
+
+    @classmethod
+    def of(cls, frame: Frame, level: str) -> Work:
+        """One frame's, rendered at `level`."""
+        return cls(frame.ms, frame.counters, frame.notes, str(frame.image.device), level, frame.settings.hidden)
+
+    def plus(self, frame: Frame) -> Work:
+        """With another strip's."""
+        ms = {name: value + frame.ms[name] for name, value in self.ms.items()}
+        counters = {name: count + frame.counters[name] for name, count in self.counters.items()}
+        return Work(ms, counters, frame.notes, self.device, self.level, self.hidden)
