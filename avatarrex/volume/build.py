@@ -34,6 +34,8 @@ class AvatarVolume:
     parts: dict[str, PartField]
     views: Tensor | None
     """Orthographic views of the face mesh, (3, 7, 256, 256), or what else drives the face; None while it is hidden."""
+    planes: Tensor | None
+    """Geometry tri-planes of this expression; None while the face is hidden."""
     probe: VertexProbe
     keys: dict[str, object]
     notes: tuple[str, ...] = ()
@@ -52,7 +54,7 @@ def build_volume(
         return previous is not None and previous.keys[name] == keys[name]
 
     parts: dict[str, PartField] = {}
-    views = previous.views if previous and kept("face") else None
+    views, planes = (previous.views, previous.planes) if previous and kept("face") else (None, None)
     for name in PART_JOINT:
         if name in settings.hidden:
             continue
@@ -60,7 +62,7 @@ def build_volume(
             parts[name] = previous.parts[name]
         elif name == "face":
             views = avatar.face.driven(posed.parts["face"], posed.face_coefficients)
-            parts[name] = _face_part(avatar, posed, views, settings.part_voxel, counters)
+            planes, parts[name] = _face_part(avatar, posed, views, settings.part_voxel, counters)
         else:
             parts[name] = hand_box(name, avatar.hand(name), posed.parts[name], settings.part_voxel, counters)
     if previous and kept("body"):
@@ -81,7 +83,7 @@ def build_volume(
             boxes.append(next(box for box in previous.sdf.parts if box.name == name))
         else:
             boxes.append(_place(avatar, frame, probe, grid, part, posed.root_from_part(name), counters))
-    return AvatarVolume(SdfVolume(grid, tuple(boxes)), frame, grid, parts, views, probe, keys)
+    return AvatarVolume(SdfVolume(grid, tuple(boxes)), frame, grid, parts, views, planes, probe, keys)
 
 
 def body_frame(avatar: Avatar, posed: PosedPerson) -> BodyFrame:
@@ -90,11 +92,13 @@ def body_frame(avatar: Avatar, posed: PosedPerson) -> BodyFrame:
         return avatar.body.frame(posed.body, avatar.body.code(posed.body_rotation))
 
 
-def _face_part(avatar: Avatar, posed: PosedPerson, views: Tensor, voxel: float, counters: Counters) -> PartField:
+def _face_part(
+    avatar: Avatar, posed: PosedPerson, views: Tensor, voxel: float, counters: Counters
+) -> tuple[Tensor, PartField]:
     with torch.no_grad():
         planes = avatar.face.geometry_planes(views)
     counters.add("unet_runs", 3)
-    return face_box(avatar.face, planes, posed.parts["face"], avatar.person.face.blend_weight, voxel, counters)
+    return planes, face_box(avatar.face, planes, posed.parts["face"], avatar.person.face.blend_weight, voxel, counters)
 
 
 def _place(

@@ -1,0 +1,134 @@
+"""The exact frame: no voxels, no narrow bands, no cut-offs; what every level's error is measured against. Small images.
+
+The composed field itself in float64 (volume/composed_field.py), the first crossing of every ray by dense samples
+(pointmap/dense_rays.py), and the colours there by reference implementations (pipeline_reference.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from avatarrex.avatar import Avatar
+from avatarrex.camera import Camera
+from avatarrex.counters import Counters
+from avatarrex.pipeline import Frame
+from avatarrex.pipeline_reference import PosedReference, pose_reference, shade_reference
+from avatarrex.pointmap.dense_rays import DenseField, dense_crossing
+from avatarrex.pointmap.pointmap import PointMap, scatter
+from avatarrex.pointmap.rays import RayPlane, pixel_centres
+from avatarrex.signals.signals import Signals
+from avatarrex.volume.composed_field import ComposedField, ExactPart
+from avatarrex.volume.volume import PARTS
+
+STEP = 0.001
+"""Metres between samples along a ray (docs/accuracy.md compares two densities)."""
+SLOPE = 0.00025
+"""Half the distance, metres, over which the normal is the field's slope."""
+
+
+@dataclass(frozen=True)
+class Oracle:
+    """One exact frame."""
+
+    image: Float[Tensor, "h w 4"]
+    """Premultiplied sRGB and hit mask, float64."""
+    pointmap: PointMap
+    field: ComposedField
+    camera: Camera
+    """In the root frame."""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How far a frame is from its oracle, over the pixels that both hit."""
+
+    pixels: int
+    depth_mean_mm: float
+    depth_p99_mm: float
+    depth_max_mm: float
+    normal_mean_deg: float
+    normal_p95_deg: float
+    flips: float
+    """Pixels that one hits and the other does not, as a share of those that either hits."""
+    colour_psnr_db: float
+
+
+@torch.no_grad()
+def render_oracle(
+    avatar: Avatar,
+    signals: Signals,
+    camera: Camera,
+    step: float = STEP,
+    hidden: frozenset[str] = frozenset(),
+) -> Oracle:
+    """The exact frame of `signals` seen by the world camera `camera`; parts in `hidden` are not drawn."""
+    posed = pose_reference(avatar, signals)
+    view = posed.seen_from(camera, signals)
+    field = exact_field(avatar, posed, hidden | avatar.hidden)
+    pointmap = cast(field, view, step)
+    return Oracle(shade_reference(posed, pointmap, view), pointmap, field, view)
+
+
+def exact_field(avatar: Avatar, posed: PosedReference, hidden: frozenset[str]) -> ComposedField:
+    """The float64 field of a posed avatar."""
+    parts = []
+    for name in PARTS:
+        mesh, place = posed.meshes[name], posed.part_from_root(name).numpy()
+        if name in hidden:
+            continue
+        if name == "face":
+            planes = posed.face.geometry_planes(posed.views)
+            parts.append(ExactPart.face(posed.face, planes, mesh, avatar.person.face.blend_weight, place))
+        else:
+            parts.append(ExactPart.hand(name, posed.hands[name], mesh, place))
+    return ComposedField(posed.body, posed.frame, posed.probe, tuple(parts), avatar.ownership, Counters())
+
+
+def cast(field: ComposedField, view: Camera, step: float = STEP) -> PointMap:
+    """Point map of a root-frame camera by dense samples `step` metres apart."""
+    low, high = field.bounds
+    rays = RayPlane.of(view, (low + high) / 2).rays(pixel_centres(view, torch.float64))
+    t = dense_crossing(field, rays, step)
+    pixel = torch.nonzero(t.isfinite())[:, 0]
+    position = rays[pixel].at(t[pixel])
+    one = torch.ones(len(pixel))
+    share, normal = field(position).part_weight, slope(field, position)
+    counters = {"rays": len(t)}
+    return scatter(view, pixel, position, normal, one.bool(), one, share, one * 0, "float64 oracle", counters)
+
+
+def slope(field: DenseField, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+    """Unit normals by central differences."""
+    offsets = SLOPE * torch.eye(3, dtype=position.dtype)
+    change = [field.sdf(position + offset) - field.sdf(position - offset) for offset in offsets]
+    return normalize(torch.stack(change, -1), dim=-1)
+
+
+def depth_report(frame: Frame, oracle: Oracle, among: Bool[Tensor, "h w"] | None = None) -> Accuracy:
+    """Errors of `frame` in the pixels `among` (all unless told); NaN where no pixel is hit by both."""
+    exact, seen = oracle.pointmap, frame.pointmap
+    among = torch.ones_like(exact.hit) if among is None else among
+    both, either = exact.hit & seen.hit & among, (exact.hit | seen.hit) & among
+    depth = 1e3 * (seen.depth[both].double() - exact.depth[both].double()).abs().numpy()
+    cosine = (seen.normal[both].double() * exact.normal[both].double()).sum(-1).clamp(-1, 1)
+    angle = torch.rad2deg(torch.arccos(cosine)).numpy()
+    colour = (frame.image[both] / frame.image[both][:, 3:]).double() - oracle.image[both]
+    if not both.any():
+        nothing = float("nan")
+        return Accuracy(0, *[nothing] * 5, float(either.any()), nothing)
+    return Accuracy(
+        int(both.sum()),
+        float(depth.mean()),
+        float(np.quantile(depth, 0.99)),
+        float(depth.max()),
+        float(angle.mean()),
+        float(np.quantile(angle, 0.95)),
+        float((either & ~both).sum() / either.sum()),
+        float(-10 * torch.log10(colour[:, :3].square().mean())),
+    )
