@@ -8,16 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from scipy.spatial import cKDTree
 from torch import Tensor
 from torch.nn.functional import normalize
 
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.pipeline import Frame
 from avatarrex.pipeline_reference import PosedReference, pose_reference, shade_reference
 from avatarrex.pointmap.dense_rays import DenseField, dense_crossing
 from avatarrex.pointmap.pointmap import PointMap, scatter
@@ -42,21 +41,6 @@ class Oracle:
     field: ComposedField
     camera: Camera
     """In the root frame."""
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """How far a frame is from its oracle, over the pixels that both hit."""
-
-    pixels: int
-    depth_mean_mm: float
-    depth_p99_mm: float
-    depth_max_mm: float
-    normal_mean_deg: float
-    normal_p95_deg: float
-    flips: float
-    """Pixels that one hits and the other does not, as a share of those that either hits."""
-    colour_psnr_db: float
 
 
 @torch.no_grad()
@@ -110,25 +94,8 @@ def slope(field: DenseField, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p
     return normalize(torch.stack(change, -1), dim=-1)
 
 
-def depth_report(frame: Frame, oracle: Oracle, among: Bool[Tensor, "h w"] | None = None) -> Accuracy:
-    """Errors of `frame` in the pixels `among` (all unless told); NaN where no pixel is hit by both."""
-    exact, seen = oracle.pointmap, frame.pointmap
-    among = torch.ones_like(exact.hit) if among is None else among
-    both, either = exact.hit & seen.hit & among, (exact.hit | seen.hit) & among
-    depth = 1e3 * (seen.depth[both].double() - exact.depth[both].double()).abs().numpy()
-    cosine = (seen.normal[both].double() * exact.normal[both].double()).sum(-1).clamp(-1, 1)
-    angle = torch.rad2deg(torch.arccos(cosine)).numpy()
-    colour = (frame.image[both] / frame.image[both][:, 3:]).double() - oracle.image[both]
-    if not both.any():
-        nothing = float("nan")
-        return Accuracy(0, *[nothing] * 5, float(either.any()), nothing)
-    return Accuracy(
-        int(both.sum()),
-        float(depth.mean()),
-        float(np.quantile(depth, 0.99)),
-        float(depth.max()),
-        float(angle.mean()),
-        float(np.quantile(angle, 0.95)),
-        float((either & ~both).sum() / either.sum()),
-        float(-10 * torch.log10(colour[:, :3].square().mean())),
-    )
+def near_seam(oracle: Oracle, blend_weight: Float[Tensor, " v"], within: float = 0.02) -> Bool[Tensor, "h w"]:
+    """Hit pixels within `within` metres of a template vertex where 0 < ω < 1; `blend_weight` ω of one part or several."""
+    band = ((blend_weight > 0) & (blend_weight < 1)).numpy()
+    apart = cKDTree(oracle.field.probe.vertices[band]).query(oracle.pointmap.position.numpy())[0]
+    return oracle.pointmap.hit & torch.as_tensor(apart < within)

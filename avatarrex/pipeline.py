@@ -4,7 +4,7 @@
 |-----------|----------------------------------------------|----------------------------------------------------|
 | templates | posed body, hands (wrist frame), face (head) | each mesh: its own pose coefficients and the shape |
 | volume    | body grid + part boxes (Step I)              | posed meshes; placements; voxel sizes              |
-| pointmap  | where each ray meets the surface (Step II)   | volume, camera in the root frame                   |
+| pointmap  | where each ray meets the surface (Step II)   | volume, camera in the root frame, polish           |
 | shading   | colours of the hit pixels (Step III)         | point map, posed meshes                            |
 
 A stage whose key has not changed returns the previous result and counts no work.
@@ -25,10 +25,12 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.pointmap.pointmap import PointMap, raycast
+from avatarrex.pointmap.polish import polish
 from avatarrex.shading.shading import Shading, shade
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.volume.build import AvatarVolume, build_volume
+from avatarrex.volume.composed_field import composed_field
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class RenderSettings:
     raycast: str = "auto"
     """`auto`, `gl`, `torch` or `reference`."""
     antialias: bool = True
+    polish: int = 0
+    """Steps, 0 to 2, that take each hit point onto the exact composed field."""
     hidden: frozenset[str] = field(default_factory=frozenset)
     """Parts not drawn with their own fields: `left_hand`, `right_hand`, `face`."""
     detail_from: Signals | None = None
@@ -90,12 +94,15 @@ def render_frame(
     with clock("pointmap"):
         world_from_root = posed.world_from_root(signals)
         view = camera.seen_from(world_from_root)
-        key = (view.key(), settings.raycast, settings.antialias)
+        key = (view.key(), settings.raycast, settings.antialias, settings.polish)
         if previous and previous.volume.sdf is volume.sdf and _pointmap_key(previous) == key:
             pointmap = previous.pointmap
         else:
             pointmap = raycast(volume.sdf, view, impl=settings.raycast, antialias=settings.antialias)
             counters.update(pointmap.counters)
+            if settings.polish:
+                exact = composed_field(avatar, posed, volume, counters)
+                pointmap = polish(pointmap, exact, volume.sdf, view, settings.polish, counters)
     with clock("shading"):
         kept = previous.shading if previous and previous.settings.detail_from == settings.detail_from else None
         shading = shade(avatar, posed, volume, pointmap, view, counters, kept, settings.detail_from)
@@ -117,7 +124,7 @@ def render_frame(
 
 def _pointmap_key(frame: Frame) -> tuple[object, ...]:
     view = frame.camera.seen_from(frame.world_from_root)
-    return (view.key(), frame.settings.raycast, frame.settings.antialias)
+    return (view.key(), frame.settings.raycast, frame.settings.antialias, frame.settings.polish)
 
 
 class _Clock:

@@ -34,7 +34,7 @@ from avatarrex.templates.model import PosedTemplate, pose_template, skinned_norm
 from avatarrex.templates.posed import PART_JOINT
 from avatarrex.templates.transform import world_from_root
 from avatarrex.volume.body_grid import MARGIN, lattice_around
-from avatarrex.volume.part_box import CLAMP, FACE_BAND, HAND_MARGIN
+from avatarrex.volume.part_box import CLAMP, FACE_BAND, HAND_MARGIN, face_probe
 from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.stencil import Lattice
 from avatarrex.volume.volume import PARTS, BodyGrid, PartBox, SdfVolume
@@ -129,7 +129,7 @@ def _body_grid(posed: PosedReference, voxel: float) -> BodyGrid:
 
 
 def _part_box(avatar: Avatar, posed: PosedReference, name: str, voxel: float) -> PartBox:
-    """Every voxel of a part's box: hands by all triangles, the face with the nearest of all vertices."""
+    """Every voxel of a part's box: hands by all triangles, the face by its tri-planes."""
     mesh = posed.meshes[name]
     painted = avatar.person.face.blend_weight if name == "face" else posed.hands[name].blend_weight
     weight, margin = painted.double(), FACE_BAND if name == "face" else HAND_MARGIN
@@ -138,8 +138,8 @@ def _part_box(avatar: Avatar, posed: PosedReference, name: str, voxel: float) ->
     if name == "face":
         planes = posed.face.geometry_planes(posed.views)
         distance = torch.cat([posed.face.sdf(planes, block) for block in points.split(100000)])
-        nearest = torch.cat([torch.cdist(block, mesh).min(1).indices for block in points.split(20000)])
-        omega = torch.where((points - mesh[nearest]).norm(dim=-1) < FACE_BAND, weight[nearest], 0.0)
+        here = face_probe(posed.face, mesh, weight).query(points.numpy())
+        omega = torch.as_tensor(np.where(here.distance < FACE_BAND, here.weight, 0))
     else:
         query = posed.hands[name].sdf(mesh, points, impl="reference")
         distance, omega = query.sdf, posed.hands[name].omega(query)

@@ -10,7 +10,7 @@ Letters: r rays, s samples of one block. Root frame, metres.
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -27,6 +27,7 @@ EXACT = 1e-8
 """Metres to which a crossing is bisected."""
 
 
+@runtime_checkable
 class DenseField(Protocol):
     """What rays are cast against."""
 

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avatarrex.counters import Counters
@@ -27,7 +26,7 @@ from avatarrex.fields.composition import BAND, Composed, compose, emptied, in_ba
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
 from avatarrex.volume.contact import Limbs, Ownership, reached_by_others
-from avatarrex.volume.part_box import FACE_BAND, HAND_MARGIN
+from avatarrex.volume.part_box import FACE_BAND, HAND_MARGIN, face_probe
 from avatarrex.volume.probe import FLAT, HOLD, VertexProbe
 from avatarrex.volume.volume import PARTS
 
@@ -70,12 +69,12 @@ class ExactPart:
     def face(
         cls, field: FaceField, planes: Tensor, vertices: Tensor, blend_weight: Tensor, part_from_root: np.ndarray
     ) -> ExactPart:
-        """From geometry planes and the posed mesh (v, 3), head frame; ω (v,) of the nearest vertex within `FACE_BAND`."""
-        tree, painted = cKDTree(vertices.double().numpy()), blend_weight.double()
+        """From geometry planes and the posed mesh (v, 3), head frame; painted ω (v,), used within `FACE_BAND`."""
+        probe = face_probe(field, vertices, blend_weight)
 
         def distance(local: Tensor) -> tuple[Tensor, Tensor]:
-            apart, nearest = tree.query(local.double().numpy(), workers=torch.get_num_threads())
-            omega = torch.where(torch.as_tensor(apart < FACE_BAND), painted[nearest], 0.0).to(local)
+            here = probe.query(local.double().numpy())
+            omega = torch.as_tensor(np.where(here.distance < FACE_BAND, here.weight, 0)).to(local)
             sdf = torch.full_like(omega, torch.inf)
             used = torch.nonzero(omega > 0)[:, 0]
             sdf[used] = field.sdf(planes, local[used])
@@ -130,8 +129,9 @@ class ComposedField:
             if len(rows):
                 sdf[rows, k], omega[rows, k] = part.distance(local[rows])
                 self.counters.add(part.counter, len(rows))
-        covered = in_band(sdf) & (omega == 1)  # the body has no share in such a part
-        body = self._body(position, inside.any(-1) & (covered | ~inside).all(-1))
+        idle = in_band(sdf) & (omega == 1)  # the body has no share in such a part
+        idle[:, [PARTS.index(name) for name in self.limbs]] = True  # nor the whole body where limbs are told apart
+        body = self._body(position, inside.any(-1) & (idle | ~inside).all(-1))
         own, others = body[:, None].repeat(1, len(PARTS)), torch.full_like(sdf, torch.inf)
         for name, limbs in self.limbs.items():
             k = PARTS.index(name)

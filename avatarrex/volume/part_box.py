@@ -80,11 +80,9 @@ def hand_box(name: str, field: HandField, vertices: Tensor, voxel: float, counte
 def face_box(
     field: FaceField, planes: Tensor, vertices: Tensor, blend_weight: Tensor, voxel: float, counters: Counters
 ) -> PartField:
-    """The face field near the face mesh (v, 3), with the ω (v,) of the nearest vertex; elsewhere 'not used'."""
+    """The face field near the face mesh (v, 3), with the ω (v,) painted on it; elsewhere 'not used'."""
     lattice = _lattice(vertices[blend_weight > 0].double().numpy(), FACE_BAND, 2 * voxel)
-    mesh, normals = vertices.double().numpy(), vertex_normals(vertices, field.faces).double().numpy()
-    probe = VertexProbe.of(mesh, normals, blend_weight.double().numpy(), np.zeros(len(mesh)))
-    here = probe.query(lattice.position(np.arange(np.prod(lattice.shape))))
+    here = face_probe(field, vertices, blend_weight).query(lattice.position(np.arange(np.prod(lattice.shape))))
     used = (here.distance < FACE_BAND) & (here.weight > 0)
     guess = np.where(used, here.guess, CLAMP).clip(-CLAMP, CLAMP)
     values = np.stack([guess, np.where(used, here.weight, 0)], -1).astype(np.float32)
@@ -99,6 +97,12 @@ def face_box(
     values[near, :1] = evaluate(lattice, near)
     lattice, values = _refine(lattice, values.reshape(*lattice.shape, 2), evaluate, ~used.reshape(lattice.shape))
     return PartField("face", lattice.origin, lattice.voxel, torch.from_numpy(values))
+
+
+def face_probe(field: FaceField, vertices: Tensor, blend_weight: Tensor) -> VertexProbe:
+    """Nearest vertices of the posed face mesh (v, 3) and their ω (v,)."""
+    mesh, normals = vertices.double().numpy(), vertex_normals(vertices, field.faces).double().numpy()
+    return VertexProbe.of(mesh, normals, blend_weight.double().numpy(), np.zeros(len(mesh)))
 
 
 def _refine(
