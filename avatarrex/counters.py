@@ -13,6 +13,7 @@ NAMES = (
     "unet_runs",
     "rays",
     "ray_steps",
+    "hits_polished",
     "patches_decoded",
     "pixels_shaded",
     "body_pixels",

@@ -4,7 +4,7 @@
 |-----------|----------------------------------------------|----------------------------------------------------|
 | templates | posed body, hands (wrist frame), face (head) | each mesh: its own pose coefficients and the shape |
 | volume    | body grid + part boxes (Step I)              | posed meshes; placements; voxel sizes              |
-| pointmap  | where each ray meets the surface (Step II)   | volume, camera in the root frame                   |
+| pointmap  | where each ray meets the surface (Step II)   | volume, camera in the root frame, polish           |
 | shading   | colours of the hit pixels (Step III)         | point map, posed meshes                            |
 
 A stage whose key has not changed returns the previous result and counts no work.
@@ -25,11 +25,13 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.pointmap.pointmap import PointMap, raycast
+from avatarrex.pointmap.polish import polish
 from avatarrex.pointmap.seen import seen_cells
 from avatarrex.shading.shading import Shading, shade
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.volume.build import AvatarVolume, build_volume, refine_volume
+from avatarrex.volume.composed_field import composed_field
 from avatarrex.volume.volume import SdfVolume
 
 
@@ -50,6 +52,8 @@ class RenderSettings:
     march: str = "exact"
     """`exact`, or `fixed`: steps of a quarter of a body voxel and one linear interpolation, without antialiasing."""
     antialias: bool = True
+    polish: int = 0
+    """Steps, 0 to 2, that take each hit point onto the exact composed field."""
     hidden: frozenset[str] = field(default_factory=frozenset)
     """Parts not drawn with their own fields: `left_hand`, `right_hand`, `face`."""
     detail_from: Signals | None = None
@@ -109,6 +113,9 @@ def render_frame(
         else:
             pointmap = raycast(volume.sdf, view, settings.raycast, settings.antialias, settings.march)
             counters.update(pointmap.counters)
+            if settings.polish:
+                exact = composed_field(avatar, posed, volume, counters)
+                pointmap = polish(pointmap, exact, volume.sdf, view, settings.polish, counters)
     with clock("shading"):
         kept = previous.shading if previous and previous.settings.detail_from == settings.detail_from else None
         shading = shade(avatar, posed, volume, pointmap, view, counters, kept, settings.detail_from)
@@ -130,7 +137,7 @@ def render_frame(
 
 
 def _pointmap_key(view: Camera, settings: RenderSettings) -> tuple[object, ...]:
-    return (view.key(), settings.raycast, settings.antialias, settings.march)
+    return (view.key(), settings.raycast, settings.antialias, settings.march, settings.polish)
 
 
 def _refined(

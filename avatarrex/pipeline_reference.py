@@ -1,7 +1,8 @@
 """The same frame with nothing skipped: float64, every voxel, every node, every stage by its reference. For small images.
 
 What render_frame does by narrow bands, stencils, bricks, compute shaders and cut-offs is done here by evaluating everything;
-tests hold the fast frame to this one (tests/test_pipeline_reference.py). Contact between limbs is not handled.
+tests hold the fast frame to this one (tests/test_pipeline_reference.py). Contact between limbs is not handled. The frame
+without even the voxels is in oracle.py, which poses and shades by this file.
 """
 
 from __future__ import annotations
@@ -31,8 +32,9 @@ from avatarrex.templates.face import FaceTemplate, pose_face
 from avatarrex.templates.hand import HandTemplate, pose_hand
 from avatarrex.templates.model import PosedTemplate, pose_template, skinned_normals
 from avatarrex.templates.posed import PART_JOINT
+from avatarrex.templates.transform import world_from_root
 from avatarrex.volume.body_grid import MARGIN, lattice_around
-from avatarrex.volume.part_box import CLAMP, FACE_BAND, HAND_MARGIN
+from avatarrex.volume.part_box import CLAMP, FACE_BAND, HAND_MARGIN, face_probe
 from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.stencil import Lattice
 from avatarrex.volume.volume import PARTS, BodyGrid, PartBox, SdfVolume
@@ -42,7 +44,7 @@ Part = TypeVar("Part", HandTemplate, FaceTemplate)
 
 
 @dataclass(frozen=True)
-class _Posed:
+class PosedReference:
     """Everything in float64: fields, posed meshes, coefficients."""
 
     body: BodyField
@@ -54,10 +56,16 @@ class _Posed:
     meshes: dict[str, Tensor]
     views: Tensor
     value: dict[str, Tensor]
+    probe: VertexProbe
 
     def part_from_root(self, name: str) -> Tensor:
         """Rigid (4, 4)."""
         return torch.linalg.inv(self.template.joint_transforms[PART_JOINT[name]])
+
+    def seen_from(self, camera: Camera, signals: Signals) -> Camera:
+        """A world camera in the root frame."""
+        pelvis = self.template.joints[0].numpy()
+        return camera.seen_from(world_from_root(signals.global_orient, signals.translation, pelvis))
 
 
 @torch.no_grad()
@@ -65,21 +73,18 @@ def render_reference(
     avatar: Avatar, signals: Signals, camera: Camera, settings: RenderSettings
 ) -> tuple[Float[Tensor, "h w 4"], PointMap]:
     """Image (premultiplied sRGB and hit mask, float64) and point map of one frame; no antialiasing."""
-    posed = _pose(avatar, signals)
+    posed = pose_reference(avatar, signals)
     volume = SdfVolume(
-        _body_grid(avatar, posed, settings.voxel),
+        _body_grid(posed, settings.voxel),
         tuple(_part_box(avatar, posed, name, settings.part_voxel) for name in PARTS),
     )
-    pelvis = posed.template.joints[0].numpy()
-    world_from_root = np.eye(4)
-    world_from_root[:3, :3] = matrix_from_rotvec(posed.value["global_orient"]).numpy()
-    world_from_root[:3, 3] = pelvis - world_from_root[:3, :3] @ pelvis + signals.translation
-    view = camera.seen_from(world_from_root)
+    view = posed.seen_from(camera, signals)
     pointmap = raycast(volume, view, "reference", antialias=False)
-    return _shade(posed, pointmap, view), pointmap
+    return shade_reference(posed, pointmap, view), pointmap
 
 
-def _pose(avatar: Avatar, signals: Signals) -> _Posed:
+def pose_reference(avatar: Avatar, signals: Signals) -> PosedReference:
+    """Fields and templates of `avatar` in float64, posed."""
     person = avatar.person
     body, face = _double(avatar.body), _double(avatar.face)
     body.widths = replace(body.widths, colour_cutoff=0.0)
@@ -94,8 +99,11 @@ def _pose(avatar: Avatar, signals: Signals) -> _Posed:
     meshes["face"] = pose_face(
         _in_double(person.face), value["expression"], value["jaw_pose"], value["eye_pose"], shape
     )
+    normals = skinned_normals(model, template).numpy()
+    hand_weight, worn = avatar.hand_weight.double().numpy(), avatar.body.worn.double().numpy()
+    probe = VertexProbe.of(template.vertices.numpy(), normals, hand_weight, worn)
     coefficients = torch.cat([value["expression"], value["jaw_pose"], value["eye_pose"].flatten()])
-    return _Posed(
+    return PosedReference(
         body,
         {name: _double(avatar.hand(name)) for name in ("left_hand", "right_hand")},
         face,
@@ -105,24 +113,23 @@ def _pose(avatar: Avatar, signals: Signals) -> _Posed:
         meshes,
         face.driven(meshes["face"].float(), coefficients.float(), "reference").double(),
         value,
+        probe,
     )
 
 
-def _body_grid(avatar: Avatar, posed: _Posed, voxel: float) -> BodyGrid:
+def _body_grid(posed: PosedReference, voxel: float) -> BodyGrid:
     """Every voxel, by every node that hears it."""
     skin = posed.template.vertices.numpy()
     lattice = lattice_around(np.concatenate([skin - MARGIN, skin + MARGIN]), voxel)
     points = _points(lattice)
     sdf = torch.cat([posed.body.sdf(posed.frame, block, impl="reference") for block in points.split(20000)])
-    normals = skinned_normals(avatar.person.body.double(), posed.template).numpy()
-    probe = VertexProbe.of(skin, normals, avatar.hand_weight.double().numpy(), avatar.body.worn.double().numpy())
-    here = probe.query(points.numpy())
+    here = posed.probe.query(points.numpy())
     sdf = emptied(here.held(sdf), torch.as_tensor(here.weight))
     return BodyGrid(lattice.origin, lattice.voxel, sdf.reshape(lattice.shape))
 
 
-def _part_box(avatar: Avatar, posed: _Posed, name: str, voxel: float) -> PartBox:
-    """Every voxel of a part's box: hands by all triangles, the face with the nearest of all vertices."""
+def _part_box(avatar: Avatar, posed: PosedReference, name: str, voxel: float) -> PartBox:
+    """Every voxel of a part's box: hands by all triangles, the face by its tri-planes."""
     mesh = posed.meshes[name]
     painted = avatar.person.face.blend_weight if name == "face" else posed.hands[name].blend_weight
     weight, margin = painted.double(), FACE_BAND if name == "face" else HAND_MARGIN
@@ -131,8 +138,8 @@ def _part_box(avatar: Avatar, posed: _Posed, name: str, voxel: float) -> PartBox
     if name == "face":
         planes = posed.face.geometry_planes(posed.views)
         distance = torch.cat([posed.face.sdf(planes, block) for block in points.split(100000)])
-        nearest = torch.cat([torch.cdist(block, mesh).min(1).indices for block in points.split(20000)])
-        omega = torch.where((points - mesh[nearest]).norm(dim=-1) < FACE_BAND, weight[nearest], 0.0)
+        here = face_probe(posed.face, mesh, weight).query(points.numpy())
+        omega = torch.as_tensor(np.where(here.distance < FACE_BAND, here.weight, 0))
     else:
         query = posed.hands[name].sdf(mesh, points, impl="reference")
         distance, omega = query.sdf, posed.hands[name].omega(query)
@@ -142,7 +149,7 @@ def _part_box(avatar: Avatar, posed: _Posed, name: str, voxel: float) -> PartBox
     return PartBox(name, box_from_part @ posed.part_from_root(name).numpy(), voxel, field)
 
 
-def _shade(posed: _Posed, pointmap: PointMap, view: Camera) -> Tensor:
+def shade_reference(posed: PosedReference, pointmap: PointMap, view: Camera) -> Tensor:
     """Every hit pixel asks every field that has a share."""
     hit = pointmap.hit
     position, weight = pointmap.position[hit].double(), pointmap.part_weight[hit].double()

@@ -53,7 +53,7 @@ TRACE_LIST, EXACT_LIST, EDGE_LIST, COVERED_LIST = range(0, 8, 2)
 HIT_BIT = np.uint32(1 << 31)
 
 
-def raycast_gl(volume: SdfVolume, camera: Camera, antialias: bool, march: str) -> PointMap:
+def raycast_gl(volume: SdfVolume, camera: Camera, antialias: bool, march: str = "exact") -> PointMap:
     """See `avatarrex.pointmap.pointmap.raycast`."""
     return gl_caster().cast(volume, camera, antialias, march)
 

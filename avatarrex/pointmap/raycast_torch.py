@@ -39,7 +39,7 @@ class March:
     steps: Float[Tensor, " r"]
 
 
-def raycast_torch(volume: SdfVolume, camera: Camera, antialias: bool, march: str) -> PointMap:
+def raycast_torch(volume: SdfVolume, camera: Camera, antialias: bool, march: str = "exact") -> PointMap:
     """See `avatarrex.pointmap.pointmap.raycast`."""
     if march == "fixed":
         return _plain(volume, camera)

@@ -35,6 +35,8 @@ class AvatarVolume:
     parts: dict[str, PartField]
     views: Tensor | None
     """Orthographic views of the face mesh, (3, 7, 256, 256), or what else drives the face; None while it is hidden."""
+    planes: Tensor | None
+    """Geometry tri-planes of this expression; None while the face is hidden."""
     probe: VertexProbe
     keys: dict[str, object]
     notes: tuple[str, ...] = ()
@@ -54,7 +56,7 @@ def build_volume(
         return previous is not None and previous.keys[name] == keys[name]
 
     parts: dict[str, PartField] = {}
-    views = previous.views if previous and kept("face") else None
+    views, planes = (previous.views, previous.planes) if previous and kept("face") else (None, None)
     for name in PART_JOINT:
         if name in settings.hidden:
             continue
@@ -62,7 +64,7 @@ def build_volume(
             parts[name] = previous.parts[name]
         elif name == "face":
             views = avatar.face.driven(posed.parts["face"], posed.face_coefficients)
-            parts[name] = _face_part(avatar, posed, views, settings, counters)
+            planes, parts[name] = _face_part(avatar, posed, views, settings, counters)
         else:
             hand, voxel = avatar.hand(name), settings.part_voxel
             parts[name] = hand_box(name, hand, posed.parts[name], voxel, counters, every)
@@ -84,7 +86,7 @@ def build_volume(
             boxes.append(next(box for box in previous.sdf.parts if box.name == name))
         else:
             boxes.append(_place(avatar, frame, probe, grid, part, posed.root_from_part(name), counters))
-    return AvatarVolume(SdfVolume(grid, tuple(boxes)), frame, grid, parts, views, probe, keys)
+    return AvatarVolume(SdfVolume(grid, tuple(boxes)), frame, grid, parts, views, planes, probe, keys)
 
 
 def refine_volume(
@@ -112,12 +114,12 @@ def body_frame(avatar: Avatar, posed: PosedPerson) -> BodyFrame:
 
 def _face_part(
     avatar: Avatar, posed: PosedPerson, views: Tensor, settings: RenderSettings, counters: Counters
-) -> PartField:
+) -> tuple[Tensor, PartField]:
     with torch.no_grad():
         planes = avatar.face.geometry_planes(views)
     counters.add("unet_runs", 3)
     mesh, weight = posed.parts["face"], avatar.person.face.blend_weight
-    return face_box(avatar.face, planes, mesh, weight, settings.part_voxel, counters, settings.everywhere)
+    return planes, face_box(avatar.face, planes, mesh, weight, settings.part_voxel, counters, settings.everywhere)
 
 
 def _place(

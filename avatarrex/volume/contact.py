@@ -11,11 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyField, BodyFrame
 from avatarrex.fields.composition import emptied
+from avatarrex.fields.influence import Pairs
 from avatarrex.volume.part_box import PartField
 from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.stencil import Lattice, stencil_pairs
@@ -50,6 +52,47 @@ class Ownership:
         return Ownership(apart(rest_node) < OWN_REACH, (apart(rest_vertices) >= OWN_REACH).numpy())
 
 
+@dataclass(frozen=True)
+class Limbs:
+    """The body field of one pose, told apart: the nodes near a part along the surface, and all others."""
+
+    field: BodyField
+    frame: BodyFrame
+    sides: tuple[tuple[Tensor, VertexProbe], ...]
+    """(n,) nodes and their skin: own, then others."""
+
+    @staticmethod
+    def of(field: BodyField, frame: BodyFrame, probe: VertexProbe, ownership: Ownership) -> Limbs:
+        """`probe` of the whole skin."""
+        other = ownership.other_vertex
+        return Limbs(
+            field,
+            frame,
+            tuple(
+                (nodes, VertexProbe.of(probe.vertices[v], probe.normals[v], probe.weight[v], probe.worn[v], RIM))
+                for nodes, v in ((ownership.own_node, ~other), (~ownership.own_node, other))
+            ),
+        )
+
+    @torch.no_grad()
+    def own_and_others(self, position: Float[Tensor, "p 3"], pairs: Pairs) -> Float[Tensor, "p 2"]:
+        """Both values at points whose `pairs` with all nodes are given, metres."""
+        values = []
+        for nodes, probe in self.sides:
+            sdf = self.field.sdf(self.frame, position, pairs, among=nodes)
+            here = probe.query(position.double().numpy())
+            values.append(emptied(here.held(sdf, TRUST), torch.as_tensor(here.weight).to(sdf)))
+        return torch.stack(values, -1)
+
+
+def reached_by_others(
+    probe: VertexProbe, ownership: Ownership, part_from_root: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> bool:
+    """Whether another limb's vertex is in the part-frame box from `low` to `high` (3,), or `NEAR` to it."""
+    local = probe.vertices[ownership.other_vertex] @ part_from_root[:3, :3].T + part_from_root[:3, 3]
+    return bool(np.all((local > low - NEAR) & (local < high + NEAR), axis=1).any())
+
+
 def find_contact(
     field: BodyField,
     frame: BodyFrame,
@@ -61,12 +104,8 @@ def find_contact(
     counters: Counters,
 ) -> Contact | None:
     """Evaluate `own` and `others` in the box of `part` when another limb is in it, else None."""
-    other = ownership.other_vertex
-    part_from_root = np.linalg.inv(root_from_part)
-    local = probe.vertices[other] @ part_from_root[:3, :3].T + part_from_root[:3, 3]
     corners = part.corners()
-    inside = np.all((local > corners.min(0) - NEAR) & (local < corners.max(0) + NEAR), axis=1)
-    if not inside.any():
+    if not reached_by_others(probe, ownership, np.linalg.inv(root_from_part), corners.min(0), corners.max(0)):
         return None
     lattice = Lattice(grid.origin, grid.voxel, (grid.sdf.shape[0], grid.sdf.shape[1], grid.sdf.shape[2]))
     placed = corners @ root_from_part[:3, :3].T + root_from_part[:3, 3]
@@ -77,16 +116,8 @@ def find_contact(
     index = np.ravel_multi_index([axis.ravel() for axis in block], lattice.shape)
     points = torch.as_tensor(lattice.position(index), dtype=torch.float32)
     pairs = stencil_pairs(frame.node_position, lattice, index)
-    values = []
-    for among, vertices in ((ownership.own_node, ~other), (~ownership.own_node, other)):
-        subset = VertexProbe.of(
-            probe.vertices[vertices], probe.normals[vertices], probe.weight[vertices], probe.worn[vertices], RIM
-        )
-        with torch.no_grad():
-            sdf = field.sdf(frame, points, pairs, among=among)
-        here = subset.query(points.double().numpy())
-        values.append(emptied(here.held(sdf, TRUST), torch.as_tensor(here.weight, dtype=torch.float32)))
+    values = Limbs.of(field, frame, probe, ownership).own_and_others(points, pairs)
     counters.add("voxels_evaluated", 2 * len(index))
     counters.add("local_mlp_evaluations", len(pairs.point))
     shape = tuple(int(n) for n in last - first + 1)
-    return Contact(first=first, field=torch.stack(values, -1).reshape(*shape, 2))
+    return Contact(first=first, field=values.reshape(*shape, 2))

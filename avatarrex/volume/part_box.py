@@ -91,14 +91,12 @@ def face_box(
     counters: Counters,
     everywhere: bool = False,
 ) -> PartField:
-    """The face field near the face mesh (v, 3), with the ω (v,) of the nearest vertex; elsewhere 'not used'.
+    """The face field near the face mesh (v, 3), with the ω (v,) painted on it; elsewhere 'not used'.
 
     `everywhere`: at every voxel that is used, not only around the surface.
     """
     lattice = _lattice(vertices[blend_weight > 0].double().numpy(), FACE_BAND, 2 * voxel)
-    mesh, normals = vertices.double().numpy(), vertex_normals(vertices, field.faces).double().numpy()
-    probe = VertexProbe.of(mesh, normals, blend_weight.double().numpy(), np.zeros(len(mesh)))
-    here = probe.query(lattice.position(np.arange(np.prod(lattice.shape))))
+    here = face_probe(field, vertices, blend_weight).query(lattice.position(np.arange(np.prod(lattice.shape))))
     used = (here.distance < FACE_BAND) & (here.weight > 0)
     guess = np.where(used, here.guess, CLAMP).clip(-CLAMP, CLAMP)
     values = np.stack([guess, np.where(used, here.weight, 0)], -1).astype(np.float32)
@@ -114,6 +112,12 @@ def face_box(
     unused = ~used.reshape(lattice.shape)
     lattice, values = _refine(lattice, values.reshape(*lattice.shape, 2), evaluate, unused, everywhere)
     return PartField("face", lattice.origin, lattice.voxel, torch.from_numpy(values))
+
+
+def face_probe(field: FaceField, vertices: Tensor, blend_weight: Tensor) -> VertexProbe:
+    """Nearest vertices of the posed face mesh (v, 3) and their ω (v,)."""
+    mesh, normals = vertices.double().numpy(), vertex_normals(vertices, field.faces).double().numpy()
+    return VertexProbe.of(mesh, normals, blend_weight.double().numpy(), np.zeros(len(mesh)))
 
 
 def _refine(

@@ -18,6 +18,8 @@ STEEP = 0.5
 """A point this much less below a vertex' tangent plane than aside of it is outside: past the rim of a part of the skin."""
 RIM = 0.04
 """Metres: of a whole skin, whose cloth may bridge folds."""
+BLENDED = 8
+"""Vertices that ω is blended of where it changes; one vertex' alone cuts the wrist into steps of several millimetres."""
 HOLD = 0.05
 """Metres that a fitted field may differ from the guess: farther out it has seen no samples and may hold anything."""
 
@@ -29,6 +31,7 @@ class Probe:
     distance: np.ndarray
     """Metres to the vertex."""
     weight: np.ndarray
+    """Painted ω, continuous in the point."""
     guess: np.ndarray
     """Metres: signed height over the skin around the vertex, less what is worn there."""
     freedom: np.ndarray
@@ -56,13 +59,20 @@ class VertexProbe:
     rim: float
     """Metres aside of a vertex, beyond `FLAT`, over which its cloth and the field's freedom fade out."""
     tree: cKDTree
+    changing: np.ndarray
+    """(v,) whether ω is not the same at all the vertices around."""
 
     @staticmethod
     def of(
         vertices: np.ndarray, normals: np.ndarray, weight: np.ndarray, worn: np.ndarray, rim: float = RIM
     ) -> VertexProbe:
         """(v, 3) vertices and normals, (v,) painted weight ω, (v,) metres of cloth."""
-        return VertexProbe(vertices, normals, weight, worn, rim, cKDTree(vertices))
+        tree = cKDTree(vertices)
+        changing = (weight > 0) & (weight < 1)
+        if changing.any():
+            ring = tree.query(vertices[changing], min(4 * BLENDED, len(vertices)))[1]
+            changing[ring] = True
+        return VertexProbe(vertices, normals, weight, worn, rim, tree, changing)
 
     def query(self, position: np.ndarray) -> Probe:
         """`position` (p, 3)."""
@@ -72,4 +82,15 @@ class VertexProbe:
         inside = (-height > STEEP * aside) & (aside < self.rim)
         signed = np.where(inside, -1.0, 1.0) * np.hypot(height, aside)
         here = np.clip(1 - aside / self.rim, 0, 1)
-        return Probe(distance, self.weight[nearest], signed - here * self.worn[nearest], here * HOLD)
+        return Probe(distance, self._weight(position, nearest), signed - here * self.worn[nearest], here * HOLD)
+
+    def _weight(self, position: np.ndarray, nearest: np.ndarray) -> np.ndarray:
+        """ω (p,) of the nearest vertex or, where it changes, of the `BLENDED` nearest: the farthest enters with weight 0."""
+        weight = self.weight[nearest]
+        rows = np.flatnonzero(self.changing[nearest])
+        if len(rows):
+            count = min(BLENDED + 1, len(self.vertices))
+            distance, around = self.tree.query(position[rows], count, workers=torch.get_num_threads())
+            share = np.square(distance[:, -1:] ** 2 - distance**2) + np.finfo(float).tiny
+            weight[rows] = (share * self.weight[around]).sum(1) / share.sum(1)
+        return weight

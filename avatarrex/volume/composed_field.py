@@ -1,0 +1,200 @@
+"""The composed field itself, at any point and without voxels: what the stored volume approximates (sec. 3.4; composition.py).
+
+The builder's definitions point by point: the body held by the probe (body_grid.py) and emptied of its hands, the exact
+hand distance, the face's tri-planes, the one composition rule, and `own`/`others` where another limb is in a part's box
+(contact.py). A box is the part's hull and its margin, without a lattice to align to. In the dtype of its fields: float64
+for the oracle (avatarrex/oracle.py), float32 to polish hit points (pointmap/polish.py).
+
+Letters: p points, v vertices, k parts in the order of `PARTS`. Root frame, metres, negative inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from avatarrex.counters import Counters
+from avatarrex.fields.body import MOST_WORN, BodyField, BodyFrame
+from avatarrex.fields.composition import BAND, Composed, compose, emptied, in_band
+from avatarrex.fields.face import FaceField
+from avatarrex.fields.hand import HandField
+from avatarrex.volume.contact import Limbs, Ownership, reached_by_others
+from avatarrex.volume.part_box import FACE_BAND, HAND_MARGIN, face_probe
+from avatarrex.volume.probe import FLAT, HOLD, VertexProbe
+from avatarrex.volume.volume import PARTS
+
+if TYPE_CHECKING:
+    from avatarrex.avatar import Avatar
+    from avatarrex.templates.posed import PosedPerson
+    from avatarrex.volume.build import AvatarVolume
+
+REACH = FLAT + MOST_WORN + HOLD
+"""Metres from the template's nearest vertex within which a held body field may be negative (probe.py)."""
+PartDistance = Callable[[Tensor], tuple[Tensor, Tensor]]
+"""Part-frame points (p, 3) -> s_k (p,) metres, saturated or not beyond the band, and ω_k (p,)."""
+
+
+@dataclass(frozen=True)
+class ExactPart:
+    """A hand or the face, placed."""
+
+    name: str
+    part_from_root: Float[np.ndarray, "4 4"]
+    low: Float[np.ndarray, "3"]
+    high: Float[np.ndarray, "3"]
+    """The box, part-frame metres."""
+    distance: PartDistance
+    counter: str
+    """Counts the points that are asked."""
+
+    @classmethod
+    def hand(cls, name: str, field: HandField, vertices: Tensor, part_from_root: np.ndarray) -> ExactPart:
+        """From the posed mesh (v, 3), wrist frame."""
+
+        def distance(local: Tensor) -> tuple[Tensor, Tensor]:
+            query = field.sdf(vertices, local)
+            return query.sdf, field.omega(query)
+
+        low, high = _box(vertices, field.blend_weight, HAND_MARGIN)
+        return cls(name, part_from_root, low, high, distance, "hand_distances")
+
+    @classmethod
+    def face(
+        cls, field: FaceField, planes: Tensor, vertices: Tensor, blend_weight: Tensor, part_from_root: np.ndarray
+    ) -> ExactPart:
+        """From geometry planes and the posed mesh (v, 3), head frame; painted ω (v,), used within `FACE_BAND`."""
+        probe = face_probe(field, vertices, blend_weight)
+
+        def distance(local: Tensor) -> tuple[Tensor, Tensor]:
+            here = probe.query(local.double().numpy())
+            omega = torch.as_tensor(np.where(here.distance < FACE_BAND, here.weight, 0)).to(local)
+            sdf = torch.full_like(omega, torch.inf)
+            used = torch.nonzero(omega > 0)[:, 0]
+            sdf[used] = field.sdf(planes, local[used])
+            return sdf, omega
+
+        low, high = _box(vertices, blend_weight, FACE_BAND)
+        return cls("face", part_from_root, low, high, distance, "face_evaluations")
+
+    def local(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        """Root-frame points in the part's frame."""
+        matrix = torch.as_tensor(self.part_from_root).to(position)
+        return position @ matrix[:3, :3].T + matrix[:3, 3]
+
+    def apart(self, local: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
+        """Metres from part-frame points to the box; 0 inside."""
+        low, high = torch.as_tensor(self.low).to(local), torch.as_tensor(self.high).to(local)
+        return torch.maximum(low - local, local - high).clamp(min=0).norm(dim=-1)
+
+
+@dataclass(frozen=True)
+class ComposedField:
+    """An avatar's field under one driving signal."""
+
+    body: BodyField
+    frame: BodyFrame
+    probe: VertexProbe
+    parts: tuple[ExactPart, ...]
+    ownership: dict[str, Ownership]
+    counters: Counters
+
+    @cached_property
+    def limbs(self) -> dict[str, Limbs]:
+        """The body field told apart, for the parts into whose boxes another limb reaches."""
+        touched = {}
+        for part in self.parts:
+            own = self.ownership[part.name]
+            if reached_by_others(self.probe, own, part.part_from_root, part.low, part.high):
+                touched[part.name] = Limbs.of(self.body, self.frame, self.probe, own)
+        return touched
+
+    @torch.no_grad()
+    def __call__(self, position: Float[Tensor, "p 3"]) -> Composed:
+        """Signed distance and effective ω. Networks run only where their value has a share."""
+        count = len(position), len(PARTS)
+        inside = torch.zeros(count, dtype=torch.bool)
+        sdf, omega = position.new_zeros(count), position.new_zeros(count)
+        for part in self.parts:
+            k = PARTS.index(part.name)
+            local = part.local(position)
+            inside[:, k] = part.apart(local) == 0
+            rows = torch.nonzero(inside[:, k])[:, 0]
+            if len(rows):
+                sdf[rows, k], omega[rows, k] = part.distance(local[rows])
+                self.counters.add(part.counter, len(rows))
+        idle = in_band(sdf) & (omega == 1)  # the body has no share in such a part
+        idle[:, [PARTS.index(name) for name in self.limbs]] = True  # nor the whole body where limbs are told apart
+        body = self._body(position, inside.any(-1) & (idle | ~inside).all(-1))
+        own, others = body[:, None].repeat(1, len(PARTS)), torch.full_like(sdf, torch.inf)
+        for name, limbs in self.limbs.items():
+            k = PARTS.index(name)
+            rows = torch.nonzero(inside[:, k])[:, 0]
+            pairs = self.body.pairs(self.frame, position[rows])
+            own[rows, k], others[rows, k] = limbs.own_and_others(position[rows], pairs).unbind(-1)
+            self.counters.add("local_mlp_evaluations", len(pairs.point))
+        sdf = torch.where(in_band(sdf), sdf, BAND[1])  # an infinite distance times ω = 0 would be NaN
+        return compose(body, inside, sdf, omega, own, others)
+
+    def sdf(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
+        """The signed distance alone."""
+        return self(position).sdf
+
+    def clearance(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
+        """A distance within which the field is certainly positive; 0 where it may be negative.
+
+        By what `held` and the boxes guarantee, whatever the networks say: no sample is spent there and nothing missed.
+        """
+        here = self.probe.query(position.double().numpy())
+        free = here.guess > here.freedom
+        clear = torch.as_tensor(np.where(free, np.maximum(here.distance - REACH, 1e-9), 0.0)).to(position)
+        for part in self.parts:
+            clear = clear.minimum(part.apart(part.local(position)))
+        return clear
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """(3,) corners of a root-frame box that holds the surface."""
+        vertices = [self.probe.vertices]
+        for part in self.parts:
+            corners = np.stack(np.meshgrid(*zip(part.low, part.high)), -1).reshape(-1, 3)
+            vertices.append((corners - part.part_from_root[:3, 3]) @ part.part_from_root[:3, :3])
+        held = np.concatenate(vertices)
+        return held.min(0) - REACH, held.max(0) + REACH
+
+    def _body(self, position: Tensor, idle: Bool[Tensor, " p"]) -> Tensor:
+        """s_B (p,), 0 where `idle`."""
+        sdf = torch.zeros_like(position[:, 0])
+        rows = torch.nonzero(~idle)[:, 0]
+        if len(rows):
+            here = self.probe.query(position[rows].double().numpy())
+            pairs = self.body.pairs(self.frame, position[rows])
+            value = here.held(self.body.sdf(self.frame, position[rows], pairs))
+            sdf[rows] = emptied(value, torch.as_tensor(here.weight).to(position))
+            self.counters.add("local_mlp_evaluations", len(pairs.point))
+        return sdf
+
+
+def composed_field(avatar: Avatar, posed: PosedPerson, volume: AvatarVolume, counters: Counters) -> ComposedField:
+    """The float32 field that `volume` was built from: its body, and its parts that are not hidden."""
+    parts = []
+    for name in volume.parts:
+        mesh, place = posed.parts[name], np.linalg.inv(posed.root_from_part(name))
+        if name == "face":
+            assert volume.planes is not None, "a face in the volume, whose planes were not kept"
+            painted = avatar.person.face.blend_weight
+            parts.append(ExactPart.face(avatar.face, volume.planes, mesh, painted, place))
+        else:
+            parts.append(ExactPart.hand(name, avatar.hand(name), mesh, place))
+    return ComposedField(avatar.body, volume.body_frame, volume.probe, tuple(parts), avatar.ownership, counters)
+
+
+def _box(vertices: Tensor, blend_weight: Tensor, margin: float) -> tuple[np.ndarray, np.ndarray]:
+    mesh = vertices[blend_weight > 0].double().numpy()
+    return mesh.min(0) - margin, mesh.max(0) + margin

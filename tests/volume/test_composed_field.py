@@ -1,0 +1,105 @@
+"""The composed field without voxels against what the volume builder stores, and what it promises to be empty."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.counters import Counters
+from avatarrex.oracle import exact_field
+from avatarrex.pipeline import RenderSettings
+from avatarrex.pipeline_reference import pose_reference
+from avatarrex.signals.library import named_pose
+from avatarrex.signals.signals import Signals
+from avatarrex.templates.posed import pose_person
+from avatarrex.volume.build import AvatarVolume, build_volume
+from avatarrex.volume.composed_field import ComposedField, composed_field
+from avatarrex.volume.solids import lattice_points
+from avatarrex.volume.volume import sample
+
+HIP = Signals.rest().replace(body_pose=named_pose("hands_on_hips"))
+SETTINGS = RenderSettings(part_voxel=0.01)
+
+
+@pytest.fixture(scope="module")
+def avatar() -> Avatar:
+    return load_avatar()
+
+
+@pytest.fixture(scope="module")
+def built(avatar: Avatar) -> tuple[AvatarVolume, ComposedField]:
+    posed = pose_person(avatar.person, HIP, Counters(), None)
+    volume = build_volume(avatar, posed, SETTINGS, Counters(), None)
+    return volume, composed_field(avatar, posed, volume, Counters())
+
+
+@pytest.fixture(scope="module")
+def exact(avatar: Avatar) -> ComposedField:
+    return exact_field(avatar, pose_reference(avatar, HIP), frozenset())
+
+
+def near_surface(built: tuple[AvatarVolume, ComposedField], count: int = 3000) -> torch.Tensor:
+    """Body voxels within a voxel of the surface, float32."""
+    grid = built[0].grid
+    points = lattice_points(tuple(grid.sdf.shape), grid.voxel) + torch.as_tensor(grid.origin)
+    near = torch.nonzero(grid.sdf.flatten().abs() < grid.voxel)[:, 0]
+    chosen = near[torch.randperm(len(near), generator=torch.Generator().manual_seed(1))[:count]]
+    return points[chosen].float()
+
+
+def test_voxels_hold_the_field(built: tuple[AvatarVolume, ComposedField]) -> None:
+    volume, field = built
+    points = near_surface(built)
+    outside = torch.stack([part.apart(part.local(points)) > 0.05 for part in field.parts]).all(0)
+    assert outside.sum() > 500
+    stored = sample(volume.sdf, points[outside]).composed.sdf
+    torch.testing.assert_close(field.sdf(points[outside]), stored, rtol=0, atol=1e-5)
+
+
+def test_hands_on_hips_are_told_apart_as_the_volume_does(built: tuple[AvatarVolume, ComposedField]) -> None:
+    volume, field = built
+    assert {part.name for part in volume.sdf.parts if part.contact is not None} == set(field.limbs) != set()
+    points = near_surface(built)
+    hands = [part for part in field.parts if part.name != "face"]
+    inside = torch.stack([part.apart(part.local(points)) == 0 for part in hands]).any(0)
+    stored, here = sample(volume.sdf, points[inside]).composed.sdf, field.sdf(points[inside])
+    apart = (stored - here).abs()
+    assert inside.sum() > 100
+    assert apart.median() < 5e-4
+    nobody = {name: replace(own, other_vertex=own.other_vertex & False) for name, own in field.ownership.items()}
+    without = replace(field, ownership=nobody)
+    carved = (without.sdf(points[inside]) - here).abs()
+    assert carved.max() > 0.003
+
+
+def test_single_precision_is_enough(built: tuple[AvatarVolume, ComposedField], exact: ComposedField) -> None:
+    points = near_surface(built)
+    apart = (built[1].sdf(points).double() - exact.sdf(points.double())).abs()
+    assert apart.quantile(0.99) < 2e-6
+    assert apart.median() < 2e-7
+
+
+def test_what_is_clear_is_outside(exact: ComposedField) -> None:
+    noise = torch.Generator().manual_seed(2)
+    low, high = (torch.as_tensor(corner) for corner in exact.bounds)
+    points = low + (high - low) * torch.rand(4000, 3, generator=noise, dtype=torch.float64)
+    clear = exact.clearance(points)
+    assert 100 < (clear > 0.01).sum() < 4000
+    assert (clear == 0).sum() > 10
+    step = torch.nn.functional.normalize(torch.randn(4000, 3, generator=noise, dtype=torch.float64), dim=-1)
+    away = points + 0.999 * clear[:, None] * step
+    assert (exact.sdf(away[clear > 0]) > 0).all()
+    assert (exact.sdf(points[clear > 0]) > 0).all()
+    assert (exact.sdf(points) < 0).any()
+
+
+def test_nothing_is_asked_where_it_has_no_share(built: tuple[AvatarVolume, ComposedField]) -> None:
+    field = replace(built[1], counters=Counters())
+    part = next(part for part in field.parts if part.name == "face")
+    far = torch.as_tensor(part.part_from_root[:3, :3].T @ (part.high + 0.01 - part.part_from_root[:3, 3])).float()
+    field(far[None])
+    assert field.counters["face_evaluations"] == 0
+    assert field.counters["local_mlp_evaluations"] > 0
+    assert np.isfinite(field.sdf(far[None]).numpy()).all()
