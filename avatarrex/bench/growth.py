@@ -5,6 +5,7 @@ A least-squares line through the logarithms; with it the largest relative deviat
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -44,14 +45,12 @@ def measure(bench: Bench) -> list[Metric]:
 
 def picture(bench: Bench) -> Callable[[float], object]:
     """A new view of somebody who stands, at a size."""
-    frames: dict[float, Frame] = {}
-    signals = bench.motion(1)[0]
+    signals, turn = bench.motion(1)[0], itertools.count()
+    first = render_frame(bench.avatar, signals, bench.camera(8), RenderSettings())
 
-    def work(size: float) -> None:
-        azimuth = 20.0 + 5 * len(frames) + (3 if size in frames else 0) * np.random.default_rng().random()
-        camera = bench.camera(max(8, round(bench.scale * size)), azimuth)
-        before = frames.get(size) or next(iter(frames.values()), None)
-        frames[size] = render_frame(bench.avatar, signals, camera, RenderSettings(), before)
+    def work(size: float) -> Frame:
+        camera = bench.camera(max(8, round(bench.scale * size)), 20.0 + 5 * next(turn))
+        return render_frame(bench.avatar, signals, camera, RenderSettings(), first)
 
     return work
 
@@ -80,15 +79,14 @@ def nodes(bench: Bench) -> Callable[[float], object]:
 
 def avatars(bench: Bench) -> Callable[[float], object]:
     """So many people, each in a new pose, nearest in front."""
-    side = bench.side(192, 128)
-    target = [(0.8 * k, -0.05, 0.0) for k in range(max(AVATARS))]
-    turn = iter(range(1000))
+    side, turn = bench.side(192, 128), itertools.count()
 
     def work(count: float) -> torch.Tensor:
         image, depth = torch.zeros(side, side, 4), torch.full((side, side), torch.inf)
         for k in range(int(count)):
             signals = bench.motion(next(turn) % 20 + 1)[-1]
-            frame = render_frame(bench.avatar, signals, Camera.orbit(20, 5, 2.6 + 0.2 * k, 40, target[0], side, side))
+            camera = Camera.orbit(20, 5, 2.6 + 0.2 * k, 40, (0.3 * k, -0.05, 0), side, side)
+            frame = render_frame(bench.avatar, signals, camera, RenderSettings())
             seen = torch.where(frame.pointmap.hit, frame.pointmap.depth, torch.inf)
             nearer = seen < depth
             image[nearer], depth = frame.image[nearer], torch.minimum(depth, seen)

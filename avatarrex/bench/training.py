@@ -19,12 +19,14 @@ from avatarrex.bench.metric import Metric
 from avatarrex.bench.session import SEED, Bench
 from avatarrex.capture.capture import open_capture
 from avatarrex.capture.synthetic import make_capture
+from avatarrex.errors import InputError
 from avatarrex.gl.context import gl_unavailable
 from avatarrex.training.frames import FrameStore
 from avatarrex.training.losses import weighted
 from avatarrex.training.pass_one import BodyPass
 from avatarrex.training.recipe import QUICK
 from avatarrex.training.volume_rendering import Gamma
+from avatarrex.training.warm_start import warm_start
 
 SETTLED = 10**9
 """A step at which γ has its last value."""
@@ -43,13 +45,18 @@ def measure(bench: Bench) -> list[Metric]:
 
 def _steps(bench: Bench, path: Path) -> list[Metric]:
     capture = open_capture(path)
+    if "body" not in capture.rigs:
+        raise InputError(path, "rigs", "a body rig", ", ".join(capture.rigs) or "none")
+    rig, known = capture.rigs["body"], bench.avatar
     avatar = Avatar.create(capture.person, QUICK.preset, SEED)
-    known = bench.avatar if bench.avatar.meta["preset"] == QUICK.preset else None
-    if known is not None:
+    if known.meta["preset"] == QUICK.preset and known.person.hash == capture.person.hash:
         for name, module in known.modules().items():
             avatar.modules()[name].load_state_dict(module.state_dict())
+    else:  # another person: its template is near enough to place the samples
+        avatar.meta["untrained"] = ["face"]
+        warm_start(avatar, rig.signals, "body", QUICK.body[0].warm_steps, SEED)
     recipe = replace(QUICK.body[0], rays=bench.count(400, 200))
-    store = FrameStore(avatar, capture.rigs["body"], "body", avatar.hidden)
+    store = FrameStore(avatar, rig, "body", avatar.hidden)
     store.renew(0)
     work = BodyPass(avatar, store, recipe, SEED)
     parameters = work.parameters()
