@@ -48,7 +48,9 @@ def build_volume(
     """Build the volume of `posed`, taking from `previous` every piece whose key has not changed."""
     every = settings.everywhere
     keys: dict[str, object] = {"hidden": settings.hidden, "body": (posed.keys["body"], settings.voxel, every)}
-    keys |= {name: (posed.keys[name], settings.part_voxel, every) for name in PART_JOINT} | {"bricks": settings.bricks}
+    for name in PART_JOINT:
+        keys[name] = None if name in settings.hidden else (posed.keys[name], settings.part_voxel, every)
+    keys["bricks"] = settings.bricks
     if previous and previous.keys == keys:
         return previous
 

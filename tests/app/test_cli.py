@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 from avatarrex_studio import cli, headless, options
-from avatarrex_studio.commands import ApplyPose, SetExpression, SetJoint, SetShape, SetTranslation
+from avatarrex_studio.commands import ApplyPose, SetExpression, SetJoint, SetLevel, SetShape, SetTranslation
 from avatarrex_studio.journal import Journal
-from ball import ball_engine
+from ball import ball_engine, render_ball
 from PIL import Image
 
 from avatarrex.errors import InputError
@@ -93,6 +93,28 @@ def test_a_session_replays_to_the_same_picture(quick, tmp_path):
     assert cli.main(["render", str(tmp_path / "direct.png"), "--pose", "wave", "--size", "24", *view]) == 0
     pictures = [np.asarray(Image.open(tmp_path / name)) for name in ("session.png", "direct.png")]
     assert np.array_equal(*pictures)
+
+
+def test_a_level_is_kept_in_the_picture_and_by_a_session(tmp_path, monkeypatch):
+    settings = []
+
+    def spy(avatar, signals, camera, chosen, previous=None):
+        settings.append(chosen)
+        return render_ball(avatar, signals, camera, chosen, previous)
+
+    monkeypatch.setattr("avatarrex_studio.engine.Engine", lambda settings=None: ball_engine(spy, settings))
+    for name in ("fast", "auto"):
+        out = tmp_path / f"{name}.png"
+        assert cli.main(["render", str(out), "--size", "16", "--level", name, "--detail-from", "squat"]) == 0
+        assert json.loads(Image.open(out).text["avatarrex"])["level"] == name
+    assert [chosen.part_voxel for chosen in settings] == [0.005, 0.0025]
+    assert [chosen.bricks for chosen in settings] == [0, 4], "auto is the most exact level where nobody waits"
+    assert all(chosen.detail_from is not None for chosen in settings)
+    journal = Journal()
+    journal.do(SetLevel("paper"))
+    journal.save(tmp_path / "session.json")
+    assert cli.main(["replay", str(tmp_path / "session.json"), "--size", "16"]) == 0
+    assert settings[-1].march == "fixed"
 
 
 def test_inspect_says_what_a_file_is(motion, capsys):

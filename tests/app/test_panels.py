@@ -8,7 +8,7 @@ import pytest
 from avatarrex_studio import posing
 from avatarrex_studio.actions import ACTIONS
 from avatarrex_studio.commands import OrbitBy, PanBy, ResetGroup, SetExpression, SetJoint, ZoomBy, apply
-from avatarrex_studio.panels import camera, keys, render, scene
+from avatarrex_studio.panels import camera, keys, performance, render, scene
 from avatarrex_studio.panels.face import FacePanel
 from avatarrex_studio.panels.joints import body_panel, hand_panel
 from avatarrex_studio.panels.poses import PosesPanel
@@ -17,6 +17,7 @@ from avatarrex_studio.panels.viewport import ViewportPanel
 from avatarrex_studio.state import StudioState
 from imgui_bundle import imgui
 
+from avatarrex.level_errors import LevelError
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 
 
@@ -121,6 +122,27 @@ def test_the_other_panels_draw(screen, studio):
     for draw in (camera.draw, render.draw, scene.draw, poses.draw):
         assert screen.frame(lambda draw=draw: draw(studio.state)) == []
     assert screen.frame(lambda: TimelinePanel().draw(studio)) == []
+
+
+def test_the_performance_panel_before_and_after_a_picture(screen, studio, monkeypatch):
+    said = []
+    for name in ("text", "text_wrapped"):
+        real = getattr(imgui, name)
+        monkeypatch.setattr(imgui, name, lambda text, real=real: said.append(text) or real(text))
+    assert screen.frame(lambda: performance.draw(studio)) == []
+    assert "No picture yet." in said
+    studio.tick((64, 48))
+    studio.do(OrbitBy(10.0, 0.0))
+    studio.tick((64, 48))
+    said.clear()
+    screen.frame(lambda: performance.draw(studio))
+    assert "body pose unchanged: body voxels kept" in said
+    assert "1.00 MiB" in said
+    assert "not measured" in said
+    monkeypatch.setattr(performance, "level_errors", lambda: {"balanced": LevelError(0.21, 1.5)})
+    screen.frame(lambda: performance.draw(studio))
+    assert said[-1] == "1.00 MiB"
+    assert "mean 0.21 mm, p99 1.5 mm" in said
 
 
 def test_the_viewport_mouse(screen, studio):

@@ -12,6 +12,7 @@ import pytest
 import torch
 from avatarrex_studio.engine import Engine
 from avatarrex_studio.journal import Journal
+from avatarrex_studio.panels import performance
 from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.studio import Studio
 from avatarrex_studio.window import Window, start
@@ -100,6 +101,39 @@ def test_mouse_palette_and_keys(display):
     assert states["zoom"].view.distance < states["orbit"].view.distance
     assert (states["front"].view.azimuth, states["front"].view.elevation) == (0, 0)
     assert not np.array_equal(states["squat"].signals.body_pose, states["front"].signals.body_pose)
+
+
+def test_the_performance_panel_changes_the_level_and_costs_nothing_when_hidden(display, monkeypatch):
+    drawn, seen = [], {}
+    monkeypatch.setattr(performance, "draw", lambda studio, real=performance.draw: drawn.append(studio) or real(studio))
+
+    def scenario(test, window):
+        rest(test, window)
+        test.window_focus("//Face")
+        test.yield_(3)
+        drawn.clear()
+        test.yield_(5)
+        seen["hidden"], seen["pictures"] = len(drawn), len(window.studio.history)
+        test.window_focus("//Performance")
+        test.yield_(5)
+        seen["shown"] = len(drawn)
+        test.combo_click("//Performance/##level/quality")
+        rest(test, window)
+        seen["level"], seen["work"] = window.studio.state.level, window.studio.work.level
+        test.key_press(chord("Ctrl+Z"))
+        rest(test, window)
+        seen["undone"] = window.studio.work.level
+        seen["image"], seen["done"] = window.studio.image, len(window.studio.history)
+        test.yield_(20)
+        seen["still"], seen["idle"] = window.studio.image, len(window.studio.history)
+
+    drive(ball_engine(), scenario)
+    assert seen["hidden"] == 0 < seen["shown"]
+    assert seen["level"] == seen["work"] == "quality"
+    assert seen["undone"] == "balanced"
+    assert seen["done"] > seen["pictures"]
+    assert seen["idle"] == seen["done"], "nothing changed, nothing is rendered"
+    assert seen["still"] is seen["image"]
 
 
 @pytest.mark.slow

@@ -1,0 +1,136 @@
+"""A recorded session through the engine: what every step works is what the skip table says (docs/architecture.md).
+
+| what changed   | what runs                                                                      |
+|----------------|--------------------------------------------------------------------------------|
+| nothing        | nothing                                                                        |
+| view, root     | rays and colours                                                               |
+| expression     | its U-Nets and box, rays, colours                                              |
+| a hand         | its box alone, rays, colours; the body's voxels in the box where it meets the body |
+| body pose      | body voxels and patches, rays, colours; boxes of hands and face only move      |
+| a part hidden  | nothing of that part                                                           |
+"""
+
+from __future__ import annotations
+
+import pytest
+from avatarrex_studio.commands import (
+    ApplyExpression,
+    ApplyPose,
+    OrbitBy,
+    SetBackground,
+    SetHandPose,
+    SetHidden,
+    SetJoint,
+    SetLevel,
+    SetTranslation,
+)
+from avatarrex_studio.engine import Engine
+from avatarrex_studio.journal import Journal
+from avatarrex_studio.skips import WORK, skipped
+from avatarrex_studio.state import LEVELS, StudioState
+from avatarrex_studio.work import Work
+
+from avatarrex.avatar import load_avatar
+from avatarrex.errors import InputError
+from avatarrex.levels import LEVELS as TABLE
+from avatarrex.pipeline import RenderSettings
+from avatarrex.signals.signals import Signals
+
+SIZE = (40, 40)
+CAST = {"rays", "colour"}
+BODY = {"templates", "body", "patches"}
+FACE = {"templates", "face", "U-Nets"}
+HAND = {"templates", "hands"}
+STEPS = {
+    "start": (SetLevel("fast"), BODY | FACE | HAND | CAST),
+    "idle": (None, set()),
+    "body": (ApplyPose("wave"), BODY | CAST),
+    "one joint": (SetJoint("left_knee", (0.4, 0.0, 0.0)), BODY | CAST),
+    "expression": (ApplyExpression("jaw_open"), FACE | CAST),
+    "raised hand": (SetHandPose("right", "point"), HAND | CAST),
+    "hand at the thigh": (SetHandPose("left", "fist"), HAND | CAST | {"body"}),
+    "view": (OrbitBy(40.0, 10.0), CAST),
+    "root": (SetTranslation((0.1, 0.0, 0.2)), CAST),
+    "turned": (SetJoint("pelvis", (0.0, 0.5, 0.0)), CAST),
+    "background": (SetBackground((1.0, 1.0, 1.0, 1.0)), set()),
+    "hidden hand": (SetHidden("left_hand", True), CAST),
+    "a hidden hand's pose": (SetHandPose("left", "spread"), {"templates"}),
+    "hidden face": (SetHidden("face", True), CAST),
+    "a hidden face's expression": (ApplyExpression("smile"), {"templates"}),
+    "idle again": (None, set()),
+}
+"""Step → command, and the names of `skips.WORK` whose counters then do not read zero."""
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    """The frames of the session, which is recorded, saved and read again on the way."""
+    path, journal = tmp_path_factory.mktemp("session") / "session.json", Journal()
+    engine = Engine(load_avatar(), settings=RenderSettings(raycast="torch"))
+    frames, states = {}, {}
+    for name, (command, _) in STEPS.items():
+        if command:
+            journal.do(command)
+        states[name] = journal.state
+        shot = engine.render(journal.state, SIZE)
+        assert shot.error is None
+        frames[name] = shot.frame
+    journal.save(path)
+    assert Journal.load(path).state == journal.state
+    return frames, states
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_a_step_works_what_the_table_says(session, name):
+    counters = session[0][name].counters
+    assert {kind for kind, counter in WORK.items() if counters[counter]} == STEPS[name][1]
+
+
+def test_a_frame_of_nothing_is_the_frame_before(session):
+    frames, _ = session
+    names = list(STEPS)
+    for idle in ("idle", "background", "idle again"):
+        before = frames[names[names.index(idle) - 1]]
+        assert not any(frames[idle].counters.values())
+        assert frames[idle].image is before.image
+    for name in ("view", "root", "turned"):
+        assert frames[name].volume is frames["hand at the thigh"].volume
+
+
+def test_parts_that_do_not_change_are_kept(session):
+    frames, _ = session
+    start, raised, other = (frames[name].volume for name in ("expression", "raised hand", "hand at the thigh"))
+    assert start.grid is raised.grid is other.grid
+    assert start.parts["left_hand"] is raised.parts["left_hand"]
+    assert start.parts["face"] is raised.parts["face"] is other.parts["face"]
+    assert raised.parts["right_hand"] is other.parts["right_hand"]
+    assert all(frames["body"].volume.parts[part] is box for part, box in frames["idle"].volume.parts.items())
+
+
+def test_what_is_skipped_has_its_reason(session):
+    frames, _ = session
+    reasons = {name: skipped(Work.of(frame, "fast")) for name, frame in frames.items()}
+    assert reasons["start"] == {}
+    assert set(reasons["idle"]) == set(WORK)
+    assert reasons["view"]["body"] == "body pose unchanged: body voxels kept"
+    assert reasons["body"]["hands"] == "hand poses unchanged: boxes kept"
+    assert reasons["hidden hand"]["hands"] == "right hand unchanged, the other hidden: box kept"
+    assert reasons["hidden face"]["U-Nets"] == "face hidden: no box"
+
+
+def test_a_state_s_level_is_what_is_rendered(session):
+    engine = Engine(load_avatar(), settings=RenderSettings(raycast="torch", detail_from=Signals.rest()))
+    for name in LEVELS:
+        settings = engine.settings(StudioState(level=name, hidden=frozenset({"face"})))
+        table = TABLE["quality" if name == "auto" else name]
+        traded = ("voxel", "part_voxel", "everywhere", "bricks", "march", "antialias")
+        assert all(getattr(settings, field) == getattr(table, field) for field in traded)
+        assert (settings.hidden, settings.raycast) == (frozenset({"face"}), "torch")
+        assert settings.detail_from is not None
+    assert session[0]["start"].settings.part_voxel == TABLE["fast"].part_voxel
+
+
+def test_the_levels_of_the_state_are_those_of_the_library():
+    assert set(LEVELS) == {"auto", *TABLE}
+    with pytest.raises(InputError, match=r"level.*auto or paper.*best"):
+        StudioState(level="best")
