@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -113,7 +112,11 @@ def _replay(path: str) -> int:
     tally.add(kind.name, 0, findings, 0.0)
     print(tally.text().split("\n\n")[0])
     notes = [f"{finding.check}: {finding.note}" for finding in findings if finding.failed and finding.note]
-    print("\n".join([*notes, f"{check}: " + ("fails" if any(f.failed and f.check == check for f in findings) else "holds")]))
+    print(
+        "\n".join(
+            [*notes, f"{check}: " + ("fails" if any(f.failed and f.check == check for f in findings) else "holds")]
+        )
+    )
     return int(any(finding.failed for finding in findings))
 
 

@@ -1,8 +1,8 @@
 """Angle-weighted pseudonormals of a mesh's faces, edges and vertices: the exact inside test (Bærentzen & Aanæs 2005).
 
-Vertices at one place are one vertex, repeated triangles count once. Triangles without a normal (zero area) leave the pseudonormals of the features that they
-touch undefined: `unsure` names those, and their sign comes from the winding number. Letters: p points, v vertices,
-f faces.
+Vertices at one place are one vertex, repeated triangles count once. Triangles without a normal (zero area) leave the
+pseudonormals of the features that they touch undefined: `unsure` names those, and their sign comes from the winding
+number. Letters: p points, v vertices, f faces.
 """
 
 from __future__ import annotations

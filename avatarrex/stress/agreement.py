@@ -48,12 +48,15 @@ def check(inputs: Inputs, found: Findings) -> None:
     for side in ("left_hand", "right_hand"):
         hand = getattr(subject().person, side)
         pose, shape = torch.as_tensor(inputs[f"{side}_pose"]).float(), torch.as_tensor(inputs["shape"]).float()
-        off = pose_hand(hand, pose, shape) - pose_template(
-            _double(hand.model),
-            torch.cat([torch.zeros(1, 3), pose]).double(),
-            shape.double(),
-            torch.zeros(0, dtype=torch.float64),
-        ).vertices
+        off = (
+            pose_hand(hand, pose, shape)
+            - pose_template(
+                _double(hand.model),
+                torch.cat([torch.zeros(1, 3), pose]).double(),
+                shape.double(),
+                torch.zeros(0, dtype=torch.float64),
+            ).vertices
+        )
         found.at_most("hand, float32 off float64 (m)", off.abs(), 1e-5)
     _check_body(inputs, double, generator, found)
     _check_hand(inputs, generator, found)

@@ -113,7 +113,10 @@ def _array(source: str, name: str, entry: Entry, given: Any) -> np.ndarray:
     if (
         not isinstance(shape, list)
         or len(shape) != len(entry.shape)
-        or any(type(n) is not int or not (0 <= n <= MOST_ROWS if want < 0 else n == want) for n, want in zip(shape, entry.shape))
+        or any(
+            type(n) is not int or not (0 <= n <= MOST_ROWS if want < 0 else n == want)
+            for n, want in zip(shape, entry.shape)
+        )
         or math.prod(shape) != len(values)
     ):
         raise InputError(source, field, f"shape {entry.shape} and as many values", f"{shape}, {len(values)} values")

@@ -66,7 +66,9 @@ def _ball(rounds: int) -> tuple[np.ndarray, np.ndarray]:
     return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces
 
 
-def _split(vertices: np.ndarray, faces: np.ndarray, face: int, share: float, both: bool) -> tuple[np.ndarray, np.ndarray]:
+def _split(
+    vertices: np.ndarray, faces: np.ndarray, face: int, share: float, both: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """A new vertex on the first edge of `face`, at `share`; its neighbour is split, too, or gets a face of no area."""
     a, b, c = faces[face]
     new = len(vertices)

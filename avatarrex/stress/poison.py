@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import torch
@@ -72,7 +73,12 @@ def _signals(name: str) -> Callable[[float, float], object]:
 
 def _camera(name: str) -> Callable[[float, float], object]:
     camera = Camera.orbit(0, 0, 2.8, 45, (0, 0, 0), 16, 16)
-    return lambda value, place: replace(camera, **{name: _array(getattr(camera, name), value, place)})
+
+    def run(value: float, place: float) -> None:
+        bad: dict[str, Any] = {name: _array(getattr(camera, name), value, place)}
+        replace(camera, **bad)
+
+    return run
 
 
 def _body_mesh(value: float, place: float) -> None:
@@ -100,7 +106,8 @@ def _part_volume(name: str) -> Callable[[float, float], object]:
     def run(value: float, place: float) -> None:
         volume = clean().volume.sdf
         parts = (
-            replace(part, field=_spoiled(part.field, value, place)) if part.name == name else part for part in volume.parts
+            replace(part, field=_spoiled(part.field, value, place)) if part.name == name else part
+            for part in volume.parts
         )
         raycast(replace(volume, parts=tuple(parts)), clean().camera, antialias=False)
 
@@ -110,8 +117,9 @@ def _part_volume(name: str) -> Callable[[float, float], object]:
 def _point_map(name: str) -> Callable[[float, float], object]:
     def run(value: float, place: float) -> None:
         frame = clean()
-        bad = replace(frame.pointmap, **{name: _spoiled(getattr(frame.pointmap, name), value, place)})
-        shade(subject(), frame.posed, frame.volume, bad, frame.camera, Counters(), None)
+        bad: dict[str, Any] = {name: _spoiled(getattr(frame.pointmap, name), value, place)}
+        spoiled = replace(frame.pointmap, **bad)
+        shade(subject(), frame.posed, frame.volume, spoiled, frame.camera, Counters(), None)
 
     return run
 

@@ -9,7 +9,7 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
@@ -59,7 +59,7 @@ def make(kind: str, number: int, seed: int) -> Inputs:
     return KINDS[kind].draw(np.random.default_rng([seed, place, number]), number)
 
 
-def run(cases: list[tuple[str, int]], seed: int, processes: int) -> Iterator[Outcome]:
+def run(cases: list[tuple[str, int]], seed: int, processes: int) -> Generator[Outcome, None, None]:
     """The outcome of every case, in order; with one process, in this one. Stops its processes when it is closed."""
     work = [(kind, number, seed) for kind, number in cases]
     if processes == 1:

@@ -64,7 +64,9 @@ def _volume(inputs: Inputs) -> SdfVolume:
     place[:3, :3] = rotation(1, first) @ rotation(2, second)
     place[:3, 3] = inputs["solids"][0, :3] - place[:3, :3] @ np.full(3, BOX_SIDE / 2)
     shape = (round(BOX_SIDE / BOX_VOXEL) + 1,) * 3
-    return SdfVolume(body, (part_box("face", union(*solids), lambda p: torch.ones_like(p[:, 0]), place, BOX_VOXEL, shape),))
+    return SdfVolume(
+        body, (part_box("face", union(*solids), lambda p: torch.ones_like(p[:, 0]), place, BOX_VOXEL, shape),)
+    )
 
 
 def _inner(truth: PointMap) -> torch.Tensor:

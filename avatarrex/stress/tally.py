@@ -57,7 +57,8 @@ class Tally:
             figures = f"{row.cases:6d}  {row.worst:9.3g}  {row.tolerance:9.3g}  {row.failures or '':>8}"
             lines.append(f"{kind:9}  {check:{wide}}  {figures}")
         cost = (
-            f"{count} {kind} ({1000 * self.cpu_seconds[kind] / count:.0f} s per 1000)" for kind, count in self.cases.items()
+            f"{count} {kind} ({1000 * self.cpu_seconds[kind] / count:.0f} s per 1000)"
+            for kind, count in self.cases.items()
         )
         return "\n".join([*lines, "", "processor time: " + ", ".join(cost)])
 

@@ -44,7 +44,11 @@ class PosedPerson:
 
     def __post_init__(self) -> None:
         body = {"body": self.body.vertices, "joints": self.body.joint_transforms, "skinning": self.body.skinning}
-        coefficients = {**self.hand_pose, "body rotation": self.body_rotation, "face coefficients": self.face_coefficients}
+        coefficients = {
+            **self.hand_pose,
+            "body rotation": self.body_rotation,
+            "face coefficients": self.face_coefficients,
+        }
         require_finite("posed person", **body)
         require_finite("posed person", **self.parts)
         require_finite("posed person, coefficients", **coefficients)
