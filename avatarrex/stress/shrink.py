@@ -29,10 +29,10 @@ class Shrunk:
     tried: int
 
 
-def shrink(kind: Kind, inputs: Inputs, failure: Finding, seconds: float = SECONDS) -> Shrunk:
+def shrink(kind: Kind, inputs: Inputs, failure: Finding) -> Shrunk:
     """The smallest case that fails the same check as `inputs` does."""
     repeated = failure.check == "same bits again"
-    best, tried, end = Shrunk(inputs, failure, 0), 0, time.monotonic() + seconds
+    best, tried, end = Shrunk(inputs, failure, 0), 0, time.monotonic() + SECONDS
     for simpler in (_without, _rowwise, *[_halved] * HALVINGS, _fewer):
         progress = True
         while progress and time.monotonic() < end:
