@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from avatarrex_studio import bench
+from avatarrex_studio import bench, stress
 
 from avatarrex.errors import InputError
 from avatarrex.files import check_writable
@@ -64,6 +64,7 @@ def parser() -> argparse.ArgumentParser:
     bench.add_options(verbs.add_parser("bench", help="run time against error, stage by stage", allow_abbrev=False))
     what = "what feature patches, pass II, sampling … are worth, trained for real"
     bench.add_ablation_options(verbs.add_parser(bench.ABLATION, help=what, allow_abbrev=False))
+    stress.add_options(verbs.add_parser("stress", help="hostile inputs through every stage", allow_abbrev=False))
     return top
 
 
@@ -172,7 +173,7 @@ def _render_options(render: argparse.ArgumentParser) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    verbs = ("open", "render", "replay", "inspect", "capture", "train", "evaluate", "sheet", "runs", "bench")
+    verbs = ("open", "render", "replay", "inspect", "capture", "train", "evaluate", "sheet", "runs", "bench", "stress")
     if words and words[0] not in verbs and not words[0].startswith("-") and os.path.exists(words[0]):
         words.insert(0, "open")
     try:
@@ -192,6 +193,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "runs": _runs,
             "bench": bench.run,
             bench.ABLATION: bench.run_ablation,
+            "stress": stress.run,
         }
         return run[arguments.verb](arguments)
     except InputError as error:

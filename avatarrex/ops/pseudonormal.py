@@ -1,8 +1,8 @@
 """Angle-weighted pseudonormals of a mesh's faces, edges and vertices: the exact inside test (Bærentzen & Aanæs 2005).
 
-Repeated triangles count once. Triangles without a normal (zero area) leave the pseudonormals of the features that they
-touch undefined: `unsure` names those, and their sign comes from the winding number. Letters: p points, v vertices,
-f faces.
+Vertices at one place are one vertex, repeated triangles count once. Triangles without a normal (zero area) leave the
+pseudonormals of the features that they touch undefined: `unsure` names those, and their sign comes from the winding
+number. Letters: p points, v vertices, f faces.
 """
 
 from __future__ import annotations
@@ -61,7 +61,9 @@ def _feature(faces: Tensor, face: Tensor, barycentric: Tensor) -> tuple[Tensor, 
 
 def pseudonormals(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> Pseudonormals:
     """Pseudonormals of a mesh, in the dtype of `vertices` (float64 where the sign must be exact)."""
-    kept = _first_of_repeats(faces, len(vertices))
+    place, welded = torch.unique(vertices, dim=0, return_inverse=True)
+    joined = welded[faces]
+    kept = _first_of_repeats(joined, len(place))
     a, b, c = vertices[faces].unbind(1)
     sides = torch.stack([c - b, a - c, b - a], 1)
     length = sides.norm(dim=-1)
@@ -70,7 +72,7 @@ def pseudonormals(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> 
     flat = area <= THIN * length.amax(1) ** 2
     face = torch.where(flat[:, None], 0.0, cross / torch.where(flat, 1.0, area)[:, None])
     counted = face * kept[:, None]
-    edge_id = _edge_ids(faces, len(vertices))
+    edge_id = _edge_ids(joined, len(place))
     edge = torch.zeros(int(edge_id.max()) + 1, 3, dtype=vertices.dtype, device=vertices.device)
     edge.index_add_(0, edge_id.reshape(-1), counted.repeat_interleave(3, 0))
     flat_edge = torch.zeros(len(edge), dtype=torch.bool, device=vertices.device)
@@ -78,11 +80,11 @@ def pseudonormals(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> 
     # The angle at corner i lies between side (i+1) reversed and side (i+2); atan2 keeps digits for slivers.
     incoming, outgoing = -sides.roll(-1, 1), sides.roll(-2, 1)
     angle = torch.atan2(area[:, None].expand(-1, 3), (incoming * outgoing).sum(-1))
-    vertex = torch.zeros_like(vertices)
-    vertex.index_add_(0, faces.reshape(-1), (counted[:, None] * angle[..., None]).reshape(-1, 3))
-    flat_vertex = torch.zeros(len(vertices), dtype=torch.bool, device=vertices.device)
-    flat_vertex[faces[flat].reshape(-1)] = True
-    return Pseudonormals(face, edge[edge_id], vertex, flat, flat_edge[edge_id], flat_vertex, kept)
+    vertex = torch.zeros_like(place)
+    vertex.index_add_(0, joined.reshape(-1), (counted[:, None] * angle[..., None]).reshape(-1, 3))
+    flat_vertex = torch.zeros(len(place), dtype=torch.bool, device=vertices.device)
+    flat_vertex[joined[flat].reshape(-1)] = True
+    return Pseudonormals(face, edge[edge_id], vertex[welded], flat, flat_edge[edge_id], flat_vertex[welded], kept)
 
 
 def winding_number(

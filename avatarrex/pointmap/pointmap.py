@@ -14,6 +14,7 @@ from torch import Tensor
 
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
+from avatarrex.finite import require_finite
 from avatarrex.gl.context import gl_unavailable
 from avatarrex.volume.volume import SdfVolume
 
@@ -40,6 +41,16 @@ class PointMap:
     renderer: str
     """What cast the rays."""
     counters: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        require_finite(
+            "point map",
+            position=self.position,
+            normal=self.normal,
+            depth=self.depth,
+            coverage=self.coverage,
+            part_weight=self.part_weight,
+        )
 
 
 def available() -> tuple[str, ...]:

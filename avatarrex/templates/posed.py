@@ -14,6 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.counters import Counters
+from avatarrex.finite import require_finite
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.face import pose_face
@@ -40,6 +41,17 @@ class PosedPerson:
     face_coefficients: Float[Tensor, " 61"]
     """ψ, then jaw and eyes as rotation vectors."""
     keys: dict[str, bytes]
+
+    def __post_init__(self) -> None:
+        body = {"body": self.body.vertices, "joints": self.body.joint_transforms, "skinning": self.body.skinning}
+        coefficients = {
+            **self.hand_pose,
+            "body rotation": self.body_rotation,
+            "face coefficients": self.face_coefficients,
+        }
+        require_finite("posed person", **body)
+        require_finite("posed person", **self.parts)
+        require_finite("posed person, coefficients", **coefficients)
 
     def root_from_part(self, name: str) -> np.ndarray:
         """Rigid (4, 4) float64 of the joint frame that part `name` lives in."""

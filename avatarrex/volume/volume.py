@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.fields.composition import Composed, compose, step_bound
+from avatarrex.finite import require_finite
 from avatarrex.ops.trilinear import trilinear
 from avatarrex.volume.bricks import Bricks
 
@@ -32,6 +33,9 @@ class BodyGrid:
     bricks: Bricks | None = None
     """Cells that are stored more finely than `sdf`."""
 
+    def __post_init__(self) -> None:
+        require_finite("volume", body=self.sdf)
+
 
 @dataclass(frozen=True, eq=False)
 class Contact:
@@ -41,6 +45,9 @@ class Contact:
     """Index (z, y, x) into the body lattice of the block's first voxel."""
     field: Float[Tensor, "z y x 2"]
     """(own, others)."""
+
+    def __post_init__(self) -> None:
+        require_finite("volume", contact=self.field)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +62,9 @@ class PartBox:
     field: Float[Tensor, "z y x 2"]
     """(s_part clamped to [-0.05, 0.05], ω)."""
     contact: Contact | None = None
+
+    def __post_init__(self) -> None:
+        require_finite("volume", **{self.name: self.field, "box_from_root": torch.as_tensor(self.box_from_root)})
 
     @property
     def size(self) -> np.ndarray:

@@ -186,6 +186,16 @@ def test_without_the_remedies_dirty_meshes_turn_inside_out() -> None:
 
 
 @pytest.mark.parametrize("impl", IMPLS)
+def test_faces_with_their_own_corners_are_still_one_surface(impl: str) -> None:
+    """Three vertices for every face, as files without an index have them: beside the knife edge one face looks away."""
+    vertices, faces = wedge()
+    point = cloud(1500, 0.5) + torch.tensor([0.5, 0.6, 0.05], dtype=torch.float64)
+    want = closest_point(vertices, faces, point, impl=impl).sdf
+    found = closest_point(vertices[faces].reshape(-1, 3), torch.arange(3 * len(faces)).reshape(-1, 3), point, impl=impl)
+    torch.testing.assert_close(found.sdf, want, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("impl", IMPLS)
 def test_bound_saturates_and_keeps_the_inside(impl: str) -> None:
     vertices, faces = tensors(trimesh.creation.icosphere(subdivisions=2, radius=0.1))
     axis = torch.linspace(-0.2, 0.2, 13, dtype=torch.float64)

@@ -1,6 +1,7 @@
 """Rays that go wrong easily: thin, grazing, parallel, starting inside, touching limbs, boxes past the grid."""
 
 import dataclasses
+from importlib import resources
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import torch
 from raycast_cases import agree
 
 from avatarrex.camera import Camera
+from avatarrex.gl.context import gl_context, gl_unavailable
 from avatarrex.pointmap.pointmap import raycast
 from avatarrex.pointmap.raycast_reference import first_crossing
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
@@ -83,6 +85,41 @@ def test_the_slab_test_survives_zero_components():
     assert entry[0] == 1
     assert exit[0] == 2
     assert entry[3] < 0 < exit[3]
+
+
+def test_the_shaders_slab_test_survives_zero_components():
+    """The same rays through shaders/lib/slab.glsl."""
+    if gl_unavailable() is not None:
+        pytest.skip("no OpenGL 4.3 here")
+    context = gl_context()
+    program = context.compute_shader(
+        "\n".join(
+            [
+                "#version 430",
+                "layout(local_size_x = 1) in;",
+                resources.files("avatarrex_shaders").joinpath("lib/slab.glsl").read_text(),
+                "layout(std430, binding = 0) buffer Rays { vec4 ray[]; };",
+                "void main() {",
+                "    uint k = 2u * gl_GlobalInvocationID.x;",
+                "    ray[k].xy = slab(ray[k].xyz, ray[k + 1u].xyz, vec3(1));",
+                "}",
+            ]
+        )
+    )
+    rays = [
+        [[-1, 0, 0.5], [1, 0, 0]], [[-1, 0, 0], [1, 0, 0]], [[-1, 2, 0.5], [1, 0, 0]], [[0.5, 0, 1], [0, 0, -1]],
+        [[0, 0, -1], [0, 0, 1]], [[0.5, 0.5, 0.5], [0, 0, 0]],
+    ]  # fmt: skip
+    values = np.zeros((len(rays), 2, 4), "f4")
+    values[..., :3] = rays
+    buffer = context.buffer(values.tobytes())
+    buffer.bind_to_storage_buffer(0)
+    program.run(len(rays))
+    context.memory_barrier()
+    entry, exit = np.frombuffer(buffer.read(), "f4").reshape(-1, 2, 4)[:, 0, :2].T
+    assert np.isfinite([entry, exit]).all()
+    assert (entry <= exit).tolist() == [True, True, False, True, True, True]
+    assert entry[:2].tolist() == [1, 1]
 
 
 def test_nothing_there(impl):

@@ -57,6 +57,17 @@ def test_a_slab_absorbs_what_the_formula_says():
     assert opacity.item() == pytest.approx(-math.expm1(-depth), rel=1e-12)
 
 
+def test_a_whiff_of_fog_keeps_its_digits():
+    """Optical depths of 1e-7 in float32: 1 − exp(−τ) is wrong by up to a fifth there."""
+    depth = torch.logspace(-8, -5, 50)
+    gamma = 0.01
+    sdf = torch.full((50, 2), 0.5 * gamma)
+    length = depth / laplace_density(sdf[:, 0], gamma)
+    t = torch.stack([torch.zeros(50), length], 1)
+    _, opacity = render_weights(sdf, t, gamma)
+    torch.testing.assert_close(opacity, depth, rtol=1e-5, atol=0)
+
+
 def test_six_samples_find_the_depth_of_a_sphere():
     """Expected depth along rays at a sphere of 0.3 m: with γ → 0 it is where the ray meets it."""
     x = torch.linspace(-0.25, 0.25, 41, dtype=torch.float64)

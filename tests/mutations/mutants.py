@@ -1,0 +1,225 @@
+"""The remedies of the hazard table (docs/stress.md), each as the text that takes it away and the test that must then fail.
+
+A mutant is a text replacement in one file of the packages. Its `remedy` must occur there exactly once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One remedy, taken away."""
+
+    hazard: str
+    """Of the table."""
+    file: str
+    """From the checkout."""
+    remedy: str
+    without: str
+    test: str
+    """Node id of the test that must fail."""
+
+
+ROTATION, SKINNING, TRIANGLE = (f"avatarrex/ops/{name}.py" for name in ("rotation", "skinning", "triangle"))
+INFLUENCE, BODY = "avatarrex/fields/influence.py", "avatarrex/fields/body.py"
+RENDERING = "avatarrex/training/volume_rendering.py"
+ENCODING = "avatarrex/ops/encoding.py"
+TESTS_ROTATION = "tests/ops/test_rotation.py"
+TESTS_RENDERING = "tests/training/test_volume_rendering.py"
+TESTS_BODY = "tests/fields/test_body_influence.py"
+TESTS_RAYS = "tests/pointmap/test_hazards.py"
+THIN = f"{TESTS_RAYS}::test_a_slab_of_0_6_voxels_is_never_missed"
+
+MUTANTS: dict[str, Mutant] = {
+    "matrix at angle 0": Mutant(
+        "axis-angle at 0",
+        ROTATION,
+        "square_safe = torch.where(small, torch.ones_like(square), square)",
+        "square_safe = square",
+        f"{TESTS_ROTATION}::test_the_gradient_at_zero_is_the_cross_product",
+    ),
+    "quaternion at angle 0": Mutant(
+        "axis-angle at 0",
+        ROTATION,
+        "    angle = torch.where(small, torch.ones_like(square), square).sqrt()",
+        "    angle = square.sqrt()",
+        f"{TESTS_ROTATION}::test_gradients_are_finite_everywhere",
+    ),
+    "rotvec at angle 0": Mutant(
+        "axis-angle at 0",
+        ROTATION,
+        "    length = torch.where(small, torch.ones_like(square), square).sqrt()",
+        "    length = square.sqrt()",
+        f"{TESTS_ROTATION}::test_gradients_are_finite_everywhere",
+    ),
+    "half turns": Mutant(
+        "axis-angle at π",
+        ROTATION,
+        "best = outer.diagonal(dim1=-2, dim2=-1).argmax(-1)",
+        "best = torch.zeros(outer.shape[:-2], dtype=torch.long)",
+        f"{TESTS_ROTATION}::test_half_turns_come_back_as_the_same_rotation",
+    ),
+    "inverse without a floor": Mutant(
+        "blended skinning matrix",
+        SKINNING,
+        "weak = determinant * AMPLIFICATION <= adjugate.detach().square().sum((-2, -1)).sqrt()",
+        "weak = torch.zeros_like(determinant, dtype=torch.bool)",
+        "tests/ops/test_skinning.py::test_the_inverse_of_opposed_twists_is_bounded",
+    ),
+    "floor without the polar rotation": Mutant(
+        "blended skinning matrix",
+        SKINNING,
+        "return (vt.mT @ (u / stretch[:, None, :]).mT).to(linear.dtype)",
+        "return torch.eye(3).to(linear).expand_as(linear)",
+        "tests/ops/test_skinning.py::test_the_inverse_is_continuous_where_the_bound_sets_in",
+    ),
+    "influence as printed": Mutant(
+        "Σw → 0",
+        INFLUENCE,
+        "return EPSILON * torch.expm1((RADIUS**2 - squared_distance) / (2 * SIGMA**2)).clamp_min(0)",
+        "return (torch.exp(-squared_distance / (2 * SIGMA**2)) - EPSILON).clamp_min(0)",
+        f"{TESTS_BODY}::test_rim_keeps_its_digits",
+    ),
+    "mean of nothing": Mutant(
+        "Σw → 0",
+        INFLUENCE,
+        "summed / torch.where(reached, total, torch.ones_like(total))[:, None], total",
+        "summed / total[:, None], total",
+        f"{TESTS_BODY}::test_weighted_mean_of_unreached_points_is_zero_and_flagged",
+    ),
+    "no fill": Mutant(
+        "Σw → 0",
+        BODY,
+        "return torch.where(missed, fill, inside)",
+        "return inside",
+        "tests/fields/test_body.py::test_far_points_get_the_conservative_fill[anchors]",
+    ),
+    "fill that ignores the cover": Mutant(
+        "Σw → 0",
+        BODY,
+        "return (nearest.clamp_min(RADIUS) - frame.cover).clamp_min(LEAST)",
+        "return nearest.clamp_min(LEAST)",
+        "tests/fields/test_body.py::test_fill_never_exceeds_the_distance_to_the_surface",
+    ),
+    "Laplace CDF by cases": Mutant(
+        "Laplace CDF",
+        RENDERING,
+        "return (0.5 + 0.5 * torch.sign(sdf) * torch.expm1(-sdf.abs() / gamma)) / gamma",
+        "e = torch.exp\n    return torch.where(sdf > 0, 0.5 * e(-sdf / gamma), 1 - 0.5 * e(sdf / gamma)) / gamma",
+        f"{TESTS_RENDERING}::test_density_and_slope_are_finite_far_from_the_surface",
+    ),
+    "share by 1 − exp": Mutant(
+        "transmittance",
+        RENDERING,
+        "return torch.exp(-before) * -torch.expm1(-depth)",
+        "return torch.exp(-before) * (1 - torch.exp(-depth))",
+        f"{TESTS_RENDERING}::test_a_whiff_of_fog_keeps_its_digits",
+    ),
+    "inclusive sum": Mutant(
+        "transmittance",
+        RENDERING,
+        "before = torch.cumsum(depth, -1) - depth",
+        "before = torch.cumsum(depth, -1)",
+        f"{TESTS_RENDERING}::test_a_slab_absorbs_what_the_formula_says",
+    ),
+    "slivers have an interior": Mutant(
+        "sliver triangles",
+        TRIANGLE,
+        "thick = area2 > (THIN * longest) ** 2",
+        "thick = area2 > 0",
+        "tests/ops/test_triangle.py::test_a_needle_is_its_longest_side",
+    ),
+    "one segment of three": Mutant(
+        "sliver triangles",
+        TRIANGLE,
+        "best = torch.minimum(torch.minimum(square_ab, square_ac), square_bc)",
+        "best = square_ab",
+        "tests/ops/test_triangle.py::test_a_needle_is_its_longest_side",
+    ),
+    "faces without a normal": Mutant(
+        "sliver triangles",
+        "avatarrex/ops/closest_point.py",
+        "        if unsure.any():",
+        "        if False:",
+        "tests/ops/test_closest_point.py::test_without_the_remedies_dirty_meshes_turn_inside_out",
+    ),
+    "vertices at one place": Mutant(
+        "sliver triangles",
+        "avatarrex/ops/pseudonormal.py",
+        "place, welded = torch.unique(vertices, dim=0, return_inverse=True)",
+        "place, welded = vertices, torch.arange(len(vertices))",
+        "tests/ops/test_closest_point.py::test_faces_with_their_own_corners_are_still_one_surface",
+    ),
+    "one raycast pass, torch": Mutant(
+        "thin parts",
+        "avatarrex/pointmap/raycast_torch.py",
+        "t[again] = first_crossing(volume, plane.rays(pixels[again].double())).float()",
+        "del again",
+        f"{THIN}[torch-0.003]",
+    ),
+    "one raycast pass, GL": Mutant(
+        "thin parts",
+        "avatarrex/pointmap/raycast_gl.py",
+        '            run("exact", EXACT_LIST, PARTS=parts)',
+        "            del parts",
+        f"{THIN}[gl-0.003]",
+    ),
+    "parallel rays, torch": Mutant(
+        "parallel rays",
+        "avatarrex/pointmap/rays.py",
+        "safe = torch.where(direction.abs() < 1e-12, 1e-12, direction)",
+        "safe = direction",
+        f"{TESTS_RAYS}::test_the_slab_test_survives_zero_components",
+    ),
+    "parallel rays, GLSL": Mutant(
+        "parallel rays",
+        "shaders/lib/slab.glsl",
+        "vec3 safe = mix(direction, vec3(1e-12), lessThan(abs(direction), vec3(1e-12)));",
+        "vec3 safe = direction;",
+        f"{TESTS_RAYS}::test_the_shaders_slab_test_survives_zero_components",
+    ),
+    "difference in float32": Mutant(
+        "far from origin",
+        "avatarrex/camera.py",
+        "self.camera_from_world @ world_from_root,",
+        "self.camera_from_world.astype(np.float32) @ world_from_root.astype(np.float32),",
+        "tests/pointmap/test_raycast.py::test_a_root_a_kilometre_away_gives_the_same_image[gl]",
+    ),
+    "rays from the camera": Mutant(
+        "far from origin",
+        "avatarrex/pointmap/rays.py",
+        "depth = max(float(camera.camera_from_world[2] @ np.append(centre, 1.0)), NEAREST_PLANE)",
+        "depth = NEAREST_PLANE",
+        "tests/pointmap/test_raycast.py::test_a_camera_a_kilometre_away_is_as_exact[gl]",
+    ),
+    "encoding without a clamp": Mutant(
+        "encoding",
+        ENCODING,
+        "rows = x.T.clamp(-limit, limit)",
+        "rows = x.T",
+        "tests/ops/test_encoding.py::test_far_points_are_clamped",
+    ),
+    "encoding of half coordinates": Mutant(
+        "encoding",
+        ENCODING,
+        "rows = x.T.clamp(-limit, limit)",
+        "rows = x.T.clamp(-limit, limit).half().to(x.dtype)",
+        "tests/ops/test_encoding.py::test_recurrence_follows_the_equation",
+    ),
+    "encoding of unscaled places": Mutant(
+        "encoding",
+        BODY,
+        "local = rest - take(frame.node_rest, pairs.node)",
+        "local = rest",
+        "tests/fields/test_body.py::test_local_frames_agree_at_rest",
+    ),
+    "bf16 storage": Mutant(
+        "storage",
+        "avatarrex/avatar.py",
+        "name: value.half() if half and",
+        "name: value.bfloat16() if half and",
+        "tests/test_avatar.py::test_round_trip_keeps_the_weights[copy.avatar]",
+    ),
+}
