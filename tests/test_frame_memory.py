@@ -22,8 +22,8 @@ from avatarrex.signals.signals import Signals
 ROOT = Path(__file__).parents[1]
 DENSE = 512**3
 """Entries of the paper's upsampled grid; one byte each at least."""
-GROWTH = 16.0
-"""MiB from the first to the last quarter of 120 frames: a volume that stayed behind each time would be hundreds."""
+GROWTH = 8.0
+"""MiB from the first to the last quarter of 120 frames: seen, less than 2; volumes that stayed behind would be tens."""
 TINY = """
 import sys
 import avatarrex.pipeline as pipeline
