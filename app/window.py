@@ -114,8 +114,8 @@ class Window:
         docking = hello_imgui.DockingParams()
         split = hello_imgui.DockingSplit
         docking.docking_splits = [
-            split("MainDockSpace", "Right", imgui.Dir.right, 0.31),
-            split("MainDockSpace", "Left", imgui.Dir.left, 0.25),
+            split("MainDockSpace", "Right", imgui.Dir.right, 0.35),
+            split("MainDockSpace", "Left", imgui.Dir.left, 0.27),
             split("MainDockSpace", "Bottom", imgui.Dir.down, 0.16),
             split("Left", "LeftMiddle", imgui.Dir.down, 0.56),
             split("LeftMiddle", "LeftBottom", imgui.Dir.down, 0.58),

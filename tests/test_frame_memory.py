@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 DENSE = 512**3
 """Entries of the paper's upsampled grid; one byte each at least."""
 GROWTH = 8.0
-"""MiB over 150 frames: less than a third of one level's volume; the allocator's own arenas move by 3 to 4."""
+"""MiB from the first to the last quarter of 120 frames: seen, less than 2; volumes that stayed behind would be tens."""
 TINY = """
 import sys
 import avatarrex.pipeline as pipeline
@@ -63,13 +63,12 @@ def test_the_watch_sees_a_dense_grid():
     assert largest.entries == DENSE
 
 
-@pytest.mark.parametrize("name", ["balanced", "quality"])
-def test_a_frame_makes_no_dense_grid(name):
+def test_a_frame_makes_no_dense_grid():
     avatar, camera = load_avatar(), Camera.orbit(0, 0, 2.8, 40, (0, 0, 0), 32, 32)
     signals = Signals.rest().replace(body_pose=named_pose("wave"))
     tracemalloc.start()
     with Largest() as largest:
-        frame = render_frame(avatar, signals, camera, LEVELS[name])
+        frame = render_frame(avatar, signals, camera, LEVELS["quality"])
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert frame.volume.grid.sdf.numel() <= largest.entries < DENSE // 8
@@ -79,7 +78,7 @@ def test_a_frame_makes_no_dense_grid(name):
 @pytest.mark.slow
 def test_memory_is_flat(tmp_path):
     out = tmp_path / "memory.json"
-    words = [sys.executable, "benchmarks/memory.py", "--frames", "150", "--warm-up", "75", "--json", str(out)]
+    words = [sys.executable, "benchmarks/memory.py", "--frames", "120", "--warm-up", "60", "--json", str(out)]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     growth = json.loads(out.read_text())

@@ -117,7 +117,8 @@ def test_the_performance_panel_changes_the_level_and_costs_nothing_when_hidden(d
         test.window_focus("//Performance")
         test.yield_(5)
         seen["shown"] = len(drawn)
-        test.combo_click("//Performance/##level/quality")
+        test.set_ref("//Performance")
+        test.combo_click("##level/quality")
         rest(test, window)
         seen["level"], seen["work"] = window.studio.state.level, window.studio.work.level
         test.key_press(chord("Ctrl+Z"))
