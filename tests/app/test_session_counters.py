@@ -123,7 +123,7 @@ def test_a_state_s_level_is_what_is_rendered(session):
     for name in LEVELS:
         settings = engine.settings(StudioState(level=name, hidden=frozenset({"face"})))
         table = TABLE["quality" if name == "auto" else name]
-        traded = ("voxel", "part_voxel", "everywhere", "bricks", "march", "antialias")
+        traded = ("voxel", "part_voxel", "everywhere", "bricks", "march", "antialias", "polish")
         assert all(getattr(settings, field) == getattr(table, field) for field in traded)
         assert (settings.hidden, settings.raycast) == (frozenset({"face"}), "torch")
         assert settings.detail_from is not None

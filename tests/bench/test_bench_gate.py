@@ -160,7 +160,7 @@ def test_what_is_not_installed_is_named():
 
 def test_exponents_are_found():
     size = np.array([1.0, 2.0, 4.0, 8.0])
-    exponent, factor, deviation = fitted(size, 3 * size**2.5)
+    exponent, factor, deviation = fitted(size.tolist(), (3 * size**2.5).tolist())
     assert exponent == pytest.approx(2.5)
     assert factor == pytest.approx(3)
     assert deviation == pytest.approx(0, abs=1e-9)
