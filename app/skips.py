@@ -48,7 +48,7 @@ _HELD = {
     "hands": "hand poses unchanged: boxes kept",
     "face": "expression unchanged: face box kept",
     "U-Nets": "expression unchanged: planes kept",
-    "patches": "body pose unchanged: feature patches kept",
+    "patches": "body pose unchanged: feature patches of the nodes in sight kept",
     "rays": "volume and camera unchanged: point map kept",
     "colour": "point map unchanged: colours kept",
 }
