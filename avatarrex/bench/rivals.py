@@ -20,8 +20,8 @@ from avatarrex.bench.session import SEED, Bench
 from avatarrex.capture.subject_drawer import SubjectDrawer
 from avatarrex.gl.context import gl_unavailable
 from avatarrex.metrics.baselines import MeshDrawer, Observation, baselines
-from avatarrex.metrics.drawing import AvatarDrawer, Drawing
-from avatarrex.pipeline import render_frame
+from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
+from avatarrex.pipeline import Frame, render_frame
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.signals.signals import Signals
 from avatarrex.training.volume_drawer import VolumeDrawer
@@ -45,7 +45,10 @@ def volume_rendering(bench: Bench, size: int) -> list[Metric]:
     if truth is not None:
         signals, picture = truth
         camera = bench.camera(len(picture))
-        drawers = {"psnr_db": AvatarDrawer(bench.avatar), "their_psnr_db": VolumeDrawer(bench.avatar, "body", SAMPLES)}
+        drawers: dict[str, Drawer] = {
+            "psnr_db": AvatarDrawer(bench.avatar),
+            "their_psnr_db": VolumeDrawer(bench.avatar, "body", SAMPLES),
+        }
         small |= {name: psnr(drawer.draw(signals, camera), picture) for name, drawer in drawers.items()}
     return [
         Metric("frame.vs_volume_rendering", wide["times_as_fast"], FASTER, "higher", wide, 30.0),
@@ -78,7 +81,7 @@ def textured_mesh(bench: Bench, size: int) -> list[Metric]:
 def paper_avatar(bench: Bench) -> Avatar:
     """Networks as wide as the paper's, fitted to the template for some steps so that there is a person to draw."""
     avatar = Avatar.create(bench.avatar.person, "paper", SEED)
-    avatar.meta["untrained"] = ["face"]
+    avatar.meta["untrained"] = sorted({"face", *bench.avatar.hidden})
     motion = SignalSequence(tuple(bench.motion(16)), 24.0)
     warm_start(avatar, motion, "body", bench.count(60, 20), SEED)
     avatar.measure_worn()
@@ -133,7 +136,7 @@ def _against(bench: Bench, avatar: Avatar, size: int) -> dict[str, Any]:
     previous = None
     for k in range(bench.count(3, 1) + 1):
         signals = bench.motion(2 * k + 1)[-1]
-        frames = []
+        frames: list[Frame] = []
         ours = timed(lambda s=signals, p=previous, f=frames: f.append(render_frame(avatar, s, camera, None, p)))  # type: ignore[misc]
         previous = frames[0]
         drawer.draw(signals, fewer)  # poses; what follows only marches
