@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from avatarrex.bench.judge import Exact, error_of, exact_frame
+from avatarrex.bench.judge import COARSE, FINE, error_of, exact_frame
 from avatarrex.bench.metric import FASTER, Metric
 from avatarrex.bench.rivals import textured_mesh, volume_rendering
 from avatarrex.bench.session import Bench
@@ -63,7 +63,8 @@ def measure(bench: Bench) -> list[Metric]:
 
 def level_errors(bench: Bench) -> dict[str, dict[str, Any]]:
     """Of every level against the exact frame, 64×64."""
-    exact: Exact = exact_frame(bench.avatar, bench.motion(JUDGED + 1)[-1], bench.camera(bench.side(64, 64)))
+    boxes, size = COARSE if bench.quick else FINE, bench.side(64, 64)
+    exact = exact_frame(bench.avatar, bench.motion(JUDGED + 1)[-1], bench.camera(size), boxes)
     return {name: error_of(bench.avatar, settings, exact) for name, settings in LEVELS.items()}
 
 

@@ -55,7 +55,7 @@ def compare(report: Report, baseline: Report, stages: list[str]) -> list[Verdict
 def table(verdicts: list[Verdict], path: Path) -> str:
     """Failures first; times are not shown."""
     ranked = sorted((v for v in verdicts if v.limit is not None or not v.passed), key=lambda v: v.passed)
-    rows = [("", "now", "baseline", "limit", "metric")]
+    rows: list[tuple[str, ...]] = [("", "now", "baseline", "limit", "metric")]
     for v in ranked:
         now, limit = ("–" if value is None else figure(value) for value in (v.now, v.limit))
         rows.append(

@@ -20,7 +20,7 @@ from avatarrex.bench.session import SEED, Bench
 from avatarrex.capture.subject_drawer import SubjectDrawer
 from avatarrex.gl.context import gl_unavailable
 from avatarrex.metrics.baselines import MeshDrawer, Observation, baselines
-from avatarrex.metrics.drawing import AvatarDrawer, Drawing
+from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
 from avatarrex.pipeline import Frame, render_frame
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.signals.signals import Signals
@@ -45,7 +45,7 @@ def volume_rendering(bench: Bench, size: int) -> list[Metric]:
     if truth is not None:
         signals, picture = truth
         camera = bench.camera(len(picture))
-        drawers: dict[str, AvatarDrawer | VolumeDrawer] = {
+        drawers: dict[str, Drawer] = {
             "psnr_db": AvatarDrawer(bench.avatar),
             "their_psnr_db": VolumeDrawer(bench.avatar, "body", SAMPLES),
         }
@@ -81,7 +81,7 @@ def textured_mesh(bench: Bench, size: int) -> list[Metric]:
 def paper_avatar(bench: Bench) -> Avatar:
     """Networks as wide as the paper's, fitted to the template for some steps so that there is a person to draw."""
     avatar = Avatar.create(bench.avatar.person, "paper", SEED)
-    avatar.meta["untrained"] = ["face"]
+    avatar.meta["untrained"] = sorted({"face", *bench.avatar.hidden})
     motion = SignalSequence(tuple(bench.motion(16)), 24.0)
     warm_start(avatar, motion, "body", bench.count(60, 20), SEED)
     avatar.measure_worn()
