@@ -22,7 +22,7 @@ SIGNALS = Signals.rest().replace(
     global_orient=np.array([0.1, 0.5, 0.0]),
     translation=np.array([3.0, 0.2, -1.0]),
 )
-CAMERA = Camera.orbit(20, 5, 2.6, 40, (3.0, 0.15, -1.0), 40, 40)
+CAMERA = Camera.orbit(20, 5, 2.6, 40, (3.0, 0.15, -1.0), 32, 32)
 FINE = RenderSettings(raycast="torch", antialias=False)
 
 
@@ -43,7 +43,7 @@ def fine(avatar: Avatar) -> Frame:
 
 def test_its_points_are_on_the_field(oracle: Oracle) -> None:
     hit = oracle.pointmap.hit
-    assert 150 < hit.sum() < 500
+    assert 100 < hit.sum() < 400
     on = oracle.field.sdf(oracle.pointmap.position[hit].double()).abs()
     assert on.median() < 1e-7
     assert torch.isfinite(oracle.image).all()
@@ -60,7 +60,7 @@ def test_four_times_the_samples_find_the_same_surface(oracle: Oracle) -> None:
 def test_smaller_voxels_come_nearer(avatar: Avatar, oracle: Oracle, fine: Frame) -> None:
     coarse = render_frame(avatar, SIGNALS, CAMERA, replace(FINE, voxel=0.04, part_voxel=0.01))
     errors = [depth_report(frame, oracle) for frame in (coarse, fine)]
-    assert errors[1].pixels > 150
+    assert errors[1].pixels > 100
     assert errors[1].depth_median_mm < errors[0].depth_median_mm / 2
     assert errors[1].depth_median_mm < 1.0
     assert errors[1].flips < 0.05
@@ -84,12 +84,11 @@ def test_a_hand_of_fine_voxels_by_the_reference_is_the_oracles(avatar: Avatar) -
     root = SIGNALS.replace(global_orient=np.zeros(3), translation=np.zeros(3))
     camera = Camera.orbit(80, 5, 0.5, 30, wrist[:3, :3] @ np.array([0.09, 0, 0]) + wrist[:3, 3], 32, 32)
     oracle = render_oracle(avatar, root, camera)
-    reference = render_reference(avatar, root, camera, RenderSettings(voxel=0.04, part_voxel=0.003))[1]
+    reference = render_reference(avatar, root, camera, RenderSettings(voxel=0.06, part_voxel=0.00625))[1]
     fingers = oracle.pointmap.hit & reference.hit & (oracle.pointmap.part_weight[..., 0] == 1)
     assert fingers.sum() > 50
-    error = (oracle.pointmap.depth - reference.depth)[fingers].abs()
-    assert error.median() < 2e-4
-    assert error.quantile(0.9) < 2e-3
+    error = (oracle.pointmap.depth - reference.depth)[fingers].abs()  # a voxel's chord in a finger of 8 mm: 0.6 mm
+    assert error.median() < 1e-3
 
 
 def test_hidden_parts_are_not_there(avatar: Avatar) -> None:
