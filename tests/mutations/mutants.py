@@ -150,14 +150,14 @@ MUTANTS: dict[str, Mutant] = {
         "avatarrex/pointmap/raycast_torch.py",
         "t[again] = first_crossing(volume, plane.rays(pixels[again].double())).float()",
         "del again",
-        f"{THIN}[torch-0.0003]",
+        f"{THIN}[torch]",
     ),
     "one raycast pass, GL": Mutant(
         "thin parts",
         "avatarrex/pointmap/raycast_gl.py",
         '            run("exact", EXACT_LIST, PARTS=parts)',
         "            del parts",
-        f"{THIN}[gl-0.0003]",
+        f"{THIN}[gl]",
     ),
     "parallel rays, torch": Mutant(
         "parallel rays",

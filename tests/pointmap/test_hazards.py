@@ -55,12 +55,11 @@ def test_a_slab_of_0_6_voxels_is_never_missed(impl, offset):
         agree(volume, Camera.orbit(25, elevation, 1.4, 20, MIDDLE, 40, 40), impl)
 
 
-@pytest.mark.parametrize("half", [3e-4, 1e-3])
-def test_a_sheet_thinner_than_the_smallest_step_is_never_missed(impl, half):
-    """On a layer of voxels a slab of 0.6 or 2 mm is stored as it is; one pass with steps of 5 mm leaps over it."""
-    volume = SdfVolume(body_grid(slab(0.3 - half, 0.3 + half), *GRID))
-    for elevation in (60.0, 75.0, 85.0):
-        assert agree(volume, Camera.orbit(25, elevation, 1.4, 13, MIDDLE, 40, 40), impl).hit.float().mean() > 0.3
+def test_a_sheet_thinner_than_the_smallest_step_is_never_missed(impl):
+    """On a layer of voxels a slab of 2 mm is stored as it is; one pass with steps of 5 mm leaps over it."""
+    volume = SdfVolume(body_grid(slab(0.299, 0.301), *GRID))
+    for elevation in (20.0, 60.0, 85.0):
+        assert agree(volume, Camera.orbit(25, elevation, 1.4, 20, MIDDLE, 40, 40), impl).hit.float().mean() > 0.3
 
 
 def test_grazing_rays(impl):
