@@ -26,8 +26,10 @@ from avatarrex.volume.build import body_frame
 
 COUNT = 2000
 PARTS = ("left_hand", "right_hand", "face")
-SPREADS = (0.0, 0.002, 0.03, 0.3)
-"""Metres of noise about mesh vertices."""
+SPREADS = (0.0, 0.0005, 0.0075, 0.075)
+"""Noise about mesh vertices, in units of `FAR`."""
+FAR, PART_FAR = 4.0, 0.4
+"""Metres about the middle that the farthest points fill. Sparse points far from a hand are the slowest to search."""
 TALLEST = 10.0
 """Metres from the root that no vertex may reach: shapes of ±5 σ at half turns come to 6."""
 
@@ -56,22 +58,22 @@ def check(inputs: Inputs, found: Findings) -> None:
     _check_nodes(frame, found)
     generator = torch.Generator().manual_seed(int(inputs["point_seed"][0]))
     rows = torch.as_tensor(inputs["point_row"])
-    point = _points(posed.body.vertices, frame.node_position, generator)[rows]
+    point = _points(posed.body.vertices, frame.node_position, FAR, generator)[rows]
     gaze = normalize(torch.randn(COUNT, 3, generator=generator), dim=-1)[rows]
     _check_body(frame, posed, point, gaze, found)
     name = PARTS[int(inputs["part"][0])]
-    point = _points(posed.parts[name], posed.parts[name][:1], generator)[rows]
+    point = _points(posed.parts[name], posed.parts[name][:1], PART_FAR, generator)[rows]
     (_check_face if name == "face" else _check_hand)(name, posed, point, gaze, found)
 
 
-def _points(vertices: Tensor, nodes: Tensor, generator: torch.Generator) -> Tensor:
-    """(COUNT, 3): most about the vertices, a tenth on the nodes, a tenth within 4 m of the middle."""
+def _points(vertices: Tensor, nodes: Tensor, far: float, generator: torch.Generator) -> Tensor:
+    """(COUNT, 3): most about the vertices, a tenth on the nodes, a tenth within `far` metres of the middle."""
     near = vertices[torch.randint(len(vertices), (COUNT,), generator=generator)]
-    spread = torch.tensor(SPREADS)[torch.randint(len(SPREADS), (COUNT,), generator=generator)]
+    spread = far * torch.tensor(SPREADS)[torch.randint(len(SPREADS), (COUNT,), generator=generator)]
     point = near + spread[:, None] * torch.randn(COUNT, 3, generator=generator)
     tenth = COUNT // 10
     point[:tenth] = nodes[torch.randint(len(nodes), (tenth,), generator=generator)]
-    point[tenth : 2 * tenth] = 8 * torch.rand(tenth, 3, generator=generator) - 4
+    point[tenth : 2 * tenth] = far * (2 * torch.rand(tenth, 3, generator=generator) - 1)
     return point
 
 
