@@ -111,6 +111,12 @@ class Avatar:
         self.body.measure_worn(posed.body, self.body.code(posed.body_rotation))
 
     @cached_property
+    def embedding_effect(self) -> float:
+        """Metres that the body's surface moves with a unit of the embedding; of the weights as they are at first use."""
+        posed = pose_person(self.person, Signals.rest(), Counters(), None)
+        return self.body.embedding_effect(posed.body, self.body.code(posed.body_rotation))
+
+    @cached_property
     def ownership(self) -> dict[str, Ownership]:
         """Which nodes and vertices are each part's own at rest."""
         rest = self.person.body.v_template.float()

@@ -43,6 +43,8 @@ class RenderSettings:
     """Side of a body voxel, metres; it grows where 128 of them would cut the person off."""
     part_voxel: float = 0.0025
     """Side of a voxel of the hand and face boxes, metres."""
+    hold: float = 0.0
+    """Metres that the body may lag behind the pose: what a frame after another would move by less stays as it was."""
     everywhere: bool = False
     """Evaluate every voxel that the fields reach, not only those around the surface."""
     bricks: int = 0

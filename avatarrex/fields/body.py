@@ -12,7 +12,7 @@ Letters: n nodes, p points, k (point, node) pairs sorted by node, e embedding, c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import torch
@@ -147,6 +147,15 @@ class BodyField(nn.Module):
         self.worn.zero_()
         depth = self.sdf(self.frame(posed, code), self.template.v_template.to(self.worn))
         self.worn.copy_((-depth).clamp(-MOST_WORN, MOST_WORN))
+
+    @torch.no_grad()
+    def embedding_effect(self, posed: PosedTemplate, code: BodyCode) -> float:
+        """Metres that the surface moves, in the mean over template vertices, with a unit change of all embeddings."""
+        frame, step = self.frame(posed, code), 0.05
+        noise = torch.rand(code.embedding.shape, generator=torch.Generator().manual_seed(0)).round() * 2 - 1
+        other = replace(frame, code=replace(code, embedding=code.embedding + step * noise.to(code.embedding)))
+        points = posed.vertices[::4].to(code.embedding)
+        return float((self.sdf(other, points) - self.sdf(frame, points)).abs().mean() / step)
 
     def geometry_parameters(self) -> list[nn.Parameter]:
         """What pass I trains and pass II freezes: decoder, encoder, geometry networks."""

@@ -40,6 +40,8 @@ ASIDE = 0.1
 sample of the other may be nearer (they are 3 cm apart)."""
 OPEN, SHUT = 4.0, 6.0
 """Rest distance to that anchor, in σ, where an anchor's gate starts to close and where it is shut."""
+FEW = 500
+"""Points up to which one thread searches sooner than several are started."""
 CHUNK = 16384
 """Points per block of the all-distances search (128 MB against 2048 anchors)."""
 
@@ -69,7 +71,8 @@ class Samples:
         count = min(self.neighbours, len(self.rest))
         if position.device.type == "cpu":
             ranks = list(range(1, count + 1))
-            index = self.tree.query(position.detach().numpy(), ranks, workers=torch.get_num_threads())[1]
+            workers = torch.get_num_threads() if len(position) > FEW else 1
+            index = self.tree.query(position.detach().numpy(), ranks, workers=workers)[1]
             return torch.from_numpy(index).long()
         blocks = [
             torch.topk(torch.cdist(block, self.position), count, largest=False).indices

@@ -18,8 +18,11 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor
 
-CHUNKS = (32, 256)
+CHUNKS = (16, 256)
 """Rows of one chunk of `bucket`, at least and at most: a quarter of a node's rows, as padding wastes half a chunk per node."""
+
+FEW = 16384
+"""Rows up to which `bucket` wins on a CPU, too: 128 nodes take `loop` 400 calls however few the rows."""
 
 
 def available() -> tuple[str, ...]:
@@ -45,11 +48,12 @@ def local_mlp(
 ) -> Float[Tensor, "k o"]:
     """y for every row; `activation` is `elu` or `relu`, `offsets` has n + 1 entries, `impl` is one of `available()`.
 
-    `auto` takes `loop` on a CPU unless gradients are wanted, and `bucket` elsewhere. All are differentiable, twice where
+    `auto` takes `loop` for many rows on a CPU unless gradients are wanted, and `bucket` elsewhere. All are differentiable, twice where
     `elu` or `relu` is.
     """
     if impl == "auto":
-        impl = "loop" if blocks[0].device.type == "cpu" and not _tracked(blocks, weights, biases) else "bucket"
+        many = len(blocks[0]) > FEW and blocks[0].device.type == "cpu"
+        impl = "loop" if many and not _tracked(blocks, weights, biases) else "bucket"
     if impl not in _IMPLEMENTATIONS:
         raise ValueError(f"impl: expected auto or one of {available()}, found {impl!r}")
     return _IMPLEMENTATIONS[impl](blocks, offsets, weights, biases, activation)

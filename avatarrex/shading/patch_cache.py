@@ -18,7 +18,7 @@ class PatchCache:
     network: PatchNetwork | NoPatches
     embedding: Float[Tensor, "n e"]
     value: Float[Tensor, "n c s s"]
-    """Zero where not decoded."""
+    """Of no meaning where not decoded."""
     decoded: Bool[Tensor, " n"]
 
     @staticmethod
@@ -27,6 +27,11 @@ class PatchCache:
         count = len(embedding)
         shape = network(embedding, torch.zeros(0, dtype=torch.int64)).shape[1:]
         return PatchCache(network, embedding, embedding.new_zeros(count, *shape), torch.zeros(count, dtype=torch.bool))
+
+    def moved(self, embedding: Float[Tensor, "n e"]) -> PatchCache:
+        """The cache of another pose, with the patches of the nodes whose embedding is the same."""
+        same = self.decoded & (embedding == self.embedding).all(1)
+        return PatchCache(self.network, embedding, self.value.clone(), same)
 
     def decode(self, heard: Int[Tensor, " k"]) -> int:
         """Make the patches of the nodes `heard` (repeats allowed) ready; how many were not yet."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
@@ -26,6 +26,10 @@ from avatarrex.shading.patch_cache import PatchCache
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import PosedPerson
 from avatarrex.volume.build import AvatarVolume
+from avatarrex.volume.volume import PARTS
+
+STILL = 1e-5
+"""Metres by which rays may find the same stored surface elsewhere: the grid's origin moved, and numbers are rounded."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,8 @@ class Shading:
     """Posed hands prepared for look-ups, of those that were seen."""
     posed: PosedPerson
     volume: AvatarVolume
+    view: Camera
+    """The camera in the root frame."""
 
 
 def shade(
@@ -67,16 +73,41 @@ def shade(
         paint.hands = {k: hand for k, hand in previous.hands.items() if previous.posed.parts[k] is posed.parts[k]}
     if detail_from is not None and paint.patches is None:
         paint.patches = _patches_of(avatar, detail_from)
-    covered = pointmap.coverage > 0
+    covered, image = pointmap.coverage > 0, torch.zeros(*pointmap.coverage.shape, 4)
+    if previous and volume.follows(previous.volume) and detail_from is None:
+        if previous.patches:
+            paint.patches = previous.patches.moved(volume.body_frame.code.embedding)
+        if previous.view.key() == view.key():
+            same = _unchanged(previous, posed, volume, pointmap)
+            image[same] = previous.image[same]
+            covered = covered & ~same
     position = pointmap.position[covered]
     direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre, dtype=torch.float32), dim=-1)
     counters.add("pixels_shaded", len(position))
     with torch.no_grad():
         colour = paint.colour(position, direction, pointmap.part_weight[covered])
-    image = torch.zeros(*covered.shape, 4)
     coverage = pointmap.coverage[covered][:, None]
     image[covered] = torch.cat([colour.clamp(0, 1) * coverage, coverage], -1)
-    return Shading(image, pointmap, paint.patches, paint.planes, paint.hands, posed, volume)
+    return Shading(image, pointmap, paint.patches, paint.planes, paint.hands, posed, volume, view)
+
+
+def _unchanged(previous: Shading, posed: PosedPerson, volume: AvatarVolume, pointmap: PointMap) -> Bool[Tensor, "h w"]:
+    """Covered pixels of the same view whose point is where it was and hears nothing that changed."""
+    assert volume.changed is not None
+    then = previous.pointmap
+    same = (pointmap.coverage > 0) & (pointmap.coverage == then.coverage)
+    same &= ((pointmap.position - then.position).abs().amax(-1) < STILL)
+    same &= (pointmap.part_weight - then.part_weight).abs().amax(-1) < 1 / 255
+    for column, name in enumerate(PARTS):
+        if not _same_part(name, posed, previous.posed):
+            same &= pointmap.part_weight[..., column] == 0
+    same[same.clone()] = torch.from_numpy(~volume.changed.touches(pointmap.position[same].double().numpy()))
+    return same
+
+
+def _same_part(name: str, posed: PosedPerson, then: PosedPerson) -> bool:
+    same_place = np.array_equal(posed.root_from_part(name), then.root_from_part(name))
+    return posed.parts[name] is then.parts[name] and same_place
 
 
 def _patches_of(avatar: Avatar, signals: Signals) -> PatchCache:

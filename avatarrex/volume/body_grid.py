@@ -20,6 +20,7 @@ from avatarrex.fields.body import BodyField, BodyFrame
 from avatarrex.fields.composition import EMPTIED, emptied
 from avatarrex.fields.influence import Pairs
 from avatarrex.volume.bricks import Bricks, grow_bricks
+from avatarrex.volume.held import Kept
 from avatarrex.volume.narrow import settle
 from avatarrex.volume.probe import Probe, VertexProbe
 from avatarrex.volume.stencil import Lattice, stencil_pairs
@@ -57,13 +58,14 @@ def build_body_grid(
     voxel: float,
     counters: Counters,
     everywhere: bool = False,
+    kept: Kept | None = None,
 ) -> BodyGrid:
     """The body field around its surface, on multiples of `voxel` metres in the root frame.
 
-    `everywhere`: at every voxel that a node reaches, as the paper has it.
+    `everywhere`: at every voxel that a node reaches, as the paper has it. `kept`: what may be taken over.
     """
     lattice = lattice_around(np.concatenate([probe.vertices - MARGIN, probe.vertices + MARGIN]), voxel)
-    fill, first, asked = guess(probe, lattice)
+    fill, first, asked, known = guess(probe, lattice, kept)
     if everywhere:
         every = np.arange(fill.size)
         first = every[np.unique(stencil_pairs(frame.node_position, lattice, every).point.numpy())]
@@ -78,8 +80,8 @@ def build_body_grid(
             pairs = field.pairs(frame, torch.as_tensor(position, dtype=torch.float32))
         return held_sdf(field, frame, here, position, pairs, counters)
 
-    sdf = settle(fill, first, evaluate)
-    return BodyGrid(origin=lattice.origin, voxel=lattice.voxel, sdf=torch.from_numpy(sdf))
+    sdf, known = settle(fill, first, evaluate, known)
+    return BodyGrid(lattice.origin, lattice.voxel, torch.from_numpy(sdf), known=known)
 
 
 def refined(
@@ -114,17 +116,26 @@ def held_sdf(
     return emptied(here.held(sdf), torch.as_tensor(here.weight, dtype=torch.float32)).numpy()
 
 
-def guess(probe: VertexProbe, lattice: Lattice) -> tuple[np.ndarray, np.ndarray, Probe]:
-    """A distance (z, y, x) that never exceeds the true one; flat indices of voxels near the surface; the probe there.
+def guess(
+    probe: VertexProbe, lattice: Lattice, kept: Kept | None = None
+) -> tuple[np.ndarray, np.ndarray, Probe, np.ndarray]:
+    """A distance (z, y, x) that never exceeds the true one; flat indices of voxels near the surface that are to be
+    evaluated; the probe there; and which voxels (z, y, x) are known already, from `kept`.
 
     Coarse to fine: a block whose centre's guess exceeds its radius and `REACH` holds no surface.
     """
     shape, reach = np.array(lattice.shape), REACH * lattice.voxel
     near = np.ones(-(-shape // BLOCK), dtype=bool)
     fill = np.zeros(near.shape, dtype=np.float32)
+    stored, known = np.zeros(lattice.shape, dtype=np.float32), np.zeros(lattice.shape, dtype=bool)
+    taken = np.zeros(near.shape, dtype=bool)
     side = BLOCK
     while True:
         block = np.stack(np.nonzero(near), -1)
+        if side == 1 and kept is not None:
+            stays = kept.onto(lattice, block, side, stored, known)
+            taken[near] = stays
+            near[near], block = ~stays, block[~stays]
         centre = lattice.origin + lattice.voxel * (block[:, ::-1] * side + (side - 1) / 2)
         radius = np.sqrt(3) * lattice.voxel * (side - 1) / 2
         here = probe.query(centre)
@@ -132,12 +143,22 @@ def guess(probe: VertexProbe, lattice: Lattice) -> tuple[np.ndarray, np.ndarray,
         empty = here.weight == 1  # emptied: whatever the field holds there
         fill[near] = np.where(empty, np.maximum(least, EMPTIED), np.where(here.guess < 0, -least, least))
         slack = SLACK if side > 1 else 0.0
-        kept = (np.abs(here.guess) < reach + radius + slack) & ~(empty & (side == 1))
-        near[near] = kept
+        close = (np.abs(here.guess) < reach + radius + slack) & ~(empty & (side == 1))
+        if side == BLOCK and kept is not None:
+            stays = kept.onto(lattice, block[close], side, stored, known)
+            taken[tuple(block[close][stays].T)] = True
+            close[close] = ~stays
+        near[near] = close
         if side == 1:
-            return fill, np.flatnonzero(near), here.at(kept)
-        for axis in range(3):
-            near, fill = near.repeat(2, axis), fill.repeat(2, axis)
+            return np.where(taken, stored, fill), np.flatnonzero(near), here.at(close), known
+        inner = tuple(slice(0, -(-int(n) // (side // 2))) for n in shape)
+        near, fill, taken = (_halved(grid)[inner] for grid in (near, fill, taken))
+        fill = np.ascontiguousarray(fill)
         side //= 2
-        inner = tuple(slice(0, -(-int(n) // side)) for n in shape)
-        near, fill = near[inner], np.ascontiguousarray(fill[inner])
+
+
+def _halved(blocks: np.ndarray) -> np.ndarray:
+    """Each block as 2³ of half its side."""
+    for axis in range(3):
+        blocks = blocks.repeat(2, axis)
+    return blocks

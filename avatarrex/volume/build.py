@@ -16,6 +16,7 @@ from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import PART_JOINT, PosedPerson
 from avatarrex.volume.body_grid import build_body_grid, refined
 from avatarrex.volume.contact import find_contact
+from avatarrex.volume.held import Changed, Held, Kept, hold
 from avatarrex.volume.part_box import PartField, face_box, hand_box
 from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.volume import BodyGrid, PartBox, SdfVolume
@@ -38,8 +39,14 @@ class AvatarVolume:
     planes: Tensor | None
     """Geometry tri-planes of this expression; None while the face is hidden."""
     probe: VertexProbe
+    changed: Changed | None
+    """Where the body differs from that of the frame before; None: anywhere."""
     keys: dict[str, object]
     notes: tuple[str, ...] = ()
+
+    def follows(self, other: AvatarVolume) -> bool:
+        """Whether `changed` tells how the body differs from that of `other`."""
+        return self.changed is not None and self.changed.since is other.body_frame
 
 
 def build_volume(
@@ -47,7 +54,9 @@ def build_volume(
 ) -> AvatarVolume:
     """Build the volume of `posed`, taking from `previous` every piece whose key has not changed."""
     every = settings.everywhere
-    keys: dict[str, object] = {"hidden": settings.hidden, "body": (posed.keys["body"], settings.voxel, every)}
+    stored = settings.voxel, every
+    keys: dict[str, object] = {"hidden": settings.hidden, "body": (posed.keys["body"], settings.hold, stored)}
+    keys["stored"] = stored
     for name in PART_JOINT:
         keys[name] = None if name in settings.hidden else (posed.keys[name], settings.part_voxel, every)
     keys["bricks"] = settings.bricks
@@ -71,24 +80,25 @@ def build_volume(
             hand, voxel = avatar.hand(name), settings.part_voxel
             parts[name] = hand_box(name, hand, posed.parts[name], voxel, counters, every)
     if previous and kept("body"):
-        frame, grid, probe = previous.body_frame, previous.grid, previous.probe
+        frame, grid, probe, changed = previous.body_frame, previous.grid, previous.probe, previous.changed
     else:
-        frame = body_frame(avatar, posed)
-        normals = skinned_normals(avatar.person.body, posed.body)
-        probe = VertexProbe.of(
-            posed.body.vertices.double().numpy(),
-            normals.double().numpy(),
-            avatar.hand_weight.double().numpy(),
-            avatar.body.worn.double().numpy(),
-        )
-        grid = build_body_grid(avatar.body, frame, probe, settings.voxel, counters, every)
+        normals = skinned_normals(avatar.person.body, posed.body).double().numpy()
+        held = Held(body_frame(avatar, posed), posed.body.vertices.double().numpy(), normals, None)
+        if settings.hold and previous and kept("stored"):
+            before = Held(previous.body_frame, previous.probe.vertices, previous.probe.normals, None)
+            held = hold(held, before, settings.hold, avatar.embedding_effect)
+        frame, changed = held.frame, held.changed
+        worn = avatar.hand_weight.double().numpy(), avatar.body.worn.double().numpy()
+        probe = VertexProbe.of(held.vertices, held.normals, *worn)
+        known = Kept(previous.grid, changed) if previous and changed else None
+        grid = build_body_grid(avatar.body, frame, probe, settings.voxel, counters, every, known)
     boxes = []
     for name, part in parts.items():
         if previous and grid is previous.grid and previous.parts.get(name) is part:
             boxes.append(next(box for box in previous.sdf.parts if box.name == name))
         else:
             boxes.append(_place(avatar, frame, probe, grid, part, posed.root_from_part(name), counters))
-    return AvatarVolume(SdfVolume(grid, tuple(boxes)), frame, grid, parts, views, planes, probe, keys)
+    return AvatarVolume(SdfVolume(grid, tuple(boxes)), frame, grid, parts, views, planes, probe, changed, keys)
 
 
 def refine_volume(

@@ -39,10 +39,11 @@ def settle(
     first: np.ndarray,
     evaluate: Callable[[np.ndarray], np.ndarray],
     known: np.ndarray | None = None,
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """Replace guesses in `sdf` (z, y, x) by `evaluate(flat indices)`: the `first` ones, then whatever a crossing touches.
 
     Voxels that are `known` (z, y, x) from the start stay as they are. Ends, because every round evaluates new voxels.
+    Returns the distances and which voxels are known now.
     """
     sdf = np.ascontiguousarray(sdf).copy()
     known = np.zeros(sdf.shape, dtype=bool) if known is None else known.copy()
@@ -51,7 +52,7 @@ def settle(
         sdf.reshape(-1)[wanted] = evaluate(wanted)
         known.reshape(-1)[wanted] = True
         wanted = unsettled(sdf < 0, known)
-    return sdf
+    return sdf, known
 
 
 def halved(lattice: Lattice) -> Lattice:

@@ -139,5 +139,5 @@ def _refine(
         flat[index, : found.shape[1]] = found
         return found[:, 0]
 
-    values[..., 0] = settle(values[..., 0], np.flatnonzero(near if closed is None else near & ~closed), at, closed)
+    values[..., 0], _ = settle(values[..., 0], np.flatnonzero(near if closed is None else near & ~closed), at, closed)
     return fine, values

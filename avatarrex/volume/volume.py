@@ -32,6 +32,8 @@ class BodyGrid:
     sdf: Float[Tensor, "z y x"]
     bricks: Bricks | None = None
     """Cells that are stored more finely than `sdf`."""
+    known: Bool[np.ndarray, "z y x"] | None = None
+    """Voxels that the field was evaluated at; the others hold a lower bound of the distance."""
 
     def __post_init__(self) -> None:
         require_finite("volume", body=self.sdf)

@@ -1,0 +1,162 @@
+"""What stands still from one frame to the next: a dragged arm leaves the legs as they were.
+
+Every node's embedding depends on the whole pose (fields/code.py), so that nothing stays exactly as it was; but far from the
+dragged joint it changes the surface by hundredths of a millimetre. A node, a sample of the local frames or a vertex of the
+skin whose state would move the surface by less than a tolerance keeps the state it had. It is compared with what it keeps,
+not with the frame before: the lag never exceeds the tolerance. All else is exact: what a point hears is as it was wherever
+nothing that changed is in reach, and is taken over from the frame before.
+
+Letters: n nodes, a samples, v vertices, p points. Root frame, metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from avatarrex.fields.body import MOST_WORN, BodyFrame
+from avatarrex.fields.influence import RADIUS
+from avatarrex.volume.stencil import Lattice
+from avatarrex.volume.volume import BodyGrid
+
+LEVER = 0.05
+"""Metres over which a turn counts as a shift: samples and vertices speak for points nearer than this."""
+SKIN = 0.12
+"""Metres within which points of the finest blocks hear samples and vertices."""
+FAR = SKIN - MOST_WORN
+"""Metres: a guess up to this is still a lower bound where everything that changed is farther than `SKIN`."""
+MOST = 0.6
+"""Share of the nodes that changed from which nothing is kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class Changed:
+    """Where a body frame differs from the frame `since`."""
+
+    since: BodyFrame
+    nodes: Float[Tensor, "j 3"]
+    """Places of the nodes that changed, before and now."""
+    skin: cKDTree
+    """Of the samples and vertices that changed, before and now."""
+
+    def touches(self, position: Float[np.ndarray, "p 3"], radius: float = 0.0) -> Bool[np.ndarray, " p"]:
+        """Whether a point near the surface, or one up to `radius` metres around it, may hear something that changed."""
+        points = torch.as_tensor(position, dtype=torch.float32)
+        touched: np.ndarray = (torch.cdist(points, self.nodes) < RADIUS + radius).any(1).numpy()
+        rest = np.flatnonzero(~touched)
+        if len(rest) and self.skin.n:
+            reach, workers = SKIN + radius, torch.get_num_threads()
+            apart, _ = self.skin.query(position[rest], distance_upper_bound=reach, workers=workers)
+            touched[rest] = np.isfinite(apart)
+        return touched
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A body frame and its skin, with what stands still as it was before."""
+
+    frame: BodyFrame
+    vertices: Float[np.ndarray, "v 3"]
+    normals: Float[np.ndarray, "v 3"]
+    changed: Changed | None
+    """None: too much changed, and nothing was kept."""
+
+
+def hold(now: Held, before: Held, tolerance: float, effect: float) -> Held:
+    """`now` with the state of `before` wherever that moves the surface by less than `tolerance` metres.
+
+    `effect`: metres that the surface moves with a unit of the embedding (`BodyField.embedding_effect`).
+    """
+    old, new = before.frame, now.frame
+    moved = _moved_nodes(new, old, effect) > tolerance
+    if moved.double().mean() > MOST:
+        return now
+    code = replace(
+        new.code,
+        residual=_mixed(moved, new.code.residual, old.code.residual),
+        embedding=_mixed(moved, new.code.embedding, old.code.embedding),
+    )
+    frame = replace(
+        new,
+        code=code,
+        **{
+            name: _mixed(moved, getattr(new, name), getattr(old, name))
+            for name in ("node_position", "node_rest", "node_from_rest")
+        },
+    )
+    skin = _moved_vertices(now, before) > tolerance
+    places = [now.vertices[skin], before.vertices[skin]]
+    if new.samples is not None and old.samples is not None:
+        turned = _moved_samples(frame, old) > tolerance
+        names = ("position", "outward", "rest_from_posed")
+        mixed = {name: _mixed(turned, getattr(new.samples, name), getattr(old.samples, name)) for name in names}
+        frame = replace(frame, samples=replace(new.samples, **mixed))
+        places += [samples.position[turned].double().numpy() for samples in (new.samples, old.samples)]
+    return Held(
+        frame,
+        np.where(skin[:, None], now.vertices, before.vertices),
+        np.where(skin[:, None], now.normals, before.normals),
+        Changed(
+            old, torch.cat([new.node_position[moved], old.node_position[moved]]), cKDTree(np.concatenate(places))
+        ),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """The body grid of the frame before, for voxels that hear nothing of what changed since."""
+
+    grid: BodyGrid
+    changed: Changed
+
+    def onto(self, lattice: Lattice, block: np.ndarray, side: int, sdf: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """Write what was there before into the voxels of `block`s (b, 3: z, y, x) of side³ near the surface.
+
+        `sdf` and `known`, (z, y, x), are those of `lattice`. Returns which blocks (b,) were taken over.
+        """
+        assert self.grid.known is not None, "a grid of which nobody knows what was evaluated"
+        centre = lattice.origin + lattice.voxel * (block[:, ::-1] * side + (side - 1) / 2)
+        shift = np.rint((lattice.origin - self.grid.origin) / lattice.voxel).astype(int)[::-1]
+        first, last = block * side, block * side + side - 1
+        old, new = np.array(self.grid.sdf.shape), np.array(lattice.shape)
+        stays = ((first + shift >= 0) & (last + shift < old) & (last < new)).all(1)
+        stays[stays] = ~self.changed.touches(centre[stays], np.sqrt(3) * lattice.voxel * (side - 1) / 2)
+        inner = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), -1).reshape(-1, 3)
+        voxel = (first[stays][:, None] + inner).reshape(-1, 3)
+        here, there = (np.ravel_multi_index(tuple(v.T), tuple(n)) for v, n in ((voxel, new), (voxel + shift, old)))
+        was, value = self.grid.known.reshape(-1)[there], self.grid.sdf.numpy().reshape(-1)[there]
+        known.reshape(-1)[here] = was
+        sdf.reshape(-1)[here] = np.where(was, value, value.clip(-FAR, FAR))
+        return stays
+
+
+def _mixed(moved: Tensor, new: Tensor, old: Tensor) -> Tensor:
+    return torch.where(moved.view(-1, *[1] * (new.dim() - 1)), new, old)
+
+
+def _moved_nodes(new: BodyFrame, old: BodyFrame, effect: float) -> Float[Tensor, " n"]:
+    """Metres by which the change of each node may move the surface."""
+    shift = (new.node_position - old.node_position).norm(dim=-1) + (new.node_rest - old.node_rest).norm(dim=-1)
+    if new.samples is None:
+        shift = shift + RADIUS * (new.node_from_rest - old.node_from_rest)[:, :, :3].flatten(1).norm(dim=-1)
+    return shift + effect * (new.code.embedding - old.code.embedding).abs().amax(-1)
+
+
+def _moved_samples(new: BodyFrame, old: BodyFrame) -> Float[Tensor, " a"]:
+    """Metres by which the change of each sample moves the rest positions of points around it."""
+    assert new.samples is not None and old.samples is not None
+    turn = new.samples.rest_from_posed - old.samples.rest_from_posed
+    here = (turn[:, :, :3] @ old.samples.position[:, :, None])[:, :, 0] + turn[:, :, 3]
+    apart = (new.samples.position - old.samples.position).norm(dim=-1)
+    return apart.maximum(here.norm(dim=-1) + LEVER * turn[:, :, :3].flatten(1).norm(dim=-1))
+
+
+def _moved_vertices(now: Held, before: Held) -> Float[np.ndarray, " v"]:
+    """Metres by which each vertex, or the plane at it, moved."""
+    apart = np.linalg.norm(now.vertices - before.vertices, axis=-1)
+    return np.asarray(apart + LEVER * np.linalg.norm(now.normals - before.normals, axis=-1))

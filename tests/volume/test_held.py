@@ -1,0 +1,126 @@
+"""What stands still is taken over: same numbers as making the frame anew from the held state, and never far from the pose."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.camera import Camera
+from avatarrex.counters import Counters
+from avatarrex.levels import level
+from avatarrex.pipeline import Frame, render_frame
+from avatarrex.shading.shading import shade
+from avatarrex.signals.library import named_pose
+from avatarrex.signals.signals import Signals
+from avatarrex.volume.body_grid import SLACK, build_body_grid
+from avatarrex.volume.narrow import unsettled
+from avatarrex.volume.stencil import Lattice
+
+FAST = replace(level("fast"), raycast="torch", part_voxel=0.01)
+CAMERA = Camera.orbit(20, 5, 2.6, 40, (0, -0.05, 0), 48, 48)
+STAND = named_pose("stand")
+SHOULDER, HIP = 15, 0
+
+
+def moved(joint: int, radians: float) -> Signals:
+    pose = np.array(STAND)
+    pose[joint, 2] += radians
+    return Signals.rest().replace(body_pose=pose)
+
+
+@pytest.fixture(scope="module")
+def avatar() -> Avatar:
+    return load_avatar()
+
+
+@pytest.fixture(scope="module")
+def dragged(avatar: Avatar) -> list[Frame]:
+    """An arm that is lifted, the leg on the other side, and back."""
+    frames: list[Frame] = []
+    for signals in (*(moved(SHOULDER, 0.05 * k) for k in range(6)), moved(HIP, -0.1), moved(HIP, 0)):
+        frames.append(render_frame(avatar, signals, CAMERA, FAST, frames[-1] if frames else None))
+    return frames
+
+
+def anew(avatar: Avatar, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+    """The grid made from the frame's held state with nothing taken over."""
+    volume = frame.volume
+    grid = build_body_grid(avatar.body, volume.body_frame, volume.probe, FAST.voxel, Counters())
+    assert np.array_equal(grid.origin, volume.grid.origin)
+    assert grid.known is not None
+    return grid.sdf.numpy(), grid.known
+
+
+def test_the_grid_is_the_one_that_the_held_state_gives(avatar: Avatar, dragged: list[Frame]) -> None:
+    for frame in dragged[1:]:
+        sdf, known = anew(avatar, frame)
+        stored = frame.volume.grid.sdf.numpy()
+        assert np.array_equal(stored < 0, sdf < 0)
+        assert frame.volume.grid.known is not None
+        corners = np.setdiff1d(unsettled(sdf < 0, np.zeros_like(known)), np.flatnonzero(~known))
+        tied = Lattice(frame.volume.grid.origin, FAST.voxel, stored.shape).position(corners)[:, 0] == 0
+        corners = corners[~tied]  # as near to a vertex on the left as on the right: either may be found
+        assert len(corners) > 10_000
+        assert frame.volume.grid.known.reshape(-1)[corners].all()
+        np.testing.assert_allclose(stored.reshape(-1)[corners], sdf.reshape(-1)[corners], atol=2e-6)
+
+
+def test_what_was_not_evaluated_still_bounds_the_distance(dragged: list[Frame]) -> None:
+    for frame in dragged[1:]:
+        grid = frame.volume.grid
+        assert grid.known is not None
+        shape = (grid.sdf.shape[0], grid.sdf.shape[1], grid.sdf.shape[2])
+        guessed = np.flatnonzero(~grid.known)
+        place = Lattice(grid.origin, grid.voxel, shape).position(guessed)
+        here = frame.volume.probe.query(place)
+        plain = here.weight < 1
+        excess = np.abs(grid.sdf.numpy().reshape(-1)[guessed]) - np.maximum(np.abs(here.guess) + SLACK, grid.voxel)
+        assert excess[plain].max() < 1e-3
+
+
+def test_colours_are_those_of_shading_every_pixel(avatar: Avatar, dragged: list[Frame]) -> None:
+    for frame in dragged[1:]:
+        counters = Counters()
+        whole = shade(avatar, frame.posed, frame.volume, frame.pointmap, frame.view, counters, None)
+        assert frame.counters["pixels_shaded"] < counters["pixels_shaded"]
+        assert (whole.image - frame.image).abs().max() < 2 / 255
+
+
+def test_a_dragged_arm_costs_a_share_of_the_frame(dragged: list[Frame]) -> None:
+    first = dragged[0].counters
+    for frame in dragged[1:6]:
+        assert frame.volume.changed is not None
+        assert frame.counters["voxels_evaluated"] < 0.5 * first["voxels_evaluated"]
+        assert frame.counters["pixels_shaded"] < 0.6 * first["pixels_shaded"]
+        assert frame.counters["patches_decoded"] < 0.6 * first["patches_decoded"]
+
+
+def test_the_lag_stays_below_the_tolerance(avatar: Avatar, dragged: list[Frame]) -> None:
+    for frame in (dragged[5], dragged[-1]):
+        exact = render_frame(avatar, frame.signals, CAMERA, FAST)
+        lag = (exact.volume.body_frame.node_position - frame.volume.body_frame.node_position).norm(dim=-1)
+        assert lag.max() <= FAST.hold
+        assert np.linalg.norm(exact.volume.probe.vertices - frame.volume.probe.vertices, axis=1).max() <= FAST.hold
+        both = exact.pointmap.hit & frame.pointmap.hit
+        apart = (exact.pointmap.position - frame.pointmap.position).norm(dim=-1)[both]
+        assert apart.mean() < 2e-4
+        assert apart.quantile(0.95) < FAST.hold
+        assert (exact.pointmap.hit != frame.pointmap.hit).sum() <= 4
+
+
+def test_a_jump_keeps_nothing(avatar: Avatar, dragged: list[Frame]) -> None:
+    signals = Signals.rest().replace(body_pose=named_pose("squat"))
+    jump, exact = (render_frame(avatar, signals, CAMERA, FAST, before) for before in (dragged[-1], None))
+    assert jump.volume.changed is None
+    assert torch.equal(jump.image, exact.image)
+
+
+def test_the_exact_levels_hold_nothing(avatar: Avatar, dragged: list[Frame]) -> None:
+    for name in ("paper", "balanced", "quality"):
+        assert level(name).hold == 0
+    settings = replace(FAST, hold=0.0)
+    signals = moved(SHOULDER, 0.02)
+    after, exact = (render_frame(avatar, signals, CAMERA, settings, before) for before in (dragged[1], None))
+    assert torch.equal(after.image, exact.image)
