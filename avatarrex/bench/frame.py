@@ -1,22 +1,24 @@
 """Stage `frame`: whole frames of every level, beside volume rendering of the same avatar and a skinned textured mesh.
 
 Frames follow each other as in the studio: the frame before is at hand. Times are what a user waits (wall clock); ratios and
-errors come from the same run. Errors of levels: judge.py.
+errors come from the same run. Errors of levels: against the oracle's exact frame (accuracy.py).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from statistics import median
 from typing import Any
 
 import numpy as np
 
-from avatarrex.bench.judge import COARSE, FINE, error_of, exact_frame
+from avatarrex.accuracy import depth_report
 from avatarrex.bench.metric import FASTER, Metric
 from avatarrex.bench.rivals import textured_mesh, volume_rendering
 from avatarrex.bench.session import Bench
 from avatarrex.levels import LEVELS, level
+from avatarrex.oracle import render_oracle
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
 from avatarrex.signals.signals import Signals
 
@@ -62,10 +64,11 @@ def measure(bench: Bench) -> list[Metric]:
 
 
 def level_errors(bench: Bench) -> dict[str, dict[str, Any]]:
-    """Of every level against the exact frame, 64×64."""
-    boxes, size = COARSE if bench.quick else FINE, bench.side(64, 64)
-    exact = exact_frame(bench.avatar, bench.motion(JUDGED + 1)[-1], bench.camera(size), boxes)
-    return {name: error_of(bench.avatar, settings, exact) for name, settings in LEVELS.items()}
+    """`Accuracy` of every level against the exact frame: 64×64, a quarter of the pixels in a quick run."""
+    signals, camera = bench.motion(JUDGED + 1)[-1], bench.camera(bench.side(64, 32))
+    exact = render_oracle(bench.avatar, signals, camera)
+    frames = {name: render_frame(bench.avatar, signals, camera, settings) for name, settings in LEVELS.items()}
+    return {name: asdict(depth_report(frame, exact)) for name, frame in frames.items()}
 
 
 Change = Callable[[int], tuple[Signals, float]]
