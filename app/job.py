@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avatarrex_studio import options
-from avatarrex_studio.commands import ApplyExpression, ApplyPose, Command, SetBackground, SetCamera, apply
+from avatarrex_studio.commands import ApplyExpression, ApplyPose, Command, SetBackground, SetCamera
 from avatarrex_studio.motion import Motion
+from avatarrex_studio.rules import apply
 from avatarrex_studio.state import StudioState
 
 from avatarrex.errors import InputError

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from avatarrex_studio.commands import Command, apply, from_json, merge, to_json
+from avatarrex_studio.commands import Command, from_json, merge, to_json
+from avatarrex_studio.rules import apply
 from avatarrex_studio.state import StudioState
 
 from avatarrex.errors import InputError

@@ -35,9 +35,9 @@ from avatarrex_studio.commands import (
     SetSize,
     SetTranslation,
     ZoomBy,
-    apply,
 )
 from avatarrex_studio.journal import Journal
+from avatarrex_studio.rules import apply
 from avatarrex_studio.state import OrbitView, StudioState
 
 from avatarrex.errors import InputError

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import torch
 from avatarrex_studio.actions import ACTIONS, EFFECTS, action, find
-from avatarrex_studio.commands import OrbitBy, SetBackground, SetExpression, SetJoint, apply
+from avatarrex_studio.commands import OrbitBy, SetBackground, SetExpression, SetJoint
 from avatarrex_studio.motion import Motion
 from avatarrex_studio.resolution import FLOOR, FULL_AFTER, Resolution
 from avatarrex_studio.resolution import Motion as Moving
+from avatarrex_studio.rules import apply
 from avatarrex_studio.state import StudioState
 from avatarrex_studio.strips import Strips
 from avatarrex_studio.studio import Studio
