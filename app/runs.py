@@ -1,128 +1,24 @@
-"""Runs below a folder, as far as they have been read: what a table, a plot or a button needs to know. No window library.
-
-`Watcher` reads in a thread of its own and publishes frozen `RunView`s, so that whoever draws never waits for a file;
-nothing that is in a file ends it. Steps count from 0 in each part; times are seconds.
-"""
+"""Runs below a folder, read a little at a time as they grow, each published as a frozen `RunView`; no file ends the reading."""
 
 from __future__ import annotations
 
 import logging
 import os
-import shutil
-import threading
 import time
-from collections import OrderedDict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from jaxtyping import UInt8
-from PIL import Image
+from avatarrex_studio.run_view import RunView
 
-from avatarrex.errors import InputError
 from avatarrex.training.control import Heartbeat, read_json
-from avatarrex.training.events import EventReader, Series
+from avatarrex.training.events import EventReader
 
 log = logging.getLogger(__name__)
 DEPTH = 3
 """Folders below the one that is watched in which runs are looked for."""
-SECONDS = 0.5
-"""Between two looks."""
 SLOW_SECONDS = 2.0
 """Between two listings of folders."""
-RECENT = 40
-"""Last reports from which the rate is estimated."""
-PICTURES = 48
-"""Decoded pictures that are kept."""
 ENDED = ("finished", "stopped", "failed")
-
-
-@dataclass(frozen=True)
-class RunView:
-    """One run at one moment."""
-
-    path: Path
-    name: str
-    """Its path below the watched folder."""
-    state: str
-    """`running`, `paused`, `finished`, `stopped`, `failed`, or `dead`: at work by its own word, without a heartbeat."""
-    note: str = ""
-    """Why it failed, or what could not be read."""
-    about: dict[str, Any] = field(default_factory=dict)
-    part: str = ""
-    pass_name: str = ""
-    step: int = 0
-    steps: int = 0
-    """Where the part ends; 0 where nobody knows."""
-    series: dict[str, Series] = field(default_factory=dict)
-    """By tag."""
-    samples: dict[str, dict[str, tuple[int, ...]]] = field(default_factory=dict)
-    """Steps by view (`body/walk_12`) and kind (`render`, `truth`)."""
-    checkpoints: tuple[Path, ...] = ()
-    """Oldest first."""
-
-    @cached_property
-    def parts(self) -> tuple[str, ...]:
-        """Parts of which there are numbers."""
-        return tuple(sorted({tag.split("/")[0] for tag in self.series if tag.count("/") >= 2}))
-
-    @property
-    def live(self) -> bool:
-        """Whether a process works on it."""
-        return self.state in ("running", "paused")
-
-    def tags(self, group: str, part: str | None = None) -> dict[str, Series]:
-        """`PART/GROUP/NAME` by name, for the part at work unless given."""
-        prefix = f"{self.part if part is None else part}/{group}/"
-        return {tag.removeprefix(prefix): series for tag, series in self.series.items() if tag.startswith(prefix)}
-
-    def last(self, tag: str) -> float | None:
-        """The last value of `PART/tag` of the part at work."""
-        series = self.series.get(f"{self.part}/{tag}")
-        return float(series.values[-1]) if series is not None and len(series.values) else None
-
-    @cached_property
-    def rate(self) -> float | None:
-        """Steps a second: as reported, else the median over the last reports (a pause does not count)."""
-        reported = self.last("rate/steps_per_s")
-        if reported is not None and reported > 0:
-            return reported
-        for series in self.tags("loss").values():
-            steps, seconds = np.diff(series.steps[-RECENT:]), np.diff(series.times[-RECENT:])
-            if (seconds > 0).any():
-                return float(np.median(steps[seconds > 0] / seconds[seconds > 0]))
-        return None
-
-    @property
-    def eta(self) -> float | None:
-        """Seconds until the part ends, where its end and rate are known and it is at work."""
-        if not (self.live and self.steps and self.rate):
-            return None
-        return max(self.steps - self.step, 0) / self.rate
-
-    @property
-    def progress(self) -> float | None:
-        """Share of the part's steps that are done."""
-        if self.state == "finished":
-            return 1.0
-        return min(self.step / self.steps, 1.0) if self.steps else None
-
-    def picture(self, view: str, kind: str, step: int) -> Path | None:
-        """The file of a sample: the last of its kind at or before `step`, else the first (a truth is kept once)."""
-        steps = self.samples.get(view, {}).get(kind, ())
-        if not steps:
-            return None
-        chosen = max((entry for entry in steps if entry <= step), default=steps[0])
-        return self.path / "samples" / view / kind / f"step_{chosen:08d}.png"
-
-    @property
-    def avatar(self) -> Path | None:
-        """The avatar beside the newest checkpoint that has one."""
-        return next((path / "avatar.avatar" for path in reversed(self.checkpoints) if (path / "avatar.avatar").is_file()),
-                    None)  # fmt: skip
 
 
 class Watched:
@@ -199,61 +95,6 @@ class Runs:
         return path.absolute().name if path == self.folder else path.relative_to(self.folder).as_posix()
 
 
-class Watcher(threading.Thread):
-    """Reads the runs below a folder, and pictures that are asked for, until closed."""
-
-    def __init__(self, folder: str | Path) -> None:
-        super().__init__(name="watcher", daemon=True)
-        self.folder = Path(folder)
-        self.views: tuple[RunView, ...] = ()
-        """The runs as they were last read; replaced, never changed."""
-        self._wake, self._closed = threading.Event(), False
-        self._pictures: OrderedDict[tuple[Path, int], UInt8[np.ndarray, "h w 3"] | None] = OrderedDict()
-        self._asked: list[tuple[Path, int]] = []
-
-    def run(self) -> None:
-        """Read until closed."""
-        runs = Runs(self.folder)
-        while not self._closed:
-            if runs.folder != self.folder:
-                runs = Runs(self.folder)
-            waiting = runs.poll()
-            self.views = runs.views
-            while self._asked and not self._closed:
-                key = self._asked.pop()
-                self._pictures[key] = _decoded(key[0])
-                while len(self._pictures) > PICTURES:
-                    self._pictures.popitem(last=False)
-            if not waiting:
-                self._wake.wait(SECONDS)
-            self._wake.clear()
-
-    def picture(self, path: Path) -> UInt8[np.ndarray, "h w 3"] | None:
-        """The picture in a file once it is decoded, sRGB bytes; None until then, and for a broken one."""
-        try:
-            key = (path, path.stat().st_mtime_ns)
-        except OSError:
-            return None
-        found = self._pictures.get(key, key)
-        if not isinstance(found, tuple):
-            return found
-        if key not in self._asked:
-            self._asked.append(key)
-            self._wake.set()
-        return None
-
-    def look_again(self) -> None:
-        """Look now, for a button was pressed."""
-        self._wake.set()
-
-    def close(self) -> None:
-        """End the thread."""
-        self._closed = True
-        self._wake.set()
-        if self.is_alive():
-            self.join(5)
-
-
 def run_folders(folder: Path, depth: int = DEPTH) -> Iterator[Path]:
     """`folder` itself where it is a run, else the runs below it."""
     if (folder / "run.json").is_file():
@@ -266,28 +107,6 @@ def run_folders(folder: Path, depth: int = DEPTH) -> Iterator[Path]:
     if depth:
         for path in inner:
             yield from run_folders(Path(path), depth - 1)
-
-
-def keep_avatar(run: RunView) -> Path:
-    """The newest avatar of a run under a name that stays, `avatars/step_%08d.avatar`. Raises `InputError`.
-
-    Checkpoints are removed as training goes on, and a session that shows one would lose it.
-    """
-    source = run.avatar
-    if source is None:
-        raise InputError(run.path, "", "a checkpoint with an avatar", "none yet")
-    kept = run.path / "avatars" / f"{source.parent.name}.avatar"
-    try:
-        kept.parent.mkdir(exist_ok=True)
-        if not (kept.exists() and kept.samefile(source)):
-            kept.unlink(missing_ok=True)
-            try:
-                os.link(source, kept)
-            except OSError:  # a file system without links
-                shutil.copyfile(source, kept)
-    except OSError as error:
-        raise InputError(kept, "", "the avatar of the newest checkpoint", error.strerror or error) from None
-    return kept
 
 
 def _planned(steps: object, part: str) -> int:
@@ -315,12 +134,3 @@ def _checkpoints(path: Path) -> tuple[Path, ...]:
         if isinstance(saved, int):
             entries.append((saved, entry))
     return tuple(entry for _, entry in sorted(entries))
-
-
-def _decoded(path: Path) -> UInt8[np.ndarray, "h w 3"] | None:
-    try:
-        with Image.open(path) as image:
-            return np.asarray(image.convert("RGB"))
-    except (OSError, ValueError, SyntaxError) as error:  # what Pillow raises for a broken file
-        log.warning("%s: %s", path, error)
-        return None

@@ -8,7 +8,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from avatarrex_studio.runs import Runs, RunView
+from avatarrex_studio.run_view import RunView
+from avatarrex_studio.runs import Runs
 
 from avatarrex.errors import InputError
 

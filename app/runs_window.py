@@ -8,7 +8,7 @@ from pathlib import Path
 import moderngl
 from avatarrex_studio.panels import theme
 from avatarrex_studio.panels.training import TrainingPanel
-from avatarrex_studio.runs import Watcher
+from avatarrex_studio.watcher import Watcher
 from imgui_bundle import hello_imgui, imgui, immapp
 
 from avatarrex.errors import InputError

@@ -29,9 +29,9 @@ from avatarrex_studio.panels.poses import PosesPanel
 from avatarrex_studio.panels.timeline import TimelinePanel
 from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.panels.viewport import Picture, ViewportPanel
-from avatarrex_studio.runs import Watcher
 from avatarrex_studio.state import Colour, StudioState
 from avatarrex_studio.studio import Studio
+from avatarrex_studio.watcher import Watcher
 from imgui_bundle import hello_imgui, imgui, immapp
 
 from avatarrex.errors import InputError

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 import moderngl
 import numpy as np
 from avatarrex_studio.panels import theme
-from avatarrex_studio.runs import RunView, Watcher
+from avatarrex_studio.run_view import RunView
+from avatarrex_studio.watcher import Watcher
 from imgui_bundle import imgui
 from jaxtyping import UInt8
 

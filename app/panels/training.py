@@ -15,9 +15,10 @@ from avatarrex_studio.panels import curves, theme, widgets
 from avatarrex_studio.panels.curves import COLOURS, Curves, Line
 from avatarrex_studio.panels.files import FileDialogs
 from avatarrex_studio.panels.samples import Samples
-from avatarrex_studio.runs import RunView, Watcher, keep_avatar
+from avatarrex_studio.run_view import RunView, keep_avatar
 from avatarrex_studio.runs_text import duration
 from avatarrex_studio.training_process import PARTS, PRESETS, TrainingProcesses
+from avatarrex_studio.watcher import Watcher
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 

@@ -15,9 +15,11 @@ import pytest
 from avatarrex_studio.cli import main
 from avatarrex_studio.panels.curves import log_ticks, smoothed, span, thinned
 from avatarrex_studio.panels.samples import HEAT, difference
-from avatarrex_studio.runs import Runs, RunView, Watcher, keep_avatar
+from avatarrex_studio.run_view import RunView, keep_avatar
+from avatarrex_studio.runs import Runs
 from avatarrex_studio.runs_text import duration, table
 from avatarrex_studio.training_process import TrainingProcesses, last_words
+from avatarrex_studio.watcher import Watcher
 
 from avatarrex.errors import InputError
 from avatarrex.training import control
