@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from avatarrex_studio import cli, sheet, sheet_pages, sheet_paper
 from avatarrex_studio.motion import Motion
+from avatarrex_studio.parser import parser
 from avatarrex_studio.sheet_order import COLUMNS, read_order
 from avatarrex_studio.sheet_pages import Artist, body_page, drawn, face_page, hands_page, motion_page
 from avatarrex_studio.sheet_paper import HEADING, LINE, Tile, laid_out, over, tile_width, write_jpeg
@@ -223,7 +224,7 @@ def test_floaters_are_told_and_written(monkeypatch, tmp_path, capsys):
 
 
 def test_frames_unless_asked_for():
-    arguments = cli.parser().parse_args(["sheet", "default", "/tmp/nowhere"])
+    arguments = parser().parse_args(["sheet", "default", "/tmp/nowhere"])
     assert read_order(arguments).only == ("body", "face", "hands", "floaters"), "no motion sheet without a motion"
 
 
@@ -231,7 +232,7 @@ def test_frames_unless_asked_for():
 def test_default_frames_are_spread(tmp_path, count):
     (tmp_path / "m.bvh").write_text(bvh(count))
     words = ["sheet", "default", str(tmp_path / "out"), "--motion", str(tmp_path / "m.bvh")]
-    chosen = read_order(cli.parser().parse_args(words)).frames
+    chosen = read_order(parser().parse_args(words)).frames
     assert len(chosen) == min(count, COLUMNS)
     steps = np.diff([*chosen, count])
     assert chosen[0] == 0

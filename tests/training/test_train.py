@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from avatarrex_studio.cli import parser
+from avatarrex_studio.parser import parser
 from avatarrex_studio.train import held_out
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
