@@ -46,7 +46,7 @@ def test_the_viewer_follows_live_runs_and_stands_broken_files(display, tmp_path)
 
     def scenario(test):
         wait(test, lambda: "live" in views(panel) and views(panel)["live"].step > 6)
-        wait(test, lambda: len(panel.samples._textures) == 6)
+        wait(test, lambda: len(panel.plots.samples._textures) == 6)
         seen["first"], seen["states"] = views(panel)["live"].step, {v.name: v.state for v in views(panel).values()}
         wait(test, lambda: views(panel)["live"].step > seen["first"] + 10)
         with open(event_files(tmp_path / "done")[0], "ab") as file:
@@ -70,7 +70,7 @@ def test_the_viewer_follows_live_runs_and_stands_broken_files(display, tmp_path)
         child.wait()
     assert seen["states"] == {"live": "running", "done": "finished"}
     assert seen["notes"] == {"live": "", "done": "", "half": "run.json cannot be read"}
-    assert panel.curves.by_time
+    assert panel.plots.curves.by_time
     assert not panel.watcher.is_alive()
 
 
@@ -93,7 +93,8 @@ def test_the_training_tab_starts_pauses_resumes_stops_and_shows(display, tmp_pat
         test.yield_(6)
         test.window_focus("//Training")
         test.yield_(3)
-        panel.capture, panel.out, panel.preset = "captures/me.zip", str(tmp_path / "runs/one"), "smoke"
+        form = panel.form
+        form.capture, form.out, form.preset = "captures/me.zip", str(tmp_path / "runs/one"), "smoke"
         test.item_click(f"**/{icons.ICON_FA_PLAY}  Start training")
         wait(test, lambda: state() == "running")
         press(test, "pause")
