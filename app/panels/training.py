@@ -100,6 +100,8 @@ class TrainingPanel:
         if not widgets.group(f"{view.name}", "training.details", False)[0]:
             return commands
         pressed = widgets.button_grid(self._buttons(view), 92)
+        if pressed:
+            self._error = ""
         try:
             if pressed == "pause":
                 self.processes.pause(view.path)
@@ -115,7 +117,6 @@ class TrainingPanel:
             elif pressed == "load":
                 commands.append(OpenAvatar(str(keep_avatar(view))))
             if pressed:
-                self._error = ""
                 self.watcher.look_again()
         except InputError as error:
             self._error = str(error)
