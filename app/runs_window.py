@@ -6,8 +6,8 @@ import logging
 from pathlib import Path
 
 import moderngl
-from avatarrex_studio.panels import theme
 from avatarrex_studio.panels.training import TrainingPanel
+from avatarrex_studio.runner import runner_params
 from avatarrex_studio.watcher import Watcher
 from imgui_bundle import hello_imgui, imgui, immapp
 
@@ -26,21 +26,12 @@ class RunsWindow:
 
     def params(self, size: tuple[int, int] = (1440, 900), remember: bool = True) -> hello_imgui.RunnerParams:
         """What the toolkit needs to run this window; `remember` keeps its place between runs."""
-        params = hello_imgui.RunnerParams()
-        params.app_window_params.window_title = f"Runs – {self.panel.watcher.folder} – AvatarReX Studio"
-        params.app_window_params.window_geometry.size = size
-        params.app_window_params.restore_previous_geometry = remember
-        params.ini_disable = not remember
-        params.ini_folder_type = hello_imgui.IniFolderType.app_user_config_folder
-        params.ini_filename = "avatarrex-runs.ini"
+        title = f"Runs – {self.panel.watcher.folder} – AvatarReX Studio"
+        params = runner_params(title, "avatarrex-runs.ini", size, remember)
         inner = params.imgui_window_params
         inner.default_imgui_window_type = hello_imgui.DefaultImGuiWindowType.provide_full_screen_window
-        inner.show_menu_bar = inner.show_status_bar = inner.remember_theme = False
-        params.fps_idling.fps_idle = 4
+        inner.show_menu_bar = inner.show_status_bar = False
         calls = params.callbacks
-        calls.default_icon_font = hello_imgui.DefaultIconFont.font_awesome6
-        calls.load_additional_fonts = theme.load_fonts
-        calls.setup_imgui_style = theme.apply_style
         calls.pre_new_frame = self._upload
         calls.show_gui = self._draw
         calls.before_exit = self.panel.close

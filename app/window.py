@@ -13,13 +13,12 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-import moderngl
-import numpy as np
 from avatarrex_studio.actions import ACTIONS, Action
 from avatarrex_studio.commands import Command, SetSignals, ZoomBy
+from avatarrex_studio.docking import docking
 from avatarrex_studio.engine import Engine
 from avatarrex_studio.journal import Journal
-from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status, theme
+from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status
 from avatarrex_studio.panels.console import ConsolePanel
 from avatarrex_studio.panels.face import FacePanel
 from avatarrex_studio.panels.files import FileDialogs
@@ -28,15 +27,16 @@ from avatarrex_studio.panels.palette import Palette
 from avatarrex_studio.panels.poses import PosesPanel
 from avatarrex_studio.panels.timeline import TimelinePanel
 from avatarrex_studio.panels.training import TrainingPanel
-from avatarrex_studio.panels.viewport import Picture, ViewportPanel
-from avatarrex_studio.state import Colour, StudioState
+from avatarrex_studio.panels.viewport import ViewportPanel
+from avatarrex_studio.runner import runner_params
+from avatarrex_studio.screen import Screen
+from avatarrex_studio.state import StudioState
 from avatarrex_studio.studio import Studio
 from avatarrex_studio.watcher import Watcher
 from imgui_bundle import hello_imgui, imgui, immapp
 
 from avatarrex.errors import InputError
-from avatarrex.gl.context import REQUIRED, renderer_name, use_context
-from avatarrex.images import composite
+from avatarrex.gl.context import REQUIRED, renderer_name
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.signals.signals import Signals
 
@@ -57,10 +57,7 @@ class Window:
         self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
         self.body, self.left, self.right = body_panel(), hand_panel("left"), hand_panel("right")
         self.face, self.poses, self.palette, self.files = FacePanel(), PosesPanel(), Palette(), FileDialogs()
-        self.picture: Picture | None = None
-        self._context: moderngl.Context | None = None
-        self._texture: moderngl.Texture | None = None
-        self._shown: tuple[object, Colour] | None = None
+        self.screen = Screen()
         self._frames = self._gesture = 0
         self._wheel = (0.0, 0)
         self._chords = [(keys.chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut]
@@ -78,19 +75,12 @@ class Window:
 
     def params(self, size: tuple[int, int] = (1440, 900), remember: bool = True) -> hello_imgui.RunnerParams:
         """What the toolkit needs to run this window; `remember` keeps the layout between runs."""
-        params = hello_imgui.RunnerParams()
-        params.app_window_params.window_title = "AvatarReX Studio"
-        params.app_window_params.window_geometry.size = size
-        params.app_window_params.restore_previous_geometry = remember
-        params.ini_disable = not remember
-        params.ini_folder_type = hello_imgui.IniFolderType.app_user_config_folder
-        params.ini_filename = "avatarrex-studio.ini"
+        params = runner_params("AvatarReX Studio", "avatarrex-studio.ini", size, remember)
         inner = params.imgui_window_params
         inner.default_imgui_window_type = hello_imgui.DefaultImGuiWindowType.provide_full_screen_dock_space
         inner.show_menu_bar = inner.show_status_bar = True
         inner.show_menu_app = inner.show_menu_view = inner.show_status_fps = False
-        inner.remember_theme = inner.remember_status_bar_settings = False
-        params.fps_idling.fps_idle = 4
+        inner.remember_status_bar_settings = False
         params.fps_idling.time_active_after_last_event = 0.5
         options = hello_imgui.OpenGlOptions()
         options.major_version, options.minor_version = divmod(REQUIRED // 10, 10)
@@ -98,54 +88,37 @@ class Window:
         options.anti_aliasing_samples = 0
         params.renderer_backend_options.open_gl_options = options
         calls = params.callbacks
-        calls.default_icon_font = hello_imgui.DefaultIconFont.font_awesome6
-        calls.load_additional_fonts = theme.load_fonts
-        calls.setup_imgui_style = theme.apply_style
         calls.setup_imgui_config = _configure
         calls.pre_new_frame = self._render
         calls.show_gui = self._over
         calls.show_menus = lambda: self._run(menu.draw(self.studio))
-        calls.show_status = lambda: status.draw(self.studio, renderer_name(self._context) if self._context else "none")
+        calls.show_status = self._status
         calls.before_exit = self._close
-        params.docking_params = self._docking()
+        params.docking_params = docking(self._panels())
         return params
 
-    def _docking(self) -> hello_imgui.DockingParams:
-        docking = hello_imgui.DockingParams()
-        split = hello_imgui.DockingSplit
-        docking.docking_splits = [
-            split("MainDockSpace", "Right", imgui.Dir.right, 0.35),
-            split("MainDockSpace", "Left", imgui.Dir.left, 0.27),
-            split("MainDockSpace", "Bottom", imgui.Dir.down, 0.16),
-            split("Left", "LeftMiddle", imgui.Dir.down, 0.56),
-            split("LeftMiddle", "LeftBottom", imgui.Dir.down, 0.58),
-        ]
+    def _panels(self) -> dict[str, Callable[[], None]]:
+        """What draws each panel, by title."""
 
         def state() -> StudioState:
             return self.studio.state
 
-        panels = (
-            ("Viewport", "MainDockSpace", self._viewport),
-            ("Body", "Right", lambda: self.body.draw(state())),
-            ("Left hand", "Right", lambda: self.left.draw(state())),
-            ("Right hand", "Right", lambda: self.right.draw(state())),
-            ("Face", "Right", lambda: self.face.draw(state())),
-            ("Poses", "Right", lambda: self.poses.draw(state())),
-            ("Training", "Right", self.training.draw),
-            ("Performance", "Right", lambda: performance.draw(self.studio)),
-            ("Camera", "Left", lambda: camera.draw(state())),
-            ("Render", "LeftMiddle", lambda: render.draw(state())),
-            ("Scene", "LeftBottom", lambda: scene.draw(state())),
-            ("Timeline", "Bottom", self._timeline),
-            ("Console", "Bottom", self.console.draw),
-        )
-        windows = []
-        for title, dock, draw in panels:
-            window = hello_imgui.DockableWindow(title, dock, partial(self._show, draw), True, False)
-            window.call_begin_end = title != "Viewport"
-            windows.append(window)
-        docking.dockable_windows = windows
-        return docking
+        drawn: dict[str, Callable[[], Sequence[Command | Action] | None]] = {
+            "Viewport": self._viewport,
+            "Body": lambda: self.body.draw(state()),
+            "Left hand": lambda: self.left.draw(state()),
+            "Right hand": lambda: self.right.draw(state()),
+            "Face": lambda: self.face.draw(state()),
+            "Poses": lambda: self.poses.draw(state()),
+            "Training": self.training.draw,
+            "Performance": lambda: performance.draw(self.studio),
+            "Camera": lambda: camera.draw(state()),
+            "Render": lambda: render.draw(state()),
+            "Scene": lambda: scene.draw(state()),
+            "Timeline": self._timeline,
+            "Console": self.console.draw,
+        }
+        return {title: partial(self._show, draw) for title, draw in drawn.items()}
 
     def _viewport(self) -> list[Command]:
         """The picture from edge to edge, without a tab of its own."""
@@ -156,7 +129,7 @@ class Window:
         flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
         shown, _ = imgui.begin("Viewport", None, flags)
         imgui.pop_style_var()
-        commands = self.viewport.draw(self.studio, self.picture) if shown else []
+        commands = self.viewport.draw(self.studio, self.screen.picture) if shown else []
         imgui.end()
         return commands
 
@@ -176,6 +149,10 @@ class Window:
                 self._wheel = (time.monotonic(), number)
                 gesture = ("wheel", number)
             self.studio.do(command, gesture)
+
+    def _status(self) -> None:
+        context = self.screen.context
+        status.draw(self.studio, renderer_name(context) if context else "none")
 
     def _timeline(self) -> None:
         frame = self.timeline.draw(self.studio)
@@ -204,35 +181,17 @@ class Window:
 
     def _render(self) -> None:
         """Render what changed and show it. Before the interface's frame, in the window's own context."""
-        if self._context is None:
-            self._context = _lend_context()
+        context = self.screen.open()
         self._frames += 1
         if self._frames > WARM_UP:
             held = any(imgui.get_io().mouse_down[button] for button in range(3))
             self.studio.tick(self.viewport.size, held)
-            self._upload()
-        self.training.upload(self._context)
+            self.screen.show(self.studio.image, self.studio.state.background)
+        self.training.upload(context)
         moving = self.studio.moving or self._frames <= WARM_UP + 1
         hello_imgui.get_runner_params().fps_idling.enable_idling = not moving
-        if self._context.screen:
-            self._context.screen.use()
-
-    def _upload(self) -> None:
-        """The image over the background into the texture, where either is new."""
-        image, background = self.studio.image, self.studio.state.background
-        if image is None or (self._shown and self._shown[0] is image and self._shown[1] == background):
-            return
-        assert self._context is not None
-        pixels = composite(image, background)
-        height, width = pixels.shape[:2]
-        if self._texture is None or self._texture.size != (width, height):
-            if self._texture:
-                self._texture.release()
-            self._texture = self._context.texture((width, height), 4)
-            self._texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self._texture.write(np.ascontiguousarray(pixels).tobytes())
-        self.picture = Picture(self._texture.glo, width, height)
-        self._shown = (image, background)
+        if context.screen:
+            context.screen.use()
 
     def _copy(self) -> None:
         imgui.set_clipboard_text(json.dumps(self.studio.state.signals.to_json()))
@@ -255,9 +214,7 @@ class Window:
 
     def _close(self) -> None:
         self.training.close()
-        if self._texture:
-            self._texture.release()
-        use_context(None)
+        self.screen.close()
 
 
 def run_window(source: str = "default") -> int:
@@ -280,17 +237,6 @@ def start(avatar: str = "default") -> StudioState:
     """The state that a new window opens with: standing, hands relaxed."""
     hands = {f"{side}_hand_pose": named_hand("relaxed", side) for side in ("left", "right")}
     return StudioState(avatar=avatar, signals=Signals.rest().replace(body_pose=named_pose("stand"), **hands))
-
-
-def _lend_context() -> moderngl.Context:
-    """The window's context, lent to the compute shaders where it is new enough."""
-    try:
-        context = moderngl.create_context(require=REQUIRED)
-    except ValueError as error:
-        log.warning("no compute shaders in this window, the rays are cast elsewhere: %s", error)
-        return moderngl.create_context(require=330)
-    use_context(context)
-    return context
 
 
 def _configure() -> None:

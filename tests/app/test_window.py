@@ -67,7 +67,7 @@ def test_a_slider_moves_the_picture_and_undo_brings_it_back(display):
     assert min(seen["size"]) > 400
     assert not torch.equal(seen["before"], seen["after"])
     assert torch.equal(seen["before"], seen["undone"])
-    assert window.picture.width == seen["size"][0]
+    assert window.screen.picture.width == seen["size"][0]
 
 
 def test_mouse_palette_and_keys(display):
