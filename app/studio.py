@@ -1,4 +1,4 @@
-"""The studio behind the window: the journal, the engine, the resolution and the playing motion. No window library here.
+"""The studio behind the window: the journal, the engine, the resolution and the playback. No window library here.
 
 `tick` renders when something changed and says whether there is a new picture; everything a user does goes through `do`.
 """
@@ -16,9 +16,8 @@ from avatarrex_studio.commands import Command, SetCamera
 from avatarrex_studio.engine import Engine, Shot
 from avatarrex_studio.framing import framed
 from avatarrex_studio.journal import Journal
-from avatarrex_studio.motion import Motion
-from avatarrex_studio.resolution import Motion as Moving
-from avatarrex_studio.resolution import Resolution
+from avatarrex_studio.playback import Playback
+from avatarrex_studio.resolution import Motion, Resolution
 from avatarrex_studio.state import AUTO, OrbitView, StudioState
 from avatarrex_studio.strips import SECONDS, Strips
 from avatarrex_studio.work import Work
@@ -54,17 +53,13 @@ class Studio:
         """Milliseconds per stage of the last whole pictures."""
         self.size = (0, 0)
         """Raster of the last frame."""
-        self.playing = False
-        self.loop = True
-        self.motion: Motion | None = None
+        self.playback = Playback()
         self._clock = clock
         self._rendered: tuple[tuple[object, ...], tuple[int, int], str] | None = None
         self._change: Change | None = None
         self._seen: tuple[object, ...] | None = None
         self._failed: tuple[object, ...] | None = None
         self._strips: Strips | None = None
-        self._started = (0.0, 0)
-        self._plays = 0
 
     @property
     def state(self) -> StudioState:
@@ -80,7 +75,7 @@ class Studio:
 
     def undo(self) -> None:
         """Back over the last step."""
-        self.playing = False
+        self.playback.playing = False
         self.journal.undo()
 
     def redo(self) -> None:
@@ -93,7 +88,9 @@ class Studio:
         `held`: a mouse button is down, so that the picture is about to change again.
         """
         now = self._clock()
-        self._advance(now)
+        due = self.playback.due(self.state, now)
+        if due is not None:
+            self.go_to(due, self.playback.gesture)
         state = self.state
         full = state.size.pixels(viewport)
         key = (state.avatar, state.signals, state.hidden, state.view, state.level, full)
@@ -130,7 +127,7 @@ class Studio:
         size = self.resolution.size(full)
         if chosen == AUTO:
             same = self._rendered is not None and self._rendered[0] == key
-            kept = same and (self._strips is not None or self.resolution.state is Moving.MOVING)
+            kept = same and (self._strips is not None or self.resolution.state is Motion.MOVING)
             chosen = self.level if kept else self._best(key, size)
             self.resolution.at(chosen)
         return size, chosen
@@ -184,7 +181,7 @@ class Studio:
     @property
     def moving(self) -> bool:
         """Whether something has not come to rest yet."""
-        if self.playing or self._strips is not None or self.resolution.wait(self._clock()) is not None:
+        if self.playback.playing or self._strips is not None or self.resolution.wait(self._clock()) is not None:
             return True
         if self.state.level != AUTO or self._rendered is None or self._failed is not None:
             return False
@@ -202,36 +199,29 @@ class Studio:
     def open_motion(self, path: str) -> None:
         """Load a motion file and stand at its first frame."""
         try:
-            self.motion = Motion.read(path)
+            motion = self.playback.open(path)
         except InputError as error:
             log.error("%s", error)
             return
-        self.playing = False
-        self.do(self.motion.loaded(self.state.signals))
-        for note in self.motion.sequence.notes:
+        self.do(motion.loaded(self.state.signals))
+        for note in motion.sequence.notes:
             log.info("%s: %s", Path(path).name, note)
-        log.info("%s: %d frames, %g a second", Path(path).name, len(self.motion), self.motion.sequence.fps)
+        log.info("%s: %d frames, %g a second", Path(path).name, len(motion), motion.sequence.fps)
 
     def toggle_play(self) -> None:
         """Start or stop the motion."""
-        if self._current_motion() is None or self.state.motion is None:
-            return
-        self.playing = not self.playing
-        at_end = self.state.motion.frame == self.state.motion.frames - 1
-        self._started = (self._clock(), 0 if at_end else self.state.motion.frame)
-        self._plays += 1
+        self.playback.toggle(self.state, self._clock())
 
     def go_to(self, frame: int, gesture: object = None) -> None:
         """Stand at a frame of the motion; beyond its ends at the nearest."""
-        motion = self._current_motion()
-        if motion is not None:
-            frame = min(max(frame, 0), len(motion) - 1)
-            self.do(motion.at(frame, self.state.signals), gesture)
+        command = self.playback.at(self.state, frame)
+        if command is not None:
+            self.do(command, gesture)
 
     def step_by(self, frames: int) -> None:
         """Some frames on or back."""
         if self.state.motion:
-            self.playing = False
+            self.playback.playing = False
             self.go_to(self.state.motion.frame + frames)
 
     def save_session(self, path: str) -> None:
@@ -251,7 +241,7 @@ class Studio:
             log.error("%s", error)
             return
         self.journal = journal
-        self.playing, self.motion = False, None
+        self.playback.close()
         log.info("opened %s", path)
 
     def save_image(self, path: str | Path, viewport: tuple[int, int]) -> None:
@@ -265,32 +255,3 @@ class Studio:
             log.info("wrote %s", path)
         except InputError as error:
             log.error("%s", error)
-
-    def _advance(self, now: float) -> None:
-        motion = self._current_motion() if self.playing else None
-        if motion is None:
-            self.playing = False
-            return
-        since, first = self._started
-        frame = first + int((now - since) * motion.sequence.fps)
-        if frame >= len(motion):
-            if self.loop:
-                self._started = (now, 0)
-                frame = 0
-            else:
-                self.playing, frame = False, len(motion) - 1
-        if self.state.motion and frame != self.state.motion.frame:
-            self.go_to(frame, ("play", self._plays))
-
-    def _current_motion(self) -> Motion | None:
-        """The motion that the state names, read again after an undo or a session that was opened."""
-        if self.state.motion is None:
-            return None
-        if self.motion is None or self.motion.path != self.state.motion.path:
-            try:
-                self.motion = Motion.read(self.state.motion.path)
-            except InputError as error:
-                log.error("%s", error)
-                self.playing = False
-                return None
-        return self.motion

@@ -157,7 +157,7 @@ class Window:
     def _timeline(self) -> None:
         frame = self.timeline.draw(self.studio)
         if frame is not None:
-            self.studio.playing = False
+            self.studio.playback.playing = False
             self.studio.go_to(frame, ("drag", self._gesture))
 
     def _over(self) -> None:

@@ -40,13 +40,13 @@ class TimelinePanel:
         if imgui.button(f"{icons.ICON_FA_BACKWARD_STEP}##back", square):
             wanted = motion.frame - 1
         imgui.same_line(0, 4)
-        if imgui.button(f"{icons.ICON_FA_PAUSE if studio.playing else icons.ICON_FA_PLAY}###play", square):
+        if imgui.button(f"{icons.ICON_FA_PAUSE if studio.playback.playing else icons.ICON_FA_PLAY}###play", square):
             studio.toggle_play()
         imgui.same_line(0, 4)
         if imgui.button(f"{icons.ICON_FA_FORWARD_STEP}##on", square):
             wanted = motion.frame + 1
         imgui.same_line()
-        _, studio.loop = imgui.checkbox("Loop", studio.loop)
+        _, studio.playback.loop = imgui.checkbox("Loop", studio.playback.loop)
         imgui.same_line()
         seconds = f"{motion.frame / motion.fps:.2f} / {(motion.frames - 1) / motion.fps:.2f} s   {motion.fps:g} fps"
         imgui.set_next_item_width(max(imgui.get_content_region_avail().x - imgui.calc_text_size(seconds).x - 12, 60))

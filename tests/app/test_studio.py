@@ -159,7 +159,7 @@ def test_a_motion_plays_at_its_own_rate(studio, clock, motion_file):
     assert studio.state.signals.expression.any(), "a body motion leaves the face"
     assert len(studio.journal.steps) == 3, "a playback is one step"
     studio.undo()
-    assert not studio.playing
+    assert not studio.playback.playing
     assert studio.state.motion.frame == 0
 
 
