@@ -7,35 +7,8 @@ from dataclasses import replace
 from functools import singledispatch
 
 import numpy as np
-from avatarrex_studio import posing
-from avatarrex_studio.commands import (
-    ApplyExpression,
-    ApplyPose,
-    CloseMotion,
-    Command,
-    LoadMotion,
-    Mirror,
-    OpenAvatar,
-    OrbitBy,
-    PanBy,
-    Randomise,
-    Reset,
-    ResetGroup,
-    SetBackground,
-    SetCamera,
-    SetExpression,
-    SetFrame,
-    SetHandPose,
-    SetHidden,
-    SetJoint,
-    SetLevel,
-    SetLimits,
-    SetShape,
-    SetSignals,
-    SetSize,
-    SetTranslation,
-    ZoomBy,
-)
+from avatarrex_studio import commands, posing
+from avatarrex_studio.commands import Command
 from avatarrex_studio.state import MotionState, OrbitView, SizePolicy, StudioState
 
 from avatarrex.errors import InputError
@@ -55,23 +28,23 @@ def _apply(command: Command, state: StudioState) -> StudioState:
 
 
 @_apply.register
-def _(command: SetJoint, state: StudioState) -> StudioState:
+def _(command: commands.SetJoint, state: StudioState) -> StudioState:
     return _pose(state, posing.set_joint(state.signals, command.joint, command.rotation, state.limit_joints))
 
 
 @_apply.register
-def _(command: SetTranslation, state: StudioState) -> StudioState:
+def _(command: commands.SetTranslation, state: StudioState) -> StudioState:
     return _pose(state, state.signals.replace(translation=np.array(command.translation)))
 
 
 @_apply.register
-def _(command: SetExpression, state: StudioState) -> StudioState:
+def _(command: commands.SetExpression, state: StudioState) -> StudioState:
     value = float(np.clip(command.value, 0, 1)) if state.limit_joints else command.value
     return _pose(state, posing.set_expression(state.signals, command.name, value))
 
 
 @_apply.register
-def _(command: SetShape, state: StudioState) -> StudioState:
+def _(command: commands.SetShape, state: StudioState) -> StudioState:
     shape = state.signals.shape.copy()
     if not 0 <= command.index < len(shape):
         raise InputError("shape", "", f"a coefficient from 0 to {len(shape) - 1}", command.index)
@@ -80,7 +53,7 @@ def _(command: SetShape, state: StudioState) -> StudioState:
 
 
 @_apply.register
-def _(command: SetHandPose, state: StudioState) -> StudioState:
+def _(command: commands.SetHandPose, state: StudioState) -> StudioState:
     if command.side not in ("left", "right"):
         raise InputError("hand", "", "left or right", command.side)
     pose = named_hand(command.name, command.side)
@@ -88,48 +61,48 @@ def _(command: SetHandPose, state: StudioState) -> StudioState:
 
 
 @_apply.register
-def _(command: ApplyPose, state: StudioState) -> StudioState:
+def _(command: commands.ApplyPose, state: StudioState) -> StudioState:
     return _pose(state, state.signals.replace(body_pose=named_pose(command.name)))
 
 
 @_apply.register
-def _(command: ApplyExpression, state: StudioState) -> StudioState:
+def _(command: commands.ApplyExpression, state: StudioState) -> StudioState:
     return _pose(state, state.signals.replace(expression=named_expression(command.name)))
 
 
 @_apply.register
-def _(command: SetSignals, state: StudioState) -> StudioState:
+def _(command: commands.SetSignals, state: StudioState) -> StudioState:
     return _pose(state, command.signals)
 
 
 @_apply.register
-def _(command: Randomise, state: StudioState) -> StudioState:
+def _(command: commands.Randomise, state: StudioState) -> StudioState:
     drawn = random_signals(np.random.default_rng(command.seed), command.strength)
     return _pose(state, posing.copy_group(state.signals, drawn, command.group))
 
 
 @_apply.register
-def _(command: Mirror, state: StudioState) -> StudioState:
+def _(command: commands.Mirror, state: StudioState) -> StudioState:
     return _pose(state, mirror(state.signals).replace(translation=state.signals.translation))
 
 
 @_apply.register
-def _(command: Reset, state: StudioState) -> StudioState:
+def _(command: commands.Reset, state: StudioState) -> StudioState:
     return _pose(state, Signals.rest())
 
 
 @_apply.register
-def _(command: ResetGroup, state: StudioState) -> StudioState:
+def _(command: commands.ResetGroup, state: StudioState) -> StudioState:
     return _pose(state, posing.reset(state.signals, command.group))
 
 
 @_apply.register
-def _(command: SetLimits, state: StudioState) -> StudioState:
+def _(command: commands.SetLimits, state: StudioState) -> StudioState:
     return state.change(limit_joints=command.limited)
 
 
 @_apply.register
-def _(command: OrbitBy, state: StudioState) -> StudioState:
+def _(command: commands.OrbitBy, state: StudioState) -> StudioState:
     view = state.view
     azimuth = (view.azimuth + command.azimuth + 180) % 360 - 180
     elevation = float(np.clip(view.elevation + command.elevation, -89, 89))
@@ -137,7 +110,7 @@ def _(command: OrbitBy, state: StudioState) -> StudioState:
 
 
 @_apply.register
-def _(command: PanBy, state: StudioState) -> StudioState:
+def _(command: commands.PanBy, state: StudioState) -> StudioState:
     view = state.view
     azimuth, elevation = np.radians([view.azimuth, view.elevation])
     right = np.array([np.cos(azimuth), 0, -np.sin(azimuth)])
@@ -147,59 +120,59 @@ def _(command: PanBy, state: StudioState) -> StudioState:
 
 
 @_apply.register
-def _(command: ZoomBy, state: StudioState) -> StudioState:
+def _(command: commands.ZoomBy, state: StudioState) -> StudioState:
     distance = float(np.clip(state.view.distance * command.factor, 0.3, 50))
     return state.change(view=replace(state.view, distance=distance))
 
 
 @_apply.register
-def _(command: SetCamera, state: StudioState) -> StudioState:
+def _(command: commands.SetCamera, state: StudioState) -> StudioState:
     given = {item.name: getattr(command, item.name) for item in dataclasses.fields(command)}
     view = replace(state.view, **{name: value for name, value in given.items() if value is not None})
     return state.change(view=view)
 
 
 @_apply.register
-def _(command: SetBackground, state: StudioState) -> StudioState:
+def _(command: commands.SetBackground, state: StudioState) -> StudioState:
     return state.change(background=command.colour)
 
 
 @_apply.register
-def _(command: SetSize, state: StudioState) -> StudioState:
+def _(command: commands.SetSize, state: StudioState) -> StudioState:
     return state.change(size=SizePolicy(command.scale, command.fixed))
 
 
 @_apply.register
-def _(command: SetHidden, state: StudioState) -> StudioState:
+def _(command: commands.SetHidden, state: StudioState) -> StudioState:
     part = {command.part}
     return state.change(hidden=state.hidden | part if command.hidden else state.hidden - part)
 
 
 @_apply.register
-def _(command: SetLevel, state: StudioState) -> StudioState:
+def _(command: commands.SetLevel, state: StudioState) -> StudioState:
     return state.change(level=command.level)
 
 
 @_apply.register
-def _(command: OpenAvatar, state: StudioState) -> StudioState:
+def _(command: commands.OpenAvatar, state: StudioState) -> StudioState:
     return state.change(avatar=command.avatar)
 
 
 @_apply.register
-def _(command: LoadMotion, state: StudioState) -> StudioState:
+def _(command: commands.LoadMotion, state: StudioState) -> StudioState:
     motion = MotionState(command.path, command.name, command.frames, command.fps)
     return _played(state.change(motion=motion), command.signals)
 
 
 @_apply.register
-def _(command: SetFrame, state: StudioState) -> StudioState:
+def _(command: commands.SetFrame, state: StudioState) -> StudioState:
     if state.motion is None:
         raise InputError("frame", "", "a motion to be loaded first", command.frame)
     return _played(state.change(motion=replace(state.motion, frame=command.frame)), command.signals)
 
 
 @_apply.register
-def _(command: CloseMotion, state: StudioState) -> StudioState:
+def _(command: commands.CloseMotion, state: StudioState) -> StudioState:
     return state.change(motion=None)
 
 
