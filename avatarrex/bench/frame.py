@@ -64,8 +64,8 @@ def measure(bench: Bench) -> list[Metric]:
 
 
 def level_errors(bench: Bench) -> dict[str, dict[str, Any]]:
-    """`Accuracy` of every level against the exact frame: 64×64, a quarter of the pixels in a quick run."""
-    signals, camera = bench.motion(JUDGED + 1)[-1], bench.camera(bench.side(64, 32))
+    """`Accuracy` of every level against the exact frame, 64×64."""
+    signals, camera = bench.motion(JUDGED + 1)[-1], bench.camera(bench.side(64, 64))
     exact = render_oracle(bench.avatar, signals, camera)
     frames = {name: render_frame(bench.avatar, signals, camera, settings) for name, settings in LEVELS.items()}
     return {name: asdict(depth_report(frame, exact)) for name, frame in frames.items()}
