@@ -101,7 +101,7 @@ def pose_reference(avatar: Avatar, signals: Signals) -> PosedReference:
     )
     normals = skinned_normals(model, template).numpy()
     hand_weight, worn = avatar.hand_weight.double().numpy(), avatar.body.worn.double().numpy()
-    probe = VertexProbe.of(template.vertices.numpy(), normals, hand_weight, worn)
+    probe = VertexProbe.of(template.vertices.numpy(), normals, hand_weight, worn, closed=True)
     coefficients = torch.cat([value["expression"], value["jaw_pose"], value["eye_pose"].flatten()])
     return PosedReference(
         body,

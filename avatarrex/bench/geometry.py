@@ -7,23 +7,19 @@ between the two voxels is compared. One core, processor time. Letters: z y x vox
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import median
 
 import numpy as np
-import torch
 
 from avatarrex.bench.clock import Times, one_core, spent, timed
 from avatarrex.bench.metric import SLOWER, Metric
 from avatarrex.bench.session import Bench
 from avatarrex.counters import Counters
-from avatarrex.fields.composition import EMPTIED, emptied
-from avatarrex.fields.influence import RADIUS
 from avatarrex.pipeline import RenderSettings
 from avatarrex.templates.posed import PART_JOINT, PosedPerson, pose_person
 from avatarrex.volume import body_grid
 from avatarrex.volume.build import AvatarVolume, build_volume
-from avatarrex.volume.stencil import Lattice, stencil_pairs
 from avatarrex.volume.volume import BodyGrid
 
 
@@ -80,42 +76,18 @@ def _frame(
     with spent(body_grid, "stencil_pairs") as lists:
         band = timed(lambda: made.append(build_volume(bench.avatar, posed, settings, counters, before)))
     volume: AvatarVolume = made[0]
-    grids: list[tuple[np.ndarray, int]] = []
-    full = timed(lambda: grids.append(evaluate_all(bench, volume)))
+    every, all_counters = replace(settings, everywhere=True), Counters()
+    full = timed(lambda: made.append(build_volume(bench.avatar, posed, every, all_counters, None)))
     if found is not None:
-        grid, pairs = grids[0]
         found.band.append(band)
         found.full.append(full)
         found.lists.append(sum(lists.cpu))
         found.band_pairs.append(counters["local_mlp_evaluations"])
-        found.full_pairs.append(pairs)
-        changed, crossings, shift = crossings_between(volume.grid, grid)
+        found.full_pairs.append(all_counters["local_mlp_evaluations"])
+        changed, crossings, shift = crossings_between(volume.grid, made[1].grid.sdf.numpy())
         found.changed, found.crossings = found.changed + changed, found.crossings + crossings
         found.shift = max(found.shift, shift)
     return volume
-
-
-def evaluate_all(bench: Bench, volume: AvatarVolume) -> tuple[np.ndarray, int]:
-    """The body's distance at every voxel (z, y, x) that a node reaches, far elsewhere; and how many pairs that took."""
-    grid, frame, field = volume.grid, volume.body_frame, bench.avatar.body
-    lattice = Lattice(grid.origin, grid.voxel, tuple(grid.sdf.shape))  # type: ignore[arg-type]
-    reached = np.zeros(lattice.shape, dtype=bool)
-    axes = [grid.origin[a] + grid.voxel * np.arange(lattice.shape[2 - a]) for a in range(3)]
-    for node in frame.node_position.double().numpy():
-        near = [np.flatnonzero(np.abs(axis - node[a]) < RADIUS) for a, axis in enumerate(axes)]
-        x, y, z = (axes[a][rows] - node[a] for a, rows in enumerate(near))
-        ball = z[:, None, None] ** 2 + y[:, None] ** 2 + x**2 < RADIUS**2
-        reached[np.ix_(near[2], near[1], near[0])] |= ball
-    index = np.flatnonzero(reached)
-    sdf = np.full(lattice.shape, EMPTIED, dtype=np.float32)
-    position = lattice.position(index)
-    pairs = stencil_pairs(frame.node_position, lattice, index)
-    with torch.no_grad():
-        found = field.sdf(frame, torch.as_tensor(position, dtype=torch.float32), pairs)
-    here = volume.probe.query(position)
-    held = emptied(here.held(found), torch.as_tensor(here.weight, dtype=torch.float32))
-    sdf.reshape(-1)[index] = held.numpy()
-    return sdf, len(pairs.point)
 
 
 def crossings_between(grid: BodyGrid, full: np.ndarray) -> tuple[int, int, float]:

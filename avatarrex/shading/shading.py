@@ -96,7 +96,7 @@ def _unchanged(previous: Shading, posed: PosedPerson, volume: AvatarVolume, poin
     assert volume.changed is not None
     then = previous.pointmap
     same = (pointmap.coverage > 0) & (pointmap.coverage == then.coverage)
-    same &= ((pointmap.position - then.position).abs().amax(-1) < STILL)
+    same &= (pointmap.position - then.position).abs().amax(-1) < STILL
     same &= (pointmap.part_weight - then.part_weight).abs().amax(-1) < 1 / 255
     for column, name in enumerate(PARTS):
         if not _same_part(name, posed, previous.posed):

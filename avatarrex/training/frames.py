@@ -99,6 +99,7 @@ class FrameStore:
             skinned_normals(self.avatar.person.body, posed.body).double().numpy(),
             self.avatar.hand_weight.double().numpy(),
             self._copy.body.worn.double().numpy(),
+            closed=True,
         )
 
     def _planes(self, volume: AvatarVolume) -> dict[str, Tensor]:

@@ -89,7 +89,7 @@ def build_volume(
             held = hold(held, before, settings.hold, avatar.embedding_effect)
         frame, changed = held.frame, held.changed
         worn = avatar.hand_weight.double().numpy(), avatar.body.worn.double().numpy()
-        probe = VertexProbe.of(held.vertices, held.normals, *worn)
+        probe = VertexProbe.of(held.vertices, held.normals, *worn, closed=True)
         known = Kept(previous.grid, changed) if previous and changed else None
         grid = build_body_grid(avatar.body, frame, probe, settings.voxel, counters, every, known)
     boxes = []

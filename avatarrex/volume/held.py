@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avatarrex.fields.body import MOST_WORN, BodyFrame
+from avatarrex.fields.code import BodyCode
 from avatarrex.fields.influence import RADIUS
 from avatarrex.volume.stencil import Lattice
 from avatarrex.volume.volume import BodyGrid
@@ -76,34 +77,34 @@ def hold(now: Held, before: Held, tolerance: float, effect: float) -> Held:
     moved = _moved_nodes(new, old, effect) > tolerance
     if moved.double().mean() > MOST:
         return now
-    code = replace(
-        new.code,
-        residual=_mixed(moved, new.code.residual, old.code.residual),
-        embedding=_mixed(moved, new.code.embedding, old.code.embedding),
-    )
     frame = replace(
         new,
-        code=code,
-        **{
-            name: _mixed(moved, getattr(new, name), getattr(old, name))
-            for name in ("node_position", "node_rest", "node_from_rest")
-        },
+        code=BodyCode(
+            _mixed(moved, new.code.residual, old.code.residual), _mixed(moved, new.code.embedding, old.code.embedding)
+        ),
+        node_position=_mixed(moved, new.node_position, old.node_position),
+        node_rest=_mixed(moved, new.node_rest, old.node_rest),
+        node_from_rest=_mixed(moved, new.node_from_rest, old.node_from_rest),
     )
     skin = _moved_vertices(now, before) > tolerance
     places = [now.vertices[skin], before.vertices[skin]]
     if new.samples is not None and old.samples is not None:
         turned = _moved_samples(frame, old) > tolerance
-        names = ("position", "outward", "rest_from_posed")
-        mixed = {name: _mixed(turned, getattr(new.samples, name), getattr(old.samples, name)) for name in names}
-        frame = replace(frame, samples=replace(new.samples, **mixed))
+        frame = replace(
+            frame,
+            samples=replace(
+                new.samples,
+                position=_mixed(turned, new.samples.position, old.samples.position),
+                outward=_mixed(turned, new.samples.outward, old.samples.outward),
+                rest_from_posed=_mixed(turned, new.samples.rest_from_posed, old.samples.rest_from_posed),
+            ),
+        )
         places += [samples.position[turned].double().numpy() for samples in (new.samples, old.samples)]
     return Held(
         frame,
         np.where(skin[:, None], now.vertices, before.vertices),
         np.where(skin[:, None], now.normals, before.normals),
-        Changed(
-            old, torch.cat([new.node_position[moved], old.node_position[moved]]), cKDTree(np.concatenate(places))
-        ),
+        Changed(old, torch.cat([new.node_position[moved], old.node_position[moved]]), cKDTree(np.concatenate(places))),
     )
 
 
@@ -149,7 +150,8 @@ def _moved_nodes(new: BodyFrame, old: BodyFrame, effect: float) -> Float[Tensor,
 
 def _moved_samples(new: BodyFrame, old: BodyFrame) -> Float[Tensor, " a"]:
     """Metres by which the change of each sample moves the rest positions of points around it."""
-    assert new.samples is not None and old.samples is not None
+    assert new.samples is not None
+    assert old.samples is not None
     turn = new.samples.rest_from_posed - old.samples.rest_from_posed
     here = (turn[:, :, :3] @ old.samples.position[:, :, None])[:, :, 0] + turn[:, :, 3]
     apart = (new.samples.position - old.samples.position).norm(dim=-1)

@@ -60,13 +60,20 @@ class VertexProbe:
     """(v,) metres that the surface stands off each vertex."""
     rim: float
     """Metres aside of a vertex, beyond `FLAT`, over which its cloth and the field's freedom fade out."""
+    closed: bool
+    """Whether the skin has no rim that a point could be past: then the core of a chest is inside, too."""
     tree: cKDTree
     changing: np.ndarray
     """(v,) whether ω is not the same at all the vertices around."""
 
     @staticmethod
     def of(
-        vertices: np.ndarray, normals: np.ndarray, weight: np.ndarray, worn: np.ndarray, rim: float = RIM
+        vertices: np.ndarray,
+        normals: np.ndarray,
+        weight: np.ndarray,
+        worn: np.ndarray,
+        rim: float = RIM,
+        closed: bool = False,
     ) -> VertexProbe:
         """(v, 3) vertices and normals, (v,) painted weight ω, (v,) metres of cloth."""
         tree = cKDTree(vertices)
@@ -74,14 +81,14 @@ class VertexProbe:
         if changing.any():
             ring = tree.query(vertices[changing], min(4 * BLENDED, len(vertices)))[1]
             changing[ring] = True
-        return VertexProbe(vertices, normals, weight, worn, rim, tree, changing)
+        return VertexProbe(vertices, normals, weight, worn, rim, closed, tree, changing)
 
     def query(self, position: np.ndarray) -> Probe:
         """`position` (p, 3)."""
         distance, nearest = self.tree.query(position, workers=_workers(len(position)))
         height = np.einsum("pc,pc->p", position - self.vertices[nearest], self.normals[nearest])
         aside = np.maximum(np.sqrt(np.maximum(distance**2 - height**2, 0)) - FLAT, 0)
-        inside = (-height > STEEP * aside) & (aside < self.rim)
+        inside = (-height > STEEP * aside) & (self.closed | (aside < self.rim))
         signed = np.where(inside, -1.0, 1.0) * np.hypot(height, aside)
         here = np.clip(1 - aside / self.rim, 0, 1)
         return Probe(distance, self._weight(position, nearest), signed - here * self.worn[nearest], here * HOLD)

@@ -106,7 +106,7 @@ def test_the_body_grid_crosses_where_the_whole_shell_does(pose: str) -> None:
     frame = body_frame(avatar, posed)
     normals = skinned_normals(avatar.person.body, posed.body)
     arrays = (posed.body.vertices, normals, avatar.hand_weight, avatar.body.worn)
-    probe = VertexProbe.of(*(value.double().numpy() for value in arrays))
+    probe = VertexProbe.of(*(value.double().numpy() for value in arrays), closed=True)
     grid = build_body_grid(avatar.body, frame, probe, 0.02, counters)
     shape = (grid.sdf.shape[0], grid.sdf.shape[1], grid.sdf.shape[2])
     position = Lattice(grid.origin, grid.voxel, shape).position(np.arange(grid.sdf.numel()))
