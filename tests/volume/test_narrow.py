@@ -94,7 +94,7 @@ def test_the_hand_box_has_the_signs_and_near_values_of_the_exact_distance(pose: 
     stored = box.field[..., 0].numpy().ravel()
     assert np.array_equal(stored < 0, exact < 0)
     corners = crossed((exact < 0).reshape(shape[:3]))
-    np.testing.assert_allclose(stored[corners], exact[corners], atol=1e-7)
+    np.testing.assert_allclose(stored[corners], exact[corners], atol=1e-5)  # half precision
     assert np.abs(stored - exact).max() < 0.01
     assert counters.as_dict()["hand_distances"] < 0.6 * len(index)
 
