@@ -1,10 +1,11 @@
-"""Errors of every level against the exact frame; what polish repairs and costs; the seams at wrists and neck.
+"""Errors of every level against the exact frame; what polish repairs and costs; the seams at wrists and neck; flicker.
 
-    python benchmarks/oracle.py [levels] [density] [seams] [cost] [--size 96] [--pictures DIR]
+    python benchmarks/oracle.py [levels] [density] [seams] [cost] [flicker] [--size 96] [--pictures DIR]
 
 `levels`: 3 poses × 2 views, every level of avatarrex.levels without and with 1 and 2 steps of polish. `density`: the
 oracle against itself with four times the samples. `seams`: close-ups of a wrist and the neck, errors within 2 cm of
 0 < ω < 1, with pictures of the point map's own surface. `cost`: processor milliseconds of polish and shading at 512².
+`flicker`: how unevenly a pixel's colour changes while the camera goes round slowly, against the oracle's own.
 """
 
 from __future__ import annotations
@@ -48,6 +49,8 @@ POSES = {
 AZIMUTHS = (20.0, 160.0)
 SEAMS = {"wrist": (20, 115.0, (0, 1)), "neck": (12, 60.0, (2,))}
 """Joint that the close-up looks at, and the azimuth, and the columns of ω whose bands are the seam."""
+ORBIT = tuple(20.0 + 0.5 * k for k in range(10))
+"""Azimuths of the slow orbit, degrees."""
 REPEATS = 3
 HEADS = ("px", "depth mean", "p50", "p99", "max mm", "normal mean", "p95 °", "flips %", "PSNR dB")
 
@@ -55,14 +58,14 @@ HEADS = ("px", "depth mean", "p50", "p99", "max mm", "normal mean", "p95 °", "f
 def main() -> None:
     """Print the tables asked for; `levels` unless told."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="*", default=["levels"], choices=["levels", "density", "seams", "cost"])
+    parser.add_argument("what", nargs="*", default=["levels"], choices=["levels", "density", "seams", "cost", "flicker"])
     parser.add_argument("--avatar", default="default")
     parser.add_argument("--size", type=int, default=96)
     parser.add_argument("--pictures", type=Path)
     options = parser.parse_args()
     avatar = load_avatar(options.avatar)
     for what in options.what:
-        {"levels": levels, "density": density, "seams": seams, "cost": cost}[what](avatar, options)
+        {"levels": levels, "density": density, "seams": seams, "cost": cost, "flicker": flicker}[what](avatar, options)
 
 
 def levels(avatar: Avatar, options: argparse.Namespace) -> None:
@@ -137,6 +140,33 @@ def cost(avatar: Avatar, options: argparse.Namespace) -> None:
             print(f"polish {steps}, {name}: {spent:.0f} ms, {hits} hits, {pairs} local MLPs", flush=True)
         spent = least(partial(shade, avatar, frame.posed, volume, pointmap, view, Counters(), frame.shading))
         print(f"shading, {name}: {spent:.0f} ms")
+
+
+def flicker(avatar: Avatar, options: argparse.Namespace) -> None:
+    """Mean |I(t−1) − 2 I(t) + I(t+1)| of pixels that all sequences cover, in 1/255, and its ratio to the oracle's."""
+    sequences: dict[str, list[Tensor]] = {"oracle": [], **{name: [] for name in LEVELS}}
+    covered, last = [], dict.fromkeys(LEVELS)
+    for azimuth in tqdm(ORBIT, leave=False):
+        camera = Camera.orbit(azimuth, 5, 2.6, 40, (0, -0.05, 0), options.size, options.size)
+        oracle = render_oracle(avatar, POSES["walk"], camera)
+        sequences["oracle"].append(oracle.image[..., :3].float())
+        hits = [oracle.pointmap.hit]
+        for name, settings in LEVELS.items():
+            plain = replace(settings, antialias=False)
+            last[name] = frame = render_frame(avatar, POSES["walk"], camera, plain, last[name])
+            sequences[name].append(frame.image[..., :3])
+            hits.append(frame.pointmap.hit)
+        covered.append(torch.stack(hits).all(0))
+    mask = torch.stack(covered)
+    mask = mask[:-2] & mask[1:-1] & mask[2:]
+    print(f"{len(ORBIT)} views of {options.size}², {int(mask.sum())} pixels")
+    base = 0.0
+    for name, images in sequences.items():
+        image = torch.stack(images)
+        uneven = 255 * (image[:-2] - 2 * image[1:-1] + image[2:]).abs().mean(-1)[mask]
+        base = base or float(uneven.mean())
+        ratio = float(uneven.mean()) / base
+        print(f"{name:<12}mean {uneven.mean():.3f}  p95 {uneven.quantile(0.95):.2f}  {ratio:.3f} of the oracle's")
 
 
 def views(size: int) -> Iterator[tuple[Signals, Camera]]:
