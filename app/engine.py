@@ -19,7 +19,7 @@ from avatarrex_studio.state import AUTO, StudioState
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
-from avatarrex.levels import level
+from avatarrex.levels import HOLD, level
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
 
 log = logging.getLogger(__name__)
@@ -56,26 +56,31 @@ class Engine:
         self._outline: Outline | None = None
 
     def render(
-        self, state: StudioState, size: tuple[int, int] | None = None, rows: tuple[int, int] | None = None
+        self,
+        state: StudioState,
+        size: tuple[int, int] | None = None,
+        rows: tuple[int, int] | None = None,
+        dragged: bool = False,
     ) -> Shot:
         """The frame of `state` at `size` (width, height), else at the state's own fixed size; of `rows` [a, b) alone.
 
+        `dragged`: the next one comes at once, and this one may lag behind the pose by `HOLD` at the level `fast`.
         Never raises for what a user can set: the error comes back as one line with the last good frame.
         """
         try:
             width, height = size or state.size.fixed or (512, 512)
             camera = state.view.camera(width, height)
-            return Shot(self.frame(state, _crop(camera, *rows) if rows else camera))
+            return Shot(self.frame(state, _crop(camera, *rows) if rows else camera, dragged))
         except InputError as error:
             return Shot(self._previous, str(error))
         except Exception as error:  # a fault of ours: its trace goes to the log, its line over the last good image
             log.exception("the frame could not be rendered")
             return Shot(self._previous, f"{type(error).__name__}: {error}".splitlines()[0])
 
-    def frame(self, state: StudioState, camera: Camera) -> Frame:
+    def frame(self, state: StudioState, camera: Camera, dragged: bool = False) -> Frame:
         """The frame of `state` through `camera`; errors are raised."""
         avatar = self.avatar(state.avatar)
-        frame = self._render(avatar, state.signals, camera, self.settings(state), self._previous)
+        frame = self._render(avatar, state.signals, camera, self.settings(state, dragged), self._previous)
         self._previous = frame
         return frame
 
@@ -94,11 +99,11 @@ class Engine:
             self._outline = Outline(person.body)
         return self._outline.points(state.signals)
 
-    def settings(self, state: StudioState) -> RenderSettings:
+    def settings(self, state: StudioState, dragged: bool = False) -> RenderSettings:
         """The pipeline's settings for `state`; `auto` is the most exact level, for whoever waits for one picture."""
         chosen = level(ORDER[-1] if state.level == AUTO else state.level)
-        kept = self._settings
-        return replace(chosen, hidden=state.hidden, raycast=kept.raycast, detail_from=kept.detail_from)
+        kept, hold = self._settings, HOLD if dragged and state.level == ORDER[0] else 0.0
+        return replace(chosen, hidden=state.hidden, raycast=kept.raycast, detail_from=kept.detail_from, hold=hold)
 
     @property
     def last(self) -> Frame | None:

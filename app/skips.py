@@ -1,7 +1,7 @@
 """What a picture did not need, and why: a counter that reads zero, and the key of avatarrex/pipeline.py that held.
 
-The pipeline does a work whenever its key changes and the part is drawn; so the counters and the hidden parts tell the
-reason.
+The pipeline does a work whenever its key changes and the part is drawn, but for what a drag hardly moves at `fast`; so the
+counters, the hidden parts and whether the picture lags tell the reason.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ def _reason(name: str, work: Work) -> str:
     if name in ("face", "U-Nets") and "face" in work.hidden:
         return "face hidden: no box"
     cast, shaded = work.counters["rays"], work.counters["pixels_shaded"]
+    if work.lags and name in _HARDLY and (name == "body" or cast):
+        return _HARDLY[name]
     if name == "colour" and cast:
         return "no pixel is covered"
     if name == "patches" and cast and not work.counters["body_pixels"]:
@@ -51,4 +53,10 @@ _HELD = {
     "patches": "body pose unchanged: feature patches of the nodes in sight kept",
     "rays": "volume and camera unchanged: point map kept",
     "colour": "point map unchanged: colours kept",
+}
+
+_HARDLY = {
+    "body": "moved by less than a millimetre: body voxels kept",
+    "patches": "hardly another pose here: feature patches kept",
+    "colour": "nothing in sight moved: colours kept",
 }

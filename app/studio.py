@@ -99,10 +99,13 @@ class Studio:
         if key == self._failed:
             return False
         size, level = self._raster(key, full)
-        if (key, size, level) == self._rendered:
+        dragged = self.resolution.state is not Motion.FULL
+        same = (key, size, level) == self._rendered
+        caught_up = same and not dragged and self.work is not None and self.work.lags
+        if same and not caught_up:
             return self._grow()
         enlarged = self._rendered is not None and self._rendered[0] == key and self.image is not None
-        self._change = self._what_changes(key, level)
+        self._change = None if caught_up else self._what_changes(key, level)
         self._rendered, self._strips, self._failed, self.level = (key, size, level), None, None, level
         state = state.change(level=level)
         if enlarged and size[0] * size[1] * self.resolution.seconds_per_pixel > 2 * SECONDS:
@@ -110,7 +113,7 @@ class Studio:
             self._strips = Strips(self.engine, state, size, self.image, self.resolution.seconds_per_pixel)
             self.size = size
             return self._grow()
-        self.shot = self.engine.render(state, size)
+        self.shot = self.engine.render(state, size, dragged=dragged)
         if self.shot.error:
             self._failed = key
             log.error("%s", self.shot.error)

@@ -20,14 +20,17 @@ class Work:
     level: str
     hidden: frozenset[str]
     """Parts that were not drawn with their own fields."""
+    lags: bool = False
+    """Whether what a drag hardly moved was kept from the picture before."""
 
     @classmethod
     def of(cls, frame: Frame, level: str) -> Work:
         """One frame's, rendered at `level`."""
-        return cls(frame.ms, frame.counters, frame.notes, str(frame.image.device), level, frame.settings.hidden)
+        lags = frame.volume.changed is not None
+        return cls(frame.ms, frame.counters, frame.notes, str(frame.image.device), level, frame.settings.hidden, lags)
 
     def plus(self, frame: Frame) -> Work:
         """With another strip's."""
         ms = {name: value + frame.ms[name] for name, value in self.ms.items()}
         counters = {name: count + frame.counters[name] for name, count in self.counters.items()}
-        return Work(ms, counters, frame.notes, self.device, self.level, self.hidden)
+        return Work(ms, counters, frame.notes, self.device, self.level, self.hidden, self.lags)

@@ -112,7 +112,7 @@ class Avatar:
 
     @cached_property
     def embedding_effect(self) -> float:
-        """Metres that the body's surface moves with a unit of the embedding; of the weights as they are at first use."""
+        """Metres that a unit of the body's embedding counts; of the weights as they are at first use."""
         posed = pose_person(self.person, Signals.rest(), Counters(), None)
         return self.body.embedding_effect(posed.body, self.body.code(posed.body_rotation))
 

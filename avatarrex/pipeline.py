@@ -7,7 +7,8 @@
 | pointmap  | where each ray meets the surface (Step II)   | volume, camera in the root frame, polish           |
 | shading   | colours of the hit pixels (Step III)         | point map, posed meshes                            |
 
-A stage whose key has not changed returns the previous result and counts no work.
+A stage whose key has not changed returns the previous result and counts no work. With `hold`, volume and shading take over
+what hardly moved from the frame before, too (volume/held.py).
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class RenderSettings:
     part_voxel: float = 0.0025
     """Side of a voxel of the hand and face boxes, metres."""
     hold: float = 0.0
-    """Metres that the body may lag behind the pose: what a frame after another would move by less stays as it was."""
+    """Metres that parts of the body may lag behind the pose: what a frame after another moves by less stays as it was."""
     everywhere: bool = False
     """Evaluate every voxel that the fields reach, not only those around the surface."""
     bricks: int = 0

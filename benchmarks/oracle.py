@@ -58,7 +58,9 @@ HEADS = ("px", "depth mean", "p50", "p99", "max mm", "normal mean", "p95 °", "f
 def main() -> None:
     """Print the tables asked for; `levels` unless told."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="*", default=["levels"], choices=["levels", "density", "seams", "cost", "flicker"])
+    parser.add_argument(
+        "what", nargs="*", default=["levels"], choices=["levels", "density", "seams", "cost", "flicker"]
+    )
     parser.add_argument("--avatar", default="default")
     parser.add_argument("--size", type=int, default=96)
     parser.add_argument("--pictures", type=Path)

@@ -32,8 +32,7 @@ class RunList:
             self.colours.setdefault(view.path, COLOURS[len(self.colours) % len(COLOURS)])
         chosen = next((view for view in views if view.path == self.chosen), None)
         if chosen is None and views:
-            chosen = max(views, key=lambda view: (view.live, view.about.get("started") or 0))
-            self.chosen = chosen.path
+            return max(views, key=lambda view: (view.live, view.about.get("started") or 0))
         return chosen
 
     def ticked(self, views: Sequence[RunView]) -> list[RunView]:

@@ -22,6 +22,8 @@ ERRORS = {
 """The error that stands against the time, the first that a contest has."""
 FLOOR = 1e-10
 """An error of zero is drawn here."""
+FEW_DECADES = 300
+"""Ratio of an axis' ends up to which its ticks are plain numbers."""
 
 
 def plot(metrics: list[Metric], folder: Path) -> list[Path]:
@@ -82,8 +84,8 @@ def _pareto(axis: Axes, case: str, entries: list[tuple[str, float, float, str]])
         axis.annotate(name, (ms, max(error, FLOOR)), xytext=(5, 4), textcoords="offset points", fontsize=8)
     axis.set(xscale="log", yscale="log", xlabel="ms", ylabel=ERRORS[entries[0][3]])
     axis.set_title(case, fontsize=10)
-    axis.margins(0.2)
-    axis.grid(alpha=0.3)
+    axis.margins(0.25)
+    _ticks(axis)
 
 
 def _growth(axis: Axes, metric: Metric) -> None:
@@ -93,6 +95,19 @@ def _growth(axis: Axes, metric: Metric) -> None:
     axis.plot(size, error["factor"] * size**metric.value, "-", color="0.7")
     axis.set(xscale="log", yscale="log", xlabel=error["of"], ylabel="ms")
     axis.set_title(f"{metric.name.split('.')[1]}: exponent {metric.value:.2f}", fontsize=10)
+    _ticks(axis)
+    axis.set_xticks(size, [f"{value:.4g}" for value in size])
+
+
+def _ticks(axis: Axes) -> None:
+    """Plain numbers at 1, 2 and 5 where an axis has few decades: matplotlib's own powers of ten run into each other."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    for line, (low, high) in ((axis.xaxis, axis.get_xlim()), (axis.yaxis, axis.get_ylim())):
+        line.set_minor_locator(NullLocator())
+        if high / low < FEW_DECADES:
+            line.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            line.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.grid(alpha=0.3)
 
 

@@ -75,7 +75,7 @@ def _bytes(stored: Any) -> int:
     if isinstance(stored, Tensor):
         return stored.element_size() * stored.numel()
     if isinstance(stored, np.ndarray):
-        return int(stored.nbytes)
+        return 0 if stored.dtype == bool else int(stored.nbytes)  # a mask of the builder, which no ray reads
     if is_dataclass(stored):
         return sum(_bytes(getattr(stored, item.name)) for item in fields(stored))
     if isinstance(stored, tuple | list):

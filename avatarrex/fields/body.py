@@ -41,6 +41,8 @@ CLOTH = 0.02
 """How far the surface may stand off the template when the empty space is filled, metres."""
 MOST_WORN = 0.04
 """Metres: cloth and hair that stand off farther are not measured."""
+VISIBLE = 16.0
+"""sRGB per metre: a change of colour by 4/255 counts as much as a millimetre."""
 LEAST = 0.005
 """Smallest fill, metres: a pose that stretches the nodes apart must not put a surface into empty space."""
 
@@ -150,12 +152,19 @@ class BodyField(nn.Module):
 
     @torch.no_grad()
     def embedding_effect(self, posed: PosedTemplate, code: BodyCode) -> float:
-        """Metres that the surface moves, in the mean over template vertices, with a unit change of all embeddings."""
+        """Metres that a unit change of all embeddings counts, in the mean over the surface.
+
+        The larger of what it moves the surface and what it changes the colour, in metres by `VISIBLE`.
+        """
         frame, step = self.frame(posed, code), 0.05
         noise = torch.rand(code.embedding.shape, generator=torch.Generator().manual_seed(0)).round() * 2 - 1
         other = replace(frame, code=replace(code, embedding=code.embedding + step * noise.to(code.embedding)))
-        points = posed.vertices[::4].to(code.embedding)
-        return float((self.sdf(other, points) - self.sdf(frame, points)).abs().mean() / step)
+        outward = vertex_normals(posed.vertices, self.template.faces)
+        points = (posed.vertices + outward * self.worn[:, None])[::8].to(code.embedding)
+        inward = -outward[::8].to(points)
+        moved = (self.sdf(other, points) - self.sdf(frame, points)).abs().mean()
+        tinted = (self.colour(other, None, points, inward) - self.colour(frame, None, points, inward)).abs().mean()
+        return float(moved.maximum(tinted / VISIBLE)) / step
 
     def geometry_parameters(self) -> list[nn.Parameter]:
         """What pass I trains and pass II freezes: decoder, encoder, geometry networks."""

@@ -22,7 +22,8 @@ CHUNKS = (16, 256)
 """Rows of one chunk of `bucket`, at least and at most: a quarter of a node's rows, as padding wastes half a chunk per node."""
 
 FEW = 16384
-"""Rows up to which `bucket` wins on a CPU, too: 128 nodes take `loop` 400 calls however few the rows."""
+"""Rows up to which `bucket` wins on a CPU, too: 128 nodes take `loop` 400 calls however few the rows
+(16 ms against 3 for 740 rows)."""
 
 
 def available() -> tuple[str, ...]:
@@ -75,7 +76,7 @@ def _reference(
 def _loop(
     blocks: Sequence[Tensor], offsets: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor], activation: str
 ) -> Tensor:
-    """Node by node with matrix products whose intermediates stay in cache: the fastest on a CPU."""
+    """Node by node with matrix products whose intermediates stay in cache: the fastest for many rows on a CPU."""
     act = _activation(activation, inplace=not _tracked(blocks, weights, biases))
     counts = offsets.diff().tolist()
     any_rows = any(counts)
@@ -98,7 +99,7 @@ def _loop(
 def _bucket(
     blocks: Sequence[Tensor], offsets: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor], activation: str
 ) -> Tensor:
-    """Equal chunks of one node's rows, one batched product per layer: no loop, for a GPU and for backward passes."""
+    """Equal chunks of one node's rows, one batched product per layer: no loop, for a GPU, for backward passes and for few rows."""
     x = torch.cat(list(blocks), -1)
     counts = offsets.diff()
     chunk = min(max(CHUNKS[0], len(x) // (4 * len(counts))), CHUNKS[1])

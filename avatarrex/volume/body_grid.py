@@ -65,6 +65,8 @@ def build_body_grid(
     `everywhere`: at every voxel that a node reaches, as the paper has it. `kept`: what may be taken over.
     """
     lattice = lattice_around(np.concatenate([probe.vertices - MARGIN, probe.vertices + MARGIN]), voxel)
+    if kept is not None and kept.grid.voxel != lattice.voxel:  # it grew with the person's extent
+        kept = None
     fill, first, asked, known = guess(probe, lattice, kept)
     if everywhere:
         every = np.arange(fill.size)

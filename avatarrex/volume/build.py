@@ -40,7 +40,7 @@ class AvatarVolume:
     """Geometry tri-planes of this expression; None while the face is hidden."""
     probe: VertexProbe
     changed: Changed | None
-    """Where the body differs from that of the frame before; None: anywhere."""
+    """Where the body differs from that of the frame before, some of whose state it kept; None: it is exact."""
     keys: dict[str, object]
     notes: tuple[str, ...] = ()
 
@@ -54,13 +54,12 @@ def build_volume(
 ) -> AvatarVolume:
     """Build the volume of `posed`, taking from `previous` every piece whose key has not changed."""
     every = settings.everywhere
-    stored = settings.voxel, every
-    keys: dict[str, object] = {"hidden": settings.hidden, "body": (posed.keys["body"], settings.hold, stored)}
-    keys["stored"] = stored
+    keys: dict[str, object] = {"hidden": settings.hidden, "bricks": settings.bricks, "stored": (settings.voxel, every)}
+    keys["body"] = posed.keys["body"], keys["stored"]
     for name in PART_JOINT:
         keys[name] = None if name in settings.hidden else (posed.keys[name], settings.part_voxel, every)
-    keys["bricks"] = settings.bricks
-    if previous and previous.keys == keys:
+    exact = previous is None or settings.hold > 0 or previous.changed is None  # enough for what is asked
+    if previous and previous.keys == keys and exact:
         return previous
 
     def kept(name: str) -> bool:
@@ -79,19 +78,11 @@ def build_volume(
         else:
             hand, voxel = avatar.hand(name), settings.part_voxel
             parts[name] = hand_box(name, hand, posed.parts[name], voxel, counters, every)
-    if previous and kept("body"):
+    if previous and kept("body") and exact:
         frame, grid, probe, changed = previous.body_frame, previous.grid, previous.probe, previous.changed
     else:
-        normals = skinned_normals(avatar.person.body, posed.body).double().numpy()
-        held = Held(body_frame(avatar, posed), posed.body.vertices.double().numpy(), normals, None)
-        if settings.hold and previous and kept("stored"):
-            before = Held(previous.body_frame, previous.probe.vertices, previous.probe.normals, None)
-            held = hold(held, before, settings.hold, avatar.embedding_effect)
-        frame, changed = held.frame, held.changed
-        worn = avatar.hand_weight.double().numpy(), avatar.body.worn.double().numpy()
-        probe = VertexProbe.of(held.vertices, held.normals, *worn, closed=True)
-        known = Kept(previous.grid, changed) if previous and changed else None
-        grid = build_body_grid(avatar.body, frame, probe, settings.voxel, counters, every, known)
+        before = previous if settings.hold and kept("stored") else None
+        frame, grid, probe, changed = _body(avatar, posed, settings, counters, before)
     boxes = []
     for name, part in parts.items():
         if previous and grid is previous.grid and previous.parts.get(name) is part:
@@ -99,6 +90,22 @@ def build_volume(
         else:
             boxes.append(_place(avatar, frame, probe, grid, part, posed.root_from_part(name), counters))
     return AvatarVolume(SdfVolume(grid, tuple(boxes)), frame, grid, parts, views, planes, probe, changed, keys)
+
+
+def _body(
+    avatar: Avatar, posed: PosedPerson, settings: RenderSettings, counters: Counters, before: AvatarVolume | None
+) -> tuple[BodyFrame, BodyGrid, VertexProbe, Changed | None]:
+    """The body of `posed`; with what stands still as in `before`, where that is given."""
+    normals = skinned_normals(avatar.person.body, posed.body).double().numpy()
+    body = Held(body_frame(avatar, posed), posed.body.vertices.double().numpy(), normals, None)
+    if before:
+        then = Held(before.body_frame, before.probe.vertices, before.probe.normals, None)
+        body = hold(body, then, settings.hold, avatar.embedding_effect)
+    painted = avatar.hand_weight.double().numpy(), avatar.body.worn.double().numpy()
+    probe = VertexProbe.of(body.vertices, body.normals, *painted, closed=True)
+    kept = Kept(before.grid, body.changed) if before and body.changed else None
+    grid = build_body_grid(avatar.body, body.frame, probe, settings.voxel, counters, settings.everywhere, kept)
+    return body.frame, grid, probe, body.changed
 
 
 def refine_volume(

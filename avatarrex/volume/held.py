@@ -2,11 +2,11 @@
 
 Every node's embedding depends on the whole pose (fields/code.py), so that nothing stays exactly as it was; but far from the
 dragged joint it changes the surface by hundredths of a millimetre. A node, a sample of the local frames or a vertex of the
-skin whose state would move the surface by less than a tolerance keeps the state it had. It is compared with what it keeps,
-not with the frame before: the lag never exceeds the tolerance. All else is exact: what a point hears is as it was wherever
-nothing that changed is in reach, and is taken over from the frame before.
+skin that moves by less than a tolerance, or whose embedding moves the surface (or its colour: fields/body.py, `VISIBLE`) by less in the mean,
+keeps the state it had. It is compared with what it keeps, not with the frame before: no state lags by more. All else is
+exact: what a point hears is as it was wherever nothing that changed is in reach, and is taken over from the frame before.
 
-Letters: n nodes, a samples, v vertices, p points. Root frame, metres.
+Letters: n nodes, a samples, v vertices, p points, m places, b blocks. Root frame, metres.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Changed:
     """Where a body frame differs from the frame `since`."""
 
     since: BodyFrame
-    nodes: Float[Tensor, "j 3"]
+    nodes: Float[Tensor, "m 3"]
     """Places of the nodes that changed, before and now."""
     skin: cKDTree
     """Of the samples and vertices that changed, before and now."""
@@ -69,9 +69,9 @@ class Held:
 
 
 def hold(now: Held, before: Held, tolerance: float, effect: float) -> Held:
-    """`now` with the state of `before` wherever that moves the surface by less than `tolerance` metres.
+    """`now` with the state of `before` wherever that differs by less than `tolerance` metres.
 
-    `effect`: metres that the surface moves with a unit of the embedding (`BodyField.embedding_effect`).
+    `effect`: metres that a unit of the embedding counts (`BodyField.embedding_effect`).
     """
     old, new = before.frame, now.frame
     moved = _moved_nodes(new, old, effect) > tolerance

@@ -47,7 +47,7 @@ def settle(
     """
     sdf = np.ascontiguousarray(sdf).copy()
     known = np.zeros(sdf.shape, dtype=bool) if known is None else known.copy()
-    wanted = first
+    wanted = first if len(first) else unsettled(sdf < 0, known)
     while len(wanted):
         sdf.reshape(-1)[wanted] = evaluate(wanted)
         known.reshape(-1)[wanted] = True

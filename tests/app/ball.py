@@ -65,7 +65,7 @@ def render_ball(avatar, signals, camera, settings, previous=None):
         ms={**ms, "total": sum(ms.values())},
         counters=counters,
         settings=settings,
-        volume=SimpleNamespace(sdf=VOLUME),
+        volume=SimpleNamespace(sdf=VOLUME, changed=None),
         notes=("rays: ball",),
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from avatarrex_studio.actions import ACTIONS, EFFECTS, action, find
-from avatarrex_studio.commands import OrbitBy, SetBackground, SetExpression, SetJoint
+from avatarrex_studio.commands import OrbitBy, SetBackground, SetExpression, SetJoint, SetLevel
 from avatarrex_studio.motion import Motion
 from avatarrex_studio.resolution import FLOOR, FULL_AFTER, Resolution
 from avatarrex_studio.resolution import Motion as Moving
@@ -17,6 +17,7 @@ from avatarrex_studio.studio import Studio
 from ball import ball_engine, render_ball
 
 from avatarrex.errors import InputError
+from avatarrex.levels import HOLD
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.signals.signals import Signals
@@ -67,6 +68,31 @@ def test_a_slow_frame_does_not_count_as_rest():
     resolution.tick(0.0, True)
     resolution.measured(3.0, 1000, 3.0)
     assert resolution.tick(3.01, False) is Moving.STILL
+
+
+def test_a_dragged_picture_may_lag_and_the_one_that_stays_may_not(clock):
+    holds = []
+
+    def render(avatar, signals, camera, settings, previous=None):
+        frame = render_ball(avatar, signals, camera, settings, previous)
+        holds.append(settings.hold)
+        frame.volume.changed = "some of it" if settings.hold else None
+        return frame
+
+    studio = Studio(ball_engine(render), clock=clock)
+    for level, held in (("fast", HOLD), ("balanced", 0)):
+        studio.do(SetLevel(level))
+        settle(studio, clock)
+        holds.clear()
+        studio.do(SetJoint("left_shoulder", (0, 0, 0.1 + held)))
+        clock.now += 0.01
+        studio.tick((32, 24))  # so small that a drag has every pixel
+        assert holds == [held]
+        for _ in range(100):
+            clock.now += 0.05
+            studio.tick((32, 24))
+        assert holds == ([HOLD, 0] if held else [0])
+        assert not studio.work.lags
 
 
 def test_nothing_is_rendered_when_nothing_changes(studio, clock):

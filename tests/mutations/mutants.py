@@ -215,4 +215,25 @@ MUTANTS: dict[str, Mutant] = {
         "name: value.bfloat16() if half and",
         "tests/test_avatar.py::test_round_trip_keeps_the_weights[copy.avatar]",
     ),
+    "reach of what moved": Mutant(
+        "what stands still",
+        "avatarrex/volume/held.py",
+        "(torch.cdist(points, self.nodes) < RADIUS + radius)",
+        "(torch.cdist(points, self.nodes) < RADIUS / 4 + radius)",
+        "tests/volume/test_held.py::test_the_grid_is_the_one_that_the_held_state_gives",
+    ),
+    "a lattice that grew": Mutant(
+        "what stands still",
+        "avatarrex/volume/body_grid.py",
+        "kept is not None and kept.grid.voxel != lattice.voxel",
+        "kept is not None and kept.grid is None",
+        "tests/volume/test_held.py::test_a_lattice_that_grew_takes_nothing_over",
+    ),
+    "ends of the band in half precision": Mutant(
+        "storage",
+        "avatarrex/volume/part_box.py",
+        "BOUND = (-CLAMP, 0.026)",
+        "BOUND = (-0.05, 0.025)",
+        "tests/volume/test_narrow.py::test_the_hand_box_has_the_signs_and_near_values_of_the_exact_distance",
+    ),
 }

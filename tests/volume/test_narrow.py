@@ -6,6 +6,7 @@ import torch
 
 from avatarrex.avatar import load_avatar
 from avatarrex.counters import Counters
+from avatarrex.fields.composition import in_band
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.model import skinned_normals
@@ -96,6 +97,7 @@ def test_the_hand_box_has_the_signs_and_near_values_of_the_exact_distance(pose: 
     corners = crossed((exact < 0).reshape(shape[:3]))
     np.testing.assert_allclose(stored[corners], exact[corners], atol=1e-5)  # half precision
     assert np.abs(stored - exact).max() < 0.01
+    assert not in_band(box.field[..., 0].float().max())  # half of 0.025 itself would be
     assert counters.as_dict()["hand_distances"] < 0.6 * len(index)
 
 
