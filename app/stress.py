@@ -61,8 +61,13 @@ def _run(count: int, seed: int, processes: int, json_path: str | None, out: Path
     try:
         for outcome in tqdm(outcomes, total=len(cases), unit="case", disable=None):
             tally.add(outcome.kind, outcome.number, outcome.findings, outcome.cpu_seconds)
-            if any(finding.failed for finding in outcome.findings):
+            wrong = [finding for finding in outcome.findings if finding.failed]
+            if wrong:
                 failed.append(outcome)
+            for finding in wrong:  # at once: a long run may be killed
+                tqdm.write(
+                    f"{outcome.kind} {outcome.number}: {finding.check}: {finding.figure:.3g} {finding.note}".rstrip()
+                )
     except KeyboardInterrupt:
         interrupted = True
         outcomes.close()
@@ -94,7 +99,7 @@ def _write(failed: list[Outcome], seed: int, out: Path) -> list[str]:
             path = out / f"{outcome.kind}_{seed}_{outcome.number}_{len(files)}.json"
             write_text(path, json.dumps(to_json(kind, small.inputs, small.finding), indent=1) + "\n")
             files[key] = str(path)
-            print(f"{outcome.kind} {outcome.number}: {finding.check}: {finding.figure:.3g} {finding.note}".rstrip())
+            print(f"{outcome.kind} {outcome.number}: {finding.check}")
             print(f"  shrunk in {small.tried} tries; avatarrex-studio stress --replay {path}")
     return list(files.values())
 

@@ -71,8 +71,8 @@ def closest_point(
     found = signed(vertices, faces, points, face, barycentric, normals, skipped)
     if bound is None:
         return found
-    far = torch.where(skipped > 0, bound[1], bound[0])
-    sdf = torch.where(skipped == 0, found.sdf, far.to(found.sdf.dtype)).clamp(*bound)
+    low, high = (found.sdf.new_tensor(end) for end in bound)
+    sdf = torch.where(skipped == 0, found.sdf, torch.where(skipped > 0, high, low)).clamp(*bound)
     return ClosestPoint(sdf, face, found.barycentric)
 
 

@@ -203,6 +203,8 @@ def test_bound_saturates_and_keeps_the_inside(impl: str) -> None:
     free = closest_point(vertices, faces, point, impl="reference").sdf
     found = closest_point(vertices, faces, point, BAND, impl=impl)
     torch.testing.assert_close(found.sdf, free.clamp(*BAND), atol=1e-12, rtol=0)
+    narrow = closest_point(vertices, faces, point, (-0.02, 0.02), impl=impl).sdf
+    torch.testing.assert_close(narrow, free.clamp(-0.02, 0.02), atol=1e-12, rtol=0)  # float32 has no 0.02
     surface = (vertices[faces[found.face]] * found.barycentric[..., None]).sum(1)
     beyond = free > BAND[1]
     stray = (normalize(surface, dim=-1) - normalize(point, dim=-1)).norm(dim=-1)[beyond]
