@@ -27,9 +27,10 @@ class Strips:
         size: tuple[int, int],
         draft: Float32[Tensor, "h w 4"],
         seconds_per_pixel: float,
+        dragged: bool = False,
     ) -> None:
-        """`draft`, an image of any raster, is shown enlarged where no strip has come yet."""
-        self.engine, self.state, self.size = engine, state, size
+        """`draft`, an image of any raster, is shown enlarged where no strip has come yet. `dragged`: see `Engine.render`."""
+        self.engine, self.state, self.size, self.dragged = engine, state, size, dragged
         width, height = size
         enlarged = torch.nn.functional.interpolate(draft.permute(2, 0, 1)[None], (height, width), mode="bilinear")
         self.image = enlarged[0].permute(1, 2, 0).contiguous()
@@ -45,7 +46,7 @@ class Strips:
         """Render the next strip into `image`; the shot holds that strip alone."""
         first, last = self.done, min(self.done + self.rows, self.size[1])
         low, high = max(first - MARGIN, 0), min(last + MARGIN, self.size[1])
-        shot = self.engine.render(self.state, self.size, (low, high))
+        shot = self.engine.render(self.state, self.size, (low, high), self.dragged)
         if shot.frame is not None and shot.error is None:
             self.image[first:last] = shot.frame.image[first - low : last - low]
         self.done = self.size[1] if shot.error else last

@@ -110,7 +110,8 @@ class Studio:
         state = state.change(level=level)
         if enlarged and size[0] * size[1] * self.resolution.seconds_per_pixel > 2 * SECONDS:
             assert self.image is not None
-            self._strips = Strips(self.engine, state, size, self.image, self.resolution.seconds_per_pixel)
+            cost = self.resolution.seconds_per_pixel
+            self._strips = Strips(self.engine, state, size, self.image, cost, dragged)
             self.size = size
             return self._grow()
         self.shot = self.engine.render(state, size, dragged=dragged)
