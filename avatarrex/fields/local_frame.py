@@ -25,6 +25,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avatarrex.fields.influence import Pairs, gate, influence
+from avatarrex.ops.search import workers
 from avatarrex.ops.skinning import invert_affine, skin
 
 LOCAL_FRAMES = ("anchors", "blend", "node", "vertex")
@@ -40,8 +41,6 @@ ASIDE = 0.1
 sample of the other may be nearer (they are 3 cm apart)."""
 OPEN, SHUT = 4.0, 6.0
 """Rest distance to that anchor, in σ, where an anchor's gate starts to close and where it is shut."""
-FEW = 500
-"""Points up to which one thread searches sooner than several are started."""
 CHUNK = 16384
 """Points per block of the all-distances search (128 MB against 2048 anchors)."""
 
@@ -71,8 +70,7 @@ class Samples:
         count = min(self.neighbours, len(self.rest))
         if position.device.type == "cpu":
             ranks = list(range(1, count + 1))
-            workers = torch.get_num_threads() if len(position) > FEW else 1
-            index = self.tree.query(position.detach().numpy(), ranks, workers=workers)[1]
+            index = self.tree.query(position.detach().numpy(), ranks, workers=workers(len(position)))[1]
             return torch.from_numpy(index).long()
         blocks = [
             torch.topk(torch.cdist(block, self.position), count, largest=False).indices

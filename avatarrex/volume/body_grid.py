@@ -129,14 +129,13 @@ def guess(
     shape, reach = np.array(lattice.shape), REACH * lattice.voxel
     near = np.ones(-(-shape // BLOCK), dtype=bool)
     fill = np.zeros(near.shape, dtype=np.float32)
-    stored, known = np.zeros(lattice.shape, dtype=np.float32), np.zeros(lattice.shape, dtype=bool)
-    taken = np.zeros(near.shape, dtype=bool)
+    known = np.zeros(lattice.shape, dtype=bool)
+    stored = None if kept is None else np.full(lattice.shape, np.nan, dtype=np.float32)
     side = BLOCK
     while True:
         block = np.stack(np.nonzero(near), -1)
-        if side == 1 and kept is not None:
+        if side == 1 and kept is not None and stored is not None:
             stays = kept.onto(lattice, block, side, stored, known)
-            taken[near] = stays
             near[near], block = ~stays, block[~stays]
         centre = lattice.origin + lattice.voxel * (block[:, ::-1] * side + (side - 1) / 2)
         radius = np.sqrt(3) * lattice.voxel * (side - 1) / 2
@@ -146,16 +145,14 @@ def guess(
         fill[near] = np.where(empty, np.maximum(least, EMPTIED), np.where(here.guess < 0, -least, least))
         slack = SLACK if side > 1 else 0.0
         close = (np.abs(here.guess) < reach + radius + slack) & ~(empty & (side == 1))
-        if side == BLOCK and kept is not None:
-            stays = kept.onto(lattice, block[close], side, stored, known)
-            taken[tuple(block[close][stays].T)] = True
-            close[close] = ~stays
+        if side == BLOCK and kept is not None and stored is not None:
+            close[close] = ~kept.onto(lattice, block[close], side, stored, known)
         near[near] = close
         if side == 1:
-            return np.where(taken, stored, fill), np.flatnonzero(near), here.at(close), known
+            filled = fill if stored is None else np.where(np.isnan(stored), fill, stored)
+            return filled, np.flatnonzero(near), here.at(close), known
         inner = tuple(slice(0, -(-int(n) // (side // 2))) for n in shape)
-        near, fill, taken = (_halved(grid)[inner] for grid in (near, fill, taken))
-        fill = np.ascontiguousarray(fill)
+        near, fill = _halved(near)[inner], np.ascontiguousarray(_halved(fill)[inner])
         side //= 2
 
 

@@ -22,6 +22,7 @@ from torch import Tensor
 from avatarrex.fields.body import MOST_WORN, BodyFrame
 from avatarrex.fields.code import BodyCode
 from avatarrex.fields.influence import RADIUS
+from avatarrex.ops.search import workers
 from avatarrex.volume.stencil import Lattice
 from avatarrex.volume.volume import BodyGrid
 
@@ -51,8 +52,8 @@ class Changed:
         touched: np.ndarray = (torch.cdist(points, self.nodes) < RADIUS + radius).any(1).numpy()
         rest = np.flatnonzero(~touched)
         if len(rest) and self.skin.n:
-            reach, workers = SKIN + radius, torch.get_num_threads()
-            apart, _ = self.skin.query(position[rest], distance_upper_bound=reach, workers=workers)
+            reach = SKIN + radius
+            apart, _ = self.skin.query(position[rest], distance_upper_bound=reach, workers=workers(len(rest)))
             touched[rest] = np.isfinite(apart)
         return touched
 

@@ -12,14 +12,14 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from avatarrex.ops.search import workers
+
 FLAT = 0.012
 """Metres around a vertex in which the skin counts as its tangent plane: about the spacing of the body's vertices."""
 STEEP = 0.5
 """A point this much less below a vertex' tangent plane than aside of it is outside: past the rim of a part of the skin."""
 RIM = 0.04
 """Metres: of a whole skin, whose cloth may bridge folds."""
-FEW = 500
-"""Points up to which one thread searches alone."""
 BLENDED = 8
 """Vertices that ω is blended of where it changes; one vertex' alone cuts the wrist into steps of several millimetres."""
 HOLD = 0.05
@@ -85,7 +85,7 @@ class VertexProbe:
 
     def query(self, position: np.ndarray) -> Probe:
         """`position` (p, 3)."""
-        distance, nearest = self.tree.query(position, workers=_workers(len(position)))
+        distance, nearest = self.tree.query(position, workers=workers(len(position)))
         height = np.einsum("pc,pc->p", position - self.vertices[nearest], self.normals[nearest])
         aside = np.maximum(np.sqrt(np.maximum(distance**2 - height**2, 0)) - FLAT, 0)
         inside = (-height > STEEP * aside) & (self.closed | (aside < self.rim))
@@ -99,12 +99,7 @@ class VertexProbe:
         rows = np.flatnonzero(self.changing[nearest])
         if len(rows):
             count = min(BLENDED + 1, len(self.vertices))
-            distance, around = self.tree.query(position[rows], count, workers=_workers(len(rows)))
+            distance, around = self.tree.query(position[rows], count, workers=workers(len(rows)))
             share = np.square(distance[:, -1:] ** 2 - distance**2) + np.finfo(float).tiny
             weight[rows] = (share * self.weight[around]).sum(1) / share.sum(1)
         return weight
-
-
-def _workers(points: int) -> int:
-    """One thread searches for few points sooner than several are started."""
-    return torch.get_num_threads() if points > FEW else 1
