@@ -9,7 +9,6 @@ Letters: r rays, p points. Colours in [0, 1], premultiplied.
 from __future__ import annotations
 
 import torch
-import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
@@ -28,7 +27,9 @@ WEIGHTS = {
 }
 """The paper's; of the silhouette and of the tone mapping's deviation from the identity: ours."""
 NEARBY = 0.004
-"""Metres: the width of the silhouette's sigmoid."""
+"""Metres: a silhouette that is off by as much costs as much as a missing ray."""
+PURE = 0.02
+"""Mattes closer to 0 or 1 have no edge in them."""
 CLAMP = 0.06
 """Metres: farther distances all count the same; the volume's band is as wide."""
 
@@ -43,15 +44,19 @@ def mask_loss(opacity: Float[Tensor, " r"], matte: Float[Tensor, " r"], weight: 
     return ((opacity - matte).abs() * weight).sum() / weight.sum().clamp_min(1e-6)
 
 
-def silhouette_loss(lowest: Float[Tensor, " r"], matte: Float[Tensor, " r"], weight: Float[Tensor, " r"]) -> Tensor:
-    """Cross-entropy of σ(−s/`NEARBY`) at each ray's lowest distance s with the matte (after IDR, Yariv et al. 2020, eq. 7).
+def silhouette_loss(
+    lowest: Float[Tensor, " r"], width: Float[Tensor, " r"], matte: Float[Tensor, " r"], weight: Float[Tensor, " r"]
+) -> Tensor:
+    """How far the silhouette is off, over `NEARBY`: mean over rays of what their lowest distance s lacks, weighted.
 
-    Once γ is small, a ray that misses the surface by more than a few γ tells the mask term nothing; here it does, however
-    far it passes. Rays without samples have s = ∞ and do not count.
+    A straight edge at s from a pixel's centre covers 1/2 − s/`width` of it. Where the matte is neither 0 nor 1 that is to
+    be met; elsewhere only the wrong side counts (IDR, Yariv et al. 2020, eq. 7: rays that hit the person where the matte
+    has it tell nothing). Once γ is small the mask term does not hear of a ray that misses or enters by a few γ. NaN rays
+    (not asked) do not count.
     """
-    known = torch.isfinite(lowest)
-    term = F.binary_cross_entropy_with_logits(-lowest[known] / NEARBY, matte[known], reduction="none")
-    return (term * weight[known]).sum() / weight[known].sum().clamp_min(1e-6)
+    off = (0.5 - matte) * width - lowest
+    off = torch.where(matte > 1 - PURE, off.clamp_max(0), torch.where(matte < PURE, off.clamp_min(0), off))
+    return (off.abs().nan_to_num(0.0) * weight).sum() / (NEARBY * weight.sum().clamp_min(1e-6))
 
 
 def eikonal_loss(field: TrainedField, position: Float[Tensor, "p 3"]) -> Tensor:

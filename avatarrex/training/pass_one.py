@@ -17,17 +17,21 @@ from torch import Tensor, nn
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.fields.code import embedding_loss, kl_loss, node_loss
-from avatarrex.pointmap.rays import RayPlane
+from avatarrex.pointmap.rays import RayPlane, Rays
 from avatarrex.training.frames import FrameStore, TrainingFrame
-from avatarrex.training.losses import eikonal_loss, mask_loss, rgb_loss, silhouette_loss
+from avatarrex.training.losses import PURE, eikonal_loss, mask_loss, rgb_loss, silhouette_loss
 from avatarrex.training.pixels import PixelBatch, draw_pixels, training_pairs
 from avatarrex.training.recipe import PassOne
-from avatarrex.training.sampling import draw, noise_of
+from avatarrex.training.sampling import Walk, draw, lowest, noise_of, walk
 from avatarrex.training.trained_field import FACE, TrainedBody, TrainedFace, TrainedField
 from avatarrex.training.volume_rendering import render_weights
 
 SHOWN = 1e-3
 """Samples with a smaller share of their ray are not asked for their colour: together below 1/255."""
+RIM = 0.03
+"""Metres: rays that come no closer to the stored surface, or go deeper into it, are not asked for the silhouette."""
+SURE = 0.008
+"""Metres: nor are rays on the right side of the stored surface by as much."""
 EIKONAL_POINTS = 256
 """Per frame, half of them at ray samples, half spread over the part's space."""
 
@@ -65,13 +69,17 @@ class BodyPass:
         body, rotation = self.avatar.body, frame.posed.body_rotation
         if not self.recipe.latent:
             code = body.code(rotation)
-            terms = {"node": node_loss(code), "embedding": embedding_loss(code), "tone": self.avatar.tone.deviation()}
+            terms = {
+                "node": self.recipe.node * node_loss(code),
+                "embedding": embedding_loss(code),
+                "tone": self.avatar.tone.deviation(),
+            }
             return TrainedBody(self.avatar, frame, body.frame(frame.posed.body, code)), terms
         mean, log_variance = body.code_network.posterior(rotation, self.frame_codes[frame.index])
         latent = mean + torch.exp(log_variance / 2) * torch.randn(mean.shape, generator=noise)
         code = body.code(rotation, latent)
         terms = {
-            "node": node_loss(code),
+            "node": self.recipe.node * node_loss(code),
             "embedding": embedding_loss(code),
             "kl": kl_loss(mean[None], log_variance[None]),
             "tone": self.avatar.tone.deviation(),
@@ -164,10 +172,13 @@ def _render_losses(
 ) -> tuple[dict[str, Tensor], int]:
     """Colour, mask and eikonal terms of one view, and how many samples were evaluated."""
     recipe, volume = stage.recipe, frame.volume.sdf
-    rays = RayPlane.of(frame.camera(camera), volume.middle).rays(pixels.place)
-    drawn = draw(volume, rays, recipe.sampling, recipe.samples, gamma, noise)
+    plane = RayPlane.of(frame.camera(camera), volume.middle)
+    rays = plane.rays(pixels.place)
+    walked = walk(volume, rays)
+    drawn = draw(walked, recipe.sampling, recipe.samples, gamma, noise)
     ray, slot = torch.nonzero(drawn.used, as_tuple=True)
     position = rays.origin[ray] + drawn.t[ray, slot, None] * rays.direction[ray]
+    evaluated = len(position)
     composed = field.composed(position)
     sdf = torch.full_like(drawn.t, 1.0).index_put((ray, slot), composed.sdf)
     # Unused slots repeat the last sample: with its distance they weigh nothing, and their gradient is none.
@@ -198,6 +209,17 @@ def _render_losses(
         "eikonal": eikonal_loss(field, torch.cat([near, spread])),
     }
     if recipe.silhouette:
-        lowest = sdf.amin(1).masked_fill(~drawn.used.any(1), torch.inf)
-        terms["silhouette"] = recipe.silhouette * silhouette_loss(lowest, pixels.matte, counted)
-    return terms, len(position)
+        width = plane.footprint * (1 - lowest(walked)[0] / rays.camera)
+        closest, asked = _lowest_distance(field, rays, walked, pixels.matte)
+        terms["silhouette"] = recipe.silhouette * silhouette_loss(closest, width, pixels.matte, counted)
+        evaluated += asked
+    return terms, evaluated
+
+
+def _lowest_distance(field: TrainedField, rays: Rays, walked: Walk, matte: Tensor) -> tuple[Tensor, int]:
+    """Each ray's distance where the stored one is lowest, NaN where it is known to be right; and how many were asked."""
+    t, stored = lowest(walked)
+    right = ((matte > 1 - PURE) & (stored < -SURE)) | ((matte < PURE) & (stored > SURE))
+    asked = torch.nonzero((stored.abs() < RIM) & ~right)[:, 0]
+    found = field.composed(rays.at(t)[asked]).sdf
+    return torch.full_like(stored, torch.nan).index_put((asked,), found), len(asked)

@@ -43,6 +43,8 @@ class PassOne:
     """Whether frames have codes of their own and z is drawn; without, z = 0 as at test, and detail follows the pose alone."""
     silhouette: float = 0.0
     """Weight of the silhouette term (losses.py); the paper has none."""
+    node: float = 1.0
+    """Of the paper's weight of L_node, under which nodes drift by centimetres."""
     sampling: Sampling = "near"
     quadrature: Quadrature = "interval"
 
@@ -106,12 +108,15 @@ QUICK = Recipe(
         PassTwo(1000, 128, 3e-3, 0.05, 1000),
     ),
     body=(
-        PassOne(1200, 1, 400, 5, 4e-3, 0.05, 1200, 600, 60, gamma_extra=0.005, geometry_rate=0.25, latent=False),
+        PassOne(
+            1200, 1, 400, 5, 4e-3, 0.05, 1200, 600, 60, gamma_extra=0.005, geometry_rate=0.15, latent=False,
+            silhouette=2.0, node=25.0,
+        ),
         PassTwo(2400, 128, 3e-3, 0.03, 2400),
     ),
     interval=200,
     evaluate=400,
-)
+)  # fmt: skip
 LONG = Recipe(
     "long",
     "compact",
@@ -121,8 +126,8 @@ LONG = Recipe(
     ),
     body=(
         PassOne(
-            10_000, 1, 600, 5, 4e-3, 0.02, 10_000, 2000, 60, gamma_extra=0.005, geometry_rate=0.15, latent=False,
-            silhouette=0.1,
+            3000, 1, 600, 5, 4e-3, 0.02, 3000, 600, 60, gamma_extra=0.005, geometry_rate=0.15, latent=False,
+            silhouette=2.0, node=25.0,
         ),
         PassTwo(6000, 128, 3e-3, 0.02, 6000),
     ),
@@ -138,13 +143,14 @@ REFINE = Recipe(
     ),
     body=(
         PassOne(
-            1000, 1, 800, 5, 1e-3, 0.1, 1000, 1, 0, gamma_extra=0.0, geometry_rate=0.25, latent=False, silhouette=0.1
+            1000, 1, 800, 5, 1e-3, 0.1, 1000, 1, 0, gamma_extra=0.0, geometry_rate=0.15, latent=False,
+            silhouette=2.0, node=25.0,
         ),
         PassTwo(1600, 128, 2e-3, 0.05, 1600),
     ),
     interval=200,
     evaluate=400,
-)
+)  # fmt: skip
 SMOKE = Recipe(
     "smoke",
     "compact",

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.pointmap.rays import Rays, slab
@@ -27,6 +27,8 @@ FLOOR = 0.02
 """Weight of a candidate near the surface that seems hidden or thin: what has moved since is found again."""
 NEAR = 3.0
 """Candidates within so many γ of the stored surface count as near it."""
+BEHIND = 3
+"""Candidates behind the surface of which the deepest ends the samples."""
 OPAQUE = 0.5
 """Rays that absorb more than this meet the surface; others pass it and are sampled half as densely."""
 
@@ -40,6 +42,18 @@ class RaySamples:
     """The others repeat the last one used and weigh nothing."""
 
 
+@dataclass(frozen=True)
+class Walk:
+    """The stored volume along rays."""
+
+    entry: Float[Tensor, " r"]
+    spacing: Float[Tensor, " r"]
+    """Metres between candidates; 0 where a ray misses the volume."""
+    t: Float[Tensor, "r c"]
+    sdf: Float[Tensor, "r c"]
+    """Stored distance there; ∞ where a ray misses the volume."""
+
+
 def span(volume: SdfVolume, rays: Rays) -> tuple[Float[Tensor, " r"], Float[Tensor, " r"]]:
     """Entry into the body's box, not before the camera, and exit; entry ≥ exit where a ray misses it."""
     grid = volume.body
@@ -48,52 +62,81 @@ def span(volume: SdfVolume, rays: Rays) -> tuple[Float[Tensor, " r"], Float[Tens
     return entry.maximum(rays.camera), exit
 
 
-def uniform_samples(volume: SdfVolume, rays: Rays, samples: int, noise: torch.Generator) -> RaySamples:
+def uniform_samples(walk: Walk, samples: int, noise: torch.Generator) -> RaySamples:
     """`samples` strata with one sample in each."""
-    entry, exit = span(volume, rays)
-    length = (exit - entry).clamp_min(0)
-    place = (torch.arange(samples) + torch.rand(len(entry), samples, generator=noise)) / samples
-    return RaySamples(entry[:, None] + length[:, None] * place, (length > 0)[:, None].expand(-1, samples))
+    length = CANDIDATES * walk.spacing
+    place = (torch.arange(samples) + torch.rand(len(length), samples, generator=noise)) / samples
+    return RaySamples(walk.entry[:, None] + length[:, None] * place, (length > 0)[:, None].expand(-1, samples))
 
 
-def near_samples(volume: SdfVolume, rays: Rays, samples: int, gamma: float, noise: torch.Generator) -> RaySamples:
-    """At most `samples` where the stored volume says that colour comes from; none on rays that pass far from it."""
+def walk(volume: SdfVolume, rays: Rays) -> Walk:
+    """`CANDIDATES` stored distances along each ray."""
     entry, exit = span(volume, rays)
     length = (exit - entry).clamp_min(0)
-    fraction = (torch.arange(CANDIDATES) + 0.5) / CANDIDATES
-    middle = entry[:, None] + length[:, None] * fraction
+    t = entry[:, None] + length[:, None] * ((torch.arange(CANDIDATES) + 0.5) / CANDIDATES)
     rows = torch.nonzero(length > 0)[:, 0]
-    points = rays.origin[rows, None] + middle[rows, :, None] * rays.direction[rows, None]
-    sdf = torch.full_like(middle, torch.inf)
+    points = rays.origin[rows, None] + t[rows, :, None] * rays.direction[rows, None]
+    sdf = torch.full_like(t, torch.inf)
     sdf[rows] = sample(volume, points.reshape(-1, 3)).composed.sdf.reshape(len(rows), CANDIDATES)
+    return Walk(entry, length / CANDIDATES, t, sdf)
+
+
+def near_samples(walk: Walk, samples: int, gamma: float, noise: torch.Generator) -> RaySamples:
+    """At most `samples` where the stored volume says that colour comes from; none on rays that pass far from it.
+
+    The last sample of a ray that meets the surface lies well inside it: otherwise all of them may lie outside, and the
+    losses, which then see nothing there, pull the surface towards the camera.
+    """
+    t, spacing, sdf = walk.t, walk.spacing[:, None], walk.sdf
     wide = max(gamma, BLUR)
-    spacing = length[:, None] / CANDIDATES
     depth = laplace_density(sdf, wide) * spacing
     weight = torch.exp(depth - torch.cumsum(depth, -1)) * -torch.expm1(-depth)
     near = sdf.abs() < NEAR * wide + spacing
     opaque = weight.sum(-1) > OPAQUE
-    density = weight + FLOOR * near
-    chance = torch.cumsum(density, -1)
+    inside = _inside(sdf, torch.cumsum(weight, -1))
+    near &= ~opaque[:, None] | (torch.arange(CANDIDATES) <= inside[:, None])
+    chance = torch.cumsum((weight + FLOOR) * near, -1)
     chance = chance / chance[:, -1:].clamp_min(1e-12)
     count = torch.where(opaque, samples, max(2, samples // 2)).masked_fill(~near.any(-1), 0)
+    drawn = count - opaque.long()
     rank = torch.arange(samples)
     used = rank < count[:, None]
-    strata = (rank + torch.rand(len(entry), samples, generator=noise)) / count.clamp_min(1)[:, None]
+    strata = (rank + torch.rand(len(t), samples, generator=noise)) / drawn.clamp_min(1)[:, None]
     u = strata.clamp(1e-6, 1 - 1e-6)
     cell = torch.searchsorted(chance, u).clamp_max(CANDIDATES - 1)
     above = chance.gather(1, cell)
     below = torch.where(cell > 0, chance.gather(1, (cell - 1).clamp_min(0)), 0.0)
     within = ((u - below) / (above - below).clamp_min(1e-9)).clamp(0, 1)
-    t = entry[:, None] + spacing * (cell + within)
-    last = t.masked_fill(~used, -torch.inf).amax(-1, keepdim=True)
-    return RaySamples(torch.where(used, t, torch.where(last.isfinite(), last, entry[:, None])), used)
+    found = walk.entry[:, None] + spacing * (cell + within)
+    behind = walk.entry + walk.spacing * (inside + 1)
+    found = torch.where(opaque[:, None] & (rank == drawn[:, None]), behind[:, None], found)
+    last = found.masked_fill(~used, -torch.inf).amax(-1, keepdim=True)
+    return RaySamples(torch.where(used, found, torch.where(last.isfinite(), last, walk.entry[:, None])), used)
 
 
-def draw(volume: SdfVolume, rays: Rays, how: str, samples: int, gamma: float, noise: torch.Generator) -> RaySamples:
+def _inside(sdf: Float[Tensor, "r c"], absorbed: Float[Tensor, "r c"]) -> Int[Tensor, " r"]:
+    """The deepest of the `BEHIND` candidates from where a ray has absorbed half."""
+    rank = torch.arange(CANDIDATES)
+    first = (absorbed < OPAQUE).sum(-1, keepdim=True)
+    return sdf.masked_fill((rank < first) | (rank >= first + BEHIND), torch.inf).argmin(-1)
+
+
+def lowest(walk: Walk) -> tuple[Float[Tensor, " r"], Float[Tensor, " r"]]:
+    """t at which each ray comes closest to the stored surface or lies deepest in it, by a parabola, and the distance there."""
+    rank = walk.sdf.argmin(-1, keepdim=True)
+    sides = [walk.sdf.gather(1, (rank + step).clamp(0, CANDIDATES - 1)) for step in (-1, 0, 1)]
+    before, here, after = (side[:, 0] for side in sides)
+    bend = before - 2 * here + after
+    inner = (bend > 0) & torch.isfinite(bend)
+    shift = torch.where(inner, (before - after) / torch.where(inner, 2 * bend, 1.0), 0.0).clamp(-0.5, 0.5)
+    return walk.t.gather(1, rank)[:, 0] + walk.spacing * shift, here
+
+
+def draw(walked: Walk, how: str, samples: int, gamma: float, noise: torch.Generator) -> RaySamples:
     """`near` or `uniform` samples. While γ is wide, `near` takes as many more as the fog is deeper, up to 16."""
     if how == "uniform":
-        return uniform_samples(volume, rays, samples, noise)
-    return near_samples(volume, rays, max(samples, min(16, round(samples * gamma / BLUR))), gamma, noise)
+        return uniform_samples(walked, samples, noise)
+    return near_samples(walked, max(samples, min(16, round(samples * gamma / BLUR))), gamma, noise)
 
 
 def noise_of(*seeds: int) -> torch.Generator:

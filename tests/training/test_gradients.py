@@ -134,7 +134,7 @@ def test_pass_one_of_the_body(tiny, monkeypatch):
     # The nodes carry the eikonal points along; their places have no gradient.
     fixed = 0.3 * torch.randn(40, 3, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
     monkeypatch.setattr(TrainedBody, "around", lambda self, count, noise: fixed)
-    stage = BodyPass(avatar, store, replace(SMOKE.body[0], silhouette=0.1), 0)
+    stage = BodyPass(avatar, store, replace(SMOKE.body[0], silhouette=2.0, node=25.0), 0)
     stage.frame_codes = torch.nn.Parameter(stage.frame_codes.double())
     camera = store.rig.views[0].camera
     batch = pixels(camera, frame, frame.posed.body.vertices[::900].numpy())

@@ -119,12 +119,25 @@ def test_a_ray_that_misses_by_far_is_heard_by_the_silhouette_alone():
     beside = torch.linspace(0.112, 0.118, 7)
     t = torch.linspace(-0.2, 0.2, 81).expand(7, -1)
     sdf = (t.square() + beside[:, None].square()).sqrt() - radius
-    one = torch.ones(7)
+    one, width = torch.ones(7), torch.full((7,), 0.002)
     _, opacity = render_weights(sdf, t, 5e-4)
     (silent,) = torch.autograd.grad(mask_loss(opacity, one, one), radius, retain_graph=True)
-    (heard,) = torch.autograd.grad(silhouette_loss(sdf.amin(1), one, one), radius)
+    off = silhouette_loss(sdf.amin(1), width, one, one)
+    (heard,) = torch.autograd.grad(off, radius)
     assert abs(float(silent)) < 1e-6
-    nearest = beside - 0.10
-    assert float(heard) == pytest.approx(-float(torch.sigmoid(nearest / NEARBY).mean()) / NEARBY, rel=1e-3)
-    unseen = silhouette_loss(torch.full((7,), torch.inf), one, one)
-    assert float(unseen) == 0
+    assert float(heard) == pytest.approx(-1 / NEARBY)
+    assert float(off.detach()) == pytest.approx((0.015 + 0.001) / NEARBY, rel=1e-4)  # each pixel is to be covered whole
+
+
+def test_a_silhouette_is_right_within_its_pixels():
+    """Of rays on the right side only the edge's own pixels say where it is."""
+    width = torch.full((4,), 0.004)
+    one = torch.ones(4)
+    matte = torch.tensor([1.0, 0.0, 0.75, 0.25])
+    right = torch.tensor([-0.01, 0.01, -0.001, 0.001])
+    assert float(silhouette_loss(right, width, matte, one)) == pytest.approx(0, abs=1e-6)
+    wrong = torch.tensor([0.01, -0.01, 0.001, -0.001], requires_grad=True)
+    (slope,) = torch.autograd.grad(silhouette_loss(wrong, width, matte, one), wrong)
+    torch.testing.assert_close(slope, torch.tensor([1.0, -1, 1, -1]) / (4 * NEARBY))
+    silent = silhouette_loss(torch.tensor([torch.nan, -0.01, torch.nan, 0.001]), width, matte, one)
+    assert float(silent) == pytest.approx(0.012 / (4 * NEARBY))
