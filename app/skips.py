@@ -27,13 +27,10 @@ def skipped(work: Work) -> dict[str, str]:
 
 
 def _reason(name: str, work: Work) -> str:
-    hands = [side for side in ("left", "right") if f"{side}_hand" not in work.hidden]
-    if name == "hands" and not hands:
-        return "both hands hidden: no boxes"
-    if name == "hands" and len(hands) == 1:
-        return f"{hands[0]} hand unchanged, the other hidden: box kept"
-    if name in ("face", "U-Nets") and "face" in work.hidden:
-        return "face hidden: no box"
+    if name == "hands" and (absent := _absent_hands(work)):
+        return absent
+    if name in ("face", "U-Nets") and (absent := _absence("face", work)):
+        return f"face {absent}: no box"
     cast, shaded = work.counters["rays"], work.counters["pixels_shaded"]
     if work.lags and name in _HARDLY and (name == "body" or cast):
         return _HARDLY[name]
@@ -42,6 +39,20 @@ def _reason(name: str, work: Work) -> str:
     if name == "patches" and cast and not work.counters["body_pixels"]:
         return "no pixel of the body in view" if shaded else "no pixel is covered"
     return _HELD[name]
+
+
+def _absent_hands(work: Work) -> str:
+    """Which hands have no box and why; empty where both have one."""
+    why = [_absence(f"{side}_hand", work) for side in ("left", "right")]
+    if all(why):
+        return f"both hands {' or '.join(sorted(set(why)))}: no boxes"
+    if any(why):
+        return f"{'left' if not why[0] else 'right'} hand unchanged, the other {why[0] or why[1]}: box kept"
+    return ""
+
+
+def _absence(part: str, work: Work) -> str:
+    return "hidden" if part in work.hidden else "out of sight" if part in work.unseen else ""
 
 
 _HELD = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from avatarrex.pipeline import Frame
+from avatarrex.volume.volume import PARTS
 
 
 @dataclass(frozen=True)
@@ -20,17 +21,22 @@ class Work:
     level: str
     hidden: frozenset[str]
     """Parts that were not drawn with their own fields."""
+    unseen: frozenset[str] = frozenset()
+    """Parts that are drawn, but were not built: off screen, or behind the body."""
     lags: bool = False
     """Whether what a drag hardly moved was kept from the picture before."""
 
     @classmethod
     def of(cls, frame: Frame, level: str) -> Work:
         """One frame's, rendered at `level`."""
-        lags = frame.volume.changed is not None
-        return cls(frame.ms, frame.counters, frame.notes, str(frame.image.device), level, frame.settings.hidden, lags)
+        hidden, lags = frame.settings.hidden, frame.volume.changed is not None
+        unseen = frozenset(PARTS) - hidden - frozenset(frame.volume.parts)
+        device = str(frame.image.device)
+        return cls(frame.ms, frame.counters, frame.notes, device, level, hidden, unseen, lags)
 
     def plus(self, frame: Frame) -> Work:
         """With another strip's."""
         ms = {name: value + frame.ms[name] for name, value in self.ms.items()}
         counters = {name: count + frame.counters[name] for name, count in self.counters.items()}
-        return Work(ms, counters, frame.notes, self.device, self.level, self.hidden, self.lags)
+        unseen = self.unseen - frozenset(frame.volume.parts)
+        return Work(ms, counters, frame.notes, self.device, self.level, self.hidden, unseen, self.lags)

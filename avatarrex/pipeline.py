@@ -31,9 +31,10 @@ from avatarrex.pointmap.seen import seen_cells
 from avatarrex.shading.shading import Shading, shade
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import PosedPerson, pose_person
-from avatarrex.volume.build import AvatarVolume, build_volume, refine_volume
+from avatarrex.volume.build import AvatarVolume, build_volume, part_key, refine_volume
 from avatarrex.volume.composed_field import composed_field
-from avatarrex.volume.volume import SdfVolume
+from avatarrex.volume.unseen import Bounds, hidden_behind
+from avatarrex.volume.volume import PARTS, SdfVolume
 
 
 @dataclass(frozen=True)
@@ -102,23 +103,20 @@ def render_frame(
     clock, counters = _Clock(), Counters()
     with clock("templates"):
         posed = pose_person(avatar.person, signals, counters, previous.posed if previous else None)
+    world_from_root = posed.world_from_root(signals)
+    view = camera.seen_from(world_from_root)
+    surface = _Surface(avatar, posed, view, settings, counters, previous)
     with clock("volume"):
-        volume = build_volume(avatar, posed, settings, counters, previous.volume if previous else None)
-        world_from_root = posed.world_from_root(signals)
-        view = camera.seen_from(world_from_root)
-        key = _pointmap_key(view, settings)
-        view_kept = previous is not None and _pointmap_key(previous.view, previous.settings) == key
-        if settings.bricks and not (view_kept and previous and previous.volume is volume):
-            volume = _refined(avatar, volume, view, settings, counters, previous)
+        unseen = surface.unseen()
+        volume = surface.volume(unseen)
     with clock("pointmap"):
-        if previous and view_kept and previous.volume.sdf is volume.sdf:
-            pointmap = previous.pointmap
-        else:
-            pointmap = raycast(volume.sdf, view, settings.raycast, settings.antialias, settings.march)
-            counters.update(pointmap.counters)
-            if settings.polish:
-                exact = composed_field(avatar, posed, volume, counters)
-                pointmap = polish(pointmap, exact, volume.sdf, view, settings.polish, counters)
+        pointmap = surface.pointmap(volume)
+        wrong = surface.shown(unseen, pointmap)
+    if wrong:
+        with clock("volume"):
+            volume = surface.volume(unseen - wrong)
+        with clock("pointmap"):
+            pointmap = surface.pointmap(volume)
     with clock("shading"):
         kept = previous.shading if previous and previous.settings.detail_from == settings.detail_from else None
         shading = shade(avatar, posed, volume, pointmap, view, counters, kept, settings.detail_from)
@@ -143,18 +141,87 @@ def _pointmap_key(view: Camera, settings: RenderSettings) -> tuple[object, ...]:
     return (view.key(), settings.raycast, settings.antialias, settings.march, settings.polish)
 
 
-def _refined(
-    avatar: Avatar,
-    volume: AvatarVolume,
-    view: Camera,
-    settings: RenderSettings,
-    counters: Counters,
-    previous: Frame | None,
-) -> AvatarVolume:
-    """The volume with bricks where `view` sees it, so far as they are not there yet."""
-    cells, coarse = seen_cells(SdfVolume(volume.grid, volume.sdf.parts), view, settings.raycast)
-    counters.update(coarse.counters)
-    return refine_volume(avatar, volume, cells, settings.bricks, counters, previous.volume if previous else None)
+class _Surface:
+    """Steps I and II of one frame: where the view meets the avatar."""
+
+    def __init__(
+        self,
+        avatar: Avatar,
+        posed: PosedPerson,
+        view: Camera,
+        settings: RenderSettings,
+        counters: Counters,
+        previous: Frame | None,
+    ) -> None:
+        self.avatar, self.posed, self.view, self.settings, self.counters = avatar, posed, view, settings, counters
+        self.previous = previous
+        self.built = previous.volume if previous else None
+        self.same_view = previous is not None and _pointmap_key(previous.view, previous.settings) == _pointmap_key(
+            view, settings
+        )
+        self.same = self.same_view and previous is not None and previous.posed.keys == posed.keys
+
+    def unseen(self) -> frozenset[str]:
+        """Parts that are not built because they are off screen, or seem to be behind the body."""
+        kept = self.built.keys if self.built else {}
+        missing = {
+            name: self._bounds(name)
+            for name in PARTS
+            if name not in self.settings.hidden and kept.get(name) != part_key(self.posed, self.settings, name)
+        }
+        if self.settings.everywhere:
+            return frozenset()
+        if self.same and self.built and all(name not in self.built.parts for name in missing):
+            return frozenset(missing)  # as before
+        off_screen = frozenset(name for name, part in missing.items() if part.off_screen(self.view))
+        asked = {name: part for name, part in missing.items() if name not in off_screen and not self._was_shown(name)}
+        if not asked:
+            return off_screen
+        alone = self._built(frozenset(missing))
+        behind = hidden_behind(asked, SdfVolume(alone.grid), self.view, self.settings.raycast, self.counters)
+        return off_screen | behind
+
+    def volume(self, unseen: frozenset[str]) -> AvatarVolume:
+        """The volume without the parts `unseen`, with bricks where `view` meets the body, so far as they are not there."""
+        volume, previous = self._built(unseen), self.previous
+        if not self.settings.bricks or (self.same_view and previous and previous.volume is volume):
+            return volume
+        cells, coarse = seen_cells(SdfVolume(volume.grid, volume.sdf.parts), self.view, self.settings.raycast)
+        self.counters.update(coarse.counters)
+        before = previous.volume if previous else None
+        return refine_volume(self.avatar, volume, cells, self.settings.bricks, self.counters, before)
+
+    def pointmap(self, volume: AvatarVolume) -> PointMap:
+        """What the rays of the view meet."""
+        if self.previous and self.same_view and self.previous.volume.sdf is volume.sdf:
+            return self.previous.pointmap
+        settings = self.settings
+        pointmap = raycast(volume.sdf, self.view, settings.raycast, settings.antialias, settings.march)
+        self.counters.update(pointmap.counters)
+        if settings.polish:
+            exact = composed_field(self.avatar, self.posed, volume, self.counters)
+            pointmap = polish(pointmap, exact, volume.sdf, self.view, settings.polish, self.counters)
+        return pointmap
+
+    def shown(self, unseen: frozenset[str], pointmap: PointMap) -> frozenset[str]:
+        """Parts of `unseen` that a ray of the picture may reach after all."""
+        if not unseen or (self.same and self.previous and self.previous.pointmap is pointmap):
+            return frozenset()
+        bounds = {name: self._bounds(name) for name in unseen}
+        reached = (
+            n for n, part in bounds.items() if not part.off_screen(self.view) and not part.covered(pointmap, self.view)
+        )
+        return frozenset(reached)
+
+    def _built(self, unseen: frozenset[str]) -> AvatarVolume:
+        self.built = build_volume(self.avatar, self.posed, self.settings, self.counters, self.built, unseen)
+        return self.built
+
+    def _bounds(self, name: str) -> Bounds:
+        return Bounds.of(self.avatar, self.posed, name, self.settings.part_voxel)
+
+    def _was_shown(self, name: str) -> bool:
+        return self.previous is not None and bool(self.previous.pointmap.part_weight[..., PARTS.index(name)].any())
 
 
 class _Clock:
@@ -167,7 +234,7 @@ class _Clock:
     def __call__(self, stage: str) -> Iterator[None]:
         start = time.perf_counter()
         yield
-        self.stages[stage] = (time.perf_counter() - start) * 1e3
+        self.stages[stage] = self.stages.get(stage, 0.0) + (time.perf_counter() - start) * 1e3
 
     def milliseconds(self) -> dict[str, float]:
         return {**self.stages, "total": sum(self.stages.values())}

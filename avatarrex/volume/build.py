@@ -50,14 +50,24 @@ class AvatarVolume:
 
 
 def build_volume(
-    avatar: Avatar, posed: PosedPerson, settings: RenderSettings, counters: Counters, previous: AvatarVolume | None
+    avatar: Avatar,
+    posed: PosedPerson,
+    settings: RenderSettings,
+    counters: Counters,
+    previous: AvatarVolume | None,
+    unseen: frozenset[str] = frozenset(),
 ) -> AvatarVolume:
-    """Build the volume of `posed`, taking from `previous` every piece whose key has not changed."""
+    """Build the volume of `posed`, taking from `previous` every piece whose key has not changed.
+
+    Parts `unseen` are left out unless `previous` has them.
+    """
     every = settings.everywhere
     keys: dict[str, object] = {"hidden": settings.hidden, "bricks": settings.bricks, "stored": (settings.voxel, every)}
     keys["body"] = posed.keys["body"], keys["stored"]
     for name in PART_JOINT:
-        keys[name] = None if name in settings.hidden else (posed.keys[name], settings.part_voxel, every)
+        key = part_key(posed, settings, name)
+        known = previous is not None and previous.keys[name] == key
+        keys[name] = None if name in settings.hidden or (name in unseen and not known) else key
     exact = previous is None or settings.hold > 0 or previous.changed is None  # enough for what is asked
     if previous and previous.keys == keys and exact:
         return previous
@@ -68,7 +78,7 @@ def build_volume(
     parts: dict[str, PartField] = {}
     views, planes = (previous.views, previous.planes) if previous and kept("face") else (None, None)
     for name in PART_JOINT:
-        if name in settings.hidden:
+        if keys[name] is None:
             continue
         if previous and kept(name) and name in previous.parts:
             parts[name] = previous.parts[name]
@@ -90,6 +100,11 @@ def build_volume(
         else:
             boxes.append(_place(avatar, frame, probe, grid, part, posed.root_from_part(name), counters))
     return AvatarVolume(SdfVolume(grid, tuple(boxes)), frame, grid, parts, views, planes, probe, changed, keys)
+
+
+def part_key(posed: PosedPerson, settings: RenderSettings, name: str) -> object:
+    """What the box of a hand or the face depends on."""
+    return posed.keys[name], settings.part_voxel, settings.everywhere
 
 
 def _body(

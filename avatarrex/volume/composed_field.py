@@ -26,7 +26,7 @@ from avatarrex.fields.composition import BAND, Composed, compose, emptied, in_ba
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
 from avatarrex.volume.contact import Limbs, Ownership, reached_by_others
-from avatarrex.volume.part_box import FACE_BAND, HAND_MARGIN, face_probe
+from avatarrex.volume.part_box import FACE_BAND, HAND_MARGIN, face_probe, part_bounds
 from avatarrex.volume.probe import FLAT, HOLD, VertexProbe
 from avatarrex.volume.volume import PARTS
 
@@ -62,7 +62,7 @@ class ExactPart:
             query = field.sdf(vertices, local)
             return query.sdf, field.omega(query)
 
-        low, high = _box(vertices, field.blend_weight, HAND_MARGIN)
+        low, high = part_bounds(vertices, field.blend_weight, HAND_MARGIN)
         return cls(name, part_from_root, low, high, distance, "hand_distances")
 
     @classmethod
@@ -80,7 +80,7 @@ class ExactPart:
             sdf[used] = field.sdf(planes, local[used])
             return sdf, omega
 
-        low, high = _box(vertices, blend_weight, FACE_BAND)
+        low, high = part_bounds(vertices, blend_weight, FACE_BAND)
         return cls("face", part_from_root, low, high, distance, "face_evaluations")
 
     def local(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
@@ -193,8 +193,3 @@ def composed_field(avatar: Avatar, posed: PosedPerson, volume: AvatarVolume, cou
         else:
             parts.append(ExactPart.hand(name, avatar.hand(name), mesh, place))
     return ComposedField(avatar.body, volume.body_frame, volume.probe, tuple(parts), avatar.ownership, counters)
-
-
-def _box(vertices: Tensor, blend_weight: Tensor, margin: float) -> tuple[np.ndarray, np.ndarray]:
-    mesh = vertices[blend_weight > 0].double().numpy()
-    return mesh.min(0) - margin, mesh.max(0) + margin

@@ -37,6 +37,8 @@ FACE_REACH = 0.012
 """Metres from the face mesh that are evaluated at the coarse level; the surface is followed from there."""
 REACH = 1.0
 """Coarse voxels."""
+COARSEST = 4
+"""Voxels a side of a lattice that boxes begin with, at most."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,15 @@ class PartField:
         return self.origin + unit * size
 
 
-def _lattice(points: np.ndarray, margin: float, voxel: float) -> Lattice:
-    first = np.floor((points.min(0) - margin) / voxel).astype(int)
-    size = np.ceil((points.max(0) + margin) / voxel).astype(int) - first + 1
+def part_bounds(vertices: Tensor, blend_weight: Tensor, margin: float) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest coordinates of the vertices (v, 3) whose ω (v,) is not 0, and a margin; metres."""
+    mesh = vertices[blend_weight > 0].double().numpy()
+    return mesh.min(0) - margin, mesh.max(0) + margin
+
+
+def _lattice(low: np.ndarray, high: np.ndarray, voxel: float) -> Lattice:
+    first = np.floor(low / voxel).astype(int)
+    size = np.ceil(high / voxel).astype(int) - first + 1
     return Lattice(first * voxel, voxel, (int(size[2]), int(size[1]), int(size[0])))
 
 
@@ -70,7 +78,7 @@ def hand_box(
 
     `everywhere`: at every voxel, not only around the surface.
     """
-    lattice = _lattice(vertices[field.blend_weight > 0].double().numpy(), HAND_MARGIN, 4 * voxel)
+    lattice = _lattice(*part_bounds(vertices, field.blend_weight, HAND_MARGIN), COARSEST * voxel)
 
     def evaluate(lattice: Lattice, index: np.ndarray) -> np.ndarray:
         with torch.no_grad():
@@ -97,7 +105,7 @@ def face_box(
 
     `everywhere`: at every voxel that is used, not only around the surface.
     """
-    lattice = _lattice(vertices[blend_weight > 0].double().numpy(), FACE_BAND, 2 * voxel)
+    lattice = _lattice(*part_bounds(vertices, blend_weight, FACE_BAND), 2 * voxel)
     here = face_probe(field, vertices, blend_weight).query(lattice.position(np.arange(np.prod(lattice.shape))))
     used = (here.distance < FACE_BAND) & (here.weight > 0)
     guess = np.where(used, here.guess, CLAMP).clip(-CLAMP, CLAMP)

@@ -8,6 +8,7 @@
 | a hand         | its box alone, rays, colours; the body's voxels in the box where it meets the body |
 | body pose      | body voxels and patches, rays, colours; boxes of hands and face only move      |
 | a part hidden  | nothing of that part                                                           |
+| a part not in sight | nothing of that part but its mesh, until it comes into sight              |
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from avatarrex_studio.commands import (
     ApplyPose,
     OrbitBy,
     SetBackground,
+    SetCamera,
     SetHandPose,
     SetHidden,
     SetJoint,
@@ -58,6 +60,13 @@ STEPS = {
     "hidden face": (SetHidden("face", True), CAST),
     "a hidden face's expression": (ApplyExpression("smile"), {"templates"}),
     "idle again": (None, set()),
+    "shown again": (SetHidden("face", False), FACE - {"templates"} | CAST),
+    "close to a foot": (SetCamera(distance=0.5, target=(0.1, -0.9, 0.3)), CAST),
+    "off screen": (ApplyExpression("jaw_open"), {"templates"} | CAST),
+    "an expression off screen": (ApplyExpression("neutral"), {"templates"}),
+    "a hand off screen": (SetHandPose("right", "fist"), {"templates"} | CAST),
+    "idle off screen": (None, set()),
+    "all in view": (SetCamera(distance=3.5, target=(0.1, 0.0, 0.2)), FACE - {"templates"} | {"hands"} | CAST),
 }
 """Step → command, and the names of `skips.WORK` whose counters then do not read zero."""
 
@@ -89,7 +98,7 @@ def test_a_step_works_what_the_table_says(session, name):
 def test_a_frame_of_nothing_is_the_frame_before(session):
     frames, _ = session
     names = list(STEPS)
-    for idle in ("idle", "background", "idle again"):
+    for idle in ("idle", "background", "idle again", "idle off screen"):
         before = frames[names[names.index(idle) - 1]]
         assert not any(frames[idle].counters.values())
         assert frames[idle].image is before.image
@@ -116,6 +125,8 @@ def test_what_is_skipped_has_its_reason(session):
     assert reasons["body"]["hands"] == "hand poses unchanged: boxes kept"
     assert reasons["hidden hand"]["hands"] == "right hand unchanged, the other hidden: box kept"
     assert reasons["hidden face"]["U-Nets"] == "face hidden: no box"
+    assert reasons["an expression off screen"]["face"] == "face out of sight: no box"
+    assert reasons["a hand off screen"]["hands"] == "both hands hidden or out of sight: no boxes"
 
 
 def test_a_state_s_level_is_what_is_rendered(session):

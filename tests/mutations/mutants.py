@@ -24,7 +24,7 @@ class Mutant:
 
 ROTATION, SKINNING, TRIANGLE = (f"avatarrex/ops/{name}.py" for name in ("rotation", "skinning", "triangle"))
 INFLUENCE, BODY = "avatarrex/fields/influence.py", "avatarrex/fields/body.py"
-RENDERING = "avatarrex/training/volume_rendering.py"
+RENDERING, SAMPLING = (f"avatarrex/training/{name}.py" for name in ("volume_rendering", "sampling"))
 ENCODING = "avatarrex/ops/encoding.py"
 TESTS_ROTATION = "tests/ops/test_rotation.py"
 TESTS_RENDERING = "tests/training/test_volume_rendering.py"
@@ -235,5 +235,26 @@ MUTANTS: dict[str, Mutant] = {
         "BOUND = (-CLAMP, 0.026)",
         "BOUND = (-0.05, 0.025)",
         "tests/volume/test_narrow.py::test_the_hand_box_has_the_signs_and_near_values_of_the_exact_distance",
+    ),
+    "samples that all lie outside": Mutant(
+        "surfaces that creep",
+        SAMPLING,
+        "drawn = count - opaque.long()",
+        "drawn = count",
+        "tests/training/test_sampling.py::test_the_losses_are_least_at_the_true_surface",
+    ),
+    "silhouettes that only push": Mutant(
+        "surfaces that creep",
+        "avatarrex/training/losses.py",
+        "off = torch.where(matte > 1 - PURE, off.clamp_max(0), torch.where(matte < PURE, off.clamp_min(0), off))",
+        "off = torch.where(matte > 1 - PURE, off.clamp_max(0), off)",
+        f"{TESTS_RENDERING}::test_a_silhouette_is_right_within_its_pixels",
+    ),
+    "what only seems hidden": Mutant(
+        "parts out of sight",
+        "avatarrex/pipeline.py",
+        "wrong = surface.shown(unseen, pointmap)",
+        "wrong = frozenset()",
+        "tests/volume/test_unseen.py::test_what_only_seemed_hidden_is_drawn_after_all",
     ),
 }
