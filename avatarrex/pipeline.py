@@ -3,7 +3,7 @@
 | stage     | makes                                        | its key: what it depends on                        |
 |-----------|----------------------------------------------|----------------------------------------------------|
 | templates | posed body, hands (wrist frame), face (head) | each mesh: its own pose coefficients and the shape |
-| volume    | body grid + part boxes (Step I)              | posed meshes; placements; voxel sizes              |
+| volume    | body grid + part boxes (Step I)              | posed meshes; placements; voxel sizes; parts seen  |
 | pointmap  | where each ray meets the surface (Step II)   | volume, camera in the root frame, polish           |
 | shading   | colours of the hit pixels (Step III)         | point map, posed meshes                            |
 
@@ -33,6 +33,7 @@ from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.volume.build import AvatarVolume, build_volume, part_key, refine_volume
 from avatarrex.volume.composed_field import composed_field
+from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.unseen import Bounds, hidden_behind
 from avatarrex.volume.volume import PARTS, SdfVolume
 
@@ -112,11 +113,13 @@ def render_frame(
     with clock("pointmap"):
         pointmap = surface.pointmap(volume)
         wrong = surface.shown(unseen, pointmap)
-    if wrong:
+    while wrong:
+        unseen -= wrong
         with clock("volume"):
-            volume = surface.volume(unseen - wrong)
+            volume = surface.volume(unseen)
         with clock("pointmap"):
             pointmap = surface.pointmap(volume)
+            wrong = surface.shown(unseen, pointmap)
     with clock("shading"):
         kept = previous.shading if previous and previous.settings.detail_from == settings.detail_from else None
         shading = shade(avatar, posed, volume, pointmap, view, counters, kept, settings.detail_from)
@@ -155,7 +158,7 @@ class _Surface:
     ) -> None:
         self.avatar, self.posed, self.view, self.settings, self.counters = avatar, posed, view, settings, counters
         self.previous = previous
-        self.built = previous.volume if previous else None
+        self.built = self.refined = previous.volume if previous else None
         self.same_view = previous is not None and _pointmap_key(previous.view, previous.settings) == _pointmap_key(
             view, settings
         )
@@ -171,13 +174,14 @@ class _Surface:
         }
         if self.settings.everywhere:
             return frozenset()
-        if self.same and self.built and all(name not in self.built.parts for name in missing):
+        if self.same and self.previous and self.previous.settings == self.settings:
             return frozenset(missing)  # as before
         off_screen = frozenset(name for name, part in missing.items() if part.off_screen(self.view))
         asked = {name: part for name, part in missing.items() if name not in off_screen and not self._was_shown(name)}
         if not asked:
             return off_screen
         alone = self._built(frozenset(missing))
+        asked = {name: self._bounds(name, alone.probe) for name in asked}
         behind = hidden_behind(asked, SdfVolume(alone.grid), self.view, self.settings.raycast, self.counters)
         return off_screen | behind
 
@@ -188,8 +192,8 @@ class _Surface:
             return volume
         cells, coarse = seen_cells(SdfVolume(volume.grid, volume.sdf.parts), self.view, self.settings.raycast)
         self.counters.update(coarse.counters)
-        before = previous.volume if previous else None
-        return refine_volume(self.avatar, volume, cells, self.settings.bricks, self.counters, before)
+        self.refined = refine_volume(self.avatar, volume, cells, self.settings.bricks, self.counters, self.refined)
+        return self.refined
 
     def pointmap(self, volume: AvatarVolume) -> PointMap:
         """What the rays of the view meet."""
@@ -207,7 +211,7 @@ class _Surface:
         """Parts of `unseen` that a ray of the picture may reach after all."""
         if not unseen or (self.same and self.previous and self.previous.pointmap is pointmap):
             return frozenset()
-        bounds = {name: self._bounds(name) for name in unseen}
+        bounds = {name: self._bounds(name, self.built.probe if self.built else None) for name in unseen}
         reached = (
             n for n, part in bounds.items() if not part.off_screen(self.view) and not part.covered(pointmap, self.view)
         )
@@ -217,8 +221,8 @@ class _Surface:
         self.built = build_volume(self.avatar, self.posed, self.settings, self.counters, self.built, unseen)
         return self.built
 
-    def _bounds(self, name: str) -> Bounds:
-        return Bounds.of(self.avatar, self.posed, name, self.settings.part_voxel)
+    def _bounds(self, name: str, probe: VertexProbe | None = None) -> Bounds:
+        return Bounds.of(self.avatar, self.posed, name, self.settings.part_voxel, probe)
 
     def _was_shown(self, name: str) -> bool:
         return self.previous is not None and bool(self.previous.pointmap.part_weight[..., PARTS.index(name)].any())

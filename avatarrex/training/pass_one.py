@@ -17,12 +17,12 @@ from torch import Tensor, nn
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.fields.code import embedding_loss, kl_loss, node_loss
-from avatarrex.pointmap.rays import RayPlane, Rays
+from avatarrex.pointmap.rays import RayPlane
 from avatarrex.training.frames import FrameStore, TrainingFrame
 from avatarrex.training.losses import PURE, eikonal_loss, mask_loss, rgb_loss, silhouette_loss
 from avatarrex.training.pixels import PixelBatch, draw_pixels, training_pairs
 from avatarrex.training.recipe import PassOne
-from avatarrex.training.sampling import Walk, draw, lowest, noise_of, walk
+from avatarrex.training.sampling import Walk, draw, noise_of
 from avatarrex.training.trained_field import FACE, TrainedBody, TrainedFace, TrainedField
 from avatarrex.training.volume_rendering import render_weights
 
@@ -174,7 +174,7 @@ def _render_losses(
     recipe, volume = stage.recipe, frame.volume.sdf
     plane = RayPlane.of(frame.camera(camera), volume.middle)
     rays = plane.rays(pixels.place)
-    walked = walk(volume, rays)
+    walked = Walk(volume, rays)
     drawn = draw(walked, recipe.sampling, recipe.samples, gamma, noise)
     ray, slot = torch.nonzero(drawn.used, as_tuple=True)
     position = rays.origin[ray] + drawn.t[ray, slot, None] * rays.direction[ray]
@@ -209,17 +209,22 @@ def _render_losses(
         "eikonal": eikonal_loss(field, torch.cat([near, spread])),
     }
     if recipe.silhouette:
-        width = plane.footprint * (1 - lowest(walked)[0] / rays.camera)
-        closest, asked = _lowest_distance(field, rays, walked, pixels.matte)
-        terms["silhouette"] = recipe.silhouette * silhouette_loss(closest, width, pixels.matte, counted)
+        width = plane.footprint * (1 - walked.lowest[0] / rays.camera)
+        closest, matte, asked = _lowest_distance(field, walked, pixels.matte)
+        terms["silhouette"] = recipe.silhouette * silhouette_loss(closest, width, matte, counted)
         evaluated += asked
     return terms, evaluated
 
 
-def _lowest_distance(field: TrainedField, rays: Rays, walked: Walk, matte: Tensor) -> tuple[Tensor, int]:
-    """Each ray's distance where the stored one is lowest, NaN where it is known to be right; and how many were asked."""
-    t, stored = lowest(walked)
+def _lowest_distance(field: TrainedField, walked: Walk, matte: Tensor) -> tuple[Tensor, Tensor, int]:
+    """Each ray's distance where the stored one is lowest, NaN where it is known to be right; the matte that it is to meet;
+    how many rays were asked.
+
+    A matte between 0 and 1 means an edge only where one is stored beside; elsewhere (hair, a soft segmentation) a side.
+    """
+    t, stored = walked.lowest
+    matte = torch.where(stored.abs() < SURE, matte, (matte > 0.5).to(matte))
     right = ((matte > 1 - PURE) & (stored < -SURE)) | ((matte < PURE) & (stored > SURE))
     asked = torch.nonzero((stored.abs() < RIM) & ~right)[:, 0]
-    found = field.composed(rays.at(t)[asked]).sdf
-    return torch.full_like(stored, torch.nan).index_put((asked,), found), len(asked)
+    found = field.composed(walked.rays.at(t)[asked]).sdf
+    return torch.full_like(stored, torch.nan).index_put((asked,), found), matte, len(asked)

@@ -21,7 +21,7 @@ from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.training.frames import TrainingFrame
 from avatarrex.training.pass_one import SHOWN
-from avatarrex.training.sampling import span
+from avatarrex.training.sampling import Walk
 from avatarrex.training.trained_field import TrainedBody, TrainedFace, TrainedField
 from avatarrex.training.volume_rendering import Gamma, Quadrature, render_weights
 from avatarrex.volume.build import AvatarVolume, build_volume
@@ -58,10 +58,10 @@ class VolumeDrawer:
         field = self._field(frame)
         paint, view = field.paint(), camera.seen_from(world_from_root)
         rays = RayPlane.of(view, volume.sdf.middle).rays(pixel_centres(view))
-        entry, exit = span(volume.sdf, rays)
+        entry, length = Walk(volume.sdf, rays).span
         image, position = torch.zeros(len(entry), 4), torch.zeros(len(entry), 3)
-        for rows in torch.nonzero(exit > entry)[:, 0].split(RAYS):
-            image[rows], position[rows] = self._march(field, paint, rays[rows], entry[rows], exit[rows])
+        for rows in torch.nonzero(length > 0)[:, 0].split(RAYS):
+            image[rows], position[rows] = self._march(field, paint, rays[rows], entry[rows], length[rows])
         size = camera.height, camera.width
         hit = (image[:, 3] > 0.5).reshape(size).numpy()
         world = position.double().numpy() @ world_from_root[:3, :3].T + world_from_root[:3, 3]
@@ -69,11 +69,11 @@ class VolumeDrawer:
         return Drawing(image.reshape(*size, 4), seen, np.zeros_like(seen), hit)
 
     def _march(
-        self, field: TrainedField, paint: Paint, rays: Rays, entry: Tensor, exit: Tensor
+        self, field: TrainedField, paint: Paint, rays: Rays, entry: Tensor, length: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Premultiplied colour with opacity (r, 4), and mean end points (r, 3)."""
         share = (torch.arange(self.samples) + 0.5) / self.samples
-        t = entry[:, None] + (exit - entry)[:, None] * share
+        t = entry[:, None] + length[:, None] * share
         place = rays.origin[:, None] + t[..., None] * rays.direction[:, None]
         composed = field.composed(place.reshape(-1, 3))
         weight, opacity = render_weights(composed.sdf.reshape(t.shape), t, self.gamma, self.quadrature)

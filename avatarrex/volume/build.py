@@ -35,9 +35,9 @@ class AvatarVolume:
     """Without bricks: those of `sdf` grow with what is seen."""
     parts: dict[str, PartField]
     views: Tensor | None
-    """Orthographic views of the face mesh, (3, 7, 256, 256), or what else drives the face; None while it is hidden."""
+    """Orthographic views of the face mesh, (3, 7, 256, 256), or what else drives the face; None while it is not built."""
     planes: Tensor | None
-    """Geometry tri-planes of this expression; None while the face is hidden."""
+    """Geometry tri-planes of this expression; None while the face is not built."""
     probe: VertexProbe
     changed: Changed | None
     """Where the body differs from that of the frame before, some of whose state it kept; None: it is exact."""

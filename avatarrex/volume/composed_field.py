@@ -182,7 +182,7 @@ class ComposedField:
 
 
 def composed_field(avatar: Avatar, posed: PosedPerson, volume: AvatarVolume, counters: Counters) -> ComposedField:
-    """The float32 field that `volume` was built from: its body, and its parts that are not hidden."""
+    """The float32 field that `volume` was built from: its body, and its parts that are built."""
     parts = []
     for name in volume.parts:
         mesh, place = posed.parts[name], np.linalg.inv(posed.root_from_part(name))

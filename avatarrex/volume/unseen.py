@@ -8,7 +8,7 @@ Letters: p pixels, v vertices, h w image rows and columns. Root frame, metres.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -21,13 +21,17 @@ from avatarrex.counters import Counters
 from avatarrex.pointmap.pointmap import PointMap, raycast
 from avatarrex.pointmap.rays import RayPlane, Rays, slab
 from avatarrex.templates.posed import PosedPerson
+from avatarrex.volume.contact import reached_by_others
 from avatarrex.volume.part_box import COARSEST, FACE_BAND, HAND_MARGIN
+from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.volume import SdfVolume
 
 GLANCE = 96
 """Pixels of the longer side of the picture that guesses what hides a part."""
 NEAREST = 0.05
 """Metres before the camera: a box that begins closer counts as seen."""
+ROWS = 64
+"""Rows of a picture that are looked at at once."""
 CHUNK = 256
 """Rays that are held against all vertices at once."""
 BESIDE = 1.0
@@ -43,15 +47,24 @@ class Bounds:
     """Vertices whose ω is not 0, part frame."""
     reach: float
     """Metres from them within which the part may be blended, and by which the box may stand out at most."""
+    shared: bool
+    """Whether another limb may be in the box: then the body differs in all of it (contact.py)."""
 
     @classmethod
-    def of(cls, avatar: Avatar, posed: PosedPerson, name: str, voxel: float) -> Bounds:
-        """Of a hand or the face, for boxes of `voxel` metres."""
+    def of(
+        cls, avatar: Avatar, posed: PosedPerson, name: str, voxel: float, probe: VertexProbe | None = None
+    ) -> Bounds:
+        """Of a hand or the face, for boxes of `voxel` metres; `probe` of the posed body tells whether it is alone there."""
         face = name == "face"
         weight = avatar.person.face.blend_weight if face else avatar.hand(name).blend_weight
         mesh = posed.parts[name][weight > 0].double().numpy()
         reach = (FACE_BAND if face else HAND_MARGIN) + COARSEST * voxel
-        return cls(posed.root_from_part(name), mesh, reach)
+        bounds = cls(posed.root_from_part(name), mesh, reach, True)
+        if probe is None:
+            return bounds
+        place = np.linalg.inv(bounds.root_from_part)
+        shared = reached_by_others(probe, avatar.ownership[name], place, bounds.low, bounds.high)
+        return replace(bounds, shared=shared)
 
     @property
     def low(self) -> Float[np.ndarray, "3"]:
@@ -83,22 +96,30 @@ class Bounds:
         if corners[:, 2].min() < NEAREST:
             return False
         pixel = (corners @ camera.intrinsics.T)[:, :2] / corners[:, 2:]
-        first = np.clip(np.floor(pixel.min(0)).astype(int) - 1, 0, None)
-        last = np.clip(np.ceil(pixel.max(0)).astype(int) + 1, None, (camera.width, camera.height))
-        rows, columns = slice(first[1], last[1]), slice(first[0], last[0])
-        y, x = torch.meshgrid(torch.arange(first[1], last[1]), torch.arange(first[0], last[0]), indexing="ij")
-        rays = RayPlane.of(camera, self.root_from_part[:3, 3]).rays(
-            torch.stack([x, y], -1).reshape(-1, 2).double() + 0.5
-        )
+        x0, y0 = (max(int(k) - 1, 0) for k in np.floor(pixel.min(0)))
+        x1, y1 = (min(int(k) + 1, most) for k, most in zip(np.ceil(pixel.max(0)), (camera.width, camera.height)))
         aside = BESIDE * corners[:, 2].max() / min(camera.intrinsics[0, 0], camera.intrinsics[1, 1])
-        met = ((pointmap.position[rows, columns].reshape(-1, 3).double() - rays.origin) * rays.direction).sum(-1)
-        met = met.masked_fill(pointmap.coverage[rows, columns].reshape(-1) < 1 - 1e-6, torch.inf)
+        plane = RayPlane.of(camera, self.root_from_part[:3, 3])
+        rows = range(y0, y1, ROWS)
+        return not any(self._reached(pointmap, plane, aside, (x0, x1), (y, min(y + ROWS, y1))) for y in rows)
+
+    def _reached(
+        self, pointmap: PointMap, plane: RayPlane, aside: float, columns: tuple[int, int], rows: tuple[int, int]
+    ) -> bool:
+        """Whether a ray of these pixels comes within reach before it meets anything; reach and box widened by `aside`."""
+        y, x = torch.meshgrid(torch.arange(*rows), torch.arange(*columns), indexing="ij")
+        rays = plane.rays(torch.stack([x, y], -1).reshape(-1, 2).double() + 0.5)
+        block = slice(*rows), slice(*columns)
+        met = ((pointmap.position[block].reshape(-1, 3).double() - rays.origin) * rays.direction).sum(-1)
+        met = met.masked_fill(pointmap.coverage[block].reshape(-1) < 1 - 1e-6, torch.inf)
         turn, place = torch.as_tensor(self.root_from_part[:3, :3]), torch.as_tensor(self.root_from_part[:3, 3])
         local = Rays((rays.origin - place) @ turn, rays.direction @ turn, rays.camera)
         size = torch.as_tensor(self.high - self.low + 2 * aside)
         entry, exit = slab(local.origin - torch.as_tensor(self.low - aside), local.direction, size)
         left = torch.nonzero((entry < exit) & (met >= entry))[:, 0]
-        return not any(self._meets(local[some], met[some], self.reach + aside) for some in left.split(CHUNK))
+        if self.shared:
+            return len(left) > 0
+        return any(self._meets(local[some], met[some], self.reach + aside) for some in left.split(CHUNK))
 
     def _meets(self, rays: Rays, met: Float[Tensor, " p"], reach: float) -> bool:
         """Whether one of the rays (part frame) comes within `reach` of a vertex before it has gone `met`."""

@@ -239,7 +239,7 @@ MUTANTS: dict[str, Mutant] = {
     "samples that all lie outside": Mutant(
         "surfaces that creep",
         SAMPLING,
-        "drawn = count - opaque.long()",
+        "drawn = count - enters.long()",
         "drawn = count",
         "tests/training/test_sampling.py::test_the_losses_are_least_at_the_true_surface",
     ),

@@ -9,9 +9,9 @@ import torch
 from avatarrex.camera import Camera
 from avatarrex.pointmap.rays import RayPlane, Rays
 from avatarrex.training.losses import mask_loss, rgb_loss, silhouette_loss
-from avatarrex.training.sampling import draw, lowest, noise_of, walk
+from avatarrex.training.sampling import Walk, draw, noise_of
 from avatarrex.training.volume_rendering import render_weights
-from avatarrex.volume.solids import body_grid, sphere
+from avatarrex.volume.solids import body_grid, sphere, union
 from avatarrex.volume.volume import SdfVolume
 
 MIDDLE = (0.3, 0.3, 0.3)
@@ -39,11 +39,11 @@ def rays_of(count: int) -> tuple[RayPlane, Rays]:
 @pytest.mark.parametrize("gamma", [GAMMA, 5e-3])
 def test_samples_of_a_ray_that_meets_the_surface_end_inside(gamma):
     _, rays = rays_of(3000)
-    walked = walk(stored(RADIUS), rays)
+    walked = Walk(stored(RADIUS), rays)
     samples = draw(walked, "near", 5, gamma, noise_of(0, 1))
     point = rays.origin[:, None] + samples.t[..., None] * rays.direction[:, None]
     depth = distance(point) - RADIUS
-    through = lowest(walked)[1] < -0.03
+    through = walked.lowest[1] < -0.03
     assert through.sum() > 500
     assert (samples.t.diff(dim=-1) >= 0).all()
     assert samples.used[through].all()
@@ -51,17 +51,36 @@ def test_samples_of_a_ray_that_meets_the_surface_end_inside(gamma):
     assert (depth[through, 0] > -0.01).all()
 
 
+def test_rays_that_graze_a_limb_see_what_is_behind_it():
+    """An arm before the torso: a few millimetres beside it fog of 4 mm takes the arm for opaque."""
+    arm, torso = ((0.3, 0.3, 0.45), 0.045), ((0.3, 0.3, 0.2), 0.15)
+    volume = SdfVolume(body_grid(union(sphere(*arm), sphere(*torso)), (0, 0, 0), 0.02, (31, 31, 31)))
+    camera = Camera.orbit(0, 0, 1.5, 20, (0.3, 0.3, 0.3), 96, 96)
+    place = 30 + 36 * torch.rand(4000, 2, generator=torch.Generator().manual_seed(3))
+    rays = RayPlane.of(camera, np.array(MIDDLE)).rays(place)
+
+    def closest(ball: tuple[tuple[float, ...], float]) -> torch.Tensor:
+        along = ((torch.tensor(ball[0]) - rays.origin) * rays.direction).sum(-1)
+        return (rays.at(along) - torch.tensor(ball[0])).norm(dim=-1) - ball[1]
+
+    grazes = (closest(arm) > 0.002) & (closest(arm) < 0.008) & (closest(torso) < -0.05)
+    assert grazes.sum() > 50
+    samples = draw(Walk(volume, rays), "near", 5, GAMMA, noise_of(0, 1))
+    last = rays.at(samples.t[:, -1])[grazes]
+    assert ((last - torch.tensor(torso[0])).norm(dim=-1) < torso[1] - 0.004).all()
+
+
 def test_rays_past_the_surface_are_not_sampled():
     _, rays = rays_of(3000)
-    walked = walk(stored(RADIUS), rays)
-    far = lowest(walked)[1] > 0.08
+    walked = Walk(stored(RADIUS), rays)
+    far = walked.lowest[1] > 0.08
     assert far.sum() > 100
     assert not draw(walked, "near", 5, GAMMA, noise_of(0, 1)).used[far].any()
 
 
 def test_the_lowest_point_of_a_ray_is_found_between_candidates():
     _, rays = rays_of(3000)
-    t, depth = lowest(walk(stored(RADIUS), rays))
+    t, depth = Walk(stored(RADIUS), rays).lowest
     nearest = distance(rays.at(((torch.tensor(MIDDLE) - rays.origin) * rays.direction).sum(-1))) - RADIUS
     rim = nearest.abs() < 0.03
     assert rim.sum() > 200
@@ -73,10 +92,10 @@ def test_the_lowest_point_of_a_ray_is_found_between_candidates():
 def test_the_losses_are_least_at_the_true_surface(stale):
     """Whatever the stored surface is: samples that all lie outside pull it out, by 3 mm where the stored one is 6 mm out."""
     plane, rays = rays_of(4000)
-    walked = walk(stored(RADIUS + stale), rays)
+    walked = Walk(stored(RADIUS + stale), rays)
     samples = draw(walked, "near", 5, GAMMA, noise_of(0, 1))
     point = rays.origin[:, None] + samples.t[..., None] * rays.direction[:, None]
-    t, _ = lowest(walked)
+    t, _ = walked.lowest
     width = plane.footprint * (1 - t / rays.camera)
     along = ((torch.tensor(MIDDLE) - rays.origin) * rays.direction).sum(-1)
     beside = distance(rays.at(along))

@@ -85,12 +85,25 @@ def test_an_expression_that_nobody_sees_costs_nothing(avatar: Avatar, posed: Pos
     assert {name for name, count in smiling.counters.items() if count} == {"templates_posed"}
 
 
-def test_a_hand_that_the_body_hides_is_not_built(avatar: Avatar) -> None:
-    """The left hand before the belly, seen from behind."""
+def seen_from_behind(shoulder: tuple[float, ...], elbow: tuple[float, ...]) -> tuple[Signals, RenderSettings, Camera]:
+    """A pose of the left arm whose hand the torso hides."""
     pose = named_pose("stand").copy()
-    pose[15], pose[17] = (0.74, -1.28, 0.3), (0.06, -1.97, 0.09)
-    signals, settings = Signals.rest().replace(body_pose=pose), replace(SETTINGS, part_voxel=0.005)
+    pose[15], pose[17] = shoulder, elbow
     back = Camera.orbit(180, 0, 2.8, 40, (0, -0.05, 0), 96, 96)
+    return Signals.rest().replace(body_pose=pose), replace(SETTINGS, part_voxel=0.005), back
+
+
+def test_a_hidden_hand_whose_box_the_torso_shares_is_built(avatar: Avatar) -> None:
+    """At the belly: with contact the body differs in all of the box, in what the picture shows of it, too."""
+    signals, settings, back = seen_from_behind((0.74, -1.28, 0.3), (0.06, -1.97, 0.09))
+    frame = render_frame(avatar, signals, back, settings)
+    assert "left_hand" in frame.volume.parts
+    assert not (frame.pointmap.part_weight[..., 0] > 0).any()
+
+
+def test_a_hand_that_the_body_hides_is_not_built(avatar: Avatar) -> None:
+    """The left arm held forward, its hand before the chest, seen from behind."""
+    signals, settings, back = seen_from_behind((0.64, -1.42, 1.31), (0.07, -1.29, -0.09))
     frame = render_frame(avatar, signals, back, settings)
     assert set(frame.volume.parts) == {"right_hand", "face"}
     same = render_frame(avatar, signals, back, settings, whole(avatar, signals, FRONT, settings))
