@@ -253,8 +253,8 @@ MUTANTS: dict[str, Mutant] = {
     "what only seems hidden": Mutant(
         "parts out of sight",
         "avatarrex/pipeline.py",
-        "wrong = surface.shown(unseen, pointmap)",
-        "wrong = frozenset()",
+        "return frozenset(reached)",
+        "return frozenset()",
         "tests/volume/test_unseen.py::test_what_only_seemed_hidden_is_drawn_after_all",
     ),
 }
