@@ -13,7 +13,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.counters import NAMES
 from avatarrex.pipeline import Frame
 from avatarrex.templates.person import load_person
-from avatarrex.volume.volume import BodyGrid, SdfVolume
+from avatarrex.volume.volume import PARTS, BodyGrid, SdfVolume
 
 VOLUME = SdfVolume(BodyGrid(np.zeros(3), 0.02, torch.zeros(64, 64, 64)))
 """One MiB."""
@@ -65,7 +65,7 @@ def render_ball(avatar, signals, camera, settings, previous=None):
         ms={**ms, "total": sum(ms.values())},
         counters=counters,
         settings=settings,
-        volume=SimpleNamespace(sdf=VOLUME, changed=None),
+        volume=SimpleNamespace(sdf=VOLUME, changed=None, parts=dict.fromkeys(PARTS)),
         notes=("rays: ball",),
     )
 
