@@ -166,21 +166,19 @@ class _Surface:
 
     def unseen(self) -> frozenset[str]:
         """Parts that are not built because they are off screen, or seem to be behind the body."""
-        kept = self.built.keys if self.built else {}
-        missing = {
-            name: self._bounds(name)
-            for name in PARTS
-            if name not in self.settings.hidden and kept.get(name) != part_key(self.posed, self.settings, name)
-        }
-        if self.settings.everywhere:
+        settings, kept = self.settings, self.built.keys if self.built else {}
+        drawn = (name for name in PARTS if name not in settings.hidden)
+        names = frozenset(name for name in drawn if kept.get(name) != part_key(self.posed, settings, name))
+        if settings.everywhere or not names:
             return frozenset()
-        if self.same and self.previous and self.previous.settings == self.settings:
-            return frozenset(missing)  # as before
+        if self.same and self.previous and self.previous.settings == settings:
+            return names  # as before
+        missing = {name: self._bounds(name) for name in PARTS if name in names}
         off_screen = frozenset(name for name, part in missing.items() if part.off_screen(self.view))
         asked = {name: part for name, part in missing.items() if name not in off_screen and not self._was_shown(name)}
         if not asked:
             return off_screen
-        alone = self._built(frozenset(missing))
+        alone = self._built(names)
         asked = {name: self._bounds(name, alone.probe) for name in asked}
         behind = hidden_behind(asked, SdfVolume(alone.grid), self.view, self.settings.raycast, self.counters)
         return off_screen | behind
