@@ -13,7 +13,7 @@ from avatarrex.capture.capture import Capture, Rig, open_capture
 from avatarrex.capture.surface_fit import fit_surface
 from avatarrex.errors import InputError
 from avatarrex.templates.person import Person
-from avatarrex.training.recipe import RECIPES
+from avatarrex.training.recipe import RECIPES, Recipe
 from avatarrex.training.run import Run
 from avatarrex.training.train import PARTS, Trainer
 
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     parts = tuple(part for part in PARTS if part in (chosen or capture.rigs))
     trained = _open_run(arguments, capture, parts, seed)
     with trained:
-        trainer = Trainer(capture, RECIPES[arguments.preset], parts, trained, seed, start)
+        trainer = Trainer(capture, _recipe(arguments), parts, trained, seed, start)
         print(trainer.perceptual.note)
         finished = trainer.train()
         trained.close("finished" if finished else "stopped")
@@ -73,14 +73,19 @@ def _same_body(start: Avatar, capture: Capture) -> Person:
     return start.person
 
 
+def _recipe(arguments: argparse.Namespace) -> Recipe:
+    return replace(RECIPES[arguments.preset], mixed=arguments.mixed)
+
+
 def _open_run(arguments: argparse.Namespace, capture: Capture, parts: tuple[str, ...], seed: int) -> Run:
-    recipe = RECIPES[arguments.preset]
+    recipe = _recipe(arguments)
     config = {
         "part": ",".join(parts),
         "preset": recipe.name,
         "capture": str(arguments.capture),
         "seed": seed,
         "start": arguments.start,
+        "mixed": arguments.mixed,
         "steps": {part: steps for part, steps in recipe.steps().items() if part in parts},
         "recipe": recipe.to_json(),
         "held_out": {
@@ -91,8 +96,8 @@ def _open_run(arguments: argparse.Namespace, capture: Capture, parts: tuple[str,
     if not arguments.resume:
         return Run.create(arguments.out, config)
     opened = Run.open(arguments.out)
-    for key in ("part", "preset", "seed", "start", "held_out"):
-        if opened.config.get(key) != config[key]:
+    for key in ("part", "preset", "seed", "start", "mixed", "held_out"):
+        if (opened.config.get(key) or None) != (config[key] or None):
             opened.close("stopped")
             raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as asked for", opened.config.get(key))
     return opened

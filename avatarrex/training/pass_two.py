@@ -70,8 +70,17 @@ class PatchPass:
         position = pointmap.position[seen].to(self.parameters()[0])
         direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre).to(position), dim=-1)
         volume = frame.volume
-        planes = frame.planes.get("colour")
-        paint = Paint(self.avatar, frame.posed, volume.body_frame, volume.views, Counters(), planes=planes, sparse=True)
+        planes, hands = frame.planes.get("colour"), frame.hands
+        paint = Paint(
+            self.avatar,
+            frame.posed,
+            volume.body_frame,
+            volume.views,
+            Counters(),
+            planes=planes,
+            hands=hands,
+            sparse=True,
+        )
         image = position.new_zeros(*seen.shape, 3)
         if len(position):
             colour = paint.colour(position, direction, pointmap.part_weight[seen].to(position))

@@ -39,6 +39,8 @@ class PassOne:
     """γ1, metres. With a warm start the surface is known to a centimetre: fog of two would wash it away first."""
     geometry_rate: float = 1.0
     """Of the learning rate, for the geometry: less where it only has to settle."""
+    still: int = 0
+    """Steps at first in which the geometry stands still: colours that are not yet known would move it."""
     latent: bool = True
     """Whether frames have codes of their own and z is drawn; without, z = 0 as at test, and detail follows the pose alone."""
     silhouette: float = 0.0
@@ -76,6 +78,8 @@ class Recipe:
     """Steps between checkpoints; the volumes that place the samples are renewed with each."""
     evaluate: int
     """Steps between held-out renderings."""
+    mixed: bool = False
+    """Colours in bfloat16 while training (mixed.py)."""
 
     def steps(self) -> dict[str, int]:
         """Both passes' steps by part."""
@@ -104,7 +108,9 @@ QUICK = Recipe(
     "quick",
     "compact",
     face=(
-        PassOne(400, 1, 400, 5, 4e-3, 0.05, 400, 250, 60, gamma_extra=0.003, geometry_rate=0.1),
+        PassOne(
+            400, 1, 400, 5, 4e-3, 0.05, 400, 1, 60, gamma_extra=0.0, geometry_rate=0.04, still=250, silhouette=2.0,
+        ),
         PassTwo(1000, 128, 3e-3, 0.05, 1000),
     ),
     body=(
@@ -121,7 +127,9 @@ LONG = Recipe(
     "long",
     "compact",
     face=(
-        PassOne(600, 1, 400, 5, 4e-3, 0.03, 600, 300, 60, gamma_extra=0.003, geometry_rate=0.1),
+        PassOne(
+            600, 1, 400, 5, 4e-3, 0.03, 600, 1, 60, gamma_extra=0.0, geometry_rate=0.04, still=350, silhouette=2.0,
+        ),
         PassTwo(2500, 128, 3e-3, 0.02, 2500),
     ),
     body=(
@@ -138,7 +146,7 @@ REFINE = Recipe(
     "refine",
     "compact",
     face=(
-        PassOne(300, 1, 400, 5, 1e-3, 0.1, 300, 1, 0, gamma_extra=0.0, geometry_rate=0.1),
+        PassOne(300, 1, 400, 5, 1e-3, 0.1, 300, 1, 0, gamma_extra=0.0, geometry_rate=0.1, silhouette=2.0),
         PassTwo(800, 128, 2e-3, 0.05, 800),
     ),
     body=(

@@ -29,6 +29,7 @@ from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.training.frames import FrameStore
 from avatarrex.training.held_out import HeldOut
 from avatarrex.training.losses import weighted
+from avatarrex.training.mixed import in_bfloat16
 from avatarrex.training.pass_one import BodyPass, FacePass, StepResult
 from avatarrex.training.pass_two import PatchPass
 from avatarrex.training.recipe import PassOne, PassTwo, Recipe
@@ -65,6 +66,13 @@ class Stage:
     def rate(self, step: int) -> float:
         """Learning rate, exponential decay."""
         return self.recipe.rate * self.recipe.decay ** ((step - self.begin) / self.recipe.decay_steps)
+
+    def rates(self, step: int) -> tuple[float, float]:
+        """Learning rates of the geometry and of all else."""
+        rate, one = self.rate(step), self.recipe
+        if not isinstance(one, PassOne):
+            return rate, rate
+        return (0.0 if step - self.begin < one.still else one.geometry_rate * rate), rate
 
     def gamma(self, step: int) -> float:
         """γ(n) of pass I; its last value in pass II."""
@@ -103,6 +111,8 @@ class Trainer:
         self.parts = parts
         self.stages = stages(recipe, parts)
         self.start, self.avatar = start, Avatar.create(capture.person, recipe.preset, seed)
+        if recipe.mixed:
+            in_bfloat16(self.avatar)
         known = "face" in parts or (start is not None and "face" not in start.hidden)
         self.hidden = frozenset() if known else frozenset({"face"})
         if start is not None and (found := start.meta["preset"]) != recipe.preset:
@@ -144,7 +154,7 @@ class Trainer:
         parameters = work.parameters()
         for parameter in parameters:
             parameter.requires_grad_(True)
-        optimiser = torch.optim.Adam(self._groups(stage.part, parameters), lr=stage.rate(step))
+        optimiser = torch.optim.Adam(self._groups(stage.part, parameters), lr=stage.rate(step), fused=True)
         if state is not None:
             optimiser.load_state_dict(state["optimiser"])
             if isinstance(work, BodyPass):
@@ -194,13 +204,12 @@ class Trainer:
         held_out: HeldOut,
     ) -> bool:
         label = f"{stage.part}: pass {stage.name}"
-        geometry_rate = stage.recipe.geometry_rate if isinstance(stage.recipe, PassOne) else 1.0
         began, begun_at = time.monotonic(), step
         with tqdm(total=stage.recipe.steps, initial=step - stage.begin, desc=label) as bar:
             while step < stage.end:
                 gamma = stage.gamma(step)
-                for group, share in zip(optimiser.param_groups, (geometry_rate, 1.0)):
-                    group["lr"] = share * stage.rate(step)
+                for group, rate in zip(optimiser.param_groups, stage.rates(step)):
+                    group["lr"] = rate
                 result = work.step(step, gamma)
                 total = weighted(result.terms)
                 if not torch.isfinite(total):

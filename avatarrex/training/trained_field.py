@@ -86,6 +86,7 @@ class TrainedBody:
             self.frame.volume.views,
             Counters(),
             planes=self.frame.planes.get("colour"),
+            hands=self.frame.hands,
             sparse=True,
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from avatarrex.errors import InputError
 from avatarrex.training.events import EventReader
 from avatarrex.training.recipe import PassOne, PassTwo, Recipe
 from avatarrex.training.run import Run, read_about
-from avatarrex.training.train import Diverged, Trainer
+from avatarrex.training.train import Diverged, Stage, Trainer
 
 TINY = Recipe(
     "tiny",
@@ -189,6 +190,30 @@ def test_a_part_without_a_rig_is_refused(capture, tmp_path):
 
 
 @pytest.mark.slow
+def test_geometry_stands_still_while_colours_are_unknown(tmp_path):
+    made = TinyCapture.make(("face",)).folder(tmp_path / "capture")
+    trainer = start(made, tmp_path / "run", ("face",))[1]
+    one = replace(TINY.face[0], steps=4, still=2, geometry_rate=0.5)
+    stage = Stage("face", "I", one, 0)
+    assert [stage.rates(step) == (0.5 * stage.rate(step), stage.rate(step)) for step in range(4)] == [
+        False,
+        False,
+        True,
+        True,
+    ]
+    assert stage.rates(1) == (0.0, stage.rate(1))
+    trainer.stages = [Stage("face", "I", replace(one, steps=2), 0)]
+    trainer._warm_start()
+    before = {name: value.clone() for name, value in trainer.avatar.face.state_dict().items()}
+    trainer._warm_start = lambda: None
+    assert trainer.train()
+    moved = {
+        name.split(".")[0] for name, value in trainer.avatar.face.state_dict().items() if not value.equal(before[name])
+    }
+    assert moved
+    assert "geometry" not in moved
+
+
 def test_face_then_body(tmp_path):
     run, trainer = start(TinyCapture.make().folder(tmp_path / "capture"), tmp_path / "run", ("face", "body"))
     with run:
