@@ -1,10 +1,12 @@
 """The prior: body and face geometry fitted to the bare default template, once, for all trainings to start from.
 
-    python -m avatarrex.training.prior OUT [--parts body face] [--minutes M] [--package FILE.safetensors]
+    python -m avatarrex.training.prior OUT [--parts body face face_colour] [--minutes M] [--package]
 
 Any person of the default template's topology starts pass I from a surface that is right to a millimetre or two under any
-pose, before it has seen a picture; what a capture adds are its shape and its clothes. Checkpoints every minute; started
-again, it goes on. Letters: p points. Root frame for the body, head frame for the face; metres.
+pose, before it has seen a picture; what a capture adds are its shape and its clothes. The face's colour networks pass on
+the albedo of the template that they are shown: where iris, lips and teeth are is known, how they look is learnt.
+Checkpoints every minute; started again, it goes on. Letters: p points. Root frame for the body, head frame for the face;
+metres; colours sRGB-encoded.
 """
 
 from __future__ import annotations
@@ -18,26 +20,34 @@ from pathlib import Path
 import numpy as np
 import safetensors.torch
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
+from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.library import POSES, named_pose
 from avatarrex.signals.limits import random_signals
 from avatarrex.signals.signals import Signals
+from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.person import load_person
+from avatarrex.templates.posed import pose_person
 from avatarrex.training.losses import distance_loss
-from avatarrex.training.warm_start import PRIOR, geometry_state, supervision
+from avatarrex.training.warm_start import PRIOR, Draw, known_state, module_of, supervision
 
 CHECKPOINT_SECONDS = 60
-MINUTES = {"body": 24.0, "face": 18.0}
+MINUTES = {"body": 24.0, "face": 18.0, "face_colour": 30.0}
 """Of steps, on one core."""
 RATE, DECAY = 4e-3, 0.02
 """Learning rate at the start, and what is left of it at the end."""
-HALF_POSES, FULL_POSES, MIXTURES = 70, 20, 40
-"""Random body poses at half and at full joint limits beside the named ones; mixed expressions beside every single one."""
+HALF_POSES, FULL_POSES, MIXTURES, COLOUR_MIXTURES = 70, 20, 40, 120
+"""Random body poses at half and at full joint limits beside the named ones; mixed expressions beside every single one,
+for geometry and for colour."""
+COLOUR_POINTS, COLOUR_BATCH = 20_000, 6000
+"""On the mesh of each expression, as many on every triangle (eyes, lips and teeth have small ones); drawn in a step."""
+COLOUR_SPREAD = 0.001
+"""Metres off the mesh, standard deviation."""
 
 
 def body_poses(rng: np.random.Generator) -> list[Signals]:
@@ -47,11 +57,11 @@ def body_poses(rng: np.random.Generator) -> list[Signals]:
     return [Signals.rest().replace(body_pose=pose) for pose in poses]
 
 
-def expressions(rng: np.random.Generator) -> list[Signals]:
-    """Neutral, then every coefficient alone, then sparse mixtures; now and then with the jaw and the eyes turned."""
+def expressions(rng: np.random.Generator, mixtures: int) -> list[Signals]:
+    """Neutral, then every coefficient alone, then sparse mixtures with eyes and, now and then, jaw turned."""
     count = len(EXPRESSION_NAMES)
     values = [np.zeros(count), *np.eye(count)]
-    for _ in range(MIXTURES):
+    for _ in range(mixtures):
         value = np.zeros(count)
         value[rng.choice(count, rng.integers(3, 9), replace=False)] = rng.random()
         values.append(value)
@@ -65,15 +75,46 @@ def expressions(rng: np.random.Generator) -> list[Signals]:
     return faces
 
 
+def albedo_supervision(
+    avatar: Avatar, faces: list[Signals], rng: np.random.Generator
+) -> tuple[list[nn.Parameter], Draw]:
+    """Parameters of the face's colour networks, and what draws a step: colours beside the template's albedo."""
+    field, template = avatar.face, avatar.person.face
+    worn = torch.nonzero((template.blend_weight > 0)[template.faces].all(1))[:, 0]
+    bank = []
+    for signals in tqdm(faces, desc="face_colour: expressions"):
+        posed = pose_person(avatar.person, signals, Counters(), None)
+        mesh = posed.parts["face"]
+        corners = template.faces[worn[torch.from_numpy(rng.integers(len(worn), size=COLOUR_POINTS))]]
+        share = torch.from_numpy(rng.dirichlet(np.ones(3), COLOUR_POINTS)).to(mesh)[..., None]
+        place, albedo = (mesh[corners] * share).sum(1), (template.albedo[corners] * share.double()).sum(1).float()
+        normal = (vertex_normals(mesh, template.faces)[corners] * share).sum(1)
+        place = place + COLOUR_SPREAD * torch.from_numpy(rng.normal(size=(COLOUR_POINTS, 1))).to(mesh) * normal
+        bank.append((field.driven(mesh, posed.face_coefficients), place, normal, albedo))
+
+    def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+        views, place, normal, albedo = bank[rng.integers(len(bank))]
+        rows = torch.from_numpy(rng.integers(COLOUR_POINTS, size=COLOUR_BATCH))
+        noise = torch.from_numpy(rng.normal(size=(COLOUR_BATCH, 3))).to(place)
+        gaze = nn.functional.normalize(0.5 * noise - normal[rows], dim=-1)
+        return field.colour(field.colour_planes(views), place[rows], gaze), albedo[rows]
+
+    return list(field.colour_net.parameters()), draw
+
+
 def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int = 0) -> float:
-    """Fit `body` or `face` for `minutes` in all (time before a resume counts); the last mean error in metres.
+    """Fit one of `MINUTES` for `minutes` in all (time before a resume counts); the last mean error, in metres or of colour.
 
     Raises FloatingPointError where a loss is not finite.
     """
     avatar = Avatar.create(load_person(), preset, seed)
+    module = avatar.modules()[module_of(part)]
     rng = np.random.default_rng([seed, 5])
-    poses = body_poses(rng) if part == "body" else expressions(rng)
-    parameters, draw = supervision(avatar, poses, part, rng)
+    if part == "face_colour":
+        parameters, draw = albedo_supervision(avatar, expressions(rng, COLOUR_MIXTURES), rng)
+    else:
+        poses = body_poses(rng) if part == "body" else expressions(rng, MIXTURES)
+        parameters, draw = supervision(avatar, poses, part, rng)
     for parameter in parameters:
         parameter.requires_grad_(True)
     optimiser = torch.optim.Adam(parameters, lr=RATE, fused=True)
@@ -81,7 +122,7 @@ def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int
     path, seconds, steps = out / f"{part}.pt", 0.0, 0
     if path.exists():
         saved = torch.load(path, weights_only=True)
-        avatar.modules()[part].load_state_dict(saved["state"])
+        module.load_state_dict(saved["state"])
         optimiser.load_state_dict(saved["optimiser"])
         seconds, steps = saved["seconds"], saved["steps"]
     rng = np.random.default_rng([seed, 6, steps])
@@ -92,7 +133,7 @@ def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int
             for group in optimiser.param_groups:
                 group["lr"] = RATE * DECAY ** (seconds / budget) * min(1.0, (steps + 1) / 50)
             predicted, truth = draw(rng)
-            loss = 20 * distance_loss(predicted, truth)
+            loss = (predicted - truth).abs().mean() if part == "face_colour" else 20 * distance_loss(predicted, truth)
             if not torch.isfinite(loss):
                 raise FloatingPointError(
                     f"{part}: the loss of step {steps} is not finite; the last checkpoint is {path}"
@@ -104,9 +145,9 @@ def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int
             steps += 1
             seconds += time.monotonic() - begun
             bar.n = min(round(seconds), bar.total)
-            bar.set_postfix({"step": steps, "mm": f"{1e3 * error:.2f}"})
+            bar.set_postfix({"step": steps, "error": f"{error:.5f}"})
             if time.monotonic() - saved_at > CHECKPOINT_SECONDS or seconds >= budget:
-                content = {"state": avatar.modules()[part].state_dict(), "optimiser": optimiser.state_dict()}
+                content = {"state": module.state_dict(), "optimiser": optimiser.state_dict()}
                 temporary = path.with_suffix(".tmp")
                 torch.save({**content, "seconds": seconds, "steps": steps}, temporary)
                 os.replace(temporary, path)
@@ -115,9 +156,8 @@ def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int
 
 
 def package(out: Path, target: Path, preset: str = "compact", seed: int = 0) -> None:
-    """Write the geometry of both parts, in half precision. Raises `InputError` where a part was not fitted."""
-    avatar = Avatar.create(load_person(), preset, seed)
-    vertices = len(avatar.person.body.v_template)
+    """Write what was fitted, in half precision. Raises `InputError` where a part was not fitted."""
+    vertices = len(load_person().body.v_template)
     state: dict[str, Tensor] = {}
     about = {"preset": preset, "command": "python -m avatarrex.training.prior", "vertices": str(vertices)}
     for part in MINUTES:
@@ -125,9 +165,8 @@ def package(out: Path, target: Path, preset: str = "compact", seed: int = 0) -> 
         if not path.exists():
             raise InputError(path, "", "the fitted part", "nothing there")
         saved = torch.load(path, weights_only=True)
-        avatar.modules()[part].load_state_dict(saved["state"])
         about[part] = f"{saved['steps']} steps, {saved['seconds'] / 60:.1f} minutes on one core"
-        state |= {name: _half(value) for name, value in geometry_state(avatar.modules()[part], part).items()}
+        state |= {name: _half(value) for name, value in known_state(saved["state"], part).items()}
     target.parent.mkdir(parents=True, exist_ok=True)
     safetensors.torch.save_file(state, target, about)
     target.chmod(0o644)

@@ -7,7 +7,7 @@ from there. Letters: p points. Root frame for the body, head frame for the face;
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +36,12 @@ RATE = 2e-3
 KNOWN_RATE = 5e-4
 """Where the prior has been loaded: only the person's own shape is left to find."""
 PRIOR = DATA / "prior.safetensors"
+KNOWN = {
+    "body": ("code_network.", "geometry_local.", "geometry_blend.", "node_vertex", "anchor_vertex"),
+    "face": ("geometry.",),
+    "face_colour": ("colour_net.",),
+}
+"""Weights and nodes of each part of the prior."""
 Draw = Callable[[np.random.Generator], tuple[Tensor, Tensor]]
 """Predicted and true distances of one step's points."""
 
@@ -59,26 +65,27 @@ def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, 
     return Distances(torch.as_tensor(position, dtype=torch.float32), torch.as_tensor(guess, dtype=torch.float32))
 
 
-def geometry_state(field: nn.Module, part: str) -> dict[str, Tensor]:
-    """Weights and nodes that make the geometry of `body` or `face`, named `part.name`."""
-    kept = {
-        "body": ("code_network.", "geometry_local.", "geometry_blend.", "node_vertex", "anchor_vertex"),
-        "face": ("geometry.",),
-    }[part]
-    return {f"{part}.{name}": value for name, value in field.state_dict().items() if name.startswith(kept)}
+def module_of(part: str) -> str:
+    """Name of the avatar's module that a part of the prior belongs to."""
+    return part.removesuffix("_colour")
+
+
+def known_state(state: Mapping[str, Tensor], part: str) -> dict[str, Tensor]:
+    """Of a module's state what the prior's `part` holds, named `module.name`."""
+    return {f"{module_of(part)}.{name}": value for name, value in state.items() if name.startswith(KNOWN[part])}
 
 
 def load_prior(avatar: Avatar, part: str) -> bool:
-    """Take the packaged geometry of `body` or `face`; False, and nothing changed, where networks or template are others."""
+    """Take a part of the packaged prior; False, and nothing changed, where networks or template are others."""
+    module = avatar.modules()[module_of(part)]
+    own = known_state(module.state_dict(), part)
     with safetensors.safe_open(PRIOR, "pt") as file:
-        names, vertices = file.keys(), int(file.metadata()["vertices"])
-        prior = {name: file.get_tensor(name) for name in names if name.startswith(f"{part}.")}
-    own = geometry_state(avatar.modules()[part], part)
+        names, vertices = set(file.keys()), int(file.metadata()["vertices"])
+        prior = {name: file.get_tensor(name) for name in own if name in names}
     same = {name: value.shape for name, value in own.items()} == {name: value.shape for name, value in prior.items()}
     if vertices != len(avatar.person.body.v_template) or not same:
         return False
-    module = avatar.modules()[part]
-    taken = {name.removeprefix(f"{part}."): value for name, value in prior.items()}
+    taken = {name.removeprefix(f"{module_of(part)}."): value for name, value in prior.items()}
     module.load_state_dict({**module.state_dict(), **taken})
     return True
 
@@ -89,6 +96,8 @@ def warm_start(avatar: Avatar, motion: SignalSequence, part: str, steps: int, se
     Returns the mean error of the last tenth, metres.
     """
     rate = KNOWN_RATE if load_prior(avatar, part) else RATE
+    if part == "face":
+        load_prior(avatar, "face_colour")
     frames = sorted(set(np.linspace(0, len(motion) - 1, FRAMES).round().astype(int).tolist()))
     rng = np.random.default_rng([seed, 17])
     parameters, draw = supervision(avatar, [motion[index] for index in frames], part, rng)
