@@ -71,10 +71,15 @@ class HandField(nn.Module):
         position: Float[Tensor, "p 3"],
         bound: tuple[float, float] | None = BAND,
         impl: Impl = "auto",
+        surface: HandSurface | None = None,
     ) -> HandQuery:
-        """s_H of `position` for a posed mesh `vertices`; beyond `bound` (the composition's band) it saturates."""
-        found = closest_point(vertices, self.faces, position, bound, impl)
-        return self._query(found, vertex_normals(vertices, self.faces))
+        """s_H of `position` for a posed mesh `vertices`; beyond `bound` (the composition's band) it saturates.
+
+        `surface` is that mesh, where it has been prepared.
+        """
+        known = None if surface is None else surface.mesh.normals
+        found = closest_point(vertices, self.faces, position, bound, impl, known)
+        return self._query(found, vertex_normals(vertices, self.faces) if surface is None else surface.normals)
 
     def beside(self, surface: HandSurface, position: Float[Tensor, "p 3"]) -> HandQuery:
         """The same for points on the posed mesh or a few millimetres off it, much faster; no gradient."""

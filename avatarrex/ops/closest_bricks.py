@@ -2,7 +2,8 @@
 
 Triangle t can be nearest to a point of a brick (centre C, radius r) only if d(C, t) ≤ d(C, mesh) + 2r. Bricks form a
 tree of eight children each (a lattice falls into 2³, 4³, 8³ … voxels); every level tests its centres against the
-candidates of its parent, the last level tests the points. A triangle lies in a disc: the smallest circle around it, its
+candidates of its parent, the last level tests the points. Few points, or points too sparse to share candidates, are tested
+against every triangle at once. A triangle lies in a disc: the smallest circle around it, its
 centre m a point of the triangle, radius ρ, in its plane. With height h and lateral distance l of C from m,
 
     h² + max(l − ρ, 0)² ≤ d(C, t)² ≤ |C − m|².
@@ -17,7 +18,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from avatarrex.ops.pseudonormal import Pseudonormals
 from avatarrex.ops.triangle import closest_on_triangle
@@ -25,6 +26,12 @@ from avatarrex.ops.triangle import closest_on_triangle
 FAN = 8
 ROOTS = 64
 """Bricks of the coarsest level, all tested against every triangle."""
+FEW = 500
+"""Points that are not worth a tree."""
+SPARSE = 1 / 8
+"""Nor are points that lie farther apart than this share of the mesh's extent (2000 about a hand: half the time)."""
+ROW = 64
+"""Points of one such test."""
 PAIRS = 1 << 16
 """Pairs per chunk: its temporaries stay in the cache of a CPU core (CUDA takes 64 times as many)."""
 MARGIN = 64 * torch.finfo(torch.float32).eps
@@ -46,7 +53,7 @@ def search_bricks(
     middle = (mesh.amin(0) + mesh.amax(0)) / 2
     corner, query = mesh[faces] - middle, query - middle
     discs = _discs(corner)
-    levels = _tree(query)
+    levels = _tree(query, SPARSE * float((mesh.amax(0) - mesh.amin(0)).amax()))
     lists = _Lists.everything(len(levels[-1].members), len(faces), query.device)
     for level in reversed(levels[1:]):
         lists = _cull(discs, level, lists)
@@ -140,20 +147,24 @@ def _discs(corner: Tensor) -> Tensor:
     weight = opposite * (opposite.sum(1, keepdim=True) - 2 * opposite)
     # An obtuse corner (weight ≤ 0) leaves the longest side as the diameter.
     obtuse = (weight <= 0).any(1, keepdim=True)
-    half = (1 - torch.nn.functional.one_hot(opposite.argmax(1), 3)) / 2
+    half = (1 - nn.functional.one_hot(opposite.argmax(1), 3)) / 2
     weight = torch.where(obtuse, half.to(corner.dtype), weight)
     centre = (corner * (weight / weight.sum(1, keepdim=True))[..., None]).sum(1)
     radius = (corner - centre[:, None]).norm(dim=-1).amax(1)
-    normal = torch.nn.functional.normalize(torch.linalg.cross(b - a, c - a), dim=-1, eps=1e-300)
+    normal = nn.functional.normalize(torch.linalg.cross(b - a, c - a), dim=-1, eps=1e-300)
     return torch.cat([centre, radius[:, None], normal, torch.zeros_like(centre[:, :1])], 1).float()
 
 
-def _tree(query: Tensor) -> list[_Level]:
-    """Levels from the finest (children: points) to the coarsest (at most `ROOTS` bricks)."""
+def _tree(query: Tensor, sparse: float) -> list[_Level]:
+    """Levels from the finest (children: points) to the coarsest (at most `ROOTS` bricks).
+
+    One level for few points, and for points whose spacing exceeds `sparse` metres.
+    """
     low, extent = query.amin(0), query.amax(0) - query.amin(0)
     side = float(extent.max()) / len(query) ** (1 / 3) or 1.0
     for _ in range(20):  # the spacing of a full lattice is the fixed point
         side = float((extent + side).prod() / len(query)) ** (1 / 3)
+    flat = len(query) <= FEW or side > sparse
     side = max(side, float(extent.max()) * 2.0**-19, 1e-12)
     cell = ((query - low) / side + 0.5).long()
     key = _spread(cell[:, 0]) | (_spread(cell[:, 1]) << 1) | (_spread(cell[:, 2]) << 2)
@@ -161,8 +172,8 @@ def _tree(query: Tensor) -> list[_Level]:
     number = torch.arange(len(query), device=query.device)
     nodes = _Nodes(query[order], query[order], number, number + 1, order)
     levels: list[_Level] = []
-    while not levels or len(levels[-1].members) > ROOTS:
-        members, key = _group(key >> 3)
+    while not levels or not (flat or len(levels[-1].members) <= ROOTS):
+        members, key = (_rows(number), key) if flat else _group(key >> 3)
         filled = torch.where(members >= 0, members, members[:, :1])
         bricks = _Nodes(
             nodes.low[filled].amin(1),
@@ -174,6 +185,11 @@ def _tree(query: Tensor) -> list[_Level]:
         levels.append(_Level(members, nodes, bricks.centre))
         nodes = bricks
     return levels
+
+
+def _rows(number: Tensor) -> Tensor:
+    """(n, ROW) of the sorted points in turn, -1 where the last row has fewer."""
+    return nn.functional.pad(number, (0, -len(number) % ROW), value=-1).unflatten(0, (-1, ROW))
 
 
 def _group(key: Tensor) -> tuple[Tensor, Tensor]:

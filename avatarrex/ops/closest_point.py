@@ -48,8 +48,11 @@ def closest_point(
     points: Float[Tensor, "p 3"],
     bound: tuple[float, float] | None = None,
     impl: Impl = "auto",
+    normals: Pseudonormals | None = None,
 ) -> ClosestPoint:
     """Exact signed distance of `points` to the mesh; differentiable in points and vertices.
+
+    `normals` are the mesh's own (float64), where they are known: several searches in one mesh share them.
 
     With `bound` = (low, high), low < 0 < high, values beyond it saturate and their search is skipped.
     `reference` is brute force in float64, `torch` culls bricks of points (same result), `igl` calls libigl.
@@ -60,7 +63,7 @@ def closest_point(
         mesh, query = vertices.detach().double(), points.detach().double()
         if not (torch.isfinite(mesh).all() and torch.isfinite(query).all()):
             raise InputError("closest_point", "vertices, points", "finite numbers", "NaN or Inf")
-        normals = pseudonormals(mesh, faces)
+        normals = pseudonormals(mesh, faces) if normals is None else normals
         if impl == "igl":
             face, barycentric, skipped = _search_igl(mesh, faces, query)
         elif impl == "reference":

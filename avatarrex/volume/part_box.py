@@ -79,10 +79,12 @@ def hand_box(
     `everywhere`: at every voxel, not only around the surface.
     """
     lattice = _lattice(*part_bounds(vertices, field.blend_weight, HAND_MARGIN), COARSEST * voxel)
+    surface = field.surface(vertices)
 
     def evaluate(lattice: Lattice, index: np.ndarray) -> np.ndarray:
         with torch.no_grad():
-            query = field.sdf(vertices, torch.as_tensor(lattice.position(index), dtype=torch.float32), BOUND)
+            position = torch.as_tensor(lattice.position(index), dtype=torch.float32)
+            query = field.sdf(vertices, position, BOUND, surface=surface)
         counters.add("hand_distances", len(index))
         return torch.stack([query.sdf.clamp(-CLAMP, CLAMP), field.omega(query)], -1).numpy()
 

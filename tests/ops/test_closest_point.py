@@ -6,6 +6,7 @@ import torch
 import trimesh
 from torch.nn.functional import normalize
 
+import avatarrex.ops.closest_bricks as closest_bricks
 from avatarrex.errors import InputError
 from avatarrex.ops.closest_point import available, closest_point
 from avatarrex.ops.pseudonormal import pseudonormals, winding_number
@@ -119,6 +120,31 @@ def test_interpolated_normal_fails_where_the_pseudonormal_does_not() -> None:
     surface = (vertices[corner] * found.barycentric[..., None]).sum(1)
     mutant = ((point - surface) * normal).sum(-1) < 0
     assert (mutant != truth).sum() > 50
+
+
+@pytest.mark.parametrize("bound", [None, (-0.01, 0.02)])
+@pytest.mark.parametrize("half", [0.06, 1.0])
+@pytest.mark.parametrize("few", [0, 10_000])
+def test_tree_and_rows_find_the_same(few: int, half: float, bound: tuple[float, float] | None, monkeypatch) -> None:
+    """However dense the points, whichever way they are searched."""
+    monkeypatch.setattr(closest_bricks, "FEW", few)
+    monkeypatch.setattr(closest_bricks, "SPARSE", 1e9)
+    vertices, faces = sliver_sphere()
+    point = cloud(1500, half)
+    levels = closest_bricks._tree(point, 1e9)
+    assert (len(levels) == 1) == (few > 0)
+    assert sorted(levels[0].members[levels[0].members >= 0].tolist()) == list(range(1500))
+    found = closest_point(vertices, faces, point, bound)
+    want = closest_point(vertices, faces, point, bound, impl="reference").sdf
+    torch.testing.assert_close(found.sdf, want, atol=1e-12, rtol=0)
+
+
+def test_normals_that_are_known_are_not_made_again(monkeypatch) -> None:
+    vertices, faces = sliver_sphere()
+    known, point = pseudonormals(vertices, faces), cloud(600, 0.1)
+    want = closest_point(vertices, faces, point).sdf
+    monkeypatch.setattr("avatarrex.ops.closest_point.pseudonormals", None)
+    assert closest_point(vertices, faces, point, normals=known).sdf.equal(want)
 
 
 @pytest.mark.parametrize("impl", [impl for impl in IMPLS if impl != "reference"])
