@@ -42,7 +42,7 @@ class Paint:
     planes: Tensor | None = None
     """Colour tri-planes of this expression."""
     hands: dict[str, HandSurface] = field(default_factory=dict)
-    """Posed hands, prepared for look-ups."""
+    """Posed hands, prepared for look-ups; what is missing is added."""
     sparse: bool = False
     """Of few points: the patches of the nodes that they hear alone are decoded, and not kept."""
 

@@ -18,7 +18,6 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.fields.hand import HandSurface
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.pointmap.pointmap import PointMap
 from avatarrex.shading.paint import Paint
@@ -43,8 +42,6 @@ class Shading:
     """Feature patches of this body pose, as far as pixels asked for them."""
     planes: Tensor | None
     """Colour tri-planes of this expression, once decoded."""
-    hands: dict[str, HandSurface]
-    """Posed hands prepared for look-ups, of those that were seen."""
     posed: PosedPerson
     volume: AvatarVolume
     view: Camera
@@ -64,13 +61,11 @@ def shade(
     """Colour the covered pixels; `view` is the camera in the root frame. `detail_from`: see `RenderSettings`."""
     if previous and previous.pointmap is pointmap and previous.volume is volume:
         return previous
-    paint = Paint(avatar, posed, volume.body_frame, volume.views, counters)
+    paint = Paint(avatar, posed, volume.body_frame, volume.views, counters, hands=volume.hands)
     if previous and previous.volume.body_frame is volume.body_frame:
         paint.patches = previous.patches
     if previous and previous.volume.views is volume.views:
         paint.planes = previous.planes
-    if previous:
-        paint.hands = {k: hand for k, hand in previous.hands.items() if previous.posed.parts[k] is posed.parts[k]}
     if detail_from is not None and paint.patches is None:
         paint.patches = _patches_of(avatar, detail_from)
     covered, image = pointmap.coverage > 0, torch.zeros(*pointmap.coverage.shape, 4)
@@ -88,7 +83,7 @@ def shade(
         colour = paint.colour(position, direction, pointmap.part_weight[covered])
     coverage = pointmap.coverage[covered][:, None]
     image[covered] = torch.cat([colour.clamp(0, 1) * coverage, coverage], -1)
-    return Shading(image, pointmap, paint.patches, paint.planes, paint.hands, posed, volume, view)
+    return Shading(image, pointmap, paint.patches, paint.planes, posed, volume, view)
 
 
 def _unchanged(previous: Shading, posed: PosedPerson, volume: AvatarVolume, pointmap: PointMap) -> Bool[Tensor, "h w"]:

@@ -7,7 +7,7 @@ that is resumed there places its samples as it would have without the interrupti
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -17,7 +17,6 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.capture import Rig
 from avatarrex.counters import Counters
-from avatarrex.fields.hand import HandSurface
 from avatarrex.pipeline import RenderSettings
 from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import PosedPerson, pose_person
@@ -44,8 +43,6 @@ class TrainingFrame:
     """Of the fields that the volume was made from."""
     planes: dict[str, Tensor]
     """Tri-planes of a face that is not trained, by network."""
-    hands: dict[str, HandSurface] = field(default_factory=dict)
-    """Prepared for look-ups of their colour where one was asked for; they follow the pose alone."""
 
     def camera(self, camera: Camera) -> Camera:
         """A camera of the rig in this frame's root frame."""

@@ -70,7 +70,7 @@ class PatchPass:
         position = pointmap.position[seen].to(self.parameters()[0])
         direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre).to(position), dim=-1)
         volume = frame.volume
-        planes, hands = frame.planes.get("colour"), frame.hands
+        planes, hands = frame.planes.get("colour"), volume.hands
         paint = Paint(
             self.avatar,
             frame.posed,

@@ -26,11 +26,11 @@ from tqdm import tqdm
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
+from avatarrex.fields.orthographic import render_views
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.library import POSES, named_pose
 from avatarrex.signals.limits import random_signals
 from avatarrex.signals.signals import Signals
-from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
 from avatarrex.training.losses import distance_loss
@@ -45,9 +45,13 @@ HALF_POSES, FULL_POSES, MIXTURES, COLOUR_MIXTURES = 70, 20, 40, 120
 """Random body poses at half and at full joint limits beside the named ones; mixed expressions beside every single one,
 for geometry and for colour."""
 COLOUR_POINTS, COLOUR_BATCH = 20_000, 6000
-"""On the mesh of each expression, as many on every triangle (eyes, lips and teeth have small ones); drawn in a step."""
-COLOUR_SPREAD = 0.001
-"""Metres off the mesh, standard deviation."""
+"""Of each expression; drawn in a step."""
+COLOUR_MARGIN, COLOUR_DEPTH = 0.01, 0.003
+"""Metres about the face that are coloured, and along a view's axis off the mesh, either way."""
+VIEW_SHARE = (1.0, 0.3, 0.3)
+"""Of points, by view: eyes and mouth are seen from the front."""
+MARKED, MARKED_SHARE = 0.1, 6.0
+"""Colours that differ so much from the skin (eyes, brows, lips, teeth) are taken so many times as often."""
 
 
 def body_poses(rng: np.random.Generator) -> list[Signals]:
@@ -78,26 +82,37 @@ def expressions(rng: np.random.Generator, mixtures: int) -> list[Signals]:
 def albedo_supervision(
     avatar: Avatar, faces: list[Signals], rng: np.random.Generator
 ) -> tuple[list[nn.Parameter], Draw]:
-    """Parameters of the face's colour networks, and what draws a step: colours beside the template's albedo."""
+    """Parameters of the face's colour networks, and what draws a step: colours about the mesh beside what its views show.
+
+    A point is taken where a view shows the mesh, and moved along that view's axis: the surface that is learnt from
+    pictures lies a little before the eyeballs or behind the lids, and is to have the colours that are seen there.
+    """
     field, template = avatar.face, avatar.person.face
-    worn = torch.nonzero((template.blend_weight > 0)[template.faces].all(1))[:, 0]
+    near = template.v_template[template.blend_weight > 0].float()
+    low, high = near.amin(0) - COLOUR_MARGIN, near.amax(0) + COLOUR_MARGIN
+    axes = torch.tensor(((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)))  # of VIEWS, towards who looks
     bank = []
     for signals in tqdm(faces, desc="face_colour: expressions"):
         posed = pose_person(avatar.person, signals, Counters(), None)
         mesh = posed.parts["face"]
-        corners = template.faces[worn[torch.from_numpy(rng.integers(len(worn), size=COLOUR_POINTS))]]
-        share = torch.from_numpy(rng.dirichlet(np.ones(3), COLOUR_POINTS)).to(mesh)[..., None]
-        place, albedo = (mesh[corners] * share).sum(1), (template.albedo[corners] * share.double()).sum(1).float()
-        normal = (vertex_normals(mesh, template.faces)[corners] * share).sum(1)
-        place = place + COLOUR_SPREAD * torch.from_numpy(rng.normal(size=(COLOUR_POINTS, 1))).to(mesh) * normal
-        bank.append((field.driven(mesh, posed.face_coefficients), place, normal, albedo))
+        views = field.views(mesh)
+        place = render_views(mesh, template.faces, mesh, field.box)[:, :3].permute(0, 2, 3, 1)
+        here = (views[:, 6] > 0.5) & ((place > low) & (place < high)).all(-1)
+        albedo = views[:, :3].permute(0, 2, 3, 1)
+        view = torch.nonzero(here)[:, 0]
+        marked = (albedo[here] - albedo[here].median(0).values).abs().amax(-1) > MARKED
+        chance = torch.tensor(VIEW_SHARE).double()[view] * torch.where(marked, MARKED_SHARE, 1.0)
+        rows = torch.from_numpy(rng.choice(len(view), COLOUR_POINTS, p=(chance / chance.sum()).numpy()))
+        driven = field.driven(mesh, posed.face_coefficients)
+        bank.append((driven, place[here][rows], axes[view[rows]], albedo[here][rows]))
 
     def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-        views, place, normal, albedo = bank[rng.integers(len(bank))]
+        driven, place, axis, albedo = bank[rng.integers(len(bank))]
         rows = torch.from_numpy(rng.integers(COLOUR_POINTS, size=COLOUR_BATCH))
-        noise = torch.from_numpy(rng.normal(size=(COLOUR_BATCH, 3))).to(place)
-        gaze = nn.functional.normalize(0.5 * noise - normal[rows], dim=-1)
-        return field.colour(field.colour_planes(views), place[rows], gaze), albedo[rows]
+        aside, noise = rng.uniform(-COLOUR_DEPTH, COLOUR_DEPTH, (COLOUR_BATCH, 1)), rng.normal(size=(COLOUR_BATCH, 3))
+        gaze = nn.functional.normalize(0.5 * torch.from_numpy(noise).to(place) - axis[rows], dim=-1)
+        position = place[rows] + torch.from_numpy(aside).to(place) * axis[rows]
+        return field.colour(field.colour_planes(driven), position, gaze), albedo[rows]
 
     return list(field.colour_net.parameters()), draw
 

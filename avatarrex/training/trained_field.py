@@ -86,7 +86,7 @@ class TrainedBody:
             self.frame.volume.views,
             Counters(),
             planes=self.frame.planes.get("colour"),
-            hands=self.frame.hands,
+            hands=self.frame.volume.hands,
             sparse=True,
         )
 

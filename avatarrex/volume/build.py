@@ -12,6 +12,7 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
+from avatarrex.fields.hand import HandSurface
 from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import PART_JOINT, PosedPerson
 from avatarrex.volume.body_grid import build_body_grid, refined
@@ -43,6 +44,11 @@ class AvatarVolume:
     """Where the body differs from that of the frame before, some of whose state it kept; None: it is exact."""
     keys: dict[str, object]
     notes: tuple[str, ...] = ()
+
+    @property
+    def hands(self) -> dict[str, HandSurface]:
+        """The posed hands that were built, prepared for look-ups."""
+        return {name: part.surface for name, part in self.parts.items() if part.surface is not None}
 
     def follows(self, other: AvatarVolume) -> bool:
         """Whether `changed` tells how the body differs from that of `other`."""

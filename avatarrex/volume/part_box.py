@@ -19,7 +19,7 @@ from torch import Tensor
 
 from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
-from avatarrex.fields.hand import HandField
+from avatarrex.fields.hand import HandField, HandSurface
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.volume.narrow import between, halved, settle
 from avatarrex.volume.probe import VertexProbe
@@ -51,6 +51,8 @@ class PartField:
     voxel: float
     field: Float16[Tensor, "z y x 2"]
     """Signed distance clamped to ±5.1 cm, and ω; half precision errs by 2e-6 m within 4 mm, by 2e-5 m at the clamp."""
+    surface: HandSurface | None = None
+    """Of a hand: its posed mesh, prepared for look-ups."""
 
     def corners(self) -> np.ndarray:
         """(8, 3) part-frame corners of the outermost voxel centres."""
@@ -91,7 +93,7 @@ def hand_box(
     values = evaluate(lattice, np.arange(np.prod(lattice.shape))).reshape(*lattice.shape, 2)
     for _ in range(2):
         lattice, values = _refine(lattice, values, evaluate, None, everywhere)
-    return PartField(name, lattice.origin, lattice.voxel, torch.from_numpy(values).half())
+    return PartField(name, lattice.origin, lattice.voxel, torch.from_numpy(values).half(), surface)
 
 
 def face_box(
