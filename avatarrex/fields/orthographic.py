@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.fields.orthographic_gl import draw_views
@@ -21,12 +21,12 @@ from avatarrex.templates.mesh import vertex_normals
 VIEWS = ("front", "left", "right")
 SIZE = 256
 CHANNELS = 7
-# Rows: image right, image up, towards the camera. The left view looks at the person's left side from +X.
-_AXES = (
+AXES = (
     ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
     ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
 )
+"""Of each view: image right, image up, towards the camera. The left view looks at the person's left side from +X."""
 Impl = Literal["auto", "gl", "reference"]
 
 
@@ -50,7 +50,7 @@ class HeadBox:
 
 def project(position: Float[Tensor, "p 3"]) -> Float[Tensor, "3 p 2"]:
     """Π_v: normalised points to image coordinates in [−1, 1] of each view, x right and y down."""
-    axes = position.new_tensor(_AXES)
+    axes = position.new_tensor(AXES)
     return torch.stack([position @ axes[:, 0].T, -(position @ axes[:, 1].T)], -1).transpose(0, 1)
 
 
@@ -71,14 +71,28 @@ def render_views(
         place = box.normalise(vertices).float()
         normal = vertex_normals(vertices, faces).float()
         if impl == "gl" or (impl == "auto" and gl_unavailable() is None):
-            return draw_views(place, albedo, normal, faces, place.new_tensor(_AXES), size)
+            return draw_views(place, albedo, normal, faces, place.new_tensor(AXES), size)
         values = torch.cat([albedo.float(), normal], -1)
         return torch.stack([_rasterise(xy, depth, faces, values, size) for xy, depth in _views(place)])
 
 
+def seen(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], box: HeadBox, depth: float) -> Bool[Tensor, " v"]:
+    """Vertices (head frame) that face one of the views and that nothing hides from it by more than `depth` metres."""
+    place, normal = box.normalise(vertices).float(), vertex_normals(vertices, faces).float()
+    shown = render_views(vertices, faces, place, box)
+    found = torch.zeros(len(vertices), dtype=torch.bool)
+    for image, xy, towards in zip(shown, project(place), place.new_tensor(AXES)[:, 2]):
+        column, row = ((xy + 1) * (image.shape[-1] / 2)).long().clamp(0, image.shape[-1] - 1).unbind(-1)
+        before = (image[:3, row, column].T - place) @ towards
+        found |= (
+            (xy.abs() < 1).all(-1) & (image[6, row, column] > 0) & (before < depth / box.half) & (normal @ towards > 0)
+        )
+    return found
+
+
 def _views(place: Tensor) -> list[tuple[Tensor, Tensor]]:
     """Image coordinates and depth towards the camera of the vertices in each view."""
-    towards = place.new_tensor(_AXES)[:, 2]
+    towards = place.new_tensor(AXES)[:, 2]
     return list(zip(project(place), (place @ towards.T).T))
 
 

@@ -26,7 +26,7 @@ from tqdm import tqdm
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
-from avatarrex.fields.orthographic import render_views
+from avatarrex.fields.orthographic import AXES, render_views
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.library import POSES, named_pose
 from avatarrex.signals.limits import random_signals
@@ -90,7 +90,7 @@ def albedo_supervision(
     field, template = avatar.face, avatar.person.face
     near = template.v_template[template.blend_weight > 0].float()
     low, high = near.amin(0) - COLOUR_MARGIN, near.amax(0) + COLOUR_MARGIN
-    axes = torch.tensor(((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)))  # of VIEWS, towards who looks
+    axes = torch.tensor(AXES)[:, 2]
     bank = []
     for signals in tqdm(faces, desc="face_colour: expressions"):
         posed = pose_person(avatar.person, signals, Counters(), None)

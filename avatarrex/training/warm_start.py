@@ -19,6 +19,10 @@ from tqdm import tqdm
 
 from avatarrex.avatar import DATA, Avatar
 from avatarrex.counters import Counters
+from avatarrex.fields.face import FaceField
+from avatarrex.fields.orthographic import seen
+from avatarrex.ops.closest_point import closest_point
+from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.mesh import vertex_normals
@@ -32,6 +36,10 @@ POINTS = 12_000
 BATCH = 2500
 SPREAD = ((0.004, 0.35), (0.015, 0.35), (0.05, 0.3))
 """Standard deviation of the points off the surface, metres, and the share of each."""
+LOOKS = ((0.0, 0.0, 0.0), (0.0, 0.7, 0.0), (0.0, -0.7, 0.0), (0.7, 0.0, 0.0), (-0.7, 0.0, 0.0))
+"""Rotvecs by which a head is turned to see which of its vertices show: yaw and pitch of 40 degrees."""
+HIDDEN = 0.0015
+"""Metres behind what a view shows that count as hidden."""
 RATE = 2e-3
 KNOWN_RATE = 5e-4
 """Where the prior has been loaded: only the person's own shape is left to find."""
@@ -63,6 +71,21 @@ def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, 
     probe = VertexProbe.of(mesh, vertex_normals(vertices, faces).double().numpy(), nothing, nothing)
     guess = probe.query(position).guess
     return Distances(torch.as_tensor(position, dtype=torch.float32), torch.as_tensor(guess, dtype=torch.float32))
+
+
+def distances_before(field: FaceField, mesh: Tensor, near: Tensor, rng: np.random.Generator) -> Distances:
+    """Points around the vertices `near` (v,) of a posed face mesh that can be seen, with the distance to what can be seen.
+
+    What lids and lips hide (the back of the eyeballs, the mouth's cavity) is no surface: it would make bubbles.
+    """
+    shown, centre = torch.zeros(len(mesh), dtype=torch.bool), field.box_centre
+    for turn in matrix_from_rotvec(torch.tensor(LOOKS)):
+        shown |= seen((mesh - centre) @ turn.T + centre, field.faces, field.box, HIDDEN)
+    chosen = mesh[near & shown][torch.from_numpy(rng.integers(int((near & shown).sum()), size=POINTS))]
+    sigma = rng.choice([width for width, _ in SPREAD], POINTS, p=[share for _, share in SPREAD])
+    position = chosen + torch.from_numpy(rng.normal(size=(POINTS, 3)) * sigma[:, None]).to(mesh)
+    faces = field.faces[shown[field.faces].any(1)]
+    return Distances(position, closest_point(mesh, faces, position).sdf)
 
 
 def module_of(part: str) -> str:
@@ -133,9 +156,8 @@ def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -
     bank = []
     for posed in frames:
         mesh = posed.parts["face"]
-        near = template.blend_weight > 0
         driven = field.driven(mesh, posed.face_coefficients)
-        bank.append((driven, distances_around(mesh, template.faces, near, POINTS, rng)))
+        bank.append((driven, distances_before(field, mesh, template.blend_weight > 0, rng)))
 
     def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         views, data = bank[rng.integers(len(bank))]
