@@ -76,18 +76,27 @@ def render_views(
         return torch.stack([_rasterise(xy, depth, faces, values, size) for xy, depth in _views(place)])
 
 
-def seen(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], box: HeadBox, depth: float) -> Bool[Tensor, " v"]:
-    """Vertices (head frame) that face one of the views and that nothing hides from it by more than `depth` metres."""
-    place, normal = box.normalise(vertices).float(), vertex_normals(vertices, faces).float()
-    shown = render_views(vertices, faces, place, box)
-    found = torch.zeros(len(vertices), dtype=torch.bool)
+def before(
+    points: Float[Tensor, "p 3"], vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], box: HeadBox
+) -> Float[Tensor, "3 p"]:
+    """Metres by which what each view shows lies before points (head frame), to a texel's slope; −∞ where it shows nothing
+    there, ∞ where it does not reach."""
+    place = box.normalise(points).float()
+    shown = render_views(vertices, faces, box.normalise(vertices).float(), box)
+    found = []
     for image, xy, towards in zip(shown, project(place), place.new_tensor(AXES)[:, 2]):
         column, row = ((xy + 1) * (image.shape[-1] / 2)).long().clamp(0, image.shape[-1] - 1).unbind(-1)
-        before = (image[:3, row, column].T - place) @ towards
-        found |= (
-            (xy.abs() < 1).all(-1) & (image[6, row, column] > 0) & (before < depth / box.half) & (normal @ towards > 0)
-        )
-    return found
+        gap = box.half * ((image[:3, row, column].T - place) @ towards)
+        gap = torch.where(image[6, row, column] > 0, gap, -torch.inf)
+        found.append(torch.where((xy.abs() < 1).all(-1), gap, torch.inf))
+    return torch.stack(found)
+
+
+def seen(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], box: HeadBox, depth: float) -> Bool[Tensor, " v"]:
+    """Vertices (head frame) that face one of the views and that nothing hides from it by more than `depth` metres."""
+    normal = vertex_normals(vertices, faces).float()
+    facing = (normal @ normal.new_tensor(AXES)[:, 2].T).T > 0
+    return (facing & (before(vertices, vertices, faces, box) < depth)).any(0)
 
 
 def _views(place: Tensor) -> list[tuple[Tensor, Tensor]]:

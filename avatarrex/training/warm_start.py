@@ -20,7 +20,7 @@ from tqdm import tqdm
 from avatarrex.avatar import DATA, Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
-from avatarrex.fields.orthographic import seen
+from avatarrex.fields.orthographic import before, seen
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.sequence import SignalSequence
@@ -38,8 +38,8 @@ SPREAD = ((0.004, 0.35), (0.015, 0.35), (0.05, 0.3))
 """Standard deviation of the points off the surface, metres, and the share of each."""
 LOOKS = ((0.0, 0.0, 0.0), (0.0, 0.7, 0.0), (0.0, -0.7, 0.0), (0.7, 0.0, 0.0), (-0.7, 0.0, 0.0))
 """Rotvecs by which a head is turned to see which of its vertices show: yaw and pitch of 40 degrees."""
-HIDDEN = 0.0015
-"""Metres behind what a view shows that count as hidden."""
+HIDDEN, BESIDE = 0.0015, 0.003
+"""Metres behind what a view shows that count as hidden; and about a triangle in which it tells the side."""
 RATE = 2e-3
 KNOWN_RATE = 5e-4
 """Where the prior has been loaded: only the person's own shape is left to find."""
@@ -76,16 +76,19 @@ def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, 
 def distances_before(field: FaceField, mesh: Tensor, near: Tensor, rng: np.random.Generator) -> Distances:
     """Points around the vertices `near` (v,) of a posed face mesh that can be seen, with the distance to what can be seen.
 
-    What lids and lips hide (the back of the eyeballs, the mouth's cavity) is no surface: it would make bubbles.
+    What lids and lips hide (the back of the eyeballs, the mouth's cavity) is no surface: it would make bubbles. Inside is
+    what is hidden from every look; beside the surface, where views are too coarse, what lies behind the nearest triangle.
     """
-    shown, centre = torch.zeros(len(mesh), dtype=torch.bool), field.box_centre
-    for turn in matrix_from_rotvec(torch.tensor(LOOKS)):
-        shown |= seen((mesh - centre) @ turn.T + centre, field.faces, field.box, HIDDEN)
+    centre, faces, box = field.box_centre, field.faces, field.box
+    turns = [turn.T for turn in matrix_from_rotvec(torch.tensor(LOOKS))]
+    shown = torch.stack([seen((mesh - centre) @ turn + centre, faces, box, HIDDEN) for turn in turns]).any(0)
     chosen = mesh[near & shown][torch.from_numpy(rng.integers(int((near & shown).sum()), size=POINTS))]
     sigma = rng.choice([width for width, _ in SPREAD], POINTS, p=[share for _, share in SPREAD])
     position = chosen + torch.from_numpy(rng.normal(size=(POINTS, 3)) * sigma[:, None]).to(mesh)
-    faces = field.faces[shown[field.faces].any(1)]
-    return Distances(position, closest_point(mesh, faces, position).sdf)
+    sdf = closest_point(mesh, faces[shown[faces].all(1)], position).sdf
+    looks = [before((position - centre) @ turn + centre, (mesh - centre) @ turn + centre, faces, box) for turn in turns]
+    outside = (torch.cat(looks) < 0).any(0)
+    return Distances(position, torch.where(sdf.abs() < BESIDE, sdf, sdf.abs() * torch.where(outside, 1, -1)))
 
 
 def module_of(part: str) -> str:

@@ -9,10 +9,11 @@ import torch
 import avatarrex.training.prior as prior
 from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
+from avatarrex.fields.orthographic import project, render_views
 from avatarrex.signals.limits import random_signals
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import load_person
-from avatarrex.training.warm_start import load_prior, supervision
+from avatarrex.training.warm_start import distances_before, load_prior, supervision
 
 MOST = {"body": 0.004, "face": 0.004}
 """Metres of mean error at points as far as 15 cm off; where training reads distances it is less."""
@@ -79,6 +80,23 @@ def test_parts_with_the_same_geometry_take_it_and_others_stay_as_they_are(preset
         assert load_prior(avatar, part) == (part in taken)
         after = module.state_dict()
         assert all(torch.equal(before[name], value) for name, value in after.items()) == (part not in taken)
+
+
+def test_the_face_learns_distances_to_what_is_seen_and_not_to_what_lids_hide():
+    """Points 3 mm before and behind what the front view shows have those distances, the eyes' middle included."""
+    person = load_person()
+    field, mesh = Avatar.create(person, "compact").face, person.face.v_template.float()
+    near = person.face.blend_weight > 0
+    data = distances_before(field, mesh, near, np.random.default_rng(0))
+    shown = render_views(mesh, person.face.faces, mesh, field.box)[0]
+    eye = mesh[person.face.model.weights[:, 2] > 0.9]
+    row, column = ((project(field.box.normalise(eye.mean(0)[None]))[0, 0].flip(0) + 1) * 128).long()
+    lens = shown[:3, row - 1 : row + 2, column - 1 : column + 2].reshape(3, -1).T
+    assert (lens[:, 2] > eye[:, 2].max() - 0.002).all(), "the front view shows the eyeball"
+    ball = (data.position - eye.mean(0)).norm(dim=-1) < 0.5 * (eye[:, 2].max() - eye[:, 2].mean())
+    assert ball.any()
+    assert (data.sdf[ball] < 0).all(), "an eyeball is inside, whatever its back looks at"
+    assert 0.2 < float((data.sdf < 0).float().mean()) < 0.6
 
 
 @pytest.mark.slow
