@@ -69,7 +69,7 @@ def _train_options(train: argparse.ArgumentParser) -> None:
     add("--held-out-frames", metavar="A:B:S", help="frames kept from training, instead of the capture's own")
     add("--held-out-views", metavar="NAMES", help="body cameras kept from training, instead of the capture's own")
     add("--start", metavar="AVATAR", help="an avatar to go on from (with --preset refine), in place of the template")
-    add("--mixed", action="store_true", help="colours in bfloat16 while training: for a device that has units for it")
+    add("--mixed", action="store_true", help="colours in bfloat16 while training: for a processor with units for it")
     for part in ("body", "face"):
         add(f"--{part}-views", metavar="NAMES", help=f"{part} cameras to train on alone")
 

@@ -45,7 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     parts = tuple(part for part in PARTS if part in (chosen or capture.rigs))
     trained = _open_run(arguments, capture, parts, seed)
     with trained:
-        trainer = Trainer(capture, _recipe(arguments), parts, trained, seed, start)
+        recipe = Recipe.from_json(trained.config["recipe"])  # a run that goes on keeps the one it began with
+        trainer = Trainer(capture, recipe, parts, trained, seed, start)
         print(trainer.perceptual.note)
         finished = trainer.train()
         trained.close("finished" if finished else "stopped")

@@ -62,7 +62,7 @@ def _steps(bench: Bench, path: Path) -> list[Metric]:
     parameters = work.parameters()
     for parameter in parameters:
         parameter.requires_grad_(True)
-    optimiser = torch.optim.Adam(parameters, lr=recipe.rate * recipe.geometry_rate)
+    optimiser = torch.optim.Adam(parameters, lr=recipe.rate * recipe.geometry_rate, fused=True)
     gamma = Gamma(extra=recipe.gamma_extra, steps=recipe.gamma_steps).at(SETTLED)
     samples: list[float] = []
     losses: list[float] = []

@@ -57,7 +57,10 @@ ARMS = {
         Arm("no-patches", "both passes, no feature patches", ("body",), variant="no-patches"),
         Arm("plain", "pass I alone, no feature patches (the paper's baseline)", ("body",), "no-patches", passes=1),
         Arm("no-perceptual", "both passes, squared error alone", two={"perceptual": 0.0}),
-        Arm("face-mlp", "both passes, an MLP on the face's coefficients in place of tri-planes", ("face",), "face-mlp"),
+        Arm(
+            "face-mlp", "both passes, an MLP on the face's coefficients in place of tri-planes; no prior", ("face",),
+            "face-mlp", one={"geometry_rate": 1.0, "still": 0, "warm_steps": 300},
+        ),
         Arm(
             "one-network", "pass I alone, geometry and colour in one local network, no patches", ("body",),
             "one-network", passes=1, one={"geometry_rate": 1.0},
@@ -116,5 +119,5 @@ def scaled(recipe: Recipe, part: str, factor: float) -> Recipe:
 
 def stretched(stage: Pass, factor: float) -> Pass:
     """A pass of `factor` times the steps; at least one, where it has any."""
-    names = [name for name in ("steps", "decay_steps", "gamma_steps") if getattr(stage, name, 0)]
+    names = [name for name in ("steps", "decay_steps", "gamma_steps", "still") if getattr(stage, name, 0)]
     return replace(stage, **{name: max(round(factor * getattr(stage, name)), 1) for name in names})

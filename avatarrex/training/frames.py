@@ -27,7 +27,7 @@ FINE = RenderSettings()
 COARSE = RenderSettings(voxel=0.02, part_voxel=0.005)
 """Enough to place samples; hands are asked for their distance at this resolution while the body is trained."""
 KEPT = 256
-"""Frames that stay posed: 8 MB each with their volume."""
+"""Frames that stay posed: 10 MB each with their volume and hands."""
 
 
 @dataclass

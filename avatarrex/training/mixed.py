@@ -1,7 +1,7 @@
 """Mixed precision: while gradients are wanted, the colour networks compute in bfloat16 (torch's autocast).
 
-Distances, positions and weights stay float32: a bfloat16 number has three digits, and a surface needs five. Wins where the
-device has bfloat16 units; a CPU without them is several times slower (docs/training.md).
+Distances, positions and weights stay float32: a bfloat16 number has three digits, and a surface needs five. Of use where the
+processor has units for bfloat16; without them a step takes longer (docs/training.md).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class _Cast:
 
     def enter(self, module: nn.Module, arguments: object) -> None:
         """Before the forward."""
-        self.entered.append(torch.is_grad_enabled())
+        self.entered.append(torch.is_grad_enabled() and any(p.requires_grad for p in module.parameters()))
         if self.entered[-1]:
             self.context.__enter__()
 

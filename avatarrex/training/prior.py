@@ -37,7 +37,7 @@ from avatarrex.training.losses import distance_loss
 from avatarrex.training.warm_start import PRIOR, Draw, known_state, module_of, supervision
 
 CHECKPOINT_SECONDS = 60
-MINUTES = {"body": 24.0, "face": 18.0, "face_colour": 30.0}
+MINUTES = {"body": 24.0, "face": 18.0, "face_colour": 22.0}
 """Of steps, on one core."""
 RATE, DECAY = 4e-3, 0.02
 """Learning rate at the start, and what is left of it at the end."""

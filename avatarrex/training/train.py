@@ -156,7 +156,7 @@ class Trainer:
             parameter.requires_grad_(True)
         optimiser = torch.optim.Adam(self._groups(stage.part, parameters), lr=stage.rate(step), fused=True)
         if state is not None:
-            optimiser.load_state_dict(state["optimiser"])
+            _load(optimiser, state["optimiser"])
             if isinstance(work, BodyPass):
                 work.frame_codes.data.copy_(state["frame_codes"])
         self.run.stage(stage.part, stage.name, stage.end)
@@ -311,6 +311,16 @@ class Trainer:
             f"{stage.part}, pass {stage.name}, step {step}: {bad or 'the total'} is not finite; the batch is described in"
             f" {path}; --resume goes on from the last checkpoint"
         )
+
+
+def _load(optimiser: torch.optim.Optimizer, saved: dict[str, Any]) -> None:
+    """The saved state in its parameters' own layout: checkpoints are contiguous, the U-Nets' weights channels-last, and
+    the fused step reads memory in order."""
+    optimiser.load_state_dict(saved)
+    for parameter, state in optimiser.state.items():
+        for name, value in state.items():
+            if torch.is_tensor(value) and value.shape == parameter.shape:
+                state[name] = torch.empty_like(parameter).copy_(value)
 
 
 @contextmanager

@@ -175,7 +175,7 @@ def _descend(
 ) -> float:
     for parameter in parameters:
         parameter.requires_grad_(True)
-    optimiser = torch.optim.Adam(parameters, lr=rate)
+    optimiser = torch.optim.Adam(parameters, lr=rate, fused=True)
     errors = []
     with tqdm(total=steps, desc=label) as bar:
         for step in range(steps):
