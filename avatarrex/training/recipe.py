@@ -109,7 +109,7 @@ QUICK = Recipe(
     "compact",
     face=(
         PassOne(
-            400, 1, 400, 5, 4e-3, 0.05, 400, 1, 60, gamma_extra=0.0, geometry_rate=0.04, still=250, silhouette=2.0,
+            400, 1, 400, 5, 1.5e-3, 0.05, 400, 1, 60, gamma_extra=0.0, geometry_rate=0.1, still=250, silhouette=2.0,
         ),
         PassTwo(1000, 128, 3e-3, 0.05, 1000),
     ),
@@ -128,7 +128,7 @@ LONG = Recipe(
     "compact",
     face=(
         PassOne(
-            600, 1, 400, 5, 4e-3, 0.03, 600, 1, 60, gamma_extra=0.0, geometry_rate=0.04, still=350, silhouette=2.0,
+            600, 1, 400, 5, 1.5e-3, 0.03, 600, 1, 60, gamma_extra=0.0, geometry_rate=0.1, still=350, silhouette=2.0,
         ),
         PassTwo(2500, 128, 3e-3, 0.02, 2500),
     ),
