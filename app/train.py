@@ -45,8 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     parts = tuple(part for part in PARTS if part in (chosen or capture.rigs))
     trained = _open_run(arguments, capture, parts, seed)
     with trained:
-        recipe = Recipe.from_json(trained.config["recipe"])  # a run that goes on keeps the one it began with
-        trainer = Trainer(capture, recipe, parts, trained, seed, start)
+        trainer = Trainer(capture, kept_recipe(trained, arguments), parts, trained, seed, start)
         print(trainer.perceptual.note)
         finished = trainer.train()
         trained.close("finished" if finished else "stopped")
@@ -74,19 +73,25 @@ def _same_body(start: Avatar, capture: Capture) -> Person:
     return start.person
 
 
-def _recipe(arguments: argparse.Namespace) -> Recipe:
-    return replace(RECIPES[arguments.preset], mixed=arguments.mixed)
+def kept_recipe(opened: Run, arguments: argparse.Namespace) -> Recipe:
+    """The one that the run began with, whatever the preset is by now."""
+    try:
+        recipe = Recipe.from_json(opened.config["recipe"])
+    except (KeyError, TypeError, IndexError) as error:
+        raise InputError(opened.path, "run.json: recipe", "a recipe of this version", repr(error)) from None
+    if arguments.mixed and not recipe.mixed:
+        raise InputError("--mixed", "", "as the run began, without", "--mixed")
+    return recipe
 
 
 def _open_run(arguments: argparse.Namespace, capture: Capture, parts: tuple[str, ...], seed: int) -> Run:
-    recipe = _recipe(arguments)
+    recipe = replace(RECIPES[arguments.preset], mixed=arguments.mixed)
     config = {
         "part": ",".join(parts),
         "preset": recipe.name,
         "capture": str(arguments.capture),
         "seed": seed,
         "start": arguments.start,
-        "mixed": arguments.mixed,
         "steps": {part: steps for part, steps in recipe.steps().items() if part in parts},
         "recipe": recipe.to_json(),
         "held_out": {
@@ -97,8 +102,8 @@ def _open_run(arguments: argparse.Namespace, capture: Capture, parts: tuple[str,
     if not arguments.resume:
         return Run.create(arguments.out, config)
     opened = Run.open(arguments.out)
-    for key in ("part", "preset", "seed", "start", "mixed", "held_out"):
-        if (opened.config.get(key) or None) != (config[key] or None):
+    for key in ("part", "preset", "seed", "start", "held_out"):
+        if opened.config.get(key) != config[key]:
             opened.close("stopped")
             raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as asked for", opened.config.get(key))
     return opened

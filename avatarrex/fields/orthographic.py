@@ -76,15 +76,16 @@ def render_views(
         return torch.stack([_rasterise(xy, depth, faces, values, size) for xy, depth in _views(place)])
 
 
-def before(
-    points: Float[Tensor, "p 3"], vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], box: HeadBox
-) -> Float[Tensor, "3 p"]:
+def render_places(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], box: HeadBox) -> Float[Tensor, "3 7 h w"]:
+    """The views with normalised places in the albedo's stead."""
+    return render_views(vertices, faces, box.normalise(vertices).float(), box)
+
+
+def before(points: Float[Tensor, "p 3"], places: Float[Tensor, "3 7 h w"], box: HeadBox) -> Float[Tensor, "3 p"]:
     """Metres by which what each view shows lies before points (head frame), to a texel's slope; −∞ where it shows nothing
-    there, ∞ where it does not reach."""
-    place = box.normalise(points).float()
-    shown = render_views(vertices, faces, box.normalise(vertices).float(), box)
-    found = []
-    for image, xy, towards in zip(shown, project(place), place.new_tensor(AXES)[:, 2]):
+    there, ∞ where it does not reach. `places`: of `render_places`."""
+    place, found = box.normalise(points).float(), []
+    for image, xy, towards in zip(places, project(place), place.new_tensor(AXES)[:, 2]):
         column, row = ((xy + 1) * (image.shape[-1] / 2)).long().clamp(0, image.shape[-1] - 1).unbind(-1)
         gap = box.half * ((image[:3, row, column].T - place) @ towards)
         gap = torch.where(image[6, row, column] > 0, gap, -torch.inf)
@@ -92,11 +93,17 @@ def before(
     return torch.stack(found)
 
 
-def seen(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], box: HeadBox, depth: float) -> Bool[Tensor, " v"]:
+def seen(
+    vertices: Float[Tensor, "v 3"],
+    faces: Int[Tensor, "f 3"],
+    places: Float[Tensor, "3 7 h w"],
+    box: HeadBox,
+    depth: float,
+) -> Bool[Tensor, " v"]:
     """Vertices (head frame) that face one of the views and that nothing hides from it by more than `depth` metres."""
     normal = vertex_normals(vertices, faces).float()
     facing = (normal @ normal.new_tensor(AXES)[:, 2].T).T > 0
-    return (facing & (before(vertices, vertices, faces, box) < depth)).any(0)
+    return (facing & (before(vertices, places, box) < depth)).any(0)
 
 
 def _views(place: Tensor) -> list[tuple[Tensor, Tensor]]:

@@ -170,7 +170,7 @@ def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int
     return error
 
 
-def package(out: Path, target: Path, preset: str = "compact", seed: int = 0) -> None:
+def package(out: Path, target: Path, preset: str = "compact") -> None:
     """Write what was fitted, in half precision. Raises `InputError` where a part was not fitted."""
     vertices = len(load_person().body.v_template)
     state: dict[str, Tensor] = {}

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from avatarrex.avatar import DATA, Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
-from avatarrex.fields.orthographic import before, seen
+from avatarrex.fields.orthographic import before, render_places, seen
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.sequence import SignalSequence
@@ -81,12 +81,14 @@ def distances_before(field: FaceField, mesh: Tensor, near: Tensor, rng: np.rando
     """
     centre, faces, box = field.box_centre, field.faces, field.box
     turns = [turn.T for turn in matrix_from_rotvec(torch.tensor(LOOKS))]
-    shown = torch.stack([seen((mesh - centre) @ turn + centre, faces, box, HIDDEN) for turn in turns]).any(0)
+    turned = [(mesh - centre) @ turn + centre for turn in turns]
+    places = [render_places(vertices, faces, box) for vertices in turned]
+    shown = torch.stack([seen(v, faces, image, box, HIDDEN) for v, image in zip(turned, places)]).any(0)
     chosen = mesh[near & shown][torch.from_numpy(rng.integers(int((near & shown).sum()), size=POINTS))]
     sigma = rng.choice([width for width, _ in SPREAD], POINTS, p=[share for _, share in SPREAD])
     position = chosen + torch.from_numpy(rng.normal(size=(POINTS, 3)) * sigma[:, None]).to(mesh)
     sdf = closest_point(mesh, faces[shown[faces].all(1)], position).sdf
-    looks = [before((position - centre) @ turn + centre, (mesh - centre) @ turn + centre, faces, box) for turn in turns]
+    looks = [before((position - centre) @ turn + centre, image, box) for turn, image in zip(turns, places)]
     outside = (torch.cat(looks) < 0).any(0)
     return Distances(position, torch.where(sdf.abs() < BESIDE, sdf, sdf.abs() * torch.where(outside, 1, -1)))
 

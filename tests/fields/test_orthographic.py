@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from avatarrex.fields.orthographic import CHANNELS, VIEWS, HeadBox, project, render_views, seen
+from avatarrex.fields.orthographic import CHANNELS, VIEWS, HeadBox, project, render_places, render_views, seen
 from avatarrex.gl.context import gl_unavailable
 from avatarrex.templates.face import pose_face
 from avatarrex.templates.person import load_person
@@ -132,7 +132,8 @@ def test_what_is_seen_faces_a_view_and_is_not_hidden() -> None:
     """Squares across the gaze, wound to the front: one, smaller ones half a millimetre and 20 cm behind it, one aside."""
     squares = [quad((0, 0, 0.5), 2), quad((0, 0, 0.4995), 2, 0.05), quad((0, 0, 0.3), 2, 0.05), quad((0.5, 0, 0.3), 2)]
     vertices, faces, _ = quads(*((square, RED) for square in squares))
-    found = seen(vertices, faces, UNIT, 0.001).reshape(4, 4)
+    found = seen(vertices, faces, render_places(vertices, faces, UNIT), UNIT, 0.001).reshape(4, 4)
     assert found.all(1).tolist() == [True, True, False, True]
     assert not found[2].any()
-    assert not seen(vertices, faces.flip(1), UNIT, 0.001).any(), "turned away"
+    away = faces.flip(1)
+    assert not seen(vertices, away, render_places(vertices, away, UNIT), UNIT, 0.001).any()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from avatarrex_studio.parser import parser
-from avatarrex_studio.train import held_out
+from avatarrex_studio.train import held_out, kept_recipe
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
 import avatarrex.training.train as train_module
@@ -275,3 +275,16 @@ def test_cameras_to_train_on_alone(capture):
     assert held_out(rig, asked("--face-views", "0")).held_out_views == rig.held_out_views
     with pytest.raises(InputError, match="--body-views: expected cameras 0 to 2"):
         held_out(rig, asked("--body-views", "c7"))
+
+
+def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
+    """Not the preset's of today; what is damaged, or asked for too late, is named."""
+    with Run.create(tmp_path / "run", {"recipe": TINY.to_json()}) as run:
+        assert kept_recipe(run, asked("--resume")) == TINY
+        with pytest.raises(InputError, match="--mixed: expected as the run began, without"):
+            kept_recipe(run, asked("--resume", "--mixed"))
+        run.config["recipe"]["mixed"] = True
+        assert kept_recipe(run, asked("--resume")).mixed
+        del run.config["recipe"]["body"]
+        with pytest.raises(InputError, match="recipe: expected a recipe of this version, found KeyError"):
+            kept_recipe(run, asked("--resume"))
