@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 from avatarrex_studio import options
 from avatarrex_studio.evaluate import views_of
@@ -14,7 +17,7 @@ from avatarrex.capture.surface_fit import fit_surface
 from avatarrex.errors import InputError
 from avatarrex.templates.person import Person
 from avatarrex.training.recipe import RECIPES, Recipe
-from avatarrex.training.run import Run
+from avatarrex.training.run import Run, read_about
 from avatarrex.training.train import PARTS, Trainer
 
 STOPPED = 130
@@ -45,7 +48,9 @@ def run(arguments: argparse.Namespace) -> int:
     parts = tuple(part for part in PARTS if part in (chosen or capture.rigs))
     trained = _open_run(arguments, capture, parts, seed)
     with trained:
-        trainer = Trainer(capture, kept_recipe(trained, arguments), parts, trained, seed, start)
+        trainer = Trainer(
+            capture, kept_recipe(trained.path, trained.config, arguments.mixed), parts, trained, seed, start
+        )
         print(trainer.perceptual.note)
         finished = trainer.train()
         trained.close("finished" if finished else "stopped")
@@ -73,13 +78,13 @@ def _same_body(start: Avatar, capture: Capture) -> Person:
     return start.person
 
 
-def kept_recipe(opened: Run, arguments: argparse.Namespace) -> Recipe:
-    """The one that the run began with, whatever the preset is by now."""
+def kept_recipe(path: Path, config: Mapping[str, Any], mixed: bool) -> Recipe:
+    """The one that the run began with, whatever the preset is by now. Raises `InputError`."""
     try:
-        recipe = Recipe.from_json(opened.config["recipe"])
+        recipe = Recipe.from_json(config["recipe"])
     except (KeyError, TypeError, IndexError) as error:
-        raise InputError(opened.path, "run.json: recipe", "a recipe of this version", repr(error)) from None
-    if arguments.mixed and not recipe.mixed:
+        raise InputError(path, "run.json: recipe", "a recipe of this version", repr(error)) from None
+    if mixed and not recipe.mixed:
         raise InputError("--mixed", "", "as the run began, without", "--mixed")
     return recipe
 
@@ -101,9 +106,9 @@ def _open_run(arguments: argparse.Namespace, capture: Capture, parts: tuple[str,
     }
     if not arguments.resume:
         return Run.create(arguments.out, config)
-    opened = Run.open(arguments.out)
+    begun = read_about(Path(arguments.out))["config"]  # what is wrong is said before the run is touched
     for key in ("part", "preset", "seed", "start", "held_out"):
-        if opened.config.get(key) != config[key]:
-            opened.close("stopped")
-            raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as asked for", opened.config.get(key))
-    return opened
+        if begun.get(key) != config[key]:
+            raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as asked for", begun.get(key))
+    kept_recipe(Path(arguments.out), begun, arguments.mixed)
+    return Run.open(arguments.out)

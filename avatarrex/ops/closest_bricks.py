@@ -28,8 +28,9 @@ ROOTS = 64
 """Bricks of the coarsest level, all tested against every triangle."""
 FEW = 500
 """Points that are not worth a tree."""
-SPARSE = 1 / 8
-"""Nor are points that lie farther apart than this share of the mesh's extent (2000 about a hand: half the time)."""
+SPARSE, MANY = 1 / 8, 5000
+"""Nor are points, up to so many, that lie farther apart than this share of the mesh's extent (2000 about a hand: half the
+time)."""
 ROW = 64
 """Points of one such test."""
 PAIRS = 1 << 16
@@ -39,11 +40,16 @@ MARGIN = 64 * torch.finfo(torch.float32).eps
 
 
 def search_bricks(
-    mesh: Tensor, faces: Tensor, query: Tensor, normals: Pseudonormals, reach: tuple[float, float] | None
+    mesh: Tensor,
+    faces: Tensor,
+    query: Tensor,
+    normals: Pseudonormals,
+    reach: tuple[float, float] | None,
+    culled: bool = False,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Closest face, barycentrics and `skipped` (±1: the side of a point beyond `reach` = (inside, outside), else 0).
 
-    All inputs float64. A skipped point carries the face and barycentrics of its brick's centre.
+    All inputs float64; `culled`: by a tree, however few the points. A skipped point carries the face and barycentrics of its brick's centre.
     """
     face = torch.zeros(len(query), dtype=torch.long, device=query.device)
     barycentric = torch.zeros_like(query)
@@ -53,7 +59,7 @@ def search_bricks(
     middle = (mesh.amin(0) + mesh.amax(0)) / 2
     corner, query = mesh[faces] - middle, query - middle
     discs = _discs(corner)
-    levels = _tree(query, SPARSE * float((mesh.amax(0) - mesh.amin(0)).amax()))
+    levels = _tree(query, None if culled else SPARSE * float((mesh.amax(0) - mesh.amin(0)).amax()))
     lists = _Lists.everything(len(levels[-1].members), len(faces), query.device)
     for level in reversed(levels[1:]):
         lists = _cull(discs, level, lists)
@@ -155,16 +161,16 @@ def _discs(corner: Tensor) -> Tensor:
     return torch.cat([centre, radius[:, None], normal, torch.zeros_like(centre[:, :1])], 1).float()
 
 
-def _tree(query: Tensor, sparse: float) -> list[_Level]:
+def _tree(query: Tensor, sparse: float | None) -> list[_Level]:
     """Levels from the finest (children: points) to the coarsest (at most `ROOTS` bricks).
 
-    One level for few points, and for points whose spacing exceeds `sparse` metres.
+    One level for few points, and for points whose spacing exceeds `sparse` metres, unless that is None.
     """
     low, extent = query.amin(0), query.amax(0) - query.amin(0)
     side = float(extent.max()) / len(query) ** (1 / 3) or 1.0
     for _ in range(20):  # the spacing of a full lattice is the fixed point
         side = float((extent + side).prod() / len(query)) ** (1 / 3)
-    flat = len(query) <= FEW or side > sparse
+    flat = sparse is not None and (len(query) <= FEW or (side > sparse and len(query) <= MANY))
     side = max(side, float(extent.max()) * 2.0**-19, 1e-12)
     cell = ((query - low) / side + 0.5).long()
     key = _spread(cell[:, 0]) | (_spread(cell[:, 1]) << 1) | (_spread(cell[:, 2]) << 2)

@@ -23,7 +23,7 @@ from avatarrex.ops.closest_bricks import search_bricks
 from avatarrex.ops.pseudonormal import Pseudonormals, pseudonormals, winding_number
 from avatarrex.ops.triangle import closest_on_triangle
 
-Impl = Literal["auto", "torch", "reference", "igl"]
+Impl = Literal["auto", "torch", "tree", "reference", "igl"]
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class ClosestPoint:
 
 def available() -> tuple[Impl, ...]:
     """The implementations that this machine can run."""
-    return ("torch", "reference", *(("igl",) if importlib.util.find_spec("igl") else ()))  # type: ignore[return-value]
+    return ("torch", "tree", "reference", *(("igl",) if importlib.util.find_spec("igl") else ()))  # type: ignore[return-value]
 
 
 def closest_point(
@@ -55,7 +55,8 @@ def closest_point(
     `normals` are the mesh's own (float64), where they are known: several searches in one mesh share them.
 
     With `bound` = (low, high), low < 0 < high, values beyond it saturate and their search is skipped.
-    `reference` is brute force in float64, `torch` culls bricks of points (same result), `igl` calls libigl.
+    `reference` is brute force in float64, `torch` culls bricks of points (same result) or, where points are few or sparse,
+    does not; `tree` always does. `igl` calls libigl.
     """
     if not len(faces):
         raise InputError("closest_point", "faces", "at least one triangle", 0)
@@ -70,7 +71,7 @@ def closest_point(
             face, barycentric, skipped = _search_reference(mesh, faces, query)
         else:
             reach = None if bound is None else (-bound[0], bound[1])
-            face, barycentric, skipped = search_bricks(mesh, faces, query, normals, reach)
+            face, barycentric, skipped = search_bricks(mesh, faces, query, normals, reach, culled=impl == "tree")
     found = signed(vertices, faces, points, face, barycentric, normals, skipped)
     if bound is None:
         return found

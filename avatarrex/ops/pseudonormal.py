@@ -8,7 +8,7 @@ number. Letters: p points, v vertices, f faces.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -32,6 +32,17 @@ class Pseudonormals:
     flat_vertex: Bool[Tensor, " v"]
     kept: Bool[Tensor, " f"]
     """False for the repeats of a triangle."""
+
+    def of(self, chosen: Bool[Tensor, " f"]) -> Pseudonormals:
+        """Of those faces alone, as they are in the whole mesh."""
+        return replace(
+            self,
+            face=self.face[chosen],
+            edge=self.edge[chosen],
+            flat_face=self.flat_face[chosen],
+            flat_edge=self.flat_edge[chosen],
+            kept=self.kept[chosen],
+        )
 
     def at(
         self, faces: Int[Tensor, "f 3"], face: Int[Tensor, " p"], barycentric: Float[Tensor, "p 3"]

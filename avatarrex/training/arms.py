@@ -31,6 +31,8 @@ class Arm:
     """Of which it can be asked."""
     variant: str = ""
     """Of the networks (fields/presets.py)."""
+    prior: bool = True
+    """Whether the packaged prior knows its networks (`compact`)."""
     passes: int = 2
     one: Mapping[str, Any] = field(default_factory=dict)
     """Fields of pass I."""
@@ -48,6 +50,12 @@ class Arm:
         return tuple(filter(None, (self.redraws, self.pace_of, self.time_of)))
 
 
+KNOWN_PRESET = "compact"
+"""Networks that have a packaged prior."""
+UNKNOWN = {"geometry_rate": 1.0, "still": 0, "rate": 4e-3}
+"""Pass I where the prior does not know the networks: geometry is found with the colours."""
+UNKNOWN_WARM = 5
+"""Times the warm start of those that it knows."""
 UNIFORM = {"sampling": "uniform", "samples": 64, "quadrature": "point"}
 ARMS = {
     arm.name: arm
@@ -59,11 +67,11 @@ ARMS = {
         Arm("no-perceptual", "both passes, squared error alone", two={"perceptual": 0.0}),
         Arm(
             "face-mlp", "both passes, an MLP on the face's coefficients in place of tri-planes; no prior", ("face",),
-            "face-mlp", one={"geometry_rate": 1.0, "still": 0, "warm_steps": 300},
+            "face-mlp", prior=False,
         ),
         Arm(
-            "one-network", "pass I alone, geometry and colour in one local network, no patches", ("body",),
-            "one-network", passes=1, one={"geometry_rate": 1.0},
+            "one-network", "pass I alone, geometry and colour in one local network, no patches; no prior", ("body",),
+            "one-network", prior=False, passes=1,
         ),
         Arm("volume-test-time", "full, drawn by volume rendering, 64 uniform samples", redraws="full"),
         Arm("uniform-64", "pass I alone on 64 uniform samples, as many steps", passes=1, one=UNIFORM),
@@ -104,6 +112,8 @@ def recipe_of(arm: Arm, base: Recipe, part: str) -> Recipe:
     """The base recipe with the arm's change."""
     one, two = getattr(base, part)
     one, two = replace(one, **arm.one), replace(two, **arm.two)
+    if not arm.prior and base.preset == KNOWN_PRESET:
+        one = replace(one, **UNKNOWN, warm_steps=UNKNOWN_WARM * one.warm_steps)
     if arm.passes == 1:
         one, two = stretched(one, (one.steps + two.steps) / one.steps), replace(two, steps=0)
     preset = f"{base.preset}/{arm.variant}" if arm.variant else base.preset

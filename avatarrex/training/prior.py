@@ -1,6 +1,6 @@
 """The prior: body and face geometry fitted to the bare default template, once, for all trainings to start from.
 
-    python -m avatarrex.training.prior OUT [--parts body face face_colour] [--minutes M] [--package]
+    python -m avatarrex.training.prior OUT [--parts body face face_colour] [--minutes M] [--on] [--package]
 
 Any person of the default template's topology starts pass I from a surface that is right to a millimetre or two under any
 pose, before it has seen a picture; what a capture adds are its shape and its clothes. The face's colour networks pass on
@@ -18,6 +18,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import safetensors
 import safetensors.torch
 import torch
 from torch import Tensor, nn
@@ -34,14 +35,14 @@ from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
 from avatarrex.training.losses import distance_loss
-from avatarrex.training.warm_start import PRIOR, Draw, known_state, module_of, supervision
+from avatarrex.training.warm_start import PRIOR, Draw, known_state, load_prior, module_of, supervision
 
 CHECKPOINT_SECONDS = 60
 MINUTES = {"body": 24.0, "face": 18.0, "face_colour": 22.0}
 """Of steps, on one core."""
-RATE, DECAY = 4e-3, 0.02
-"""Learning rate at the start, and what is left of it at the end."""
-HALF_POSES, FULL_POSES, MIXTURES, COLOUR_MIXTURES = 70, 20, 40, 120
+RATE, ON_RATE, DECAY = 4e-3, 2e-3, 0.02
+"""Learning rate at the start, from nothing and on from the packaged prior, and what is left of it at the end."""
+HALF_POSES, FULL_POSES, MIXTURES, COLOUR_MIXTURES = 70, 20, 200, 120
 """Random body poses at half and at full joint limits beside the named ones; mixed expressions beside every single one,
 for geometry and for colour."""
 COLOUR_POINTS, COLOUR_BATCH = 20_000, 6000
@@ -117,12 +118,13 @@ def albedo_supervision(
     return list(field.colour_net.parameters()), draw
 
 
-def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int = 0) -> float:
+def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int = 0, on: bool = False) -> float:
     """Fit one of `MINUTES` for `minutes` in all (time before a resume counts); the last mean error, in metres or of colour.
 
-    Raises FloatingPointError where a loss is not finite.
+    `on`: from the packaged prior. Raises FloatingPointError where a loss is not finite.
     """
     avatar = Avatar.create(load_person(), preset, seed)
+    rate = ON_RATE if on and load_prior(avatar, part) else RATE
     module = avatar.modules()[module_of(part)]
     rng = np.random.default_rng([seed, 5])
     if part == "face_colour":
@@ -132,7 +134,7 @@ def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int
         parameters, draw = supervision(avatar, poses, part, rng)
     for parameter in parameters:
         parameter.requires_grad_(True)
-    optimiser = torch.optim.Adam(parameters, lr=RATE, fused=True)
+    optimiser = torch.optim.Adam(parameters, lr=rate, fused=True)
     out.mkdir(parents=True, exist_ok=True)
     path, seconds, steps = out / f"{part}.pt", 0.0, 0
     if path.exists():
@@ -146,7 +148,7 @@ def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int
         while seconds < budget:
             begun = time.monotonic()
             for group in optimiser.param_groups:
-                group["lr"] = RATE * DECAY ** (seconds / budget) * min(1.0, (steps + 1) / 50)
+                group["lr"] = rate * DECAY ** (seconds / budget) * min(1.0, (steps + 1) / 50)
             predicted, truth = draw(rng)
             loss = (predicted - truth).abs().mean() if part == "face_colour" else 20 * distance_loss(predicted, truth)
             if not torch.isfinite(loss):
@@ -164,27 +166,41 @@ def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int
             if time.monotonic() - saved_at > CHECKPOINT_SECONDS or seconds >= budget:
                 content = {"state": module.state_dict(), "optimiser": optimiser.state_dict()}
                 temporary = path.with_suffix(".tmp")
-                torch.save({**content, "seconds": seconds, "steps": steps}, temporary)
+                torch.save({**content, "seconds": seconds, "steps": steps, "on": on}, temporary)
                 os.replace(temporary, path)
                 saved_at = time.monotonic()
     return error
 
 
 def package(out: Path, target: Path, preset: str = "compact") -> None:
-    """Write what was fitted, in half precision. Raises `InputError` where a part was not fitted."""
+    """Write what was fitted, in half precision, in place of what `target` holds of it; the whole prior where there is none.
+
+    Raises `InputError` where a part is neither there nor fitted.
+    """
     vertices = len(load_person().body.v_template)
-    state: dict[str, Tensor] = {}
-    about = {"preset": preset, "command": "python -m avatarrex.training.prior", "vertices": str(vertices)}
+    state, about = _packaged(target)
+    about |= {"preset": preset, "command": "python -m avatarrex.training.prior", "vertices": str(vertices)}
     for part in MINUTES:
         path = out / f"{part}.pt"
-        if not path.exists():
+        if path.exists():
+            saved = torch.load(path, weights_only=True)
+            about[part] = f"{saved['steps']} steps, {saved['seconds'] / 60:.1f} minutes on one core"
+            about[part] += ", on from the prior before" if saved.get("on") else ""
+            state |= {name: _half(value) for name, value in known_state(saved["state"], part).items()}
+        elif part not in about:
             raise InputError(path, "", "the fitted part", "nothing there")
-        saved = torch.load(path, weights_only=True)
-        about[part] = f"{saved['steps']} steps, {saved['seconds'] / 60:.1f} minutes on one core"
-        state |= {name: _half(value) for name, value in known_state(saved["state"], part).items()}
     target.parent.mkdir(parents=True, exist_ok=True)
     safetensors.torch.save_file(state, target, about)
     target.chmod(0o644)
+
+
+def _packaged(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Tensors and description of a prior; nothing where there is none."""
+    if not path.exists():
+        return {}, {}
+    with safetensors.safe_open(path, "pt") as file:
+        names = file.keys()
+        return {name: file.get_tensor(name) for name in names}, dict(file.metadata())
 
 
 def _half(value: Tensor) -> Tensor:
@@ -197,13 +213,14 @@ def main() -> int:
     parser.add_argument("out", type=Path, help="folder of the checkpoints")
     parser.add_argument("--parts", nargs="+", choices=list(MINUTES), default=list(MINUTES))
     parser.add_argument("--minutes", type=float, help=f"per part (default: {MINUTES})")
+    parser.add_argument("--on", action="store_true", help="go on from the packaged prior")
     parser.add_argument("--package", action="store_true", help=f"write what was fitted to {PRIOR.name} in the package")
     options = parser.parse_args()
     if options.package:
         package(options.out, PRIOR)
         return 0
     for part in options.parts:
-        fit(options.out, part, options.minutes or MINUTES[part])
+        fit(options.out, part, options.minutes or MINUTES[part], on=options.on)
     return 0
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import safetensors
 import safetensors.torch
 import torch
+from scipy.spatial import cKDTree
 from torch import Tensor, nn
 from tqdm import tqdm
 
@@ -22,6 +23,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.orthographic import before, render_places, seen
 from avatarrex.ops.closest_point import closest_point
+from avatarrex.ops.pseudonormal import pseudonormals
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.signals.signals import Signals
@@ -36,8 +38,10 @@ POINTS = 12_000
 BATCH = 2500
 SPREAD = ((0.004, 0.35), (0.015, 0.35), (0.05, 0.3))
 """Standard deviation of the points off the surface, metres, and the share of each."""
-LOOKS = ((0.0, 0.0, 0.0), (0.0, 0.7, 0.0), (0.0, -0.7, 0.0), (0.7, 0.0, 0.0), (-0.7, 0.0, 0.0))
-"""Rotvecs by which a head is turned to see which of its vertices show: yaw and pitch of 40 degrees."""
+FACE_SPREAD = ((0.002, 0.3), (0.004, 0.3), (0.015, 0.25), (0.05, 0.15))
+"""Of a face: lips are thin."""
+LOOKS = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.0), (0.5, -0.5, 0.0), (-0.5, 0.5, 0.0), (-0.5, -0.5, 0.0), (0.0, 0.7, 0.0))
+"""Rotvecs by which a head is turned to see which of its vertices show, by each of the three views: 18 directions."""
 HIDDEN, BESIDE = 0.0015, 0.003
 """Metres behind what a view shows that count as hidden; and about a triangle in which it tells the side."""
 RATE = 2e-3
@@ -65,8 +69,7 @@ class Distances:
 def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, rng: np.random.Generator) -> Distances:
     """Points around the vertices of the mask `near` (v,), with the height over its nearest vertex (volume/probe.py)."""
     chosen = vertices[near][torch.from_numpy(rng.integers(int(near.sum()), size=count))].double().numpy()
-    sigma = rng.choice([width for width, _ in SPREAD], count, p=[share for _, share in SPREAD])
-    position = chosen + rng.normal(size=(count, 3)) * sigma[:, None]
+    position = chosen + _aside(SPREAD, count, rng)
     mesh, nothing = vertices.double().numpy(), np.zeros(len(vertices))
     probe = VertexProbe.of(mesh, vertex_normals(vertices, faces).double().numpy(), nothing, nothing)
     guess = probe.query(position).guess
@@ -78,6 +81,7 @@ def distances_before(field: FaceField, mesh: Tensor, near: Tensor, rng: np.rando
 
     What lids and lips hide (the back of the eyeballs, the mouth's cavity) is no surface: it would make bubbles. Inside is
     what is hidden from every look; beside the surface, where views are too coarse, what lies behind the nearest triangle.
+    Where sight ends there is no triangle: no distance is larger than that to the nearest point of the other side.
     """
     centre, faces, box = field.box_centre, field.faces, field.box
     turns = [turn.T for turn in matrix_from_rotvec(torch.tensor(LOOKS))]
@@ -85,12 +89,30 @@ def distances_before(field: FaceField, mesh: Tensor, near: Tensor, rng: np.rando
     places = [render_places(vertices, faces, box) for vertices in turned]
     shown = torch.stack([seen(v, faces, image, box, HIDDEN) for v, image in zip(turned, places)]).any(0)
     chosen = mesh[near & shown][torch.from_numpy(rng.integers(int((near & shown).sum()), size=POINTS))]
-    sigma = rng.choice([width for width, _ in SPREAD], POINTS, p=[share for _, share in SPREAD])
-    position = chosen + torch.from_numpy(rng.normal(size=(POINTS, 3)) * sigma[:, None]).to(mesh)
-    sdf = closest_point(mesh, faces[shown[faces].all(1)], position).sdf
+    position = chosen + torch.from_numpy(_aside(FACE_SPREAD, POINTS, rng)).to(mesh)
+    whole = shown[faces].all(1)
+    sdf = closest_point(mesh, faces[whole], position, normals=pseudonormals(mesh.double(), faces).of(whole)).sdf
     looks = [before((position - centre) @ turn + centre, image, box) for turn, image in zip(turns, places)]
     outside = (torch.cat(looks) < 0).any(0)
-    return Distances(position, torch.where(sdf.abs() < BESIDE, sdf, sdf.abs() * torch.where(outside, 1, -1)))
+    sdf = torch.where(sdf.abs() < BESIDE, sdf, sdf.abs() * torch.where(outside, 1, -1))
+    return Distances(position, _consistent(position, sdf))
+
+
+def _aside(spread: tuple[tuple[float, float], ...], count: int, rng: np.random.Generator) -> np.ndarray:
+    """Normal offsets (count, 3) of the standard deviations in `spread`, each by its share."""
+    sigma = rng.choice([width for width, _ in spread], count, p=[share for _, share in spread])
+    return rng.normal(size=(count, 3)) * sigma[:, None]
+
+
+def _consistent(position: Tensor, sdf: Tensor) -> Tensor:
+    """Distances no larger than that to the nearest point of the other side, as signed distances are."""
+    inside, limited = sdf < 0, sdf.clone()
+    if inside.all() or not inside.any():
+        return sdf
+    for here in (inside, ~inside):
+        reach = torch.from_numpy(cKDTree(position[~here].numpy()).query(position[here].numpy())[0]).to(sdf)
+        limited[here] = sdf[here].sign() * sdf[here].abs().minimum(reach)
+    return limited
 
 
 def module_of(part: str) -> str:

@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from avatarrex.fields.orthographic import CHANNELS, VIEWS, HeadBox, project, render_places, render_views, seen
+from avatarrex.fields.orthographic import CHANNELS, VIEWS, HeadBox, before, project, render_places, render_views, seen
 from avatarrex.gl.context import gl_unavailable
 from avatarrex.templates.face import pose_face
 from avatarrex.templates.person import load_person
@@ -126,6 +126,15 @@ def test_normals_are_unit_and_face_the_viewer() -> None:
         assert (normal @ torch.tensor(towards)).min() > -0.05
         place = 2 * view[:3, view[6] > 0].T - 1
         torch.testing.assert_close(normalize(place, dim=-1), normal, atol=0.02, rtol=0)
+
+
+def test_how_far_behind_what_a_view_shows() -> None:
+    """A square across the gaze: behind it, before it, beside it where nothing is shown, and where no view reaches."""
+    vertices, faces, _ = quads((quad((0, 0, 0.5), 2), RED))
+    points = torch.tensor([[0.0, 0, 0.2], [0, 0, 0.7], [0.95, 0, 0], [3, 0, 0]])
+    gap = before(points, render_places(vertices, faces, UNIT), UNIT)[0]
+    torch.testing.assert_close(gap[:2], torch.tensor([0.3, -0.2]), atol=1e-5, rtol=0)
+    assert gap[2:].tolist() == [-torch.inf, torch.inf]
 
 
 def test_what_is_seen_faces_a_view_and_is_not_hidden() -> None:

@@ -124,19 +124,26 @@ def test_interpolated_normal_fails_where_the_pseudonormal_does_not() -> None:
 
 @pytest.mark.parametrize("bound", [None, (-0.01, 0.02)])
 @pytest.mark.parametrize("half", [0.06, 1.0])
-@pytest.mark.parametrize("few", [0, 10_000])
-def test_tree_and_rows_find_the_same(few: int, half: float, bound: tuple[float, float] | None, monkeypatch) -> None:
+@pytest.mark.parametrize("impl", ["torch", "tree"])
+def test_tree_and_rows_find_the_same(impl: str, half: float, bound: tuple[float, float] | None, monkeypatch) -> None:
     """However dense the points, whichever way they are searched."""
-    monkeypatch.setattr(closest_bricks, "FEW", few)
-    monkeypatch.setattr(closest_bricks, "SPARSE", 1e9)
+    monkeypatch.setattr(closest_bricks, "FEW", 10_000)
     vertices, faces = sliver_sphere()
     point = cloud(1500, half)
-    levels = closest_bricks._tree(point, 1e9)
-    assert (len(levels) == 1) == (few > 0)
+    levels = closest_bricks._tree(point, None if impl == "tree" else 1e9)
+    assert (len(levels) == 1) == (impl == "torch")
     assert sorted(levels[0].members[levels[0].members >= 0].tolist()) == list(range(1500))
-    found = closest_point(vertices, faces, point, bound)
+    found = closest_point(vertices, faces, point, bound, impl=impl)
     want = closest_point(vertices, faces, point, bound, impl="reference").sdf
     torch.testing.assert_close(found.sdf, want, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("count", "half", "flat"), [(400, 0.1, True), (900, 0.1, False), (900, 1.0, True), (6000, 1.0, False)]
+)
+def test_few_and_sparse_points_need_no_tree(count: int, half: float, flat: bool) -> None:
+    """Sparse: more than 4 cm apart. Many are culled even so."""
+    assert (len(closest_bricks._tree(cloud(count, half), 0.04)) == 1) == flat
 
 
 def test_normals_that_are_known_are_not_made_again(monkeypatch) -> None:

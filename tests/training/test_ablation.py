@@ -27,7 +27,7 @@ from avatarrex.templates.posed import pose_person
 from avatarrex.training.ablation import FaceRegion, FaceRig, Study
 from avatarrex.training.ablation_report import MEASURES, answers, plot, rows, table, to_json
 from avatarrex.training.arms import ARMS, QUESTIONS, chosen_arms, recipe_of, scaled
-from avatarrex.training.recipe import QUICK, PassOne, PassTwo, Recipe
+from avatarrex.training.recipe import PAPER, QUICK, PassOne, PassTwo, Recipe
 from avatarrex.training.run import read_about
 from avatarrex.training.volume_drawer import VolumeDrawer
 
@@ -58,6 +58,16 @@ def capture(tmp_path_factory) -> Capture:
 
 def gaze(points: torch.Tensor) -> torch.Tensor:
     return torch.nn.functional.normalize(torch.tensor([[0.1, -0.2, -1.0]]), dim=-1).expand_as(points)
+
+
+def test_networks_that_the_prior_does_not_know_start_as_if_there_were_none():
+    """Of `compact` alone: nothing of `paper` is known."""
+    for name, part in (("face-mlp", "face"), ("one-network", "body")):
+        known, (one, _) = getattr(QUICK, part)[0], getattr(recipe_of(ARMS[name], QUICK, part), part)
+        assert (one.geometry_rate, one.still, one.rate, one.warm_steps) == (1, 0, 4e-3, 5 * known.warm_steps)
+        assert known.geometry_rate < 1
+        of_paper = getattr(recipe_of(ARMS[name], PAPER, part), part)[0]
+        assert (of_paper.rate, of_paper.warm_steps) == (5e-4, getattr(PAPER, part)[0].warm_steps)
 
 
 @pytest.mark.parametrize("preset", VARIANTS)

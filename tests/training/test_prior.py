@@ -8,11 +8,15 @@ import torch
 
 import avatarrex.training.prior as prior
 from avatarrex.avatar import Avatar
+from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.fields.orthographic import project, render_views
+from avatarrex.ops.closest_point import closest_point
+from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.limits import random_signals
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import load_person
+from avatarrex.templates.posed import pose_person
 from avatarrex.training.warm_start import distances_before, load_prior, supervision
 
 MOST = {"body": 0.004, "face": 0.004}
@@ -83,7 +87,7 @@ def test_parts_with_the_same_geometry_take_it_and_others_stay_as_they_are(preset
 
 
 def test_the_face_learns_distances_to_what_is_seen_and_not_to_what_lids_hide():
-    """Points 3 mm before and behind what the front view shows have those distances, the eyes' middle included."""
+    """The middle of an eyeball is inside, though its mesh is open behind."""
     person = load_person()
     field, mesh = Avatar.create(person, "compact").face, person.face.v_template.float()
     near = person.face.blend_weight > 0
@@ -97,6 +101,23 @@ def test_the_face_learns_distances_to_what_is_seen_and_not_to_what_lids_hide():
     assert ball.any()
     assert (data.sdf[ball] < 0).all(), "an eyeball is inside, whatever its back looks at"
     assert 0.2 < float((data.sdf < 0).float().mean()) < 0.6
+
+
+def test_an_open_mouth_is_taught_distances_of_which_none_contradicts_another():
+    """Before the face they are the mesh's own; where sight ends they do not jump."""
+    person = load_person()
+    signals = Signals.rest().replace(expression=np.eye(52)[EXPRESSION_NAMES.index("jawOpen")])
+    mesh = pose_person(person, signals, Counters(), None).parts["face"]
+    near = person.face.blend_weight > 0
+    data = distances_before(Avatar.create(person, "compact").face, mesh, near, np.random.default_rng(0))
+    outside = data.sdf > 0
+    for here in (outside, ~outside):
+        reach = torch.cdist(data.position[here].double(), data.position[~here].double()).amin(1)
+        assert (data.sdf[here].abs() <= reach + 1e-6).all()
+    whole = closest_point(mesh, person.face.faces, data.position[outside]).sdf
+    exact = (whole - data.sdf[outside]).abs() < 1e-5
+    assert exact.float().mean() > 0.9, "the rest lies in the mouth, or behind lids"
+    assert (data.position[outside][~exact][:, 1] < mesh[near][:, 1].median()).float().mean() > 0.5
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from avatarrex_studio.cli import main
 from avatarrex_studio.parser import parser
 from avatarrex_studio.train import held_out, kept_recipe
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
@@ -279,12 +280,19 @@ def test_cameras_to_train_on_alone(capture):
 
 def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
     """Not the preset's of today; what is damaged, or asked for too late, is named."""
-    with Run.create(tmp_path / "run", {"recipe": TINY.to_json()}) as run:
-        assert kept_recipe(run, asked("--resume")) == TINY
-        with pytest.raises(InputError, match="--mixed: expected as the run began, without"):
-            kept_recipe(run, asked("--resume", "--mixed"))
-        run.config["recipe"]["mixed"] = True
-        assert kept_recipe(run, asked("--resume")).mixed
-        del run.config["recipe"]["body"]
-        with pytest.raises(InputError, match="recipe: expected a recipe of this version, found KeyError"):
-            kept_recipe(run, asked("--resume"))
+    config = {"recipe": TINY.to_json()}
+    assert kept_recipe(tmp_path, config, mixed=False) == TINY
+    with pytest.raises(InputError, match="--mixed: expected as the run began, without"):
+        kept_recipe(tmp_path, config, mixed=True)
+    config["recipe"]["mixed"] = True
+    assert kept_recipe(tmp_path, config, mixed=False).mixed
+    del config["recipe"]["body"]
+    with pytest.raises(InputError, match="recipe: expected a recipe of this version, found KeyError"):
+        kept_recipe(tmp_path, config, mixed=False)
+
+
+def test_a_run_that_is_asked_to_go_on_otherwise_is_left_as_it_is(capture, whole, capsys):
+    before = (whole / "run.json").read_bytes()
+    assert main(["train", str(capture), "--preset", "quick", "--out", str(whole), "--resume"]) == 2
+    assert "run.json: preset: expected quick, as asked for, found tiny" in capsys.readouterr().err
+    assert (whole / "run.json").read_bytes() == before
