@@ -21,7 +21,7 @@ from tqdm import tqdm
 from avatarrex.avatar import DATA, Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
-from avatarrex.fields.orthographic import before, render_places, seen
+from avatarrex.fields.orthographic import AXES, SIZE, before, render_places, render_views, seen
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.pseudonormal import pseudonormals
 from avatarrex.ops.rotation import matrix_from_rotvec
@@ -42,6 +42,8 @@ FACE_SPREAD = ((0.002, 0.3), (0.004, 0.3), (0.015, 0.25), (0.05, 0.15))
 """Of a face: lips are thin."""
 LOOKS = ((0.0, 0.0, 0.0), (0.5, 0.5, 0.0), (0.5, -0.5, 0.0), (-0.5, 0.5, 0.0), (-0.5, -0.5, 0.0), (0.0, 0.7, 0.0))
 """Rotvecs by which a head is turned to see which of its vertices show, by each of the three views: 18 directions."""
+CLOSED = 1e6
+"""Where a view that is not to tell anything has its surface: before everything, in halves of the box."""
 HIDDEN, BESIDE = 0.0015, 0.003
 """Metres behind what a view shows that count as hidden; and about a triangle in which it tells the side."""
 RATE = 2e-3
@@ -76,26 +78,62 @@ def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, 
     return Distances(torch.as_tensor(position, dtype=torch.float32), torch.as_tensor(guess, dtype=torch.float32))
 
 
-def distances_before(field: FaceField, mesh: Tensor, near: Tensor, rng: np.random.Generator) -> Distances:
+def hidden_at_rest(field: FaceField, rest: Tensor) -> Tensor:
+    """(v,) vertices of a face mesh that no look shows while it rests (v, 3), mouth closed and eyes open."""
+    return ~_shown(field, rest, *_looks(field, rest, None))
+
+
+def distances_before(
+    field: FaceField, mesh: Tensor, near: Tensor, inner: Tensor, rng: np.random.Generator
+) -> Distances:
     """Points around the vertices `near` (v,) of a posed face mesh that can be seen, with the distance to what can be seen.
 
     What lids and lips hide (the back of the eyeballs, the mouth's cavity) is no surface: it would make bubbles. Inside is
     what is hidden from every look; beside the surface, where views are too coarse, what lies behind the nearest triangle.
-    Where sight ends there is no triangle: no distance is larger than that to the nearest point of the other side.
+    What is hidden at rest (`inner`) is looked at from straight before alone: cheeks and lips that are hollow behind are
+    thinner than what the networks tell apart. Where sight ends there is no triangle: no distance is larger than that to
+    the nearest point of the other side.
     """
-    centre, faces, box = field.box_centre, field.faces, field.box
-    turns = [turn.T for turn in matrix_from_rotvec(torch.tensor(LOOKS))]
-    turned = [(mesh - centre) @ turn + centre for turn in turns]
-    places = [render_places(vertices, faces, box) for vertices in turned]
-    shown = torch.stack([seen(v, faces, image, box, HIDDEN) for v, image in zip(turned, places)]).any(0)
+    turned, places = _looks(field, mesh, inner)
+    shown = _shown(field, mesh, turned, places)
     chosen = mesh[near & shown][torch.from_numpy(rng.integers(int((near & shown).sum()), size=POINTS))]
     position = chosen + torch.from_numpy(_aside(FACE_SPREAD, POINTS, rng)).to(mesh)
-    whole = shown[faces].all(1)
-    sdf = closest_point(mesh, faces[whole], position, normals=pseudonormals(mesh.double(), faces).of(whole)).sdf
-    looks = [before((position - centre) @ turn + centre, image, box) for turn, image in zip(turns, places)]
-    outside = (torch.cat(looks) < 0).any(0)
+    whole = shown[field.faces].all(1)
+    normals = pseudonormals(mesh.double(), field.faces).of(whole)
+    sdf = closest_point(mesh, field.faces[whole], position, normals=normals).sdf
+    gaps = [before(points, image, field.box) for points, image in zip(_turned(field, position), places)]
+    outside = (torch.cat(gaps) < 0).any(0)
     sdf = torch.where(sdf.abs() < BESIDE, sdf, sdf.abs() * torch.where(outside, 1, -1))
     return Distances(position, _consistent(position, sdf))
+
+
+def _turned(field: FaceField, points: Tensor) -> list[Tensor]:
+    """Points (p, 3) of the head frame as each of the `LOOKS` turns them."""
+    turns = matrix_from_rotvec(torch.tensor(LOOKS))
+    return [(points - field.box_centre) @ turn.T + field.box_centre for turn in turns]
+
+
+def _looks(field: FaceField, mesh: Tensor, inner: Tensor | None) -> tuple[list[Tensor], list[Tensor]]:
+    """The mesh (v, 3) as each look turns it, and the places that its views show: of `inner` vertices (v,) none, but straight
+    from before."""
+    turned, places = _turned(field, mesh), []
+    towards = torch.tensor(AXES)[:, 2, :, None, None].expand(-1, -1, SIZE, SIZE)
+    for number, vertices in enumerate(turned):
+        place = render_places(vertices, field.faces, field.box)
+        if inner is not None:
+            marked = inner[:, None].expand(-1, 3).float()
+            closed = render_views(vertices, field.faces, marked, field.box)[:, :1] > 0
+            if number == 0:
+                closed[0] = False
+            place[:, :3] = torch.where(closed, CLOSED * towards, place[:, :3])
+        places.append(place)
+    return turned, places
+
+
+def _shown(field: FaceField, mesh: Tensor, turned: list[Tensor], places: list[Tensor]) -> Tensor:
+    """(v,) vertices of the mesh (v, 3) that a look shows."""
+    found = [seen(vertices, field.faces, image, field.box, HIDDEN) for vertices, image in zip(turned, places)]
+    return torch.stack(found).any(0)
 
 
 def _aside(spread: tuple[tuple[float, float], ...], count: int, rng: np.random.Generator) -> np.ndarray:
@@ -180,11 +218,12 @@ def _body(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -
 
 def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -> Draw:
     field, template = avatar.face, avatar.person.face
+    near, inner = template.blend_weight > 0, hidden_at_rest(field, template.v_template.float())
     bank = []
-    for posed in frames:
+    for posed in tqdm(frames, desc="face: distances"):
         mesh = posed.parts["face"]
         driven = field.driven(mesh, posed.face_coefficients)
-        bank.append((driven, distances_before(field, mesh, template.blend_weight > 0, rng)))
+        bank.append((driven, distances_before(field, mesh, near, inner, rng)))
 
     def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         views, data = bank[rng.integers(len(bank))]

@@ -17,7 +17,7 @@ from avatarrex.signals.limits import random_signals
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
-from avatarrex.training.warm_start import distances_before, load_prior, supervision
+from avatarrex.training.warm_start import distances_before, hidden_at_rest, load_prior, supervision
 
 MOST = {"body": 0.004, "face": 0.004}
 """Metres of mean error at points as far as 15 cm off; where training reads distances it is less."""
@@ -91,7 +91,7 @@ def test_the_face_learns_distances_to_what_is_seen_and_not_to_what_lids_hide():
     person = load_person()
     field, mesh = Avatar.create(person, "compact").face, person.face.v_template.float()
     near = person.face.blend_weight > 0
-    data = distances_before(field, mesh, near, np.random.default_rng(0))
+    data = distances_before(field, mesh, near, hidden_at_rest(field, mesh), np.random.default_rng(0))
     shown = render_views(mesh, person.face.faces, mesh, field.box)[0]
     eye = mesh[person.face.model.weights[:, 2] > 0.9]
     row, column = ((project(field.box.normalise(eye.mean(0)[None]))[0, 0].flip(0) + 1) * 128).long()
@@ -108,8 +108,9 @@ def test_an_open_mouth_is_taught_distances_of_which_none_contradicts_another():
     person = load_person()
     signals = Signals.rest().replace(expression=np.eye(52)[EXPRESSION_NAMES.index("jawOpen")])
     mesh = pose_person(person, signals, Counters(), None).parts["face"]
-    near = person.face.blend_weight > 0
-    data = distances_before(Avatar.create(person, "compact").face, mesh, near, np.random.default_rng(0))
+    near, field = person.face.blend_weight > 0, Avatar.create(person, "compact").face
+    inner = hidden_at_rest(field, person.face.v_template.float())
+    data = distances_before(field, mesh, near, inner, np.random.default_rng(0))
     outside = data.sdf > 0
     for here in (outside, ~outside):
         reach = torch.cdist(data.position[here].double(), data.position[~here].double()).amin(1)
