@@ -138,6 +138,10 @@ def test_a_fit_goes_on_from_its_checkpoint_and_is_packaged(tmp_path, monkeypatch
     torch.save(face, tmp_path / "face.pt")
     torch.save(face, tmp_path / "face_colour.pt")
     prior.package(tmp_path, tmp_path / "prior.safetensors")
+    (tmp_path / "face.pt").unlink()
+    whole = (tmp_path / "prior.safetensors").read_bytes()
+    prior.package(tmp_path, tmp_path / "prior.safetensors")
+    assert (tmp_path / "prior.safetensors").read_bytes() == whole, "what was not fitted again stays as it was"
     monkeypatch.setattr("avatarrex.training.warm_start.PRIOR", tmp_path / "prior.safetensors")
     avatar = Avatar.create(load_person(), "compact", seed=9)
     assert load_prior(avatar, "body")
