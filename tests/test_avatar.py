@@ -15,8 +15,12 @@ def test_the_packaged_avatar_says_what_it_is() -> None:
     path = DATA / "default.avatar"
     assert path.stat().st_size <= 20e6
     meta = load_avatar("default").meta
-    assert "fitted to geometry" in meta["origin"]
-    assert "consent" in meta
+    assert meta["origin"] == "trained from images in two passes"
+    assert {"training", "cost", "licence", "consent"} <= meta.keys()
+    measured = meta["held_out"]["splits"]["held-out pose"]
+    assert measured["avatar"]["psnr_matte"] > measured["textured mesh"]["psnr_matte"] + 8
+    assert measured["avatar"]["iou"] > 0.97
+    assert meta["held_out"]["surface"]["held-out pose"]["avatar"]["to_truth"]["mean_mm"] < 5
 
 
 @pytest.mark.parametrize("name", ["copy.avatar", "folder"])
