@@ -89,17 +89,19 @@ def test_colours_are_those_of_shading_every_pixel(avatar: Avatar, dragged: list[
     for frame in dragged[1:]:
         counters = Counters()
         whole = shade(avatar, frame.posed, frame.volume, frame.pointmap, frame.view, counters, None)
-        assert frame.counters["pixels_shaded"] < counters["pixels_shaded"]
+        held = frame.volume.changed is not None
+        assert (frame.counters["pixels_shaded"] < counters["pixels_shaded"]) == held
         assert (whole.image - frame.image).abs().max() < 2 / 255
 
 
 def test_a_dragged_arm_costs_a_share_of_the_frame(dragged: list[Frame]) -> None:
-    first = dragged[0].counters
-    for frame in dragged[1:6]:
-        assert frame.volume.changed is not None
-        assert frame.counters["voxels_evaluated"] < 0.5 * first["voxels_evaluated"]
-        assert frame.counters["pixels_shaded"] < 0.6 * first["pixels_shaded"]
-        assert frame.counters["patches_decoded"] < 0.6 * first["patches_decoded"]
+    """In the mean of five steps. The first moves one arm; later ones bring along what had lagged behind."""
+    first, steps = dragged[0].counters, dragged[1:6]
+    assert all(frame.volume.changed is not None for frame in steps)
+    for counter, most in (("voxels_evaluated", 0.75), ("pixels_shaded", 0.75), ("patches_decoded", 0.4)):
+        shares = [frame.counters[counter] / first[counter] for frame in steps]
+        assert shares[0] < 0.4
+        assert sum(shares) / len(shares) < most
 
 
 def test_the_lag_stays_below_the_tolerance(avatar: Avatar, dragged: list[Frame]) -> None:
