@@ -49,7 +49,8 @@ def search_bricks(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Closest face, barycentrics and `skipped` (±1: the side of a point beyond `reach` = (inside, outside), else 0).
 
-    All inputs float64; `culled`: by a tree, however few the points. A skipped point carries the face and barycentrics of its brick's centre.
+    All inputs float64; `culled`: by a tree, however few the points. A skipped point carries the face and barycentrics of
+    its brick's centre.
     """
     face = torch.zeros(len(query), dtype=torch.long, device=query.device)
     barycentric = torch.zeros_like(query)
