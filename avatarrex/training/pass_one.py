@@ -19,8 +19,9 @@ from avatarrex.camera import Camera
 from avatarrex.fields.code import embedding_loss, kl_loss, node_loss
 from avatarrex.pointmap.rays import RayPlane
 from avatarrex.training.frames import FrameStore, TrainingFrame
-from avatarrex.training.losses import PURE, eikonal_loss, mask_loss, rgb_loss, silhouette_loss
-from avatarrex.training.pixels import PixelBatch, draw_pixels, training_pairs
+from avatarrex.training.losses import eikonal_loss, mask_loss, rgb_loss, silhouette_loss
+from avatarrex.training.outline import closest
+from avatarrex.training.pixels import PixelBatch, draw_outline, draw_pixels, training_pairs
 from avatarrex.training.recipe import PassOne
 from avatarrex.training.sampling import Walk, draw, noise_of
 from avatarrex.training.trained_field import FACE, TrainedBody, TrainedFace, TrainedField
@@ -28,10 +29,6 @@ from avatarrex.training.volume_rendering import render_weights
 
 SHOWN = 1e-3
 """Samples with a smaller share of their ray are not asked for their colour: together below 1/255."""
-RIM = 0.03
-"""Metres: rays that come no closer to the stored surface, or go deeper into it, are not asked for the silhouette."""
-SURE = 0.008
-"""Metres: nor are rays on the right side of the stored surface by as much."""
 EIKONAL_POINTS = 256
 """Per frame, half of them at ray samples, half spread over the part's space."""
 
@@ -42,7 +39,7 @@ class StepResult:
 
     terms: dict[str, Tensor]
     samples_per_ray: float
-    """Samples evaluated for each ray that meets the person."""
+    """Samples evaluated for each rendered ray that meets the person; a ray of the outline takes one besides."""
     pictures: list[tuple[int, int]]
     """(frame, view) that the batch was drawn from."""
 
@@ -151,11 +148,15 @@ def run_batch(stage: BodyPass | FacePass, step: int, gamma: float) -> StepResult
         pictures.append((index, view))
         noise = noise_of(stage.seed, step, slot)
         frame = stage.store[index]
-        pixels = draw_pixels(rig, view, index, recipe.rays // recipe.frames, rng, stage.window(frame, view))
+        window = stage.window(frame, view)
+        pixels = draw_pixels(rig, view, index, recipe.rays // recipe.frames, rng, window)
         field, terms = stage.field(frame, noise)
         camera = rig.views[view].camera
         losses, samples = _render_losses(stage, field, frame, camera, pixels, gamma, noise)
         evaluated, met = evaluated + samples, met + int((pixels.matte > 0.5).sum())
+        if recipe.outline:
+            edge = draw_outline(rig, view, index, recipe.outline // recipe.frames, rng, window)
+            losses["silhouette"] = _outline_loss(stage, field, frame, camera, edge)
         for name, value in (losses | terms).items():
             summed[name] = summed.get(name, torch.zeros(())) + value / recipe.frames
     return StepResult(summed, evaluated / max(met, 1), pictures)
@@ -208,23 +209,14 @@ def _render_losses(
         "mask": mask_loss(opacity, pixels.matte, counted),
         "eikonal": eikonal_loss(field, torch.cat([near, spread])),
     }
-    if recipe.silhouette:
-        width = plane.footprint * (1 - walked.lowest[0] / rays.camera)
-        closest, matte, asked = _lowest_distance(field, walked, pixels.matte)
-        terms["silhouette"] = recipe.silhouette * silhouette_loss(closest, width, matte, counted)
-        evaluated += asked
     return terms, evaluated
 
 
-def _lowest_distance(field: TrainedField, walked: Walk, matte: Tensor) -> tuple[Tensor, Tensor, int]:
-    """Each ray's distance where the stored one is lowest, NaN where it is known to be right; the matte that it is to meet;
-    how many rays were asked.
-
-    A matte between 0 and 1 means an edge only where one is stored beside; elsewhere (hair, a soft segmentation) a side.
-    """
-    t, stored = walked.lowest
-    matte = torch.where(stored.abs() < SURE, matte, (matte > 0.5).to(matte))
-    right = ((matte > 1 - PURE) & (stored < -SURE)) | ((matte < PURE) & (stored > SURE))
-    asked = torch.nonzero((stored.abs() < RIM) & ~right)[:, 0]
-    found = field.composed(walked.rays.at(t)[asked]).sdf
-    return torch.full_like(stored, torch.nan).index_put((asked,), found), matte, len(asked)
+def _outline_loss(
+    stage: BodyPass | FacePass, field: TrainedField, frame: TrainingFrame, camera: Camera, pixels: PixelBatch
+) -> Tensor:
+    """The silhouette term of pixels about the outline."""
+    found = closest(field, frame.volume.sdf, frame.camera(camera), pixels)
+    counted = stage.ray_weight(found.part_weight)
+    term = silhouette_loss(found.distance, found.width, found.matte, counted)
+    return stage.recipe.silhouette * term

@@ -22,6 +22,8 @@ BESIDE = 0.03
 """Of the person's height in the picture: how far beside it the rim reaches. What sticks out too far is seen there."""
 TRIES = 8
 """Places looked at for each ray of the rim."""
+ACROSS = 0.005
+"""Of the person's height in the picture: how far from the matte's edge, in the mean, pixels of the outline are drawn."""
 AROUND = 0.12
 """Of the box's size: how far around the person the background is drawn from."""
 
@@ -62,7 +64,7 @@ def draw_pixels(
 
     A picture without foreground gives background alone.
     """
-    image, matte = rig.image(view, frame), rig.matte(view, frame)
+    matte = rig.matte(view, frame)
     height, width = matte.shape
     x0, y0, x1, y1 = within or (0, 0, width, height)
     ys, xs = np.nonzero(matte[y0:y1, x0:x1] > 127)
@@ -81,9 +83,31 @@ def draw_pixels(
         y0, y1 = max(int(ys.min()) - margin, 0), min(int(ys.max()) + margin + 1, height)
     left = count - sum(len(place) for place in places)
     places.append(np.stack([rng.integers(x0, x1, left), rng.integers(y0, y1, left)], 1))
-    x, y = np.concatenate(places).T
-    alpha = matte[y, x].astype(np.float32) / 255
-    colour = image[y, x].astype(np.float32) / 255 * alpha[:, None]
+    return _pixels(rig, view, frame, *np.concatenate(places).T)
+
+
+def draw_outline(
+    rig: Rig, view: int, frame: int, count: int, rng: np.random.Generator, within: tuple[int, int, int, int] | None
+) -> PixelBatch:
+    """`count` pixels about the matte's edge; none of a picture without one."""
+    matte = rig.matte(view, frame)
+    height, width = matte.shape
+    x0, y0, x1, y1 = within or (0, 0, width, height)
+    on = matte[y0:y1, x0:x1] > 127
+    ys, xs = np.nonzero(np.diff(on, axis=0, prepend=on[:1]) | np.diff(on, axis=1, prepend=on[:, :1]))
+    if not len(ys):
+        none = torch.zeros(0)
+        return PixelBatch(none[:, None].expand(-1, 2), none[:, None].expand(-1, 3), none)
+    edge = np.stack([xs + x0, ys + y0], 1)[rng.integers(len(ys), size=count)]
+    across = rng.normal(0, max(1.0, ACROSS * np.ptp(ys)), edge.shape)
+    x, y = np.clip(np.rint(edge + across).astype(int), (x0, y0), (x1 - 1, y1 - 1)).T
+    return _pixels(rig, view, frame, x, y)
+
+
+def _pixels(rig: Rig, view: int, frame: int, x: np.ndarray, y: np.ndarray) -> PixelBatch:
+    """Pixels by column and row."""
+    alpha = rig.matte(view, frame)[y, x].astype(np.float32) / 255
+    colour = rig.image(view, frame)[y, x].astype(np.float32) / 255 * alpha[:, None]
     place = np.stack([x, y], 1).astype(np.float32) + 0.5
     return PixelBatch(torch.from_numpy(place), torch.from_numpy(colour), torch.from_numpy(alpha))
 

@@ -45,6 +45,8 @@ class PassOne:
     """Whether frames have codes of their own and z is drawn; without, z = 0 as at test, and detail follows the pose alone."""
     silhouette: float = 0.0
     """Weight of the silhouette term (losses.py); the paper has none."""
+    outline: int = 0
+    """Rays of the silhouette term, of the whole batch, drawn about the matte's edge."""
     node: float = 1.0
     """Of the paper's weight of L_node, under which nodes drift by centimetres."""
     sampling: Sampling = "near"
@@ -109,14 +111,15 @@ QUICK = Recipe(
     "compact",
     face=(
         PassOne(
-            400, 1, 400, 5, 1.5e-3, 0.05, 400, 1, 60, gamma_extra=0.0, geometry_rate=0.1, still=250, silhouette=2.0,
+            400, 1, 400, 5, 1.5e-3, 0.05, 400, 1, 60, gamma_extra=0.0, geometry_rate=0.1, still=250, silhouette=0.3,
+            outline=400,
         ),
         PassTwo(1000, 128, 3e-3, 0.05, 1000),
     ),
     body=(
         PassOne(
             1200, 1, 400, 5, 4e-3, 0.05, 1200, 600, 60, gamma_extra=0.005, geometry_rate=0.15, latent=False,
-            silhouette=2.0, node=25.0,
+            silhouette=1.0, outline=2000, node=25.0,
         ),
         PassTwo(2400, 128, 3e-3, 0.03, 2400),
     ),
@@ -128,14 +131,15 @@ LONG = Recipe(
     "compact",
     face=(
         PassOne(
-            600, 1, 400, 5, 1.5e-3, 0.03, 600, 1, 60, gamma_extra=0.0, geometry_rate=0.1, still=350, silhouette=2.0,
+            600, 1, 400, 5, 1.5e-3, 0.03, 600, 1, 60, gamma_extra=0.0, geometry_rate=0.1, still=350, silhouette=0.3,
+            outline=400,
         ),
         PassTwo(2500, 128, 3e-3, 0.02, 2500),
     ),
     body=(
         PassOne(
-            3000, 1, 600, 5, 4e-3, 0.02, 3000, 600, 60, gamma_extra=0.005, geometry_rate=0.15, latent=False,
-            silhouette=2.0, node=25.0,
+            4000, 1, 600, 5, 4e-3, 0.02, 4000, 600, 60, gamma_extra=0.005, geometry_rate=0.15, latent=False,
+            silhouette=1.0, outline=2000, node=25.0,
         ),
         PassTwo(6000, 128, 3e-3, 0.02, 6000),
     ),
@@ -146,13 +150,15 @@ REFINE = Recipe(
     "refine",
     "compact",
     face=(
-        PassOne(300, 1, 400, 5, 1e-3, 0.1, 300, 1, 0, gamma_extra=0.0, geometry_rate=0.1, silhouette=2.0),
+        PassOne(
+            300, 1, 400, 5, 1e-3, 0.1, 300, 1, 0, gamma_extra=0.0, geometry_rate=0.1, silhouette=0.3, outline=400,
+        ),
         PassTwo(800, 128, 2e-3, 0.05, 800),
     ),
     body=(
         PassOne(
             1000, 1, 800, 5, 1e-3, 0.1, 1000, 1, 0, gamma_extra=0.0, geometry_rate=0.15, latent=False,
-            silhouette=2.0, node=25.0,
+            silhouette=1.0, outline=2000, node=25.0,
         ),
         PassTwo(1600, 128, 2e-3, 0.05, 1600),
     ),
@@ -163,7 +169,7 @@ SMOKE = Recipe(
     "smoke",
     "compact",
     face=(PassOne(6, 1, 64, 6, 2e-3, 0.5, 10, 10, 6), PassTwo(3, 32, 1e-3, 0.5, 10)),
-    body=(PassOne(12, 2, 96, 6, 2e-3, 0.5, 20, 20, 12), PassTwo(4, 32, 1e-3, 0.5, 10)),
+    body=(PassOne(12, 2, 96, 6, 2e-3, 0.5, 20, 20, 12, silhouette=1.0, outline=64), PassTwo(4, 32, 1e-3, 0.5, 10)),
     interval=5,
     evaluate=1000,
 )

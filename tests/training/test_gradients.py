@@ -23,7 +23,7 @@ from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.training.frames import FrameStore, TrainingFrame
 from avatarrex.training.losses import weighted
-from avatarrex.training.pass_one import BodyPass, FacePass, _render_losses
+from avatarrex.training.pass_one import BodyPass, FacePass, _outline_loss, _render_losses
 from avatarrex.training.pass_two import PatchPass
 from avatarrex.training.pixels import PixelBatch
 from avatarrex.training.recipe import SMOKE
@@ -143,7 +143,9 @@ def test_pass_one_of_the_body(tiny, monkeypatch):
         noise = noise_of(0, 1, 2)
         field, terms = stage.field(frame, noise)
         rendered, _ = _render_losses(stage, field, frame, camera, batch, 0.02, noise)
-        return weighted(terms | rendered)
+        silhouette = _outline_loss(stage, field, frame, camera, batch)
+        assert float(silhouette.detach()) > 0
+        return weighted(terms | rendered | {"silhouette": silhouette})
 
     modules = avatar.body
     chosen = [*modules.geometry_parameters(), *modules.colour_parameters(), stage.frame_codes]
