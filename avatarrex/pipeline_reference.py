@@ -76,7 +76,7 @@ def render_reference(
     posed = pose_reference(avatar, signals)
     volume = SdfVolume(
         _body_grid(posed, settings.voxel),
-        tuple(_part_box(avatar, posed, name, settings.part_voxel) for name in PARTS),
+        tuple(_part_box(avatar, posed, name, settings.part_voxel) for name in PARTS if name not in settings.hidden),
     )
     view = posed.seen_from(camera, signals)
     pointmap = raycast(volume, view, "reference", antialias=False)

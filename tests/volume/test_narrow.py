@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import label
 
 from avatarrex.avatar import load_avatar
 from avatarrex.counters import Counters
@@ -101,6 +102,12 @@ def test_the_hand_box_has_the_signs_and_near_values_of_the_exact_distance(pose: 
     assert counters.as_dict()["hand_distances"] < 0.6 * len(index)
 
 
+def reachable(outside: np.ndarray) -> np.ndarray:
+    """The part of `outside` (z, y, x) that hangs together with the grid's first corner, over corners of cells, too."""
+    pieces, _ = label(outside, np.ones((3, 3, 3)))
+    return pieces == pieces[0, 0, 0]
+
+
 @pytest.mark.parametrize("pose", ["stand", "squat"])
 def test_the_body_grid_crosses_where_the_whole_shell_does(pose: str) -> None:
     avatar, counters = load_avatar(), Counters()
@@ -119,8 +126,10 @@ def test_the_body_grid_crosses_where_the_whole_shell_does(pose: str) -> None:
     bounds = here.guess[shell] - here.freedom[shell], here.guess[shell] + here.freedom[shell]
     all_of_it = np.clip(all_of_it, *bounds)
     stored = grid.sdf.numpy().ravel()
-    # Of 25 449 voxels; 4 were seen, at most 2 of the fitted avatar. Not looked into (ROADMAP.md).
-    assert ((stored[shell] < 0) != (all_of_it < 0)).sum() <= 6
+    truth = stored.copy()
+    truth[shell] = all_of_it
+    # Voids that the body encloses are not looked for; what a ray from without can reach is the same to the voxel.
+    assert np.array_equal(reachable(grid.sdf.numpy() >= 0), reachable(truth.reshape(shape) >= 0))
     corners = np.intersect1d(crossed(grid.sdf.numpy() < 0), shell, return_indices=True)[2]
     assert np.abs(all_of_it - stored[shell])[corners].max() < 1e-4
     assert counters.as_dict()["voxels_evaluated"] < 0.8 * len(shell)
