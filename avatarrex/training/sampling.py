@@ -19,7 +19,7 @@ from torch import Tensor
 
 from avatarrex.pointmap.rays import Rays, slab
 from avatarrex.training.volume_rendering import laplace_density
-from avatarrex.volume.volume import SdfVolume, sample
+from avatarrex.volume.volume import SdfVolume, distance
 
 CANDIDATES = 64
 BLUR = 0.004
@@ -76,7 +76,7 @@ class Walk:
         rows = torch.nonzero(self.spacing > 0)[:, 0]
         points = self.rays.origin[rows, None] + self.t[rows, :, None] * self.rays.direction[rows, None]
         sdf = torch.full_like(self.t, torch.inf)
-        sdf[rows] = sample(self.volume, points.reshape(-1, 3)).composed.sdf.reshape(len(rows), CANDIDATES)
+        sdf[rows] = distance(self.volume, points.reshape(-1, 3)).reshape(len(rows), CANDIDATES)
         return sdf
 
     @cached_property

@@ -108,14 +108,8 @@ def sample(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> Sample:
     is the value at the nearest border point plus the distance to it.
     """
     grid = volume.body
-    place = (position - torch.as_tensor(grid.origin).to(position)) / grid.voxel
-    size = torch.tensor(grid.sdf.shape).flip(0).to(position) - 1
-    beyond = (place - place.clamp(min=torch.zeros_like(size), max=size)).norm(dim=-1) * grid.voxel
-    body, voxel = trilinear(grid.sdf[..., None], place)[:, 0], torch.full_like(beyond, grid.voxel)
-    if grid.bricks is not None:
-        rows, finer = grid.bricks.sample(place.clamp(min=torch.zeros_like(size), max=size))
-        body[rows], voxel[rows] = finer, grid.voxel / grid.bricks.side
-    body, cell = body + beyond, voxel.clone()
+    body, voxel, place = _stored_body(grid, position)
+    cell = voxel.clone()
     stored = stored_parts(volume, position)
     own = body[:, None] * stored.inside
     others = torch.full_like(own, torch.inf)
@@ -134,6 +128,30 @@ def sample(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> Sample:
     composed = compose(body, stored.inside, stored.sdf, stored.omega, own, others)
     bound = step_bound(composed.sdf, stored.inside, stored.sdf, own, others)
     return Sample(composed, bound.minimum(reach), voxel, scale)
+
+
+def distance(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
+    """`sample(volume, position).composed.sdf`; what lies in no part's box, most of a ray, is not composed."""
+    found, _, _ = _stored_body(volume.body, position)
+    boxed = torch.zeros(len(position), dtype=torch.bool)
+    for part in volume.parts:
+        matrix = torch.as_tensor(part.box_from_root).to(position)
+        local = position @ matrix[:3, :3].T + matrix[:3, 3]
+        boxed |= ((local >= 0) & (local <= torch.as_tensor(part.size).to(position))).all(-1)
+    rows = torch.nonzero(boxed)[:, 0]
+    return found.index_put((rows,), sample(volume, position[rows]).composed.sdf)
+
+
+def _stored_body(grid: BodyGrid, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Distance, the side of the voxels it comes from, and the place in body voxels."""
+    place = (position - torch.as_tensor(grid.origin).to(position)) / grid.voxel
+    size = torch.tensor(grid.sdf.shape).flip(0).to(position) - 1
+    within = place.clamp(min=torch.zeros_like(size), max=size)
+    body, voxel = trilinear(grid.sdf[..., None], place)[:, 0], torch.full_like(place[:, 0], grid.voxel)
+    if grid.bricks is not None:
+        rows, finer = grid.bricks.sample(within)
+        body[rows], voxel[rows] = finer, grid.voxel / grid.bricks.side
+    return body + grid.voxel * (place - within).norm(dim=-1), voxel, place
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from avatarrex.volume.solids import body_grid, part_box, rotation, sphere
-from avatarrex.volume.volume import Contact, PartBox, SdfVolume, sample
+from avatarrex.volume.volume import Contact, PartBox, SdfVolume, distance, sample
 
 POINTS = torch.rand(4000, 3, generator=torch.Generator().manual_seed(3), dtype=torch.float64) * 0.36 + 0.02
 
@@ -98,6 +98,16 @@ def test_contact_replaces_the_body_and_keeps_the_other_limb():
     held = got.composed.sdf != plain.composed.sdf
     assert held.any()
     assert (got.composed.sdf[held] <= -0.01 + 1e-9).all()
+
+
+def test_the_distance_alone_is_the_same_to_the_bit():
+    points = torch.cat([POINTS, 3 * POINTS - 0.5])
+    block = torch.stack([torch.full((21, 21, 21), 0.03), torch.full((21, 21, 21), -0.01)], -1)
+    contact = Contact(np.array([2, 3, 1]), block[:18, :17, :19].contiguous())
+    other = hand(placed(10, (0.15, 0.1, 0.12)), name="right_hand")
+    for parts in ((), (hand(),), (hand(contact=contact), other)):
+        volume = SdfVolume(plane_body(), parts)
+        assert torch.equal(distance(volume, points), sample(volume, points).composed.sdf)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
