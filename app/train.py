@@ -82,7 +82,7 @@ def kept_recipe(path: Path, config: Mapping[str, Any], mixed: bool) -> Recipe:
     """The one that the run began with, whatever the preset is by now. Raises `InputError`."""
     try:
         recipe = Recipe.from_json(config["recipe"])
-    except (KeyError, TypeError, IndexError) as error:
+    except (KeyError, TypeError, IndexError, ValueError) as error:
         raise InputError(path, "run.json: recipe", "a recipe of this version", repr(error)) from None
     if mixed and not recipe.mixed:
         raise InputError("--mixed", "", "as the run began, without", "--mixed")

@@ -55,7 +55,8 @@ def _steps(bench: Bench, path: Path) -> list[Metric]:
     else:  # another person: its template is near enough to place the samples
         avatar.meta["untrained"] = ["face"]
         warm_start(avatar, rig.signals, "body", QUICK.body[0].warm_steps, SEED)
-    recipe = replace(QUICK.body[0], rays=bench.count(400, 200))
+    full = QUICK.body[0]
+    recipe = replace(full, rays=bench.count(full.rays, 200), outline=bench.count(full.outline, 1000))
     store = FrameStore(avatar, rig, "body", avatar.hidden)
     store.renew(0)
     work = BodyPass(avatar, store, recipe, SEED)
@@ -66,6 +67,7 @@ def _steps(bench: Bench, path: Path) -> list[Metric]:
     gamma = Gamma(extra=recipe.gamma_extra, steps=recipe.gamma_steps).at(SETTLED)
     samples: list[float] = []
     losses: list[float] = []
+    outlines: list[int] = []
 
     def step(number: int) -> None:
         result = work.step(number, gamma)
@@ -74,10 +76,12 @@ def _steps(bench: Bench, path: Path) -> list[Metric]:
         loss.backward()
         optimiser.step()
         samples.append(result.samples_per_ray)
+        outlines.append(result.silhouette_rays)
         losses.append(float(loss.detach()))
 
     took = [timed(lambda k=k: step(k)) for k in range(bench.count(30, 8))]  # type: ignore[misc]
     spread = {"least": min(samples), "most": max(samples), "steps": len(samples), "loss": median(losses)}
+    spread["silhouette_rays"] = mean(outlines)
     times = Times([t.wall[0] for t in took], [t.cpu[0] for t in took])
     return [
         Metric("training.samples_per_ray", mean(samples), "samples", error=spread, target=6.0),

@@ -87,7 +87,7 @@ class Study:
         if found is not None:
             try:  # a field of recipes that is newer than the study has its default
                 found["base"] = _plain(Recipe.from_json(found["base"]))
-            except (KeyError, TypeError) as error:
+            except (KeyError, TypeError, ValueError) as error:
                 raise InputError(self.folder, "study.json: base", "a recipe of this version", error) from None
             _same(self.folder, "", about, {key: found.get(key) for key in about})
         self.about: dict[str, Any] = found or {**about, "recipes": {}}

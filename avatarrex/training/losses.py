@@ -52,11 +52,11 @@ def silhouette_loss(
     A straight edge at s from a pixel's centre covers 1/2 − s/`width` of it. Where the matte is neither 0 nor 1 that is to
     be met; elsewhere only the wrong side counts (IDR, Yariv et al. 2020, eq. 7: rays that hit the person where the matte
     has it tell nothing). Once γ is small the mask term does not hear of a ray that misses or enters by a few γ. NaN rays
-    (not asked) do not count.
+    (not asked) say nothing. Where hardly any ray has weight (a face whose outline is hair), hardly anything is lost.
     """
     off = (0.5 - matte) * width - lowest
     off = torch.where(matte > 1 - PURE, off.clamp_max(0), torch.where(matte < PURE, off.clamp_min(0), off))
-    return (off.abs().nan_to_num(0.0) * weight).sum() / (NEARBY * weight.sum().clamp_min(1e-6))
+    return (off.abs().nan_to_num(0.0) * weight).sum() / (NEARBY * weight.sum().clamp_min(1.0))
 
 
 def eikonal_loss(field: TrainedField, position: Float[Tensor, "p 3"]) -> Tensor:

@@ -1,7 +1,8 @@
-"""The silhouette term's rays: pixels about the matte's edge, each asked once, where it comes closest to the surface.
+"""The silhouette term's rays: each is asked once, where it comes closest to the surface.
 
-Of the pixels that volume rendering draws one in ten or so lies on an edge. One distance is a fraction of a rendered ray's
-cost, so pass I draws as many again from the edges alone. Letters: r rays.
+Of the pixels that volume rendering draws one in ten or so lies on the matte's edge, so pass I draws more about it
+(`pixels.draw_outline`). Such a ray costs a walk over the stored volume and one distance, where a rendered one costs five
+distances and colours. Letters: r rays.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class Closest:
     """What silhouette_loss compares."""
 
     distance: Float[Tensor, " r"]
-    """Of the ray's lowest point, metres; NaN where the stored one is known to be right."""
+    """Of the ray's lowest point, metres; NaN where that is not asked: the stored one is right, or beyond `RIM`."""
     width: Float[Tensor, " r"]
     """Metres a pixel spans there."""
     matte: Float[Tensor, " r"]

@@ -39,9 +39,11 @@ class StepResult:
 
     terms: dict[str, Tensor]
     samples_per_ray: float
-    """Samples evaluated for each rendered ray that meets the person; a ray of the outline takes one besides."""
+    """Samples evaluated for each rendered ray that meets the person."""
     pictures: list[tuple[int, int]]
     """(frame, view) that the batch was drawn from."""
+    silhouette_rays: int = 0
+    """Rays asked for the silhouette term, one distance each."""
 
 
 class BodyPass:
@@ -141,7 +143,7 @@ def run_batch(stage: BodyPass | FacePass, step: int, gamma: float) -> StepResult
     recipe, rig = stage.recipe, stage.store.rig
     rng = np.random.default_rng([stage.seed, step])
     summed: dict[str, Tensor] = {}
-    evaluated = met = 0
+    evaluated = met = asked = 0
     pictures = []
     for slot in range(recipe.frames):
         index, view = stage.pairs[rng.integers(len(stage.pairs))]
@@ -156,10 +158,11 @@ def run_batch(stage: BodyPass | FacePass, step: int, gamma: float) -> StepResult
         evaluated, met = evaluated + samples, met + int((pixels.matte > 0.5).sum())
         if recipe.outline:
             edge = draw_outline(rig, view, index, recipe.outline // recipe.frames, rng, window)
-            losses["silhouette"] = _outline_loss(stage, field, frame, camera, edge)
+            losses["silhouette"], more = _outline_loss(stage, field, frame, camera, pixels.joined(edge))
+            asked += more
         for name, value in (losses | terms).items():
             summed[name] = summed.get(name, torch.zeros(())) + value / recipe.frames
-    return StepResult(summed, evaluated / max(met, 1), pictures)
+    return StepResult(summed, evaluated / max(met, 1), pictures, asked)
 
 
 def _render_losses(
@@ -214,9 +217,9 @@ def _render_losses(
 
 def _outline_loss(
     stage: BodyPass | FacePass, field: TrainedField, frame: TrainingFrame, camera: Camera, pixels: PixelBatch
-) -> Tensor:
-    """The silhouette term of pixels about the outline."""
+) -> tuple[Tensor, int]:
+    """The silhouette term, and how many rays were asked for it."""
     found = closest(field, frame.volume.sdf, frame.camera(camera), pixels)
     counted = stage.ray_weight(found.part_weight)
     term = silhouette_loss(found.distance, found.width, found.matte, counted)
-    return stage.recipe.silhouette * term
+    return stage.recipe.silhouette * term, int((~found.distance.isnan()).sum())

@@ -23,7 +23,8 @@ BESIDE = 0.03
 TRIES = 8
 """Places looked at for each ray of the rim."""
 ACROSS = 0.005
-"""Of the person's height in the picture: how far from the matte's edge, in the mean, pixels of the outline are drawn."""
+"""Of the person's height in the picture, and at least a pixel: how far pixels of the outline are drawn from the matte's edge
+(standard deviation in each direction)."""
 AROUND = 0.12
 """Of the box's size: how far around the person the background is drawn from."""
 
@@ -36,6 +37,11 @@ class PixelBatch:
     """(x, y), centres at +0.5."""
     colour: Float[Tensor, "r 3"]
     matte: Float[Tensor, " r"]
+
+    def joined(self, other: PixelBatch) -> PixelBatch:
+        """Both, of the same picture."""
+        pairs = zip(vars(self).values(), vars(other).values())
+        return PixelBatch(*(torch.cat(pair) for pair in pairs))
 
 
 def training_pairs(rig: Rig) -> list[tuple[int, int]]:

@@ -46,11 +46,16 @@ class PassOne:
     silhouette: float = 0.0
     """Weight of the silhouette term (losses.py); the paper has none."""
     outline: int = 0
-    """Rays of the silhouette term, of the whole batch, drawn about the matte's edge."""
+    """Rays of the whole batch that it has besides the rendered ones, drawn about the matte's edge."""
     node: float = 1.0
     """Of the paper's weight of L_node, under which nodes drift by centimetres."""
     sampling: Sampling = "near"
     quadrature: Quadrature = "interval"
+
+    def __post_init__(self) -> None:
+        """Raises `ValueError` for a silhouette term without rays: recipes of older runs have none of their own."""
+        if (self.silhouette > 0) != (self.outline > 0):
+            raise ValueError(f"silhouette {self.silhouette} with {self.outline} rays of the outline")
 
 
 @dataclass(frozen=True)
@@ -168,7 +173,7 @@ REFINE = Recipe(
 SMOKE = Recipe(
     "smoke",
     "compact",
-    face=(PassOne(6, 1, 64, 6, 2e-3, 0.5, 10, 10, 6), PassTwo(3, 32, 1e-3, 0.5, 10)),
+    face=(PassOne(6, 1, 64, 6, 2e-3, 0.5, 10, 10, 6, silhouette=0.3, outline=32), PassTwo(3, 32, 1e-3, 0.5, 10)),
     body=(PassOne(12, 2, 96, 6, 2e-3, 0.5, 20, 20, 12, silhouette=1.0, outline=64), PassTwo(4, 32, 1e-3, 0.5, 10)),
     interval=5,
     evaluate=1000,

@@ -295,6 +295,7 @@ class Trainer:
             "schedule/lr": stage.rate(step),
             "rate/steps_per_s": rate,
             "rate/samples_per_ray": result.samples_per_ray,
+            "rate/silhouette_rays": result.silhouette_rays,
             "memory/mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         }
         self.run.scalars(step, {f"{stage.part}/{name}": value for name, value in values.items()})

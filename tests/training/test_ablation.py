@@ -35,8 +35,8 @@ VARIANTS = tuple(name for name in PRESETS if name.startswith("compact/"))
 TINY = Recipe(
     "tiny",
     "compact",
-    face=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1), PassTwo(1, 32, 1e-3, 0.5, 10)),
-    body=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1), PassTwo(1, 32, 1e-3, 0.5, 10)),
+    face=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1, silhouette=0.3, outline=32), PassTwo(1, 32, 1e-3, 0.5, 10)),
+    body=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1, silhouette=1.0, outline=32), PassTwo(1, 32, 1e-3, 0.5, 10)),
     interval=2,
     evaluate=1000,
 )

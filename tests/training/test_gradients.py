@@ -143,7 +143,7 @@ def test_pass_one_of_the_body(tiny, monkeypatch):
         noise = noise_of(0, 1, 2)
         field, terms = stage.field(frame, noise)
         rendered, _ = _render_losses(stage, field, frame, camera, batch, 0.02, noise)
-        silhouette = _outline_loss(stage, field, frame, camera, batch)
+        silhouette, _ = _outline_loss(stage, field, frame, camera, batch)
         assert float(silhouette.detach()) > 0
         return weighted(terms | rendered | {"silhouette": silhouette})
 
@@ -156,7 +156,7 @@ def test_pass_one_of_the_face(tiny, monkeypatch):
     avatar, frame, store = tiny
     monkeypatch.setattr("avatarrex.training.pass_one.SHOWN", 0.0)
     monkeypatch.setattr(FacePass, "ray_weight", lambda self, share: torch.ones_like(share[:, 0]))  # without gradient
-    stage = FacePass(avatar, store, SMOKE.face[0], 0)
+    stage = FacePass(avatar, store, replace(SMOKE.face[0], silhouette=2.0), 0)
     camera = store.rig.views[0].camera
     head = frame.posed.root_from_part("face")
     mesh = frame.posed.parts["face"][avatar.person.face.blend_weight > 0.9][::60].numpy()
@@ -166,7 +166,9 @@ def test_pass_one_of_the_face(tiny, monkeypatch):
         noise = noise_of(0, 1, 2)
         field, terms = stage.field(frame, noise)
         rendered, _ = _render_losses(stage, field, frame, camera, batch, 0.02, noise)
-        return weighted(terms | rendered)
+        silhouette, asked = _outline_loss(stage, field, frame, camera, batch)
+        assert asked > 5
+        return weighted(terms | rendered | {"silhouette": silhouette})
 
     check(stage.parameters(), loss, 12)
 

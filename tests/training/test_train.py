@@ -27,8 +27,8 @@ from avatarrex.training.train import Diverged, Stage, Trainer
 TINY = Recipe(
     "tiny",
     "compact",
-    face=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1), PassTwo(1, 32, 1e-3, 0.5, 10)),
-    body=(PassOne(4, 1, 40, 4, 1e-3, 0.5, 10, 10, 1), PassTwo(2, 32, 1e-3, 0.5, 10)),
+    face=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1, silhouette=0.3, outline=32), PassTwo(1, 32, 1e-3, 0.5, 10)),
+    body=(PassOne(4, 1, 40, 4, 1e-3, 0.5, 10, 10, 1, silhouette=1.0, outline=32), PassTwo(2, 32, 1e-3, 0.5, 10)),
     interval=2,
     evaluate=1000,
 )
@@ -81,7 +81,13 @@ def test_a_training_ends_with_an_avatar_that_says_what_it_is(whole):
     assert read_about(whole)["state"] == "finished"
     found = losses(whole)
     assert set(found["body/loss/rgb"]) == set(range(6))
-    assert {"body/loss/mask", "body/loss/eikonal", "body/loss/kl", "body/loss/perceptual"} <= set(found)
+    assert {
+        "body/loss/mask",
+        "body/loss/silhouette",
+        "body/loss/eikonal",
+        "body/loss/kl",
+        "body/loss/perceptual",
+    } <= set(found)
 
 
 @pytest.mark.parametrize("dies_at", [3, 5])
