@@ -107,7 +107,8 @@ def test_the_distance_alone_is_the_same_to_the_bit():
     other = hand(placed(10, (0.15, 0.1, 0.12)), name="right_hand")
     for parts in ((), (hand(),), (hand(contact=contact), other)):
         volume = SdfVolume(plane_body(), parts)
-        assert torch.equal(distance(volume, points), sample(volume, points).composed.sdf)
+        for some in (points, points.float(), points[:0], points + 5):
+            assert torch.equal(distance(volume, some), sample(volume, some).composed.sdf)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
