@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     networks = Networks.load(*(Path(x) if x else None for x in (arguments.vgg, arguments.lpips, arguments.inception)))
     avatar, capture = load_avatar(arguments.avatar), open_capture(arguments.capture)
     rig = held_out(capture, arguments)
-    frames = options.frames(arguments.frames, rig.frames) if arguments.frames else None
+    frames = _frames(arguments.frames, rig) if arguments.frames else None
     views = views_of(rig, arguments.views, "--views") if arguments.views else None
     for note in (*capture.notes, *_other_body(avatar, capture)):
         print(note, file=sys.stderr)
@@ -57,6 +57,11 @@ def run(arguments: argparse.Namespace) -> int:
         write_png(arguments.sheet, contact_sheet(found))
         print(arguments.sheet)
     return 0
+
+
+def _frames(text: str, rig: Rig) -> tuple[int, ...]:
+    """All that are held out, or as listed."""
+    return tuple(sorted(rig.held_out_frames)) if text == "held-out" else options.frames(text, rig.frames)
 
 
 def held_out(capture: Capture, arguments: argparse.Namespace) -> Rig:

@@ -161,8 +161,12 @@ def frame(text: str, count: int, option: str = "--frame") -> int:
     return int(text) % count
 
 
-def frames(text: str, count: int) -> range:
-    """`A:B:S` as a slice of a motion of `count` frames; B is not included."""
+def frames(text: str, count: int) -> tuple[int, ...]:
+    """`A:B:S` as a slice of a motion of `count` frames, B not included; several of them, comma separated."""
+    return tuple(dict.fromkeys(frame for part in text.split(",") for frame in _slice(part, count)))
+
+
+def _slice(text: str, count: int) -> range:
     parts = text.split(":")
     if not 2 <= len(parts) <= 3 or not all(re.fullmatch(r"\s*(-?[0-9]{1,9})?\s*", part) for part in parts):
         raise InputError("--frames", "", "A:B or A:B:S, e.g. 0:120:4", text or "nothing")

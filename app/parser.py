@@ -95,7 +95,7 @@ def _evaluate_options(evaluate: argparse.ArgumentParser) -> None:
     add("avatar", help="name, folder or .avatar file")
     add("capture", help="a folder or .zip")
     add("--rig", choices=("body", "face"), help="body, where there is one")
-    add("--frames", metavar="A:B:S", help="frames A to B (not included) in steps of S (4 of each split)")
+    add("--frames", metavar="A:B:S,…", help="frames A to B (not included) in steps of S, or held-out (4 of each split)")
     add("--views", metavar="NAMES", help="cameras by name or number, comma separated (all)")
     add("--held-out-frames", metavar="A:B:S", help="frames that were not trained on, instead of the capture's own")
     add("--held-out-views", metavar="NAMES", help="cameras that were not trained on, instead of the capture's own")

@@ -140,7 +140,8 @@ def test_settings_mean_what_they_say():
     assert options.background("255,0,51") == (1.0, 0.0, 0.2, 1.0)
     assert options.background("1.0,0.5,0") == (1.0, 0.5, 0.0, 1.0)
     assert options.background("#ff0033") == (1.0, 0.0, 0.2, 1.0)
-    assert list(options.frames("-4:", 12)) == [8, 9, 10, 11]
+    assert options.frames("-4:", 12) == (8, 9, 10, 11)
+    assert options.frames("0:2,8:12:2,1:3", 12) == (0, 1, 8, 10, 2)
     assert options.size("640x480") == (640, 480)
 
 

@@ -126,6 +126,7 @@ def test_whole_frames(body_alone):
 def test_training_steps_evaluate_few_samples(bench):
     found = run("training", bench)
     assert 0 < found["training.samples_per_ray"].value < 20
+    assert found["training.samples_per_ray"].error["silhouette_rays"] > 0
 
 
 @pytest.mark.slow

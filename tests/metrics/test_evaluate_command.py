@@ -46,13 +46,14 @@ def test_wrong_options_are_one_line(capture, capsys, words, message):
 
 def test_the_default_avatar_is_measured(capture, capsys, tmp_path):
     figures, sheet = tmp_path / "out" / "metrics.json", tmp_path / "sheet.png"
-    words = ["--frames", "-1:", "--views", "0,side", "--size", "48", "--baselines", "--held-out-views", "side"]
+    words = ["--frames", "held-out", "--views", "0,side", "--size", "48", "--baselines", "--held-out-views", "side"]
     assert main(["evaluate", "default", capture, *words, "--json", str(figures), "--sheet", str(sheet)]) == 0
     text = capsys.readouterr().out
     assert "held-out both" in text
     assert "n/a (no weights: pt_inception-2015-12-05-6726825d.pth)" in text
     data = json.loads(figures.read_text())
     assert data["size"] == [48, 48]
+    assert data["frames"] == [2]
     assert data["held_out"] == {"frames": [2], "views": ["side"]}
     assert set(data["splits"]) == {"held-out pose", "held-out both"}
     values = data["splits"]["held-out pose"]["avatar"]
