@@ -27,6 +27,7 @@ from avatarrex.errors import InputError
 from avatarrex.fields.body import BodyField
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
+from avatarrex.fields.light import Light
 from avatarrex.fields.presets import BASES, PRESETS
 from avatarrex.fields.tone import ToneMap
 from avatarrex.files import parse_json, what_is
@@ -36,8 +37,10 @@ from avatarrex.templates.person_fit import PersonFit
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.contact import Ownership
 
-FORMAT = 2
-"""Version of the folder layout; a reader refuses a newer one by name. 1 had no tone mapping: the identity."""
+FORMAT = 3
+"""Version of the folder layout; a reader refuses a newer one by name."""
+SINCE = {"tone": 2, "light": 3}
+"""Format since which there is such a module; avatars of before have the identity."""
 FILES = ("avatar.json", "weights.safetensors")
 LARGEST = 2**30
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
@@ -54,6 +57,7 @@ class Avatar:
     right_hand: HandField
     face: FaceField
     tone: ToneMap
+    light: Light
     meta: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
@@ -70,6 +74,7 @@ class Avatar:
             HandField(person.right_hand, widths),
             FaceField(person.face, widths),
             ToneMap(widths),
+            Light(),
             {"format": FORMAT, "preset": preset, "local_frame": local_frame, "seed": seed},
         )
         for module in avatar.modules().values():
@@ -81,13 +86,14 @@ class Avatar:
         return {"left_hand": self.left_hand, "right_hand": self.right_hand}[name]
 
     def modules(self) -> dict[str, nn.Module]:
-        """The fields by name, and the tone mapping."""
+        """The fields by name, the tone mapping and the light."""
         return {
             "body": self.body,
             "left_hand": self.left_hand,
             "right_hand": self.right_hand,
             "face": self.face,
             "tone": self.tone,
+            "light": self.light,
         }
 
     def frozen_copy(self) -> Avatar:
@@ -243,8 +249,8 @@ def _meta(path: Path, meta: Any) -> dict[str, Any]:
 def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor], format: int) -> None:
     """Load `state` into the fields after checking every name, shape and value."""
     expected = avatar.state()
-    if format == 1:
-        state = {**{name: value for name, value in expected.items() if name.startswith("tone.")}, **state}
+    unknown = tuple(f"{part}." for part, since in SINCE.items() if format < since)
+    state = {**{name: value for name, value in expected.items() if name.startswith(unknown)}, **state}
     for name, value in expected.items():
         if name not in state:
             raise InputError(path, f"weights.safetensors: {name}", f"a tensor {tuple(value.shape)}", "missing")

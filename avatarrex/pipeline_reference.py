@@ -22,6 +22,7 @@ from avatarrex.fields.body import BodyField, BodyFrame
 from avatarrex.fields.composition import emptied
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
+from avatarrex.fields.light import Light
 from avatarrex.fields.patches import patches_reference
 from avatarrex.fields.tone import ToneMap
 from avatarrex.ops.rotation import matrix_from_rotvec
@@ -51,6 +52,7 @@ class PosedReference:
     hands: dict[str, HandField]
     face: FaceField
     tone: ToneMap
+    light: Light
     template: PosedTemplate
     frame: BodyFrame
     meshes: dict[str, Tensor]
@@ -108,6 +110,7 @@ def pose_reference(avatar: Avatar, signals: Signals) -> PosedReference:
         {name: _double(avatar.hand(name)) for name in ("left_hand", "right_hand")},
         face,
         _double(avatar.tone),
+        _double(avatar.light),
         template,
         body.frame(template, body.code(matrix_from_rotvec(value["body_pose"]))),
         meshes,
@@ -155,7 +158,7 @@ def shade_reference(posed: PosedReference, pointmap: PointMap, view: Camera) -> 
     position, weight = pointmap.position[hit].double(), pointmap.part_weight[hit].double()
     gaze = torch.nn.functional.normalize(position - torch.as_tensor(view.centre), dim=-1)
     patches = patches_reference(posed.body.patch_network, posed.frame.code.embedding)
-    colour = posed.body.colour(posed.frame, patches, position, gaze, impl="reference")
+    colour = posed.body.colour(posed.frame, patches, position, gaze, impl="reference", light=posed.light)
     colour = colour * (1 - weight.sum(-1, keepdim=True))
     for column, name in enumerate(PARTS):
         place = posed.part_from_root(name)
@@ -166,6 +169,7 @@ def shade_reference(posed: PosedReference, pointmap: PointMap, view: Camera) -> 
         else:
             query = posed.hands[name].sdf(posed.meshes[name], local, impl="reference")
             own = posed.hands[name].colour(posed.meshes[name], posed.value[f"{name}_pose"], query)
+            own = own * posed.light(query.normal @ place[:3, :3])
         colour = colour + weight[:, column, None] * own
     image = torch.zeros(*hit.shape, 4, dtype=torch.float64)
     image[hit] = torch.cat([colour.clamp(0, 1), torch.ones_like(colour[:, :1])], -1)

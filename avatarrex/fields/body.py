@@ -23,7 +23,16 @@ from torch import Tensor, nn
 from avatarrex.errors import InputError
 from avatarrex.fields.code import BodyCode, DetailCode
 from avatarrex.fields.influence import GATE, RADIUS, Pairs, find_pairs, gate, influence, weighted_mean
-from avatarrex.fields.local_frame import LOCAL_FRAMES, NEIGHBOURS, SPREAD, Samples, blended_rest_position, take
+from avatarrex.fields.light import Light
+from avatarrex.fields.local_frame import (
+    LOCAL_FRAMES,
+    NEIGHBOURS,
+    SPREAD,
+    Neighbours,
+    Samples,
+    blended_rest_position,
+    take,
+)
 from avatarrex.fields.local_networks import LocalNetworks, mlp
 from avatarrex.fields.nodes import covering_radius, farthest_points, node_normals, part_labels, plane_axes
 from avatarrex.fields.patches import NoPatches, PatchNetwork, sample_patches
@@ -213,10 +222,12 @@ class BodyField(nn.Module):
         pairs: Pairs,
         among: Bool[Tensor, " n"] | None = None,
         cutoff: float = 0.0,
+        beside: Neighbours | None = None,
     ) -> tuple[Pairs, Float[Tensor, "k 3"], Float[Tensor, " k"]]:
         """Pairs that have weight, their local coordinates p_i (metres, rest pose) and their weights w_i.
 
-        `among` (n,) restricts nodes and anchors; a pair with less than `cutoff` of its point's weight is left out.
+        `among` (n,) restricts nodes and anchors; a pair with less than `cutoff` of its point's weight is left out;
+        `beside`: the points' neighbours among the anchors, where they have been found.
         """
         if among is not None:
             pairs = pairs.keep(among[pairs.node])
@@ -227,7 +238,7 @@ class BodyField(nn.Module):
             rest = skin(inverse.index_select(0, pairs.node), point.T).T
         elif frame.samples is not None:
             samples = frame.samples if among is None else frame.samples.among(among)
-            rest = take(samples.rest_position(position), pairs.point)
+            rest = take(samples.rest_position(position, beside), pairs.point)
         else:
             blended = blended_rest_position(position, pairs, squared, frame.node_from_rest, frame.node_rest)
             rest = take(blended, pairs.point)
@@ -286,18 +297,24 @@ class BodyField(nn.Module):
         view_direction: Float[Tensor, "p 3"],
         pairs: Pairs | None = None,
         impl: str = "auto",
+        light: Light | None = None,
     ) -> Float[Tensor, "p 3"]:
-        """sRGB in [0, 1] of surface points seen along unit `view_direction` (root frame, from the eye).
+        """sRGB in [0, 1] of surface points seen along unit `view_direction` (root frame, from the eye); in the `light` that
+        falls on them, above 1 where it is bright, or as the networks say (for fields without anchors, too).
 
         `patches` None decodes those of the nodes that the points hear, for this call alone.
         Where no node reaches, the colour of zero features: no such point lies on a surface.
         """
         pairs = self.pairs(frame, position) if pairs is None else pairs
-        pairs, local, weight = self.localise(frame, position, pairs, cutoff=self.widths.colour_cutoff)
+        beside = None if frame.samples is None else frame.samples.neighbours_of(position)
+        pairs, local, weight = self.localise(frame, position, pairs, None, self.widths.colour_cutoff, beside)
         feature = self._colour_features(frame, patches, pairs, local, impl)
         mean, _ = weighted_mean(feature, weight, pairs, len(position))
         direction = encode(view_direction, DIRECTION_OCTAVES)
-        return torch.sigmoid(self.colour_blend(torch.cat([F.relu(mean), direction], -1)))
+        colour = torch.sigmoid(self.colour_blend(torch.cat([F.relu(mean), direction], -1)))
+        if light is None or frame.samples is None or beside is None:
+            return colour
+        return colour * light(frame.samples.facing(beside))
 
     def _colour_features(
         self, frame: BodyFrame, patches: Tensor | None, pairs: Pairs, local: Float[Tensor, "k 3"], impl: str

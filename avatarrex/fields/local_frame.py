@@ -91,13 +91,11 @@ class Samples:
             self.spread,
         )
 
-    def rest_position(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
-        """p̄ of every point; differentiable in the point and in the pose where the neighbours do not change."""
-        if not len(self.rest):  # no node is left that could ask
-            return position
+    def neighbours_of(self, position: Float[Tensor, "p 3"]) -> Neighbours:
+        """The samples that carry every point, and their weights; differentiable in the point."""
         index = self.nearest(position)
-        if index.shape[1] == 1:
-            return skin(self.rest_from_posed[index[:, 0]], position)
+        if index.shape[1] <= 1:
+            return Neighbours(index, position.new_ones(index.shape))
         shape = index.shape
         offset = position.T[:, :, None] - take(self.position, index.flatten()).unflatten(1, shape)
         squared = offset.square().sum(0)
@@ -109,13 +107,37 @@ class Samples:
         t = ((SHUT**2 - apart) / (SHUT**2 - OPEN**2)).clamp(0, 1)
         weight = torch.exp((squared[:, :1].detach() - squared) / (2 * self.spread**2))
         weight = (weight - weight[:, -1:] + NEVER_ZERO) * t * t * (3 - 2 * t)
-        weight = weight / weight.sum(-1, keepdim=True)
-        table = self.rest_from_posed.reshape(-1, 12)
-        if weight.requires_grad or table.requires_grad:  # the eikonal term differentiates twice, embedding_bag once
-            matrix = (weight[:, :, None] * table[index]).sum(1)
-        else:
-            matrix = torch.nn.functional.embedding_bag(index, table, per_sample_weights=weight, mode="sum")
-        return skin(matrix.reshape(-1, 3, 4), position)
+        return Neighbours(index, weight / weight.sum(-1, keepdim=True))
+
+    def rest_position(self, position: Float[Tensor, "p 3"], beside: Neighbours | None = None) -> Float[Tensor, "p 3"]:
+        """p̄ of every point; differentiable in the point and in the pose where the neighbours do not change."""
+        if not len(self.rest):  # no node is left that could ask
+            return position
+        beside = self.neighbours_of(position) if beside is None else beside
+        return skin(beside.mean(self.rest_from_posed.reshape(-1, 12)).reshape(-1, 3, 4), position)
+
+    def facing(self, beside: Neighbours) -> Float[Tensor, "p 3"]:
+        """Which way the surface is turned beside each point: unit, smooth, turning with the limb."""
+        return torch.nn.functional.normalize(beside.mean(self.outward), dim=-1)
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """The samples that carry points."""
+
+    index: Int[Tensor, "p k"]
+    weight: Float[Tensor, "p k"]
+    """Sum 1 over k."""
+
+    def mean(self, values: Float[Tensor, "a c"]) -> Float[Tensor, "p c"]:
+        """Weighted means of the samples' `values`."""
+        if self.index.shape[1] == 1:
+            return values[self.index[:, 0]]
+        if (
+            self.weight.requires_grad or values.requires_grad
+        ):  # the eikonal term differentiates twice, embedding_bag once
+            return (self.weight[:, :, None] * values[self.index]).sum(1)
+        return torch.nn.functional.embedding_bag(self.index, values, per_sample_weights=self.weight, mode="sum")
 
 
 def take(values: Float[Tensor, "p c"], index: Int[Tensor, " k"]) -> Float[Tensor, "c k"]:

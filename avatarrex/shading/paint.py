@@ -74,14 +74,16 @@ class Paint:
             patches = self.patches.value
         self.counters.add("body_pixels", len(position))
         self.counters.add("local_mlp_evaluations", len(pairs.point))
-        return body.colour(frame, patches, position, direction, pairs)
+        return body.colour(frame, patches, position, direction, pairs, light=self.avatar.light)
 
     def _hand(self, name: str, local: Tensor) -> Tensor:
         self.counters.add("hand_pixels", len(local))
         hand, vertices = self.avatar.hand(name), self.posed.parts[name]
         if name not in self.hands:
             self.hands[name] = hand.surface(vertices)
-        return hand.colour(vertices, self.posed.hand_pose[name], hand.beside(self.hands[name], local))
+        beside = hand.beside(self.hands[name], local)
+        turned = beside.normal @ torch.as_tensor(self.posed.root_from_part(name)[:3, :3].T).to(local)
+        return hand.colour(vertices, self.posed.hand_pose[name], beside) * self.avatar.light(turned)
 
     def _face(self, local: Tensor, gaze: Tensor, direction: Tensor) -> Tensor:
         if self.planes is None:

@@ -56,7 +56,7 @@ class BodyPass:
 
     def parameters(self) -> list[nn.Parameter]:
         """Everything that pass I trains."""
-        modules = (self.avatar.body, self.avatar.left_hand, self.avatar.right_hand, self.avatar.tone)
+        modules = (self.avatar.body, self.avatar.left_hand, self.avatar.right_hand, self.avatar.tone, self.avatar.light)
         return [*(p for module in modules for p in module.parameters()), self.frame_codes]
 
     def step(self, step: int, gamma: float) -> StepResult:

@@ -40,7 +40,7 @@ class PatchPass:
         """The colour networks."""
         if self.part == "face":
             return list(self.avatar.face.colour_net.parameters())
-        others = (self.avatar.left_hand, self.avatar.right_hand, self.avatar.tone)
+        others = (self.avatar.left_hand, self.avatar.right_hand, self.avatar.tone, self.avatar.light)
         return [*self.avatar.body.colour_parameters(), *(p for module in others for p in module.parameters())]
 
     def step(self, step: int, gamma: float) -> StepResult:

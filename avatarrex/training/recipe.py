@@ -146,7 +146,7 @@ LONG = Recipe(
             4000, 1, 600, 5, 4e-3, 0.02, 4000, 600, 60, gamma_extra=0.005, geometry_rate=0.15, latent=False,
             silhouette=1.0, outline=2000, node=25.0,
         ),
-        PassTwo(6000, 128, 3e-3, 0.02, 6000),
+        PassTwo(4000, 128, 3e-3, 0.02, 4000),
     ),
     interval=200,
     evaluate=1000,

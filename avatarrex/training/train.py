@@ -137,6 +137,10 @@ class Trainer:
         if latest is None:
             return 0, None
         _, state = latest
+        if (found := set(state["modules"])) != set(self.avatar.modules()):
+            raise InputError(
+                self.run.path, "checkpoint: modules", ", ".join(self.avatar.modules()), ", ".join(sorted(found))
+            )
         for name, module in self.avatar.modules().items():
             module.load_state_dict(state["modules"][name])
         return int(state["stage"]), state if "optimiser" in state else None

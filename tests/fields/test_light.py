@@ -1,0 +1,84 @@
+"""The light that turns with nothing: limbs turn in it."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+
+import numpy as np
+import safetensors.torch
+import torch
+
+from avatarrex.avatar import Avatar, load_avatar, save_avatar
+from avatarrex.capture.shade import studio_light
+from avatarrex.counters import Counters
+from avatarrex.fields.light import DARKEST, Light
+from avatarrex.signals.library import named_pose
+from avatarrex.signals.signals import Signals
+from avatarrex.templates.person import load_person
+from avatarrex.templates.posed import pose_person
+from avatarrex.volume.build import body_frame
+
+
+def directions(count: int) -> torch.Tensor:
+    """Unit vectors all around."""
+    return torch.nn.functional.normalize(torch.randn(count, 3, generator=torch.Generator().manual_seed(2)), dim=-1)
+
+
+def test_a_light_that_is_not_trained_changes_nothing():
+    assert torch.equal(Light()(directions(9)), torch.ones(9, 3))
+
+
+def test_nine_harmonics_hold_the_studio_light():
+    """Of a grey surface, to 2.5 % of its brightness in the mean: what a training is to find can be said."""
+    normal = directions(4000)
+    one = np.ones(len(normal))
+    truth = studio_light(0.6 * np.ones((len(normal), 3)), normal.double().numpy(), one, np.zeros(len(normal)))
+    light, albedo = Light(), torch.nn.Parameter(torch.full((3,), 0.5))
+    optimiser = torch.optim.Adam([*light.parameters(), albedo], lr=0.02)
+    wanted = torch.as_tensor(truth).float()
+    for _ in range(300):
+        optimiser.zero_grad()
+        loss = (albedo * light(normal) - wanted).abs().mean()
+        loss.backward()
+        optimiser.step()
+    assert float(loss.detach()) < 0.025 * float(wanted.mean())
+    assert float((wanted - wanted.mean(0)).abs().mean()) > 0.1 * float(wanted.mean()), "one colour would not do"
+
+
+def test_it_never_goes_out():
+    light = Light()
+    torch.nn.init.constant_(light.harmonics, -3.0)
+    assert float(light(directions(500)).detach().min()) == np.float32(DARKEST)
+
+
+def test_an_arm_faces_where_it_is_turned():
+    avatar = Avatar.create(load_person(), "compact")
+
+    def posed(name: str) -> tuple[torch.Tensor, torch.Tensor]:
+        person = pose_person(avatar.person, Signals.rest().replace(body_pose=named_pose(name)), Counters(), None)
+        samples = body_frame(avatar, person).samples
+        assert samples is not None
+        return samples.facing(samples.neighbours_of(samples.position)), samples.outward
+
+    (down, own), (up, _) = posed("stand"), posed("arms_up")
+    assert float((down * own).sum(-1).median()) > 0.95, "smooth, and the surface's"
+    assert torch.allclose(down.norm(dim=-1), torch.ones(len(down)), atol=1e-5)
+    turned = (down * up).sum(-1)
+    assert (turned < 0.2).sum() > 100, "arms"
+    assert float(turned.median()) > 0.9, "the rest stands"
+
+
+def test_an_avatar_of_format_2_has_none(tmp_path):
+    avatar = Avatar.create(load_person(), "compact")
+    torch.nn.init.constant_(avatar.light.harmonics, 0.25)
+    save_avatar(avatar, tmp_path / "new.avatar")
+    assert torch.equal(load_avatar(tmp_path / "new.avatar").light.harmonics, avatar.light.harmonics)
+    with zipfile.ZipFile(tmp_path / "new.avatar") as archive:
+        meta = json.loads(archive.read("avatar.json"))
+        state = safetensors.torch.load(archive.read("weights.safetensors"))
+    old = {name: value for name, value in state.items() if not name.startswith("light.")}
+    with zipfile.ZipFile(tmp_path / "old.avatar", "w") as archive:
+        archive.writestr("avatar.json", json.dumps(meta | {"format": 2}))
+        archive.writestr("weights.safetensors", safetensors.torch.save(old))
+    assert float(load_avatar(tmp_path / "old.avatar").light.harmonics.abs().max()) == 0
