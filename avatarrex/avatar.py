@@ -39,8 +39,8 @@ from avatarrex.volume.contact import Ownership
 
 FORMAT = 3
 """Version of the folder layout; a reader refuses a newer one by name."""
-SINCE = {"tone": 2, "light": 3}
-"""Format since which there is such a module; avatars of before have the identity."""
+SINCE = {"tone.": 2, "light.": 3, "body.code_network.least": 3, "body.code_network.most": 3}
+"""Format since which there are weights of such names; avatars of before have the identity."""
 FILES = ("avatar.json", "weights.safetensors")
 LARGEST = 2**30
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
@@ -249,7 +249,7 @@ def _meta(path: Path, meta: Any) -> dict[str, Any]:
 def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor], format: int) -> None:
     """Load `state` into the fields after checking every name, shape and value."""
     expected = avatar.state()
-    unknown = tuple(f"{part}." for part, since in SINCE.items() if format < since)
+    unknown = tuple(name for name, since in SINCE.items() if format < since)
     state = {**{name: value for name, value in expected.items() if name.startswith(unknown)}, **state}
     for name, value in expected.items():
         if name not in state:

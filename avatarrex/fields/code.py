@@ -4,7 +4,8 @@
 
 θ enters as rotation matrices minus identity of the 21 body joints. The paper inherits this part from structured local
 radiance fields without repeating it; its exact form here is our choice. |Δn_i| is bounded by `RESIDUAL` per axis and
-e_i by 1, so that a pose far from the training poses cannot tear the surface apart.
+e_i by 1, so that a pose far from the training poses cannot tear the surface apart. Once the geometry is trained, each number
+is held to the middle of what the training poses have (`hold`; ours): codes beyond it are ones that no picture has seen.
 
 Letters: b frames, n nodes, e embedding, z latent channels. Residuals in metres, rest pose.
 """
@@ -23,6 +24,8 @@ from avatarrex.fields.local_networks import mlp
 JOINTS = 21
 RESIDUAL = 0.05
 """Largest residual per axis, metres: loose clothing moves by centimetres."""
+MIDDLE = (0.2, 0.8)
+"""Quantiles over the training poses' codes that codes are held between."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,10 @@ class BodyCode:
 class DetailCode(nn.Module):
     """Encoder and decoder."""
 
+    least: Tensor
+    """(n, 3 + e) bounds of the decoder's output, −1 to 1 until `hold`."""
+    most: Tensor
+
     def __init__(self, nodes: int, embedding: int, latent: int, decoder: Sequence[int], encoder: Sequence[int]) -> None:
         super().__init__()
         self.nodes, self.latent = nodes, latent
@@ -47,6 +54,8 @@ class DetailCode(nn.Module):
             *_, last = self.decoder.children()
             for parameter in last.parameters():
                 parameter.mul_(0.1)
+        self.register_buffer("least", torch.full((nodes, 3 + embedding), -1.0))
+        self.register_buffer("most", torch.full((nodes, 3 + embedding), 1.0))
 
     def posterior(
         self, body_rotations: Float[Tensor, "*b 21 3 3"], frame_code: Float[Tensor, "*b z"]
@@ -59,11 +68,27 @@ class DetailCode(nn.Module):
         self, body_rotations: Float[Tensor, "*b 21 3 3"], latent: Float[Tensor, "*b z"] | None = None
     ) -> BodyCode:
         """Residuals and embeddings; `latent` None is z = 0."""
+        out = self._decoded(body_rotations, latent).clamp(self.least, self.most)
+        return BodyCode(RESIDUAL * out[..., :3], out[..., 3:])
+
+    def _decoded(
+        self, body_rotations: Float[Tensor, "*b 21 3 3"], latent: Float[Tensor, "*b z"] | None
+    ) -> Float[Tensor, "*b n c"]:
         pose = pose_feature(body_rotations)
         if latent is None:
             latent = pose.new_zeros(*pose.shape[:-1], self.latent)
-        out = torch.tanh(self.decoder(torch.cat([pose, latent], -1)).unflatten(-1, (self.nodes, -1)))
-        return BodyCode(RESIDUAL * out[..., :3], out[..., 3:])
+        return torch.tanh(self.decoder(torch.cat([pose, latent], -1)).unflatten(-1, (self.nodes, -1)))
+
+    @torch.no_grad()
+    def hold(self, body_rotations: Float[Tensor, "b 21 3 3"]) -> None:
+        """From now on, hold every number to the middle of what it is over these poses, z = 0."""
+        seen = self._decoded(body_rotations, None)
+        low, high = torch.quantile(seen, seen.new_tensor(MIDDLE), dim=0)
+        self.least, self.most = low, high
+
+    def release(self) -> None:
+        """Hold nothing: the poses that are to be learnt may want other codes."""
+        self.least, self.most = torch.full_like(self.least, -1.0), torch.full_like(self.most, 1.0)
 
 
 def pose_feature(body_rotations: Float[Tensor, "*b 21 3 3"]) -> Float[Tensor, "*b 189"]:

@@ -18,14 +18,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import nn
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
-from avatarrex.capture.capture import Capture
+from avatarrex.capture.capture import Capture, Rig
 from avatarrex.errors import InputError
 from avatarrex.metrics.perceptual import Perceptual
+from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.training.frames import FrameStore
 from avatarrex.training.held_out import HeldOut
 from avatarrex.training.losses import weighted
@@ -151,6 +153,8 @@ class Trainer:
         step = stage.begin if state is None else int(state["step"])
         if state is None and number == 0:
             self._warm_start()
+        if state is None and stage.part == "body":
+            self._hold_codes(rig, fine)
         unseen = self.hidden | {"left_hand", "right_hand"} if stage.part == "face" else self.hidden
         store = FrameStore(self.avatar, rig, stage.part, unseen, fine)
         store.renew(step)
@@ -184,6 +188,14 @@ class Trainer:
             if steps:
                 error = warm_start(self.avatar, rig.signals, part, steps, self.seed)
                 self.run.scalars(0, {f"{part}/warm_start/error_mm": 1e3 * error})
+
+    def _hold_codes(self, rig: Rig, hold: bool) -> None:
+        """Free while the geometry is trained; then held to what the training's poses have."""
+        code = self.avatar.body.code_network
+        if not hold:
+            return code.release()
+        seen = [signals.body_pose for index, signals in enumerate(rig.signals) if index not in rig.held_out_frames]
+        code.hold(matrix_from_rotvec(torch.tensor(np.stack(seen), dtype=torch.float32)))
 
     def _pass(self, stage: Stage, store: FrameStore) -> BodyPass | FacePass | PatchPass:
         if isinstance(stage.recipe, PassTwo):

@@ -51,7 +51,14 @@ KNOWN_RATE = 5e-4
 """Where the prior has been loaded: only the person's own shape is left to find."""
 PRIOR = DATA / "prior.safetensors"
 KNOWN = {
-    "body": ("code_network.", "geometry_local.", "geometry_blend.", "node_vertex", "anchor_vertex"),
+    "body": (
+        "code_network.decoder.",
+        "code_network.encoder.",
+        "geometry_local.",
+        "geometry_blend.",
+        "node_vertex",
+        "anchor_vertex",
+    ),
     "face": ("geometry.",),
     "face_colour": ("colour_net.",),
 }

@@ -51,6 +51,25 @@ def test_outputs_are_bounded_for_any_pose(network):
     assert code.embedding.abs().max() <= 1
 
 
+def test_codes_are_held_to_the_middle_of_the_poses_seen_until_released(network):
+    seen, far = torch.stack([rotations(seed, 0.3) for seed in range(11)]), rotations(99, angle=3.0)
+    with torch.no_grad():
+        free, before = network(seen), network(far)
+        network.hold(seen)
+        held, after = network(seen), network(far)
+    low, high = free.embedding.sort(0).values[[2, 8]]
+    assert ((after.embedding >= low - 1e-7) & (after.embedding <= high + 1e-7)).all()
+    inside = (free.embedding >= low) & (free.embedding <= high)
+    assert 0.5 < inside.float().mean() < 0.8
+    assert torch.equal(held.embedding[inside], free.embedding[inside]), "most of what was seen stays"
+    assert not torch.equal(before.embedding, after.embedding), "that pose is far"
+    assert (
+        (after.residual - free.residual.mean(0)).abs() <= (free.residual - free.residual.mean(0)).abs().amax(0)
+    ).all()
+    network.release()
+    assert torch.equal(network(far).embedding, before.embedding)
+
+
 def test_losses_in_closed_form():
     code = BodyCode(torch.tensor([[3.0, 4, 0], [0, 0, 0]]), torch.tensor([[1.0], [2.0]]))
     assert node_loss(code) == 12.5

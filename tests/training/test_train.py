@@ -19,6 +19,7 @@ import avatarrex.training.train as train_module
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.capture.capture import open_capture
 from avatarrex.errors import InputError
+from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.training.events import EventReader
 from avatarrex.training.recipe import PassOne, PassTwo, Recipe
 from avatarrex.training.run import Run, read_about
@@ -251,6 +252,31 @@ def test_face_then_body(tmp_path):
     assert set(found["body/loss/rgb"]) == set(range(6))
     avatar = load_avatar(sorted((tmp_path / "run" / "checkpoints").iterdir())[-1] / "avatar.avatar")
     assert not avatar.hidden
+
+
+def test_codes_are_free_while_geometry_is_trained_and_then_held(capture, whole, tmp_path, monkeypatch):
+    """To what the poses of the training have, not those held out; a run that goes on with pass I frees them."""
+
+    def bounds(checkpoint: Path) -> torch.Tensor:
+        code = load_avatar(checkpoint / "avatar.avatar").body.code_network
+        return code.most - code.least
+
+    *_, last = sorted((whole / "checkpoints").iterdir())
+    rig = open_capture(capture).rigs["body"]
+    seen = [rig.signals[frame].body_pose for frame in range(rig.frames) if frame not in rig.held_out_frames]
+    held = load_avatar(last / "avatar.avatar")
+    width = bounds(last)
+    assert 0 < float(width.mean()) < 0.5
+    code = held.body.code_network
+    with torch.no_grad():
+        code.hold(matrix_from_rotvec(torch.tensor(np.stack(seen), dtype=torch.float32)))
+    torch.testing.assert_close(code.most - code.least, width, atol=1e-3, rtol=0.05)
+    run, _ = start(capture, tmp_path / "run")
+    monkeypatch.setattr(Run, "control", lambda self: "stop")
+    trainer = Trainer(open_capture(capture), TINY, ("body",), run, 0, load_avatar(last / "avatar.avatar"))
+    with run:
+        assert not trainer.train()
+    assert float(trainer.avatar.body.code_network.most.min()) == 1.0
 
 
 def test_it_goes_on_from_an_avatar(capture, whole, tmp_path, monkeypatch):
