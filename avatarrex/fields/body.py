@@ -15,14 +15,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import chain
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from avatarrex.errors import InputError
+from avatarrex.fields import loops
 from avatarrex.fields.code import BodyCode, DetailCode
-from avatarrex.fields.influence import GATE, RADIUS, Pairs, find_pairs, gate, influence, weighted_mean
+from avatarrex.fields.influence import EPSILON, GATE, RADIUS, SIGMA, Pairs, find_pairs, gate, influence, weighted_mean
 from avatarrex.fields.light import Light
 from avatarrex.fields.local_frame import (
     LOCAL_FRAMES,
@@ -35,8 +37,9 @@ from avatarrex.fields.local_frame import (
 )
 from avatarrex.fields.local_networks import LocalNetworks, mlp
 from avatarrex.fields.nodes import covering_radius, farthest_points, node_normals, part_labels, plane_axes
-from avatarrex.fields.patches import NoPatches, PatchNetwork, sample_patches
+from avatarrex.fields.patches import NoPatches, PatchNetwork, patch_features
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
+from avatarrex.ops import native
 from avatarrex.ops.encoding import channels, encode
 from avatarrex.ops.skinning import blend, invert_affine, skin
 from avatarrex.templates.mesh import vertex_normals
@@ -223,14 +226,22 @@ class BodyField(nn.Module):
         among: Bool[Tensor, " n"] | None = None,
         cutoff: float = 0.0,
         beside: Neighbours | None = None,
+        impl: str = "auto",
     ) -> tuple[Pairs, Float[Tensor, "k 3"], Float[Tensor, " k"]]:
         """Pairs that have weight, their local coordinates p_i (metres, rest pose) and their weights w_i.
 
         `among` (n,) restricts nodes and anchors; a pair with less than `cutoff` of its point's weight is left out;
-        `beside`: the points' neighbours among the anchors, where they have been found.
+        `beside`: the points' neighbours among the anchors, where they have been found. `impl`: `auto`, `torch`.
         """
         if among is not None:
             pairs = pairs.keep(among[pairs.node])
+        if (
+            impl == "auto"
+            and frame.samples is not None
+            and native.serves(position, frame.node_position, frame.node_rest)
+        ):
+            samples = frame.samples if among is None else frame.samples.among(among)
+            return _localised(frame, position, samples.rest_position(position, beside), pairs, cutoff)
         point = take(position, pairs.point)
         squared = (point - take(frame.node_position, pairs.node)).square().sum(0)
         if self.local_frame == "node":
@@ -328,11 +339,26 @@ class BodyField(nn.Module):
             nodes = torch.nonzero(pairs.offsets.diff())[:, 0]
             heard = self.patches(frame, nodes)
             patches = heard.new_zeros(len(self.node_rest), *heard.shape[1:]).index_copy(0, nodes, heard)
-        axes = take(self.node_axes.flatten(1), pairs.node)
-        plane = (axes.unflatten(0, (2, 3)) * local.T).sum(1).T
         coordinate = encode(local / COLOUR_UNIT, COORDINATE_OCTAVES, GATE[1] / COLOUR_UNIT)
-        blocks = [coordinate, sample_patches(patches, pairs.node, plane)]
+        blocks = [coordinate, patch_features(patches, pairs.node, self.node_axes, local)]
         return self.colour_local(blocks, frame.code.embedding, pairs.offsets, impl)
+
+
+def _localised(
+    frame: BodyFrame, position: Tensor, rest: Tensor, pairs: Pairs, cutoff: float
+) -> tuple[Pairs, Tensor, Tensor]:
+    """`BodyField.localise` by compiled loops."""
+    count = len(pairs.point)
+    local, weight, keep = torch.empty(3, count), torch.empty(count), torch.empty(count, dtype=torch.int64)
+    tables = [table.contiguous().numpy() for table in (position, rest, frame.node_position, frame.node_rest)]
+    point, node, total = pairs.point.numpy(), pairs.node.numpy(), np.zeros(len(position), np.float32)
+    numbers = map(np.float32, (RADIUS, SIGMA, EPSILON, *GATE))
+    native.spread(loops.localise, count, point, node, *tables, *numbers, local.numpy(), weight.numpy())
+    kept = loops.keep_heard(point, weight.numpy(), np.float32(cutoff), total, keep.numpy())
+    if kept == count:
+        return pairs, local.T, weight
+    keep = keep[:kept]
+    return pairs.take(keep), local.index_select(1, keep).T, weight.index_select(0, keep)
 
 
 def _onto(posed: PosedTemplate, weights: Tensor, rest: Tensor, vertex: Tensor) -> Float[Tensor, "n 3 4"]:

@@ -14,9 +14,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+
+from avatarrex.fields import loops
+from avatarrex.ops import native
 
 SIGMA = 0.05
 EPSILON = 0.001
@@ -54,13 +58,18 @@ class Pairs:
 
 
 def find_pairs(
-    position: Float[Tensor, "p 3"], node_position: Float[Tensor, "n 3"], among: Tensor | None = None
+    position: Float[Tensor, "p 3"],
+    node_position: Float[Tensor, "n 3"],
+    among: Tensor | None = None,
+    impl: str = "auto",
 ) -> Pairs:
-    """Every pair closer than `RADIUS`; `among` (n,) bool restricts the nodes."""
+    """Every pair closer than `RADIUS`; `among` (n,) bool restricts the nodes. `impl`: `auto`, `torch`."""
     nodes = torch.arange(len(node_position), device=position.device)
     if among is not None:
         nodes = nodes[among]
     position, node_position = position.detach(), node_position.detach()
+    if impl == "auto" and native.serves(position, node_position):
+        return _listed(position, node_position, nodes)
     step = max(1, BLOCK // max(len(position), 1))
     points, owners = [nodes.new_zeros(0)], [nodes.new_zeros(0)]
     for block in nodes.split(step):
@@ -71,6 +80,20 @@ def find_pairs(
         points.append(point)
         owners.append(block[row])
     return Pairs.of(torch.cat(points), torch.cat(owners), len(node_position))
+
+
+def _listed(position: Tensor, node_position: Tensor, nodes: Tensor) -> Pairs:
+    """`find_pairs` by compiled loops: how many each node has, then which."""
+    point, node = position.T.contiguous().numpy(), node_position[nodes].numpy()
+    count, radius = np.zeros(len(node), np.int64), np.float32(RADIUS)
+    loops.list_pairs(0, len(position), point, node, radius, count, np.empty(0, np.int64))
+    of_all = np.zeros(len(node_position), np.int64)
+    of_all[nodes.numpy()] = count
+    found, place = np.empty(count.sum(), np.int64), np.cumsum(count) - count
+    if len(found):
+        loops.list_pairs(0, len(position), point, node, radius, place, found)
+    owner = torch.repeat_interleave(torch.from_numpy(of_all))
+    return Pairs.of(torch.from_numpy(found), owner, len(node_position))
 
 
 def influence(squared_distance: Float[Tensor, " k"]) -> Float[Tensor, " k"]:
@@ -91,9 +114,14 @@ def gate(squared_rest_distance: Float[Tensor, " k"]) -> Float[Tensor, " k"]:
 
 
 def weighted_mean(
-    value: Float[Tensor, "k c"], weight: Float[Tensor, " k"], pairs: Pairs, points: int
+    value: Float[Tensor, "k c"], weight: Float[Tensor, " k"], pairs: Pairs, points: int, impl: str = "auto"
 ) -> tuple[Float[Tensor, "p c"], Float[Tensor, " p"]]:
-    """Σ w v / Σ w per point and Σ w; zero where no weight arrives."""
+    """Σ w v / Σ w per point and Σ w; zero where no weight arrives. `impl`: `auto`, `torch`."""
+    if impl == "auto" and native.serves(value, weight):
+        out, total = value.new_zeros(points, value.shape[1]), weight.new_zeros(points)
+        tables = pairs.point, weight, value.contiguous(), total, out
+        native.spread(loops.mean, points, *(table.numpy() for table in tables))
+        return out, total
     total = weight.new_zeros(points).index_add(0, pairs.point, weight)
     summed = value.new_zeros(points, value.shape[1]).index_add(0, pairs.point, value * weight[:, None])
     reached = total > 0

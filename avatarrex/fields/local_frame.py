@@ -19,12 +19,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from avatarrex.fields import loops
 from avatarrex.fields.influence import Pairs, gate, influence
+from avatarrex.ops import native
 from avatarrex.ops.search import workers
 from avatarrex.ops.skinning import invert_affine, skin
 
@@ -65,9 +68,24 @@ class Samples:
         """Search tree over the posed positions."""
         return cKDTree(self.position.detach().cpu().numpy())
 
-    def nearest(self, position: Float[Tensor, "p 3"]) -> Int[Tensor, "p k"]:
-        """Indices of the nearest samples, nearest first; not differentiable."""
+    @cached_property
+    def grid(self) -> loops.AnchorGrid:
+        """The posed positions in cells."""
+        return loops.AnchorGrid.of(self.position.detach().numpy())
+
+    def nearest(self, position: Float[Tensor, "p 3"], impl: str = "auto") -> Int[Tensor, "p k"]:
+        """Indices of the nearest samples, nearest first; not differentiable. `impl`: `auto`, `torch`."""
         count = min(self.neighbours, len(self.rest))
+        if impl == "auto" and count > 1 and native.serves(position.detach(), self.position.detach()):
+            point, grid, out = (
+                position.detach().contiguous().numpy(),
+                self.grid,
+                np.empty((len(position), count), np.int64),
+            )
+            native.spread(
+                loops.nearest, len(point), point, grid.position, grid.anchor, grid.start, grid.origin, grid.cells, out
+            )
+            return torch.from_numpy(out)
         if position.device.type == "cpu":
             ranks = list(range(1, count + 1))
             index = self.tree.query(position.detach().numpy(), ranks, workers=workers(len(position)))[1]
@@ -91,11 +109,13 @@ class Samples:
             self.spread,
         )
 
-    def neighbours_of(self, position: Float[Tensor, "p 3"]) -> Neighbours:
-        """The samples that carry every point, and their weights; differentiable in the point."""
-        index = self.nearest(position)
+    def neighbours_of(self, position: Float[Tensor, "p 3"], impl: str = "auto") -> Neighbours:
+        """The samples that carry every point, and their weights; differentiable in the point. `impl`: `auto`, `torch`."""
+        index = self.nearest(position, impl)
         if index.shape[1] <= 1:
             return Neighbours(index, position.new_ones(index.shape))
+        if impl == "auto" and native.serves(position, self.position, self.rest, self.outward):
+            return Neighbours(index, self._weights(position, index))
         shape = index.shape
         offset = position.T[:, :, None] - take(self.position, index.flatten()).unflatten(1, shape)
         squared = offset.square().sum(0)
@@ -108,6 +128,14 @@ class Samples:
         weight = torch.exp((squared[:, :1].detach() - squared) / (2 * self.spread**2))
         weight = (weight - weight[:, -1:] + NEVER_ZERO) * t * t * (3 - 2 * t)
         return Neighbours(index, weight / weight.sum(-1, keepdim=True))
+
+    def _weights(self, position: Tensor, index: Tensor) -> Tensor:
+        """Those of `neighbours_of` by compiled loops."""
+        tables = [table.contiguous().numpy() for table in (position, index, self.position, self.rest, self.outward)]
+        numbers = map(np.float32, (self.spread, ASIDE, OPEN, SHUT, NEVER_ZERO))
+        weight = np.empty(index.shape, np.float32)
+        native.spread(loops.weigh_neighbours, len(position), *tables, *numbers, weight)
+        return torch.from_numpy(weight)
 
     def rest_position(self, position: Float[Tensor, "p 3"], beside: Neighbours | None = None) -> Float[Tensor, "p 3"]:
         """p̄ of every point; differentiable in the point and in the pose where the neighbours do not change."""

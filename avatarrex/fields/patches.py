@@ -15,10 +15,14 @@ import itertools
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
+
+from avatarrex.fields import loops
+from avatarrex.ops import native
 
 SIZE = 32
 EXTENT = 0.11
@@ -78,6 +82,23 @@ def patches_reference(network: PatchNetwork | NoPatches, embedding: Float[Tensor
             maps = F.conv2d(F.pad(maps, (1, 1, 1, 1), mode="replicate"), kernel[node], bias[node])
         rows.append(maps[0])
     return torch.stack(rows)
+
+
+def patch_features(
+    patches: Float[Tensor, "n c s s"],
+    node: Int[Tensor, " k"],
+    axes: Float[Tensor, "n 2 3"],
+    local: Float[Tensor, "k 3"],
+    impl: str = "auto",
+) -> Float[Tensor, "k c"]:
+    """f_i where `local`, metres from the node, falls on its plane: `axes` of u (right) and v (down). `impl`: `auto`, `torch`."""
+    if impl == "torch" or not (patches.shape[1] and native.serves(patches, axes, local)):
+        plane = (axes.flatten(1).T.contiguous().index_select(1, node).unflatten(0, (2, 3)) * local.T).sum(1).T
+        return sample_patches(patches, node, plane)
+    out = np.empty((len(local), patches.shape[1]), np.float32)
+    tables = patches.permute(0, 2, 3, 1).contiguous(), node, axes.contiguous(), local.T.contiguous()
+    native.spread(loops.sample_patches, len(local), *(table.numpy() for table in tables), np.float32(EXTENT), out)
+    return torch.from_numpy(out)
 
 
 def sample_patches(

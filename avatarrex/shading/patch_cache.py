@@ -18,7 +18,7 @@ class PatchCache:
     network: PatchNetwork | NoPatches
     embedding: Float[Tensor, "n e"]
     value: Float[Tensor, "n c s s"]
-    """Of no meaning where not decoded."""
+    """Of no meaning where not decoded. In memory a texel's channels are adjacent, as they are read."""
     decoded: Bool[Tensor, " n"]
 
     @staticmethod
@@ -26,7 +26,8 @@ class PatchCache:
         """Nothing is decoded yet."""
         count = len(embedding)
         shape = network(embedding, torch.zeros(0, dtype=torch.int64)).shape[1:]
-        return PatchCache(network, embedding, embedding.new_zeros(count, *shape), torch.zeros(count, dtype=torch.bool))
+        value = embedding.new_zeros(count, *shape).contiguous(memory_format=torch.channels_last)
+        return PatchCache(network, embedding, value, torch.zeros(count, dtype=torch.bool))
 
     def moved(self, embedding: Float[Tensor, "n e"]) -> PatchCache:
         """The cache of another pose, with the patches of the nodes whose embedding is the same."""

@@ -1,0 +1,58 @@
+"""Loops over points that neither torch nor numpy has an operation for, compiled by numba for a CPU.
+
+Each stands beside the torch operations that it replaces, and is held to them by tests; those also serve gradients, float64 and
+other devices. A compiled loop is kept on disk (numba's cache): a machine compiles it once, for a second or two.
+"""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import torch
+from numba import njit
+from torch import Tensor
+
+FEW = 4096
+"""Rows up to which one thread is done before others have started."""
+
+
+def native(loop: Callable[..., Any]) -> Callable[..., Any]:
+    """The compiled `loop`, out of what the tests' type checker wrapped around it: it runs without Python's lock."""
+    options = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+    try:
+        return njit(inspect.unwrap(loop), cache=True, **options)
+    except RuntimeError:  # neither the program's folder nor the user's can be written: compiled anew by every process
+        return njit(inspect.unwrap(loop), **options)
+
+
+def serves(*tensors: Tensor) -> bool:
+    """Whether compiled loops may take these: float32 on a CPU, and nobody wants gradients."""
+    return all(
+        tensor.device.type == "cpu"
+        and tensor.dtype == torch.float32
+        and not (torch.is_grad_enabled() and tensor.requires_grad)
+        for tensor in tensors
+    )
+
+
+def spread(loop: Callable[..., Any], rows: int, *arguments: Any) -> None:
+    """`loop(begin, end, *arguments)` over pieces of the rows, one for each of torch's threads."""
+    pieces = torch.get_num_threads() if rows > FEW else 1
+    edges = [rows * piece // pieces for piece in range(pieces + 1)]
+    if pieces == 1:
+        loop(0, rows, *arguments)
+        return
+    others = [_pool(pieces - 1).submit(loop, *edge, *arguments) for edge in itertools.pairwise(edges[1:])]
+    loop(edges[0], edges[1], *arguments)
+    for other in others:
+        other.result()
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, "native")
