@@ -14,9 +14,10 @@ from torch.nn.functional import normalize
 
 from avatarrex.fields.composition import BAND
 from avatarrex.fields.presets import COORDINATE_OCTAVES, Preset
-from avatarrex.ops.closest_near import NearMesh
 from avatarrex.ops.closest_point import ClosestPoint, Impl, closest_point
+from avatarrex.ops.closest_tree import TriangleTree
 from avatarrex.ops.encoding import encode
+from avatarrex.ops.pseudonormal import Pseudonormals, pseudonormals
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.templates.hand import HandTemplate
 from avatarrex.templates.mesh import vertex_normals
@@ -39,10 +40,13 @@ class HandQuery:
 
 @dataclass(frozen=True)
 class HandSurface:
-    """A posed hand, prepared for the look-ups of its pixels."""
+    """A posed hand, prepared for many look-ups."""
 
-    mesh: NearMesh
+    vertices: Float[Tensor, "v 3"]
     normals: Float[Tensor, "v 3"]
+    pseudonormals: Pseudonormals
+    tree: TriangleTree | None
+    """On a CPU."""
 
 
 class HandField(nn.Module):
@@ -77,17 +81,21 @@ class HandField(nn.Module):
 
         `surface` is that mesh, where it has been prepared.
         """
-        known = None if surface is None else surface.mesh.normals
-        found = closest_point(vertices, self.faces, position, bound, impl, known)
-        return self._query(found, vertex_normals(vertices, self.faces) if surface is None else surface.normals)
+        if surface is None:
+            normals = vertex_normals(vertices, self.faces)
+            return self._query(closest_point(vertices, self.faces, position, bound, impl), normals)
+        known = surface.pseudonormals, surface.tree
+        return self._query(closest_point(vertices, self.faces, position, bound, impl, *known), surface.normals)
 
     def beside(self, surface: HandSurface, position: Float[Tensor, "p 3"]) -> HandQuery:
-        """The same for points on the posed mesh or a few millimetres off it, much faster; no gradient."""
-        return self._query(surface.mesh.closest(position), surface.normals)
+        """The same without bound, of a mesh that has been prepared."""
+        return self.sdf(surface.vertices, position, None, surface=surface)
 
     def surface(self, vertices: Float[Tensor, "v 3"]) -> HandSurface:
-        """What `beside` needs of a posed mesh."""
-        return HandSurface(NearMesh.of(vertices, self.faces), vertex_normals(vertices.detach(), self.faces))
+        """A posed mesh, prepared; no gradient flows into it."""
+        mesh = vertices.detach()
+        tree = TriangleTree.of(mesh, self.faces) if mesh.device.type == "cpu" else None
+        return HandSurface(mesh, vertex_normals(mesh, self.faces), pseudonormals(mesh.double(), self.faces), tree)
 
     def _query(self, found: ClosestPoint, normals: Float[Tensor, "v 3"]) -> HandQuery:
         normal = normalize((normals[self.faces[found.face]] * found.barycentric[..., None]).sum(1), dim=-1)

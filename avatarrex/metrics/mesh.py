@@ -3,14 +3,13 @@
 Both surfaces are what the cameras see of them: points under the pixels' centres. Avatar to truth: from sampled points of
 the avatar to the nearest point of the true mesh. Truth to avatar: from sampled points of the true mesh to the nearest
 point of the avatar's depth maps, triangulated. A normal angle is between the normals at both ends of such a distance.
-Distances to triangles are exact (libigl's tree where it is installed, else `ops/closest_bricks.py`).
+Distances to triangles are exact (`ops/closest_tree.py`).
 
 Letters: p points, v vertices, f faces, h w pixels. World metres.
 """
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from avatarrex.camera import Camera
 from avatarrex.capture.preview import visible_faces
-from avatarrex.ops.closest_bricks import search_bricks
-from avatarrex.ops.pseudonormal import pseudonormals
-from avatarrex.ops.triangle import closest_on_triangle
+from avatarrex.ops.closest_tree import TriangleTree
 from avatarrex.templates.mesh import vertex_normals
 
 SAMPLES = 20_000
@@ -95,16 +92,8 @@ def distances(points: Float[np.ndarray, "p 3"], normals: Float[np.ndarray, "p 3"
 
 def nearest(points: np.ndarray, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     """The triangle nearest to each point, and the barycentrics (p, 3) of the point on it."""
-    points = np.ascontiguousarray(points, dtype=np.float64)
     mesh, query, faces = (torch.from_numpy(np.ascontiguousarray(x)) for x in (surface.vertices, points, surface.faces))
-    if importlib.util.find_spec("igl"):
-        import igl
-
-        found = igl.point_mesh_squared_distance(points, surface.vertices, surface.faces)[1]
-        face = torch.as_tensor(found, dtype=torch.long)
-        weight = closest_on_triangle(query, *mesh[faces[face]].unbind(1))[1]
-    else:
-        face, weight, _ = search_bricks(mesh, faces, query, pseudonormals(mesh, faces), None)
+    face, weight = TriangleTree.of(mesh, faces).closest(query)
     return face.numpy(), weight.numpy()
 
 

@@ -174,8 +174,7 @@ def _tree(query: Tensor, sparse: float | None) -> list[_Level]:
     flat = sparse is not None and (len(query) <= FEW or (side > sparse and len(query) <= MANY))
     side = max(side, float(extent.max()) * 2.0**-19, 1e-12)
     cell = ((query - low) / side + 0.5).long()
-    key = _spread(cell[:, 0]) | (_spread(cell[:, 1]) << 1) | (_spread(cell[:, 2]) << 2)
-    key, order = key.sort()
+    key, order = morton(cell).sort()
     number = torch.arange(len(query), device=query.device)
     nodes = _Nodes(query[order], query[order], number, number + 1, order)
     levels: list[_Level] = []
@@ -210,6 +209,11 @@ def _group(key: Tensor) -> tuple[Tensor, Tensor]:
     members = torch.full((int(group[-1]) + 1, FAN), -1, device=key.device)
     members[group, rank % FAN] = number
     return members, key[starts]
+
+
+def morton(cell: Tensor) -> Tensor:
+    """(n,) the order of cells (n, 3), 20 bits an axis, in which those that are adjacent stay close."""
+    return _spread(cell[:, 0]) | (_spread(cell[:, 1]) << 1) | (_spread(cell[:, 2]) << 2)
 
 
 def _spread(x: Tensor) -> Tensor:

@@ -20,10 +20,11 @@ from torch import Tensor
 
 from avatarrex.errors import InputError
 from avatarrex.ops.closest_bricks import search_bricks
+from avatarrex.ops.closest_tree import TriangleTree
 from avatarrex.ops.pseudonormal import Pseudonormals, pseudonormals, winding_number
 from avatarrex.ops.triangle import closest_on_triangle
 
-Impl = Literal["auto", "torch", "tree", "reference", "igl"]
+Impl = Literal["auto", "native", "torch", "tree", "reference", "igl"]
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class ClosestPoint:
 
 def available() -> tuple[Impl, ...]:
     """The implementations that this machine can run."""
-    return ("torch", "tree", "reference", *(("igl",) if importlib.util.find_spec("igl") else ()))  # type: ignore[return-value]
+    return ("native", "torch", "tree", "reference", *(("igl",) if importlib.util.find_spec("igl") else ()))  # type: ignore[return-value]
 
 
 def closest_point(
@@ -49,14 +50,16 @@ def closest_point(
     bound: tuple[float, float] | None = None,
     impl: Impl = "auto",
     normals: Pseudonormals | None = None,
+    tree: TriangleTree | None = None,
 ) -> ClosestPoint:
     """Exact signed distance of `points` to the mesh; differentiable in points and vertices.
 
-    `normals` are the mesh's own (float64), where they are known: several searches in one mesh share them.
+    `normals` (float64) and `tree` are the mesh's own, where they are known: several searches in one mesh share them.
 
-    With `bound` = (low, high), low < 0 < high, values beyond it saturate and their search is skipped.
-    `reference` is brute force in float64, `torch` culls bricks of points (same result) or, where points are few or sparse,
-    does not; `tree` always does. `igl` calls libigl.
+    With `bound` = (low, high), low < 0 < high, values beyond it saturate, and their search may be skipped.
+    `native` walks a tree of triangles in compiled loops: the fastest on a CPU, which `auto` takes there. `torch` culls bricks
+    of points (any device) or, where points are few or sparse, does not; `tree` always does. `reference` is brute
+    force in float64. `igl` calls libigl. All find the same.
     """
     if not len(faces):
         raise InputError("closest_point", "faces", "at least one triangle", 0)
@@ -65,7 +68,10 @@ def closest_point(
         if not (torch.isfinite(mesh).all() and torch.isfinite(query).all()):
             raise InputError("closest_point", "vertices, points", "finite numbers", "NaN or Inf")
         normals = pseudonormals(mesh, faces) if normals is None else normals
-        if impl == "igl":
+        if impl == "native" or (impl == "auto" and points.device.type == "cpu"):
+            face, barycentric = (TriangleTree.of(mesh, faces) if tree is None else tree).closest(query)
+            skipped = torch.zeros(len(query), dtype=mesh.dtype)
+        elif impl == "igl":
             face, barycentric, skipped = _search_igl(mesh, faces, query)
         elif impl == "reference":
             face, barycentric, skipped = _search_reference(mesh, faces, query)

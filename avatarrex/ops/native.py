@@ -23,7 +23,7 @@ FEW = 4096
 
 def native(loop: Callable[..., Any]) -> Callable[..., Any]:
     """The compiled `loop`, out of what the tests' type checker wrapped around it: it runs without Python's lock."""
-    options = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
     try:
         return njit(inspect.unwrap(loop), cache=True, **options)
     except RuntimeError:  # neither the program's folder nor the user's can be written: compiled anew by every process

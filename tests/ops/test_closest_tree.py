@@ -1,0 +1,96 @@
+"""The tree of triangles against every triangle."""
+
+import numpy as np
+import pytest
+import torch
+
+from avatarrex.avatar import load_avatar
+from avatarrex.fields.composition import BAND
+from avatarrex.ops import native
+from avatarrex.ops.closest_point import closest_point
+from avatarrex.ops.closest_tree import TriangleTree
+from avatarrex.ops.triangle import closest_on_triangle
+from avatarrex.signals.library import named_hand
+from avatarrex.templates.hand import pose_hand
+
+
+@pytest.fixture(scope="module", params=["flat", "fist", "spread"])
+def hand(request: pytest.FixtureRequest) -> tuple[torch.Tensor, torch.Tensor]:
+    """A posed left hand: vertices and faces."""
+    person = load_avatar().person
+    pose = torch.as_tensor(np.asarray(named_hand(request.param, "left")), dtype=torch.float32)
+    return pose_hand(person.left_hand, pose, torch.zeros(10)), person.left_hand.model.faces
+
+
+def beside(hand: tuple[torch.Tensor, torch.Tensor], off: float) -> torch.Tensor:
+    """Points on every triangle, moved by `off` metres in random directions."""
+    vertices, faces = hand
+    generator = torch.Generator().manual_seed(0)
+    share = torch.rand(len(faces), 3, generator=generator)
+    points = (vertices[faces] * (share / share.sum(1, keepdim=True))[..., None]).sum(1)
+    way = torch.nn.functional.normalize(torch.randn(points.shape, generator=generator), dim=-1)
+    return points + off * way
+
+
+@pytest.mark.parametrize("off", [0.0, 0.001, 0.08, 5.0])
+def test_it_finds_what_every_triangle_finds(hand: tuple[torch.Tensor, torch.Tensor], off: float) -> None:
+    """And the barycentrics that the reference has, to the last digits."""
+    vertices, faces = hand
+    points = beside(hand, off)[:400]
+    face, weight = TriangleTree.of(vertices, faces).closest(points)
+    exact = closest_point(vertices.double(), faces, points.double(), impl="reference")
+    there = (vertices.double()[faces[face]] * weight[..., None]).sum(1)
+    torch.testing.assert_close((points.double() - there).norm(dim=-1), exact.sdf.abs(), atol=1e-12, rtol=1e-12)
+    own = closest_on_triangle(points.double(), *vertices.double()[faces[face]].unbind(1))[1]
+    torch.testing.assert_close(weight, own, atol=1e-10, rtol=0)
+    assert torch.equal(weight == 0, own == 0), "the same features"
+
+
+def test_signs_and_gradients_are_those_of_the_bricks(hand: tuple[torch.Tensor, torch.Tensor]) -> None:
+    vertices, faces = hand
+    points = beside(hand, 0.01).requires_grad_()
+    for impl in ("native", "torch"):
+        points.grad = None
+        found = closest_point(vertices, faces, points, BAND, impl)
+        found.sdf.sum().backward()
+        if impl == "native":
+            mine, slope = found, points.grad.clone()
+    torch.testing.assert_close(mine.sdf, found.sdf)
+    assert (found.sdf < 0).any()
+    torch.testing.assert_close(slope, points.grad, atol=1e-3, rtol=0)
+
+
+def test_threads_change_no_distance(hand: tuple[torch.Tensor, torch.Tensor], monkeypatch) -> None:
+    monkeypatch.setattr(native, "FEW", 10)
+    tree, points, before, found = TriangleTree.of(*hand), beside(hand, 0.01), torch.get_num_threads(), []
+    try:
+        for threads in (1, 3):
+            torch.set_num_threads(threads)
+            face, weight = tree.closest(points)
+            found.append((hand[0].double()[hand[1][face]] * weight[..., None]).sum(1))
+    finally:
+        torch.set_num_threads(before)
+    torch.testing.assert_close(*found, atol=1e-12, rtol=0)
+
+
+def test_a_mesh_of_one_box() -> None:
+    vertices = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    faces = torch.tensor([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    points = torch.rand(50, 3, generator=torch.Generator().manual_seed(1)) * 1.2 - 0.3
+    found, exact = (closest_point(vertices, faces, points, impl=impl) for impl in ("native", "reference"))
+    torch.testing.assert_close(found.sdf, exact.sdf)
+    assert (found.sdf < 0).any()
+
+
+def test_one_triangle_and_no_point() -> None:
+    tree = TriangleTree.of(torch.eye(3), torch.tensor([[0, 1, 2]]))
+    assert tree.closest(torch.zeros(1, 3))[0].tolist() == [0]
+    assert tree.closest(torch.zeros(0, 3))[1].shape == (0, 3)
+
+
+def test_triangles_at_one_place_are_told_apart_by_nothing() -> None:
+    """No extent to sort along, and more of them than one box holds."""
+    faces = torch.tensor([[0, 1, 2]]).repeat(100, 1)
+    face, weight = TriangleTree.of(torch.eye(3), faces).closest(torch.rand(20, 3))
+    assert weight.sum(1).sub(1).abs().max() < 1e-12
+    assert (face < 100).all()
