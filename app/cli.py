@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from avatarrex_studio import bench, stress
+from avatarrex_studio.pages import keep_pages
 from avatarrex_studio.parser import PROGRAM, parser
 
 from avatarrex.errors import InputError
@@ -27,6 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if " ".join(words[:2]) == bench.ABLATION:
             words[:2] = [bench.ABLATION]
         arguments = parser().parse_args(_joined(words))
+        keep_pages()
         return VERBS[arguments.verb or "open"](arguments)
     except InputError as error:
         print(f"{PROGRAM}: error: {error}", file=sys.stderr)
