@@ -10,14 +10,15 @@ import ctypes
 
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
 """Parameters of glibc's mallopt(3)."""
-LARGE = 1 << 30
-"""Bytes: arrays up to so many come from the heap, and so many may lie free at its end."""
+LARGE, LARGEST_ONCE = 1 << 30, 1 << 25
+"""Bytes: arrays up to so many come from the heap, and so many may lie free at its end; what glibc took before 2.35."""
 
 
 def keep_pages() -> bool:
-    """Ask the C library for it; False where it is another than glibc."""
+    """Ask the C library for it; False where it does not know."""
     try:
         mallopt = ctypes.CDLL(None).mallopt
-    except (OSError, AttributeError):
+    except (OSError, AttributeError, TypeError):  # musl, macOS; Windows
         return False
-    return bool(mallopt(MMAP_THRESHOLD, LARGE) and mallopt(TRIM_THRESHOLD, LARGE))
+    from_heap = mallopt(MMAP_THRESHOLD, LARGE) or mallopt(MMAP_THRESHOLD, LARGEST_ONCE)
+    return bool(mallopt(TRIM_THRESHOLD, LARGE) and from_heap)

@@ -22,7 +22,7 @@ Measured = Callable[[], np.ndarray]
 
 
 def ours(
-    vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, bound: bool = True, impl: Any = "torch"
+    vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, bound: bool = True, impl: Any = "auto"
 ) -> Measured:
     """`ops.closest_point` in float32, what a frame uses."""
     mesh, query = (torch.as_tensor(array, dtype=torch.float32) for array in (vertices, points))

@@ -2,7 +2,7 @@
 
     p_i = T⁻¹p − (n̄_i + Δn_i)
     𝒢_B(p) = 𝒢_blend( Σ w_i 𝒢_i(p_i, e_i) / Σ w_i )              signed distance, metres, negative inside
-    𝒞_B(p) = 𝒞_blend( Σ w_i 𝒞_i(p_i, e_i, f_i) / Σ w_i, v )       f_i = Bilinear(F_i, Π_i p_i); sRGB in [0, 1]
+    𝒞_B(p) = 𝒞_blend( Σ w_i 𝒞_i(p_i, e_i, f_i) / Σ w_i, v )       f_i = Bilinear(F_i, Π_i p_i); sRGB in [0, 1], times E(n): light.py
 
 `frame` gathers all that depends on the pose; points come afterwards and may be any. Points live in the root frame
 (global orientation and translation removed), which is also the pelvis frame of the view direction.

@@ -56,6 +56,7 @@ class DetailCode(nn.Module):
                 parameter.mul_(0.1)
         self.register_buffer("least", torch.full((nodes, 3 + embedding), -1.0))
         self.register_buffer("most", torch.full((nodes, 3 + embedding), 1.0))
+        self.register_load_state_dict_pre_hook(_free_unless_known)
 
     def posterior(
         self, body_rotations: Float[Tensor, "*b 21 3 3"], frame_code: Float[Tensor, "*b z"]
@@ -89,6 +90,12 @@ class DetailCode(nn.Module):
     def release(self) -> None:
         """Hold nothing: the poses that are to be learnt may want other codes."""
         self.least, self.most = torch.full_like(self.least, -1.0), torch.full_like(self.most, 1.0)
+
+
+def _free_unless_known(code: DetailCode, state: dict[str, Tensor], prefix: str, *_: object) -> None:
+    """Weights of before codes were held: they are free."""
+    state.setdefault(f"{prefix}least", torch.full_like(code.least, -1.0))
+    state.setdefault(f"{prefix}most", torch.full_like(code.most, 1.0))
 
 
 def pose_feature(body_rotations: Float[Tensor, "*b 21 3 3"]) -> Float[Tensor, "*b 189"]:

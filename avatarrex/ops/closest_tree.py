@@ -2,7 +2,8 @@
 
 Triangles are sorted along a Morton curve through their centres, and a box holds a run of them, halved down to `LEAF`; halves
 at medians are searched a sixth faster and take four times as long to sort. Each point starts from the triangle that was closest
-to the point before: points of a lattice or of a picture lie in order, and few boxes are nearer.
+to the point before: points of a lattice or of a picture lie in order, and few boxes are nearer. Which of
+the triangles of an edge is found depends on it, too.
 
 Letters: p points, v vertices, f faces, b boxes.
 """
@@ -147,7 +148,7 @@ def _beyond(x: float, y: float, z: float, box: Array) -> float:
 
 @native
 def _closest(x: float, y: float, z: float, corner: Array) -> tuple[float, float, float, float]:
-    """Squared distance and barycentrics of one point: ops/triangle.py, number by number."""
+    """Squared distance and barycentrics of one point: ops/triangle.py, step by step."""
     ax, ay, az = corner[0, 0], corner[0, 1], corner[0, 2]
     abx, aby, abz = corner[1, 0] - ax, corner[1, 1] - ay, corner[1, 2] - az
     acx, acy, acz = corner[2, 0] - ax, corner[2, 1] - ay, corner[2, 2] - az

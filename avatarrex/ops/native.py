@@ -1,13 +1,17 @@
 """Loops over points that neither torch nor numpy has an operation for, compiled by numba for a CPU.
 
 Each stands beside the torch operations that it replaces, and is held to them by tests; those also serve gradients, float64 and
-other devices. A compiled loop is kept on disk (numba's cache): a machine compiles it once, for a second or two.
+other devices (a search for the closest triangle is float64 itself, and has no gradient). No fused products: a number that is
+computed at two places is the same at both. A compiled loop is kept on disk (numba's cache): a machine compiles each once, all
+of them in ten seconds. The cache knows the file of the loop alone: after a change here, or of a constant that a loop takes
+from another file, the loop's own file is to be touched.
 """
 
 from __future__ import annotations
 
 import inspect
 import itertools
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -23,7 +27,7 @@ FEW = 4096
 
 def native(loop: Callable[..., Any]) -> Callable[..., Any]:
     """The compiled `loop`, out of what the tests' type checker wrapped around it: it runs without Python's lock."""
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
     try:
         return njit(inspect.unwrap(loop), cache=True, **options)
     except RuntimeError:  # neither the program's folder nor the user's can be written: compiled anew by every process
@@ -56,3 +60,7 @@ def spread(loop: Callable[..., Any], rows: int, *arguments: Any) -> None:
 @cache
 def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, "native")
+
+
+if hasattr(os, "register_at_fork"):  # a child has none of the threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)

@@ -11,7 +11,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 THIN = 1e-10
-"""Height over longest edge below which a triangle is its three segments: the error is then below 1e-10 of its size."""
+"""Height over longest edge below which a triangle is its three segments: the error is then below 1e-10 of its size.
+Compiled into closest_tree.py (ops/native.py)."""
 Vector = tuple[Tensor, Tensor, Tensor]
 
 

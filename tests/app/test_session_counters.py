@@ -69,7 +69,7 @@ STEPS = {
     "all in view": (SetCamera(distance=3.5, target=(0.1, 0.0, 0.2)), FACE - {"templates"} | {"hands"} | CAST),
 }
 """Step → command, and the names of `skips.WORK` whose counters then do not read zero."""
-SIGHT = ("view", "root", "turned")
+SIGHT = ("view", "root", "turned", "all in view")
 """Which nodes come into sight there depends on the avatar."""
 
 

@@ -72,8 +72,9 @@ def test_pairs_among_some_nodes():
     assert torch.equal(pairs.offsets, some.offsets)
 
 
-def test_weighted_mean_of_unreached_points_is_zero_and_flagged():
+@pytest.mark.parametrize("impl", ["auto", "torch"])
+def test_weighted_mean_of_unreached_points_is_zero_and_flagged(impl):
     pairs = Pairs.of(torch.tensor([0, 2, 0]), torch.tensor([0, 0, 1]), 2)
-    mean, total = weighted_mean(torch.tensor([[1.0], [5.0], [4.0]]), torch.tensor([1.0, 2.0, 3.0]), pairs, 3)
+    mean, total = weighted_mean(torch.tensor([[1.0], [5.0], [4.0]]), torch.tensor([1.0, 2.0, 3.0]), pairs, 3, impl)
     torch.testing.assert_close(mean[:, 0], torch.tensor([13 / 4, 0.0, 5.0]))
     assert total.tolist() == [4.0, 0.0, 2.0]

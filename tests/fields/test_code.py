@@ -70,6 +70,15 @@ def test_codes_are_held_to_the_middle_of_the_poses_seen_until_released(network):
     assert torch.equal(network(far).embedding, before.embedding)
 
 
+def test_weights_of_before_codes_were_held_are_free(network):
+    bare = {name: value for name, value in network.state_dict().items() if name not in ("least", "most")}
+    network.hold(torch.stack([rotations(seed) for seed in range(5)]))
+    assert float(network.most.max()) < 1
+    network.load_state_dict(bare)
+    assert float(network.most.min()) == 1.0
+    assert float(network.least.max()) == -1.0
+
+
 def test_losses_in_closed_form():
     code = BodyCode(torch.tensor([[3.0, 4, 0], [0, 0, 0]]), torch.tensor([[1.0], [2.0]]))
     assert node_loss(code) == 12.5

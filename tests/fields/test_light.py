@@ -69,7 +69,7 @@ def test_an_arm_faces_where_it_is_turned():
     assert float(turned.median()) > 0.9, "the rest stands"
 
 
-def test_an_avatar_of_format_2_has_none(tmp_path):
+def test_an_avatar_of_format_2_has_none_and_free_codes(tmp_path):
     avatar = Avatar.create(load_person(), "compact")
     torch.nn.init.constant_(avatar.light.harmonics, 0.25)
     save_avatar(avatar, tmp_path / "new.avatar")
@@ -77,8 +77,13 @@ def test_an_avatar_of_format_2_has_none(tmp_path):
     with zipfile.ZipFile(tmp_path / "new.avatar") as archive:
         meta = json.loads(archive.read("avatar.json"))
         state = safetensors.torch.load(archive.read("weights.safetensors"))
-    old = {name: value for name, value in state.items() if not name.startswith("light.")}
+    newer = ("light.", "body.code_network.least", "body.code_network.most")
+    old = {name: value for name, value in state.items() if not name.startswith(newer)}
+    assert len(old) == len(state) - 3
     with zipfile.ZipFile(tmp_path / "old.avatar", "w") as archive:
         archive.writestr("avatar.json", json.dumps(meta | {"format": 2}))
         archive.writestr("weights.safetensors", safetensors.torch.save(old))
-    assert float(load_avatar(tmp_path / "old.avatar").light.harmonics.abs().max()) == 0
+    before = load_avatar(tmp_path / "old.avatar")
+    assert float(before.light.harmonics.abs().max()) == 0
+    assert float(before.body.code_network.least.max()) == -1.0, "and codes are free"
+    assert float(before.body.code_network.most.min()) == 1.0

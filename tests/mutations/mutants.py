@@ -23,7 +23,7 @@ class Mutant:
 
 
 ROTATION, SKINNING, TRIANGLE = (f"avatarrex/ops/{name}.py" for name in ("rotation", "skinning", "triangle"))
-INFLUENCE, BODY = "avatarrex/fields/influence.py", "avatarrex/fields/body.py"
+INFLUENCE, BODY, LOOPS = "avatarrex/fields/influence.py", "avatarrex/fields/body.py", "avatarrex/fields/loops.py"
 RENDERING, SAMPLING = (f"avatarrex/training/{name}.py" for name in ("volume_rendering", "sampling"))
 ENCODING = "avatarrex/ops/encoding.py"
 TESTS_ROTATION = "tests/ops/test_rotation.py"
@@ -87,7 +87,14 @@ MUTANTS: dict[str, Mutant] = {
         INFLUENCE,
         "summed / torch.where(reached, total, torch.ones_like(total))[:, None], total",
         "summed / total[:, None], total",
-        f"{TESTS_BODY}::test_weighted_mean_of_unreached_points_is_zero_and_flagged",
+        f"{TESTS_BODY}::test_weighted_mean_of_unreached_points_is_zero_and_flagged[torch]",
+    ),
+    "mean of nothing, compiled": Mutant(
+        "Σw → 0",
+        LOOPS,
+        "if total[p] > 0:",
+        "if total[p] >= 0:",
+        f"{TESTS_BODY}::test_weighted_mean_of_unreached_points_is_zero_and_flagged[auto]",
     ),
     "no fill": Mutant(
         "Σw → 0",
@@ -130,6 +137,13 @@ MUTANTS: dict[str, Mutant] = {
         "best = torch.minimum(torch.minimum(square_ab, square_ac), square_bc)",
         "best = square_ab",
         "tests/ops/test_triangle.py::test_a_needle_is_its_longest_side",
+    ),
+    "one segment of three, compiled": Mutant(
+        "sliver triangles",
+        "avatarrex/ops/closest_tree.py",
+        "best = min(square_ab, square_ac, square_bc)",
+        "best = square_ab",
+        "tests/ops/test_closest_tree.py::test_a_needle_is_its_longest_side",
     ),
     "faces without a normal": Mutant(
         "sliver triangles",

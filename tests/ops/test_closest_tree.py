@@ -94,3 +94,13 @@ def test_triangles_at_one_place_are_told_apart_by_nothing() -> None:
     face, weight = TriangleTree.of(torch.eye(3), faces).closest(torch.rand(20, 3))
     assert weight.sum(1).sub(1).abs().max() < 1e-12
     assert (face < 100).all()
+
+
+def test_a_needle_is_its_longest_side() -> None:
+    """Too thin for a normal: as far off as its sides are, wherever the point."""
+    corner = torch.tensor([[0.5, 1e-13, 1e-13], [0, 0, 0], [1, 0, 0]], dtype=torch.float64)
+    points = torch.randn(200, 3, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    _, weight = TriangleTree.of(corner, torch.tensor([[0, 1, 2]])).closest(points)
+    along = points[:, 0].clamp(0, 1)
+    side = (points - torch.nn.functional.pad(along[:, None], (0, 2))).norm(dim=-1)
+    torch.testing.assert_close((points - weight @ corner).norm(dim=-1), side, atol=1e-12, rtol=0)
