@@ -163,7 +163,7 @@ class Neighbours:
             return values[self.index[:, 0]]
         if (
             self.weight.requires_grad or values.requires_grad
-        ):  # the eikonal term differentiates twice, embedding_bag once
+        ):  # the eikonal term differentiates twice; embedding_bag, once
             return (self.weight[:, :, None] * values[self.index]).sum(1)
         return torch.nn.functional.embedding_bag(self.index, values, per_sample_weights=self.weight, mode="sum")
 
