@@ -63,13 +63,17 @@ def closest_point(
     """
     if not len(faces):
         raise InputError("closest_point", "faces", "at least one triangle", 0)
+    differentiable = torch.is_grad_enabled() and (vertices.requires_grad or points.requires_grad)
     with torch.no_grad():
         mesh, query = vertices.detach().double(), points.detach().double()
         if not (torch.isfinite(mesh).all() and torch.isfinite(query).all()):
             raise InputError("closest_point", "vertices, points", "finite numbers", "NaN or Inf")
         normals = pseudonormals(mesh, faces) if normals is None else normals
         if impl == "native" or (impl == "auto" and points.device.type == "cpu"):
-            face, barycentric = (TriangleTree.of(mesh, faces) if tree is None else tree).closest(query)
+            tree = TriangleTree.of(mesh, faces) if tree is None else tree
+            if not differentiable:
+                return _compiled(mesh, faces, points, bound, normals, tree)
+            face, barycentric = tree.closest(query)
             skipped = torch.zeros(len(query), dtype=mesh.dtype)
         elif impl == "igl":
             face, barycentric, skipped = _search_igl(mesh, faces, query)
@@ -84,6 +88,24 @@ def closest_point(
     low, high = (found.sdf.new_tensor(end) for end in bound)
     sdf = torch.where(skipped == 0, found.sdf, torch.where(skipped > 0, high, low)).clamp(*bound)
     return ClosestPoint(sdf, face, found.barycentric)
+
+
+def _compiled(
+    mesh: Tensor,
+    faces: Tensor,
+    points: Tensor,
+    bound: tuple[float, float] | None,
+    normals: Pseudonormals,
+    tree: TriangleTree,
+) -> ClosestPoint:
+    """What the search of a tree and `signed` find, from compiled loops: without gradient."""
+    query = points.detach().double()
+    sdf, face, barycentric, unsure = tree.signed(query, faces, normals, bound)
+    if unsure.any():
+        inside = winding_number(mesh, faces[normals.kept], query[unsure]) > 0.5
+        sdf[unsure] = torch.where(inside, -1.0, 1.0).to(sdf) * sdf[unsure].abs()
+    sdf = sdf.to(points.dtype)
+    return ClosestPoint(sdf if bound is None else sdf.clamp(*bound), face, barycentric.to(points.dtype))
 
 
 def signed(

@@ -1,32 +1,35 @@
-"""The closest triangle of a mesh by a tree of boxes, in compiled loops on a CPU (ops/native.py): exact, float64.
+"""The closest triangle of a mesh by a tree of boxes, and the side, in compiled loops on a CPU (ops/native.py): exact, float64.
 
-Triangles are sorted along a Morton curve through their centres, and a box holds a run of them, halved down to `LEAF`; halves
-at medians are searched a sixth faster and take four times as long to sort. Each point starts from the triangle that was closest
-to the point before: points of a lattice or of a picture lie in order, and few boxes are nearer. Which of
-the triangles of an edge is found depends on it, too.
+A box holds a run of triangles, halved at the median of their centres along the longest extent, down to `LEAF`. Each point
+starts from the triangle that was closest to the point before: points of a lattice or of a picture lie in order, and few boxes
+are nearer. Which of the triangles of an edge is found depends on it, too. Where distances saturate, a point whose neighbour
+in the row is so far from the surface that it must be beyond the bound, too, is not searched: it lies on the same side.
 
 Letters: p points, v vertices, f faces, b boxes.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Bool, Float, Int, Shaped
 from torch import Tensor
 
-from avatarrex.ops.closest_bricks import morton
 from avatarrex.ops.native import native, spread
+from avatarrex.ops.pseudonormal import Pseudonormals
 from avatarrex.ops.triangle import THIN
 
 LEAF = 4
 """Triangles of a box that is not split."""
-GRID = 2**20 - 1
-"""Cells along an axis of the curve."""
 DEEP = 64
 """Boxes that may wait at once: the tree's depth, with room to spare."""
+MARGIN = 0.02
+"""Metres beyond the bound up to which all points are searched: what is looked up at them is interpolated with what lies within."""
+ON = 1e-30
+"""Square metres: nearer, the distance is the height over the surface."""
 TINY = float(np.finfo(np.float64).tiny)
 Array = Shaped[np.ndarray, "..."]
 
@@ -49,14 +52,11 @@ class TriangleTree:
     @classmethod
     def of(cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> TriangleTree:
         """Of at least one triangle, metres."""
-        unsorted = vertices.detach().double()[faces]
-        centre = unsorted.mean(1)
-        low, extent = centre.amin(0), float((centre.amax(0) - centre.amin(0)).max()) or 1.0
-        order = morton(((centre - low) / extent * GRID).long()).argsort(stable=True)
-        corner, room = unsorted[order].contiguous().numpy(), max(1, 4 * len(order) // LEAF)
-        box, other, count = np.empty((room, 2, 3)), np.zeros(room, np.int64), np.zeros(room, np.int64)
-        used = _build(corner, box, other, count)
-        return cls(corner, order.numpy(), box[:used], other[:used], count[:used])
+        unsorted = vertices.detach().double()[faces].contiguous()
+        room = max(1, 4 * len(unsorted) // LEAF)
+        order, box, other, count = np.arange(len(unsorted)), np.empty((room, 2, 3)), *np.zeros((2, room), np.int64)
+        used = _build(unsorted.numpy(), unsorted.mean(1).numpy(), order, box, other, count)
+        return cls(unsorted.numpy()[order], order, box[:used], other[:used], count[:used])
 
     @torch.no_grad()
     def closest(self, points: Float[Tensor, "p 3"]) -> tuple[Int[Tensor, " p"], Float[Tensor, "p 3"]]:
@@ -66,12 +66,35 @@ class TriangleTree:
         spread(_search, len(query), query, self.corner, self.box, self.other, self.count, face, weight)
         return torch.from_numpy(self.face[face]), torch.from_numpy(weight)
 
+    @torch.no_grad()
+    def signed(
+        self,
+        points: Float[Tensor, "p 3"],
+        faces: Int[Tensor, "f 3"],
+        normals: Pseudonormals,
+        bound: tuple[float, float] | None = None,
+    ) -> tuple[Float[Tensor, " p"], Int[Tensor, " p"], Float[Tensor, "p 3"], Bool[Tensor, " p"]]:
+        """`closest`, with the signed distance before (float64, not yet clamped to the bound) and behind where it is unsure.
+
+        Of a point that is farther than `MARGIN` beyond the bound: the bound, and the face of a point near by.
+        """
+        query = points.double().contiguous().numpy()
+        low, high = (-np.inf, np.inf) if bound is None else bound
+        face, weight = np.empty(len(query), np.int64), np.empty((len(query), 3))
+        sdf, unsure = np.empty(len(query)), np.empty(len(query), np.bool_)
+        outward = tuple(part.double().numpy() for part in (normals.face, normals.edge, normals.vertex))
+        flat = tuple(part.numpy() for part in (normals.flat_face, normals.flat_edge, normals.flat_vertex))
+        tree = self.corner, self.box, self.other, self.count, self.face
+        found = sdf, face, weight, unsure
+        spread(_sign, len(query), query, *tree, faces.numpy(), *outward, *flat, float(low), float(high), *found)
+        return tuple(torch.from_numpy(values) for values in found)  # type: ignore[return-value]
+
 
 @native
-def _build(corner: Array, box: Array, other: Array, count: Array) -> int:
-    """Fill the boxes of the sorted triangles; how many there are."""
+def _build(corner: Array, centre: Array, order: Array, box: Array, other: Array, count: Array) -> int:
+    """Sort the triangles (`order`) and fill the boxes; how many there are."""
     begin, end, above = np.empty(DEEP, np.int64), np.empty(DEEP, np.int64), np.empty(DEEP, np.int64)
-    begin[0], end[0], above[0] = 0, len(corner), -1
+    begin[0], end[0], above[0] = 0, len(order), -1
     waiting, used = 1, 0
     while waiting:
         waiting -= 1
@@ -79,20 +102,56 @@ def _build(corner: Array, box: Array, other: Array, count: Array) -> int:
         used += 1
         if above[waiting] >= 0:
             other[above[waiting]] = here
-        for axis in range(3):
-            box[here, 0, axis], box[here, 1, axis] = np.inf, -np.inf
-            for t in range(first, last):
-                for i in range(3):
-                    box[here, 0, axis] = min(box[here, 0, axis], corner[t, i, axis])
-                    box[here, 1, axis] = max(box[here, 1, axis], corner[t, i, axis])
         if last - first <= LEAF:
             other[here], count[here] = first, last - first
             continue
         middle = (first + last) // 2
+        _split(centre, order, first, middle, last)
         begin[waiting], end[waiting], above[waiting] = middle, last, here
         begin[waiting + 1], end[waiting + 1], above[waiting + 1] = first, middle, -1
         waiting += 2
+    for here in range(used - 1, -1, -1):  # halves come after the whole
+        for axis in range(3):
+            low, high = np.inf, -np.inf
+            if not count[here]:
+                low = min(box[here + 1, 0, axis], box[other[here], 0, axis])
+                high = max(box[here + 1, 1, axis], box[other[here], 1, axis])
+            for k in range(other[here], other[here] + count[here]):
+                for i in range(3):
+                    low, high = min(low, corner[order[k], i, axis]), max(high, corner[order[k], i, axis])
+            box[here, 0, axis], box[here, 1, axis] = low, high
     return used
+
+
+@native
+def _split(centre: Array, order: Array, first: int, middle: int, last: int) -> None:
+    """Bring those of `order` from `first` to `last` that lie lower along their longest extent before `middle`."""
+    along, longest = 0, -1.0
+    for axis in range(3):
+        low, high = np.inf, -np.inf
+        for k in range(first, last):
+            low, high = min(low, centre[order[k], axis]), max(high, centre[order[k], axis])
+        if high - low > longest:
+            along, longest = axis, high - low
+    low_end, high_end = first, last - 1
+    while low_end < high_end:  # Hoare's selection
+        pivot = centre[order[(low_end + high_end) // 2], along]
+        i, j = low_end, high_end
+        while i <= j:
+            while centre[order[i], along] < pivot:
+                i += 1
+            while centre[order[j], along] > pivot:
+                j -= 1
+            if i <= j:
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            high_end = j
+        elif middle >= i:
+            low_end = i
+        else:
+            return
 
 
 @native
@@ -111,30 +170,110 @@ def _search(
     waiting, gap = np.empty(DEEP, np.int64), np.empty(DEEP)
     winner = 0
     for p in range(begin, end):
-        x, y, z = query[p, 0], query[p, 1], query[p, 2]
-        best, u, v, w = _closest(x, y, z, corner[winner])
-        waiting[0], gap[0] = 0, _beyond(x, y, z, box[0])
-        depth = 1
-        while depth:
-            depth -= 1
-            if gap[depth] >= best:
-                continue
-            b = waiting[depth]
-            if count[b]:
-                for t in range(other[b], other[b] + count[b]):
-                    square, of_a, of_b, of_c = _closest(x, y, z, corner[t])
-                    if square < best:
-                        best, winner, u, v, w = square, t, of_a, of_b, of_c
-                continue
-            near, far = b + 1, other[b]
-            near_gap, far_gap = _beyond(x, y, z, box[near]), _beyond(x, y, z, box[far])
-            if far_gap < near_gap:
-                near, far, near_gap, far_gap = far, near, far_gap, near_gap
-            waiting[depth], gap[depth] = far, far_gap
-            waiting[depth + 1], gap[depth + 1] = near, near_gap
-            depth += 2
+        at = query[p, 0], query[p, 1], query[p, 2]
+        winner, _, u, v, w = _nearest(at, winner, corner, box, other, count, waiting, gap)
         face[p] = winner
         weight[p, 0], weight[p, 1], weight[p, 2] = u, v, w
+
+
+@native
+def _sign(
+    begin: int,
+    end: int,
+    query: Array,
+    corner: Array,
+    box: Array,
+    other: Array,
+    count: Array,
+    original: Array,
+    faces: Array,
+    face_normal: Array,
+    edge_normal: Array,
+    vertex_normal: Array,
+    flat_face: Array,
+    flat_edge: Array,
+    flat_vertex: Array,
+    low: float,
+    high: float,
+    sdf: Array,
+    face: Array,
+    weight: Array,
+    unsure: Array,
+) -> None:
+    """sdf (p,), face (p,), weight (p, 3) and unsure (p,) of the points (p, 3)."""
+    waiting, gap = np.empty(DEEP, np.int64), np.empty(DEEP)
+    winner, u, v, w = 0, 1.0, 0.0, 0.0
+    side, clear = 0.0, 0.0  # of the point before, and how far it at least is from the surface
+    for p in range(begin, end):
+        x, y, z = query[p, 0], query[p, 1], query[p, 2]
+        if p > begin:
+            clear -= math.sqrt((x - query[p - 1, 0]) ** 2 + (y - query[p - 1, 1]) ** 2 + (z - query[p - 1, 2]) ** 2)
+        unsure[p] = False
+        beyond = high if side > 0 else -low
+        if side != 0 and clear > beyond + MARGIN:
+            sdf[p] = side * beyond
+        else:
+            winner, square, u, v, w = _nearest((x, y, z), winner, corner, box, other, count, waiting, gap)
+            f, zeros = original[winner], (u <= 0) + (v <= 0) + (w <= 0)
+            if zeros == 0:
+                normal, unsure[p] = face_normal[f], flat_face[f]
+            elif zeros == 1:
+                edge = 0 if u <= 0 else (1 if v <= 0 else 2)
+                normal, unsure[p] = edge_normal[f, edge], flat_edge[f, edge]
+            else:
+                vertex = faces[f, 0 if u > 0 else (1 if v > 0 else 2)]
+                normal, unsure[p] = vertex_normal[vertex], flat_vertex[vertex]
+            on = corner[winner]
+            dx = x - (u * on[0, 0] + v * on[1, 0] + w * on[2, 0])
+            dy = y - (u * on[0, 1] + v * on[1, 1] + w * on[2, 1])
+            dz = z - (u * on[0, 2] + v * on[1, 2] + w * on[2, 2])
+            height = dx * normal[0] + dy * normal[1] + dz * normal[2]
+            side, clear = 1.0 if height >= 0 else -1.0, math.sqrt(square)
+            sdf[p] = side * clear
+            if square <= ON:
+                length = math.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+                sdf[p] = height / length if length > 0 else 0.0
+            if unsure[p]:
+                side = 0.0
+        face[p] = original[winner]
+        weight[p, 0], weight[p, 1], weight[p, 2] = u, v, w
+
+
+@native
+def _nearest(
+    at: tuple[float, float, float],
+    winner: int,
+    corner: Array,
+    box: Array,
+    other: Array,
+    count: Array,
+    waiting: Array,
+    gap: Array,
+) -> tuple[int, float, float, float, float]:
+    """Closest triangle, squared distance and barycentrics; `winner` is tried first."""
+    x, y, z = at
+    best, u, v, w = _closest(x, y, z, corner[winner])
+    waiting[0], gap[0] = 0, _beyond(x, y, z, box[0])
+    depth = 1
+    while depth:
+        depth -= 1
+        if gap[depth] >= best:
+            continue
+        b = waiting[depth]
+        if count[b]:
+            for t in range(other[b], other[b] + count[b]):
+                square, of_a, of_b, of_c = _closest(x, y, z, corner[t])
+                if square < best:
+                    best, winner, u, v, w = square, t, of_a, of_b, of_c
+            continue
+        near, far = b + 1, other[b]
+        near_gap, far_gap = _beyond(x, y, z, box[near]), _beyond(x, y, z, box[far])
+        if far_gap < near_gap:
+            near, far, near_gap, far_gap = far, near, far_gap, near_gap
+        waiting[depth], gap[depth] = far, far_gap
+        waiting[depth + 1], gap[depth + 1] = near, near_gap
+        depth += 2
+    return winner, best, u, v, w
 
 
 @native

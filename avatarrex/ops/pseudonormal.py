@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
+from avatarrex.ops.pseudonormal_loops import gathered
 from avatarrex.ops.triangle import THIN
 
 
@@ -72,6 +73,15 @@ def _feature(faces: Tensor, face: Tensor, barycentric: Tensor) -> tuple[Tensor, 
 
 def pseudonormals(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> Pseudonormals:
     """Pseudonormals of a mesh, in the dtype of `vertices` (float64 where the sign must be exact)."""
+    wanted = torch.is_grad_enabled() and vertices.requires_grad
+    if vertices.device.type == "cpu" and vertices.dtype == torch.float64 and len(faces) and not wanted:
+        found = gathered(vertices.detach().contiguous().numpy(), faces.long().contiguous().numpy())
+        return Pseudonormals(*map(torch.from_numpy, found))
+    return pseudonormals_in_torch(vertices, faces)
+
+
+def pseudonormals_in_torch(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> Pseudonormals:
+    """The same of any dtype, on any device."""
     place, welded = torch.unique(vertices, dim=0, return_inverse=True)
     joined = welded[faces]
     kept = _first_of_repeats(joined, len(place))

@@ -1,5 +1,7 @@
 """The tree of triangles against every triangle."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 import torch
@@ -8,7 +10,8 @@ from avatarrex.avatar import load_avatar
 from avatarrex.fields.composition import BAND
 from avatarrex.ops import native
 from avatarrex.ops.closest_point import closest_point
-from avatarrex.ops.closest_tree import TriangleTree
+from avatarrex.ops.closest_tree import MARGIN, TriangleTree
+from avatarrex.ops.pseudonormal import pseudonormals, pseudonormals_in_torch
 from avatarrex.ops.triangle import closest_on_triangle
 from avatarrex.signals.library import named_hand
 from avatarrex.templates.hand import pose_hand
@@ -104,3 +107,37 @@ def test_a_needle_is_its_longest_side() -> None:
     along = points[:, 0].clamp(0, 1)
     side = (points - torch.nn.functional.pad(along[:, None], (0, 2))).norm(dim=-1)
     torch.testing.assert_close((points - weight @ corner).norm(dim=-1), side, atol=1e-12, rtol=0)
+
+
+def test_a_row_of_points_that_leaves_the_bound_and_comes_back(hand: tuple[torch.Tensor, torch.Tensor]) -> None:
+    """Points on a lattice reach 20 cm away: those beyond the bound are not searched, and all are on their side."""
+    vertices, faces = hand
+    axis = torch.linspace(-0.25, 0.25, 24)
+    points = torch.cartesian_prod(axis, axis, axis) + vertices.mean(0)
+    free = closest_point(vertices.double(), faces, points.double(), impl="torch").sdf
+    bounded = closest_point(vertices, faces, points, BAND, "native").sdf
+    torch.testing.assert_close(bounded.double(), free.clamp(*BAND), atol=1e-6, rtol=0)
+    tree, normals = TriangleTree.of(vertices, faces), pseudonormals(vertices.double(), faces)
+    found, _, _, unsure = tree.signed(points, faces, normals, BAND)
+    assert not unsure.any()
+    skipped = found == BAND[1]
+    assert 0.3 < skipped.double().mean() < 0.95, "far points are not searched"
+    assert free[skipped].min() > BAND[1] + MARGIN, "and near ones are"
+    assert (bounded < 0).any()
+
+
+@pytest.mark.parametrize("name", ["hand", "torn", "doubled"])
+def test_compiled_pseudonormals_are_those_in_torch(hand: tuple[torch.Tensor, torch.Tensor], name: str) -> None:
+    """A hand; every corner a vertex of its own; repeated and turned triangles beside some without an area."""
+    vertices, faces = hand[0].double(), hand[1]
+    if name == "torn":
+        vertices, faces = vertices[faces].reshape(-1, 3), torch.arange(3 * len(faces)).reshape(-1, 3)
+    if name == "doubled":
+        turned, flat = faces[:50].roll(1, 1), faces[:20, [0, 0, 1]]
+        faces = torch.cat([faces[:200], turned, faces[:30].flip(1), flat, faces[200:]])
+        vertices = vertices.clone()
+        vertices[faces[300, 2]] = vertices[faces[300, :2]].mean(0)
+    found, want = pseudonormals(vertices, faces), pseudonormals_in_torch(vertices, faces)
+    for field in fields(want):
+        torch.testing.assert_close(getattr(found, field.name), getattr(want, field.name), atol=1e-12, rtol=0)
+    assert (name == "doubled") == bool((~found.kept).any()) == bool(found.flat_edge.any())
