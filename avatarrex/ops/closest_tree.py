@@ -53,10 +53,8 @@ class TriangleTree:
     def of(cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> TriangleTree:
         """Of at least one triangle, metres."""
         unsorted = vertices.detach().double()[faces].contiguous()
-        room = max(1, 4 * len(unsorted) // LEAF)
-        order, box, other, count = np.arange(len(unsorted)), np.empty((room, 2, 3)), *np.zeros((2, room), np.int64)
-        used = _build(unsorted.numpy(), unsorted.mean(1).numpy(), order, box, other, count)
-        return cls(unsorted.numpy()[order], order, box[:used], other[:used], count[:used])
+        order, box, other, count = build(unsorted.numpy(), unsorted.mean(1).numpy(), LEAF)
+        return cls(unsorted.numpy()[order], order, box, other, count)
 
     @torch.no_grad()
     def closest(self, points: Float[Tensor, "p 3"]) -> tuple[Int[Tensor, " p"], Float[Tensor, "p 3"]]:
@@ -90,9 +88,18 @@ class TriangleTree:
         return tuple(torch.from_numpy(values) for values in found)  # type: ignore[return-value]
 
 
+def build(corner: Array, centre: Array, leaf: int) -> tuple[Array, Array, Array, Array]:
+    """Order, box, other and count (see `TriangleTree`) of things with corners (f, c, 3), `leaf` at most in a box, by their
+    centres (f, 3)."""
+    room = max(1, 4 * len(corner) // leaf)
+    order, box, other, count = np.arange(len(corner)), np.empty((room, 2, 3)), *np.zeros((2, room), np.int64)
+    used = _build(corner, centre, leaf, order, box, other, count)
+    return order, box[:used], other[:used], count[:used]
+
+
 @native
-def _build(corner: Array, centre: Array, order: Array, box: Array, other: Array, count: Array) -> int:
-    """Sort the triangles (`order`) and fill the boxes; how many there are."""
+def _build(corner: Array, centre: Array, leaf: int, order: Array, box: Array, other: Array, count: Array) -> int:
+    """Sort (`order`) and fill the boxes; how many there are."""
     begin, end, above = np.empty(DEEP, np.int64), np.empty(DEEP, np.int64), np.empty(DEEP, np.int64)
     begin[0], end[0], above[0] = 0, len(order), -1
     waiting, used = 1, 0
@@ -102,7 +109,7 @@ def _build(corner: Array, centre: Array, order: Array, box: Array, other: Array,
         used += 1
         if above[waiting] >= 0:
             other[above[waiting]] = here
-        if last - first <= LEAF:
+        if last - first <= leaf:
             other[here], count[here] = first, last - first
             continue
         middle = (first + last) // 2
@@ -117,7 +124,7 @@ def _build(corner: Array, centre: Array, order: Array, box: Array, other: Array,
                 low = min(box[here + 1, 0, axis], box[other[here], 0, axis])
                 high = max(box[here + 1, 1, axis], box[other[here], 1, axis])
             for k in range(other[here], other[here] + count[here]):
-                for i in range(3):
+                for i in range(corner.shape[1]):
                     low, high = min(low, corner[order[k], i, axis]), max(high, corner[order[k], i, axis])
             box[here, 0, axis], box[here, 1, axis] = low, high
     return used
@@ -253,7 +260,7 @@ def _nearest(
     """Closest triangle, squared distance and barycentrics; `winner` is tried first."""
     x, y, z = at
     best, u, v, w = _closest(x, y, z, corner[winner])
-    waiting[0], gap[0] = 0, _beyond(x, y, z, box[0])
+    waiting[0], gap[0] = 0, beyond(x, y, z, box[0])
     depth = 1
     while depth:
         depth -= 1
@@ -267,7 +274,7 @@ def _nearest(
                     best, winner, u, v, w = square, t, of_a, of_b, of_c
             continue
         near, far = b + 1, other[b]
-        near_gap, far_gap = _beyond(x, y, z, box[near]), _beyond(x, y, z, box[far])
+        near_gap, far_gap = beyond(x, y, z, box[near]), beyond(x, y, z, box[far])
         if far_gap < near_gap:
             near, far, near_gap, far_gap = far, near, far_gap, near_gap
         waiting[depth], gap[depth] = far, far_gap
@@ -277,7 +284,7 @@ def _nearest(
 
 
 @native
-def _beyond(x: float, y: float, z: float, box: Array) -> float:
+def beyond(x: float, y: float, z: float, box: Array) -> float:
     """Squared distance to a box (2, 3)."""
     dx = max(box[0, 0] - x, x - box[1, 0], 0.0)
     dy = max(box[0, 1] - y, y - box[1, 1], 0.0)

@@ -16,13 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avatarrex.fields.body import MOST_WORN, BodyFrame
 from avatarrex.fields.code import BodyCode
 from avatarrex.fields.influence import RADIUS
-from avatarrex.ops.search import workers
+from avatarrex.ops.closest_vertex import VertexTree
 from avatarrex.volume.stencil import Lattice
 from avatarrex.volume.volume import BodyGrid
 
@@ -43,7 +42,7 @@ class Changed:
     since: BodyFrame
     nodes: Float[Tensor, "m 3"]
     """Places of the nodes that changed, before and now."""
-    skin: cKDTree
+    skin: VertexTree | None
     """Of the samples and vertices that changed, before and now."""
 
     def touches(self, position: Float[np.ndarray, "p 3"], radius: float = 0.0) -> Bool[np.ndarray, " p"]:
@@ -51,10 +50,8 @@ class Changed:
         points = torch.as_tensor(position, dtype=torch.float32)
         touched: np.ndarray = (torch.cdist(points, self.nodes) < RADIUS + radius).any(1).numpy()
         rest = np.flatnonzero(~touched)
-        if len(rest) and self.skin.n:
-            reach = SKIN + radius
-            apart, _ = self.skin.query(position[rest], distance_upper_bound=reach, workers=workers(len(rest)))
-            touched[rest] = np.isfinite(apart)
+        if self.skin is not None:
+            touched[rest] = np.isfinite(self.skin.nearest(position[rest], SKIN + radius)[0])
         return touched
 
 
@@ -101,11 +98,16 @@ def hold(now: Held, before: Held, tolerance: float, effect: float) -> Held:
             ),
         )
         places += [samples.position[turned].double().numpy() for samples in (new.samples, old.samples)]
+    skin_places = np.concatenate(places)
     return Held(
         frame,
         np.where(skin[:, None], now.vertices, before.vertices),
         np.where(skin[:, None], now.normals, before.normals),
-        Changed(old, torch.cat([new.node_position[moved], old.node_position[moved]]), cKDTree(np.concatenate(places))),
+        Changed(
+            old,
+            torch.cat([new.node_position[moved], old.node_position[moved]]),
+            VertexTree.of(skin_places) if len(skin_places) else None,
+        ),
     )
 
 

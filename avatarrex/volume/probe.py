@@ -12,6 +12,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from avatarrex.ops.closest_vertex import VertexTree
 from avatarrex.ops.search import workers
 
 FLAT = 0.012
@@ -62,7 +63,9 @@ class VertexProbe:
     """Metres aside of a vertex, beyond `FLAT`, over which its cloth and the field's freedom fade out."""
     closed: bool
     """Whether the skin has no rim that a point could be past: then the core of a chest is inside, too."""
+    closest: VertexTree
     tree: cKDTree
+    """Of several nearest at once."""
     changing: np.ndarray
     """(v,) whether ω is not the same at all the vertices around."""
 
@@ -81,11 +84,11 @@ class VertexProbe:
         if changing.any():
             ring = tree.query(vertices[changing], min(4 * BLENDED, len(vertices)))[1]
             changing[ring] = True
-        return VertexProbe(vertices, normals, weight, worn, rim, closed, tree, changing)
+        return VertexProbe(vertices, normals, weight, worn, rim, closed, VertexTree.of(vertices), tree, changing)
 
     def query(self, position: np.ndarray) -> Probe:
         """`position` (p, 3)."""
-        distance, nearest = self.tree.query(position, workers=workers(len(position)))
+        distance, nearest = self.closest.nearest(position)
         height = np.einsum("pc,pc->p", position - self.vertices[nearest], self.normals[nearest])
         aside = np.maximum(np.sqrt(np.maximum(distance**2 - height**2, 0)) - FLAT, 0)
         inside = (-height > STEEP * aside) & (self.closed | (aside < self.rim))

@@ -1,0 +1,96 @@
+"""The closest vertex of a cloud by a tree of boxes, in compiled loops (ops/native.py): exact, float64; of equals the first.
+
+Each point starts from the vertex that was closest to the point before: those of a lattice lie in order. Letters: p points,
+v vertices, b boxes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int, Shaped
+
+from avatarrex.ops.closest_tree import DEEP, beyond, build
+from avatarrex.ops.native import native, spread
+
+LEAF = 8
+"""Vertices of a box that is not split."""
+Array = Shaped[np.ndarray, "..."]
+
+
+@dataclass(frozen=True)
+class VertexTree:
+    """A cloud of vertices, prepared."""
+
+    vertex: Array
+    """(v, 3) float64, in the order of the boxes."""
+    number: Array
+    """(v,) which is which."""
+    box: Array
+    """(b, 2, 3), and so on: closest_tree.py."""
+    other: Array
+    count: Array
+
+    @classmethod
+    def of(cls, vertices: Float[np.ndarray, "v 3"]) -> VertexTree:
+        """Of at least one vertex, metres."""
+        cloud = np.ascontiguousarray(vertices, np.float64)
+        order, box, other, count = build(cloud[:, None], cloud, LEAF)
+        return cls(cloud[order], order, box, other, count)
+
+    def nearest(
+        self, position: Float[np.ndarray, "p 3"], within: float = np.inf
+    ) -> tuple[Float[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+        """Distances, metres, and numbers of the vertices; ∞ and any number where none is closer than `within`."""
+        query = np.ascontiguousarray(position, np.float64)
+        distance, vertex = np.empty(len(query)), np.empty(len(query), np.int64)
+        tree = self.vertex, self.number, self.box, self.other, self.count
+        spread(_nearest, len(query), query, *tree, float(within), distance, vertex)
+        return distance, vertex
+
+
+@native
+def _nearest(
+    begin: int,
+    end: int,
+    query: Array,
+    vertex: Array,
+    number: Array,
+    box: Array,
+    other: Array,
+    count: Array,
+    within: float,
+    distance: Array,
+    found: Array,
+) -> None:
+    """distance (p,) and found (p,) of the points (p, 3)."""
+    waiting, gap = np.empty(DEEP, np.int64), np.empty(DEEP)
+    winner = 0
+    for p in range(begin, end):
+        x, y, z = query[p, 0], query[p, 1], query[p, 2]
+        best = (vertex[winner, 0] - x) ** 2 + (vertex[winner, 1] - y) ** 2 + (vertex[winner, 2] - z) ** 2
+        known = best < within**2
+        if not known:
+            best = within**2
+        waiting[0], gap[0] = 0, 0.0
+        depth = 1
+        while depth:
+            depth -= 1
+            if gap[depth] > best:
+                continue
+            b = waiting[depth]
+            if count[b]:
+                for k in range(other[b], other[b] + count[b]):
+                    square = (vertex[k, 0] - x) ** 2 + (vertex[k, 1] - y) ** 2 + (vertex[k, 2] - z) ** 2
+                    if square < best or (known and square == best and number[k] < number[winner]):
+                        best, winner, known = square, k, True
+                continue
+            near, far = b + 1, other[b]
+            near_gap, far_gap = beyond(x, y, z, box[near]), beyond(x, y, z, box[far])
+            if far_gap < near_gap:
+                near, far, near_gap, far_gap = far, near, far_gap, near_gap
+            waiting[depth], gap[depth] = far, far_gap
+            waiting[depth + 1], gap[depth + 1] = near, near_gap
+            depth += 2
+        distance[p], found[p] = np.sqrt(best) if known else np.inf, number[winner]

@@ -1,0 +1,44 @@
+"""The tree of vertices against every vertex."""
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+
+from avatarrex.ops.closest_vertex import VertexTree
+
+RNG = np.random.default_rng(4)
+CLOUDS = {
+    "scattered": RNG.normal(size=(500, 3)),
+    "a lattice, of many equals": np.stack(np.meshgrid(*[np.arange(7.0)] * 3), -1).reshape(-1, 3),
+    "each twice": np.repeat(RNG.normal(size=(90, 3)), 2, 0),
+    "all at one place": np.ones((40, 3)),
+    "one": np.zeros((1, 3)),
+}
+
+
+@pytest.mark.parametrize("name", CLOUDS)
+def test_it_finds_what_every_vertex_finds(name: str) -> None:
+    """And of equals the first, wherever the search began."""
+    cloud = CLOUDS[name]
+    points = np.concatenate([RNG.normal(size=(300, 3)), np.round(2 * RNG.normal(size=(300, 3))) / 2 + 3, cloud])
+    distance, vertex = VertexTree.of(cloud).nearest(points)
+    square = ((points[:, None] - cloud) ** 2).sum(-1)
+    np.testing.assert_array_equal(vertex, square.argmin(1))
+    np.testing.assert_allclose(distance, cdist(points, cloud).min(1), atol=1e-12)
+
+
+def test_none_is_found_beyond_the_reach_that_was_asked_for() -> None:
+    """On the way from one cluster to another the vertex before is too far, and comes back."""
+    cloud = CLOUDS["scattered"]
+    points = np.linspace(-14, 14, 3000)[:, None] * np.ones(3) / np.sqrt(3)
+    free, first = VertexTree.of(cloud).nearest(points)
+    for within in (0.3, 1.0, 4.0):
+        distance, vertex = VertexTree.of(cloud).nearest(points, within)
+        near = free < within
+        assert 0 < near.sum() < len(points)
+        np.testing.assert_array_equal(distance, np.where(near, free, np.inf))
+        np.testing.assert_array_equal(vertex[near], first[near])
+
+
+def test_no_point() -> None:
+    assert VertexTree.of(np.zeros((3, 3))).nearest(np.zeros((0, 3)))[0].shape == (0,)
