@@ -1,6 +1,7 @@
 """Arms of the ablation: each is one recipe with one thing changed (paper sec. 5.1 and the ablation study; issue's arms).
 
     full               pass I, then pass II with the perceptual term; feature patches or tri-planes
+    pass-one           its pass I alone: what pass II starts from
     no-pass-two        pass I alone, lengthened to as many steps
     plain              no-pass-two without feature patches: the paper's baseline
     one-network        plain, geometry and colour in one local network per node
@@ -34,6 +35,8 @@ class Arm:
     prior: bool = True
     """Whether the packaged prior knows its networks (`compact`)."""
     passes: int = 2
+    lengthened: bool = True
+    """Whether one pass takes as many steps as two."""
     one: Mapping[str, Any] = field(default_factory=dict)
     """Fields of pass I."""
     two: Mapping[str, Any] = field(default_factory=dict)
@@ -61,6 +64,7 @@ ARMS = {
     arm.name: arm
     for arm in (
         Arm("full", "both passes, perceptual term, feature patches or tri-planes"),
+        Arm("pass-one", "pass I of full alone", passes=1, lengthened=False),
         Arm("no-pass-two", "pass I alone, as many steps", passes=1),
         Arm("no-patches", "both passes, no feature patches", ("body",), variant="no-patches"),
         Arm("plain", "pass I alone, no feature patches (the paper's baseline)", ("body",), "no-patches", passes=1),
@@ -86,6 +90,7 @@ QUESTIONS = (
     ("feature patches, one pass", "no-pass-two", "plain"),
     ("feature patches, two passes", "full", "no-patches"),
     ("tri-planes against an MLP on coefficients", "full", "face-mlp"),
+    ("pass II after pass I", "full", "pass-one"),
     ("pass II against as many steps of pass I", "full", "no-pass-two"),
     ("perceptual term", "full", "no-perceptual"),
     ("separate networks against one", "plain", "one-network"),
@@ -115,7 +120,8 @@ def recipe_of(arm: Arm, base: Recipe, part: str) -> Recipe:
     if not arm.prior and base.preset == KNOWN_PRESET:
         one = replace(one, **UNKNOWN, warm_steps=UNKNOWN_WARM * one.warm_steps)
     if arm.passes == 1:
-        one, two = stretched(one, (one.steps + two.steps) / one.steps), replace(two, steps=0)
+        one = stretched(one, (one.steps + two.steps) / one.steps) if arm.lengthened else one
+        two = replace(two, steps=0)
     preset = f"{base.preset}/{arm.variant}" if arm.variant else base.preset
     return replace(base, name=f"{base.name}/{arm.name}", preset=preset, **{part: (one, two)})  # type: ignore[arg-type]
 

@@ -134,6 +134,7 @@ def test_each_arm_changes_what_it_says():
     one, two = QUICK.body
     whole = one.steps + two.steps
     assert recipe_of(ARMS["full"], QUICK, "body").body == QUICK.body
+    assert recipe_of(ARMS["pass-one"], QUICK, "body").body == (QUICK.body[0], replace(QUICK.body[1], steps=0))
     longer, nothing = recipe_of(ARMS["no-pass-two"], QUICK, "body").body
     assert (longer.steps, nothing.steps) == (whole, 0)
     assert longer.decay_steps / longer.steps == pytest.approx(one.decay_steps / one.steps, rel=1e-3)
