@@ -35,7 +35,7 @@ class ClosestPoint:
     """Metres, negative inside; saturated at `bound` where one was given."""
     face: Int[Tensor, " p"]
     barycentric: Float[Tensor, "p 3"]
-    """Of the closest point on `face`. Beyond `bound`: of a point near by, for smooth look-ups, not the closest."""
+    """Of the closest point on `face`. Far beyond `bound`: of some point of the surface, not the closest."""
 
 
 def available() -> tuple[Impl, ...]:

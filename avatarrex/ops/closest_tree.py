@@ -3,7 +3,8 @@
 A box holds a run of triangles, halved at the median of their centres along the longest extent, down to `LEAF`. Each point
 starts from the triangle that was closest to the point before: points of a lattice or of a picture lie in order, and few boxes
 are nearer. Which of the triangles of an edge is found depends on it, too. Where distances saturate, a point whose neighbour
-in the row is so far from the surface that it must be beyond the bound, too, is not searched: it lies on the same side.
+in the row is so far from the surface that it must be beyond the bound, too, is not searched: of a closed mesh it lies on the
+same side.
 
 Letters: p points, v vertices, f faces, b boxes.
 """
@@ -22,12 +23,13 @@ from avatarrex.ops.native import native, spread
 from avatarrex.ops.pseudonormal import Pseudonormals
 from avatarrex.ops.triangle import THIN
 
-LEAF = 4
+LEAF = 2
 """Triangles of a box that is not split."""
 DEEP = 64
 """Boxes that may wait at once: the tree's depth, with room to spare."""
-MARGIN = 0.02
-"""Metres beyond the bound up to which all points are searched: what is looked up at them is interpolated with what lies within."""
+MARGIN = 0.04
+"""Metres beyond the bound up to which all points are searched: what is looked up at them is interpolated with what lies within.
+The diagonal of the coarsest cells of a hand's box (`volume/part_box.py`) at voxels of 5 mm."""
 ON = 1e-30
 """Square metres: nearer, the distance is the height over the surface."""
 TINY = float(np.finfo(np.float64).tiny)
@@ -74,7 +76,7 @@ class TriangleTree:
     ) -> tuple[Float[Tensor, " p"], Int[Tensor, " p"], Float[Tensor, "p 3"], Bool[Tensor, " p"]]:
         """`closest`, with the signed distance before (float64, not yet clamped to the bound) and behind where it is unsure.
 
-        Of a point that is farther than `MARGIN` beyond the bound: the bound, and the face of a point near by.
+        Of a point that is farther than `MARGIN` beyond the bound: the bound, and the face of a point before it in the row.
         """
         query = points.double().contiguous().numpy()
         low, high = (-np.inf, np.inf) if bound is None else bound
@@ -91,6 +93,8 @@ class TriangleTree:
 def build(corner: Array, centre: Array, leaf: int) -> tuple[Array, Array, Array, Array]:
     """Order, box, other and count (see `TriangleTree`) of things with corners (f, c, 3), `leaf` at most in a box, by their
     centres (f, 3)."""
+    if not len(corner):
+        raise ValueError("a tree of nothing")
     room = max(1, 4 * len(corner) // leaf)
     order, box, other, count = np.arange(len(corner)), np.empty((room, 2, 3)), *np.zeros((2, room), np.int64)
     used = _build(corner, centre, leaf, order, box, other, count)
@@ -216,9 +220,9 @@ def _sign(
         if p > begin:
             clear -= math.sqrt((x - query[p - 1, 0]) ** 2 + (y - query[p - 1, 1]) ** 2 + (z - query[p - 1, 2]) ** 2)
         unsure[p] = False
-        beyond = high if side > 0 else -low
-        if side != 0 and clear > beyond + MARGIN:
-            sdf[p] = side * beyond
+        limit = high if side > 0 else -low
+        if side != 0 and clear > limit + MARGIN:
+            sdf[p] = side * limit
         else:
             winner, square, u, v, w = _nearest((x, y, z), winner, corner, box, other, count, waiting, gap)
             f, zeros = original[winner], (u <= 0) + (v <= 0) + (w <= 0)
@@ -259,8 +263,8 @@ def _nearest(
 ) -> tuple[int, float, float, float, float]:
     """Closest triangle, squared distance and barycentrics; `winner` is tried first."""
     x, y, z = at
-    best, u, v, w = _closest(x, y, z, corner[winner])
-    waiting[0], gap[0] = 0, beyond(x, y, z, box[0])
+    best, u, v, w = _closest(x, y, z, corner, winner)
+    waiting[0], gap[0] = 0, beyond(x, y, z, box, 0)
     depth = 1
     while depth:
         depth -= 1
@@ -269,12 +273,12 @@ def _nearest(
         b = waiting[depth]
         if count[b]:
             for t in range(other[b], other[b] + count[b]):
-                square, of_a, of_b, of_c = _closest(x, y, z, corner[t])
+                square, of_a, of_b, of_c = _closest(x, y, z, corner, t)
                 if square < best:
                     best, winner, u, v, w = square, t, of_a, of_b, of_c
             continue
         near, far = b + 1, other[b]
-        near_gap, far_gap = beyond(x, y, z, box[near]), beyond(x, y, z, box[far])
+        near_gap, far_gap = beyond(x, y, z, box, near), beyond(x, y, z, box, far)
         if far_gap < near_gap:
             near, far, near_gap, far_gap = far, near, far_gap, near_gap
         waiting[depth], gap[depth] = far, far_gap
@@ -284,20 +288,20 @@ def _nearest(
 
 
 @native
-def beyond(x: float, y: float, z: float, box: Array) -> float:
-    """Squared distance to a box (2, 3)."""
-    dx = max(box[0, 0] - x, x - box[1, 0], 0.0)
-    dy = max(box[0, 1] - y, y - box[1, 1], 0.0)
-    dz = max(box[0, 2] - z, z - box[1, 2], 0.0)
+def beyond(x: float, y: float, z: float, box: Array, b: int) -> float:
+    """Squared distance to box b of (b, 2, 3)."""
+    dx = max(box[b, 0, 0] - x, x - box[b, 1, 0], 0.0)
+    dy = max(box[b, 0, 1] - y, y - box[b, 1, 1], 0.0)
+    dz = max(box[b, 0, 2] - z, z - box[b, 1, 2], 0.0)
     return dx * dx + dy * dy + dz * dz
 
 
 @native
-def _closest(x: float, y: float, z: float, corner: Array) -> tuple[float, float, float, float]:
-    """Squared distance and barycentrics of one point: ops/triangle.py, step by step."""
-    ax, ay, az = corner[0, 0], corner[0, 1], corner[0, 2]
-    abx, aby, abz = corner[1, 0] - ax, corner[1, 1] - ay, corner[1, 2] - az
-    acx, acy, acz = corner[2, 0] - ax, corner[2, 1] - ay, corner[2, 2] - az
+def _closest(x: float, y: float, z: float, corner: Array, t: int) -> tuple[float, float, float, float]:
+    """Squared distance and barycentrics of one point on triangle t: ops/triangle.py, step by step."""
+    ax, ay, az = corner[t, 0, 0], corner[t, 0, 1], corner[t, 0, 2]
+    abx, aby, abz = corner[t, 1, 0] - ax, corner[t, 1, 1] - ay, corner[t, 1, 2] - az
+    acx, acy, acz = corner[t, 2, 0] - ax, corner[t, 2, 1] - ay, corner[t, 2, 2] - az
     apx, apy, apz = x - ax, y - ay, z - az
     bcx, bcy, bcz = acx - abx, acy - aby, acz - abz
     bpx, bpy, bpz = apx - abx, apy - aby, apz - abz

@@ -1,6 +1,7 @@
 """The closest vertex of a cloud by a tree of boxes, in compiled loops (ops/native.py): exact, float64; of equals the first.
 
-Each point starts from the vertex that was closest to the point before: those of a lattice lie in order. Letters: p points,
+Each point starts from the vertex that was closest to the point before: those of a lattice lie in order. Holds `beyond` and
+`DEEP` of closest_tree.py, compiled. Letters: p points,
 v vertices, b boxes.
 """
 
@@ -34,8 +35,8 @@ class VertexTree:
 
     @classmethod
     def of(cls, vertices: Float[np.ndarray, "v 3"]) -> VertexTree:
-        """Of at least one vertex, metres."""
-        cloud = np.ascontiguousarray(vertices, np.float64)
+        """Of at least one vertex, metres. Raises ValueError for none, or NaN."""
+        cloud = _finite(vertices)
         order, box, other, count = build(cloud[:, None], cloud, LEAF)
         return cls(cloud[order], order, box, other, count)
 
@@ -43,11 +44,17 @@ class VertexTree:
         self, position: Float[np.ndarray, "p 3"], within: float = np.inf
     ) -> tuple[Float[np.ndarray, " p"], Int[np.ndarray, " p"]]:
         """Distances, metres, and numbers of the vertices; ∞ and any number where none is closer than `within`."""
-        query = np.ascontiguousarray(position, np.float64)
+        query = _finite(position)
         distance, vertex = np.empty(len(query)), np.empty(len(query), np.int64)
         tree = self.vertex, self.number, self.box, self.other, self.count
         spread(_nearest, len(query), query, *tree, float(within), distance, vertex)
         return distance, vertex
+
+
+def _finite(places: Array) -> Array:
+    if not np.isfinite(places).all():
+        raise ValueError("vertices and points must be finite")
+    return np.ascontiguousarray(places, np.float64)
 
 
 @native
@@ -87,7 +94,7 @@ def _nearest(
                         best, winner, known = square, k, True
                 continue
             near, far = b + 1, other[b]
-            near_gap, far_gap = beyond(x, y, z, box[near]), beyond(x, y, z, box[far])
+            near_gap, far_gap = beyond(x, y, z, box, near), beyond(x, y, z, box, far)
             if far_gap < near_gap:
                 near, far, near_gap, far_gap = far, near, far_gap, near_gap
             waiting[depth], gap[depth] = far, far_gap

@@ -4,7 +4,7 @@ Each stands beside the torch operations that it replaces, and is held to them by
 other devices (a search for the closest triangle is float64 itself, and has no gradient). No fused products: a number that is
 computed at two places is the same at both. A compiled loop is kept on disk (numba's cache): a machine compiles each once, all
 of them in ten seconds. The cache knows the file of the loop alone: after a change here, or of a constant that a loop takes
-from another file, the loop's own file is to be touched.
+from another file, or of a function there, the loop's own file is to be touched.
 """
 
 from __future__ import annotations

@@ -75,6 +75,8 @@ def pseudonormals(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> 
     """Pseudonormals of a mesh, in the dtype of `vertices` (float64 where the sign must be exact)."""
     wanted = torch.is_grad_enabled() and vertices.requires_grad
     if vertices.device.type == "cpu" and vertices.dtype == torch.float64 and len(faces) and not wanted:
+        if not 0 <= int(faces.min()) <= int(faces.max()) < len(vertices):
+            raise IndexError(f"faces name vertices {int(faces.min())} to {int(faces.max())} of {len(vertices)}")
         found = gathered(vertices.detach().contiguous().numpy(), faces.long().contiguous().numpy())
         return Pseudonormals(*map(torch.from_numpy, found))
     return pseudonormals_in_torch(vertices, faces)

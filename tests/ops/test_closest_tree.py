@@ -66,14 +66,17 @@ def test_signs_and_gradients_are_those_of_the_bricks(hand: tuple[torch.Tensor, t
 def test_threads_change_no_distance(hand: tuple[torch.Tensor, torch.Tensor], monkeypatch) -> None:
     monkeypatch.setattr(native, "FEW", 10)
     tree, points, before, found = TriangleTree.of(*hand), beside(hand, 0.01), torch.get_num_threads(), []
+    signs: list[torch.Tensor] = []
     try:
         for threads in (1, 3):
             torch.set_num_threads(threads)
             face, weight = tree.closest(points)
             found.append((hand[0].double()[hand[1][face]] * weight[..., None]).sum(1))
+            signs.append(closest_point(*hand, 4 * points, BAND).sdf)
     finally:
         torch.set_num_threads(before)
     torch.testing.assert_close(*found, atol=1e-12, rtol=0)
+    assert signs[0].equal(signs[1]), "nor a side, wherever a row is cut"
 
 
 def test_a_mesh_of_one_box() -> None:
@@ -83,6 +86,13 @@ def test_a_mesh_of_one_box() -> None:
     found, exact = (closest_point(vertices, faces, points, impl=impl) for impl in ("native", "reference"))
     torch.testing.assert_close(found.sdf, exact.sdf)
     assert (found.sdf < 0).any()
+
+
+def test_no_triangle_and_a_vertex_that_is_not_there() -> None:
+    with pytest.raises(ValueError, match="nothing"):
+        TriangleTree.of(torch.eye(3), torch.zeros(0, 3, dtype=torch.long))
+    with pytest.raises(IndexError, match="0 to 7 of 3"):
+        pseudonormals(torch.eye(3).double(), torch.tensor([[0, 1, 7]]))
 
 
 def test_one_triangle_and_no_point() -> None:
@@ -118,11 +128,13 @@ def test_a_row_of_points_that_leaves_the_bound_and_comes_back(hand: tuple[torch.
     bounded = closest_point(vertices, faces, points, BAND, "native").sdf
     torch.testing.assert_close(bounded.double(), free.clamp(*BAND), atol=1e-6, rtol=0)
     tree, normals = TriangleTree.of(vertices, faces), pseudonormals(vertices.double(), faces)
-    found, _, _, unsure = tree.signed(points, faces, normals, BAND)
+    found, face, weight, unsure = tree.signed(points, faces.int(), normals, BAND)
     assert not unsure.any()
+    apart = (points.double() - (vertices.double()[faces[face]] * weight[..., None]).sum(1)).norm(dim=-1)
     skipped = found == BAND[1]
     assert 0.3 < skipped.double().mean() < 0.95, "far points are not searched"
     assert free[skipped].min() > BAND[1] + MARGIN, "and near ones are"
+    torch.testing.assert_close(apart[~skipped], free[~skipped].abs(), atol=1e-6, rtol=0)
     assert (bounded < 0).any()
 
 

@@ -40,5 +40,13 @@ def test_none_is_found_beyond_the_reach_that_was_asked_for() -> None:
         np.testing.assert_array_equal(vertex[near], first[near])
 
 
+def test_what_is_not_finite_is_refused() -> None:
+    """As scipy's tree does: a broken vertex is not one that nothing is near to."""
+    with pytest.raises(ValueError, match="finite"):
+        VertexTree.of(np.full((3, 3), np.nan))
+    with pytest.raises(ValueError, match="finite"):
+        VertexTree.of(np.zeros((3, 3))).nearest(np.full((1, 3), np.inf))
+
+
 def test_no_point() -> None:
     assert VertexTree.of(np.zeros((3, 3))).nearest(np.zeros((0, 3)))[0].shape == (0,)
