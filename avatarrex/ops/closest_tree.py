@@ -264,26 +264,28 @@ def _nearest(
     """Closest triangle, squared distance and barycentrics; `winner` is tried first."""
     x, y, z = at
     best, u, v, w = _closest(x, y, z, corner, winner)
-    waiting[0], gap[0] = 0, beyond(x, y, z, box, 0)
-    depth = 1
-    while depth:
-        depth -= 1
-        if gap[depth] >= best:
-            continue
-        b = waiting[depth]
+    b = depth = 0
+    while True:
         if count[b]:
             for t in range(other[b], other[b] + count[b]):
                 square, of_a, of_b, of_c = _closest(x, y, z, corner, t)
                 if square < best:
                     best, winner, u, v, w = square, t, of_a, of_b, of_c
-            continue
-        near, far = b + 1, other[b]
-        near_gap, far_gap = beyond(x, y, z, box, near), beyond(x, y, z, box, far)
-        if far_gap < near_gap:
-            near, far, near_gap, far_gap = far, near, far_gap, near_gap
-        waiting[depth], gap[depth] = far, far_gap
-        waiting[depth + 1], gap[depth + 1] = near, near_gap
-        depth += 2
+        else:
+            near, far = b + 1, other[b]
+            near_gap, far_gap = beyond(x, y, z, box, near), beyond(x, y, z, box, far)
+            if far_gap < near_gap:
+                near, far, near_gap, far_gap = far, near, far_gap, near_gap
+            if near_gap < best:
+                waiting[depth], gap[depth] = far, far_gap
+                b, depth = near, depth + 1
+                continue
+        while depth and gap[depth - 1] >= best:
+            depth -= 1
+        if not depth:
+            break
+        depth -= 1
+        b = waiting[depth]
     return winner, best, u, v, w
 
 

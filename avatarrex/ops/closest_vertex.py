@@ -80,24 +80,26 @@ def _nearest(
         known = best < within**2
         if not known:
             best = within**2
-        waiting[0], gap[0] = 0, 0.0
-        depth = 1
-        while depth:
-            depth -= 1
-            if gap[depth] > best:
-                continue
-            b = waiting[depth]
+        b = depth = 0
+        while True:
             if count[b]:
                 for k in range(other[b], other[b] + count[b]):
                     square = (vertex[k, 0] - x) ** 2 + (vertex[k, 1] - y) ** 2 + (vertex[k, 2] - z) ** 2
                     if square < best or (known and square == best and number[k] < number[winner]):
                         best, winner, known = square, k, True
-                continue
-            near, far = b + 1, other[b]
-            near_gap, far_gap = beyond(x, y, z, box, near), beyond(x, y, z, box, far)
-            if far_gap < near_gap:
-                near, far, near_gap, far_gap = far, near, far_gap, near_gap
-            waiting[depth], gap[depth] = far, far_gap
-            waiting[depth + 1], gap[depth + 1] = near, near_gap
-            depth += 2
+            else:
+                near, far = b + 1, other[b]
+                near_gap, far_gap = beyond(x, y, z, box, near), beyond(x, y, z, box, far)
+                if far_gap < near_gap:
+                    near, far, near_gap, far_gap = far, near, far_gap, near_gap
+                if near_gap <= best:
+                    waiting[depth], gap[depth] = far, far_gap
+                    b, depth = near, depth + 1
+                    continue
+            while depth and gap[depth - 1] > best:
+                depth -= 1
+            if not depth:
+                break
+            depth -= 1
+            b = waiting[depth]
         distance[p], found[p] = np.sqrt(best) if known else np.inf, number[winner]
