@@ -24,7 +24,10 @@ def gathered(vertices: Array, faces: Array) -> Found:
     """Of vertices (v, 3) float64 and faces (f, 3) int64: the fields of `Pseudonormals`, in their order."""
     bits = (vertices + 0.0).view(np.int64)  # zero has one sign
     joined = _welded(bits, _slots(len(vertices)))
-    return _gather(vertices, faces, joined, _slots(3 * len(faces)))  # type: ignore[no-any-return]
+    normal, edge, vertex, flat, flat_edge, flat_vertex, kept, edge_of = _gather(
+        vertices, faces, joined, _slots(3 * len(faces))
+    )
+    return normal, edge[edge_of], vertex[joined], flat, flat_edge[edge_of], flat_vertex[joined], kept
 
 
 def _slots(keys: int) -> int:
@@ -58,8 +61,8 @@ def _slot(table: Array, key: Array, a: int, b: int, c: int) -> int:
 
 
 @native
-def _gather(vertices: Array, faces: Array, joined: Array, slots: int) -> Found:
-    """See `gathered`."""
+def _gather(vertices: Array, faces: Array, joined: Array, slots: int) -> tuple[Array, ...]:
+    """The fields, of edges and of joined vertices once each, and the edge opposite each corner (f, 3)."""
     count = len(faces)
     table, corners = np.full(slots, FREE, np.int64), np.empty((count, 3), np.int64)
     edges, ends, used = np.full(slots, FREE, np.int64), np.zeros((3 * count, 3), np.int64), 0
@@ -112,15 +115,4 @@ def _gather(vertices: Array, faces: Array, joined: Array, slots: int) -> Found:
                 for axis in range(3):
                     of_edge[edge_of[f, i], axis] += normal[f, axis]
                     of_vertex[corner[i], axis] += angle * normal[f, axis]
-    edge, flat_side = np.empty((count, 3, 3)), np.empty((count, 3), np.bool_)
-    for f in range(count):
-        for i in range(3):
-            flat_side[f, i] = flat_edge[edge_of[f, i]]
-            for axis in range(3):
-                edge[f, i, axis] = of_edge[edge_of[f, i], axis]
-    vertex, flat_point = np.empty((len(vertices), 3)), np.empty(len(vertices), np.bool_)
-    for v in range(len(vertices)):
-        flat_point[v] = flat_vertex[joined[v]]
-        for axis in range(3):
-            vertex[v, axis] = of_vertex[joined[v], axis]
-    return normal, edge, vertex, flat, flat_side, flat_point, kept
+    return normal, of_edge, of_vertex, flat, flat_edge, flat_vertex, kept, edge_of
