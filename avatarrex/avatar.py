@@ -61,7 +61,7 @@ class Avatar:
     meta: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
-    def create(cls, person: Person, preset: str, seed: int = 0, local_frame: str = "anchors") -> Avatar:
+    def create(cls, person: Person, preset: str, seed: int = 0, local_frame: str = "turned") -> Avatar:
         """Untrained fields on `person`; preset `paper` or `compact`, or `PRESET/VARIANT` (fields/presets.py)."""
         if preset not in PRESETS:
             raise InputError("avatar", "preset", " or ".join(BASES), preset)

@@ -36,12 +36,12 @@ from avatarrex.fields.local_frame import (
     take,
 )
 from avatarrex.fields.local_networks import LocalNetworks, mlp
-from avatarrex.fields.nodes import covering_radius, farthest_points, node_normals, part_labels, plane_axes
+from avatarrex.fields.nodes import anchors, covering_radius, farthest_points, node_normals, part_labels, plane_axes
 from avatarrex.fields.patches import NoPatches, PatchNetwork, patch_features
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
 from avatarrex.ops import native
 from avatarrex.ops.encoding import channels, encode
-from avatarrex.ops.skinning import blend, invert_affine, skin
+from avatarrex.ops.skinning import blend, blend_rotations, invert_affine, skin
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.model import PosedTemplate, TemplateModel
 
@@ -99,15 +99,14 @@ class BodyField(nn.Module):
     worn: Tensor
     """(v,) metres that the surface stands off each template vertex at rest (`measure_worn`); zero until measured."""
 
-    def __init__(self, model: TemplateModel, preset: Preset, seed: int = 0, local_frame: str = "anchors") -> None:
+    def __init__(self, model: TemplateModel, preset: Preset, seed: int = 0, local_frame: str = "turned") -> None:
         super().__init__()
         if local_frame not in LOCAL_FRAMES:
             raise InputError("body field", "local_frame", " or ".join(LOCAL_FRAMES), local_frame)
         widths = preset.body
         self.widths, self.local_frame, self.template = widths, local_frame, model
-        chosen = farthest_points(model.v_template, max(widths.anchors, widths.nodes), seed)
-        self.register_buffer("node_vertex", chosen[: widths.nodes].clone())
-        self.register_buffer("anchor_vertex", chosen)
+        self.register_buffer("node_vertex", farthest_points(model.v_template, widths.nodes, seed))
+        self.register_buffer("anchor_vertex", anchors(model, widths.anchors, seed))
         self.register_buffer("worn", torch.zeros(len(model.v_template)))
         self.register_load_state_dict_post_hook(lambda module, _: module.place())
         self.place()
@@ -194,13 +193,13 @@ class BodyField(nn.Module):
 
     def frame(self, posed: PosedTemplate, code: BodyCode) -> BodyFrame:
         """Everything of this pose. `posed` is the body template with flat hands and a neutral face."""
-        node_from_rest = _onto(posed, self.node_weights, self.node_rest, self.node_vertex)
+        node_from_rest = self._onto(posed, self.node_weights, self.node_rest, self.node_vertex)
         node_rest = self.node_rest + code.residual
         position = (node_from_rest[:, :, :3] @ node_rest[:, :, None])[:, :, 0] + node_from_rest[:, :, 3]
         samples = None
-        if self.local_frame in ("anchors", "vertex"):
-            vertex, anchors = self.sample_vertex, self.local_frame == "anchors"
-            onto = _onto(posed, self.sample_weights, self.sample_rest, vertex)
+        if self.local_frame in ("anchors", "turned", "vertex"):
+            vertex = self.sample_vertex
+            onto = self._onto(posed, self.sample_weights, self.sample_rest, vertex)
             outward = F.normalize((onto[:, :, :3] @ self.sample_normal[:, :, None])[:, :, 0], dim=-1)
             samples = Samples(
                 self.sample_rest,
@@ -208,11 +207,20 @@ class BodyField(nn.Module):
                 outward,
                 invert_affine(onto),
                 self.sample_owner,
-                NEIGHBOURS if anchors else 1,
+                1 if self.local_frame == "vertex" else NEIGHBOURS,
                 SPREAD * (2048 / len(vertex)) ** 0.5,
             )
         cover = covering_radius(posed.vertices.detach(), position.detach()) + CLOTH
         return BodyFrame(code, position, node_rest, node_from_rest, samples, cover)
+
+    def _onto(self, posed: PosedTemplate, weights: Tensor, rest: Tensor, vertex: Tensor) -> Float[Tensor, "n 3 4"]:
+        """Per sample the linear part of its frame, with the offset that takes its rest position onto its posed vertex."""
+        if self.local_frame == "turned":
+            linear = blend_rotations(posed.skinning, weights, self.template.parents)
+        else:
+            linear = blend(posed.skinning, weights)[:, :, :3]
+        offset = posed.vertices[vertex] - (linear @ rest[:, :, None])[:, :, 0]
+        return torch.cat([linear, offset[:, :, None]], -1)
 
     def pairs(self, frame: BodyFrame, position: Float[Tensor, "p 3"], nodes: Bool[Tensor, " n"] | None = None) -> Pairs:
         """All (point, node) pairs within the influence radius, of all nodes or of the mask `nodes`."""
@@ -359,10 +367,3 @@ def _localised(
         return pairs, local.T, weight
     keep = keep[:kept]
     return pairs.take(keep), local.index_select(1, keep).T, weight.index_select(0, keep)
-
-
-def _onto(posed: PosedTemplate, weights: Tensor, rest: Tensor, vertex: Tensor) -> Float[Tensor, "n 3 4"]:
-    """Per sample the blended linear part, with the offset that takes its rest position onto its posed vertex."""
-    linear = blend(posed.skinning, weights)[:, :, :3]
-    offset = posed.vertices[vertex] - (linear @ rest[:, :, None])[:, :, 0]
-    return torch.cat([linear, offset[:, :, None]], -1)

@@ -1,15 +1,17 @@
 """Which rest position p̄ does a posed point p have? (paper sec. 3.1, p_i = T⁻¹p − (n̄_i + Δn_i): T has no subscript.)
 
-Four readings, chosen by the setting `local_frame` that an avatar stores (benchmarks/local_frames.py: error and cost):
+Five readings, chosen by the setting `local_frame` that an avatar stores (benchmarks/local_frames.py: error and cost):
 
     node     T = T_i, the node's own skinning matrix: one p̄ per pair
     blend    T = Σ w_i T_i / Σ w_i, gated by the rest distance that the strongest node sees
     vertex   T of the nearest template vertex
     anchors  T⁻¹ = Σ_a g_a T_a⁻¹ / Σ g_a over the nearest skinned anchors, g Gaussian in the posed distance and gated
-             by the rest distance to the one whose surface the point is on, so that another limb's anchors do not mix in
+             by the rest distance to the one whose limb the point is in, so that another limb's anchors do not mix in
+    turned   as anchors, but T_a turns by the blended rotation: a blended matrix shrinks a limb that is bent by θ by
+             cos θ/2, and its inverse takes a point 1 cm off a sharp elbow to 3 cm
 
 A sample's T maps its rest position onto its vertex of the posed template, whatever moved it there (skinning, shape,
-pose blend shapes), with the linear part of its blended skinning matrix.
+pose blend shapes), with the linear part of its blended skinning matrix (or its rotation).
 
 Letters: a samples (anchors or vertices), n nodes, p points, k (point, node) pairs. Root frame, metres.
 """
@@ -31,7 +33,7 @@ from avatarrex.ops import native
 from avatarrex.ops.search import workers
 from avatarrex.ops.skinning import invert_affine, skin
 
-LOCAL_FRAMES = ("anchors", "blend", "node", "vertex")
+LOCAL_FRAMES = ("anchors", "blend", "node", "turned", "vertex")
 NEIGHBOURS = 5
 """Anchors searched per point. The farthest one's weight is subtracted from all: a neighbour enters with weight 0, and p̄
 does not jump (largest step over a walk of 0.1 mm, p99: 0.29 mm; 6.8 mm for the 4 nearest as they are)."""
@@ -40,8 +42,8 @@ NEVER_ZERO = 1e-6
 SPREAD = 0.015
 """σ of the anchors' Gaussian at 2048 anchors, metres; it grows with their spacing, 0.021 at 1024 (performance.md)."""
 ASIDE = 0.1
-"""Share of the distance along the skin where limbs touch: the point belongs to the one whose surface it is on, though a
-sample of the other may be nearer (they are 3 cm apart)."""
+"""Share of the distance along the skin where limbs touch: the point belongs to the one that it is deepest inside, as in a
+union of solids, or else to the one whose surface it is on, though a sample of the other may be nearer (they are 3 cm apart)."""
 OPEN, SHUT = 4.0, 6.0
 """Rest distance to that anchor, in σ, where an anchor's gate starts to close and where it is shut."""
 CHUNK = 16384
@@ -121,7 +123,7 @@ class Samples:
         squared = offset.square().sum(0)
         rest = take(self.rest, index.flatten()).unflatten(1, shape)
         height = (offset * take(self.outward, index.flatten()).unflatten(1, shape)).sum(0).detach()
-        limb = (height.square() + ASIDE * squared.detach()).argmin(1)
+        limb = (height * height.abs() + ASIDE * squared.detach()).argmin(1)
         leader = rest.gather(2, limb[None, :, None].expand(3, -1, 1))
         apart = (rest - leader).square().sum(0) / self.spread**2
         t = ((SHUT**2 - apart) / (SHUT**2 - OPEN**2)).clamp(0, 1)

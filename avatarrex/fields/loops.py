@@ -197,7 +197,7 @@ def weigh_neighbours(
             dx, dy, dz = point[p, 0] - position[s, 0], point[p, 1] - position[s, 1], point[p, 2] - position[s, 2]
             squared[m] = dx * dx + dy * dy + dz * dz
             height = dx * outward[s, 0] + dy * outward[s, 1] + dz * outward[s, 2]
-            limb = height * height + aside * squared[m]
+            limb = height * abs(height) + aside * squared[m]
             if limb < least:
                 leader, least = s, limb
         farthest = np.exp((squared[0] - squared[count - 1]) / (TWO * spread * spread))

@@ -1,8 +1,7 @@
 """The nodes n̄_i on the rest template (paper sec. 3.1): where they sit, which way they face, whose they are.
 
 Farthest point sampling over all template vertices, hands and head included: without them 5.5 % of the hand vertices lie
-outside every influence sphere. One seeded order serves both: its first N vertices are the nodes, all of it the anchors
-that carry the local frames.
+outside every influence sphere. The anchors that carry the local frames are sampled likewise, in two poses at once.
 
 Letters: n nodes, v vertices, j joints. Rest pose, root frame, metres.
 """
@@ -15,7 +14,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from avatarrex.templates.mesh import vertex_normals
-from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.model import TemplateModel, pose_template
 
 PARTS = ("trunk", "left_arm", "right_arm", "left_leg", "right_leg", "head")
 """Part labels; an arm includes its hand, a leg its foot, the collars and the neck belong to the trunk."""
@@ -24,19 +23,36 @@ _LIMB = {"arm": ("shoulder", "elbow", "wrist", *_FINGERS), "leg": ("hip", "knee"
 _HEAD = ("head", "jaw", "eye")
 NORMAL_SPREAD = 0.03
 """σ of the Gaussian that averages vertex normals around a node, metres: the patch must not follow one fold."""
+BENT = {
+    **{f"{side}_elbow": (0.0, turn * 2.3, 0.0) for side, turn in (("left", -1), ("right", 1))},
+    **{f"{side}_knee": (2.1, 0.0, 0.0) for side in ("left", "right")},
+    **{f"{side}_hip": (-1.4, 0.0, 0.0) for side in ("left", "right")},
+}
+"""Rotvecs in radians of the pose besides the rest pose that anchors are spread over."""
 
 
-def farthest_points(points: Float[Tensor, "v 3"], count: int, seed: int) -> Int[Tensor, " n"]:
+def farthest_points(points: Float[Tensor, "v d"], count: int, seed: int) -> Int[Tensor, " n"]:
     """Indices of `count` points, each the farthest from those before it; the first one is drawn by `seed`."""
     count = min(count, len(points))
-    x, y, z = points.double().T.contiguous()
+    columns = points.double().T.contiguous()
     chosen = [int(torch.randint(len(points), (1,), generator=torch.Generator().manual_seed(seed)))]
-    nearest = torch.full_like(x, torch.inf)
+    nearest = torch.full_like(columns[0], torch.inf)
     while len(chosen) < count:
-        k = chosen[-1]
-        torch.minimum(nearest, (x - x[k]).square_() + (y - y[k]).square_() + (z - z[k]).square_(), out=nearest)
+        squared = sum((column - column[chosen[-1]]).square_() for column in columns)
+        torch.minimum(nearest, squared, out=nearest)
         chosen.append(int(nearest.argmax()))
     return torch.tensor(chosen)
+
+
+def anchors(model: TemplateModel, count: int, seed: int) -> Int[Tensor, " n"]:
+    """Indices of `count` vertices spread over the rest pose and over one with `BENT` joints at once: skin that a bend
+    stretches has more of them, and no place is far from one in either pose."""
+    pose = model.v_template.new_zeros(len(model.parents), 3)
+    for row, name in enumerate(model.joint_names):
+        pose[row] = pose.new_tensor(BENT.get(name, (0.0, 0.0, 0.0)))
+    shape, expression = (pose.new_zeros(dirs.shape[2]) for dirs in (model.shapedirs, model.expression_dirs))
+    bent = pose_template(model, pose, shape, expression).vertices
+    return farthest_points(torch.cat([model.v_template, bent], 1), count, seed)
 
 
 def node_normals(model: TemplateModel, vertex: Int[Tensor, " n"]) -> Float[Tensor, "n 3"]:

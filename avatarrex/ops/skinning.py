@@ -17,6 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.errors import InputError
+from avatarrex.ops.rotation import matrix_from_quaternion, quaternion_from_matrix
 
 AMPLIFICATION = 8.0
 """The most that an inverse may stretch a distance. Opposed twists at equal weights shrink a limb by cos θ/2, and the
@@ -80,6 +81,30 @@ def skinning_matrices(transforms: Float[Tensor, "j 4 4"], joints: Float[Tensor, 
 def blend(skinning: Float[Tensor, "j 4 4"], weights: Float[Tensor, "v j"]) -> Float[Tensor, "v 3 4"]:
     """Σ_i w_i A_i, the upper three rows."""
     return (weights @ skinning[:, :3].reshape(len(skinning), 12)).reshape(-1, 3, 4)
+
+
+def blend_rotations(
+    skinning: Float[Tensor, "j 4 4"], weights: Float[Tensor, "v j"], parents: Sequence[int]
+) -> Float[Tensor, "v 3 3"]:
+    """The rotation of Σ_i w_i q_i (Le and Hodgins 2016, eq. 3), q_i the joints' unit quaternions, each of the sign that is
+    nearer to its parent's. A joint bent by less than 180° does not let it vanish."""
+    quaternion = quaternion_from_matrix(skinning[:, :3, :3])
+    parent, lineage = _lineage(tuple(parents), skinning.device)
+    turned = (quaternion * quaternion[parent]).sum(-1) < 0
+    sign = 1 - 2 * ((lineage & turned).sum(-1) % 2)
+    return matrix_from_quaternion(weights @ (sign[:, None] * quaternion))
+
+
+@lru_cache(maxsize=64)
+@torch.inference_mode(False)
+def _lineage(parents: tuple[int, ...], device: torch.device) -> tuple[Tensor, Tensor]:
+    """Each joint's parent, a root's itself, and whom it descends from (j, j), itself among them."""
+    line = torch.eye(len(parents), dtype=torch.bool)
+    for level in tree_levels(parents)[1:]:
+        for joint in level:
+            line[joint] |= line[parents[joint]]
+    parent = [joint if above < 0 else above for joint, above in enumerate(parents)]
+    return torch.tensor(parent, device=device), line.to(device)
 
 
 def skin(matrices: Float[Tensor, "*b 3 4"], position: Float[Tensor, "*b 3"]) -> Float[Tensor, "*b 3"]:

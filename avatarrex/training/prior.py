@@ -42,7 +42,7 @@ MINUTES = {"body": 24.0, "face": 18.0, "face_colour": 22.0}
 """Of steps, on one core."""
 RATE, ON_RATE, DECAY = 4e-3, 2e-3, 0.02
 """Learning rate at the start, from nothing and on from the packaged prior, and what is left of it at the end."""
-HALF_POSES, FULL_POSES, MIXTURES, COLOUR_MIXTURES = 70, 20, 120, 120
+HALF_POSES, FULL_POSES, MIXTURES, COLOUR_MIXTURES = 60, 40, 120, 120
 """Random body poses at half and at full joint limits beside the named ones; mixed expressions beside every single one,
 for geometry and for colour."""
 COLOUR_POINTS, COLOUR_BATCH = 20_000, 6000

@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from avatarrex.avatar import DATA, Avatar
+from avatarrex.capture.winding import RayWinding
 from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.orthographic import AXES, SIZE, before, render_places, render_views, seen
@@ -76,13 +77,17 @@ class Distances:
 
 
 def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, rng: np.random.Generator) -> Distances:
-    """Points around the vertices of the mask `near` (v,), with the height over its nearest vertex (volume/probe.py)."""
+    """Points around the vertices of the mask `near` (v,), with the height over its nearest vertex (volume/probe.py).
+
+    None that lies above the skin of one limb and within another: there the limbs' union is inside, and the height is not.
+    """
     chosen = vertices[near][torch.from_numpy(rng.integers(int(near.sum()), size=count))].double().numpy()
     position = chosen + _aside(SPREAD, count, rng)
     mesh, nothing = vertices.double().numpy(), np.zeros(len(vertices))
     probe = VertexProbe.of(mesh, vertex_normals(vertices, faces).double().numpy(), nothing, nothing)
     guess = probe.query(position).guess
-    return Distances(torch.as_tensor(position, dtype=torch.float32), torch.as_tensor(guess, dtype=torch.float32))
+    known = (guess <= 0) | (RayWinding(mesh, faces.numpy())(position) <= 0)
+    return Distances(*(torch.as_tensor(values[known], dtype=torch.float32) for values in (position, guess)))
 
 
 def hidden_at_rest(field: FaceField, rest: Tensor) -> Tensor:
@@ -216,7 +221,7 @@ def _body(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -
 
     def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         posed, data = bank[rng.integers(len(bank))]
-        rows = torch.from_numpy(rng.integers(POINTS, size=BATCH))
+        rows = torch.from_numpy(rng.integers(len(data.sdf), size=BATCH))
         body_frame = field.frame(posed.body, field.code(posed.body_rotation))
         return field.sdf(body_frame, data.position[rows]), data.sdf[rows]
 

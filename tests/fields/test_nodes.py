@@ -5,13 +5,16 @@ import torch
 from arm import RADIUS, arm_model
 
 from avatarrex.fields.nodes import (
+    BENT,
     PARTS,
+    anchors,
     covering_radius,
     farthest_points,
     node_normals,
     part_labels,
     plane_axes,
 )
+from avatarrex.templates.model import pose_template
 from avatarrex.templates.person import load_person
 
 
@@ -82,3 +85,22 @@ def test_nodes_of_the_default_person():
 def test_counts_at_the_ends(count):
     points = torch.rand(30, 3)
     assert len(farthest_points(points, count, seed=0)) == min(count, 30)
+
+
+def test_anchors_stay_close_where_a_bend_stretches_the_skin():
+    """No vertex of elbow or knee is far from an anchor, at rest or bent; samples of the rest pose alone leave gaps."""
+    model = load_person().body
+    pose = torch.zeros(len(model.parents), 3)
+    for name, turn in BENT.items():
+        pose[model.joint_names.index(name)] = torch.tensor(turn)
+    posed = pose_template(model, pose, torch.zeros(10), torch.zeros(model.expression_dirs.shape[2])).vertices
+    chosen, plain = anchors(model, 2048, seed=0), farthest_points(model.v_template, 2048, seed=0)
+    gap = {"rest": gaps(model.v_template, chosen), "bent": gaps(posed, chosen), "plain": gaps(posed, plain)}
+    assert len(set(chosen.tolist())) == 2048
+    assert max(gap["rest"], gap["bent"]) < 0.027, gap
+    assert gap["plain"] > 0.034, gap
+
+
+def gaps(vertices: torch.Tensor, chosen: torch.Tensor) -> float:
+    """Metres from the farthest vertex to its nearest chosen one."""
+    return float(torch.cdist(vertices, vertices[chosen]).amin(1).amax())

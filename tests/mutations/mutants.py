@@ -29,6 +29,7 @@ ENCODING = "avatarrex/ops/encoding.py"
 TESTS_ROTATION = "tests/ops/test_rotation.py"
 TESTS_RENDERING = "tests/training/test_volume_rendering.py"
 TESTS_BODY = "tests/fields/test_body_influence.py"
+TESTS_FRAME = "tests/fields/test_local_frame.py"
 TESTS_RAYS = "tests/pointmap/test_hazards.py"
 THIN = f"{TESTS_RAYS}::test_a_sheet_thinner_than_the_smallest_step_is_never_missed"
 
@@ -81,6 +82,34 @@ MUTANTS: dict[str, Mutant] = {
         "return EPSILON * torch.expm1((RADIUS**2 - squared_distance) / (2 * SIGMA**2)).clamp_min(0)",
         "return (torch.exp(-squared_distance / (2 * SIGMA**2)) - EPSILON).clamp_min(0)",
         f"{TESTS_BODY}::test_rim_keeps_its_digits",
+    ),
+    "sharp elbow, blended matrix": Mutant(
+        "sharp joints",
+        BODY,
+        "linear = blend_rotations(posed.skinning, weights, self.template.parents)",
+        "linear = blend(posed.skinning, weights)[:, :, :3]",
+        f"{TESTS_FRAME}::test_a_turned_frame_keeps_distances_about_a_sharp_elbow[140]",
+    ),
+    "sharp elbow, the skin nearby": Mutant(
+        "sharp joints",
+        "avatarrex/fields/local_frame.py",
+        "limb = (height * height.abs() + ASIDE",
+        "limb = (height.square() + ASIDE",
+        f"{TESTS_FRAME}::test_a_point_in_one_limb_that_touches_another_belongs_to_the_one_it_is_in",
+    ),
+    "sharp elbow, compiled": Mutant(
+        "sharp joints",
+        LOOPS,
+        "limb = height * abs(height) + aside",
+        "limb = height * height + aside",
+        f"{TESTS_FRAME}::test_sharply_bent_limbs_of_the_default_person_stay_whole",
+    ),
+    "quaternions of either sign": Mutant(
+        "sharp joints",
+        SKINNING,
+        "sign = 1 - 2 * ((lineage & turned).sum(-1) % 2)",
+        "sign = torch.ones_like(quaternion[:, 0])",
+        "tests/ops/test_skinning.py::test_half_a_joint_turns_halfway_whatever_turns_before_it",
     ),
     "mean of nothing": Mutant(
         "Σw → 0",

@@ -12,6 +12,7 @@ from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.ops.skinning import (
     AMPLIFICATION,
     blend,
+    blend_rotations,
     invert_affine,
     joint_transforms,
     skin,
@@ -177,3 +178,24 @@ def test_the_inverse_has_its_own_gradient() -> None:
     assert collapsed.grad is not None
     assert collapsed.grad.isfinite().all()
     assert collapsed.grad.abs().max() <= AMPLIFICATION**2 * 3
+
+
+def test_half_a_joint_turns_halfway_whatever_turns_before_it() -> None:
+    """A vertex that parent and child share turns by half of the child's own angle, within the parent's turn."""
+    axis = torch.nn.functional.normalize(torch.tensor([1.0, 0.5, -0.2], dtype=torch.float64), dim=0)
+    joints, weights = torch.zeros(3, 3, dtype=torch.float64), torch.tensor([[0, 0.5, 0.5]], dtype=torch.float64)
+    for before in np.linspace(-6.0, 6.0, 25):
+        parent = torch.tensor([0.3, before, -0.4], dtype=torch.float64)
+        for degrees in (-170, -100, 30, 170):
+            bend = np.radians(degrees) * axis
+            rotation = matrix_from_rotvec(torch.stack([torch.full((3,), 0.7, dtype=torch.float64), parent, bend]))
+            skinning = skinning_matrices(joint_transforms(rotation, joints, (-1, 0, 1)), joints)
+            expected = rotation[0] @ rotation[1] @ matrix_from_rotvec(bend / 2)
+            assert (blend_rotations(skinning, weights, (-1, 0, 1))[0] - expected).abs().max() < 1e-12
+
+
+def test_a_joint_of_its_own_turns_as_its_matrix() -> None:
+    rotation, joints, _, _ = scene(5)
+    skinning = skinning_matrices(joint_transforms(rotation, joints, TREE), joints)
+    found = blend_rotations(skinning, torch.eye(len(TREE), dtype=torch.float64), TREE)
+    torch.testing.assert_close(found, skinning[:, :3, :3], atol=1e-12, rtol=0)
