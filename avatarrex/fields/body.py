@@ -140,7 +140,7 @@ class BodyField(nn.Module):
             "node_axes": plane_axes(normal),
             "node_weights": model.weights[vertex],
             "sample_rest": rest[sampled],
-            "sample_normal": vertex_normals(rest, model.faces)[sampled],
+            "sample_normal": model.normals[sampled],
             "sample_weights": model.weights[sampled],
         }
         for name, value in derived.items():

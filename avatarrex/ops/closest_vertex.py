@@ -1,4 +1,4 @@
-"""The closest vertex of a cloud by a tree of boxes, in compiled loops (ops/native.py): exact, float64; of equals the first.
+"""The closest vertex of a cloud, or several, by a tree of boxes, in compiled loops (ops/native.py): exact, float64; of equals the first.
 
 Each point starts from the vertex that was closest to the point before: those of a lattice lie in order. Holds `beyond` and
 `DEEP` of closest_tree.py, compiled. Letters: p points,
@@ -49,6 +49,18 @@ class VertexTree:
         tree = self.vertex, self.number, self.box, self.other, self.count
         spread(_nearest, len(query), query, *tree, float(within), distance, vertex)
         return distance, vertex
+
+    def several(
+        self, position: Float[np.ndarray, "p 3"], count: int
+    ) -> tuple[Float[np.ndarray, "p m"], Int[np.ndarray, "p m"]]:
+        """Distances, metres, and numbers of the `count` closest vertices, nearest first. Raises ValueError for too few."""
+        query = _finite(position)
+        if not 0 < count <= len(self.vertex):
+            raise ValueError(f"{count} of {len(self.vertex)} vertices")
+        square, vertex = np.full((len(query), count), np.inf), np.empty((len(query), count), np.int64)
+        tree = self.vertex, self.number, self.box, self.other, self.count
+        spread(_several, len(query), query, *tree, square, vertex)
+        return np.sqrt(square), vertex
 
 
 def _finite(places: Array) -> Array:
@@ -103,3 +115,49 @@ def _nearest(
             depth -= 1
             b = waiting[depth]
         distance[p], found[p] = np.sqrt(best) if known else np.inf, number[winner]
+
+
+@native
+def _several(
+    begin: int,
+    end: int,
+    query: Array,
+    vertex: Array,
+    number: Array,
+    box: Array,
+    other: Array,
+    count: Array,
+    square: Array,
+    found: Array,
+) -> None:
+    """square (p, m), all ∞ before, and found (p, m) of the points (p, 3): a row is sorted as it fills."""
+    waiting, gap = np.empty(DEEP, np.int64), np.empty(DEEP)
+    last = square.shape[1] - 1
+    for p in range(begin, end):
+        x, y, z = query[p, 0], query[p, 1], query[p, 2]
+        b = depth = 0
+        while True:
+            if count[b]:
+                for k in range(other[b], other[b] + count[b]):
+                    here = (vertex[k, 0] - x) ** 2 + (vertex[k, 1] - y) ** 2 + (vertex[k, 2] - z) ** 2
+                    if here < square[p, last]:
+                        m = last
+                        while m and here < square[p, m - 1]:
+                            square[p, m], found[p, m] = square[p, m - 1], found[p, m - 1]
+                            m -= 1
+                        square[p, m], found[p, m] = here, number[k]
+            else:
+                near, far = b + 1, other[b]
+                near_gap, far_gap = beyond(x, y, z, box, near), beyond(x, y, z, box, far)
+                if far_gap < near_gap:
+                    near, far, near_gap, far_gap = far, near, far_gap, near_gap
+                if near_gap < square[p, last]:
+                    waiting[depth], gap[depth] = far, far_gap
+                    b, depth = near, depth + 1
+                    continue
+            while depth and gap[depth - 1] >= square[p, last]:
+                depth -= 1
+            if not depth:
+                break
+            depth -= 1
+            b = waiting[depth]

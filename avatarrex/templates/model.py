@@ -86,6 +86,12 @@ class TemplateModel:
         return rows, self.expression_dirs[rows]
 
     @cached_property
+    @torch.inference_mode(False)
+    def normals(self) -> Float[Tensor, "v 3"]:
+        """Unit normals of the rest pose."""
+        return vertex_normals(self.v_template.detach(), self.faces)
+
+    @cached_property
     def _last_shape(self) -> dict[bytes, tuple[Tensor, Tensor]]:
         """The shaped vertices and joints of the last shape asked for."""
         return {}
@@ -143,9 +149,8 @@ def pose_template(
 
 def skinned_normals(model: TemplateModel, posed: PosedTemplate) -> Float[Tensor, "v 3"]:
     """Unit rest normals turned by the blended joints: where a bent limb folds its skin over, they still point outwards."""
-    normal = vertex_normals(model.v_template, model.faces)
     linear = blend(posed.skinning, model.weights)[:, :, :3]
-    return torch.nn.functional.normalize((linear @ normal[:, :, None])[:, :, 0], dim=-1)
+    return torch.nn.functional.normalize((linear @ model.normals[:, :, None])[:, :, 0], dim=-1)
 
 
 def _shaped(model: TemplateModel, shape: Tensor) -> tuple[Tensor, Tensor]:

@@ -9,11 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avatarrex.ops.closest_vertex import VertexTree
-from avatarrex.ops.search import workers
 
 FLAT = 0.012
 """Metres around a vertex in which the skin counts as its tangent plane: about the spacing of the body's vertices."""
@@ -64,8 +62,6 @@ class VertexProbe:
     closed: bool
     """Whether the skin has no rim that a point could be past: then the core of a chest is inside, too."""
     closest: VertexTree
-    tree: cKDTree
-    """Of several nearest at once."""
     changing: np.ndarray
     """(v,) whether ω is not the same at all the vertices around."""
 
@@ -79,12 +75,12 @@ class VertexProbe:
         closed: bool = False,
     ) -> VertexProbe:
         """(v, 3) vertices and normals, (v,) painted weight ω, (v,) metres of cloth."""
-        tree = cKDTree(vertices)
+        tree = VertexTree.of(vertices)
         changing = (weight > 0) & (weight < 1)
         if changing.any():
-            ring = tree.query(vertices[changing], min(4 * BLENDED, len(vertices)))[1]
+            ring = tree.several(vertices[changing], min(4 * BLENDED, len(vertices)))[1]
             changing[ring] = True
-        return VertexProbe(vertices, normals, weight, worn, rim, closed, VertexTree.of(vertices), tree, changing)
+        return VertexProbe(vertices, normals, weight, worn, rim, closed, tree, changing)
 
     def query(self, position: np.ndarray) -> Probe:
         """`position` (p, 3)."""
@@ -102,7 +98,7 @@ class VertexProbe:
         rows = np.flatnonzero(self.changing[nearest])
         if len(rows):
             count = min(BLENDED + 1, len(self.vertices))
-            distance, around = self.tree.query(position[rows], count, workers=workers(len(rows)))
+            distance, around = self.closest.several(position[rows], count)
             share = np.square(distance[:, -1:] ** 2 - distance**2) + np.finfo(float).tiny
             weight[rows] = (share * self.weight[around]).sum(1) / share.sum(1)
         return weight

@@ -27,6 +27,25 @@ def test_it_finds_what_every_vertex_finds(name: str) -> None:
     np.testing.assert_allclose(distance, cdist(points, cloud).min(1), atol=1e-12)
 
 
+@pytest.mark.parametrize("name", CLOUDS)
+@pytest.mark.parametrize("wanted", [1, 2, 9, 33])
+def test_several_are_those_of_every_vertex(name: str, wanted: int) -> None:
+    cloud = CLOUDS[name]
+    wanted = min(wanted, len(cloud))
+    points = np.concatenate([RNG.normal(size=(300, 3)), cloud])
+    distance, vertex = VertexTree.of(cloud).several(points, wanted)
+    every = cdist(points, cloud)
+    np.testing.assert_allclose(distance, np.sort(every, 1)[:, :wanted], atol=1e-12)
+    np.testing.assert_allclose(np.take_along_axis(every, vertex, 1), distance, atol=1e-12)
+    assert all(len(set(row)) == wanted for row in vertex.tolist())
+
+
+def test_more_than_there_are_is_refused() -> None:
+    for count in (0, 4):
+        with pytest.raises(ValueError, match=f"{count} of 3 vertices"):
+            VertexTree.of(np.eye(3)).several(np.zeros((1, 3)), count)
+
+
 def test_none_is_found_beyond_the_reach_that_was_asked_for() -> None:
     """On the way from one cluster to another the vertex before is too far, and comes back."""
     cloud = CLOUDS["scattered"]
