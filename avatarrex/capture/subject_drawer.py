@@ -40,6 +40,14 @@ class SubjectDrawer:
         """Premultiplied sRGB-encoded colour and coverage; `rig` "face" takes the openness about the head alone, as the
         capture's face rig does.
         """
+        return self._rasteriser.draw(self._posed(signals, camera, rig)).colour
+
+    def depth(self, signals: Signals, camera: Camera) -> Float32[np.ndarray, "h w"]:
+        """Camera z in metres under each pixel's centre, 0 where nothing is hit."""
+        return self._rasteriser.geometry(self._posed(signals, camera, "body")).depth
+
+    def _posed(self, signals: Signals, camera: Camera, rig: str) -> Camera:
+        """The camera as seen from the root frame of the subject, which is posed now."""
         size = self._size.face if rig == "face" else self._size.body
         frame = RigPlan(rig, self._subject, SignalSequence((signals,), 30.0), size, self._size)
         if self._drawn != (signals, rig):
@@ -47,7 +55,7 @@ class SubjectDrawer:
             ball = frame.occlusion_ball(posed.vertices)
             self._rasteriser.pose(posed, self._occlusion.openness(posed.vertices, posed.normals, *ball))
             self._drawn = (signals, rig)
-        return self._rasteriser.draw(camera.seen_from(frame.world_from_root(0))).colour
+        return camera.seen_from(frame.world_from_root(0))
 
 
 def _spacing(subject: Subject, metres: dict[str, float]) -> np.ndarray:
