@@ -38,6 +38,8 @@ CHOICES = [
     ("vertex", 2048),
 ]
 COST_POINTS = 100_000
+BESIDE = 0.002
+"""Metres off the skin at which it is asked whether another limb is there."""
 
 
 def main() -> None:
@@ -113,14 +115,19 @@ def skin_faces(model: TemplateModel) -> Tensor:
 
 
 def surface_points(model: TemplateModel, posed: PosedTemplate, count: int, rng: np.random.Generator) -> Tensor:
-    """Uniform by area on the posed skin."""
+    """Uniform by area on the posed skin, of `count` points those that no other limb buries."""
     a, b, c = posed.vertices[skin_faces(model)].double().unbind(1)
     area = torch.linalg.cross(b - a, c - a).norm(dim=-1).numpy()
     pick = rng.choice(len(area), count, p=area / area.sum())
     u, v = np.sqrt(rng.random(count)), rng.random(count)
     weight = torch.as_tensor(np.stack([1 - u, u * (1 - v), u * v], 1))
     corners = torch.stack([a[pick], b[pick], c[pick]], 1)
-    return (weight[:, :, None] * corners).sum(1).float()
+    points = (weight[:, :, None] * corners).sum(1)
+    outward = torch.nn.functional.normalize(torch.linalg.cross(b - a, c - a), dim=-1)[pick]
+    buried = (
+        RayWinding(posed.vertices.double().numpy(), skin_faces(model).numpy())((points + BESIDE * outward).numpy()) > 0
+    )
+    return points[torch.from_numpy(~buried)].float()
 
 
 def perfect_field(field: BodyField, frame: BodyFrame, points: Tensor) -> Tensor:
