@@ -28,6 +28,7 @@ from avatarrex.fields.body import BodyField
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
 from avatarrex.fields.light import Light
+from avatarrex.fields.local_frame import UNSAID
 from avatarrex.fields.presets import BASES, PRESETS
 from avatarrex.fields.tone import ToneMap
 from avatarrex.files import parse_json, what_is
@@ -69,7 +70,7 @@ class Avatar:
         widths = PRESETS[preset]
         avatar = cls(
             person,
-            BodyField(person.body, widths, seed=seed, local_frame=local_frame),
+            BodyField(person.body, widths, seed, local_frame, person.blend_weight[:, :2].amax(-1) == 1),
             HandField(person.left_hand, widths),
             HandField(person.right_hand, widths),
             FaceField(person.face, widths),
@@ -153,7 +154,7 @@ def load_avatar(source: str | Path = "default") -> Avatar:
         raise InputError(
             path, "avatar.json: person_hash", f"the template it was made on ({person.hash})", meta["person_hash"]
         )
-    avatar = Avatar.create(person, meta["preset"], meta.get("seed", 0), meta.get("local_frame", "anchors"))
+    avatar = Avatar.create(person, meta["preset"], meta.get("seed", 0), meta.get("local_frame", UNSAID))
     try:
         state = safetensors.torch.load(weights)
     except (safetensors.SafetensorError, ValueError) as error:

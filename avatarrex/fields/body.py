@@ -83,8 +83,11 @@ class BodyField(nn.Module):
         preset: widths.
         seed: of the farthest point sampling (network weights follow torch's own seed).
         local_frame: one of `LOCAL_FRAMES`.
+        replaced: (v,) bool, vertices whose place another part takes wholly; no sample carries a frame there, or what such
+            a part touches would come to rest in flesh that nobody sees.
     """
 
+    replaced: Tensor
     node_vertex: Tensor
     anchor_vertex: Tensor
     node_rest: Tensor
@@ -99,7 +102,14 @@ class BodyField(nn.Module):
     worn: Tensor
     """(v,) metres that the surface stands off each template vertex at rest (`measure_worn`); zero until measured."""
 
-    def __init__(self, model: TemplateModel, preset: Preset, seed: int = 0, local_frame: str = "turned") -> None:
+    def __init__(
+        self,
+        model: TemplateModel,
+        preset: Preset,
+        seed: int = 0,
+        local_frame: str = "turned",
+        replaced: Bool[Tensor, " v"] | None = None,
+    ) -> None:
         super().__init__()
         if local_frame not in LOCAL_FRAMES:
             raise InputError("body field", "local_frame", " or ".join(LOCAL_FRAMES), local_frame)
@@ -108,6 +118,8 @@ class BodyField(nn.Module):
         self.register_buffer("node_vertex", farthest_points(model.v_template, widths.nodes, seed))
         self.register_buffer("anchor_vertex", anchors(model, widths.anchors, seed))
         self.register_buffer("worn", torch.zeros(len(model.v_template)))
+        nothing = torch.zeros(len(model.v_template), dtype=torch.bool)
+        self.register_buffer("replaced", nothing if replaced is None else replaced, persistent=False)
         self.register_load_state_dict_post_hook(lambda module, _: module.place())
         self.place()
         n, e = len(self.node_vertex), widths.embedding
@@ -134,6 +146,7 @@ class BodyField(nn.Module):
         like = next((p for p in self.parameters()), model.v_template)
         normal = node_normals(model, vertex)
         sampled = torch.arange(len(model.v_template)) if self.local_frame == "vertex" else self.anchor_vertex.cpu()
+        sampled = sampled[~self.replaced.cpu()[sampled]]
         rest = model.v_template
         derived = {
             "node_rest": rest[vertex],

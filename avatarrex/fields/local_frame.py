@@ -34,14 +34,16 @@ from avatarrex.ops.search import workers
 from avatarrex.ops.skinning import invert_affine, skin
 
 LOCAL_FRAMES = ("anchors", "blend", "node", "turned", "vertex")
+UNSAID = "anchors"
+"""Of avatars and checkpoints from before there was a choice."""
 NEIGHBOURS = 5
 """Anchors searched per point. The farthest one's weight is subtracted from all: a neighbour enters with weight 0, and p̄
-does not jump (largest step over a walk of 0.1 mm, p99: 0.29 mm; 6.8 mm for the 4 nearest as they are)."""
+does not jump (benchmarks/local_frames.py: step)."""
 NEVER_ZERO = 1e-6
 """Keeps the sum positive where all neighbours are equally far."""
 SPREAD = 0.015
 """σ of the anchors' Gaussian at 2048 anchors, metres; it grows with their spacing, 0.021 at 1024 (performance.md)."""
-ASIDE = 0.1
+ASIDE = 0.3
 """Share of the distance along the skin where limbs touch: the point belongs to the one that it is deepest inside, as in a
 union of solids, or else to the one whose surface it is on, though a sample of the other may be nearer (they are 3 cm apart)."""
 OPEN, SHUT = 4.0, 6.0

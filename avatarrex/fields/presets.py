@@ -24,7 +24,7 @@ class BodyWidths:
 
     nodes: int
     anchors: int
-    """Skinned samples of the template that carry the local frames (`local_frame="anchors"`)."""
+    """Skinned samples of the template that carry the local frames (`turned` and `anchors`, local_frame.py)."""
     embedding: int
     """e: channels of a node's detail embedding."""
     latent: int

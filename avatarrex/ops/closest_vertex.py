@@ -1,8 +1,7 @@
-"""The closest vertex of a cloud, or several, by a tree of boxes, in compiled loops (ops/native.py): exact, float64; of equals the first.
+"""The closest vertex of a cloud, or several, by a tree of boxes, in compiled loops (ops/native.py): exact, float64.
 
-Each point starts from the vertex that was closest to the point before: those of a lattice lie in order. Holds `beyond` and
-`DEEP` of closest_tree.py, compiled. Letters: p points,
-v vertices, b boxes.
+`nearest` takes the first of equals, `several` any; it starts from the vertex that was closest to the point before, as those
+of a lattice lie in order. Holds `beyond` and `DEEP` of closest_tree.py, compiled. Letters: p points, v vertices, b boxes.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ class VertexTree:
         query = _finite(position)
         if not 0 < count <= len(self.vertex):
             raise ValueError(f"{count} of {len(self.vertex)} vertices")
-        square, vertex = np.full((len(query), count), np.inf), np.empty((len(query), count), np.int64)
+        square, vertex = np.full((len(query), count), np.inf), np.zeros((len(query), count), np.int64)
         tree = self.vertex, self.number, self.box, self.other, self.count
         spread(_several, len(query), query, *tree, square, vertex)
         return np.sqrt(square), vertex

@@ -79,7 +79,7 @@ def _points(vertices: Tensor, nodes: Tensor, far: float, generator: torch.Genera
 
 def _check_nodes(frame: BodyFrame, found: Findings) -> None:
     samples = frame.samples
-    assert samples is not None, "the packaged avatar's local frames are anchors"
+    assert samples is not None, "the packaged avatar's local frames have anchors"
     found.finite("nodes finite", frame.node_position, frame.node_from_rest, frame.code.embedding, frame.code.residual)
     found.finite("anchors finite", samples.position, samples.outward, samples.rest_from_posed)
     found.at_most("node residual (m)", frame.code.residual.abs(), RESIDUAL)

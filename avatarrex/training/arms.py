@@ -3,6 +3,7 @@
     full               pass I, then pass II with the perceptual term; feature patches or tri-planes
     pass-one           its pass I alone: what pass II starts from
     no-pass-two        pass I alone, lengthened to as many steps
+    plain-one          pass I of no-patches alone
     plain              no-pass-two without feature patches: the paper's baseline
     one-network        plain, geometry and colour in one local network per node
     uniform-64         no-pass-two on 64 uniform samples a ray, weighed as the paper does; -time: as long as no-pass-two
@@ -65,6 +66,9 @@ ARMS = {
     for arm in (
         Arm("full", "both passes, perceptual term, feature patches or tri-planes"),
         Arm("pass-one", "pass I of full alone", passes=1, lengthened=False),
+        Arm(
+            "plain-one", "pass I alone, no feature patches", ("body",), "no-patches", passes=1, lengthened=False,
+        ),
         Arm("no-pass-two", "pass I alone, as many steps", passes=1),
         Arm("no-patches", "both passes, no feature patches", ("body",), variant="no-patches"),
         Arm("plain", "pass I alone, no feature patches (the paper's baseline)", ("body",), "no-patches", passes=1),
@@ -89,6 +93,7 @@ ARMS = {
 QUESTIONS = (
     ("feature patches, one pass", "no-pass-two", "plain"),
     ("feature patches, two passes", "full", "no-patches"),
+    ("feature patches, pass I of two", "pass-one", "plain-one"),
     ("tri-planes against an MLP on coefficients", "full", "face-mlp"),
     ("pass II after pass I", "full", "pass-one"),
     ("pass II against as many steps of pass I", "full", "no-pass-two"),

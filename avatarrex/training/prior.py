@@ -124,7 +124,10 @@ def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int
     `on`: from the packaged prior. Raises FloatingPointError where a loss is not finite.
     """
     avatar = Avatar.create(load_person(), preset, seed)
+    anchors = avatar.body.anchor_vertex.clone()
     rate = ON_RATE if on and load_prior(avatar, part) else RATE
+    avatar.body.anchor_vertex.copy_(anchors)  # those that are chosen now, not the prior's; they carry no weights
+    avatar.body.place()
     module = avatar.modules()[module_of(part)]
     rng = np.random.default_rng([seed, 5])
     if part == "face_colour":

@@ -26,6 +26,7 @@ from tqdm import tqdm
 from avatarrex.avatar import Avatar
 from avatarrex.capture.capture import Capture, Rig
 from avatarrex.errors import InputError
+from avatarrex.fields.local_frame import UNSAID
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.training.frames import FrameStore
@@ -112,9 +113,8 @@ class Trainer:
                 raise InputError(capture.path, "parts", "rigs of the capture: " + ", ".join(capture.rigs), part)
         self.parts = parts
         self.stages = stages(recipe, parts)
-        self.start, self.avatar = start, Avatar.create(capture.person, recipe.preset, seed)
-        if recipe.mixed:
-            in_bfloat16(self.avatar)
+        self.start = start
+        self.avatar = self._untrained() if start is None else self._untrained(start.body.local_frame)
         known = "face" in parts or (start is not None and "face" not in start.hidden)
         self.hidden = frozenset() if known else frozenset({"face"})
         if start is not None and (found := start.meta["preset"]) != recipe.preset:
@@ -133,6 +133,13 @@ class Trainer:
                     return False
         return True
 
+    def _untrained(self, local_frame: str = "turned") -> Avatar:
+        """An avatar of the recipe's networks; in one that goes on, rest positions are found as they were."""
+        avatar = Avatar.create(self.capture.person, self.recipe.preset, self.seed, local_frame)
+        if self.recipe.mixed:
+            in_bfloat16(avatar)
+        return avatar
+
     def _restore(self) -> tuple[int, dict[str, Any] | None]:
         """The stage to go on with, and its state where it has begun."""
         latest = self.run.latest()
@@ -143,6 +150,7 @@ class Trainer:
             raise InputError(
                 self.run.path, "checkpoint: modules", ", ".join(self.avatar.modules()), ", ".join(sorted(found))
             )
+        self.avatar = self._untrained(state.get("local_frame", UNSAID))
         for name, module in self.avatar.modules().items():
             module.load_state_dict(state["modules"][name])
         return int(state["stage"]), state if "optimiser" in state else None
@@ -273,6 +281,7 @@ class Trainer:
         state: dict[str, Any] = {
             "stage": stage,
             "step": step,
+            "local_frame": self.avatar.body.local_frame,
             "modules": {name: dict(module.state_dict()) for name, module in self.avatar.modules().items()},
         }
         if optimiser is not None:

@@ -79,7 +79,8 @@ class Distances:
 def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, rng: np.random.Generator) -> Distances:
     """Points around the vertices of the mask `near` (v,), with the height over its nearest vertex (volume/probe.py).
 
-    None that lies above the skin of one limb and within another: there the limbs' union is inside, and the height is not.
+    None that lies above the skin of one limb and within another, or above the inner face and within an eyeball or the tongue:
+    there the union is inside, and the height is not.
     """
     chosen = vertices[near][torch.from_numpy(rng.integers(int(near.sum()), size=count))].double().numpy()
     position = chosen + _aside(SPREAD, count, rng)

@@ -104,6 +104,20 @@ MUTANTS: dict[str, Mutant] = {
         "limb = height * height + aside",
         f"{TESTS_FRAME}::test_sharply_bent_limbs_of_the_default_person_stay_whole",
     ),
+    "sharp elbow, heights over what is buried": Mutant(
+        "sharp joints",
+        "avatarrex/training/warm_start.py",
+        "known = (guess <= 0) | (RayWinding(mesh, faces.numpy())(position) <= 0)",
+        "known = guess < np.inf",
+        "tests/training/test_warm_start.py::test_points_over_one_limb_and_within_another_are_left_out",
+    ),
+    "hand on the hip": Mutant(
+        "limbs that touch",
+        BODY,
+        "sampled = sampled[~self.replaced.cpu()[sampled]]",
+        "sampled = sampled[:]",
+        "tests/volume/test_composed_field.py::test_cloth_beneath_a_hand_comes_to_rest_on_the_trunk",
+    ),
     "quaternions of either sign": Mutant(
         "sharp joints",
         SKINNING,

@@ -296,6 +296,27 @@ def test_it_goes_on_from_an_avatar(capture, whole, tmp_path, monkeypatch):
         Trainer(open_capture(capture), TINY, ("body",), run, 0, Avatar.create(known.person, "paper"))
 
 
+def test_what_goes_on_keeps_the_local_frames_it_began_with(capture, tmp_path, monkeypatch):
+    """Rest positions of another kind would move the surface that was learned: started from, resumed, saved before there was a choice."""
+    monkeypatch.setattr(Run, "control", lambda self: "stop")
+    opened = open_capture(capture)
+    before = Avatar.create(opened.person, "compact", 0, "anchors")
+    run, _ = start(capture, tmp_path / "run")
+    with run:
+        assert not Trainer(opened, TINY, ("body",), run, 0, before).train()
+    saved = sorted((tmp_path / "run" / "checkpoints").iterdir())[-1]
+    assert load_avatar(saved / "avatar.avatar").body.local_frame == "anchors"
+    run, trainer = start(capture, tmp_path / "run", resume=True)
+    assert trainer.avatar.body.local_frame == "turned"
+    _, state = run.latest()
+    for kept in ({}, {"local_frame": "turned"}):
+        state = {name: value for name, value in state.items() if name != "local_frame"} | kept
+        monkeypatch.setattr(run, "latest", lambda state=state: (state["step"], state))
+        trainer._restore()
+        assert trainer.avatar.body.local_frame == kept.get("local_frame", "anchors")
+    run.close()
+
+
 def asked(*words: str) -> argparse.Namespace:
     """Options of `train`."""
     return parser().parse_args(["train", "capture", "--out", "run", *words])

@@ -5,16 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.spatial import cKDTree
 
 from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.oracle import exact_field
-from avatarrex.pipeline import RenderSettings
+from avatarrex.pipeline import RenderSettings, render_frame
 from avatarrex.pipeline_reference import pose_reference
 from avatarrex.signals.library import named_pose
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import pose_person
-from avatarrex.volume.build import AvatarVolume, build_volume
+from avatarrex.volume.build import AvatarVolume, body_frame, build_volume
 from avatarrex.volume.composed_field import ComposedField, composed_field
 from avatarrex.volume.solids import lattice_points
 from avatarrex.volume.volume import sample
@@ -103,3 +105,19 @@ def test_nothing_is_asked_where_it_has_no_share(built: tuple[AvatarVolume, Compo
     assert field.counters["face_evaluations"] == 0
     assert field.counters["local_mlp_evaluations"] > 0
     assert np.isfinite(field.sdf(far[None]).numpy()).all()
+
+
+def test_cloth_beneath_a_hand_comes_to_rest_on_the_trunk(avatar: Avatar) -> None:
+    """Where a hand lies on it: the hand's own frames would colour it with flesh that the hand replaces, and nobody saw."""
+    posed = pose_person(avatar.person, HIP, Counters(), None)
+    aim = tuple(map(float, posed.body.joints[20]))
+    seen = render_frame(avatar, HIP, Camera.orbit(60, 10, 0.5, 28, aim, 96, 96)).pointmap
+    hand = (avatar.hand_weight == 1).numpy()
+    beside = cKDTree(posed.body.vertices.numpy()[hand]).query(seen.position.numpy())[0] < 0.03
+    cloth = seen.hit & (seen.part_weight.sum(-1) == 0) & torch.from_numpy(beside)
+    samples = body_frame(avatar, posed).samples
+    assert cloth.sum() > 500
+    assert samples is not None
+    rest = samples.rest_position(seen.position[cloth])
+    nearest = cKDTree(avatar.person.body.v_template.numpy()).query(rest.numpy())[1]
+    assert hand[nearest].mean() < 0.01
