@@ -56,7 +56,8 @@ def render_oracle(
     view = posed.seen_from(camera, signals)
     field = exact_field(avatar, posed, hidden | avatar.hidden)
     pointmap = cast(field, view, step)
-    return Oracle(shade_reference(posed, pointmap, view), pointmap, field, view)
+    side = field(pointmap.position[pointmap.hit].double()).side
+    return Oracle(shade_reference(posed, pointmap, view, side, avatar.ownership), pointmap, field, view)
 
 
 def exact_field(avatar: Avatar, posed: PosedReference, hidden: frozenset[str]) -> ComposedField:

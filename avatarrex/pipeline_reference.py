@@ -8,18 +8,20 @@ without even the voxels is in oracle.py, which poses and shades by this file.
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.fields.body import BodyField, BodyFrame
-from avatarrex.fields.composition import emptied
+from avatarrex.fields.composition import WHOLE, emptied
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
 from avatarrex.fields.light import Light
@@ -35,6 +37,7 @@ from avatarrex.templates.model import PosedTemplate, pose_template, skinned_norm
 from avatarrex.templates.posed import PART_JOINT
 from avatarrex.templates.transform import world_from_root
 from avatarrex.volume.body_grid import MARGIN, lattice_around
+from avatarrex.volume.contact import Ownership, nodes_of
 from avatarrex.volume.part_box import CLAMP, FACE_BAND, HAND_MARGIN, face_probe
 from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.stencil import Lattice
@@ -152,13 +155,25 @@ def _part_box(avatar: Avatar, posed: PosedReference, name: str, voxel: float) ->
     return PartBox(name, box_from_part @ posed.part_from_root(name).numpy(), voxel, field)
 
 
-def shade_reference(posed: PosedReference, pointmap: PointMap, view: Camera) -> Tensor:
-    """Every hit pixel asks every field that has a share."""
+def shade_reference(
+    posed: PosedReference,
+    pointmap: PointMap,
+    view: Camera,
+    side: Int[Tensor, " p"] | None = None,
+    ownership: Mapping[str, Ownership] = MappingProxyType({}),
+) -> Tensor:
+    """Every hit pixel asks every field that has a share; the body's nodes of that pixel's `side` (`Composed.side`)."""
     hit = pointmap.hit
     position, weight = pointmap.position[hit].double(), pointmap.part_weight[hit].double()
     gaze = torch.nn.functional.normalize(position - torch.as_tensor(view.centre), dim=-1)
     patches = patches_reference(posed.body.patch_network, posed.frame.code.embedding)
-    colour = posed.body.colour(posed.frame, patches, position, gaze, impl="reference", light=posed.light)
+    colour, side = torch.zeros_like(position), torch.full((len(position),), WHOLE) if side is None else side
+    for limb in side.unique().tolist():
+        here = side == limb
+        point, along, among = position[here], gaze[here], nodes_of(ownership, limb)
+        colour[here] = posed.body.colour(
+            posed.frame, patches, point, along, impl="reference", light=posed.light, among=among
+        )
     colour = colour * (1 - weight.sum(-1, keepdim=True))
     for column, name in enumerate(PARTS):
         place = posed.part_from_root(name)

@@ -330,23 +330,26 @@ class BodyField(nn.Module):
         pairs: Pairs | None = None,
         impl: str = "auto",
         light: Light | None = None,
+        among: Bool[Tensor, " n"] | None = None,
     ) -> Float[Tensor, "p 3"]:
         """sRGB in [0, 1] of surface points seen along unit `view_direction` (root frame, from the eye); in the `light` that
         falls on them, above 1 where it is bright, or as the networks say (for fields without anchors, too).
 
-        `patches` None decodes those of the nodes that the points hear, for this call alone.
+        `patches` None decodes those of the nodes that the points hear, for this call alone. `among` restricts nodes and
+        anchors to those of the limb whose surface the points are on.
         Where no node reaches, the colour of zero features: no such point lies on a surface.
         """
         pairs = self.pairs(frame, position) if pairs is None else pairs
-        beside = None if frame.samples is None else frame.samples.neighbours_of(position)
-        pairs, local, weight = self.localise(frame, position, pairs, None, self.widths.colour_cutoff, beside)
+        samples = frame.samples if frame.samples is None or among is None else frame.samples.among(among)
+        beside = None if samples is None else samples.neighbours_of(position)
+        pairs, local, weight = self.localise(frame, position, pairs, among, self.widths.colour_cutoff, beside)
         feature = self._colour_features(frame, patches, pairs, local, impl)
         mean, _ = weighted_mean(feature, weight, pairs, len(position))
         direction = encode(view_direction, DIRECTION_OCTAVES)
         colour = torch.sigmoid(self.colour_blend(torch.cat([F.relu(mean), direction], -1)))
-        if light is None or frame.samples is None or beside is None:
+        if light is None or samples is None or beside is None:
             return colour
-        return colour * light(frame.samples.facing(beside))
+        return colour * light(samples.facing(beside))
 
     def _colour_features(
         self, frame: BodyFrame, patches: Tensor | None, pairs: Pairs, local: Float[Tensor, "k 3"], impl: str

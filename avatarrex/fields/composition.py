@@ -10,11 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 BAND = (-0.05, 0.025)
 """Open interval of s_k, metres, in which a part is blended (eq. 13)."""
+WHOLE = -1
+"""Side of a point where no limbs are told apart."""
 EMPTIED = 0.02
 """Metres: what the body field holds at least where a part has taken over (ω = 1)."""
 
@@ -26,6 +28,8 @@ class Composed:
     sdf: Float[Tensor, " p"]
     part_weight: Float[Tensor, "p k"]
     """Effective ω: the share of each part's colour; the body has the rest."""
+    side: Int[Tensor, " p"] | None = None
+    """Whose body is nearest: `WHOLE`, or where limbs are told apart, 2k for the limb of part k and 2k + 1 for all others."""
 
 
 def blend_literal(
@@ -61,13 +65,14 @@ def compose(
     """
     blended = in_band(part_sdf)
     c = torch.where(blended, omega * part_sdf + (1 - omega) * own, own).masked_fill(~inside, torch.inf)
-    nearest_own = c.amin(-1)
-    nearest_other = others.masked_fill(~inside, -torch.inf).amax(-1)
+    nearest_own, part = c.min(-1)
+    nearest_other, touched = others.masked_fill(~inside, -torch.inf).max(-1)
     any_part = inside.any(-1)
     sdf = torch.where(any_part, torch.minimum(nearest_own, nearest_other), body)
     wins = inside & (c == sdf[:, None])
     share = torch.where(wins & blended, omega, 0.0) / wins.sum(-1, keepdim=True).clamp_min(1)
-    return Composed(sdf, share)
+    side = torch.where(nearest_own <= nearest_other, 2 * part, 2 * touched + 1)
+    return Composed(sdf, share, torch.where(nearest_other.isfinite(), side, WHOLE))
 
 
 def step_bound(

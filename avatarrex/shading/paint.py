@@ -12,15 +12,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
+from avatarrex.fields.composition import WHOLE
 from avatarrex.fields.hand import HandSurface
 from avatarrex.shading.patch_cache import PatchCache
 from avatarrex.templates.posed import PosedPerson
+from avatarrex.volume.contact import nodes_of
 from avatarrex.volume.volume import PARTS
 
 OPAQUE = 0.999
@@ -47,14 +49,24 @@ class Paint:
     """Of few points: the patches of the nodes that they hear alone are decoded, and not kept."""
 
     def colour(
-        self, position: Float[Tensor, "p 3"], direction: Float[Tensor, "p 3"], weight: Float[Tensor, "p 3"]
+        self,
+        position: Float[Tensor, "p 3"],
+        direction: Float[Tensor, "p 3"],
+        weight: Float[Tensor, "p 3"],
+        side: Int[Tensor, " p"] | None = None,
     ) -> Float[Tensor, "p 3"]:
-        """Colours of points seen along unit `direction` (from the eye), with the parts' shares `weight`."""
+        """Colours of points seen along unit `direction` (from the eye), with the parts' shares `weight`.
+
+        `side`: whose body each point is on (`Composed.side`), the whole one's unless told.
+        """
         colour = torch.zeros_like(position)
         body = torch.nonzero(weight.sum(-1) < OPAQUE)[:, 0]
         if len(body):
-            share = 1 - weight[body].sum(-1, keepdim=True)
-            colour = colour.index_add(0, body, share * self._body(position[body], direction[body]))
+            whose = torch.full_like(body, WHOLE) if side is None else side[body]
+            for limb in whose.unique().tolist():
+                rows = body[whose == limb]
+                share = 1 - weight[rows].sum(-1, keepdim=True)
+                colour = colour.index_add(0, rows, share * self._body(position[rows], direction[rows], limb))
         for column, name in enumerate(PARTS):
             rows = torch.nonzero(weight[:, column] > 0)[:, 0]
             if len(rows):
@@ -63,9 +75,10 @@ class Paint:
                 colour = colour.index_add(0, rows, weight[rows, column, None] * part)
         return colour
 
-    def _body(self, position: Tensor, direction: Tensor) -> Tensor:
+    def _body(self, position: Tensor, direction: Tensor, limb: int) -> Tensor:
         body, frame = self.avatar.body, self.body_frame
-        pairs = body.pairs(frame, position)
+        among = nodes_of(self.avatar.ownership, limb)
+        pairs = body.pairs(frame, position, among)
         patches = None
         if not self.sparse:
             if self.patches is None:
@@ -74,7 +87,7 @@ class Paint:
             patches = self.patches.value
         self.counters.add("body_pixels", len(position))
         self.counters.add("local_mlp_evaluations", len(pairs.point))
-        return body.colour(frame, patches, position, direction, pairs, light=self.avatar.light)
+        return body.colour(frame, patches, position, direction, pairs, light=self.avatar.light, among=among)
 
     def _hand(self, name: str, local: Tensor) -> Tensor:
         self.counters.add("hand_pixels", len(local))

@@ -25,7 +25,7 @@ from avatarrex.shading.patch_cache import PatchCache
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import PosedPerson
 from avatarrex.volume.build import AvatarVolume
-from avatarrex.volume.volume import PARTS
+from avatarrex.volume.volume import PARTS, sides
 
 STILL = 1e-5
 """Metres by which rays may find the same stored surface elsewhere: the grid's origin moved, and numbers are rounded."""
@@ -80,7 +80,8 @@ def shade(
     direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre, dtype=torch.float32), dim=-1)
     counters.add("pixels_shaded", len(position))
     with torch.no_grad():
-        colour = paint.colour(position, direction, pointmap.part_weight[covered])
+        side = sides(volume.sdf, position)
+        colour = paint.colour(position, direction, pointmap.part_weight[covered], side)
     coverage = pointmap.coverage[covered][:, None]
     image[covered] = torch.cat([colour.clamp(0, 1) * coverage, coverage], -1)
     return Shading(image, pointmap, paint.patches, paint.planes, posed, volume, view)

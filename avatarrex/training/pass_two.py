@@ -24,6 +24,7 @@ from avatarrex.training.pass_one import StepResult, face_window
 from avatarrex.training.pixels import cropped, training_pairs
 from avatarrex.training.recipe import PassTwo
 from avatarrex.training.trained_field import FACE
+from avatarrex.volume.volume import sides
 
 
 class PatchPass:
@@ -83,7 +84,8 @@ class PatchPass:
         )
         image = position.new_zeros(*seen.shape, 3)
         if len(position):
-            colour = paint.colour(position, direction, pointmap.part_weight[seen].to(position))
+            side = sides(volume.sdf, pointmap.position[seen])
+            colour = paint.colour(position, direction, pointmap.part_weight[seen].to(position), side)
             image = image.index_put((seen,), colour)
         return image, counts
 

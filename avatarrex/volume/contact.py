@@ -7,6 +7,7 @@ another limb is there.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,12 +17,12 @@ from torch import Tensor
 
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyField, BodyFrame
-from avatarrex.fields.composition import emptied
+from avatarrex.fields.composition import WHOLE, emptied
 from avatarrex.fields.influence import Pairs
 from avatarrex.volume.part_box import PartField
 from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.stencil import Lattice, stencil_pairs
-from avatarrex.volume.volume import BodyGrid, Contact
+from avatarrex.volume.volume import PARTS, BodyGrid, Contact
 
 OWN_REACH = 0.22
 """Metres at rest around the part's extent: what is nearer is the part's own (forearm; neck, shoulders, chest). More than a
@@ -50,6 +51,14 @@ class Ownership:
             return (position - position.clamp(low, high)).norm(dim=-1)
 
         return Ownership(apart(rest_node) < OWN_REACH, (apart(rest_vertices) >= OWN_REACH).numpy())
+
+
+def nodes_of(ownership: Mapping[str, Ownership], side: int) -> Tensor | None:
+    """(n,) the nodes of a side (`Composed.side`); None for the whole body's."""
+    if side == WHOLE:
+        return None
+    own = ownership[PARTS[side // 2]].own_node
+    return ~own if side % 2 else own
 
 
 @dataclass(frozen=True)

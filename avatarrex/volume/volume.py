@@ -130,6 +130,13 @@ def sample(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> Sample:
     return Sample(composed, bound.minimum(reach), voxel, scale)
 
 
+def sides(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> Int[Tensor, " p"] | None:
+    """`sample(volume, position).composed.side`; None where no limb touches another."""
+    if not any(part.contact for part in volume.parts):
+        return None
+    return sample(volume, position).composed.side
+
+
 def distance(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
     """`sample(volume, position).composed.sdf`; what lies in no part's box, most of a ray, is not composed."""
     found, _, _ = _stored_body(volume.body, position)

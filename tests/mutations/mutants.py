@@ -118,6 +118,13 @@ MUTANTS: dict[str, Mutant] = {
         "sampled = sampled[:]",
         "tests/volume/test_composed_field.py::test_cloth_beneath_a_hand_comes_to_rest_on_the_trunk",
     ),
+    "colour of the limb above": Mutant(
+        "limbs that touch",
+        "avatarrex/shading/paint.py",
+        "among = nodes_of(self.avatar.ownership, limb)",
+        "among = None",
+        "tests/shading/test_paint.py::test_what_an_arm_touches_does_not_hear_the_arm",
+    ),
     "quaternions of either sign": Mutant(
         "sharp joints",
         SKINNING,
