@@ -70,7 +70,7 @@ class Avatar:
         widths = PRESETS[preset]
         avatar = cls(
             person,
-            BodyField(person.body, widths, seed, local_frame, person.blend_weight[:, :2].amax(-1) == 1),
+            BodyField(person.body, widths, seed, local_frame, person.hand_weight == 1),
             HandField(person.left_hand, widths),
             HandField(person.right_hand, widths),
             FaceField(person.face, widths),
@@ -110,7 +110,7 @@ class Avatar:
     @cached_property
     def hand_weight(self) -> Tensor:
         """Painted ω of either hand on the body template, (v,)."""
-        return self.person.blend_weight[:, :2].amax(-1)
+        return self.person.hand_weight
 
     def measure_worn(self) -> None:
         """Let the body field find how far its surface stands off the template; after every change of its weights."""

@@ -3,9 +3,9 @@
 A *perfect* rest-pose field (the exact signed distance of the rest template) is evaluated at the rest position p̄ that
 each choice assigns to true points of the posed surface. There it should read zero: what it reads is the accuracy
 ceiling of everything learned on top. Lost: of points that are more than 3 mm inside the posed body, limbs united, about
-3 cm off its skin at most, those that come to rest outside: holes, whatever is learned. Step: on straight walks by 0.1 mm about the skin, the
-largest step of p̄, p99 of the walks: where it jumps, so does what is learned. Cost: `BodyField.localise` (p̄,
-local coordinates and weights of all pairs).
+3 cm off its skin at most, those that come to rest outside: holes, whatever is learned. Step: on straight walks by 0.1 mm
+about the skin, the largest step of p̄, p99 of the walks: where it jumps, so does what is learned. Cost:
+`BodyField.localise` (p̄, local coordinates and weights of all pairs).
 
     python benchmarks/local_frames.py [--poses 4] [--points 4000] [--seed 0]
 """

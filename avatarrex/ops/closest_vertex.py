@@ -1,7 +1,8 @@
 """The closest vertex of a cloud, or several, by a tree of boxes, in compiled loops (ops/native.py): exact, float64.
 
 `nearest` takes the first of equals, and starts from the vertex that was closest to the point before: those of a lattice lie
-in order. `several` takes any of equals. Holds `beyond` and `DEEP` of closest_tree.py, compiled. Letters: p points, v vertices, b boxes.
+in order. `several` takes any of equals. Holds `beyond` and `DEEP` of closest_tree.py, compiled. Letters: p points, v
+vertices, b boxes.
 """
 
 from __future__ import annotations

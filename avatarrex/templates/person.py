@@ -50,6 +50,11 @@ class Person:
     fit: PersonFit | None = None
     """What made it another size than the one called `name`."""
 
+    @property
+    def hand_weight(self) -> Float[Tensor, " v"]:
+        """Painted ω of either hand on the body template."""
+        return self.blend_weight[:, :2].amax(-1)
+
 
 def load_person(source: str | Path = "default") -> Person:
     """The packaged person ("default") or one from an `.npz` in the same layout; read once. Raises `InputError`."""

@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from avatarrex.fields.composition import Composed, compose, step_bound
+from avatarrex.fields.composition import WHOLE, Composed, compose, step_bound
 from avatarrex.finite import require_finite
 from avatarrex.ops.trilinear import trilinear
 from avatarrex.volume.bricks import Bricks
@@ -132,21 +132,31 @@ def sample(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> Sample:
 
 def sides(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> Int[Tensor, " p"] | None:
     """`sample(volume, position).composed.side`; None where no limb touches another."""
-    if not any(part.contact for part in volume.parts):
+    touched = tuple(part for part in volume.parts if part.contact)
+    if not touched:
         return None
-    return sample(volume, position).composed.side
+    rows = _boxed(touched, position)
+    side = torch.full((len(position),), WHOLE)
+    found = sample(volume, position[rows]).composed.side
+    assert found is not None
+    return side.index_put((rows,), found)
 
 
 def distance(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
     """`sample(volume, position).composed.sdf`; what lies in no part's box, most of a ray, is not composed."""
     found, _, _ = _stored_body(volume.body, position)
+    rows = _boxed(volume.parts, position)
+    return found.index_put((rows,), sample(volume, position[rows]).composed.sdf)
+
+
+def _boxed(parts: tuple[PartBox, ...], position: Tensor) -> Tensor:
+    """Rows of the points that lie in a part's box."""
     boxed = torch.zeros(len(position), dtype=torch.bool)
-    for part in volume.parts:
+    for part in parts:
         matrix = torch.as_tensor(part.box_from_root).to(position)
         local = position @ matrix[:3, :3].T + matrix[:3, 3]
         boxed |= ((local >= 0) & (local <= torch.as_tensor(part.size).to(position))).all(-1)
-    rows = torch.nonzero(boxed)[:, 0]
-    return found.index_put((rows,), sample(volume, position[rows]).composed.sdf)
+    return torch.nonzero(boxed)[:, 0]
 
 
 def _stored_body(grid: BodyGrid, position: Tensor) -> tuple[Tensor, Tensor, Tensor]:
