@@ -1,29 +1,35 @@
 """Hand field: the exact signed distance to the posed hand mesh, and a colour MLP on it (paper sec. 3.2, eq. 8 to 10).
 
+Where fingers pass into each other or the palm, the closest feature may be skin that lies in another finger's flesh, whose outer
+side is not outside: there the winding number says what is (a fist had holes along its contacts).
+
 Everything lives in the wrist frame, metres, and depends on φ (and shape) alone. Letters: p points, v vertices, f faces.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.functional import normalize
 
 from avatarrex.fields.composition import BAND
 from avatarrex.fields.presets import COORDINATE_OCTAVES, Preset
-from avatarrex.ops.closest_point import ClosestPoint, Impl, closest_point
+from avatarrex.ops.closest_point import Impl, closest_point
 from avatarrex.ops.closest_tree import TriangleTree
+from avatarrex.ops.crossings import winding
 from avatarrex.ops.encoding import encode
-from avatarrex.ops.pseudonormal import Pseudonormals, pseudonormals
+from avatarrex.ops.pseudonormal import Pseudonormals, pseudonormals, winding_number
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.templates.hand import HandTemplate
 from avatarrex.templates.mesh import vertex_normals
 
 SCALE = 0.12
 """Metres: a hand with its stub spans less than ±2 of this, where γ clamps; its shortest wavelength is 2.4 cm."""
+LIFT = 1e-4
+"""Metres over its skin at which a vertex is asked whether it is buried."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,29 @@ class HandSurface:
     pseudonormals: Pseudonormals
     tree: TriangleTree | None
     """On a CPU."""
+    buried: Bool[Tensor, " f"] | None
+    """Faces with a corner in another finger's flesh or the palm's, and those around; None where there are none."""
+
+    @classmethod
+    def of(cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], impl: Impl = "auto") -> HandSurface:
+        """No gradient flows into it. `reference`: no tree."""
+        mesh = vertices.detach()
+        exact, compiled = mesh.double(), mesh.device.type == "cpu" and impl != "reference"
+        outward = pseudonormals(exact, faces)
+        surface = cls(
+            mesh, vertex_normals(mesh, faces), outward, TriangleTree.of(mesh, faces) if compiled else None, None
+        )
+        buried = surface.wrapped(faces, exact + LIFT * normalize(outward.vertex, dim=-1))
+        if not buried.any():
+            return surface
+        buried[faces[buried[faces].any(-1)]] = True
+        return replace(surface, buried=buried[faces].any(-1))
+
+    def wrapped(self, faces: Int[Tensor, "f 3"], position: Float[Tensor, "p 3"]) -> Bool[Tensor, " p"]:
+        """Whether the mesh winds about points."""
+        if self.tree is not None:
+            return winding(self.tree, position) > 0
+        return winding_number(self.vertices.double(), faces, position.double()) > 0.5
 
 
 class HandField(nn.Module):
@@ -81,11 +110,16 @@ class HandField(nn.Module):
 
         `surface` is that mesh, where it has been prepared.
         """
-        if surface is None:
-            normals = vertex_normals(vertices, self.faces)
-            return self._query(closest_point(vertices, self.faces, position, bound, impl), normals)
-        known = surface.pseudonormals, surface.tree
-        return self._query(closest_point(vertices, self.faces, position, bound, impl, *known), surface.normals)
+        known = HandSurface.of(vertices, self.faces, impl) if surface is None else surface
+        found = closest_point(vertices, self.faces, position, bound, impl, known.pseudonormals, known.tree)
+        sdf = found.sdf
+        if known.buried is not None:
+            asked = torch.nonzero(known.buried[found.face] & (sdf > 0))[:, 0]
+            within = asked[known.wrapped(self.faces, position.detach()[asked])]
+            sdf = sdf.index_copy(0, within, -sdf[within])
+        normals = vertex_normals(vertices, self.faces) if surface is None else surface.normals
+        normal = normalize((normals[self.faces[found.face]] * found.barycentric[..., None]).sum(1), dim=-1)
+        return HandQuery(sdf, found.face, found.barycentric, normal)
 
     def beside(self, surface: HandSurface, position: Float[Tensor, "p 3"]) -> HandQuery:
         """The same without bound, of a mesh that has been prepared."""
@@ -93,13 +127,7 @@ class HandField(nn.Module):
 
     def surface(self, vertices: Float[Tensor, "v 3"]) -> HandSurface:
         """A posed mesh, prepared; no gradient flows into it."""
-        mesh = vertices.detach()
-        tree = TriangleTree.of(mesh, self.faces) if mesh.device.type == "cpu" else None
-        return HandSurface(mesh, vertex_normals(mesh, self.faces), pseudonormals(mesh.double(), self.faces), tree)
-
-    def _query(self, found: ClosestPoint, normals: Float[Tensor, "v 3"]) -> HandQuery:
-        normal = normalize((normals[self.faces[found.face]] * found.barycentric[..., None]).sum(1), dim=-1)
-        return HandQuery(found.sdf, found.face, found.barycentric, normal)
+        return HandSurface.of(vertices, self.faces)
 
     def omega(self, query: HandQuery) -> Float[Tensor, " p"]:
         """Painted blend weight ω of the closest surface point."""

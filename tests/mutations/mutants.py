@@ -125,6 +125,27 @@ MUTANTS: dict[str, Mutant] = {
         "among = None",
         "tests/shading/test_paint.py::test_what_an_arm_touches_does_not_hear_the_arm",
     ),
+    "fingers in the palm": Mutant(
+        "a hand that pierces itself",
+        "avatarrex/fields/hand.py",
+        "sdf = sdf.index_copy(0, within, -sdf[within])",
+        "sdf = sdf.index_copy(0, within, sdf[within])",
+        "tests/fields/test_hand_field.py::test_what_is_within_a_finger_is_inside_wherever_the_fingers_pierce",
+    ),
+    "skin that is half buried": Mutant(
+        "a hand that pierces itself",
+        "avatarrex/fields/hand.py",
+        "buried[faces[buried[faces].any(-1)]] = True",
+        "pass",
+        "tests/fields/test_hand_field.py::test_what_is_within_a_finger_is_inside_wherever_the_fingers_pierce",
+    ),
+    "a ray through a corner": Mutant(
+        "a hand that pierces itself",
+        "avatarrex/ops/crossings.py",
+        "return (side >= 0) != turned",
+        "return (side <= 0) if turned else (side >= 0)",
+        "tests/ops/test_crossings.py::test_rays_through_corners_and_along_walls_are_counted_once",
+    ),
     "quaternions of either sign": Mutant(
         "sharp joints",
         SKINNING,
