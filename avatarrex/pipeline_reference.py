@@ -1,6 +1,6 @@
 """The same frame with nothing skipped: float64, every voxel, every node, every stage by its reference. For small images.
 
-What render_frame does by narrow bands, stencils, bricks, compute shaders and cut-offs is done here by evaluating everything;
+What render_frame does by narrow bands, bricks, compute shaders and cut-offs is done here by evaluating everything;
 tests hold the fast frame to this one (tests/test_pipeline_reference.py). Contact between limbs is not handled. The frame
 without even the voxels is in oracle.py, which poses and shades by this file.
 """
@@ -38,9 +38,9 @@ from avatarrex.templates.posed import PART_JOINT
 from avatarrex.templates.transform import world_from_root
 from avatarrex.volume.body_grid import MARGIN, lattice_around
 from avatarrex.volume.contact import Ownership, nodes_of
+from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.part_box import CLAMP, FACE_BAND, HAND_MARGIN, face_probe
 from avatarrex.volume.probe import VertexProbe
-from avatarrex.volume.stencil import Lattice
 from avatarrex.volume.volume import PARTS, BodyGrid, PartBox, SdfVolume
 
 Module = TypeVar("Module", bound=nn.Module)

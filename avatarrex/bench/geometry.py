@@ -16,9 +16,9 @@ from avatarrex.bench.clock import Times, one_core, spent, timed
 from avatarrex.bench.metric import SLOWER, Metric
 from avatarrex.bench.session import Bench
 from avatarrex.counters import Counters
+from avatarrex.fields import body
 from avatarrex.pipeline import RenderSettings
 from avatarrex.templates.posed import PART_JOINT, PosedPerson, pose_person
-from avatarrex.volume import body_grid
 from avatarrex.volume.build import AvatarVolume, build_volume
 from avatarrex.volume.volume import BodyGrid
 
@@ -73,7 +73,7 @@ def _frame(
 ) -> AvatarVolume:
     """Both grids of one frame; the first frame warms up and is not counted."""
     counters, made = Counters(), []
-    with spent(body_grid, "stencil_pairs") as lists:
+    with spent(body, "find_pairs") as lists:
         band = timed(lambda: made.append(build_volume(bench.avatar, posed, settings, counters, before)))
     volume: AvatarVolume = made[0]
     every, all_counters = replace(settings, everywhere=True), Counters()

@@ -40,7 +40,7 @@ from avatarrex.fields.nodes import anchors, covering_radius, farthest_points, no
 from avatarrex.fields.patches import NoPatches, PatchNetwork, patch_features
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
 from avatarrex.ops import native
-from avatarrex.ops.encoding import channels, encode
+from avatarrex.ops.encoding import Encoding, channels, encode
 from avatarrex.ops.skinning import blend, blend_rotations, invert_affine, skin
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.model import PosedTemplate, TemplateModel
@@ -296,7 +296,7 @@ class BodyField(nn.Module):
         """Signed distance in metres; `among` (n,) restricts the field to those nodes and the anchors they own."""
         pairs = self.pairs(frame, position, among) if pairs is None else pairs
         pairs, local, weight = self.localise(frame, position, pairs, among)
-        coordinate = encode(local / RADIUS, COORDINATE_OCTAVES)
+        coordinate = Encoding(local / RADIUS, COORDINATE_OCTAVES)
         feature = self.geometry_local([coordinate], frame.code.embedding, pairs.offsets, impl)
         mean, total = weighted_mean(feature, weight, pairs, len(position))
         inside = SDF_UNIT * self.geometry_blend(mean[:, : self.widths.geometry_feature])[:, 0]
@@ -356,14 +356,14 @@ class BodyField(nn.Module):
     ) -> Float[Tensor, "k c"]:
         """𝒞_i(p_i, e_i, f_i) of every pair."""
         if self.colour_local is None:
-            coordinate = encode(local / RADIUS, COORDINATE_OCTAVES)
+            coordinate = Encoding(local / RADIUS, COORDINATE_OCTAVES)
             both = self.geometry_local([coordinate], frame.code.embedding, pairs.offsets, impl)
             return both[:, self.widths.geometry_feature :]
         if patches is None:
             nodes = torch.nonzero(pairs.offsets.diff())[:, 0]
             heard = self.patches(frame, nodes)
             patches = heard.new_zeros(len(self.node_rest), *heard.shape[1:]).index_copy(0, nodes, heard)
-        coordinate = encode(local / COLOUR_UNIT, COORDINATE_OCTAVES, GATE[1] / COLOUR_UNIT)
+        coordinate = Encoding(local / COLOUR_UNIT, COORDINATE_OCTAVES, GATE[1] / COLOUR_UNIT)
         blocks = [coordinate, patch_features(patches, pairs.node, self.node_axes, local)]
         return self.colour_local(blocks, frame.code.embedding, pairs.offsets, impl)
 

@@ -13,6 +13,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from avatarrex.ops.encoding import Encoding
 from avatarrex.ops.local_mlp import fold, local_mlp
 
 
@@ -34,7 +35,7 @@ class LocalNetworks(nn.Module):
 
     def forward(
         self,
-        blocks: Sequence[Float[Tensor, "k _"]],
+        blocks: Sequence[Float[Tensor, "k _"] | Encoding],
         constant: Float[Tensor, "n e"],
         offsets: Int[Tensor, " m"],
         impl: str = "auto",

@@ -121,7 +121,14 @@ def _build(corner: Array, centre: Array, leaf: int, order: Array, box: Array, ot
         begin[waiting], end[waiting], above[waiting] = middle, last, here
         begin[waiting + 1], end[waiting + 1], above[waiting + 1] = first, middle, -1
         waiting += 2
-    for here in range(used - 1, -1, -1):  # halves come after the whole
+    fit(corner, order, box[:used], other, count)
+    return used
+
+
+@native
+def fit(corner: Array, order: Array, box: Array, other: Array, count: Array) -> None:
+    """Fill the boxes (b, 2, 3) around what they hold."""
+    for here in range(len(box) - 1, -1, -1):  # halves come after the whole
         for axis in range(3):
             low, high = np.inf, -np.inf
             if not count[here]:
@@ -131,7 +138,6 @@ def _build(corner: Array, centre: Array, leaf: int, order: Array, box: Array, ot
                 for i in range(corner.shape[1]):
                     low, high = min(low, corner[order[k], i, axis]), max(high, corner[order[k], i, axis])
             box[here, 0, axis], box[here, 1, axis] = low, high
-    return used
 
 
 @native

@@ -1,18 +1,18 @@
 """The closest vertex of a cloud, or several, by a tree of boxes, in compiled loops (ops/native.py): exact, float64.
 
 `nearest` takes the first of equals, and starts from the vertex that was closest to the point before: those of a lattice lie
-in order. `several` takes any of equals. Holds `beyond` and `DEEP` of closest_tree.py, compiled. Letters: p points, v
+in order. `several` takes any of equals. Holds `beyond`, `fit` and `DEEP` of closest_tree.py, compiled. Letters: p points, v
 vertices, b boxes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from avatarrex.ops.closest_tree import DEEP, beyond, build
+from avatarrex.ops.closest_tree import DEEP, beyond, build, fit
 from avatarrex.ops.native import native, spread
 
 LEAF = 8
@@ -39,6 +39,16 @@ class VertexTree:
         cloud = _finite(vertices)
         order, box, other, count = build(cloud[:, None], cloud, LEAF)
         return cls(cloud[order], order, box, other, count)
+
+    def moved(self, vertices: Float[np.ndarray, "v 3"]) -> VertexTree:
+        """The tree of the same vertices elsewhere: what a box holds stays, where it lies is found anew, in a tenth of the time.
+
+        Far from where the boxes were made, searches take up to half as long again.
+        """
+        cloud = _finite(vertices)[self.number]
+        box = np.empty_like(self.box)
+        fit(cloud[:, None], np.arange(len(cloud)), box, self.other, self.count)
+        return replace(self, vertex=cloud, box=box)
 
     def nearest(
         self, position: Float[np.ndarray, "p 3"], within: float = np.inf

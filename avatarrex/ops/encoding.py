@@ -7,6 +7,8 @@ Letters: p points, c coordinates (3), m octaves; the result has d = c·(1 + 2m) 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -40,6 +42,19 @@ def encode(x: Float[Tensor, "p c"], octaves: int, limit: float = 2.0) -> Float[T
         torch.mul(sine, cosine, out=blocks[2 * octave]).mul_(2)
         torch.sub(cosine, sine, out=blocks[2 * octave + 1]).mul_(cosine + sine)
     return out.T
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """`encode` of these points, where it is not needed as a whole: `local_mlp` works it out for the rows in hand."""
+
+    x: Float[Tensor, "p c"]
+    octaves: int
+    limit: float = 2.0
+
+    def values(self) -> Float[Tensor, "p d"]:
+        """γ, (p, d)."""
+        return encode(self.x, self.octaves, self.limit)
 
 
 def encode_reference(x: Float[Tensor, "p c"], octaves: int, limit: float = 2.0) -> Float[Tensor, "p d"]:

@@ -13,22 +13,33 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from avatarrex.ops.encoding import Encoding
+from avatarrex.ops.local_mlp_loops import chunks, forward
+from avatarrex.ops.native import serves, spread
+
 CHUNKS = (16, 256)
 """Rows of one chunk of `bucket`, at least and at most: a quarter of a node's rows, as padding wastes half a chunk per node."""
 
 FEW = 16384
-"""Rows up to which `bucket` wins on a CPU, too: 128 nodes take `loop` 400 calls however few the rows
+"""Rows up to which `bucket` wins over `loop` on a CPU: 128 nodes take `loop` 400 calls however few the rows
 (16 ms against 3 for 740 rows)."""
+FEW_CHUNKS = 16
+"""Chunks up to which one thread is done before others have started."""
+
+
+DIFFERENTIABLE = ("reference", "loop", "bucket")
+"""Implementations that gradients pass, the reference first."""
 
 
 def available() -> tuple[str, ...]:
-    """Implementations, the reference first."""
-    return ("reference", "loop", "bucket")
+    """All implementations; `native` for float32 on a CPU."""
+    return (*DIFFERENTIABLE, "native")
 
 
 def fold(
@@ -40,7 +51,7 @@ def fold(
 
 
 def local_mlp(
-    blocks: Sequence[Float[Tensor, "k _"]],
+    blocks: Sequence[Float[Tensor, "k _"] | Encoding],
     offsets: Int[Tensor, " m"],
     weights: Sequence[Float[Tensor, "n _ _"]],
     biases: Sequence[Float[Tensor, "n _"]],
@@ -49,15 +60,23 @@ def local_mlp(
 ) -> Float[Tensor, "k o"]:
     """y for every row; `activation` is `elu` or `relu`, `offsets` has n + 1 entries, `impl` is one of `available()`.
 
-    `auto` takes `loop` for many rows on a CPU unless gradients are wanted, and `bucket` elsewhere. All are differentiable, twice where
-    `elu` or `relu` is.
+    The first of the `blocks` may be an `Encoding` of three coordinates.
+    `auto` takes `native` for float32 on a CPU unless gradients are wanted; else `loop` for many rows on a CPU without gradients, and
+    `bucket`. All but `native` are differentiable, twice where `elu` or `relu` is.
     """
+    tensors = [block.x if isinstance(block, Encoding) else block for block in blocks]
     if impl == "auto":
-        many = len(blocks[0]) > FEW and blocks[0].device.type == "cpu"
-        impl = "loop" if many and not _tracked(blocks, weights, biases) else "bucket"
+        impl = "native" if serves(*tensors, *weights, *biases) else "bucket"
+        if impl == "bucket" and len(tensors[0]) > FEW and tensors[0].device.type == "cpu":
+            impl = "bucket" if _tracked(tensors, weights, biases) else "loop"
+    if impl == "native":
+        if not serves(*tensors, *weights, *biases):
+            raise ValueError("native: float32 on a CPU, and no gradients")
+        return _native(blocks, offsets, weights, biases, activation)
     if impl not in _IMPLEMENTATIONS:
         raise ValueError(f"impl: expected auto or one of {available()}, found {impl!r}")
-    return _IMPLEMENTATIONS[impl](blocks, offsets, weights, biases, activation)
+    values = [block.values() if isinstance(block, Encoding) else block for block in blocks]
+    return _IMPLEMENTATIONS[impl](values, offsets, weights, biases, activation)
 
 
 def _reference(
@@ -117,6 +136,46 @@ def _bucket(
         if layer + 1 < len(weights):
             h = act(h)
     return h.flatten(0, 1)[slot]
+
+
+def _native(
+    blocks: Sequence[Tensor | Encoding],
+    offsets: Tensor,
+    weights: Sequence[Tensor],
+    biases: Sequence[Tensor],
+    activation: str,
+) -> Tensor:
+    """`loop` in compiled loops, without gradient: 2 to 8 times as fast as either for what a frame asks of two cores."""
+    plain = [block for block in blocks if isinstance(block, Tensor)]
+    rows = torch.cat(plain, -1) if plain else torch.empty(len(blocks[0].x), 0)  # type: ignore[union-attr]
+    encoded = blocks[0] if isinstance(blocks[0], Encoding) else Encoding(rows.new_empty(len(rows), 0), 0)
+    flat, apart = zip(*(_flat(weight.detach()) for weight in weights))
+    chunk = chunks(offsets.numpy(), max(weight.shape[1] * weight.shape[2] for weight in weights))
+    out = np.empty((len(rows), biases[-1].shape[1]), np.float32)
+    spread(
+        forward,
+        len(chunk),
+        chunk,
+        encoded.x.T.contiguous().numpy(),
+        encoded.octaves,
+        np.float32(encoded.limit),
+        rows.contiguous().numpy(),
+        flat,
+        np.array(apart),
+        tuple(bias.detach().contiguous().numpy() for bias in biases),
+        activation == "elu",
+        out,
+        few=FEW_CHUNKS,
+    )
+    return torch.from_numpy(out)
+
+
+def _flat(weight: Tensor) -> tuple[np.ndarray, int]:
+    """(n, c, o) as one row of numbers, and how far apart in it the nodes' are: `fold` leaves gaps, and nothing is copied."""
+    if weight.stride()[1:] != (weight.shape[2], 1):
+        weight = weight.contiguous()
+    apart, each = weight.stride(0), weight.shape[1] * weight.shape[2]
+    return weight.as_strided((apart * (len(weight) - 1) + each,), (1,)).numpy(), apart
 
 
 def _tracked(*tensors: Sequence[Tensor]) -> bool:

@@ -1,10 +1,10 @@
 """Loops over points that neither torch nor numpy has an operation for, compiled by numba for a CPU.
 
 Each stands beside the torch operations that it replaces, and is held to them by tests; those also serve gradients, float64 and
-other devices (a search for the closest triangle is float64 itself, and has no gradient). No fused products: a number that is
-computed at two places is the same at both. A compiled loop is kept on disk (numba's cache): a machine compiles each once, all
-of them in ten seconds. The cache knows the file of the loop alone: after a change here, or of a constant that a loop takes
-from another file, or of a function there, the loop's own file is to be touched.
+other devices (a search for the closest triangle is float64 itself, and has no gradient). No fused products, unless a loop
+asks for them: a number that is computed at two places is the same at both. A compiled loop is kept on disk (numba's cache): a
+machine compiles each once, all of them in fifteen seconds. The cache knows the file of the loop alone: after a change here, or of
+a constant that a loop takes from another file, or of a function there, the loop's own file is to be touched.
 """
 
 from __future__ import annotations
@@ -25,9 +25,12 @@ FEW = 4096
 """Rows up to which one thread is done before others have started."""
 
 
-def native(loop: Callable[..., Any]) -> Callable[..., Any]:
-    """The compiled `loop`, out of what the tests' type checker wrapped around it: it runs without Python's lock."""
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+def native(loop: Callable[..., Any], fused: bool = False) -> Callable[..., Any]:
+    """The compiled `loop`, out of what the tests' type checker wrapped around it: it runs without Python's lock.
+
+    `fused`: a product and a sum may be rounded once, for loops whose numbers are computed nowhere else.
+    """
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"} if fused else False}
     try:
         return njit(inspect.unwrap(loop), cache=True, **options)
     except RuntimeError:  # neither the program's folder nor the user's can be written: compiled anew by every process
@@ -44,9 +47,9 @@ def serves(*tensors: Tensor) -> bool:
     )
 
 
-def spread(loop: Callable[..., Any], rows: int, *arguments: Any) -> None:
-    """`loop(begin, end, *arguments)` over pieces of the rows, one for each of torch's threads."""
-    pieces = torch.get_num_threads() if rows > FEW else 1
+def spread(loop: Callable[..., Any], rows: int, *arguments: Any, few: int = FEW) -> None:
+    """`loop(begin, end, *arguments)` over pieces of the rows, one for each of torch's threads; `few` rows take one."""
+    pieces = torch.get_num_threads() if rows > few else 1
     edges = [rows * piece // pieces for piece in range(pieces + 1)]
     if pieces == 1:
         loop(0, rows, *arguments)

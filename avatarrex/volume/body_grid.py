@@ -21,9 +21,9 @@ from avatarrex.fields.composition import EMPTIED, emptied
 from avatarrex.fields.influence import Pairs
 from avatarrex.volume.bricks import Bricks, grow_bricks
 from avatarrex.volume.held import Kept
+from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow import settle
 from avatarrex.volume.probe import Probe, VertexProbe
-from avatarrex.volume.stencil import Lattice, stencil_pairs
 from avatarrex.volume.volume import BodyGrid
 
 MAX_SIDE = 128
@@ -34,8 +34,6 @@ REACH = 1.3
 """Voxels: what is guessed nearer to the surface than this is evaluated at once."""
 SLACK = 0.012
 """Metres by which a guess may be wrong; far values are this much smaller."""
-SOME = 4000
-"""Voxels up to which pairs by all distances are found sooner than by stencils."""
 BLOCK = 4
 """Voxels along a side of the largest blocks that are culled whole."""
 
@@ -69,17 +67,16 @@ def build_body_grid(
         kept = None
     fill, first, asked, known = guess(probe, lattice, kept)
     if everywhere:
-        every = np.arange(fill.size)
-        first = every[np.unique(stencil_pairs(frame.node_position, lattice, every).point.numpy())]
-        asked = probe.query(lattice.position(first))
+        reached = np.zeros(fill.size, dtype=bool)
+        position = lattice.position(np.arange(fill.size))
+        reached[field.pairs(frame, torch.as_tensor(position, dtype=torch.float32)).point] = True
+        first = np.flatnonzero(reached)
+        asked = probe.query(position[first])
 
     def evaluate(index: np.ndarray) -> np.ndarray:
         position = lattice.position(index)
         here = asked if index is first else probe.query(position)
-        if len(index) > SOME:
-            pairs = stencil_pairs(frame.node_position, lattice, index)
-        else:
-            pairs = field.pairs(frame, torch.as_tensor(position, dtype=torch.float32))
+        pairs = field.pairs(frame, torch.as_tensor(position, dtype=torch.float32))
         return held_sdf(field, frame, here, position, pairs, counters)
 
     sdf, known = settle(fill, first, evaluate, known)

@@ -123,7 +123,9 @@ def _body(
         then = Held(before.body_frame, before.probe.vertices, before.probe.normals, None)
         body = hold(body, then, settings.hold, avatar.embedding_effect)
     painted = avatar.hand_weight.double().numpy(), avatar.body.worn.double().numpy()
-    probe = VertexProbe.of(body.vertices, body.normals, *painted, closed=True)
+    probe = VertexProbe.of(
+        body.vertices, body.normals, *painted, closed=True, tree=before.probe.closest if before else None
+    )
     kept = Kept(before.grid, body.changed) if before and body.changed else None
     grid = build_body_grid(avatar.body, body.frame, probe, settings.voxel, counters, settings.everywhere, kept)
     return body.frame, grid, probe, body.changed

@@ -19,9 +19,9 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyField, BodyFrame
 from avatarrex.fields.composition import WHOLE, emptied
 from avatarrex.fields.influence import Pairs
+from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.part_box import PartField
 from avatarrex.volume.probe import VertexProbe
-from avatarrex.volume.stencil import Lattice, stencil_pairs
 from avatarrex.volume.volume import PARTS, BodyGrid, Contact
 
 OWN_REACH = 0.22
@@ -124,7 +124,7 @@ def find_contact(
     block = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(first, last)), indexing="ij")
     index = np.ravel_multi_index([axis.ravel() for axis in block], lattice.shape)
     points = torch.as_tensor(lattice.position(index), dtype=torch.float32)
-    pairs = stencil_pairs(frame.node_position, lattice, index)
+    pairs = field.pairs(frame, points)
     values = Limbs.of(field, frame, probe, ownership).own_and_others(points, pairs)
     counters.add("voxels_evaluated", 2 * len(index))
     counters.add("local_mlp_evaluations", len(pairs.point))

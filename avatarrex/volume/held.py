@@ -22,7 +22,7 @@ from avatarrex.fields.body import MOST_WORN, BodyFrame
 from avatarrex.fields.code import BodyCode
 from avatarrex.fields.influence import RADIUS
 from avatarrex.ops.closest_vertex import VertexTree
-from avatarrex.volume.stencil import Lattice
+from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.volume import BodyGrid
 
 LEVER = 0.05

@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from avatarrex.volume.stencil import Lattice
+from avatarrex.volume.lattice import Lattice
 
 BOTH = (slice(None, -1), slice(1, None))
 

@@ -21,9 +21,9 @@ from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField, HandSurface
 from avatarrex.templates.mesh import vertex_normals
+from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow import between, halved, settle
 from avatarrex.volume.probe import VertexProbe
-from avatarrex.volume.stencil import Lattice
 
 CLAMP = 0.051
 """Metres: past the deepest value that the composition asks for (paper eq. 13), whatever half precision rounds it to."""

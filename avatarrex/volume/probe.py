@@ -73,9 +73,10 @@ class VertexProbe:
         worn: np.ndarray,
         rim: float = RIM,
         closed: bool = False,
+        tree: VertexTree | None = None,
     ) -> VertexProbe:
-        """(v, 3) vertices and normals, (v,) painted weight ω, (v,) metres of cloth."""
-        tree = VertexTree.of(vertices)
+        """(v, 3) vertices and normals, (v,) painted weight ω, (v,) metres of cloth; `tree`: of the same vertices in another pose."""
+        tree = VertexTree.of(vertices) if tree is None else tree.moved(vertices)
         changing = (weight > 0) & (weight < 1)
         if changing.any():
             ring = tree.several(vertices[changing], min(4 * BLENDED, len(vertices)))[1]

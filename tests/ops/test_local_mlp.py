@@ -1,7 +1,9 @@
 import pytest
 import torch
 
-from avatarrex.ops.local_mlp import available, fold, local_mlp
+from avatarrex.ops.encoding import Encoding, encode_reference
+from avatarrex.ops.local_mlp import DIFFERENTIABLE, available, fold, local_mlp
+from avatarrex.ops.local_mlp_loops import MOST, MULTIPLIED, chunks
 
 COUNTS = {
     "mixed": [3, 0, 1, 700],
@@ -27,7 +29,7 @@ def case(counts, dtype=torch.float32, seed=0):
 
 @pytest.mark.parametrize("activation", ["elu", "relu"])
 @pytest.mark.parametrize("counts", COUNTS.values(), ids=COUNTS.keys())
-@pytest.mark.parametrize("impl", available()[1:])
+@pytest.mark.parametrize("impl", DIFFERENTIABLE[1:])
 def test_values_and_gradients_follow_the_reference(impl, counts, activation):
     blocks, offsets, weights, biases = case(counts, torch.float64)
     leaves = [t.requires_grad_() for t in (*blocks, *weights, *biases)]
@@ -42,6 +44,86 @@ def test_values_and_gradients_follow_the_reference(impl, counts, activation):
     with torch.no_grad():
         inference = local_mlp(blocks, offsets, weights, biases, activation, impl)
     torch.testing.assert_close(inference, expected.detach(), atol=1e-12, rtol=1e-12)
+
+
+@pytest.mark.parametrize("activation", ["elu", "relu"])
+@pytest.mark.parametrize("counts", COUNTS.values(), ids=COUNTS.keys())
+def test_compiled_loops_follow_the_reference(counts, activation, monkeypatch):
+    """To float32's last digits, and to the bit however many threads share the work."""
+    blocks, offsets, weights, biases = case(counts)
+    exact = [[part.double() for part in parts] for parts in (blocks, weights, biases)]
+    found = []
+    for threads in (1, 2, 3):
+        monkeypatch.setattr(torch, "get_num_threads", lambda threads=threads: threads)
+        monkeypatch.setattr("avatarrex.ops.local_mlp.FEW_CHUNKS", 0)
+        found.append(local_mlp(blocks, offsets, weights, biases, activation, "native"))
+    want = local_mlp(exact[0], offsets, *exact[1:], activation, "reference")
+    torch.testing.assert_close(found[0].double(), want, atol=1e-5, rtol=1e-5)
+    assert torch.equal(found[0], found[1])
+    assert torch.equal(found[0], found[2])
+
+
+@pytest.mark.parametrize("octaves", [0, 1, 6])
+@pytest.mark.parametrize("limit", [2.0, 3.2])
+def test_coordinates_are_encoded_on_the_way(octaves, limit):
+    """Alone, and before other channels; to the encoding's own accuracy, and NaN stays."""
+    counts, generator = [0, 130, 1, 300], torch.Generator().manual_seed(octaves)
+    offsets = torch.tensor([0, *torch.tensor(counts).cumsum(0).tolist()])
+    x, more = 2.5 * torch.randn(sum(counts), 3, generator=generator), torch.randn(sum(counts), 2, generator=generator)
+    for blocks in ([Encoding(x, octaves, limit)], [Encoding(x, octaves, limit), more], [more[:, :1], more[:, 1:]]):
+        width = sum((block.values() if isinstance(block, Encoding) else block).shape[1] for block in blocks)
+        weights, biases = [torch.eye(width).expand(4, -1, -1)], [torch.zeros(4, width)]
+        found = local_mlp(blocks, offsets, weights, biases, "elu", "native")
+        parts = [encode_reference(x.double(), octaves, limit).float(), more][: len(blocks)] if width > 2 else [more]
+        torch.testing.assert_close(found, torch.cat(parts, -1), atol=4e-6, rtol=0)
+        for impl in DIFFERENTIABLE:
+            other = local_mlp(blocks, offsets, weights, biases, "elu", impl)
+            torch.testing.assert_close(found, other, atol=6e-6, rtol=0)
+    x[5, 1] = torch.nan
+    assert (
+        local_mlp([Encoding(x, octaves)], offsets, [torch.ones(4, 3 + 6 * octaves, 1)], [torch.zeros(4, 1)], "elu")
+        .isnan()[5]
+        .all()
+    )
+
+
+def test_compiled_activations_hold_over_all_numbers():
+    """ELU to 6e-8 from −1e30 to 1e30; what is not a number stays so."""
+    x = torch.cat(
+        [torch.linspace(-95, 20, 20_001), torch.tensor([-1e30, -1e-30, 0, 1e-30, 1e30, torch.inf, -torch.inf])]
+    )
+    one, none = torch.ones(1, 1, 1), torch.zeros(1, 1)
+    offsets = torch.tensor([0, len(x)])
+    for activation, exact in (("elu", torch.nn.functional.elu), ("relu", torch.relu)):
+        y = local_mlp([x[:, None]], offsets, [one, one], [none, none], activation, "native")[:, 0]
+        torch.testing.assert_close(y.double(), exact(x.double()), atol=1.2e-7, rtol=1e-7)
+        lost = local_mlp(
+            [torch.tensor([[torch.nan]])], torch.tensor([0, 1]), [one, one], [none, none], activation, "native"
+        )
+        assert lost.isnan().all()
+
+
+def test_a_chunk_holds_rows_of_one_node_and_starts_no_threads_in_the_blas():
+    offsets = torch.tensor([0, 300, 300, 301, 1000]).numpy()
+    for widest in (64, 64 * 64, 300 * 300, MULTIPLIED + 1):
+        node, first, last = chunks(offsets, widest).T
+        rows = last - first
+        assert rows.min() >= 1
+        assert rows.max() <= MOST
+        assert (rows == 1).all() if widest > MULTIPLIED / 2 else (rows * widest).max() <= MULTIPLIED
+        assert (first >= offsets[node]).all()
+        assert (last <= offsets[node + 1]).all()
+        assert (first[1:] == last[:-1]).all()
+        assert (first[0], last[-1]) == (0, 1000)
+
+
+def test_compiled_loops_refuse_what_they_cannot_do():
+    with pytest.raises(ValueError, match="native: float32"):
+        local_mlp(*case([2], torch.float64), "relu", "native")
+    blocks, offsets, weights, biases = case([2])
+    weights[0].requires_grad_()
+    with pytest.raises(ValueError, match="no gradients"):
+        local_mlp(blocks, offsets, weights, biases, "relu", "native")
 
 
 def test_each_row_uses_its_own_node():
@@ -67,7 +149,7 @@ def test_folding_equals_joining():
 def test_second_derivatives_for_the_eikonal_term():
     blocks, offsets, weights, biases = case([2, 1], torch.float64)
     x = blocks[0].requires_grad_()
-    for impl in available():
+    for impl in DIFFERENTIABLE:
         assert torch.autograd.gradgradcheck(
             lambda v, impl=impl: local_mlp([v, blocks[1]], offsets, weights, biases, "elu", impl), x
         )

@@ -16,9 +16,9 @@ from avatarrex.signals.library import named_pose
 from avatarrex.signals.signals import Signals
 from avatarrex.volume.body_grid import SLACK, build_body_grid
 from avatarrex.volume.held import Kept
+from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow import unsettled
 from avatarrex.volume.probe import VertexProbe
-from avatarrex.volume.stencil import Lattice
 
 FAST = replace(level("fast"), raycast="torch", part_voxel=0.01, hold=HOLD)
 CAMERA = Camera.orbit(20, 5, 2.6, 40, (0, -0.05, 0), 48, 48)

@@ -14,10 +14,10 @@ from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.body_grid import build_body_grid
 from avatarrex.volume.build import body_frame
+from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow import between, halved, settle, unsettled
 from avatarrex.volume.part_box import hand_box
 from avatarrex.volume.probe import VertexProbe
-from avatarrex.volume.stencil import Lattice
 
 LATTICE = Lattice(np.array([-0.5, -0.4, -0.45]), 0.05, (19, 17, 21))
 

@@ -1,0 +1,23 @@
+"""A regular grid of voxels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Voxel (z, y, x) sits at origin + voxel · (x, y, z)."""
+
+    origin: np.ndarray
+    """Position of voxel 0, (3,) metres."""
+    voxel: float
+    shape: tuple[int, int, int]
+    """Voxels along z, y, x."""
+
+    def position(self, index: np.ndarray) -> np.ndarray:
+        """(p,) flat indices -> (p, 3) float64 positions."""
+        z, y, x = np.unravel_index(index, self.shape)
+        return self.origin + self.voxel * np.stack([x, y, z], -1)
