@@ -16,10 +16,10 @@ from avatarrex_studio.auto_level import ORDER
 from avatarrex_studio.framing import Outline
 from avatarrex_studio.state import AUTO, StudioState
 
+from avatarrex import levels
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
-from avatarrex.levels import HOLD, level
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
 
 log = logging.getLogger(__name__)
@@ -64,7 +64,7 @@ class Engine:
     ) -> Shot:
         """The frame of `state` at `size` (width, height), else at the state's own fixed size; of `rows` [a, b) alone.
 
-        `dragged`: the next one comes at once, and this one may lag behind the pose by `HOLD` at the level `fast`.
+        `dragged`: the next one comes at once, and this one may be rougher and lag behind the pose at the level `fast` (`levels.dragged`).
         Never raises for what a user can set: the error comes back as one line with the last good frame.
         """
         try:
@@ -101,9 +101,11 @@ class Engine:
 
     def settings(self, state: StudioState, dragged: bool = False) -> RenderSettings:
         """The pipeline's settings for `state`; `auto` is the most exact level, for whoever waits for one picture."""
-        chosen = level(ORDER[-1] if state.level == AUTO else state.level)
-        kept, hold = self._settings, HOLD if dragged and state.level == ORDER[0] else 0.0
-        return replace(chosen, hidden=state.hidden, raycast=kept.raycast, detail_from=kept.detail_from, hold=hold)
+        chosen = levels.level(ORDER[-1] if state.level == AUTO else state.level)
+        if dragged and state.level == ORDER[0]:
+            chosen = levels.dragged(chosen)
+        kept = self._settings
+        return replace(chosen, hidden=state.hidden, raycast=kept.raycast, detail_from=kept.detail_from)
 
     @property
     def last(self) -> Frame | None:

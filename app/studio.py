@@ -101,7 +101,7 @@ class Studio:
         size, level = self._raster(key, full)
         dragged = self.resolution.state is not Motion.FULL
         same = (key, size, level) == self._rendered
-        caught_up = same and not dragged and self.work is not None and self.work.lags
+        caught_up = same and not dragged and self.work is not None and (self.work.lags or self.work.rough)
         if same and not caught_up:
             return self._grow()
         enlarged = self._rendered is not None and self._rendered[0] == key and self.image is not None

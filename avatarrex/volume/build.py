@@ -68,7 +68,13 @@ def build_volume(
     Parts `unseen` are left out unless `previous` has them.
     """
     every = settings.everywhere
-    keys: dict[str, object] = {"hidden": settings.hidden, "bricks": settings.bricks, "stored": (settings.voxel, every)}
+    stored: object = settings.voxel, every
+    if settings.hold and previous and previous.keys["posed"] == posed.keys["body"]:
+        stored = previous.keys[
+            "stored"
+        ]  # whoever looks around, or drags something else, keeps the voxels that are there
+    keys: dict[str, object] = {"hidden": settings.hidden, "bricks": settings.bricks, "stored": stored}
+    keys["posed"] = posed.keys["body"]
     keys["body"] = posed.keys["body"], keys["stored"]
     for name in PART_JOINT:
         key = part_key(posed, settings, name)

@@ -98,8 +98,11 @@ def reached_by_others(
     probe: VertexProbe, ownership: Ownership, part_from_root: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> bool:
     """Whether another limb's vertex is in the part-frame box from `low` to `high` (3,), or `NEAR` to it."""
-    local = probe.vertices[ownership.other_vertex] @ part_from_root[:3, :3].T + part_from_root[:3, 3]
-    return bool(np.all((local > low - NEAR) & (local < high + NEAR), axis=1).any())
+    left = np.flatnonzero(ownership.other_vertex)
+    for axis in range(3):
+        along = probe.vertices[left] @ part_from_root[axis, :3] + part_from_root[axis, 3]
+        left = left[(along > low[axis] - NEAR) & (along < high[axis] + NEAR)]
+    return len(left) > 0
 
 
 def find_contact(

@@ -40,18 +40,18 @@ class Changed:
     """Where a body frame differs from the frame `since`."""
 
     since: BodyFrame
-    nodes: Float[Tensor, "m 3"]
-    """Places of the nodes that changed, before and now."""
+    nodes: VertexTree | None
+    """Of the places of the nodes that changed, before and now."""
     skin: VertexTree | None
     """Of the samples and vertices that changed, before and now."""
 
     def touches(self, position: Float[np.ndarray, "p 3"], radius: float = 0.0) -> Bool[np.ndarray, " p"]:
         """Whether a point near the surface, or one up to `radius` metres around it, may hear something that changed."""
-        points = torch.as_tensor(position, dtype=torch.float32)
-        touched: np.ndarray = (torch.cdist(points, self.nodes) < RADIUS + radius).any(1).numpy()
-        rest = np.flatnonzero(~touched)
-        if self.skin is not None:
-            touched[rest] = np.isfinite(self.skin.nearest(position[rest], SKIN + radius)[0])
+        touched = np.zeros(len(position), dtype=bool)
+        for places, reach in ((self.nodes, RADIUS), (self.skin, SKIN)):
+            if places is not None:
+                rest = np.flatnonzero(~touched)
+                touched[rest] = np.isfinite(places.nearest(position[rest], reach + radius)[0])
         return touched
 
 
@@ -98,15 +98,14 @@ def hold(now: Held, before: Held, tolerance: float, effect: float) -> Held:
             ),
         )
         places += [samples.position[turned].double().numpy() for samples in (new.samples, old.samples)]
-    skin_places = np.concatenate(places)
     return Held(
         frame,
         np.where(skin[:, None], now.vertices, before.vertices),
         np.where(skin[:, None], now.normals, before.normals),
         Changed(
             old,
-            torch.cat([new.node_position[moved], old.node_position[moved]]),
-            VertexTree.of(skin_places) if len(skin_places) else None,
+            _tree([each.node_position[moved].double().numpy() for each in (new, old)]),
+            _tree(places),
         ),
     )
 
@@ -137,6 +136,11 @@ class Kept:
         known.reshape(-1)[here] = was
         sdf.reshape(-1)[here] = np.where(was, value, value.clip(-FAR, FAR))
         return stays
+
+
+def _tree(places: list[np.ndarray]) -> VertexTree | None:
+    joined = np.concatenate(places)
+    return VertexTree.of(joined) if len(joined) else None
 
 
 def _mixed(moved: Tensor, new: Tensor, old: Tensor) -> Tensor:

@@ -17,7 +17,7 @@ from avatarrex_studio.studio import Studio
 from ball import ball_engine, render_ball
 
 from avatarrex.errors import InputError
-from avatarrex.levels import HOLD
+from avatarrex.levels import COARSE, HOLD, level
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.signals.signals import Signals
@@ -70,29 +70,31 @@ def test_a_slow_frame_does_not_count_as_rest():
     assert resolution.tick(3.01, False) is Moving.STILL
 
 
-def test_a_dragged_picture_may_lag_and_the_one_that_stays_may_not(clock):
-    holds = []
+def test_a_dragged_picture_may_lag_and_be_rough_and_the_one_that_stays_may_not(clock):
+    asked = []
 
     def render(avatar, signals, camera, settings, previous=None):
         frame = render_ball(avatar, signals, camera, settings, previous)
-        holds.append(settings.hold)
+        asked.append((settings.hold, settings.voxel))
         frame.volume.changed = "some of it" if settings.hold else None
         return frame
 
     studio = Studio(ball_engine(render), clock=clock)
-    for level, held in (("fast", HOLD), ("balanced", 0)):
-        studio.do(SetLevel(level))
+    exact, coarse = (0.0, level("fast").voxel), (HOLD, COARSE)
+    for name, first in (("fast", coarse), ("balanced", exact)):
+        studio.do(SetLevel(name))
         settle(studio, clock)
-        holds.clear()
-        studio.do(SetJoint("left_shoulder", (0, 0, 0.1 + held)))
+        asked.clear()
+        studio.do(SetJoint("left_shoulder", (0, 0, 0.1 + first[0])))
         clock.now += 0.01
         studio.tick((32, 24))  # so small that a drag has every pixel
-        assert holds == [held]
+        assert asked == [first]
         for _ in range(100):
             clock.now += 0.05
             studio.tick((32, 24))
-        assert holds == ([HOLD, 0] if held else [0])
+        assert asked == ([coarse, exact] if name == "fast" else [exact])
         assert not studio.work.lags
+        assert not studio.work.rough
 
 
 def test_nothing_is_rendered_when_nothing_changes(studio, clock):
