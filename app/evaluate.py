@@ -7,6 +7,7 @@ import json
 import sys
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from avatarrex_studio import options
@@ -19,6 +20,7 @@ from avatarrex.images import write_png
 from avatarrex.metrics.baselines import baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer
 from avatarrex.metrics.evaluate import evaluate, observations
+from avatarrex.metrics.face_region import face_alone
 from avatarrex.metrics.measures import Networks
 from avatarrex.metrics.report import contact_sheet, table, to_json
 
@@ -46,6 +48,9 @@ def run(arguments: argparse.Namespace) -> int:
     subjects: list[Drawer] = [AvatarDrawer(avatar, samples)]
     if arguments.baselines:
         subjects += baselines(capture.person, observations(rig))
+    if arguments.face_only:
+        rig, subjects = face_alone(capture.person, rig, subjects)
+        capture = replace(capture, ground_truth=None)
     sheet = SHEET if arguments.sheet else 0
     found = evaluate(capture, rig, subjects, networks, frames, views, size, sheet, progress=True)
     print(table(found))

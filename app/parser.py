@@ -102,6 +102,7 @@ def _evaluate_options(evaluate: argparse.ArgumentParser) -> None:
     add("--size", metavar="N", help="pixels of the longer side at most (the capture's)")
     add("--samples", metavar="N", help="samples averaged along each side of a pixel (1, what the window shows)")
     add("--baselines", action="store_true", help="the skinned textured and mean-colour template beside it")
+    add("--face-only", action="store_true", help="everything cut by where the template's face is seen")
     add("--json", metavar="FILE.json", help="every figure")
     add("--sheet", metavar="OUT.png", help="a contact sheet: ground truth, avatar, difference")
     add("--vgg", metavar="FILE", help="vgg16-397923af.pth, for LPIPS (or AVATARREX_VGG, or torch hub's folder)")

@@ -21,18 +21,17 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, UInt8
 
 from avatarrex.avatar import load_avatar
 from avatarrex.camera import Camera
-from avatarrex.capture.capture import Capture, Rig
+from avatarrex.capture.capture import Capture
 from avatarrex.errors import InputError
-from avatarrex.metrics.baselines import PosedMesh, baselines
+from avatarrex.metrics.baselines import baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
 from avatarrex.metrics.evaluate import default_frames, evaluate, observations
+from avatarrex.metrics.face_region import face_alone
 from avatarrex.metrics.measures import Networks
 from avatarrex.signals.signals import Signals
-from avatarrex.templates.person import Person
 from avatarrex.training import checkpoint
 from avatarrex.training.arms import ARMS, Arm, recipe_of, scaled
 from avatarrex.training.control import read_json, write_json
@@ -42,7 +41,6 @@ from avatarrex.training.recipe import Recipe
 from avatarrex.training.run import Run, read_about
 from avatarrex.training.train import Trainer
 from avatarrex.training.volume_drawer import VolumeDrawer
-from avatarrex.volume.volume import PARTS
 
 FORMAT = 1
 VIEWS = 8
@@ -51,7 +49,6 @@ SLOW = (2, 1)
 """Frames and cameras of a drawing that takes minutes."""
 STEADY = 0.25
 """The last part of pass I, in which samples are counted."""
-FACE = PARTS.index("face")
 
 
 @dataclass
@@ -203,13 +200,14 @@ class Study:
 
     def _evaluated(self, drawers: list[Any], views: list[int], frames: list[int] | None = None) -> dict[str, Any]:
         """`subjects`: means on held-out poses by drawer, with the seconds that a picture took."""
-        region = FaceRegion(self.capture.person) if self.part == "face" else None
-        rig = self.rig if region is None else FaceRig.of(self.rig, region)
-        subjects = [Timed(drawer, region) for drawer in drawers]
+        rig, subjects = self.rig, [Timed(drawer) for drawer in drawers]
+        asked: list[Drawer] = list(subjects)
+        if self.part == "face":
+            rig, asked = face_alone(self.capture.person, rig, asked)
         networks = Networks.load()
         frames = self._frames() if frames is None else frames
         capture = replace(self.capture, ground_truth=None)
-        found = evaluate(capture, rig, subjects, networks, frames, views, progress=True)
+        found = evaluate(capture, rig, asked, networks, frames, views, progress=True)
         split = found.grouped("split")["held-out pose"]
         return {
             "subjects": {s.name: {**split[s.name], "seconds_per_picture": s.mean_seconds} for s in subjects},
@@ -238,42 +236,11 @@ class Study:
         write_json(self.folder / "study.json", self.about, lasting=True)
 
 
-class FaceRegion:
-    """Where a camera sees the face of the posed template: its own field has most of the say there."""
-
-    def __init__(self, person: Person) -> None:
-        self.mesh = PosedMesh(person)
-        own = person.blend_weight[:, FACE].numpy() > 0.5
-        self.own = own[person.body.faces.numpy()].all(1)
-
-    def seen(self, signals: Signals, camera: Camera) -> Bool[np.ndarray, "h w"]:
-        """Pixels whose centre's ray meets the face first."""
-        face = self.mesh.visible(signals, camera)[0]
-        return (face >= 0) & self.own[face]
-
-
-@dataclass(frozen=True, eq=False)
-class FaceRig(Rig):
-    """A rig whose mattes keep the face alone."""
-
-    region: FaceRegion | None = None
-
-    @classmethod
-    def of(cls, rig: Rig, region: FaceRegion) -> FaceRig:
-        """The same pictures."""
-        return cls(**vars(rig), region=region)
-
-    def matte(self, view: int, frame: int) -> UInt8[np.ndarray, "h w"]:
-        """See `Rig`."""
-        assert self.region is not None
-        return super().matte(view, frame) * self.region.seen(self.signals[frame], self.views[view].camera)
-
-
 class Timed:
-    """A drawer with the time it takes, cut by a region where there is one."""
+    """A drawer with the time it takes."""
 
-    def __init__(self, drawer: Drawer, region: FaceRegion | None) -> None:
-        self.drawer, self.region, self.name = drawer, region, drawer.name
+    def __init__(self, drawer: Drawer) -> None:
+        self.drawer, self.name = drawer, drawer.name
         self.seconds: list[float] = []
 
     @property
@@ -286,10 +253,7 @@ class Timed:
         begun = time.perf_counter()
         drawing = self.drawer.draw(signals, camera)
         self.seconds.append(time.perf_counter() - begun)
-        if self.region is None:
-            return drawing
-        seen = self.region.seen(signals, camera)
-        return replace(drawing, image=drawing.image * torch.from_numpy(seen)[..., None], hit=drawing.hit & seen)
+        return drawing
 
 
 def device() -> str:

@@ -3,9 +3,16 @@
 import json
 
 import pytest
+import torch
 from avatarrex_studio.cli import main
 from drawn_capture import write_capture
 from PIL import Image
+
+from avatarrex.avatar import load_avatar
+from avatarrex.capture.capture import open_capture
+from avatarrex.metrics.drawing import AvatarDrawer
+from avatarrex.metrics.face_region import face_alone
+from avatarrex.templates.person import load_person
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +49,26 @@ def test_wrong_options_are_one_line(capture, capsys, words, message):
     error = capsys.readouterr().err
     assert message in error
     assert len(error.splitlines()) == 1
+
+
+def test_the_face_alone_is_a_part_of_the_picture(capture, capsys, tmp_path):
+    """In front of the face it is; from behind there is none, and nothing to measure."""
+    rig = open_capture(capture).rigs["body"]
+    cut, (drawer,) = face_alone(load_person(), rig, [AvatarDrawer(load_avatar())])
+    whole, face = rig.matte(0, 0), cut.matte(0, 0)
+    assert 0 < (face > 127).sum() < 0.3 * (whole > 127).sum()
+    assert not (face > whole).any()
+    drawn = drawer.draw(rig.signals[0], rig.views[0].camera)
+    assert (drawn.hit[face > 127]).mean() > 0.9
+    assert not drawn.image[~torch.from_numpy(drawn.hit)].any()
+    assert not (cut.matte(2, 0) > 127).any()
+    figures = tmp_path / "face.json"
+    words = ["--frames", "0:1", "--views", "front", "--face-only", "--json", str(figures)]
+    assert main(["evaluate", "default", capture, *words]) == 0
+    capsys.readouterr()
+    data = json.loads(figures.read_text())
+    assert "surface" not in data or not data["surface"]
+    assert 0 < data["splits"]["train"]["avatar"]["psnr_matte"] < 60
 
 
 def test_the_default_avatar_is_measured(capture, capsys, tmp_path):

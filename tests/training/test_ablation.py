@@ -24,7 +24,7 @@ from avatarrex.pipeline import RenderSettings, render_frame
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
-from avatarrex.training.ablation import FaceRegion, FaceRig, Study
+from avatarrex.training.ablation import Study
 from avatarrex.training.ablation_report import MEASURES, answers, plot, rows, table, to_json
 from avatarrex.training.arms import ARMS, QUESTIONS, chosen_arms, recipe_of, scaled
 from avatarrex.training.recipe import PAPER, QUICK, PassOne, PassTwo, Recipe
@@ -175,15 +175,6 @@ def test_volume_rendering_draws_the_surface_where_the_rays_meet_it():
     assert np.median(apart) < 0.0015
     assert apart.max() < 0.02
     assert (dense.image - surface.image).abs()[torch.from_numpy(both)].mean() < 0.01
-
-
-def test_the_face_alone_is_measured_in_a_study_of_the_face(capture):
-    rig, region = capture.rigs["face"], FaceRegion(capture.person)
-    cut = FaceRig.of(rig, region)
-    whole, face = rig.matte(0, 0), cut.matte(0, 0)
-    assert 0 < (face > 127).sum() < (whole > 127).sum()
-    assert not (face > whole).any()
-    assert cut.held_out_frames == rig.held_out_frames
 
 
 @pytest.mark.slow
