@@ -11,6 +11,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.capture.capture import Rig
 from avatarrex.metrics.image import psnr, ssim
 from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.shading.paint import OPAQUE
 from avatarrex.training.pixels import on_black
 from avatarrex.training.run import Run
 from avatarrex.training.trained_field import FACE
@@ -39,7 +40,7 @@ class HeldOut:
             found = render_frame(self.avatar, self.rig.signals[frame], self.rig.views[view].camera, self.settings)
             image, inside, whole = found.image, (matte > 0.5)[None], self.part == "body"
             if not whole:  # the rest of the person is not trained yet
-                inside = inside & (found.pointmap.part_weight[None, ..., FACE] > 0.5)
+                inside = inside & (found.pointmap.part_weight[None, ..., FACE] > OPAQUE)
             a, b = (picture[None].permute(0, 3, 1, 2) for picture in (image[..., :3], truth))
             if inside.any():
                 figures["psnr"].append(float(psnr(a, b, inside)))

@@ -24,7 +24,7 @@ from avatarrex.training.outline import closest
 from avatarrex.training.pixels import PixelBatch, draw_outline, draw_pixels, training_pairs
 from avatarrex.training.recipe import PassOne
 from avatarrex.training.sampling import Walk, draw, noise_of
-from avatarrex.training.trained_field import FACE, TrainedBody, TrainedFace, TrainedField
+from avatarrex.training.trained_field import FACE, TrainedBody, TrainedFace, TrainedField, face_alone
 from avatarrex.training.volume_rendering import render_weights
 
 SHOWN = 1e-3
@@ -93,6 +93,10 @@ class BodyPass:
         """All rays count alike."""
         return torch.ones_like(share[:, 0])
 
+    def painted(self, share: Tensor) -> Tensor:
+        """The parts' shares in a colour."""
+        return share
+
 
 class FacePass:
     """Pass I of the face; the body is frozen and only hides what lies behind it."""
@@ -121,6 +125,10 @@ class FacePass:
     def ray_weight(self, share: Tensor) -> Tensor:
         """A ray counts where the face's field has most of the say; hair and neck are the body's."""
         return (2 * share[:, FACE] - 1).clamp_min(0)
+
+    def painted(self, share: Tensor) -> Tensor:
+        """The parts' shares in a colour."""
+        return face_alone(share)
 
 
 def face_window(avatar: Avatar, frame: TrainingFrame, camera: Camera) -> tuple[int, int, int, int] | None:
@@ -193,7 +201,7 @@ def _render_losses(
     colour = torch.zeros_like(pixels.colour)
     if len(shown):
         painted = field.paint().colour(
-            position[shown], rays.direction[ray[shown]], composed.part_weight[shown].detach()
+            position[shown], rays.direction[ray[shown]], stage.painted(composed.part_weight[shown].detach())
         )
         colour = colour.index_add(0, ray[shown], share[shown, None] * painted)
     with torch.no_grad():

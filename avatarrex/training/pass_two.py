@@ -23,7 +23,7 @@ from avatarrex.training.frames import FrameStore, TrainingFrame
 from avatarrex.training.pass_one import StepResult, face_window
 from avatarrex.training.pixels import cropped, training_pairs
 from avatarrex.training.recipe import PassTwo
-from avatarrex.training.trained_field import FACE
+from avatarrex.training.trained_field import FACE, face_alone
 from avatarrex.volume.volume import sides
 
 
@@ -66,7 +66,7 @@ class PatchPass:
         pointmap = raycast(frame.volume.sdf, view, antialias=True)
         counts = pointmap.coverage
         if self.part == "face":
-            counts = counts * (pointmap.part_weight[..., FACE] > 0.5)
+            counts = counts * (pointmap.part_weight[..., FACE] > 0)
         seen = counts > 0
         position = pointmap.position[seen].to(self.parameters()[0])
         direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre).to(position), dim=-1)
@@ -85,7 +85,8 @@ class PatchPass:
         image = position.new_zeros(*seen.shape, 3)
         if len(position):
             side = sides(volume.sdf, pointmap.position[seen])
-            colour = paint.colour(position, direction, pointmap.part_weight[seen].to(position), side)
+            share = pointmap.part_weight[seen].to(position)
+            colour = paint.colour(position, direction, face_alone(share) if self.part == "face" else share, side)
             image = image.index_put((seen,), colour)
         return image, counts
 

@@ -28,6 +28,16 @@ from avatarrex.volume.volume import PARTS, SdfVolume, stored_parts
 FACE = PARTS.index("face")
 
 
+def face_alone(weight: Float[Tensor, "p k"]) -> Float[Tensor, "p k"]:
+    """The parts' shares with which the face is painted while it is trained: all of it wherever it has any.
+
+    Mixed with a body that knows no colours yet, the face would learn what is missing to the picture instead of the picture.
+    """
+    shares = torch.zeros_like(weight)
+    shares[:, FACE] = (weight[:, FACE] > 0).to(weight)
+    return shares
+
+
 @runtime_checkable
 class TrainedField(Protocol):
     """What pass I asks of a part."""

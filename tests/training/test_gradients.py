@@ -18,6 +18,7 @@ from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.presets import COMPACT
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.pipeline import RenderSettings
+from avatarrex.pointmap.pointmap import raycast
 from avatarrex.templates.model import PosedTemplate, skinned_normals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import PosedPerson, pose_person
@@ -28,7 +29,7 @@ from avatarrex.training.pass_two import PatchPass
 from avatarrex.training.pixels import PixelBatch
 from avatarrex.training.recipe import SMOKE
 from avatarrex.training.sampling import noise_of
-from avatarrex.training.trained_field import TrainedBody
+from avatarrex.training.trained_field import FACE, TrainedBody
 from avatarrex.volume.build import build_volume
 from avatarrex.volume.probe import VertexProbe
 
@@ -185,3 +186,29 @@ def test_pass_two(tiny):
         return weighted(stage._compare(rendered * both, truth * both, both))
 
     check(stage.parameters(), loss, 8)
+
+
+@pytest.mark.parametrize("part", ["face", "body"])
+def test_a_face_is_trained_as_if_no_body_shone_through_its_seam(tiny, part):
+    """What the body's networks, trained later, say there now is in no colour of the face; of the body's own it is."""
+    avatar, frame, store = tiny
+    stage = PatchPass(avatar, store, part, getattr(SMOKE, part)[1], Perceptual(None, "test"), 0)
+    head = frame.posed.root_from_part("face") @ np.array([0, 0, 0, 1.0])
+    world = frame.world_from_root @ head
+    camera = Camera.orbit(30, 0, 0.5, 30, tuple(world[:3]), 64, 64)
+    pointmap = raycast(frame.volume.sdf, frame.camera(camera), antialias=True)
+    share = pointmap.part_weight[..., FACE]
+    assert ((share > 0.05) & (share < 0.95)).sum() > 20, "a seam"
+    with torch.no_grad():
+        image, counted = stage.shade(frame, camera)
+        for parameter in avatar.body.colour_blend.parameters():
+            parameter.add_(0.3)
+        changed, _ = stage.shade(frame, camera)
+        for parameter in avatar.body.colour_blend.parameters():
+            parameter.sub_(0.3)
+    wanted = pointmap.coverage if part == "body" else pointmap.coverage * (share > 0)
+    torch.testing.assert_close(counted, wanted)
+    assert torch.equal(image, changed) == (part == "face")
+    first = FacePass(avatar, store, SMOKE.face[0], 0)
+    shares = torch.tensor([[0.0, 0.0, 0.3], [0.0, 0.2, 0.0], [0.0, 0.0, 1.0]])
+    assert torch.equal(first.painted(shares), torch.tensor([[0.0, 0, 1], [0, 0, 0], [0, 0, 1]]))
