@@ -23,7 +23,7 @@ from avatarrex.camera import Camera
 from avatarrex.fields.body import BodyField, BodyFrame
 from avatarrex.fields.composition import WHOLE, emptied
 from avatarrex.fields.face import FaceField
-from avatarrex.fields.hand import HandField
+from avatarrex.fields.hand import HandField, HandSurface
 from avatarrex.fields.light import Light
 from avatarrex.fields.patches import patches_reference
 from avatarrex.fields.tone import ToneMap
@@ -62,6 +62,8 @@ class PosedReference:
     views: Tensor
     value: dict[str, Tensor]
     probe: VertexProbe
+    surfaces: dict[str, HandSurface]
+    """Of the hands, without trees."""
 
     def part_from_root(self, name: str) -> Tensor:
         """Rigid (4, 4)."""
@@ -120,6 +122,10 @@ def pose_reference(avatar: Avatar, signals: Signals) -> PosedReference:
         face.driven(meshes["face"].float(), coefficients.float(), "reference").double(),
         value,
         probe,
+        {
+            name: HandSurface.of(meshes[name], avatar.hand(name).faces, "reference")
+            for name in ("left_hand", "right_hand")
+        },
     )
 
 
@@ -147,7 +153,7 @@ def _part_box(avatar: Avatar, posed: PosedReference, name: str, voxel: float) ->
         here = face_probe(posed.face, mesh, weight).query(points.numpy())
         omega = torch.as_tensor(np.where(here.distance < FACE_BAND, here.weight, 0))
     else:
-        query = posed.hands[name].sdf(mesh, points, impl="reference")
+        query = posed.hands[name].sdf(mesh, points, impl="reference", surface=posed.surfaces[name])
         distance, omega = query.sdf, posed.hands[name].omega(query)
     box_from_part = np.eye(4)
     box_from_part[:3, 3] = -lattice.origin
@@ -182,7 +188,7 @@ def shade_reference(
             own = posed.face.colour(posed.face.colour_planes(posed.views), local, turned)
             own = posed.tone(own, gaze, turned)
         else:
-            query = posed.hands[name].sdf(posed.meshes[name], local, impl="reference")
+            query = posed.hands[name].sdf(posed.meshes[name], local, impl="reference", surface=posed.surfaces[name])
             own = posed.hands[name].colour(posed.meshes[name], posed.value[f"{name}_pose"], query)
             own = own * posed.light(query.normal @ place[:3, :3])
         colour = colour + weight[:, column, None] * own

@@ -17,8 +17,10 @@ from torch import Tensor
 
 from avatarrex.avatar import load_avatar
 from avatarrex.camera import Camera
-from avatarrex.fields.influence import find_pairs, weighted_mean
+from avatarrex.fields.influence import RADIUS, find_pairs, weighted_mean
 from avatarrex.fields.patches import patch_features
+from avatarrex.fields.presets import COORDINATE_OCTAVES
+from avatarrex.ops.encoding import Encoding
 from avatarrex.pipeline import render_frame
 from avatarrex.signals.signals import Signals
 
@@ -67,6 +69,17 @@ def main() -> None:
     in_turns("places and weights", lambda way: body.localise(posed, point, pairs, None, cutoff, beside, way)[2])
     in_turns("means", lambda way: weighted_mean(value, weight, heard, len(point), way)[0])
     in_turns("patch features", lambda way: patch_features(patches, heard.node, body.node_axes, local, way))
+    networks, coordinate = body.geometry_local, Encoding(local / RADIUS, COORDINATE_OCTAVES)
+    for name, other in (("networks, loop", "loop"), ("networks, bucket", "bucket")):
+        for rows in (len(local), len(local) // 16):
+            few = heard.take(torch.arange(rows) * (len(local) // rows))
+            part = [Encoding(coordinate.x[:: len(local) // rows][:rows], COORDINATE_OCTAVES)]
+            embedding, offsets = posed.code.embedding, few.offsets
+
+            def run(way: str) -> Tensor:
+                return networks(part, embedding, offsets, "native" if way == "auto" else other)  # noqa: B023
+
+            in_turns(f"{name}, {rows // 1000}k", run)
 
 
 if __name__ == "__main__":

@@ -149,6 +149,11 @@ def _native(
     plain = [block for block in blocks if isinstance(block, Tensor)]
     rows = torch.cat(plain, -1) if plain else torch.empty(len(blocks[0].x), 0)  # type: ignore[union-attr]
     encoded = blocks[0] if isinstance(blocks[0], Encoding) else Encoding(rows.new_empty(len(rows), 0), 0)
+    if len(plain) + isinstance(blocks[0], Encoding) < len(blocks):
+        raise ValueError("blocks: an encoding that is not the first")
+    width = encoded.x.shape[1] * (1 + 2 * encoded.octaves) + rows.shape[1]
+    if width != weights[0].shape[1] or len(offsets) != len(weights[0]) + 1 or int(offsets[-1]) != len(rows):
+        raise ValueError(f"{width} channels of {len(rows)} rows for weights {tuple(weights[0].shape)}")
     flat, apart = zip(*(_flat(weight.detach()) for weight in weights))
     chunk = chunks(offsets.numpy(), max(weight.shape[1] * weight.shape[2] for weight in weights))
     out = np.empty((len(rows), biases[-1].shape[1]), np.float32)

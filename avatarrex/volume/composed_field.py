@@ -57,9 +57,10 @@ class ExactPart:
     @classmethod
     def hand(cls, name: str, field: HandField, vertices: Tensor, part_from_root: np.ndarray) -> ExactPart:
         """From the posed mesh (v, 3), wrist frame."""
+        surface = field.surface(vertices)
 
         def distance(local: Tensor) -> tuple[Tensor, Tensor]:
-            query = field.sdf(vertices, local)
+            query = field.sdf(vertices, local, surface=surface)
             return query.sdf, field.omega(query)
 
         low, high = part_bounds(vertices, field.blend_weight, HAND_MARGIN)
