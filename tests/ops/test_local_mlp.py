@@ -122,7 +122,7 @@ def test_compiled_loops_refuse_what_they_cannot_do():
         local_mlp(*case([2], torch.float64), "relu", "native")
     blocks, offsets, weights, biases = case([2])
     for wrong in (([blocks[0]], offsets), (blocks, offsets + 1), ([*blocks, Encoding(blocks[0][:, :3], 1)], offsets)):
-        with pytest.raises(ValueError, match="rows for weights|not the first"):
+        with pytest.raises(ValueError, match=r"rows for weights|not the first"):
             local_mlp(*wrong, weights, biases, "relu", "native")
     weights[0].requires_grad_()
     with pytest.raises(ValueError, match="no gradients"):
