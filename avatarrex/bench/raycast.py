@@ -22,7 +22,7 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.gl.context import gl_context, gl_unavailable, renderer_name
 from avatarrex.pipeline import RenderSettings
-from avatarrex.pointmap.raycast_gl import EXACT_LIST, TRACE_LIST, GlCaster, gl_caster
+from avatarrex.pointmap.raycast_gl import EXACT_LIST, TILE_LIST, TRACE_LIST, GlCaster, gl_caster
 from avatarrex.pointmap.raycast_torch import raycast_torch
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.templates.posed import pose_person
@@ -31,7 +31,6 @@ from avatarrex.volume.volume import SdfVolume
 
 VIEWS = ((20, 10, 2.6, 40), (75, -20, 2.2, 45), (200, 35, 3.0, 40))
 """Azimuth, elevation, distance, field of view."""
-NO_HIT = 1e8
 Passes = list[tuple[str, int | None, dict[str, int]]]
 
 
@@ -99,8 +98,7 @@ def _contest(bench: Bench, volume: SdfVolume, number: int, camera: Camera) -> Co
     entries = []
     for name, run in (quick | slow).items():
         run()
-        t = np.frombuffer(caster.pixels[4].read(4 * len(exact)), "f4").astype(np.float64)
-        error = ray_error(np.where(t < NO_HIT, t, np.inf), exact)
+        error = ray_error(caster.distances(camera).astype(np.float64), exact)
         entries.append(Contestant(name, times[name], error, ours=name == "ours"))
     add_mitsuba(bench, entries, volume, camera)
     software = "llvmpipe" in renderer_name(gl_context())
@@ -110,7 +108,12 @@ def _contest(bench: Bench, volume: SdfVolume, number: int, camera: Camera) -> Co
 def _methods(volume: SdfVolume) -> dict[str, Passes]:
     """Passes of what is compared; each ends with t per pixel in the distance buffer."""
     parts = (0, 1) if volume.parts else (0,)
-    trace: Passes = [("trace", None, {"PARTS": 0}), *(("trace", TRACE_LIST, {"PARTS": 1}) for _ in parts[1:])]
+    beams: Passes = [("beams", None, {"PARTS": 0})]
+    trace: Passes = [
+        *beams,
+        ("trace", TILE_LIST, {"PARTS": 0}),
+        *(("trace", TRACE_LIST, {"PARTS": 1}) for _ in parts[1:]),
+    ]
     exact: Passes = [("exact", EXACT_LIST, {"PARTS": k}) for k in parts]
     return {
         "ours": [*trace, *exact],

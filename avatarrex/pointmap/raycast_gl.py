@@ -1,4 +1,4 @@
-"""The raycast as GLSL compute passes (shaders/pointmap): trace, exact walk, silhouettes, surface.
+"""The raycast as GLSL compute passes (shaders/pointmap): beams, trace, exact walk, silhouettes, surface.
 
 Between the passes the rays that need more work are compacted into lists and dispatched indirectly; only the records of
 covered pixels are read back, and only volumes that changed are uploaded.
@@ -35,7 +35,7 @@ PART = np.dtype(
 )
 """Mirrors `struct Part` of shaders/pointmap/volume.glsl; the matrix by columns (std140)."""
 LIST = np.dtype([("groups", "u4"), ("one", "u4"), ("also_one", "u4"), ("count", "u4")])
-LISTS = np.dtype([("lists", LIST, 8), ("steps", "u4")])
+LISTS = np.dtype([("lists", LIST, 9), ("steps", "u4")])
 """Mirrors `buffer Lists` of shaders/pointmap/rays.glsl."""
 RECORD = np.dtype(
     [
@@ -50,7 +50,12 @@ RECORD = np.dtype(
 """Mirrors `struct Record` of shaders/pointmap/surface.comp."""
 TRACE_LIST, EXACT_LIST, EDGE_LIST, COVERED_LIST = range(0, 8, 2)
 """Each comes twice: rays that meet no part box, and rays that do."""
+TILE_LIST = 8
 HIT_BIT = np.uint32(1 << 31)
+T, BEAM = 4, 8
+"""Places among `GlCaster.pixels`."""
+NO_HIT = np.float32(1e9)
+"""A tile that no pass visits has twice this."""
 
 
 def raycast_gl(volume: SdfVolume, camera: Camera, antialias: bool, march: str = "exact") -> PointMap:
@@ -84,15 +89,15 @@ class GlCaster:
         if march == "fixed":
             run("plain", PARTS=variants[-1], METHOD=2)
         else:
-            run("trace", PARTS=0)
+            run("beams", PARTS=0)
+            run("trace", TILE_LIST, PARTS=0)
             if volume.parts:
                 run("trace", TRACE_LIST, PARTS=1)
             for parts in variants:
                 run("exact", EXACT_LIST, PARTS=parts)
-        run("edges", PARTS=0)
+        run("edges", TILE_LIST, PARTS=0)
         slots = _slots(camera, antialias)
         if antialias:
-            self._sixteenfold(slots)
             for parts in variants:
                 run("subrays", EDGE_LIST, PARTS=parts)
         for parts in variants:
@@ -108,10 +113,18 @@ class GlCaster:
         }
         return _pointmap(records, camera, f"OpenGL compute, {renderer_name(self.context)}", counters)
 
+    def distances(self, camera: Camera) -> np.ndarray:
+        """t of every pixel's ray as the last passes left it, row by row (float32); ∞ where there is no hit."""
+        t = np.frombuffer(self.pixels[T].read(4 * camera.width * camera.height), "f4").reshape(camera.height, -1)
+        across = -(-camera.width // 8)
+        beam = np.frombuffer(self.pixels[BEAM].read(4 * _tiles(camera)), "f4").reshape(-1, across)
+        beam = beam.repeat(8, 0).repeat(8, 1)[: camera.height, : camera.width]
+        return np.where((t < NO_HIT) & (beam <= NO_HIT), t, np.inf).ravel()
+
     def prepare(self, volume: SdfVolume, camera: Camera, antialias: bool) -> tuple[Callable[..., None], int]:
         """Bind everything; `run(pass, list, **constants)` to dispatch over all pixels or a list; bytes uploaded."""
         uploaded = self._bind_volume(volume, camera)
-        self._bind_buffers(camera.width * camera.height, _slots(camera, antialias))
+        self._bind_buffers(camera.width * camera.height, _slots(camera, antialias), _tiles(camera))
         contacts = int(any(part.contact is not None for part in volume.parts))
         uniforms = _uniforms(volume, camera, _slots(camera, antialias))
 
@@ -123,7 +136,7 @@ class GlCaster:
                 if uniform in uniforms:
                     program[uniform].value = uniforms[uniform]
             if over is None:
-                program.run(-(-camera.width // 8) * -(-camera.height // 8))
+                program.run(-(-_tiles(camera) // GROUP) if name == "beams" else _tiles(camera))
             else:
                 program.run_indirect(self.lists, (over + constants["PARTS"]) * LIST.itemsize)
             self.context.memory_barrier()
@@ -174,10 +187,10 @@ class GlCaster:
         self.parts.write(table.tobytes())
         return uploaded
 
-    def _bind_buffers(self, count: int, slots: int) -> None:
-        """Parts, lists, then what grows with the image: bindings 2 to 10."""
+    def _bind_buffers(self, count: int, slots: int, tiles: int) -> None:
+        """Parts, lists, then what grows with the image: bindings 2 to 12."""
         sizes = [4 * count, 8 * count, 4 * slots, 8 * count, 4 * count, 4 * count, 4 * count, 64 * slots]
-        sizes.append(RECORD.itemsize * count)
+        sizes += [4 * tiles, 4 * tiles, RECORD.itemsize * count]
         for k, size in enumerate(sizes):
             if k == len(self.pixels):
                 self.pixels.append(self.context.buffer(reserve=max(size, 4)))
@@ -191,12 +204,10 @@ class GlCaster:
         for binding, buffer in enumerate((self.lists, *self.pixels), start=1):
             buffer.bind_to_storage_buffer(binding)
 
-    def _sixteenfold(self, slots: int) -> None:
-        """The silhouette lists hold pixels; their dispatch needs sixteen rays for each, four pixels to a group."""
-        lists = np.frombuffer(self.lists.read(), LISTS).copy()
-        edges = lists["lists"][0, EDGE_LIST : EDGE_LIST + 2]
-        edges["groups"] = -(-np.minimum(edges["count"], slots // 2).astype(np.int64) * 16 // GROUP)
-        self.lists.write(lists.tobytes())
+
+def _tiles(camera: Camera) -> int:
+    """Of 8 × 8 pixels."""
+    return -(-camera.width // 8) * -(-camera.height // 8)
 
 
 def _slots(camera: Camera, antialias: bool) -> int:

@@ -7,11 +7,11 @@ uniform uint u_slots;  // edge pixels that there is room for; 0: no antialiasing
 
 bool is_hit(ivec2 place) {
     place = clamp(place, ivec2(0), u_image - 1);
-    return ray_t[place.y * u_image.x + place.x] != NO_HIT;
+    return beam_of(place) != EMPTY && ray_t[place.y * u_image.x + place.x] != NO_HIT;
 }
 
 void main() {
-    uint pixel = pixel_of_tile(gl_WorkGroupID.x, gl_LocalInvocationIndex);
+    uint pixel = pixel_of_tile(tiles[gl_WorkGroupID.x], gl_LocalInvocationIndex);
     if (pixel == NO_PIXEL) return;
     uint walked = ray_walked[pixel], parts = (walked & SEES_PARTS) != 0u ? 1u : 0u, slot = NO_SLOT;
     atomicAdd(tally_steps, walked & STEPS);

@@ -19,7 +19,7 @@ Hit march(Ray ray, float start) {
     Hit hit = Hit(NO_HIT, NO_HIT, NO_HIT, false, 0u);
     float t = max(ray.range.x, start), s = -1, before = t, earlier = t, s_before = -1, smallest = 0;
     bool found = false;
-    if (ray.range.x > ray.range.y) return hit;
+    if (t > ray.range.y) return hit;
     for (int i = 0; i < MAX_STEPS; ++i) {
         bvec3 inside = boxes_at(ray, t);
         Field f = field_filtered(at(ray, t), body_at(ray, t), inside);

@@ -6,6 +6,10 @@ layout(local_size_x = 64) in;
 #include "pointmap/rays.glsl"
 
 void main() {
+    if (gl_LocalInvocationIndex == 0u) {  // the next passes visit every tile
+        tiles[atomicAdd(lists[LIST_TILE].groups, 1u)] = gl_WorkGroupID.x;
+        beam_free[gl_WorkGroupID.x] = 0;
+    }
     uint pixel = pixel_of_tile(gl_WorkGroupID.x, gl_LocalInvocationIndex);
     if (pixel == NO_PIXEL) return;
     Ray ray = ray_through(corner_of(pixel) + 0.5);

@@ -42,13 +42,26 @@ Ray ray_through(vec2 pixel) {
     return ray;
 }
 
-bool sees_parts(vec2 pixel) {
+// Whether any part box may be seen between two corners of the picture.
+bool sees_parts(vec2 low, vec2 high) {
     bool sees = false;
     for (int k = 0; k < 3; ++k) {
         vec4 window = in_part[k].window;
-        sees = sees || all(greaterThanEqual(pixel, window.xy)) && all(lessThanEqual(pixel, window.zw));
+        sees = sees || all(greaterThanEqual(high, window.xy)) && all(lessThanEqual(low, window.zw));
     }
     return sees;
+}
+
+// Whether the ray, as wide as a pixel, meets a part box.
+bool meets_parts(Ray ray) {
+    bool meets = false;
+    for (int k = 0; k < 3; ++k) {
+        vec3 place = box_place(k, ray.origin), size = in_part[k].size;
+        float grown = ray.footprint * (1 - (length(place) + length(size)) / ray.camera);
+        vec2 box = slab(place + grown, mat3(in_part[k].box_from_root) * ray.direction, size + 2 * grown);
+        meets = meets || size.x >= 0 && box.x <= box.y && box.y >= ray.camera;
+    }
+    return meets;
 }
 
 vec3 at(Ray ray, float t) { return ray.origin + t * ray.direction; }
@@ -66,11 +79,12 @@ float reach_at(Ray ray, float t) {
     return min(ahead.x, min(ahead.y, ahead.z));
 }
 
-// Lists of pixels for the next pass: each an indirect dispatch of 64, counted as they are appended. Every kind comes
-// twice, for pixels outside the windows of all part boxes and for those inside one, which need the slower program.
-const int LIST_TRACE = 0, LIST_EXACT = 2, LIST_EDGE = 4, LIST_COVERED = 6;
+// Lists of pixels for the next pass: each an indirect dispatch of 64 (of 16 for each silhouette pixel), counted as they are appended. Every kind comes
+// twice, for pixels whose rays miss all part boxes and for those that meet one, which need the slower program. Tiles
+// come once, a work group each.
+const int LIST_TRACE = 0, LIST_EXACT = 2, LIST_EDGE = 4, LIST_COVERED = 6, LIST_TILE = 8;
 struct List { uint groups, one, also_one, count; };
-layout(std430, binding = 1) buffer Lists { List lists[8]; uint tally_steps; };
+layout(std430, binding = 1) buffer Lists { List lists[9]; uint tally_steps; };
 layout(std430, binding = 2) buffer TracePixels { uint trace_pixels[]; };
 layout(std430, binding = 3) buffer ExactPixels { uvec2 exact_pixels[]; };      // pixel, bits of the t to start from
 layout(std430, binding = 4) buffer EdgePixels { uint edge_pixels[]; };
@@ -79,8 +93,11 @@ layout(std430, binding = 6) buffer Distance { float ray_t[]; };                /
 layout(std430, binding = 7) buffer Approach { float ray_near[]; };             // per pixel: t up to which a pixel is free
 layout(std430, binding = 8) buffer Walked { uint ray_walked[]; };              // per pixel: steps and the bits below
 layout(std430, binding = 9) buffer SubDistance { float sub_t[]; };             // per edge slot, 16
+layout(std430, binding = 10) buffer Beams { float beam_free[]; };              // per tile: metres from the camera, NO_HIT: all; or EMPTY
+layout(std430, binding = 11) buffer Tiles { uint tiles[]; };                   // that are not EMPTY
 
 const float NO_HIT = 1e9;
+const float EMPTY = 2e9;               // of a tile whose rays meet nothing; no pass visits its pixels
 const uint NO_SLOT = 0xffffffffu;
 const uint GRAZES = 0x80000000u;       // the ray misses the surface by less than a pixel
 const uint SEES_PARTS = 0x40000000u;
@@ -90,8 +107,8 @@ const uint STEPS = 0x0fffffffu;
 uint from_end(uint row, uint parts, uint capacity) { return parts == 0u ? row : capacity - 1u - row; }
 
 uint append(int list, uint parts) {
-    uint row = atomicAdd(lists[list + int(parts)].count, 1u);
-    if ((row & 63u) == 0u) atomicAdd(lists[list + int(parts)].groups, 1u);
+    uint row = atomicAdd(lists[list + int(parts)].count, 1u), a_group = list == LIST_EDGE ? 4u : 64u;
+    if (row % a_group == 0u) atomicAdd(lists[list + int(parts)].groups, 1u);
     return row;
 }
 
@@ -104,11 +121,26 @@ uint pixel_count() { return uint(u_image.x * u_image.y); }
 
 // Work groups are tiles of 8 x 8 pixels, each eight invocations 4 x 2 of them: what runs together should look alike.
 const uint NO_PIXEL = 0xffffffffu;
+uint tiles_across() { return (uint(u_image.x) + 7u) / 8u; }
+
+uint tile_count() { return tiles_across() * ((uint(u_image.y) + 7u) / 8u); }
+
 uint pixel_of_tile(uint tile, uint k) {
-    uint across = (uint(u_image.x) + 7u) / 8u;
+    uint across = tiles_across();
     uvec2 within = uvec2((k & 3u) | (k >> 1 & 4u), (k >> 2 & 1u) | (k >> 3 & 6u));
     uvec2 place = 8u * uvec2(tile % across, tile / across) + within;
     return all(lessThan(place, uvec2(u_image))) ? place.y * uint(u_image.x) + place.x : NO_PIXEL;
 }
 
 vec2 corner_of(uint pixel) { return vec2(pixel % uint(u_image.x), pixel / uint(u_image.x)); }
+
+vec2 corner_of_tile(uint tile) { return 8 * vec2(tile % tiles_across(), tile / tiles_across()); }
+
+float beam_of(ivec2 place) { return beam_free[uint(place.y / 8) * tiles_across() + uint(place.x / 8)]; }
+
+// t from which a pixel's ray may meet something: the body where its beam ends, a part not before its box.
+float start_of(uint pixel, Ray ray) {
+    float free = beam_of(ivec2(corner_of(pixel))), start = free == NO_HIT ? NOWHERE : free + ray.camera;
+    if (PARTS == 1) start = min(start, min(ray.entry.x, min(ray.entry.y, ray.entry.z)));
+    return start;
+}

@@ -12,7 +12,7 @@ struct Record {
     vec3 weight;    // effective omega of left hand, right hand, face
     float steps;
 };
-layout(std430, binding = 10) writeonly buffer Records { Record out_record[]; };
+layout(std430, binding = 12) writeonly buffer Records { Record out_record[]; };
 
 bvec3 boxes_around(vec3 p) {
     bvec3 inside = bvec3(false);

@@ -265,6 +265,13 @@ MUTANTS: dict[str, Mutant] = {
         "            del parts",
         f"{THIN}[gl]",
     ),
+    "beams as wide as their middle": Mutant(
+        "rays that share a beam",
+        "shaders/pointmap/beams.comp",
+        "const float WIDE = 11;",
+        "const float WIDE = 1;",
+        "tests/pointmap/test_beams.py::test_a_rod_is_found_wherever_it_lies_in_a_tile",
+    ),
     "parallel rays, torch": Mutant(
         "parallel rays",
         "avatarrex/pointmap/rays.py",
