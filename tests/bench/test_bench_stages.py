@@ -69,8 +69,22 @@ def test_local_networks_agree_with_the_equation(bench):
 def test_crossings_are_compared(bench):
     found = run("geometry", bench)
     assert found["geometry.changed_crossings"].error["of"] > 1000
-    assert 0 < found["geometry.band_pairs"].value < 1
+    pairs = found["geometry.band_pairs"]
+    assert 0 < pairs.error["least_without_a_changed_crossing"] <= pairs.value < 1
     assert 0 < found["geometry.pairlist_share"].value < 1
+
+
+def test_bubbles_are_told_from_the_surface():
+    full = np.ones((5, 5, 9), np.float32)
+    full[:, :, :3] = -1
+    full[2, 2, 1] = 1  # a void, and a floater of two voxels
+    full[2, 2, 6:8] = -1
+    band = np.where(np.arange(9) < 3, -0.02, 0.03) * np.ones((5, 5, 1))
+    found = geometry.Found()
+    geometry._count_bubbles(band, full, np.ones(band.shape, bool), found)
+    assert found.bubbles == {"voids": 1, "floaters": 1}
+    assert found.blind == pytest.approx(0.03)
+    assert found.nearer == pytest.approx([3 / 9, 1.0])
 
 
 def test_a_crossing_that_moves_or_turns_is_changed():
