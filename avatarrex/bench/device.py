@@ -19,6 +19,7 @@ def describe() -> dict[str, Any]:
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
     return {
         "cpu": _cpu(),
+        "vectors": torch.backends.cpu.get_cpu_capability(),
         "cores": _cores(),
         "threads": torch.get_num_threads(),
         "renderer": renderer_name(gl_context()) if missing is None else f"none: {missing}",
@@ -30,9 +31,9 @@ def describe() -> dict[str, Any]:
 
 
 def device_class(device: dict[str, Any]) -> str:
-    """Machines whose ratios can be compared, as a file's name: `linux-2-cores-llvmpipe`."""
+    """Machines whose ratios can be compared, as a file's name: `linux-2-cores-avx2-llvmpipe`."""
     drawn = re.split(r"[ (/:]", str(device["renderer"]))[0] or "none"
-    words = [device["system"], f"{device['cores']}-cores", device["gpu"] or drawn]
+    words = [device["system"], f"{device['cores']}-cores", device["vectors"], device["gpu"] or drawn]
     return re.sub(r"[^a-z0-9]+", "-", " ".join(words).lower()).strip("-")
 
 

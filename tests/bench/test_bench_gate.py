@@ -18,7 +18,7 @@ from avatarrex.bench.report import Report
 from avatarrex.bench.stages import STAGES, chosen
 from avatarrex.errors import InputError
 
-DEVICE = {"system": "Linux", "cores": 2, "gpu": None, "renderer": "llvmpipe (LLVM 15.0.6, 256 bits)"}
+DEVICE = {"system": "Linux", "vectors": "AVX2", "cores": 2, "gpu": None, "renderer": "llvmpipe (LLVM 15.0.6, 256 bits)"}
 ERROR = Metric("sdf.max_error_m", 2e-8, "m", target=1e-6)
 SPEED = Metric("sdf.vs_brute", 40.0, FASTER, "higher", target=30.0, tolerance=0.25)
 COST = Metric("raycast.vs_sphere", 0.8, SLOWER, target=1.2, tolerance=0.25)
@@ -98,7 +98,7 @@ def test_the_table_names_what_failed_first():
     lines = gate.table(verdicts, gate.baseline_path(report())).splitlines()
     assert lines[1].startswith("FAIL")
     assert "sdf.max_error_m" in lines[1]
-    assert lines[-1] == "gate: 1 of 4 failed, against benchmarks/baselines/linux-2-cores-llvmpipe.quick.json"
+    assert lines[-1] == "gate: 1 of 4 failed, against benchmarks/baselines/linux-2-cores-avx2-llvmpipe.quick.json"
 
 
 def test_a_baseline_of_another_size_is_refused(tmp_path):
@@ -115,7 +115,7 @@ def test_the_device_is_described_without_a_host():
     device = describe()
     assert platform.node() not in re.findall(r"\w+", json.dumps(device))
     assert device_class(device).startswith(platform.system().lower())
-    assert device_class({**DEVICE, "gpu": "NVIDIA H100 80GB HBM3"}) == "linux-2-cores-nvidia-h100-80gb-hbm3"
+    assert device_class({**DEVICE, "gpu": "NVIDIA H100 80GB HBM3"}) == "linux-2-cores-avx2-nvidia-h100-80gb-hbm3"
 
 
 def test_stages_are_known_by_name():
