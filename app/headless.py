@@ -15,8 +15,10 @@ import numpy as np
 from avatarrex_studio.engine import Engine
 from avatarrex_studio.framing import backed_off, framed
 from avatarrex_studio.job import Job
+from avatarrex_studio.state import StudioState
 from tqdm import tqdm
 
+from avatarrex.behind import behind
 from avatarrex.files import write_text
 from avatarrex.images import VideoWriter, composite, write_arrays, write_png
 from avatarrex.pipeline import Frame
@@ -34,21 +36,15 @@ def run(order: Job, engine: Engine) -> list[Path]:
         for note in order.motion.sequence.notes:
             print(f"{Path(order.motion.path).name}: {note}", file=sys.stderr)
     bar = tqdm(total=len(order.frames), unit="frame", disable=len(order.frames) == 1)
-    with bar, video or nullcontext():
+    with bar, video or nullcontext(), behind() as do:
         for number, state in order.states():
             frame = engine.frame(state, state.view.camera(width, height))
             if not statistics:
                 tqdm.write(", ".join(frame.notes), file=sys.stderr)
-            pixels = composite(frame.image, state.background)
+            do(_keep, order, number, state, frame, video)
             path = order.image_path(number)
-            if video:
-                video.write(pixels)
-            else:
-                write_png(path, pixels, {"avatarrex": json.dumps(state.to_json())})
-                written.append(path)
-            if order.aovs:
-                write_arrays(path.with_suffix(".npz"), passes(frame, order.aovs))
-                written.append(path.with_suffix(".npz"))
+            written += [] if video else [path]
+            written += [path.with_suffix(".npz")] if order.aovs else []
             statistics.append({"frame": number, "ms": frame.ms, "counters": frame.counters})
             bar.update()
     if video:
@@ -57,6 +53,17 @@ def run(order: Job, engine: Engine) -> list[Path]:
         write_text(order.stats, json.dumps(statistics, indent=1) + "\n")
         written.append(order.stats)
     return written
+
+
+def _keep(order: Job, number: int, state: StudioState, frame: Frame, video: VideoWriter | None) -> None:
+    """Encode and write one frame while the next is rendered."""
+    pixels, path = composite(frame.image, state.background), order.image_path(number)
+    if video:
+        video.write(pixels)
+    else:
+        write_png(path, pixels, {"avatarrex": json.dumps(state.to_json())})
+    if order.aovs:
+        write_arrays(path.with_suffix(".npz"), passes(frame, order.aovs))
 
 
 def with_view(order: Job, engine: Engine) -> Job:

@@ -16,9 +16,7 @@ import json
 import os
 import shutil
 import zipfile
-from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,6 +25,7 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
+from avatarrex.behind import behind
 from avatarrex.camera import Camera
 from avatarrex.capture.albedo_lattice import bake
 from avatarrex.capture.cameras import calibration
@@ -42,8 +41,6 @@ QUALITY = 96
 """JPEG, colour not subsampled: sharp prints keep their edges."""
 BYTES_PER_PIXEL = 0.9
 """Picture, matte and truth together, a generous mean; it only serves to refuse a disk that is too small."""
-WAITING = 8
-"""Pictures drawn ahead of the files."""
 
 
 def make_capture(out: str | Path, size: str, seed: int = 0, garment: str = "printed", archive: bool = False) -> Path:
@@ -161,7 +158,7 @@ def _draw_rig(folder: Path, rig: RigPlan) -> None:
         bar.close()
         return
     subject, picture = rig.subject, rig.picture
-    with bar, _writers() as write:
+    with bar, behind(threads=2) as write:
         rasteriser = Rasteriser(subject.faces, bake(subject, rig.spacing()), picture.samples)
         occlusion = Occlusion(subject.faces, len(subject.vertices), picture.directions, rig.size.shadow_map)
         for frame, missing in to_do.items():
@@ -239,26 +236,6 @@ def _is_whole(path: Path) -> bool:
             return path.suffix != ".npz" or zipfile.is_zipfile(file)
     except OSError:
         return False
-
-
-@contextmanager
-def _writers() -> Iterator[Any]:
-    """`write(function, *arguments)` on two threads, at most `WAITING` ahead; the first error is raised here."""
-    waiting: deque[Future[None]] = deque()
-    with ThreadPoolExecutor(2) as pool:
-
-        def write(function: Any, *arguments: Any) -> None:
-            waiting.append(pool.submit(function, *arguments))
-            while len(waiting) > WAITING:
-                waiting.popleft().result()
-
-        try:
-            yield write
-            while waiting:
-                waiting.popleft().result()
-        finally:
-            for future in waiting:
-                future.cancel()
 
 
 @contextmanager

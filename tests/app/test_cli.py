@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -71,6 +72,40 @@ def test_a_folder_gets_numbered_frames(quick, motion, tmp_path):
     assert [entry["frame"] for entry in entries] == [0, 4, 8]
     images = [np.asarray(Image.open(path)) for path in sorted(out.iterdir())]
     assert not np.array_equal(images[0], images[1])
+
+
+def test_a_frame_is_written_while_the_next_is_rendered(motion, tmp_path, monkeypatch):
+    second, write, rendered = threading.Event(), headless.write_png, []
+
+    def render(*words):
+        rendered.append(words)
+        if len(rendered) == 2:
+            second.set()
+        return render_ball(*words)
+
+    def wait_and_write(path, *words):
+        assert second.wait(30), "the first picture is written before the second frame is begun"
+        write(path, *words)
+
+    monkeypatch.setattr("avatarrex_studio.engine.Engine", lambda settings=None: ball_engine(render, settings))
+    monkeypatch.setattr(headless, "write_png", wait_and_write)
+    assert cli.main(["render", str(tmp_path / "out"), "--motion", str(motion), "--frames", "0:3", "--size", "16"]) == 0
+    assert files(tmp_path / "out") == [f"frame_{k:06d}.png" for k in range(3)]
+
+
+def test_what_cannot_be_written_ends_the_rendering(quick, motion, tmp_path, monkeypatch, capsys):
+    write = headless.write_png
+
+    def full(path, *words):
+        if path.stem.endswith("1"):
+            raise OSError(28, "No space left on device", str(path))
+        write(path, *words)
+
+    monkeypatch.setattr(headless, "write_png", full)
+    assert cli.main(["render", str(tmp_path / "out"), "--motion", str(motion), "--size", "16"]) != 0
+    assert "No space left on device" in capsys.readouterr().err
+    assert files(tmp_path / "out")[0] == "frame_000000.png"
+    assert len(files(tmp_path / "out")) < 8, "it went on long after"
 
 
 def test_a_video(quick, motion, tmp_path):

@@ -1,0 +1,41 @@
+"""Work behind the caller's back: writing what was just made while the next is being made."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import ParamSpec, Protocol
+
+Arguments = ParamSpec("Arguments")
+WAITING = 4
+"""Pieces of work that may wait; whoever brings more waits, too: they hold pictures."""
+
+
+class Do(Protocol):
+    """Has a function called by a thread."""
+
+    def __call__(
+        self, function: Callable[Arguments, object], /, *arguments: Arguments.args, **named: Arguments.kwargs
+    ) -> None: ...
+
+
+@contextmanager
+def behind(threads: int = 1) -> Iterator[Do]:
+    """`do(function, *arguments)` on `threads` threads; one keeps the order. All is done when the block ends.
+
+    The first error of the work is raised in the block, at the latest at its end; what was brought before the block fails is
+    still done.
+    """
+    waiting: deque[Future[object]] = deque()
+    with ThreadPoolExecutor(threads, "behind") as pool:
+
+        def do(function: Callable[Arguments, object], /, *arguments: Arguments.args, **named: Arguments.kwargs) -> None:
+            waiting.append(pool.submit(function, *arguments, **named))
+            while len(waiting) > WAITING:
+                waiting.popleft().result()
+
+        yield do
+        while waiting:
+            waiting.popleft().result()
