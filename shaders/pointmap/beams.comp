@@ -10,6 +10,10 @@ const int MAX_BALLS = 64;
 const float WIDE = 11;   // footprints: the tile's half diagonal is 8; the march tells grazing rays within 2
 const float ENOUGH = 0.5;  // of the beam's width: balls that gain less are not worth a step
 const float NARROW = 1e-3; // metres: nor are those
+// How far what is stored may exceed the distance: a learned field is steeper than one, and a march looks whether it has
+// stepped over the surface, but a beam sees its middle alone.
+const float STEEP = 2;        // times
+const float TRUSTED = 0.03;   // metres
 
 void main() {
     uint tile = gl_GlobalInvocationID.x;
@@ -25,7 +29,8 @@ void main() {
     float from_camera = max(range.x + away, 0), end = range.y + away, free = NO_HIT;
     for (int i = 0; i < MAX_BALLS && from_camera < end && free == NO_HIT; ++i) {
         vec3 place = clamp(body_at(ray, from_camera - away), vec3(0), body_last());
-        float width = spread * from_camera, beside = field_filtered(vec3(0), place, bvec3(false)).bound - width;
+        float width = spread * from_camera, sdf = field_filtered(vec3(0), place, bvec3(false)).sdf;
+        float beside = max(sdf / STEEP, sdf - TRUSTED) - width;
         if (beside < ENOUGH * width + NARROW || i == MAX_BALLS - 1) free = from_camera;
         from_camera += beside / (1 + spread);
     }

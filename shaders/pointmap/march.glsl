@@ -25,6 +25,12 @@ Hit march(Ray ray, float start) {
         Field f = field_filtered(at(ray, t), body_at(ray, t), inside);
         ++hit.steps;
         s = f.sdf;
+        if (i == 0 && s < 0 && t > ray.range.x) {  // whoever said that the way is free up to here was wrong
+            t = ray.range.x;
+            before = t;
+            earlier = t;
+            continue;
+        }
         float pixel = ray.footprint * (1 - t / ray.camera);
         // Spheres of two footprints that touch leave a tube of one footprint free.
         if (f.bound < 2 * pixel) hit.near = min(hit.near, t);

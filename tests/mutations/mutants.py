@@ -272,6 +272,13 @@ MUTANTS: dict[str, Mutant] = {
         "const float WIDE = 1;",
         "tests/pointmap/test_beams.py::test_a_rod_is_found_wherever_it_lies_in_a_tile",
     ),
+    "beams that trust what is stored": Mutant(
+        "rays that share a beam",
+        "shaders/pointmap/beams.comp",
+        "max(sdf / STEEP, sdf - TRUSTED) - width",
+        "abs(sdf) - width",
+        "tests/pointmap/test_beams.py::test_a_steep_field_is_not_stepped_through",
+    ),
     "parallel rays, torch": Mutant(
         "parallel rays",
         "avatarrex/pointmap/rays.py",

@@ -1,5 +1,7 @@
 """Rays of a tile share the free part of their way (shaders/pointmap/beams.comp): nothing may be lost by it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -41,6 +43,22 @@ def test_a_rod_is_found_wherever_it_lies_in_a_tile() -> None:
         assert torch.equal(one.hit, other.hit), k
         np.testing.assert_allclose(one.coverage.sum(), other.coverage.sum(), rtol=0.03)
         assert (one.coverage - other.coverage).abs().max() <= 4 / 16, k
+
+
+@pytest.mark.parametrize("distance", [0.25, 0.5, 2.0])
+def test_a_steep_field_is_not_stepped_through(man: SdfVolume, distance: float) -> None:
+    """A learned field may exceed the distance: a beam that trusted it came out behind the limb."""
+    steep, found = SdfVolume(replace(man.body, sdf=1.4 * man.body.sdf)), 0
+    for target in ((0, 0.1, 0), (0.1, -0.5, 0), (0.3, 0.3, 0)):
+        camera = Camera.orbit(15, 5, distance, 40, target, 96, 96)
+        one, other = raycast(steep, camera, "gl"), raycast(steep, camera, "torch")
+        assert not (
+            other.hit & ~one.hit
+        ).any()  # where a march steps through, a beam may find the surface: not the other way
+        both = one.hit & other.hit
+        assert not both.any() or (one.depth - other.depth)[both].abs().quantile(0.99) < 1e-5
+        found += int(both.sum())
+    assert found > 300
 
 
 def test_empty_tiles_cost_no_step(man: SdfVolume) -> None:
