@@ -112,7 +112,7 @@ def test_the_lag_stays_below_the_tolerance(avatar: Avatar, dragged: list[Frame])
         assert np.linalg.norm(exact.volume.probe.vertices - frame.volume.probe.vertices, axis=1).max() <= FAST.hold
         both = exact.pointmap.hit & frame.pointmap.hit
         apart = (exact.pointmap.position - frame.pointmap.position).norm(dim=-1)[both]
-        assert apart.mean() < 2e-4
+        assert apart.mean() < 0.15 * FAST.hold, float(apart.mean())
         assert apart.quantile(0.98) < 2 * FAST.hold
         changed = (exact.volume.body_frame.code.embedding - frame.volume.body_frame.code.embedding).abs()
         assert avatar.embedding_effect * changed.max() <= FAST.hold
