@@ -49,6 +49,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.baselines:
         subjects += baselines(capture.person, observations(rig))
     if arguments.face_only:
+        if size is not None:
+            raise InputError(
+                "--size", "", "the pictures' own with --face-only: its mattes are cut pixel by pixel", size
+            )
         rig, subjects = face_alone(capture.person, rig, subjects)
         capture = replace(capture, ground_truth=None)
     sheet = SHEET if arguments.sheet else 0

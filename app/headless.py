@@ -16,6 +16,7 @@ from avatarrex_studio.engine import Engine
 from avatarrex_studio.framing import backed_off, framed
 from avatarrex_studio.job import Job
 from avatarrex_studio.state import StudioState
+from torch import Tensor
 from tqdm import tqdm
 
 from avatarrex.behind import behind
@@ -41,7 +42,8 @@ def run(order: Job, engine: Engine) -> list[Path]:
             frame = engine.frame(state, state.view.camera(width, height))
             if not statistics:
                 tqdm.write(", ".join(frame.notes), file=sys.stderr)
-            do(_keep, order, number, state, frame, video)
+            arrays = passes(frame, order.aovs) if order.aovs else {}
+            do(_keep, order.image_path(number), state, frame.image, arrays, video)
             path = order.image_path(number)
             written += [] if video else [path]
             written += [path.with_suffix(".npz")] if order.aovs else []
@@ -55,15 +57,17 @@ def run(order: Job, engine: Engine) -> list[Path]:
     return written
 
 
-def _keep(order: Job, number: int, state: StudioState, frame: Frame, video: VideoWriter | None) -> None:
+def _keep(
+    path: Path, state: StudioState, image: Tensor, arrays: dict[str, np.ndarray], video: VideoWriter | None
+) -> None:
     """Encode and write one frame while the next is rendered."""
-    pixels, path = composite(frame.image, state.background), order.image_path(number)
+    pixels = composite(image, state.background)
     if video:
         video.write(pixels)
     else:
         write_png(path, pixels, {"avatarrex": json.dumps(state.to_json())})
-    if order.aovs:
-        write_arrays(path.with_suffix(".npz"), passes(frame, order.aovs))
+    if arrays:
+        write_arrays(path.with_suffix(".npz"), arrays)
 
 
 def with_view(order: Job, engine: Engine) -> Job:

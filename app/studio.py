@@ -158,6 +158,7 @@ class Studio:
         if shot.error:
             log.error("%s", shot.error)
             self.shot = Shot(self.shot.frame, shot.error)
+            self._failed = None if self._rendered is None else self._rendered[0]
         elif shot.frame is not None:
             self.work = Work.of(shot.frame, self.level) if first or self.work is None else self.work.plus(shot.frame)
             self._measure(shot.frame)

@@ -25,15 +25,15 @@ class Do(Protocol):
 def behind(threads: int = 1) -> Iterator[Do]:
     """`do(function, *arguments)` on `threads` threads; one keeps the order. All is done when the block ends.
 
-    The first error of the work is raised in the block, at the latest at its end; what was brought before the block fails is
-    still done.
+    The first error of the work is raised in the block, at the latest at its end. Where the block itself fails, what was
+    brought before is still done, and the block's error is the one that is seen.
     """
     waiting: deque[Future[object]] = deque()
     with ThreadPoolExecutor(threads, "behind") as pool:
 
         def do(function: Callable[Arguments, object], /, *arguments: Arguments.args, **named: Arguments.kwargs) -> None:
             waiting.append(pool.submit(function, *arguments, **named))
-            while len(waiting) > WAITING:
+            while waiting and (waiting[0].done() or len(waiting) > WAITING):
                 waiting.popleft().result()
 
         yield do

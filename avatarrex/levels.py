@@ -3,7 +3,7 @@
 | level    | body voxels                     | part voxels | rays                | what it is for              |
 |----------|---------------------------------|-------------|---------------------|-----------------------------|
 | paper    | 2 cm, all that a node reaches   | 5 mm, all   | steps of 5 mm       | comparing; paper sec. 4     |
-| fast     | 2 cm, around the surface        | 5 mm        | exact, one a pixel  | dragging a limb, previews   |
+| fast     | 2 cm, around the surface        | 5 mm        | exact, one a pixel  | previews; `dragged`: a limb |
 | balanced | 2 cm, around the surface        | 2.5 mm      | exact, antialiased  | what is rendered unless told|
 | quality  | 2 cm, 5 mm where they are seen  | 2.5 mm      | exact, antialiased  | stills, close views         |
 

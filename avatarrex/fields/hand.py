@@ -9,6 +9,7 @@ Everything lives in the wrist frame, metres, and depends on φ (and shape) alone
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -29,7 +30,11 @@ from avatarrex.templates.mesh import vertex_normals
 SCALE = 0.12
 """Metres: a hand with its stub spans less than ±2 of this, where γ clamps; its shortest wavelength is 2.4 cm."""
 LIFT = 1e-4
-"""Metres over its skin at which a vertex is asked whether it is buried."""
+"""Metres over the skin at which it is asked whether it is buried."""
+SPACING = 0.006
+"""Metres between places that are asked on a face, half of that on most: less than half a finger tip."""
+MOST_STEPS = 8
+"""Such places along the side of a face, at most."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,8 @@ class HandSurface:
     tree: TriangleTree | None
     """On a CPU."""
     buried: Bool[Tensor, " f"] | None
-    """Faces with a corner in another finger's flesh or the palm's, and those around; None where there are none."""
+    """Faces of whose skin some lies in another finger's flesh or the palm's, or is turned inside out, and those around a
+    corner that does; None where there are none."""
 
     @classmethod
     def of(cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], impl: Impl = "auto") -> HandSurface:
@@ -65,17 +71,38 @@ class HandSurface:
         surface = cls(
             mesh, vertex_normals(mesh, faces), outward, TriangleTree.of(mesh, faces) if compiled else None, None
         )
-        buried = surface.wrapped(faces, exact + LIFT * normalize(outward.vertex, dim=-1))
-        if not buried.any():
-            return surface
-        buried[faces[buried[faces].any(-1)]] = True
-        return replace(surface, buried=buried[faces].any(-1))
+        corner = surface.wrapped(faces, exact + LIFT * normalize(outward.vertex, dim=-1))
+        corner[faces[corner[faces].any(-1)]] = True
+        buried = corner[faces].any(-1) | surface._pierced(faces, exact[faces], normalize(outward.face, dim=-1))
+        return replace(surface, buried=buried) if buried.any() else surface
+
+    def _pierced(
+        self, faces: Int[Tensor, "f 3"], corners: Float[Tensor, "f 3 3"], normal: Float[Tensor, "f 3"]
+    ) -> Bool[Tensor, " f"]:
+        """Faces that other flesh holds between their corners: just outside of one there is flesh, or just inside none."""
+        side = (corners - corners.roll(1, 1)).norm(dim=-1).amax(1)
+        steps = (side / SPACING).ceil().long().clamp(2, MOST_STEPS)
+        found = torch.zeros(len(faces), dtype=torch.bool, device=faces.device)
+        for count in range(2, int(steps.max()) + 1):
+            rows = torch.nonzero(steps == count)[:, 0]
+            place = _between(count).to(corners) @ corners[rows]
+            lift = LIFT * normal[rows, None]
+            outside, inside = (self.wrapped(faces, (place + way).reshape(-1, 3)) for way in (lift, -lift))
+            found[rows] = (outside | ~inside).view(len(rows), -1).any(1)
+        return found
 
     def wrapped(self, faces: Int[Tensor, "f 3"], position: Float[Tensor, "p 3"]) -> Bool[Tensor, " p"]:
         """Whether the mesh winds about points."""
         if self.tree is not None:
             return winding(self.tree, position) > 0
         return winding_number(self.vertices.double(), faces, position.double()) > 0.5
+
+
+@lru_cache
+def _between(steps: int) -> Float[Tensor, "k 3"]:
+    """Barycentric coordinates of a grid on a triangle, `steps` a side, without its corners."""
+    grid = [(i, j, steps - i - j) for i in range(steps + 1) for j in range(steps + 1 - i)]
+    return torch.tensor([place for place in grid if max(place) < steps]) / steps
 
 
 class HandField(nn.Module):
@@ -114,9 +141,10 @@ class HandField(nn.Module):
         found = closest_point(vertices, self.faces, position, bound, impl, known.pseudonormals, known.tree)
         sdf = found.sdf
         if known.buried is not None:
-            asked = torch.nonzero(known.buried[found.face] & (sdf > 0))[:, 0]
-            within = asked[known.wrapped(self.faces, position.detach()[asked])]
-            sdf = sdf.index_copy(0, within, -sdf[within])
+            asked = torch.nonzero(known.buried[found.face])[:, 0]
+            within = known.wrapped(self.faces, position.detach()[asked])
+            far = bound[1] if bound else torch.inf
+            sdf = sdf.index_copy(0, asked, torch.where(within, -sdf[asked].abs(), sdf[asked].abs().clamp_max(far)))
         normals = vertex_normals(vertices, self.faces) if surface is None else surface.normals
         normal = normalize((normals[self.faces[found.face]] * found.barycentric[..., None]).sum(1), dim=-1)
         return HandQuery(sdf, found.face, found.barycentric, normal)

@@ -152,8 +152,12 @@ def _native(
     if len(plain) + isinstance(blocks[0], Encoding) < len(blocks):
         raise ValueError("blocks: an encoding that is not the first")
     width = encoded.x.shape[1] * (1 + 2 * encoded.octaves) + rows.shape[1]
-    if width != weights[0].shape[1] or len(offsets) != len(weights[0]) + 1 or int(offsets[-1]) != len(rows):
+    begins = len(offsets) == len(weights[0]) + 1 and int(offsets[0]) == 0 and int(offsets[-1]) == len(rows)
+    if width != weights[0].shape[1] or len(encoded.x) != len(rows) or not begins or bool((offsets.diff() < 0).any()):
         raise ValueError(f"{width} channels of {len(rows)} rows for weights {tuple(weights[0].shape)}")
+    for weight, bias, below in zip(weights, biases, (width, *(bias.shape[1] for bias in biases))):
+        if weight.shape != (len(weights[0]), below, bias.shape[1]) or len(bias) != len(weight):
+            raise ValueError(f"weights {tuple(weight.shape)} and biases {tuple(bias.shape)} above {below} channels")
     flat, apart = zip(*(_flat(weight.detach()) for weight in weights))
     chunk = chunks(offsets.numpy(), max(weight.shape[1] * weight.shape[2] for weight in weights))
     out = np.empty((len(rows), biases[-1].shape[1]), np.float32)

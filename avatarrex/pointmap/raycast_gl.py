@@ -21,6 +21,8 @@ from avatarrex.pointmap.rays import RayPlane
 from avatarrex.volume.bricks import ROW
 from avatarrex.volume.volume import PARTS, PartBox, SdfVolume
 
+MOST_GROUPS = 65535
+"""That OpenGL promises along one side of a dispatch."""
 GROUP = 64
 """Rays in a work group; 8 × 8 pixels where all pixels are visited."""
 PART = np.dtype(
@@ -136,7 +138,8 @@ class GlCaster:
                 if uniform in uniforms:
                     program[uniform].value = uniforms[uniform]
             if over is None:
-                program.run(-(-_tiles(camera) // GROUP) if name == "beams" else _tiles(camera))
+                groups = -(-_tiles(camera) // GROUP) if name == "beams" else _tiles(camera)
+                program.run(min(groups, MOST_GROUPS), -(-groups // MOST_GROUPS))
             else:
                 program.run_indirect(self.lists, (over + constants["PARTS"]) * LIST.itemsize)
             self.context.memory_barrier()
@@ -164,7 +167,7 @@ class GlCaster:
         """Body on texture unit 0, parts on 1–3, contacts on 4–6, bricks on 7 and 8; bytes uploaded."""
         table = np.zeros(len(PARTS), PART)
         table["box_from_root"], table["voxel"], table["size"] = np.eye(4), 1.0, -1.0
-        table["window"] = (1, 1, 0, 0)
+        table["window"] = (np.inf, np.inf, -np.inf, -np.inf)
         uploaded, bricks = self.textures.bind("body", volume.body.sdf, 0), volume.body.bricks
         if bricks is not None:
             uploaded += self.textures.bind("brick numbers", bricks.number, 7)

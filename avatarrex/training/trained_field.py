@@ -29,13 +29,13 @@ FACE = PARTS.index("face")
 
 
 def face_alone(weight: Float[Tensor, "p k"]) -> Float[Tensor, "p k"]:
-    """The parts' shares with which the face is painted while it is trained: all of it wherever it has any.
+    """The parts' shares with which the face is painted while it is trained: all of it wherever it has any; others as they are.
 
     Mixed with a body that knows no colours yet, the face would learn what is missing to the picture instead of the picture.
     """
-    shares = torch.zeros_like(weight)
-    shares[:, FACE] = (weight[:, FACE] > 0).to(weight)
-    return shares
+    alone = torch.zeros_like(weight)
+    alone[:, FACE] = 1
+    return torch.where(weight[:, FACE, None] > 0, alone, weight)
 
 
 @runtime_checkable

@@ -69,7 +69,8 @@ def build_volume(
     """
     every = settings.everywhere
     stored: object = settings.voxel, every
-    if settings.hold and previous and previous.keys["posed"] == posed.keys["body"]:
+    unmoved = previous is not None and previous.keys["posed"] == posed.keys["body"]
+    if settings.hold and previous and unmoved and previous.grid.voxel <= settings.voxel:
         stored = previous.keys[
             "stored"
         ]  # whoever looks around, or drags something else, keeps the voxels that are there

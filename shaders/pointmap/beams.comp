@@ -16,7 +16,7 @@ const float STEEP = 2;        // times
 const float TRUSTED = 0.03;   // metres
 
 void main() {
-    uint tile = gl_GlobalInvocationID.x;
+    uint tile = (gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * 64u + gl_LocalInvocationIndex;
     if (tile >= tile_count()) return;
     vec2 corner = corner_of_tile(tile);
     Ray ray = ray_through(corner + 4);

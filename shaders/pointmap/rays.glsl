@@ -15,7 +15,7 @@ struct Ray {
     vec3 body_origin;     // the same ray in body voxels
     vec3 body_direction;
     vec2 range;       // where any box is, from the camera on; empty (x > y) where there is none
-    vec3 entry;       // of the part boxes; entry > exit where missed, and not set where PARTS is 0
+    vec3 entry;       // of the part boxes; entry > exit where missed, and where PARTS is 0
     vec3 exit;
 };
 
@@ -31,6 +31,8 @@ Ray ray_through(vec2 pixel) {
     ray.body_direction = ray.direction / u_voxel;
     ray.range = slab(ray.body_origin, ray.body_direction, body_last());
     if (ray.range.x > ray.range.y) ray.range = vec2(NOWHERE, -NOWHERE);
+    ray.entry = vec3(NOWHERE);
+    ray.exit = vec3(-NOWHERE);
     for (int k = 0; k < 3 * PARTS; ++k) {
         vec2 box = slab(box_place(k, ray.origin), mat3(in_part[k].box_from_root) * ray.direction, in_part[k].size);
         if (in_part[k].size.x < 0 || box.y < ray.camera) box = vec2(NOWHERE, -NOWHERE);
@@ -57,7 +59,8 @@ bool meets_parts(Ray ray) {
     bool meets = false;
     for (int k = 0; k < 3; ++k) {
         vec3 place = box_place(k, ray.origin), size = in_part[k].size;
-        float grown = ray.footprint * (1 - (length(place) + length(size)) / ray.camera);
+        // Half a voxel of the body is how far normals look aside.
+        float grown = ray.footprint * (1 - (length(place) + length(size)) / ray.camera) + 0.5 * u_voxel;
         vec2 box = slab(place + grown, mat3(in_part[k].box_from_root) * ray.direction, size + 2 * grown);
         meets = meets || size.x >= 0 && box.x <= box.y && box.y >= ray.camera;
     }

@@ -128,16 +128,23 @@ MUTANTS: dict[str, Mutant] = {
     "fingers in the palm": Mutant(
         "a hand that pierces itself",
         "avatarrex/fields/hand.py",
-        "sdf = sdf.index_copy(0, within, -sdf[within])",
-        "sdf = sdf.index_copy(0, within, sdf[within])",
+        "torch.where(within, -sdf[asked].abs(), sdf[asked].abs().clamp_max(far))",
+        "sdf[asked]",
         "tests/fields/test_hand_field.py::test_what_is_within_a_finger_is_inside_wherever_the_fingers_pierce",
     ),
     "skin that is half buried": Mutant(
         "a hand that pierces itself",
         "avatarrex/fields/hand.py",
-        "buried[faces[buried[faces].any(-1)]] = True",
-        "pass",
-        "tests/fields/test_hand_field.py::test_what_is_within_a_finger_is_inside_wherever_the_fingers_pierce",
+        "corner[faces].any(-1) | surface._pierced(",
+        "surface._pierced(",
+        "tests/fields/test_hand_field.py::test_a_finger_tip_in_the_middle_of_a_large_face_is_found",
+    ),
+    "faces that are pierced in the middle": Mutant(
+        "a hand that pierces itself",
+        "avatarrex/fields/hand.py",
+        " | surface._pierced(faces, exact[faces], normalize(outward.face, dim=-1))",
+        "",
+        "tests/fields/test_hand_field.py::test_a_finger_tip_in_the_middle_of_a_large_face_is_found",
     ),
     "a ray through a corner": Mutant(
         "a hand that pierces itself",

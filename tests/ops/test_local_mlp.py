@@ -124,7 +124,16 @@ def test_compiled_loops_refuse_what_they_cannot_do():
     for wrong in (([blocks[0]], offsets), (blocks, offsets + 1), ([*blocks, Encoding(blocks[0][:, :3], 1)], offsets)):
         with pytest.raises(ValueError, match=r"rows for weights|not the first"):
             local_mlp(*wrong, weights, biases, "relu", "native")
+    coded = Encoding(blocks[0][:1, :3], 1)
+    with pytest.raises(ValueError, match="of 2 rows for weights"):
+        local_mlp([coded, blocks[1]], offsets, [torch.zeros(1, 11, 4), *weights[1:]], biases, "relu", "native")
+    with pytest.raises(ValueError, match=r"above 4 channels"):
+        local_mlp(blocks, offsets, [*weights[:2], weights[2][:, :2]], biases, "relu", "native")
+    blocks, _, weights, biases = case([2, 3])
+    with pytest.raises(ValueError, match="of 5 rows for weights"):
+        local_mlp(blocks, torch.tensor([0, 6, 5]), weights, biases, "relu", "native")
     weights[0].requires_grad_()
+    offsets = torch.tensor([0, 2, 5])
     with pytest.raises(ValueError, match="no gradients"):
         local_mlp(blocks, offsets, weights, biases, "relu", "native")
 
