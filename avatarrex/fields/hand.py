@@ -83,7 +83,7 @@ class HandSurface:
         side = (corners - corners.roll(1, 1)).norm(dim=-1).amax(1)
         steps = (side / SPACING).ceil().long().clamp(2, MOST_STEPS)
         found = torch.zeros(len(faces), dtype=torch.bool, device=faces.device)
-        for count in range(2, int(steps.max()) + 1):
+        for count in steps.unique().tolist():
             rows = torch.nonzero(steps == count)[:, 0]
             place = _between(count).to(corners) @ corners[rows]
             lift = LIFT * normal[rows, None]

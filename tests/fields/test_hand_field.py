@@ -148,3 +148,9 @@ def test_far_and_extreme_inputs_stay_finite() -> None:
     point = torch.tensor([[1e4, 0, 0], [0, 0, 0], [-3.0, 2.0, 1.0]])
     pose = torch.full((15, 3), torch.pi)
     assert torch.isfinite(hand().colour(flat(), pose, point)).all()
+
+
+def test_a_hand_of_any_size_has_a_surface() -> None:
+    """Large and small faces with none in between, and all of them larger than what is asked apart."""
+    for size in (0.5, 1.3, 1.5, 1.7, 2.0, 20.0):
+        assert hand().surface(size * flat()).vertices.shape == flat().shape

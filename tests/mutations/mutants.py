@@ -286,6 +286,13 @@ MUTANTS: dict[str, Mutant] = {
         "abs(sdf) - width",
         "tests/pointmap/test_beams.py::test_a_steep_field_is_not_stepped_through",
     ),
+    "tiles that nobody has written": Mutant(
+        "rays that share a beam",
+        "shaders/pointmap/edges.comp",
+        "beam_of(place) != EMPTY && ",
+        "",
+        "tests/pointmap/test_beams.py::test_a_picture_after_a_larger_one_holds_nothing_of_it",
+    ),
     "parallel rays, torch": Mutant(
         "parallel rays",
         "avatarrex/pointmap/rays.py",
