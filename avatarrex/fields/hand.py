@@ -64,13 +64,15 @@ class HandSurface:
 
     @classmethod
     def of(cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], impl: Impl = "auto") -> HandSurface:
-        """No gradient flows into it. `reference`: no tree."""
+        """No gradient flows into it. `reference`: no tree, and every sign is asked of the winding number."""
         mesh = vertices.detach()
         exact, compiled = mesh.double(), mesh.device.type == "cpu" and impl != "reference"
         outward = pseudonormals(exact, faces)
         surface = cls(
             mesh, vertex_normals(mesh, faces), outward, TriangleTree.of(mesh, faces) if compiled else None, None
         )
+        if impl == "reference":
+            return replace(surface, buried=torch.ones(len(faces), dtype=torch.bool))
         corner = surface.wrapped(faces, exact + LIFT * normalize(outward.vertex, dim=-1))
         corner[faces[corner[faces].any(-1)]] = True
         buried = corner[faces].any(-1) | surface._pierced(faces, exact[faces], normalize(outward.face, dim=-1))

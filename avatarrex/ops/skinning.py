@@ -17,11 +17,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.errors import InputError
-from avatarrex.ops.rotation import matrix_from_quaternion, quaternion_from_matrix
+from avatarrex.ops.rotation import matrix_from_quaternion, quaternion_from_matrix, quaternion_multiply
 
 AMPLIFICATION = 8.0
 """The most that an inverse may stretch a distance. Opposed twists at equal weights shrink a limb by cos θ/2, and the
 exact inverse stretches 11 times at 170°, 57 at 178°, 1146 at 179.9°. 8 is a twist of 166°, beyond any joint's limit."""
+NEARER = (1.0, 8e-4, 5e-4, 3e-4)
+"""A bend's quaternion times this is positive where it is nearer to no bend than its negative; a half turn's depends on its axis."""
 
 
 @lru_cache(maxsize=64)
@@ -87,10 +89,13 @@ def blend_rotations(
     skinning: Float[Tensor, "j 4 4"], weights: Float[Tensor, "v j"], parents: Sequence[int]
 ) -> Float[Tensor, "v 3 3"]:
     """The rotation of Σ_i w_i q_i (Le and Hodgins 2016, eq. 3), q_i the joints' unit quaternions, each of the sign that is
-    nearer to its parent's. A joint bent by less than 180° does not let it vanish."""
+    nearer to its parent's. A joint bent by less than 180° does not let it vanish; of a half turn, whose ways are equally
+    far, the axis decides, and not what is rounded."""
     quaternion = quaternion_from_matrix(skinning[:, :3, :3])
     parent, lineage = _lineage(tuple(parents), skinning.device)
-    turned = (quaternion * quaternion[parent]).sum(-1) < 0
+    back = quaternion[parent] * quaternion.new_tensor((1, -1, -1, -1))
+    bend = quaternion_multiply(back, quaternion)
+    turned = (bend * bend.new_tensor(NEARER)).sum(-1) < 0
     sign = 1 - 2 * ((lineage & turned).sum(-1) % 2)
     return matrix_from_quaternion(weights @ (sign[:, None] * quaternion))
 

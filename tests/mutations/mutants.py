@@ -90,6 +90,13 @@ MUTANTS: dict[str, Mutant] = {
         "linear = blend(posed.skinning, weights)[:, :, :3]",
         f"{TESTS_FRAME}::test_a_turned_frame_keeps_distances_about_a_sharp_elbow[140]",
     ),
+    "half a turn, either way": Mutant(
+        "sharp joints",
+        "avatarrex/ops/skinning.py",
+        "NEARER = (1.0, 8e-4, 5e-4, 3e-4)",
+        "NEARER = (1.0, 0.0, 0.0, 0.0)",
+        "tests/ops/test_skinning.py::test_which_way_a_half_turn_goes_is_not_a_matter_of_rounding",
+    ),
     "sharp elbow, the skin nearby": Mutant(
         "sharp joints",
         "avatarrex/fields/local_frame.py",

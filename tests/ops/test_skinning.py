@@ -199,3 +199,17 @@ def test_a_joint_of_its_own_turns_as_its_matrix() -> None:
     skinning = skinning_matrices(joint_transforms(rotation, joints, TREE), joints)
     found = blend_rotations(skinning, torch.eye(len(TREE), dtype=torch.float64), TREE)
     torch.testing.assert_close(found, skinning[:, :3, :3], atol=1e-12, rtol=0)
+
+
+def test_which_way_a_half_turn_goes_is_not_a_matter_of_rounding() -> None:
+    """Both ways are equally far: float32 and float64 must take the same one, whatever turns before it."""
+    generator = torch.Generator().manual_seed(3)
+    joints, weights = torch.zeros(3, 3, dtype=torch.float64), torch.tensor([[0, 0.5, 0.5]], dtype=torch.float64)
+    axes = [*torch.eye(3, dtype=torch.float64), *torch.randn(60, 3, generator=generator, dtype=torch.float64)]
+    for axis in axes:
+        before = torch.randn(2, 3, generator=generator, dtype=torch.float64)
+        bend = np.pi * torch.nn.functional.normalize(axis, dim=0)
+        rotation = matrix_from_rotvec(torch.stack([*before, bend]))
+        skinning = skinning_matrices(joint_transforms(rotation, joints, (-1, 0, 1)), joints)
+        exact = blend_rotations(skinning, weights, (-1, 0, 1))
+        assert (blend_rotations(skinning.float(), weights.float(), (-1, 0, 1)) - exact).abs().max() < 1e-5, axis
