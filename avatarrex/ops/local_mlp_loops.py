@@ -73,26 +73,32 @@ def forward(
         node, first, last = chunk[piece]
         rows, side = last - first, 0
         x = room[1, : rows * channels].reshape(channels, rows)
-        encode(coordinate[:, first:last], octaves, limit, x[:encoded])
-        for row in range(rows):
+        if encoded:
+            encode(coordinate[:, first:last], octaves, limit, x[:encoded])
             for c in range(plain.shape[1]):
-                x[encoded + c, row] = plain[first + row, c]
+                for row in range(rows):
+                    x[encoded + c, row] = plain[first + row, c]
         for layer in range(len(weights)):
-            bias, of_node = biases[layer][node], node * apart[layer]
-            y = room[side, : rows * len(bias)].reshape(rows, len(bias))
-            given = channels if layer == 0 else biases[layer - 1].shape[1]
+            bias, of_node, given = biases[layer][node], node * apart[layer], channels
+            if layer:
+                given = biases[layer - 1].shape[1]
             weight = weights[layer][of_node : of_node + given * len(bias)].reshape(given, len(bias))
-            if layer == 0:
+            y = room[side, : rows * len(bias)].reshape(rows, len(bias))
+            if layer + 1 == len(weights):
+                y = out[first:last]
+            if layer:
+                np.dot(room[1 - side, : rows * given].reshape(rows, given), weight, y)
+            elif encoded:
                 np.dot(x.T, weight, y)
             else:
-                np.dot(room[1 - side, : rows * given].reshape(rows, given), weight, y)
-            for row in range(rows):
-                for o in range(len(bias)):
-                    y[row, o] += bias[o]
-            if layer + 1 < len(weights):
-                _activate(y.reshape(y.size), elu)
+                np.dot(plain[first:last], weight, y)
+            if layer + 1 == len(weights):
+                for row in range(rows):
+                    for o in range(len(bias)):
+                        y[row, o] += bias[o]
+            else:
+                _activate(y, bias, elu)
             side = 1 - side
-        out[first:last] = room[1 - side, : rows * out.shape[1]].reshape(rows, out.shape[1])
 
 
 @native
@@ -134,16 +140,20 @@ def _turn(x: Array, sine: Array, cosine: Array) -> None:
 
 
 @partial(native, fused=True)
-def _activate(h: Array, elu: bool) -> None:
-    """ELU or ReLU in place; what is not a number stays so."""
-    for i in range(len(h)):
+def _activate(h: Array, bias: Array, elu: bool) -> None:
+    """ELU or ReLU of h (k, o) + bias, in place; what is not a number stays so."""
+    for row in range(len(h)):
         if elu:
-            x = min(max(h[i], LEAST), ZERO)
-            shifted = x * LOG2E + ROUND
-            whole = shifted - ROUND
-            r = x - whole * LN2 - whole * LN2_REST
-            p = ((((P0 * r + P1) * r + P2) * r + P3) * r + P4) * r + P5
-            bits = np.int32((np.float32(shifted).view(np.int32) << np.int32(23)) + np.int32(127 << 23))
-            h[i] = (p * r * r + r + ONE) * bits.view(np.float32) - ONE if h[i] <= ZERO else h[i]
+            for o in range(len(bias)):
+                y = h[row, o] + bias[o]
+                x = min(max(y, LEAST), ZERO)
+                shifted = x * LOG2E + ROUND
+                whole = shifted - ROUND
+                r = x - whole * LN2 - whole * LN2_REST
+                p = ((((P0 * r + P1) * r + P2) * r + P3) * r + P4) * r + P5
+                bits = np.int32((np.float32(shifted).view(np.int32) << np.int32(23)) + np.int32(127 << 23))
+                h[row, o] = (p * r * r + r + ONE) * bits.view(np.float32) - ONE if y <= ZERO else y
         else:
-            h[i] = ZERO if h[i] <= ZERO else h[i]
+            for o in range(len(bias)):
+                y = h[row, o] + bias[o]
+                h[row, o] = ZERO if y <= ZERO else y
