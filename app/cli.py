@@ -9,6 +9,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from avatarrex_studio import bench, stress
@@ -63,7 +64,7 @@ def _open(arguments: argparse.Namespace) -> int:
         return 2
     from avatarrex_studio.window import run_window
 
-    return run_window(getattr(arguments, "source", "default"))
+    return run_window(getattr(arguments, "source", "default"), getattr(arguments, "device", "cpu"))
 
 
 def _runs(arguments: argparse.Namespace) -> int:
@@ -93,9 +94,11 @@ def _render(arguments: argparse.Namespace) -> int:
     from avatarrex_studio import headless  # needs torch, which takes seconds to load: wrong options are refused before
     from avatarrex_studio.engine import Engine
 
+    from avatarrex.avatar import load_avatar
     from avatarrex.pipeline import RenderSettings
 
-    _say(headless.run(job, Engine(settings=RenderSettings(detail_from=job.detail))))
+    load = partial(load_avatar, device=arguments.device)
+    _say(headless.run(job, Engine(load=load, settings=RenderSettings(detail_from=job.detail))))
     return 0
 
 

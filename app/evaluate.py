@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.sheet is not None and Path(arguments.sheet).suffix.lower() != ".png":
         raise InputError(arguments.sheet, "", "OUT.png", Path(arguments.sheet).suffix or "no extension")
     networks = Networks.load(*(Path(x) if x else None for x in (arguments.vgg, arguments.lpips, arguments.inception)))
-    avatar, capture = load_avatar(arguments.avatar), open_capture(arguments.capture)
+    avatar, capture = load_avatar(arguments.avatar, arguments.device), open_capture(arguments.capture)
     rig = held_out(capture, arguments)
     frames = _frames(arguments.frames, rig) if arguments.frames else None
     views = views_of(rig, arguments.views, "--views") if arguments.views else None

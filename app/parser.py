@@ -29,6 +29,7 @@ def parser() -> argparse.ArgumentParser:
     verbs = top.add_subparsers(dest="verb", metavar="VERB")
     window = verbs.add_parser("open", help="open the window (also without a verb)", allow_abbrev=False)
     window.add_argument("source", nargs="?", default="default", help="an avatar or a saved session")
+    _device_option(window)
     render = verbs.add_parser("render", help="render without a display", allow_abbrev=False)
     _render_options(render)
     replay = verbs.add_parser("replay", help="render the end of a saved session", allow_abbrev=False)
@@ -58,6 +59,10 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
+def _device_option(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("--device", default="cpu", metavar="D", help="where the networks run: cpu, cuda, cuda:1 … (cpu)")
+
+
 def _train_options(train: argparse.ArgumentParser) -> None:
     add = train.add_argument
     add("capture", help="a folder or .zip")
@@ -70,6 +75,7 @@ def _train_options(train: argparse.ArgumentParser) -> None:
     add("--held-out-views", metavar="NAMES", help="body cameras kept from training, instead of the capture's own")
     add("--start", metavar="AVATAR", help="an avatar to go on from (with --preset refine), in place of the template")
     add("--mixed", action="store_true", help="colours in bfloat16 while training: for a processor with units for it")
+    _device_option(train)
     for part in ("body", "face"):
         add(f"--{part}-views", metavar="NAMES", help=f"{part} cameras to train on alone")
 
@@ -108,6 +114,7 @@ def _evaluate_options(evaluate: argparse.ArgumentParser) -> None:
     add("--vgg", metavar="FILE", help="vgg16-397923af.pth, for LPIPS (or AVATARREX_VGG, or torch hub's folder)")
     add("--lpips", metavar="FILE", help="the linear heads: lpips' vgg.pth or its wheel (or AVATARREX_LPIPS)")
     add("--inception", metavar="FILE", help="pt_inception-2015-12-05-6726825d.pth, for FID (or AVATARREX_INCEPTION)")
+    _device_option(evaluate)
 
 
 def _capture_options(capture: argparse.ArgumentParser) -> None:
@@ -160,3 +167,4 @@ def _render_options(render: argparse.ArgumentParser) -> None:
     add("--aov", metavar="NAMES", help="depth,normal,position,mask as .npz beside the image")
     add("--background", metavar="COLOUR", help="name, #rrggbb, r,g,b or transparent")
     add("--stats", metavar="FILE.json", help="time and work of every frame")
+    _device_option(render)

@@ -15,6 +15,7 @@ from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.capture.capture import Capture, Rig, open_capture
 from avatarrex.capture.surface_fit import fit_surface
 from avatarrex.errors import InputError
+from avatarrex.placement import device_named
 from avatarrex.templates.person import Person
 from avatarrex.training.recipe import RECIPES, Recipe
 from avatarrex.training.run import Run, read_about
@@ -31,6 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.seed.isdigit():
         raise InputError("--seed", "", "an integer from 0", arguments.seed or "nothing")
     seed = int(arguments.seed)
+    device = device_named(arguments.device)
     chosen = tuple(arguments.parts.split(",")) if arguments.parts else None
     for part in chosen or ():
         if part not in PARTS:
@@ -49,7 +51,13 @@ def run(arguments: argparse.Namespace) -> int:
     trained = _open_run(arguments, capture, parts, seed)
     with trained:
         trainer = Trainer(
-            capture, kept_recipe(trained.path, trained.config, arguments.mixed), parts, trained, seed, start
+            capture,
+            kept_recipe(trained.path, trained.config, arguments.mixed),
+            parts,
+            trained,
+            seed,
+            start,
+            str(device),
         )
         print(trainer.perceptual.note)
         finished = trainer.train()

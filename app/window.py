@@ -35,6 +35,7 @@ from avatarrex_studio.studio import Studio
 from avatarrex_studio.watcher import Watcher
 from imgui_bundle import hello_imgui, imgui, immapp
 
+from avatarrex.avatar import load_avatar
 from avatarrex.errors import InputError
 from avatarrex.gl.context import REQUIRED, renderer_name
 from avatarrex.signals.library import named_hand, named_pose
@@ -217,10 +218,10 @@ class Window:
         self.screen.close()
 
 
-def run_window(source: str = "default") -> int:
-    """Open the window on an avatar or a saved session; returns the exit code. Raises `InputError`."""
+def run_window(source: str = "default", device: str = "cpu") -> int:
+    """Open the window on an avatar or a saved session, networks on `device`; returns the exit code. Raises `InputError`."""
     journal = Journal.load(source) if source.endswith(".json") else Journal(start(source))
-    engine = Engine()
+    engine = Engine(load=partial(load_avatar, device=device))
     engine.avatar(journal.state.avatar)
     import glfw  # after imgui_bundle, which brings its own library
 

@@ -35,8 +35,7 @@ class Work:
         hidden, lags = frame.settings.hidden, frame.volume.changed is not None
         rough = frame.settings.voxel > LEVELS[level].voxel
         unseen = frozenset(PARTS) - hidden - frozenset(frame.volume.parts)
-        device = str(frame.image.device)
-        return cls(frame.ms, frame.counters, frame.notes, device, level, hidden, unseen, lags, rough)
+        return cls(frame.ms, frame.counters, frame.notes, frame.device, level, hidden, unseen, lags, rough)
 
     def plus(self, frame: Frame) -> Work:
         """With another strip's."""

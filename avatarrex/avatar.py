@@ -32,6 +32,7 @@ from avatarrex.fields.local_frame import UNSAID
 from avatarrex.fields.presets import BASES, PRESETS
 from avatarrex.fields.tone import ToneMap
 from avatarrex.files import parse_json, what_is
+from avatarrex.placement import device_named, place
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit
@@ -60,6 +61,8 @@ class Avatar:
     tone: ToneMap
     light: Light
     meta: dict[str, Any] = field(default_factory=dict)
+    device: str = "cpu"
+    """Where the networks run."""
 
     @classmethod
     def create(cls, person: Person, preset: str, seed: int = 0, local_frame: str = "turned") -> Avatar:
@@ -97,10 +100,17 @@ class Avatar:
             "light": self.light,
         }
 
+    def place(self, device: str) -> None:
+        """Bring the networks to a device that torch has, once. Raises `InputError`."""
+        where = device_named(device)
+        for module in self.modules().values():
+            place(module, where)
+        self.device = str(where)
+
     def frozen_copy(self) -> Avatar:
         """The fields as they are now, without gradients; later training does not change them."""
         copies = {name: copy.deepcopy(module).requires_grad_(False) for name, module in self.modules().items()}
-        return Avatar(self.person, meta=self.meta, **copies)  # type: ignore[arg-type]
+        return Avatar(self.person, meta=self.meta, device=self.device, **copies)  # type: ignore[arg-type]
 
     @property
     def hidden(self) -> frozenset[str]:
@@ -136,14 +146,14 @@ class Avatar:
     def state(self) -> dict[str, Tensor]:
         """Every parameter and buffer, named `part.name`."""
         return {
-            f"{part}.{name}": value.contiguous()
+            f"{part}.{name}": value.cpu().contiguous()
             for part, module in self.modules().items()
             for name, value in module.state_dict().items()
         }
 
 
-def load_avatar(source: str | Path = "default") -> Avatar:
-    """Read a packaged avatar by name, an avatar folder, or an `.avatar` file. Raises `InputError`."""
+def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
+    """Read a packaged avatar by name, an avatar folder, or an `.avatar` file; its networks run on `device`. Raises `InputError`."""
     path = DATA / "default.avatar" if str(source) == "default" else Path(source)
     text, weights = _read(path)
     meta = _meta(path, parse_json(text, path, "avatar.json"))
@@ -161,6 +171,7 @@ def load_avatar(source: str | Path = "default") -> Avatar:
         raise InputError(path, "weights.safetensors", "a safetensors file", error) from None
     _fill(path, avatar, state, meta["format"])
     avatar.meta = meta
+    avatar.place(device)
     return avatar
 
 

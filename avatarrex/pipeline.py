@@ -86,6 +86,8 @@ class Frame:
     counters: dict[str, int]
     notes: tuple[str, ...]
     """What a person should know: the renderer that cast the rays, fallbacks, extrapolation."""
+    device: str = "cpu"
+    """Where the networks ran."""
 
 
 def render_frame(
@@ -137,6 +139,7 @@ def render_frame(
         ms=clock.milliseconds(),
         counters=counters.as_dict(),
         notes=(f"rays: {pointmap.renderer}", *volume.notes),
+        device=avatar.device,
     )
 
 

@@ -143,7 +143,7 @@ class BodyField(nn.Module):
     def place(self) -> None:
         """Derive the nodes' rest geometry from their template vertices (after they were sampled or loaded)."""
         model, vertex = self.template, self.node_vertex.cpu()
-        like = next((p for p in self.parameters()), model.v_template)
+        like = self.worn
         normal = node_normals(model, vertex)
         sampled = torch.arange(len(model.v_template)) if self.local_frame == "vertex" else self.anchor_vertex.cpu()
         sampled = sampled[~self.replaced.cpu()[sampled]]

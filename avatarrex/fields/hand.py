@@ -173,4 +173,4 @@ class HandField(nn.Module):
         depth = query.sdf[:, None] / BAND[1]
         point = torch.cat([encode(canonical, COORDINATE_OCTAVES), query.normal, depth], -1)
         turned = matrix_from_rotvec(hand_pose) - torch.eye(3, dtype=hand_pose.dtype, device=hand_pose.device)
-        return torch.sigmoid(self.head(self.of_point(point) + self.of_pose(turned.reshape(135))))
+        return torch.sigmoid(self.head(self.of_point(point) + self.of_pose(turned.reshape(1, 135))))

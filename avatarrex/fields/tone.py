@@ -45,7 +45,7 @@ class ToneMap(nn.Module):
 
     def deviation(self) -> Float[Tensor, ""]:
         """Mean squared difference of M from the identity over fixed directions: keeps it from explaining the face."""
-        directions = torch.nn.functional.normalize(_DIRECTIONS.to(next(self.parameters())), dim=-1)
+        directions = torch.nn.functional.normalize(_DIRECTIONS.to(next(self.parameters()).dtype), dim=-1)
         unit = torch.eye(3).to(directions)
         return (self.matrix(directions, directions.roll(1, 0)) - unit).square().mean()
 

@@ -68,7 +68,7 @@ class PatchPass:
         if self.part == "face":
             counts = counts * (pointmap.part_weight[..., FACE] > 0)
         seen = counts > 0
-        position = pointmap.position[seen].to(self.parameters()[0])
+        position = pointmap.position[seen].to(self.parameters()[0].dtype)
         direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre).to(position), dim=-1)
         volume = frame.volume
         planes, hands = frame.planes.get("colour"), volume.hands

@@ -29,6 +29,7 @@ from avatarrex.errors import InputError
 from avatarrex.fields.local_frame import UNSAID
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.ops.rotation import matrix_from_rotvec
+from avatarrex.placement import place
 from avatarrex.training.frames import FrameStore
 from avatarrex.training.held_out import HeldOut
 from avatarrex.training.losses import weighted
@@ -105,9 +106,13 @@ class Trainer:
         run: Run,
         seed: int,
         start: Avatar | None = None,
+        device: str = "cpu",
     ) -> None:
-        """`start`: an avatar to go on from, in place of the warm start; of the recipe's networks and the capture's body."""
-        self.capture, self.recipe, self.run, self.seed = capture, recipe, run, seed
+        """`start`: an avatar to go on from, in place of the warm start; of the recipe's networks and the capture's body.
+
+        The networks run on `device`.
+        """
+        self.capture, self.recipe, self.run, self.seed, self.device = capture, recipe, run, seed, device
         for part in parts:
             if part not in capture.rigs:
                 raise InputError(capture.path, "parts", "rigs of the capture: " + ", ".join(capture.rigs), part)
@@ -120,6 +125,7 @@ class Trainer:
         if start is not None and (found := start.meta["preset"]) != recipe.preset:
             raise InputError("--start", "preset", recipe.preset, found)
         self.perceptual = Perceptual.load()
+        place(self.perceptual, device)
         self.interrupted = False
 
     def train(self) -> bool:
@@ -136,6 +142,7 @@ class Trainer:
     def _untrained(self, local_frame: str = "turned") -> Avatar:
         """An avatar of the recipe's networks; in one that goes on, rest positions are found as they were."""
         avatar = Avatar.create(self.capture.person, self.recipe.preset, self.seed, local_frame)
+        avatar.place(self.device)
         if self.recipe.mixed:
             in_bfloat16(avatar)
         return avatar
