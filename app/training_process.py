@@ -36,8 +36,11 @@ class _Child:
 class TrainingProcesses:
     """The trainings that this program started."""
 
-    def __init__(self, command: Sequence[str] = COMMAND, clock: Callable[[], float] = time.monotonic) -> None:
-        self._command, self._clock = tuple(command), clock
+    def __init__(
+        self, command: Sequence[str] = COMMAND, clock: Callable[[], float] = time.monotonic, device: str = "cpu"
+    ) -> None:
+        """Networks that are trained run on `device`."""
+        self._command, self._clock, self._device = tuple(command), clock, device
         self._children: dict[Path, _Child] = {}
         self.message = ""
         """The last thing to tell: a start, an end, an error."""
@@ -56,6 +59,7 @@ class TrainingProcesses:
         if not resume and (out / "run.json").exists():
             raise InputError(out, "", "a folder without a run (resume it instead)", "run.json")
         words = ["train", capture.strip(), "--preset", preset, "--out", str(out), "--parts", ",".join(parts)]
+        words += [] if self._device == "cpu" else ["--device", self._device]
         try:
             out.mkdir(parents=True, exist_ok=True)
             with open(out / "train.log", "ab") as output:

@@ -32,6 +32,7 @@ from avatarrex_studio.runner import runner_params
 from avatarrex_studio.screen import Screen
 from avatarrex_studio.state import StudioState
 from avatarrex_studio.studio import Studio
+from avatarrex_studio.training_process import TrainingProcesses
 from avatarrex_studio.watcher import Watcher
 from imgui_bundle import hello_imgui, imgui, immapp
 
@@ -51,10 +52,10 @@ WHEEL_PAUSE = 0.5
 class Window:
     """The loop's callbacks."""
 
-    def __init__(self, studio: Studio, runs: str | Path = "runs") -> None:
-        """`runs`: the folder whose trainings the Training tab shows."""
+    def __init__(self, studio: Studio, runs: str | Path = "runs", device: str = "cpu") -> None:
+        """`runs`: the folder whose trainings the Training tab shows; it trains on `device`."""
         self.studio = studio
-        self.training = TrainingPanel(Watcher(runs))
+        self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
         self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
         self.body, self.left, self.right = body_panel(), hand_panel("left"), hand_panel("right")
         self.face, self.poses, self.palette, self.files = FacePanel(), PosesPanel(), Palette(), FileDialogs()
@@ -227,7 +228,7 @@ def run_window(source: str = "default", device: str = "cpu") -> int:
 
     if not glfw.init():
         raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
-    window = Window(Studio(engine, journal))
+    window = Window(Studio(engine, journal), device=device)
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[window.console, logging.StreamHandler()])
     log.info("AvatarReX Studio. F1 shows the keys, Ctrl+P finds every command.")
     immapp.run(window.params())

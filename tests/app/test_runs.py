@@ -231,6 +231,15 @@ def test_a_training_that_does_not_listen_gets_the_signal(tmp_path, clock):
     assert processes.message == "run: KeyboardInterrupt"
 
 
+@pytest.mark.parametrize(("device", "said"), [("cpu", []), ("cuda:1", ["--device", "cuda:1"])])
+def test_a_training_runs_where_the_window_does(tmp_path, device, said):
+    echo = "import sys; words = sys.argv[sys.argv.index('--parts') + 2 :]; raise SystemExit(' '.join(['told', *words]))"
+    processes = TrainingProcesses([sys.executable, "-c", echo], device=device)
+    processes.start("a capture", "smoke", tmp_path / "run", resume=True)
+    until(lambda: processes.poll() or not processes.working(tmp_path / "run"))
+    assert processes.message == "run: " + " ".join(["told", *said, "--resume"])
+
+
 def test_a_training_that_cannot_start_says_why(tmp_path):
     words = "print('12%|##', end='\\r'); raise SystemExit('avatarrex-studio: error: no such capture')"
     processes = TrainingProcesses([sys.executable, "-c", words])
