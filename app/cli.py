@@ -9,7 +9,6 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 
 from avatarrex_studio import bench, stress
@@ -94,11 +93,10 @@ def _render(arguments: argparse.Namespace) -> int:
     from avatarrex_studio import headless  # needs torch, which takes seconds to load: wrong options are refused before
     from avatarrex_studio.engine import Engine
 
-    from avatarrex.avatar import load_avatar
     from avatarrex.pipeline import RenderSettings
 
-    load = partial(load_avatar, device=arguments.device)
-    _say(headless.run(job, Engine(load=load, settings=RenderSettings(detail_from=job.detail))))
+    settings = RenderSettings(detail_from=job.detail)
+    _say(headless.run(job, Engine(settings=settings, device=arguments.device)))
     return 0
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,18 +39,20 @@ class Shot:
 class Engine:
     """Renders states. `avatar` is a loaded one; without it each state's own is read by name or path.
 
-    `settings` says how rays are cast and whose patches are decoded; the rest comes from each state's level.
+    `settings` says how rays are cast and whose patches are decoded; the rest comes from each state's level. Networks of
+    avatars that it reads run on `device`.
     """
 
     def __init__(
         self,
         avatar: Avatar | None = None,
         render: RenderFrame = render_frame,
-        load: Callable[[str], Any] = load_avatar,
+        load: Callable[..., Any] = load_avatar,
         settings: RenderSettings | None = None,
+        device: str = "cpu",
     ) -> None:
         self._avatar, self._given = avatar, avatar is not None
-        self._render, self._load = render, load
+        self._render, self._load = render, partial(load, device=device)
         self._settings = settings or RenderSettings()
         self._name: str | None = None
         self._previous: Frame | None = None

@@ -36,7 +36,6 @@ from avatarrex_studio.training_process import TrainingProcesses
 from avatarrex_studio.watcher import Watcher
 from imgui_bundle import hello_imgui, imgui, immapp
 
-from avatarrex.avatar import load_avatar
 from avatarrex.errors import InputError
 from avatarrex.gl.context import REQUIRED, renderer_name
 from avatarrex.signals.library import named_hand, named_pose
@@ -222,7 +221,7 @@ class Window:
 def run_window(source: str = "default", device: str = "cpu") -> int:
     """Open the window on an avatar or a saved session, networks on `device`; returns the exit code. Raises `InputError`."""
     journal = Journal.load(source) if source.endswith(".json") else Journal(start(source))
-    engine = Engine(load=partial(load_avatar, device=device))
+    engine = Engine(device=device)
     engine.avatar(journal.state.avatar)
     import glfw  # after imgui_bundle, which brings its own library
 

@@ -70,8 +70,8 @@ def render_ball(avatar, signals, camera, settings, previous=None):
     )
 
 
-def ball_engine(render=render_ball, settings=None):
+def ball_engine(render=render_ball, settings=None, device="cpu"):
     """An engine without an avatar file; the person is the true one."""
     avatar = object.__new__(Avatar)
     avatar.person = load_person("default")
-    return Engine(avatar=avatar, render=render, settings=settings)
+    return Engine(avatar=avatar, render=render, settings=settings, device=device)

@@ -264,7 +264,7 @@ def slow(*arguments):
     time.sleep({pause})
     return render_ball(*arguments)
 
-engine.Engine = lambda settings=None: ball_engine(slow)
+engine.Engine = lambda **named: ball_engine(slow, **named)
 if {limit}:
     resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
 for line in {lines!r}:

@@ -87,7 +87,7 @@ def test_a_frame_is_written_while_the_next_is_rendered(motion, tmp_path, monkeyp
         assert second.wait(30), "the first picture is written before the second frame is begun"
         write(path, *words)
 
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", lambda settings=None: ball_engine(render, settings))
+    monkeypatch.setattr("avatarrex_studio.engine.Engine", lambda **named: ball_engine(render, **named))
     monkeypatch.setattr(headless, "write_png", wait_and_write)
     assert cli.main(["render", str(tmp_path / "out"), "--motion", str(motion), "--frames", "0:3", "--size", "16"]) == 0
     assert files(tmp_path / "out") == [f"frame_{k:06d}.png" for k in range(3)]
@@ -137,7 +137,7 @@ def test_a_level_is_kept_in_the_picture_and_by_a_session(tmp_path, monkeypatch):
         settings.append(chosen)
         return render_ball(avatar, signals, camera, chosen, previous)
 
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", lambda settings=None: ball_engine(spy, settings))
+    monkeypatch.setattr("avatarrex_studio.engine.Engine", lambda **named: ball_engine(spy, **named))
     for name in ("fast", "auto"):
         out = tmp_path / f"{name}.png"
         assert cli.main(["render", str(out), "--size", "16", "--level", name, "--detail-from", "squat"]) == 0
