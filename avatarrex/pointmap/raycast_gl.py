@@ -97,7 +97,7 @@ class GlCaster:
                 run("trace", TRACE_LIST, PARTS=1)
             for parts in variants:
                 run("exact", EXACT_LIST, PARTS=parts)
-        run("edges", TILE_LIST, PARTS=0)
+        run("edges", TILE_LIST, PARTS=0, ANTIALIAS=int(antialias))
         slots = _slots(camera, antialias)
         if antialias:
             for parts in variants:

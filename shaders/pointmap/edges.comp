@@ -1,9 +1,10 @@
 // Step II, between the passes: list what is covered, and the pixels along silhouettes that need sub-positions: those
-// beside a pixel that differs in being hit, and those whose ray misses the surface by less than a pixel.
+// beside a pixel that differs in being hit, and those whose ray misses the surface by less than a pixel. ANTIALIAS: whether
+// there are sub-positions.
 layout(local_size_x = 64) in;
 #include "pointmap/volume.glsl"
 #include "pointmap/rays.glsl"
-uniform uint u_slots;  // edge pixels that there is room for; 0: no antialiasing
+uniform uint u_slots;  // edge pixels that there is room for
 
 bool is_hit(ivec2 place) {
     place = clamp(place, ivec2(0), u_image - 1);
@@ -17,9 +18,9 @@ void main() {
     atomicAdd(tally_steps, walked & STEPS);
     ivec2 place = ivec2(corner_of(pixel)), right = ivec2(1, 0), down = ivec2(0, 1);
     bool hit = is_hit(place);
-    bool inner = is_hit(place + right) && is_hit(place - right) && is_hit(place + down) && is_hit(place - down);
-    bool outer = is_hit(place + right) || is_hit(place - right) || is_hit(place + down) || is_hit(place - down);
-    bool edge = u_slots > 0u && (hit ? !inner : outer || (walked & GRAZES) != 0u);
+    bool inner = ANTIALIAS == 0 || is_hit(place + right) && is_hit(place - right) && is_hit(place + down) && is_hit(place - down);
+    bool outer = ANTIALIAS == 1 && (is_hit(place + right) || is_hit(place - right) || is_hit(place + down) || is_hit(place - down));
+    bool edge = ANTIALIAS == 1 && (hit ? !inner : outer || (walked & GRAZES) != 0u);
     if (edge) {
         uint row = append(LIST_EDGE, parts);
         if (row < u_slots / 2u) {
