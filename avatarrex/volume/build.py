@@ -17,6 +17,7 @@ from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import PART_JOINT, PosedPerson
 from avatarrex.volume.body_grid import build_body_grid, refined
 from avatarrex.volume.contact import find_contact
+from avatarrex.volume.crumbs import without_crumbs
 from avatarrex.volume.held import Changed, Held, Kept, hold
 from avatarrex.volume.part_box import PartField, face_box, hand_box
 from avatarrex.volume.probe import VertexProbe
@@ -135,7 +136,7 @@ def _body(
     )
     kept = Kept(before.grid, body.changed) if before and body.changed else None
     grid = build_body_grid(avatar.body, body.frame, probe, settings.voxel, counters, settings.everywhere, kept)
-    return body.frame, grid, probe, body.changed
+    return body.frame, grid if settings.everywhere else without_crumbs(grid), probe, body.changed
 
 
 def refine_volume(

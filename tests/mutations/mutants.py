@@ -300,6 +300,20 @@ MUTANTS: dict[str, Mutant] = {
         "",
         "tests/pointmap/test_beams.py::test_a_picture_after_a_larger_one_holds_nothing_of_it",
     ),
+    "crumbs in the air": Mutant(
+        "crumbs",
+        "avatarrex/volume/build.py",
+        "grid if settings.everywhere else without_crumbs(grid)",
+        "grid",
+        "tests/volume/test_crumbs.py::test_levels_have_none_but_the_papers[False]",
+    ),
+    "crumbs that are joined": Mutant(
+        "crumbs",
+        "avatarrex/volume/crumbs.py",
+        "return not np.isin(at_voxels[(there > 0) & (there != label)], own).any()",
+        "return True",
+        "tests/volume/test_crumbs.py::test_what_interpolation_joins_to_the_body_stays",
+    ),
     "parallel rays, torch": Mutant(
         "parallel rays",
         "avatarrex/pointmap/rays.py",

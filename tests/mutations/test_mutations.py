@@ -21,7 +21,7 @@ TABLE = {
     "axis-angle at 0", "axis-angle at π", "blended skinning matrix", "Σw → 0", "Laplace CDF", "transmittance",
     "sliver triangles", "thin parts", "parallel rays", "far from origin", "encoding", "storage", "what stands still",
     "surfaces that creep", "parts out of sight", "sides not searched", "sharp joints", "limbs that touch",
-    "a hand that pierces itself", "rays that share a beam",
+    "a hand that pierces itself", "rays that share a beam", "crumbs",
 }  # fmt: skip
 """The hazards of docs/stress.md that have a remedy in the code."""
 

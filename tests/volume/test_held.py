@@ -15,6 +15,7 @@ from avatarrex.shading.shading import shade
 from avatarrex.signals.library import named_pose
 from avatarrex.signals.signals import Signals
 from avatarrex.volume.body_grid import SLACK, build_body_grid
+from avatarrex.volume.crumbs import without_crumbs
 from avatarrex.volume.held import Kept
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow import unsettled
@@ -49,7 +50,7 @@ def dragged(avatar: Avatar) -> list[Frame]:
 def anew(avatar: Avatar, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
     """The grid made from the frame's held state with nothing taken over."""
     volume = frame.volume
-    grid = build_body_grid(avatar.body, volume.body_frame, volume.probe, FAST.voxel, Counters())
+    grid = without_crumbs(build_body_grid(avatar.body, volume.body_frame, volume.probe, FAST.voxel, Counters()))
     assert np.array_equal(grid.origin, volume.grid.origin)
     assert grid.known is not None
     return grid.sdf.numpy(), grid.known
