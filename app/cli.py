@@ -22,7 +22,11 @@ from avatarrex.files import check_writable
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
-    if words and words[0] not in VERBS and not words[0].startswith("-") and os.path.exists(words[0]):
+    if (
+        words
+        and words[0] not in VERBS
+        and (words[0].startswith("--device") or (not words[0].startswith("-") and os.path.exists(words[0])))
+    ):
         words.insert(0, "open")
     try:
         if " ".join(words[:2]) == bench.ABLATION:

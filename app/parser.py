@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from typing import NoReturn
 
 from avatarrex_studio import bench, stress
@@ -60,7 +61,15 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _device_option(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument("--device", default="cpu", metavar="D", help="where the networks run: cpu, cuda, cuda:1 … (cpu)")
+    where = "where the networks run: cpu, cuda, cuda:1, mps, xpu … (cpu)"
+    verb.add_argument("--device", default="cpu", type=_device, metavar="D", help=where)
+
+
+def _device(word: str) -> str:
+    """A device as torch writes it; whether it is there is asked once torch is loaded."""
+    if not re.fullmatch(r"cpu|(cuda|mps|xpu)(:\d{1,2})?", word):
+        raise argparse.ArgumentTypeError(f"expected cpu, cuda, cuda:1, mps or xpu, found {word or 'nothing'}")
+    return word
 
 
 def _train_options(train: argparse.ArgumentParser) -> None:

@@ -154,6 +154,7 @@ class Avatar:
 
 def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
     """Read a packaged avatar by name, an avatar folder, or an `.avatar` file; its networks run on `device`. Raises `InputError`."""
+    device_named(device)  # what cannot be had is said before the work
     path = DATA / "default.avatar" if str(source) == "default" else Path(source)
     text, weights = _read(path)
     meta = _meta(path, parse_json(text, path, "avatar.json"))

@@ -6,11 +6,13 @@ point go there, some features come back. Gradients take the same way.
 
     place(avatar.body, "cuda")
 
-This has run on a stand-in for a GPU only (tests/pretend_device.py).
+This has run on a stand-in for a GPU only (tests/elsewhere.py).
 """
 
 from __future__ import annotations
 
+import logging
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -25,19 +27,31 @@ from avatarrex.fields.unet import UNet
 from avatarrex.metrics.perceptual import Lpips
 from avatarrex.ops.encoding import Encoding
 
+log = logging.getLogger(__name__)
 NETWORKS = (LocalNetworks, PatchNetwork, UNet, nn.Sequential, nn.Linear, Lpips)
 """What is placed as a whole; numbers beside these (nodes, bounds, eight harmonics of light) stay on the CPU."""
 
 
 def device_named(name: str) -> torch.device:
-    """`cpu`, `cuda`, `cuda:1`, … Raises `InputError` for one that this torch cannot use here."""
+    """`cpu`, `cuda`, `cuda:1`, … Raises `InputError` for one from which this torch brings no number back here."""
     try:
-        device = torch.device(name)
-        torch.zeros(1, device=device)
-    except (RuntimeError, AssertionError) as error:
-        said = str(error).splitlines()[0]
-        raise InputError("--device", "", "a device that torch can use here, as cpu", f"{name}: {said}") from None
+        with warnings.catch_warnings(action="ignore"):
+            device = torch.device(name)
+            if device.type == "cpu" and name != "cpu":
+                raise RuntimeError("one processor")
+            torch.zeros(1, device=device).cpu()
+    except (RuntimeError, AssertionError, NotImplementedError, ImportError, AttributeError) as error:
+        log.debug("device %s: %s", name, error)
+        raise InputError("--device", "", "what this torch can use here: " + ", ".join(usable()), name) from None
     return device
+
+
+def usable() -> tuple[str, ...]:
+    """The devices that torch finds here."""
+    found = torch.accelerator.current_accelerator(check_available=True)
+    if found is None:
+        return ("cpu (no accelerator was found; a GPU of NVIDIA needs torch's CUDA build and a driver)",)
+    return ("cpu", *(f"{found.type}:{k}" for k in range(torch.accelerator.device_count())))
 
 
 def place(module: nn.Module, device: torch.device | str) -> None:

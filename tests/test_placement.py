@@ -139,13 +139,26 @@ def test_both_passes_train_there_and_go_on_from_a_checkpoint(device: str, folder
     assert load_avatar(last / "avatar.avatar").meta["origin"].startswith("trained from images")
 
 
-def test_a_device_that_is_not_there_is_refused_in_one_line(capsys: pytest.CaptureFixture[str], tmp_path) -> None:
-    for name in ("warp", "cuda:77", "cuda" if not torch.cuda.is_available() else "mps"):
-        with pytest.raises(InputError, match=r"--device: expected a device that torch can use here, as cpu, found"):
+def test_a_device_that_is_not_there_is_refused_in_one_line(capsys, tmp_path, monkeypatch) -> None:
+    absent = "mps" if torch.cuda.is_available() else "cuda"
+    for name in ("warp", "cuda:77", "meta", "hpu", "mkldnn", "cpu:1", "", absent):
+        with pytest.raises(InputError, match=r"--device: expected what this torch can use here: cpu"):
             load_avatar(device=name)
-        assert main(["render", str(tmp_path / "a.png"), "--device", name]) == 2
-        assert len(capsys.readouterr().err.strip().splitlines()) == 1
-    assert not (tmp_path / "a.png").exists()
+    for verb in (["render", "a.png"], ["train", "capture", "--out", "run"], ["evaluate", "default", "c"], ["open"], []):
+        for name in ("warp", "meta", "cpu:1", ""):
+            with pytest.raises(SystemExit, match="2"):
+                main([*verb, "--device", name])
+            said = capsys.readouterr().err.strip()
+            assert said.endswith(f"expected cpu, cuda, cuda:1, mps or xpu, found {name or 'nothing'}")
+            assert len(said.splitlines()) == 1
+    monkeypatch.chdir(tmp_path)
+    assert main(["render", "a.png", "--device", absent]) == 2
+    assert main(["train", "capture", "--out", "run", "--device", absent]) == 2
+    assert [line.count("what this torch can use here") for line in capsys.readouterr().err.strip().splitlines()] == [
+        1,
+        1,
+    ]
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_was_trained_there_can_be_read_anywhere(tmp_path) -> None:
