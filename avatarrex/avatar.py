@@ -37,7 +37,7 @@ from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit
 from avatarrex.templates.posed import pose_person
-from avatarrex.volume.contact import Ownership
+from avatarrex.volume.limbs import Ownership
 
 FORMAT = 3
 """Version of the folder layout; a reader refuses a newer one by name."""

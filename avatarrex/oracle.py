@@ -23,6 +23,7 @@ from avatarrex.pointmap.pointmap import PointMap, scatter
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.signals.signals import Signals
 from avatarrex.volume.composed_field import ComposedField, ExactPart
+from avatarrex.volume.handless import HandlessBody
 from avatarrex.volume.volume import PARTS
 
 STEP = 0.001
@@ -72,7 +73,8 @@ def exact_field(avatar: Avatar, posed: PosedReference, hidden: frozenset[str]) -
             parts.append(ExactPart.face(posed.face, planes, mesh, avatar.person.face.blend_weight, place))
         else:
             parts.append(ExactPart.hand(name, posed.hands[name], mesh, place))
-    return ComposedField(posed.body, posed.frame, posed.probe, tuple(parts), avatar.ownership, Counters())
+    body = HandlessBody(posed.body, posed.frame, posed.probe, avatar.ownership)
+    return ComposedField(body, tuple(parts), Counters())
 
 
 def cast(field: ComposedField, view: Camera, step: float = STEP) -> PointMap:
@@ -98,5 +100,5 @@ def slope(field: DenseField, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p
 def near_seam(oracle: Oracle, blend_weight: Float[Tensor, " v"], within: float = 0.02) -> Bool[Tensor, "h w"]:
     """Hit pixels within `within` metres of a template vertex where 0 < ω < 1; `blend_weight` ω of one part or several."""
     band = ((blend_weight > 0) & (blend_weight < 1)).numpy()
-    apart = cKDTree(oracle.field.probe.vertices[band]).query(oracle.pointmap.position.numpy())[0]
+    apart = cKDTree(oracle.field.body.probe.vertices[band]).query(oracle.pointmap.position.numpy())[0]
     return oracle.pointmap.hit & torch.as_tensor(apart < within)

@@ -37,8 +37,8 @@ from avatarrex.templates.model import PosedTemplate, pose_template, skinned_norm
 from avatarrex.templates.posed import PART_JOINT
 from avatarrex.templates.transform import world_from_root
 from avatarrex.volume.body_grid import MARGIN, lattice_around
-from avatarrex.volume.contact import Ownership, nodes_of
 from avatarrex.volume.lattice import Lattice
+from avatarrex.volume.limbs import Ownership, nodes_of
 from avatarrex.volume.part_box import CLAMP, FACE_BAND, HAND_MARGIN, face_probe
 from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.volume import PARTS, BodyGrid, PartBox, SdfVolume

@@ -71,8 +71,9 @@ def compose(
     sdf = torch.where(any_part, torch.minimum(nearest_own, nearest_other), body)
     wins = inside & (c == sdf[:, None])
     share = torch.where(wins & blended, omega, 0.0) / wins.sum(-1, keepdim=True).clamp_min(1)
-    side = torch.where(nearest_own <= nearest_other, 2 * part, 2 * touched + 1)
-    return Composed(sdf, share, torch.where(nearest_other.isfinite(), side, WHOLE))
+    side = torch.where(nearest_own < nearest_other, 2 * part, 2 * touched + 1)
+    told = nearest_other.isfinite() & (nearest_own != nearest_other)
+    return Composed(sdf, share, torch.where(told, side, WHOLE))
 
 
 def step_bound(

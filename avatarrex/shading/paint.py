@@ -22,7 +22,7 @@ from avatarrex.fields.composition import WHOLE
 from avatarrex.fields.hand import HandSurface
 from avatarrex.shading.patch_cache import PatchCache
 from avatarrex.templates.posed import PosedPerson
-from avatarrex.volume.contact import nodes_of
+from avatarrex.volume.limbs import nodes_of
 from avatarrex.volume.volume import PARTS
 
 OPAQUE = 0.999

@@ -3,7 +3,8 @@
 The distance is guessed first: a voxel's height over the posed template, less what the avatar wears there (`worn`, the field's
 own depth at the template's vertices at rest). Blocks of 4 and 2 voxels far from the surface are culled whole; voxels
 whose guess is below `REACH` voxels are evaluated, and then every voxel that a crossing touches (narrow.py). The rest keeps
-a distance that never exceeds the true one. The field itself is held to within `HOLD` of the guess (probe.py).
+a distance that never exceeds the true one. The field itself is held to within `HOLD` of the guess (probe.py), and has no
+hands (handless.py).
 
 Letters: z y x voxels, p evaluated voxels, v template vertices. Root frame, metres, negative inside.
 """
@@ -16,10 +17,9 @@ import numpy as np
 import torch
 
 from avatarrex.counters import Counters
-from avatarrex.fields.body import BodyField, BodyFrame
-from avatarrex.fields.composition import EMPTIED, emptied
-from avatarrex.fields.influence import Pairs
+from avatarrex.fields.composition import EMPTIED
 from avatarrex.volume.bricks import Bricks, grow_bricks
+from avatarrex.volume.handless import HandlessBody
 from avatarrex.volume.held import Kept
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow import settle
@@ -50,9 +50,7 @@ def lattice_around(points: np.ndarray, voxel: float) -> Lattice:
 
 
 def build_body_grid(
-    field: BodyField,
-    frame: BodyFrame,
-    probe: VertexProbe,
+    body: HandlessBody,
     voxel: float,
     counters: Counters,
     everywhere: bool = False,
@@ -62,6 +60,7 @@ def build_body_grid(
 
     `everywhere`: at every voxel that a node reaches, as the paper has it. `kept`: what may be taken over.
     """
+    probe = body.probe
     lattice = lattice_around(np.concatenate([probe.vertices - MARGIN, probe.vertices + MARGIN]), voxel)
     if kept is not None and kept.grid.voxel != lattice.voxel:  # it grew with the person's extent
         kept = None
@@ -69,24 +68,20 @@ def build_body_grid(
     if everywhere:
         reached = np.zeros(fill.size, dtype=bool)
         position = lattice.position(np.arange(fill.size))
-        reached[field.pairs(frame, torch.as_tensor(position, dtype=torch.float32)).point] = True
+        reached[body.field.pairs(body.frame, torch.as_tensor(position, dtype=torch.float32)).point] = True
         first = np.flatnonzero(reached)
         asked = probe.query(position[first])
 
     def evaluate(index: np.ndarray) -> np.ndarray:
-        position = lattice.position(index)
-        here = asked if index is first else probe.query(position)
-        pairs = field.pairs(frame, torch.as_tensor(position, dtype=torch.float32))
-        return held_sdf(field, frame, here, position, pairs, counters)
+        here = asked if index is first else probe.query(lattice.position(index))
+        return evaluated(body, lattice.position(index), counters, here)
 
     sdf, known = settle(fill, first, evaluate, known)
     return BodyGrid(lattice.origin, lattice.voxel, torch.from_numpy(sdf), known=known)
 
 
 def refined(
-    field: BodyField,
-    frame: BodyFrame,
-    probe: VertexProbe,
+    body: HandlessBody,
     grid: BodyGrid,
     seen: np.ndarray,
     side: int,
@@ -96,23 +91,17 @@ def refined(
     """`grid` with bricks of side³ voxels in the cells `seen` (flat) and those of `kept`, made for the same frame."""
 
     def evaluate(place: np.ndarray) -> np.ndarray:
-        position = grid.origin + grid.voxel * place
-        pairs = field.pairs(frame, torch.as_tensor(position, dtype=torch.float32))
-        return held_sdf(field, frame, probe.query(position), position, pairs, counters)
+        return evaluated(body, grid.origin + grid.voxel * place, counters)
 
     bricks = grow_bricks(grid.sdf.numpy(), grid.voxel, side, seen, evaluate, kept)
     return replace(grid, bricks=bricks)
 
 
-def held_sdf(
-    field: BodyField, frame: BodyFrame, here: Probe, position: np.ndarray, pairs: Pairs, counters: Counters
-) -> np.ndarray:
-    """The body's field at (p, 3) as it is stored: held to the template's guess, without its hands; (p,) metres."""
-    with torch.no_grad():
-        sdf = field.sdf(frame, torch.as_tensor(position, dtype=torch.float32), pairs)
+def evaluated(body: HandlessBody, position: np.ndarray, counters: Counters, here: Probe | None = None) -> np.ndarray:
+    """The body's field at (p, 3) as it is stored: (p,) metres, single precision."""
     counters.add("voxels_evaluated", len(position))
-    counters.add("local_mlp_evaluations", len(pairs.point))
-    return emptied(here.held(sdf), torch.as_tensor(here.weight, dtype=torch.float32)).numpy()
+    here = body.probe.query(position) if here is None else here
+    return body.sdf(torch.as_tensor(position, dtype=torch.float32), counters, here).numpy()
 
 
 def guess(

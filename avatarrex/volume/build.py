@@ -18,6 +18,7 @@ from avatarrex.templates.posed import PART_JOINT, PosedPerson
 from avatarrex.volume.body_grid import build_body_grid, refined
 from avatarrex.volume.contact import find_contact
 from avatarrex.volume.crumbs import without_crumbs
+from avatarrex.volume.handless import HandlessBody
 from avatarrex.volume.held import Changed, Held, Kept, hold
 from avatarrex.volume.part_box import PartField, face_box, hand_box
 from avatarrex.volume.probe import VertexProbe
@@ -32,7 +33,7 @@ class AvatarVolume:
     """The volume and the posed fields it was made from; shading asks the same fields for colour."""
 
     sdf: SdfVolume
-    body_frame: BodyFrame
+    body: HandlessBody
     grid: BodyGrid
     """Without bricks: those of `sdf` grow with what is seen."""
     parts: dict[str, PartField]
@@ -40,11 +41,20 @@ class AvatarVolume:
     """Orthographic views of the face mesh, (3, 7, 256, 256), or what else drives the face; None while it is not built."""
     planes: Tensor | None
     """Geometry tri-planes of this expression; None while the face is not built."""
-    probe: VertexProbe
     changed: Changed | None
     """Where the body differs from that of the frame before, some of whose state it kept; None: it is exact."""
     keys: dict[str, object]
     notes: tuple[str, ...] = ()
+
+    @property
+    def body_frame(self) -> BodyFrame:
+        """Of the body's field."""
+        return self.body.frame
+
+    @property
+    def probe(self) -> VertexProbe:
+        """Of the template's whole skin."""
+        return self.body.probe
 
     @property
     def hands(self) -> dict[str, HandSurface]:
@@ -103,17 +113,17 @@ def build_volume(
             hand, voxel = avatar.hand(name), settings.part_voxel
             parts[name] = hand_box(name, hand, posed.parts[name], voxel, counters, every)
     if previous and kept("body") and exact:
-        frame, grid, probe, changed = previous.body_frame, previous.grid, previous.probe, previous.changed
+        body, grid, changed = previous.body, previous.grid, previous.changed
     else:
         before = previous if settings.hold and kept("stored") else None
-        frame, grid, probe, changed = _body(avatar, posed, settings, counters, before)
+        body, grid, changed = _body(avatar, posed, settings, counters, before)
     boxes = []
     for name, part in parts.items():
         if previous and grid is previous.grid and previous.parts.get(name) is part:
             boxes.append(next(box for box in previous.sdf.parts if box.name == name))
         else:
-            boxes.append(_place(avatar, frame, probe, grid, part, posed.root_from_part(name), counters))
-    return AvatarVolume(SdfVolume(grid, tuple(boxes)), frame, grid, parts, views, planes, probe, changed, keys)
+            boxes.append(_place(body, grid, part, posed.root_from_part(name), counters))
+    return AvatarVolume(SdfVolume(grid, tuple(boxes)), body, grid, parts, views, planes, changed, keys)
 
 
 def part_key(posed: PosedPerson, settings: RenderSettings, name: str) -> object:
@@ -123,20 +133,20 @@ def part_key(posed: PosedPerson, settings: RenderSettings, name: str) -> object:
 
 def _body(
     avatar: Avatar, posed: PosedPerson, settings: RenderSettings, counters: Counters, before: AvatarVolume | None
-) -> tuple[BodyFrame, BodyGrid, VertexProbe, Changed | None]:
+) -> tuple[HandlessBody, BodyGrid, Changed | None]:
     """The body of `posed`; with what stands still as in `before`, where that is given."""
     normals = skinned_normals(avatar.person.body, posed.body).double().numpy()
-    body = Held(body_frame(avatar, posed), posed.body.vertices.double().numpy(), normals, None)
+    state = Held(body_frame(avatar, posed), posed.body.vertices.double().numpy(), normals, None)
     if before:
         then = Held(before.body_frame, before.probe.vertices, before.probe.normals, None)
-        body = hold(body, then, settings.hold, avatar.embedding_effect)
+        state = hold(state, then, settings.hold, avatar.embedding_effect)
     painted = avatar.hand_weight.double().numpy(), avatar.body.worn.double().numpy()
-    probe = VertexProbe.of(
-        body.vertices, body.normals, *painted, closed=True, tree=before.probe.closest if before else None
-    )
-    kept = Kept(before.grid, body.changed) if before and body.changed else None
-    grid = build_body_grid(avatar.body, body.frame, probe, settings.voxel, counters, settings.everywhere, kept)
-    return body.frame, grid if settings.everywhere else without_crumbs(grid), probe, body.changed
+    tree = before.probe.closest if before else None
+    probe = VertexProbe.of(state.vertices, state.normals, *painted, closed=True, tree=tree)
+    body = HandlessBody(avatar.body, state.frame, probe, avatar.ownership)
+    kept = Kept(before.grid, state.changed) if before and state.changed else None
+    grid = build_body_grid(body, settings.voxel, counters, settings.everywhere, kept)
+    return body, grid if settings.everywhere else without_crumbs(grid), state.changed
 
 
 def refine_volume(
@@ -150,7 +160,7 @@ def refine_volume(
     """`volume` with bricks of side³ voxels in the body cells `seen` (flat), besides those that `previous` has."""
     kept = previous.sdf.body.bricks if previous and previous.grid is volume.grid else None
     kept = kept if kept and kept.side == side else None
-    grid = refined(avatar.body, volume.body_frame, volume.probe, volume.grid, seen, side, counters, kept)
+    grid = refined(volume.body, volume.grid, seen, side, counters, kept)
     if grid.bricks is volume.sdf.body.bricks:
         return volume
     return replace(volume, sdf=SdfVolume(grid, volume.sdf.parts))
@@ -173,16 +183,10 @@ def _face_part(
 
 
 def _place(
-    avatar: Avatar,
-    frame: BodyFrame,
-    probe: VertexProbe,
-    grid: BodyGrid,
-    part: PartField,
-    root_from_part: np.ndarray,
-    counters: Counters,
+    body: HandlessBody, grid: BodyGrid, part: PartField, root_from_part: np.ndarray, counters: Counters
 ) -> PartBox:
     part_from_box = np.eye(4)
     part_from_box[:3, 3] = part.origin
     box_from_root = np.linalg.inv(root_from_part @ part_from_box)
-    contact = find_contact(avatar.body, frame, probe, grid, part, root_from_part, avatar.ownership[part.name], counters)
+    contact = find_contact(body, grid, part, root_from_part, body.ownership[part.name], counters)
     return PartBox(part.name, box_from_root, part.voxel, part.field, contact)

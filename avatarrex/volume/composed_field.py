@@ -1,7 +1,7 @@
 """The composed field itself, at any point and without voxels: what the stored volume approximates (sec. 3.4; composition.py).
 
-The builder's definitions point by point: the body held by the probe (body_grid.py) and emptied of its hands, the exact
-hand distance, the face's tri-planes, the one composition rule, and `own`/`others` where another limb is in a part's box
+The builder's definitions point by point: the body held by the probe and without its hands (handless.py), the exact hand
+distance, the face's tri-planes, the one composition rule, and `own`/`others` where another limb is in a part's box
 (contact.py). A box is the part's hull and its margin, without a lattice to align to. In the dtype of its fields: float64
 for the oracle (avatarrex/oracle.py), float32 to polish hit points (pointmap/polish.py).
 
@@ -21,13 +21,15 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from avatarrex.counters import Counters
-from avatarrex.fields.body import MOST_WORN, BodyField, BodyFrame
-from avatarrex.fields.composition import BAND, Composed, compose, emptied, in_band
+from avatarrex.fields.body import MOST_WORN
+from avatarrex.fields.composition import BAND, Composed, compose, in_band
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
-from avatarrex.volume.contact import Limbs, Ownership, reached_by_others
+from avatarrex.volume.contact import faded, told_share
+from avatarrex.volume.handless import HandlessBody
+from avatarrex.volume.limbs import Limbs, reached_by_others
 from avatarrex.volume.part_box import FACE_BAND, HAND_MARGIN, face_probe, part_bounds
-from avatarrex.volume.probe import FLAT, HOLD, VertexProbe
+from avatarrex.volume.probe import FLAT, HOLD
 from avatarrex.volume.volume import PARTS
 
 if TYPE_CHECKING:
@@ -99,11 +101,8 @@ class ExactPart:
 class ComposedField:
     """An avatar's field under one driving signal."""
 
-    body: BodyField
-    frame: BodyFrame
-    probe: VertexProbe
+    body: HandlessBody
     parts: tuple[ExactPart, ...]
-    ownership: dict[str, Ownership]
     counters: Counters
 
     @cached_property
@@ -111,9 +110,9 @@ class ComposedField:
         """The body field told apart, for the parts into whose boxes another limb reaches."""
         touched = {}
         for part in self.parts:
-            own = self.ownership[part.name]
-            if reached_by_others(self.probe, own, part.part_from_root, part.low, part.high):
-                touched[part.name] = Limbs.of(self.body, self.frame, self.probe, own)
+            own = self.body.ownership[part.name]
+            if reached_by_others(self.body.probe, own, part.part_from_root, part.low, part.high):
+                touched[part.name] = self.body.limbs(own)
         return touched
 
     @torch.no_grad()
@@ -121,24 +120,28 @@ class ComposedField:
         """Signed distance and effective ω. Networks run only where their value has a share."""
         count = len(position), len(PARTS)
         inside = torch.zeros(count, dtype=torch.bool)
-        sdf, omega = position.new_zeros(count), position.new_zeros(count)
+        sdf, omega, told = position.new_zeros(count), position.new_zeros(count), position.new_zeros(count)
         for part in self.parts:
             k = PARTS.index(part.name)
             local = part.local(position)
             inside[:, k] = part.apart(local) == 0
+            if part.name in self.limbs:
+                told[:, k] = told_share(local, part.low, part.high)
             rows = torch.nonzero(inside[:, k])[:, 0]
             if len(rows):
                 sdf[rows, k], omega[rows, k] = part.distance(local[rows])
                 self.counters.add(part.counter, len(rows))
         idle = in_band(sdf) & (omega == 1)  # the body has no share in such a part
-        idle[:, [PARTS.index(name) for name in self.limbs]] = True  # nor the whole body where limbs are told apart
+        touched = [PARTS.index(name) for name in self.limbs]
+        idle[:, touched] = told[:, touched] == 1  # nor the whole body where limbs are told apart
         body = self._body(position, inside.any(-1) & (idle | ~inside).all(-1))
         own, others = body[:, None].repeat(1, len(PARTS)), torch.full_like(sdf, torch.inf)
         for name, limbs in self.limbs.items():
             k = PARTS.index(name)
             rows = torch.nonzero(inside[:, k])[:, 0]
-            pairs = self.body.pairs(self.frame, position[rows])
-            own[rows, k], others[rows, k] = limbs.own_and_others(position[rows], pairs).unbind(-1)
+            pairs = self.body.field.pairs(self.body.frame, position[rows])
+            apart = faded(limbs.own_and_others(position[rows], pairs), body[rows], told[rows, k])
+            own[rows, k], others[rows, k] = apart.unbind(-1)
             self.counters.add("local_mlp_evaluations", len(pairs.point))
         sdf = torch.where(in_band(sdf), sdf, BAND[1])  # an infinite distance times ω = 0 would be NaN
         return compose(body, inside, sdf, omega, own, others)
@@ -151,9 +154,10 @@ class ComposedField:
         """A distance within which the field is certainly positive; 0 where it may be negative.
 
         By what `held` and the boxes guarantee, whatever the networks say: no sample is spent there and nothing missed.
+        Nothing is known of a hand's place where another limb reaches into it.
         """
-        here = self.probe.query(position.double().numpy())
-        free = here.guess > here.freedom
+        here = self.body.probe.query(position.double().numpy())
+        free = (here.guess > here.freedom) & ~((here.weight > 0) & bool(self.body.touched))
         clear = torch.as_tensor(np.where(free, np.maximum(here.distance - REACH, 1e-9), 0.0)).to(position)
         for part in self.parts:
             clear = clear.minimum(part.apart(part.local(position)))
@@ -162,7 +166,7 @@ class ComposedField:
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """(3,) corners of a root-frame box that holds the surface."""
-        vertices = [self.probe.vertices]
+        vertices = [self.body.probe.vertices]
         for part in self.parts:
             corners = np.stack(np.meshgrid(*zip(part.low, part.high)), -1).reshape(-1, 3)
             vertices.append((corners - part.part_from_root[:3, 3]) @ part.part_from_root[:3, :3])
@@ -174,11 +178,7 @@ class ComposedField:
         sdf = torch.zeros_like(position[:, 0])
         rows = torch.nonzero(~idle)[:, 0]
         if len(rows):
-            here = self.probe.query(position[rows].double().numpy())
-            pairs = self.body.pairs(self.frame, position[rows])
-            value = here.held(self.body.sdf(self.frame, position[rows], pairs))
-            sdf[rows] = emptied(value, torch.as_tensor(here.weight).to(position))
-            self.counters.add("local_mlp_evaluations", len(pairs.point))
+            sdf[rows] = self.body.sdf(position[rows], self.counters)
         return sdf
 
 
@@ -193,4 +193,4 @@ def composed_field(avatar: Avatar, posed: PosedPerson, volume: AvatarVolume, cou
             parts.append(ExactPart.face(avatar.face, volume.planes, mesh, painted, place))
         else:
             parts.append(ExactPart.hand(name, avatar.hand(name), mesh, place))
-    return ComposedField(avatar.body, volume.body_frame, volume.probe, tuple(parts), avatar.ownership, counters)
+    return ComposedField(volume.body, tuple(parts), counters)

@@ -5,7 +5,7 @@ Letters: p points, v vertices. Metres, negative inside.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
@@ -29,6 +29,8 @@ HOLD = 0.05
 class Probe:
     """What the nearest vertex says about points, each (p,)."""
 
+    nearest: np.ndarray
+    """That vertex' number."""
     distance: np.ndarray
     """Metres to the vertex."""
     weight: np.ndarray
@@ -40,7 +42,7 @@ class Probe:
 
     def at(self, chosen: np.ndarray) -> Probe:
         """The points of a mask (p,) or of indices."""
-        return Probe(self.distance[chosen], self.weight[chosen], self.guess[chosen], self.freedom[chosen])
+        return Probe(*(getattr(self, column.name)[chosen] for column in fields(self)))
 
     def held(self, sdf: Tensor, share: float = 1.0) -> Tensor:
         """`sdf` (p,) no farther from the guess than this share of its freedom."""
@@ -91,7 +93,8 @@ class VertexProbe:
         inside = (-height > STEEP * aside) & (self.closed | (aside < self.rim))
         signed = np.where(inside, -1.0, 1.0) * np.hypot(height, aside)
         here = np.clip(1 - aside / self.rim, 0, 1)
-        return Probe(distance, self._weight(position, nearest), signed - here * self.worn[nearest], here * HOLD)
+        guess = signed - here * self.worn[nearest]
+        return Probe(nearest, distance, self._weight(position, nearest), guess, here * HOLD)
 
     def _weight(self, position: np.ndarray, nearest: np.ndarray) -> np.ndarray:
         """ω (p,) of the nearest vertex or, where it changes, of the `BLENDED` nearest: the farthest enters with weight 0."""

@@ -21,7 +21,7 @@ from avatarrex.counters import Counters
 from avatarrex.pointmap.pointmap import PointMap, raycast
 from avatarrex.pointmap.rays import RayPlane, Rays, slab
 from avatarrex.templates.posed import PosedPerson
-from avatarrex.volume.contact import reached_by_others
+from avatarrex.volume.limbs import reached_by_others
 from avatarrex.volume.part_box import COARSEST, FACE_BAND, HAND_MARGIN
 from avatarrex.volume.probe import VertexProbe
 from avatarrex.volume.volume import SdfVolume

@@ -125,6 +125,20 @@ MUTANTS: dict[str, Mutant] = {
         "sampled = sampled[:]",
         "tests/volume/test_composed_field.py::test_cloth_beneath_a_hand_comes_to_rest_on_the_trunk",
     ),
+    "limbs told apart at once": Mutant(
+        "limbs that touch",
+        "avatarrex/volume/contact.py",
+        "return (depth.amin(-1) / FADE).clamp(0, 1)",
+        "return (depth.amin(-1) >= 0).to(local)",
+        "tests/volume/test_composed_field.py::test_nothing_jumps_at_the_faces_of_a_hands_box",
+    ),
+    "flat fingers in the belly": Mutant(
+        "limbs that touch",
+        "avatarrex/volume/handless.py",
+        "sdf[rows] = sdf[rows].minimum(limbs.others(position[rows], self.field.pairs(self.frame, position[rows])))",
+        "assert len(rows)",
+        "tests/volume/test_composed_field.py::test_the_templates_fingers_carve_no_cloth",
+    ),
     "colour of the limb above": Mutant(
         "limbs that touch",
         "avatarrex/shading/paint.py",

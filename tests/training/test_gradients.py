@@ -81,7 +81,8 @@ def tiny(tmp_path_factory) -> tuple[Avatar, TrainingFrame, OneFrame]:
     for module in avatar.modules().values():
         module.double()
     assert volume.views is not None
-    volume = replace(volume, views=volume.views.double(), body_frame=_double_frame(avatar, double))
+    body = replace(volume.body, frame=_double_frame(avatar, double))
+    volume = replace(volume, views=volume.views.double(), body=body)
     frame = TrainingFrame(0, double, posed.world_from_root(rig.signals[0]), probe, volume, 0, {})
     return avatar, frame, OneFrame(avatar, rig, frame)
 

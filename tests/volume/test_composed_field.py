@@ -13,11 +13,11 @@ from avatarrex.counters import Counters
 from avatarrex.oracle import exact_field
 from avatarrex.pipeline import RenderSettings, render_frame
 from avatarrex.pipeline_reference import pose_reference
-from avatarrex.signals.library import named_pose
+from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.build import AvatarVolume, body_frame, build_volume
-from avatarrex.volume.composed_field import ComposedField, composed_field
+from avatarrex.volume.composed_field import ComposedField, ExactPart, composed_field
 from avatarrex.volume.solids import lattice_points
 from avatarrex.volume.volume import sample
 
@@ -70,10 +70,63 @@ def test_hands_on_hips_are_told_apart_as_the_volume_does(built: tuple[AvatarVolu
     apart = (stored - here).abs()
     assert inside.sum() > 100
     assert apart.median() < 5e-4
-    nobody = {name: replace(own, other_vertex=own.other_vertex & False) for name, own in field.ownership.items()}
-    without = replace(field, ownership=nobody)
+    nobody = {name: replace(own, other_vertex=own.other_vertex & False) for name, own in field.body.ownership.items()}
+    without = replace(field, body=replace(field.body, ownership=nobody))
     carved = (without.sdf(points[inside]) - here).abs()
     assert carved.max() > 0.003
+
+
+def test_nothing_jumps_at_the_faces_of_a_hands_box(avatar: Avatar) -> None:
+    """Cloth beneath a fist: inside the box the limbs are told apart, outside the whole body is one field."""
+    field = of_a_fist(avatar)
+    hand = next(part for part in field.parts if part.name == "left_hand")
+    noise = torch.Generator().manual_seed(4)
+    low, high = torch.as_tensor(hand.low), torch.as_tensor(hand.high)
+    local = low + (high - low) * torch.rand(30000, 3, generator=noise, dtype=torch.float64)
+    face, out = torch.arange(len(local)) % 3, 1e-6 * (torch.arange(len(local)) % 2 * 2 - 1)
+    local[range(len(local)), face] = torch.where(out > 0, high[face], low[face])
+    step = out[:, None] * torch.eye(3, dtype=torch.float64)[face]
+    within, beyond = (from_part(hand, local + side * step) for side in (-1, 1))
+    near = (
+        (field.sdf(within).abs() < 0.01) & (hand.apart(hand.local(within)) == 0) & (hand.apart(hand.local(beyond)) > 0)
+    )
+    assert near.sum() > 300
+    jump = (field.sdf(within[near]) - field.sdf(beyond[near])).abs()
+    assert jump.quantile(0.98) < 1e-5
+    assert jump.max() < 5e-4  # single precision: 1e-6 m is a few of its steps, and ω of the nearest vertices changes
+
+
+def test_the_templates_fingers_carve_no_cloth(avatar: Avatar) -> None:
+    """The template's hand is flat where the hand is a fist: its fingers lie in the belly, outside the hand's box."""
+    body = of_a_fist(avatar).body
+    noise = torch.Generator().manual_seed(5)
+    hand = body.probe.vertices[body.probe.weight == 1]
+    position = torch.as_tensor(hand)[torch.randint(len(hand), (20000,), generator=noise)]
+    position = (position + 0.02 * torch.randn(position.shape, generator=noise, dtype=torch.float64)).float()
+    replaced = torch.as_tensor(body.probe.query(position.double().numpy()).weight == 1)
+    cloth = torch.zeros(len(position), dtype=torch.bool)
+    for _, limbs in body.touched:
+        cloth |= limbs.others(position, body.field.pairs(body.frame, position)) < 0
+    assert (replaced & cloth).sum() > 500
+    assert (body.sdf(position[replaced & cloth], Counters()) < 0).float().mean() > 0.99
+    nobody = {name: replace(own, other_vertex=own.other_vertex & False) for name, own in body.ownership.items()}
+    alone = replace(body, ownership=nobody)
+    assert not alone.touched
+    assert (alone.sdf(position[replaced & cloth], Counters()) >= 0.02).all()
+
+
+def of_a_fist(avatar: Avatar) -> ComposedField:
+    """Of hands on hips, clenched."""
+    fist = {f"{side}_hand_pose": named_hand("fist", side) for side in ("left", "right")}
+    posed = pose_person(avatar.person, HIP.replace(**fist), Counters(), None)
+    volume = build_volume(avatar, posed, SETTINGS, Counters(), None)
+    return composed_field(avatar, posed, volume, Counters())
+
+
+def from_part(part: ExactPart, local: torch.Tensor) -> torch.Tensor:
+    """Part-frame points in the root frame, single precision."""
+    matrix = torch.as_tensor(part.part_from_root)
+    return ((local - matrix[:3, 3]) @ matrix[:3, :3]).float()
 
 
 def test_single_precision_is_enough(built: tuple[AvatarVolume, ComposedField], exact: ComposedField) -> None:

@@ -50,7 +50,7 @@ def dragged(avatar: Avatar) -> list[Frame]:
 def anew(avatar: Avatar, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
     """The grid made from the frame's held state with nothing taken over."""
     volume = frame.volume
-    grid = without_crumbs(build_body_grid(avatar.body, volume.body_frame, volume.probe, FAST.voxel, Counters()))
+    grid = without_crumbs(build_body_grid(volume.body, FAST.voxel, Counters()))
     assert np.array_equal(grid.origin, volume.grid.origin)
     assert grid.known is not None
     return grid.sdf.numpy(), grid.known
@@ -158,7 +158,7 @@ def test_a_lattice_that_grew_takes_nothing_over(avatar: Avatar, dragged: list[Fr
     assert frame.volume.changed is not None
     other = replace(frame.volume.grid, voxel=0.0201, sdf=-frame.volume.grid.sdf)
     coarser = Kept(other, frame.volume.changed)
-    arguments = avatar.body, frame.volume.body_frame, frame.volume.probe, FAST.voxel
+    arguments = frame.volume.body, FAST.voxel
     assert torch.equal(
         build_body_grid(*arguments, Counters(), kept=coarser).sdf, build_body_grid(*arguments, Counters()).sdf
     )

@@ -14,6 +14,7 @@ from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.body_grid import build_body_grid
 from avatarrex.volume.build import body_frame
+from avatarrex.volume.handless import HandlessBody
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow import between, halved, settle, unsettled
 from avatarrex.volume.part_box import hand_box
@@ -116,7 +117,7 @@ def test_the_body_grid_crosses_where_the_whole_shell_does(pose: str) -> None:
     normals = skinned_normals(avatar.person.body, posed.body)
     arrays = (posed.body.vertices, normals, avatar.hand_weight, avatar.body.worn)
     probe = VertexProbe.of(*(value.double().numpy() for value in arrays), closed=True)
-    grid = build_body_grid(avatar.body, frame, probe, 0.02, counters)
+    grid = build_body_grid(HandlessBody(avatar.body, frame, probe, avatar.ownership), 0.02, counters)
     shape = (grid.sdf.shape[0], grid.sdf.shape[1], grid.sdf.shape[2])
     position = Lattice(grid.origin, grid.voxel, shape).position(np.arange(grid.sdf.numel()))
     here = probe.query(position)
