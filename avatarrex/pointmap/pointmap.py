@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.camera import Camera
@@ -41,6 +41,8 @@ class PointMap:
     renderer: str
     """What cast the rays."""
     counters: dict[str, int] = field(default_factory=dict)
+    side: Int[Tensor, "h w"] | None = None
+    """Whose body each point is on (`Composed.side`), where the field itself was asked; None: the volume knows."""
 
     def __post_init__(self) -> None:
         require_finite(

@@ -20,7 +20,7 @@ from torch.nn.functional import normalize
 
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.fields.composition import Composed
+from avatarrex.fields.composition import WHOLE, Composed
 from avatarrex.pointmap.pointmap import PointMap
 from avatarrex.volume.volume import PARTS, SdfVolume
 
@@ -43,8 +43,8 @@ def polish(
 ) -> PointMap:
     """`pointmap` of `volume` seen by the root-frame camera `view`, its covered points taken onto `field`.
 
-    At most `steps` evaluations follow the first; a point moves by at most the local voxel, and position, depth and part
-    weights change.
+    At most `steps` evaluations follow the first; a point moves by at most the local voxel, and position, depth, part
+    weights and side change.
     """
     covered = pointmap.coverage > 0
     start = pointmap.position[covered]
@@ -52,14 +52,17 @@ def polish(
         return pointmap
     direction = normalize(start - torch.as_tensor(view.centre).to(start), dim=-1)
     along = (pointmap.normal[covered] * direction).sum(-1)
-    moved, share = descend(field, start, direction, along, reach(volume, pointmap.part_weight[covered]), steps)
+    moved, found = descend(field, start, direction, along, reach(volume, pointmap.part_weight[covered]), steps)
     counters.add("hits_polished", len(start))
     position, part_weight, depth = pointmap.position.clone(), pointmap.part_weight.clone(), pointmap.depth.clone()
     position[covered] = start + moved[:, None] * direction
-    part_weight[covered] = share
+    part_weight[covered] = found.part_weight
+    side = torch.full_like(pointmap.hit, WHOLE, dtype=torch.int64)
+    if found.side is not None:
+        side[covered] = found.side
     row = torch.as_tensor(view.camera_from_world[2])
     depth[covered] = (position[covered].double() @ row[:3] + row[3]).to(depth)
-    return replace(pointmap, position=position, depth=depth, part_weight=part_weight)
+    return replace(pointmap, position=position, depth=depth, part_weight=part_weight, side=side)
 
 
 def descend(
@@ -69,13 +72,14 @@ def descend(
     along: Float[Tensor, " p"],
     bound: Float[Tensor, " p"],
     steps: int,
-) -> tuple[Float[Tensor, " p"], Float[Tensor, "p 3"]]:
-    """How far to move each point along its unit `direction`, |move| ≤ `bound`, and the effective ω there.
+) -> tuple[Float[Tensor, " p"], Composed]:
+    """How far to move each point along its unit `direction`, |move| ≤ `bound`, and the field at the best point tried.
 
     `along` is the guessed slope of the field along the ray. Points with |s| below `SETTLED` are not evaluated again.
     """
     here = field(start)
     share, fall = here.part_weight, along.clamp(STEEPEST, FLATTEST)
+    side = torch.full_like(start[:, 0], WHOLE, dtype=torch.int64) if here.side is None else here.side
     tried, value = torch.zeros_like(fall), here.sdf.clone()
     best, least = tried.clone(), value.clone()
     for _ in range(steps):
@@ -87,8 +91,9 @@ def descend(
         lower = there.sdf.abs() < least[rows].abs()
         better = rows[lower]
         best[better], least[better], share[better] = tried[better], value[better], there.part_weight[lower]
+        side[better] = WHOLE if there.side is None else there.side[lower]
     converged = (tried == best) & (least.abs() <= (here.sdf.abs() / 2).clamp(SETTLED, CONVERGED))
-    return torch.where(converged, _within(bound, best - least / fall), best), share
+    return torch.where(converged, _within(bound, best - least / fall), best), Composed(least, share, side)
 
 
 def descend_reference(

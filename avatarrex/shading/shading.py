@@ -80,7 +80,7 @@ def shade(
     direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre, dtype=torch.float32), dim=-1)
     counters.add("pixels_shaded", len(position))
     with torch.no_grad():
-        side = sides(volume.sdf, position)
+        side = sides(volume.sdf, position) if pointmap.side is None else pointmap.side[covered]
         colour = paint.colour(position, direction, pointmap.part_weight[covered], side)
     coverage = pointmap.coverage[covered][:, None]
     image[covered] = torch.cat([colour.clamp(0, 1) * coverage, coverage], -1)

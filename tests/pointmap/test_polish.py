@@ -13,7 +13,7 @@ from avatarrex.oracle import exact_field
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
 from avatarrex.pipeline_reference import pose_reference
 from avatarrex.pointmap.polish import CONVERGED, FLATTEST, descend, descend_reference, reach
-from avatarrex.signals.library import named_pose
+from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.signals.signals import Signals
 from avatarrex.volume.composed_field import ComposedField
 from avatarrex.volume.solids import sphere
@@ -133,6 +133,25 @@ def test_most_hits_land_on_the_root_of_the_reference(rough: Frame, polished: Fra
     off = (((end - start) * direction).sum(-1) - root)[found].abs()
     assert off.median() < 2e-6
     assert off.quantile(0.9) < 1e-4
+
+
+def test_a_polished_point_has_the_colour_of_the_limb_it_came_to(avatar: Avatar) -> None:
+    """A finger tip that the cloth of the exact field covers, and that of voxels of 2 cm does not, was grey."""
+    signals = Signals.rest().replace(
+        body_pose=named_pose("hands_on_hips"), left_hand_pose=named_hand("relaxed", "left")
+    )
+    view = Camera.orbit(40, 0, 0.2, 30, (0.11, 0.07, 0.1), 64, 64)
+    settings = replace(SETTINGS, part_voxel=0.0025, antialias=False, hidden=frozenset({"right_hand", "face"}))
+    rough = render_frame(avatar, signals, view, settings)
+    polished = render_frame(avatar, signals, view, replace(settings, polish=1), rough)
+    assert rough.pointmap.side is None
+    assert polished.pointmap.side is not None
+    covered = polished.pointmap.coverage > 0
+    buried = covered & (rough.pointmap.part_weight.sum(-1) == 1) & (polished.pointmap.part_weight.sum(-1) == 0)
+    assert 5 < buried.sum() < 100
+    assert (polished.pointmap.side[buried] == 1).all(), "others than the left hand's own"
+    red, _, blue = polished.image[buried][:, :3].unbind(-1)
+    assert (blue > red + 0.05).float().mean() > 0.9, "of the dark blue stripe around, as the oracle has it"
 
 
 def test_nothing_is_polished_again(avatar: Avatar, polished: Frame) -> None:
