@@ -22,7 +22,7 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.gl.context import gl_context, gl_unavailable, renderer_name
 from avatarrex.pipeline import RenderSettings
-from avatarrex.pointmap.raycast_gl import EXACT_LIST, TILE_LIST, TRACE_LIST, GlCaster, gl_caster
+from avatarrex.pointmap.raycast_gl import BOXES, EXACT_LIST, TILE_LIST, TRACE_LIST, GlCaster, gl_caster
 from avatarrex.pointmap.raycast_torch import raycast_torch
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.templates.posed import pose_person
@@ -107,14 +107,14 @@ def _contest(bench: Bench, volume: SdfVolume, number: int, camera: Camera) -> Co
 
 def _methods(volume: SdfVolume) -> dict[str, Passes]:
     """Passes of what is compared; each ends with t per pixel in the distance buffer."""
-    parts = (0, 1) if volume.parts else (0,)
+    parts = (0, BOXES[-1]) if volume.parts else (0,)
     beams: Passes = [("beams", None, {"PARTS": 0})]
     trace: Passes = [
         *beams,
         ("trace", TILE_LIST, {"PARTS": 0}),
-        *(("trace", TRACE_LIST, {"PARTS": 1}) for _ in parts[1:]),
+        *(("trace", TRACE_LIST + k, {"PARTS": boxes}) for k, boxes in enumerate(BOXES if volume.parts else ())),
     ]
-    exact: Passes = [("exact", EXACT_LIST, {"PARTS": k}) for k in parts]
+    exact: Passes = [("exact", EXACT_LIST + k, {"PARTS": boxes}) for k, boxes in enumerate(parts)]
     return {
         "ours": [*trace, *exact],
         "first_pass_alone": trace,

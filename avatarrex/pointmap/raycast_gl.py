@@ -37,7 +37,7 @@ PART = np.dtype(
 )
 """Mirrors `struct Part` of shaders/pointmap/volume.glsl; the matrix by columns (std140)."""
 LIST = np.dtype([("groups", "u4"), ("one", "u4"), ("also_one", "u4"), ("count", "u4")])
-LISTS = np.dtype([("lists", LIST, 9), ("steps", "u4")])
+LISTS = np.dtype([("lists", LIST, 11), ("steps", "u4")])
 """Mirrors `buffer Lists` of shaders/pointmap/rays.glsl."""
 RECORD = np.dtype(
     [
@@ -50,9 +50,12 @@ RECORD = np.dtype(
     ]
 )
 """Mirrors `struct Record` of shaders/pointmap/surface.comp."""
-TRACE_LIST, EXACT_LIST, EDGE_LIST, COVERED_LIST = range(0, 8, 2)
+EXACT_LIST, EDGE_LIST, COVERED_LIST = range(0, 6, 2)
 """Each comes twice: rays that meet no part box, and rays that do."""
-TILE_LIST = 8
+TILE_LIST, TRACE_LIST = 6, 7
+"""Of the second one each for the rays that meet one of `PARTS`, and one for rays that meet several."""
+BOXES = (0b001, 0b010, 0b100, 0b111)
+"""Bits of the parts that the programs for these look at."""
 HIT_BIT = np.uint32(1 << 31)
 T, BEAM = 4, 8
 """Places among `GlCaster.pixels`."""
@@ -87,23 +90,23 @@ class GlCaster:
         """All passes, one read-back."""
         antialias = antialias and march == "exact"
         run, uploaded = self.prepare(volume, camera, antialias)
-        variants = (0, 1) if volume.parts else (0,)
+        variants = tuple(enumerate((0, BOXES[-1]) if volume.parts else (0,)))
         if march == "fixed":
-            run("plain", PARTS=variants[-1], METHOD=2)
+            run("plain", PARTS=variants[-1][1], METHOD=2)
         else:
             run("beams", PARTS=0)
             run("trace", TILE_LIST, PARTS=0)
-            if volume.parts:
-                run("trace", TRACE_LIST, PARTS=1)
-            for parts in variants:
-                run("exact", EXACT_LIST, PARTS=parts)
+            for k, boxes in enumerate(BOXES if volume.parts else ()):
+                run("trace", TRACE_LIST + k, PARTS=boxes)
+            for k, boxes in variants:
+                run("exact", EXACT_LIST + k, PARTS=boxes)
         run("edges", TILE_LIST, PARTS=0, ANTIALIAS=int(antialias))
         slots = _slots(camera, antialias)
         if antialias:
-            for parts in variants:
-                run("subrays", EDGE_LIST, PARTS=parts)
-        for parts in variants:
-            run("surface", COVERED_LIST, PARTS=parts)
+            for k, boxes in variants:
+                run("subrays", EDGE_LIST + k, PARTS=boxes)
+        for k, boxes in variants:
+            run("surface", COVERED_LIST + k, PARTS=boxes)
         lists = np.frombuffer(self.lists.read(), LISTS)[0]
         covered, edges = (int(lists["lists"]["count"][k : k + 2].sum()) for k in (COVERED_LIST, EDGE_LIST))
         records = np.frombuffer(self.pixels[-1].read(covered * RECORD.itemsize) if covered else b"", RECORD)
@@ -131,7 +134,7 @@ class GlCaster:
         uniforms = _uniforms(volume, camera, _slots(camera, antialias))
 
         def run(name: str, over: int | None = None, **constants: int) -> None:
-            contact = contacts * constants["PARTS"]
+            contact = contacts * int(constants["PARTS"] != 0)
             kind = {"CONTACTS": contact, "BRICKS": int(volume.body.bricks is not None)}
             program = self._program(name, FLOAT_FILTER=self.float_filter, **kind, **constants)
             for uniform in program:
@@ -141,7 +144,7 @@ class GlCaster:
                 groups = -(-_tiles(camera) // GROUP) if name == "beams" else _tiles(camera)
                 program.run(min(groups, MOST_GROUPS), -(-groups // MOST_GROUPS))
             else:
-                program.run_indirect(self.lists, (over + constants["PARTS"]) * LIST.itemsize)
+                program.run_indirect(self.lists, over * LIST.itemsize)
             self.context.memory_barrier()
 
         return run, uploaded
@@ -192,7 +195,7 @@ class GlCaster:
 
     def _bind_buffers(self, count: int, slots: int, tiles: int) -> None:
         """Parts, lists, then what grows with the image: bindings 2 to 12."""
-        sizes = [4 * count, 8 * count, 4 * slots, 8 * count, 4 * count, 4 * count, 4 * count, 64 * slots]
+        sizes = [4 * len(BOXES) * count, 8 * count, 4 * slots, 8 * count, 4 * count, 4 * count, 4 * count, 64 * slots]
         sizes += [4 * tiles, 4 * tiles, RECORD.itemsize * count]
         for k, size in enumerate(sizes):
             if k == len(self.pixels):
@@ -233,14 +236,9 @@ def _uniforms(volume: SdfVolume, camera: Camera, slots: int) -> dict[str, object
     """By name; a pass sets those that it uses."""
     plane = RayPlane.of(camera, volume.middle)
     return {
-        "u_body": 0,
-        "u_part": (1, 2, 3),
-        "u_contact": (4, 5, 6),
         "u_origin": tuple(volume.body.origin),
         "u_voxel": volume.body.voxel,
         "u_last": tuple(side - 1 for side in volume.body.sdf.shape[::-1]),
-        "u_brick_number": 7,
-        "u_bricks": 8,
         "u_brick_side": volume.body.bricks.side if volume.body.bricks else 1,
         "u_brick_row": ROW,
         "u_image": (camera.width, camera.height),

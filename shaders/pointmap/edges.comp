@@ -22,13 +22,13 @@ void main() {
     bool outer = ANTIALIAS == 1 && (is_hit(place + right) || is_hit(place - right) || is_hit(place + down) || is_hit(place - down));
     bool edge = ANTIALIAS == 1 && (hit ? !inner : outer || (walked & GRAZES) != 0u);
     if (edge) {
-        uint row = append(LIST_EDGE, parts);
+        uint row = append(LIST_EDGE + int(parts));
         if (row < u_slots / 2u) {
             slot = from_end(row, parts, u_slots);
             edge_pixels[slot] = pixel;
         }
     }
     if (hit || slot != NO_SLOT) {
-        covered_pixels[from_end(append(LIST_COVERED, parts), parts, pixel_count())] = uvec2(pixel, slot);
+        covered_pixels[from_end(append(LIST_COVERED + int(parts)), parts, pixel_count())] = uvec2(pixel, slot);
     }
 }

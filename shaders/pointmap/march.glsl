@@ -45,7 +45,7 @@ Hit march(Ray ray, float start) {
         earlier = before;
         before = t;
         s_before = s;
-        float reach = PARTS == 1 ? max(reach_at(ray, t), 1e-6) : NOWHERE;
+        float reach = PARTS != 0 ? max(reach_at(ray, t), 1e-6) : NOWHERE;
         t = min(t + min(max(f.bound, smallest), reach), ray.range.y);
     }
     if (!found) return hit;

@@ -15,7 +15,7 @@ struct Ray {
     vec3 body_origin;     // the same ray in body voxels
     vec3 body_direction;
     vec2 range;       // where any box is, from the camera on; empty (x > y) where there is none
-    vec3 entry;       // of the part boxes; entry > exit where missed, and where PARTS is 0
+    vec3 entry;       // of the part boxes; entry > exit where missed or not looked at
     vec3 exit;
 };
 
@@ -33,7 +33,8 @@ Ray ray_through(vec2 pixel) {
     if (ray.range.x > ray.range.y) ray.range = vec2(NOWHERE, -NOWHERE);
     ray.entry = vec3(NOWHERE);
     ray.exit = vec3(-NOWHERE);
-    for (int k = 0; k < 3 * PARTS; ++k) {
+    for (int k = 0; k < 3; ++k) {
+        if (!looks_at(k)) continue;
         vec2 box = slab(box_place(k, ray.origin), mat3(in_part[k].box_from_root) * ray.direction, in_part[k].size);
         if (in_part[k].size.x < 0 || box.y < ray.camera) box = vec2(NOWHERE, -NOWHERE);
         ray.entry[k] = box.x;
@@ -54,15 +55,15 @@ bool sees_parts(vec2 low, vec2 high) {
     return sees;
 }
 
-// Whether the ray, as wide as a pixel, meets a part box.
-bool meets_parts(Ray ray) {
-    bool meets = false;
+// Which part boxes the ray, as wide as a pixel, meets: a bit each.
+int meets_parts(Ray ray) {
+    int meets = 0;
     for (int k = 0; k < 3; ++k) {
         vec3 place = box_place(k, ray.origin), size = in_part[k].size;
         // Half a voxel of the body is how far normals look aside.
         float grown = ray.footprint * (1 - (length(place) + length(size)) / ray.camera) + 0.5 * u_voxel;
         vec2 box = slab(place + grown, mat3(in_part[k].box_from_root) * ray.direction, size + 2 * grown);
-        meets = meets || size.x >= 0 && box.x <= box.y && box.y >= ray.camera;
+        if (size.x >= 0 && box.x <= box.y && box.y >= ray.camera) meets |= 1 << k;
     }
     return meets;
 }
@@ -82,13 +83,15 @@ float reach_at(Ray ray, float t) {
     return min(ahead.x, min(ahead.y, ahead.z));
 }
 
-// Lists of pixels for the next pass: each an indirect dispatch of 64 (of 16 for each silhouette pixel), counted as they are appended. Every kind comes
-// twice, for pixels whose rays miss all part boxes and for those that meet one, which need the slower program. Tiles
-// come once, a work group each.
-const int LIST_TRACE = 0, LIST_EXACT = 2, LIST_EDGE = 4, LIST_COVERED = 6, LIST_TILE = 8;
+// Lists of pixels for the next pass: each an indirect dispatch of 64 (of 16 for each silhouette pixel), counted as they are
+// appended. Most kinds come twice, for pixels whose rays miss all part boxes and for those that meet one, which need the
+// slower program. What is traced has a list for each box and one for rays that meet several. Tiles come once, a work group
+// each.
+const int LIST_EXACT = 0, LIST_EDGE = 2, LIST_COVERED = 4, LIST_TILE = 6, LIST_TRACE = 7;
+const int SEVERAL = 3;  // of the lists of what is traced
 struct List { uint groups, one, also_one, count; };
-layout(std430, binding = 1) buffer Lists { List lists[9]; uint tally_steps; };
-layout(std430, binding = 2) buffer TracePixels { uint trace_pixels[]; };
+layout(std430, binding = 1) buffer Lists { List lists[11]; uint tally_steps; };
+layout(std430, binding = 2) buffer TracePixels { uint trace_pixels[]; };      // each list has room for all
 layout(std430, binding = 3) buffer ExactPixels { uvec2 exact_pixels[]; };      // pixel, bits of the t to start from
 layout(std430, binding = 4) buffer EdgePixels { uint edge_pixels[]; };
 layout(std430, binding = 5) buffer CoveredPixels { uvec2 covered_pixels[]; };  // pixel, slot among the edges or NO_SLOT
@@ -109,15 +112,17 @@ const uint STEPS = 0x0fffffffu;
 // The two lists of a kind share one buffer of `capacity` entries and fill it from both ends.
 uint from_end(uint row, uint parts, uint capacity) { return parts == 0u ? row : capacity - 1u - row; }
 
-uint append(int list, uint parts) {
-    uint row = atomicAdd(lists[list + int(parts)].count, 1u), a_group = list == LIST_EDGE ? 4u : 64u;
-    if (row % a_group == 0u) atomicAdd(lists[list + int(parts)].groups, 1u);
+uint append(int list) {
+    uint row = atomicAdd(lists[list].count, 1u), a_group = list == LIST_EDGE || list == LIST_EDGE + 1 ? 4u : 64u;
+    if (row % a_group == 0u) atomicAdd(lists[list].groups, 1u);
     return row;
 }
 
+const uint ANY_PART = PARTS != 0 ? 1u : 0u;
+
 // Where this program's entry `row` is; NO_SLOT past the list's end.
 uint listed(int list, uint row, uint capacity) {
-    return row < lists[list + PARTS].count ? from_end(row, uint(PARTS), capacity) : NO_SLOT;
+    return row < lists[list + int(ANY_PART)].count ? from_end(row, ANY_PART, capacity) : NO_SLOT;
 }
 
 uint pixel_count() { return uint(u_image.x * u_image.y); }
@@ -144,6 +149,6 @@ float beam_of(ivec2 place) { return beam_free[uint(place.y / 8) * tiles_across()
 // t from which a pixel's ray may meet something: the body where its beam ends, a part not before its box.
 float start_of(uint pixel, Ray ray) {
     float free = beam_of(ivec2(corner_of(pixel))), start = free == NO_HIT ? NOWHERE : free + ray.camera;
-    if (PARTS == 1) start = min(start, min(ray.entry.x, min(ray.entry.y, ray.entry.z)));
+    if (PARTS != 0) start = min(start, min(ray.entry.x, min(ray.entry.y, ray.entry.z)));
     return start;
 }

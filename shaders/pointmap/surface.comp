@@ -16,7 +16,7 @@ layout(std430, binding = 12) writeonly buffer Records { Record out_record[]; };
 
 bvec3 boxes_around(vec3 p) {
     bvec3 inside = bvec3(false);
-    for (int k = 0; k < 3 * PARTS; ++k) inside[k] = in_box(k, p);
+    for (int k = 0; k < 3; ++k) inside[k] = looks_at(k) && in_box(k, p);
     return inside;
 }
 
@@ -62,5 +62,5 @@ void main() {
     r.coverage = coverage;
     r.weight = here.weight;
     r.steps = float(ray_walked[pixel] & STEPS);
-    out_record[gl_GlobalInvocationID.x + (PARTS == 1 ? lists[LIST_COVERED].count : 0u)] = r;
+    out_record[gl_GlobalInvocationID.x + (PARTS != 0 ? lists[LIST_COVERED].count : 0u)] = r;
 }

@@ -1,6 +1,7 @@
 // The volume as the raycast passes read it. Root frame, metres.
-// BRICKS: whether cells of the body grid are refined; PARTS: whether part boxes are looked at; CONTACTS: whether any box has a contact block; FLOAT_FILTER: whether the
-// texture unit interpolates in float, as Mesa's software renderers do (probe.comp found out).
+// BRICKS: whether cells of the body grid are refined; PARTS: which part boxes are looked at, a bit each; CONTACTS: whether any
+// box has a contact block; FLOAT_FILTER: whether the texture unit interpolates in float, as Mesa's software renderers do
+// (probe.comp found out).
 #include "lib/trilinear.glsl"
 #include "lib/composition.glsl"
 #include "lib/slab.glsl"
@@ -15,14 +16,14 @@ struct Part {
     vec4 window;         // pixels from which the box may be seen: x and y from, x and y to
 };
 layout(std140, binding = 0) uniform Parts { Part in_part[3]; };
-uniform sampler3D u_body;
-uniform sampler3D u_part[3];
-uniform sampler3D u_contact[3];
+layout(binding = 0) uniform sampler3D u_body;
+layout(binding = 1) uniform sampler3D u_part[3];
+layout(binding = 4) uniform sampler3D u_contact[3];
 uniform vec3 u_origin;  // centre of the body grid's voxel 0
 uniform float u_voxel;  // side of a body voxel
 uniform vec3 u_last;    // the last body voxel (the texture may be larger)
-uniform sampler3D u_brick_number;  // per body cell, from 1; 0 where there is none
-uniform sampler3D u_bricks;        // all bricks, u_brick_row along x and y
+layout(binding = 7) uniform sampler3D u_brick_number;  // per body cell, from 1; 0 where there is none
+layout(binding = 8) uniform sampler3D u_bricks;        // all bricks, u_brick_row along x and y
 uniform int u_brick_side;          // fine voxels along a body voxel
 uniform int u_brick_row;
 
@@ -37,6 +38,8 @@ struct Field {
 vec3 body_last() { return u_last; }
 
 vec3 box_place(int k, vec3 p) { return (in_part[k].box_from_root * vec4(p, 1)).xyz; }
+
+bool looks_at(int k) { return (PARTS >> k & 1) != 0; }
 
 bool in_box(int k, vec3 p) {
     vec3 local = box_place(k, p);
@@ -60,7 +63,7 @@ vec3 body_place(vec3 p) { return (p - u_origin) / u_voxel; }
 
 // Textures are chosen by a literal: llvmpipe takes a computed index from a lane that may have left the loop.
 #define ADD_PART(SAMPLE, K) \
-    if (inside[K]) { \
+    if (looks_at(K) && inside[K]) { \
         vec2 part = SAMPLE(u_part[K], box_place(K, p) / in_part[K].voxel); \
         vec2 pair = vec2(body, NOWHERE); \
         if (CONTACTS == 1 && in_part[K].contact == 1) pair = SAMPLE(u_contact[K], place - in_part[K].contact_first); \

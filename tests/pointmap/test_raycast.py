@@ -155,12 +155,12 @@ def test_two_views_in_turn_do_not_disturb_each_other(man, impl):
 def test_the_shaders_read_the_parts_as_numpy_wrote_them():
     if "gl" not in available():
         pytest.skip("no OpenGL 4.3 here")
-    from avatarrex.pointmap.raycast_gl import LISTS, PART, RECORD, gl_caster
+    from avatarrex.pointmap.raycast_gl import BOXES, LISTS, PART, RECORD, gl_caster
 
-    program = gl_caster()._program("surface", PARTS=1, CONTACTS=1, BRICKS=1, FLOAT_FILTER=0)
+    program = gl_caster()._program("surface", PARTS=BOXES[-1], CONTACTS=1, BRICKS=1, FLOAT_FILTER=0)
     assert program["Parts"].size == 3 * PART.itemsize
     assert RECORD.itemsize % 16 == 0
-    assert LISTS.fields["steps"][1] == 9 * 16
+    assert LISTS.fields["steps"][1] == 11 * 16
 
 
 def test_eight_texel_fetches_give_what_a_float_filter_gives(man, monkeypatch):
