@@ -12,7 +12,7 @@ from enum import Enum
 
 from avatarrex_studio.resolution import Motion
 
-ORDER = ("fast", "balanced", "quality")
+ORDER = ("fast", "balanced", "fine", "quality")
 """From the quickest to the most exact; `paper` is slower and less exact than all of them."""
 BUDGET = {Motion.MOVING: 100.0, Motion.STILL: 500.0, Motion.FULL: 2000.0}
 """Milliseconds that a picture may take: of a drag, when the hand stops, and of the one that stays."""

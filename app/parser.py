@@ -170,7 +170,7 @@ def _render_options(render: argparse.ArgumentParser) -> None:
         "--level",
         default="balanced",
         metavar="L",
-        help="fast, balanced, quality or paper: time against error (balanced)",
+        help="fast, balanced, fine, quality or paper: time against error (balanced)",
     )
     add("--alpha", action="store_true", help="transparent background (straight alpha)")
     add("--aov", metavar="NAMES", help="depth,normal,position,mask as .npz beside the image")

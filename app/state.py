@@ -20,7 +20,7 @@ PARTS = ("left_hand", "right_hand", "face")
 """Parts that can be hidden."""
 AUTO = "auto"
 """The level that is chosen by measured cost."""
-LEVELS = (AUTO, "paper", "fast", "balanced", "quality")
+LEVELS = (AUTO, "paper", "fast", "balanced", "fine", "quality")
 """`auto`, and the names of avatarrex/levels.py, which needs torch."""
 SIZES = (16, 8192)
 """Smallest and largest side of an image, pixels."""

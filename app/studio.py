@@ -141,13 +141,18 @@ class Studio:
         return self.auto.choose(self.level, change, self.resolution.state, size[0] * size[1])
 
     def _what_changes(self, key: tuple[object, ...], level: str) -> Change | None:
-        """What sets a picture apart from the last one; None where it is the first, or where much does."""
+        """What sets a picture apart from the last one; None where it is the first, or of another view and level.
+
+        A new pose is made anew at any level: it counts as such, whatever level the picture before had.
+        """
         if self._rendered is None:
             return None
         last, _, before = self._rendered
-        if level != before:
-            return Change.LEVEL if last[:4] == key[:4] else None
-        return Change.VIEW if last[:3] == key[:3] else Change.POSE
+        if last[:3] != key[:3]:
+            return Change.POSE
+        if level == before:
+            return Change.VIEW
+        return Change.LEVEL if last[:4] == key[:4] else None
 
     def _grow(self) -> bool:
         """The next strip of a picture that is being refined."""

@@ -180,9 +180,9 @@ def test_every_level_draws_the_same_person(avatar: Avatar) -> None:
     assert (depth - depth[0]).abs().median() < 2e-3
     voxels = {name: frame.counters["voxels_evaluated"] for name, frame in frames.items()}
     assert voxels["paper"] > 3 * voxels["balanced"]
-    assert voxels["quality"] > voxels["balanced"] == voxels["fast"]
+    assert voxels["quality"] > voxels["fine"] > voxels["balanced"] == voxels["fast"]
 
 
 def test_an_unknown_level_is_named() -> None:
-    with pytest.raises(InputError, match=r"paper or fast or balanced or quality.*best"):
+    with pytest.raises(InputError, match=r"paper or fast or balanced or fine or quality.*best"):
         level("best")

@@ -26,9 +26,10 @@ STAGES = ("templates", "volume", "pointmap", "shading")
 LEVEL_TEXT = {
     AUTO: "the most exact level that the time at hand allows",
     "paper": "2 cm body, 5 mm parts, every voxel, steps of 5 mm: to compare with",
-    "fast": "2 cm body, 5 mm hands and face, no antialiasing; a drag may lag by 1 mm",
+    "fast": "2 cm body, 5 mm hands and face, no antialiasing; a drag may lag by 2 mm",
     "balanced": "2 cm body, 2.5 mm hands and face, antialiased",
-    "quality": "as balanced, the body at 5 mm where it is seen",
+    "fine": "as balanced, the body at 1 cm where it is seen",
+    "quality": "as balanced, the body at 5 mm where it is seen, every hit put onto the exact field",
 }
 TITLES = {
     "templates": "Meshes posed",

@@ -23,7 +23,7 @@ from avatarrex.volume.build import build_volume
 from avatarrex.volume.narrow import between
 from avatarrex.volume.volume import SdfVolume
 
-LIMITS = {"fast": 8.0, "balanced": 10.0, "quality": 16.0}
+LIMITS = {"fast": 8.0, "balanced": 10.0, "fine": 16.0, "quality": 16.0}
 """MiB: 2 cm with boxes of 5 mm, of 2.5 mm, and with bricks."""
 FINER = 4
 """The paper's upsampling."""

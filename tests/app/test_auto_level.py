@@ -35,26 +35,32 @@ def climb(auto, current, motion=Motion.FULL):
 
 
 def test_nothing_known_starts_at_fast_and_tries_a_level_at_a_time_at_rest():
-    assert climb(AutoLevel(), "fast") == ["fast", "balanced", "quality"]
+    assert climb(AutoLevel(), "fast") == ["fast", "balanced", "fine", "quality"]
     assert climb(AutoLevel(), "fast", Motion.STILL) == ["fast"]
     assert climb(AutoLevel(), "fast", Motion.MOVING) == ["fast"]
-    assert climb(AutoLevel(), "paper") == ["paper", "balanced", "quality"]
+    assert climb(AutoLevel(), "paper") == ["paper", "balanced", "fine", "quality"]
 
 
 def test_rest_ends_at_the_most_exact_level_within_the_idle_budget():
-    assert climb(known(fast=(50, 50), balanced=(200, 400), quality=(900, 1900)), "fast") == ["fast", "quality"]
-    assert climb(known(fast=(50, 50), balanced=(200, 400), quality=(900, 2100)), "fast") == ["fast", "balanced"]
-    assert climb(known(fast=(50, 50), balanced=(200, 2100), quality=(900, 2100)), "fast") == ["fast"]
+    assert climb(known(fast=(50, 50), balanced=(200, 400), fine=(400, 900), quality=(900, 1900)), "fast") == [
+        "fast",
+        "quality",
+    ]
+    assert climb(known(fast=(50, 50), balanced=(200, 400), fine=(400, 900), quality=(900, 2100)), "fast") == [
+        "fast",
+        "fine",
+    ]
+    assert climb(known(fast=(50, 50), balanced=(200, 2100), fine=(400, 2100), quality=(900, 2100)), "fast") == ["fast"]
 
 
 def test_a_still_takes_what_fits_its_smaller_budget():
-    auto = known(fast=(50, 50), balanced=(200, 400), quality=(900, 1900))
+    auto = known(fast=(50, 50), balanced=(200, 400), fine=(400, 900), quality=(900, 1900))
     assert auto.choose("fast", Change.VIEW, Motion.STILL, PIXELS) == "balanced"
     assert BUDGET[Motion.MOVING] < BUDGET[Motion.STILL] < BUDGET[Motion.FULL]
 
 
-@pytest.mark.parametrize(("costs", "expected"), [((40, 60, 90), "quality"), ((40, 60, 110), "balanced"),
-                                                 ((40, 110, 110), "fast"), ((110, 120, 130), "fast")])  # fmt: skip
+@pytest.mark.parametrize(("costs", "expected"), [((40, 60, 80, 90), "quality"), ((40, 60, 80, 110), "fine"), ((40, 60, 105, 110), "balanced"),
+                                                 ((40, 110, 110, 110), "fast"), ((110, 120, 125, 130), "fast")])  # fmt: skip
 def test_a_drag_falls_to_the_first_level_within_its_budget(costs, expected):
     auto = known(**{name: (cost, 300) for name, cost in zip(ORDER, costs)})
     assert auto.choose("quality", Change.POSE, Motion.MOVING, PIXELS) == expected
@@ -80,13 +86,13 @@ def test_a_first_picture_does_not_count_and_old_figures_are_forgotten():
     assert auto.cost("quality", Change.LEVEL, PIXELS) is None
     auto.measured("quality", Change.LEVEL, PIXELS, 9000, 0)
     auto.measured("fast", Change.POSE, PIXELS, 1, 0)
-    assert auto.choose("balanced", Change.VIEW, Motion.FULL, PIXELS) == "balanced"
+    assert auto.choose("fine", Change.VIEW, Motion.FULL, PIXELS) == "fine"
     for _ in range(MEMORY + 1):
         auto.measured("fast", Change.POSE, PIXELS, 1, 0)
-    assert auto.choose("balanced", Change.VIEW, Motion.FULL, PIXELS) == "quality"
+    assert auto.choose("fine", Change.VIEW, Motion.FULL, PIXELS) == "quality"
 
 
-MS = {"fast": 10.0, "balanced": 150.0, "quality": 700.0}
+MS = {"fast": 10.0, "balanced": 150.0, "fine": 300.0, "quality": 700.0}
 """Of the volume, whatever changed."""
 
 
@@ -121,7 +127,7 @@ def test_the_studio_drags_fast_and_rests_at_quality(levels, clock):
     studio, drawn = levels
     studio.do(SetLevel("auto"))
     settle(studio, clock)
-    assert drawn == ["fast", "balanced", "quality"]
+    assert drawn == ["fast", "balanced", "fine", "quality"]
     for _ in range(2):  # twice: a level's first picture does not count
         for k in range(4):
             studio.do(SetExpression("jawOpen", 0.1 + 0.1 * len(drawn) % 0.8 + 0.01 * k))
