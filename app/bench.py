@@ -76,11 +76,13 @@ def run(arguments: argparse.Namespace) -> int:
     from avatarrex.bench.report import Report
     from avatarrex.bench.session import Bench
     from avatarrex.bench.stages import measure
+    from avatarrex.placement import device_named
 
     capture = Path(arguments.capture) if arguments.capture else None
-    bench = Bench(quick=arguments.quick, source=arguments.avatar, capture=capture)
+    device = str(device_named(arguments.device))
+    bench = Bench(quick=arguments.quick, source=arguments.avatar, capture=capture, device=device)
     if arguments.gate is not None:  # a baseline that is missing is said now, not in ten minutes
-        empty = Report.of([], {}, arguments.quick)
+        empty = Report.of([], {}, arguments.quick, device)
         path = Path(arguments.gate or gate.baseline_path(empty))
         baseline = gate.read_baseline(path, empty)
     metrics = []
@@ -88,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
         began = time.monotonic()
         metrics += measure(name, bench)
         print(f"{name}: {STAGES[name]}, {time.monotonic() - began:.0f} s", file=sys.stderr)
-    report = Report.of(metrics, bench.absent, arguments.quick)
+    report = Report.of(metrics, bench.absent, arguments.quick, device)
     print(report.table())
     written = [Path(arguments.json)] if arguments.json else []
     if arguments.record is not None:

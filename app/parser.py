@@ -53,7 +53,9 @@ def parser() -> argparse.ArgumentParser:
         verbs.add_parser("sheet", help="contact sheets of an avatar, and what floats about it", allow_abbrev=False)
     )
     _train_options(verbs.add_parser("train", help="train an avatar from a capture", allow_abbrev=False))
-    bench.add_options(verbs.add_parser("bench", help="run time against error, stage by stage", allow_abbrev=False))
+    measured = verbs.add_parser("bench", help="run time against error, stage by stage", allow_abbrev=False)
+    bench.add_options(measured)
+    _device_option(measured)
     what = "what feature patches, pass II, sampling … are worth, trained for real"
     bench.add_ablation_options(verbs.add_parser(bench.ABLATION, help=what, allow_abbrev=False))
     stress.add_options(verbs.add_parser("stress", help="hostile inputs through every stage", allow_abbrev=False))

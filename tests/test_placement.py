@@ -13,6 +13,8 @@ from capture.tiny_capture import TinyCapture
 from elsewhere import DEVICE, Elsewhere, There
 
 from avatarrex.avatar import Avatar, load_avatar, save_avatar
+from avatarrex.bench.frame import of_a_gpu
+from avatarrex.bench.session import Bench
 from avatarrex.camera import Camera
 from avatarrex.capture.capture import Rig, open_capture
 from avatarrex.errors import InputError
@@ -62,6 +64,21 @@ def test_a_frame_is_the_same_wherever_its_networks_run(device: str) -> None:
     assert type(found.image) is torch.Tensor
     assert torch.equal(found.pointmap.hit, want.pointmap.hit)
     torch.testing.assert_close(found.image, want.image, atol=2e-4, rtol=0)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_the_bench_measures_frames_there(device: str) -> None:
+    with machine(device):
+        bench = Bench(quick=True, scale=0.03, device=device)
+        found = {metric.name: metric for metric in of_a_gpu(bench)}
+    view = found["frame.view_1024_fps"]
+    assert view.error is not None
+    assert view.error["networks"].split(":")[0] == device
+    assert view.error["pixels"] > 3
+    assert view.target == (300 if device == "cuda" else None)
+    assert not any(there(module, device) for module in bench.avatar.modules().values() if networks(module)), (
+        "the oracle's"
+    )
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ import torch
 from avatarrex.gl.context import gl_context, gl_unavailable, renderer_name
 
 
-def describe() -> dict[str, Any]:
-    """Processor, cores, threads, renderer, GPU, versions."""
+def describe(networks: str = "cpu") -> dict[str, Any]:
+    """Processor, cores, threads, renderer, GPU, versions, and where the networks of whole frames run."""
     missing = gl_unavailable()
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
     return {
@@ -24,6 +24,7 @@ def describe() -> dict[str, Any]:
         "threads": torch.get_num_threads(),
         "renderer": renderer_name(gl_context()) if missing is None else f"none: {missing}",
         "gpu": gpu,
+        "networks": networks,
         "torch": torch.__version__,
         "python": platform.python_version(),
         "system": platform.system(),
@@ -34,6 +35,8 @@ def device_class(device: dict[str, Any]) -> str:
     """Machines whose ratios can be compared, as a file's name: `linux-2-cores-avx2-llvmpipe`."""
     drawn = re.split(r"[ (/:]", str(device["renderer"]))[0] or "none"
     words = [device["system"], f"{device['cores']}-cores", device["vectors"], device["gpu"] or drawn]
+    placed = device.get("networks", "cpu")
+    words += [] if placed == "cpu" else ["networks", "on", placed]
     return re.sub(r"[^a-z0-9]+", "-", " ".join(words).lower()).strip("-")
 
 

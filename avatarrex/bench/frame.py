@@ -1,7 +1,8 @@
 """Stage `frame`: whole frames of every level, beside volume rendering of the same avatar and a skinned textured mesh.
 
 Frames follow each other as in the studio: the frame before is at hand. Times are what a user waits (wall clock); ratios and
-errors come from the same run. Errors of levels: against the oracle's exact frame (accuracy.py).
+errors come from the same run. Errors of levels: against the oracle's exact frame (accuracy.py). Networks run on the session's
+device, those of the oracle and of rivals on the CPU.
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ def measure(bench: Bench) -> list[Metric]:
         Metric("frame.view_256_fps", 1e3 / turned, "fps", "higher", errors[EVERYDAY], 15.0),
         Metric("frame.drag_fps", 1e3 / _total(drags), "fps", "higher", drag_errors, 10.0),
         Metric("frame.idle_work", idle_work(bench, small), "counts", target=0),
+        *of_a_gpu(bench),
         *volume_rendering(bench, large),
         *textured_mesh(bench, large),
     ]
@@ -64,12 +66,28 @@ def measure(bench: Bench) -> list[Metric]:
     return metrics
 
 
+def of_a_gpu(bench: Bench) -> list[Metric]:
+    """Frames at 1024², whose targets are those of one H100: everything changes, and the view alone."""
+    size, cuda = bench.side(1024, 1024), bench.device.startswith("cuda")
+    error = bench.once(level_errors)[EVERYDAY]
+    found = []
+    for name, target, count, change in (
+        ("new_pose", 120.0, bench.count(6, 2), posing(bench)),
+        ("view", 300.0, bench.count(12, 4), turning(bench)),
+    ):
+        frames = sequence(bench, level(EVERYDAY), size, count, change)
+        by = {**error, **by_stage(frames), "networks": frames[-1].device}
+        fps = 1e3 / _total(frames)
+        found.append(Metric(f"frame.{name}_1024_fps", fps, "fps", "higher", by, target if cuda else None))
+    return found
+
+
 def level_errors(bench: Bench) -> dict[str, dict[str, Any]]:
     """`Accuracy` of every level against the exact frame, 64×64; `dragged`: with the voxels that a limb is dragged with."""
     signals, camera = bench.motion(JUDGED + 1)[-1], bench.camera(bench.side(64, 64))
     exact = render_oracle(bench.avatar, signals, camera)
     every = {**LEVELS, "dragged": dragged(level(DRAGGING))}
-    frames = {name: render_frame(bench.avatar, signals, camera, settings) for name, settings in every.items()}
+    frames = {name: render_frame(bench.placed, signals, camera, settings) for name, settings in every.items()}
     return {name: asdict(depth_report(frame, exact)) for name, frame in frames.items()}
 
 
@@ -105,14 +123,14 @@ def sequence(bench: Bench, settings: RenderSettings, size: int, count: int, chan
     previous: Frame | None = None
     for k in range(count + WARM):
         signals, azimuth = change(k)
-        previous = render_frame(bench.avatar, signals, bench.camera(size, azimuth), settings, previous)
+        previous = render_frame(bench.placed, signals, bench.camera(size, azimuth), settings, previous)
         frames.append(previous)
     return frames[WARM:]
 
 
 def lag(bench: Bench, frame: Frame) -> dict[str, float]:
     """How far a frame that kept what hardly moved is from the same one made anew."""
-    anew = render_frame(bench.avatar, frame.signals, frame.camera, replace(frame.settings, hold=0.0))
+    anew = render_frame(bench.placed, frame.signals, frame.camera, replace(frame.settings, hold=0.0))
     both = anew.pointmap.hit & frame.pointmap.hit
     apart = 1e3 * (anew.pointmap.position - frame.pointmap.position).norm(dim=-1)[both]
     noise = (anew.image - frame.image)[both].square().mean()
@@ -126,8 +144,8 @@ def lag(bench: Bench, frame: Frame) -> dict[str, float]:
 def idle_work(bench: Bench, size: int) -> int:
     """Sum of all counters of a frame in which nothing has changed."""
     signals, camera = bench.motion(1)[0], bench.camera(size)
-    frame = render_frame(bench.avatar, signals, camera, level(EVERYDAY))
-    return sum(render_frame(bench.avatar, signals, camera, level(EVERYDAY), frame).counters.values())
+    frame = render_frame(bench.placed, signals, camera, level(EVERYDAY))
+    return sum(render_frame(bench.placed, signals, camera, level(EVERYDAY), frame).counters.values())
 
 
 def by_stage(frames: list[Frame]) -> dict[str, float]:

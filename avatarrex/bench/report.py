@@ -33,9 +33,9 @@ class Report:
     absent: dict[str, str]
 
     @staticmethod
-    def of(metrics: list[Metric], absent: dict[str, str], quick: bool) -> Report:
-        """A run on this machine."""
-        return Report(describe(), "quick" if quick else "full", metrics, absent)
+    def of(metrics: list[Metric], absent: dict[str, str], quick: bool, networks: str = "cpu") -> Report:
+        """A run on this machine, `networks` of whole frames on that device."""
+        return Report(describe(networks), "quick" if quick else "full", metrics, absent)
 
     def named(self, name: str) -> Metric | None:
         """None where it was not measured."""

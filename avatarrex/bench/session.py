@@ -37,6 +37,8 @@ class Bench:
     """What a training step is tried on; a synthetic one is made where there is none."""
     scale: float = 1.0
     """Of every count of points, rays, pixels: tests run the stages small."""
+    device: str = "cpu"
+    """Where the networks of whole frames run."""
     absent: dict[str, str] = field(default_factory=dict)
     """What could not be measured, by name, and why."""
     _made: dict[str, Any] = field(default_factory=dict)
@@ -61,6 +63,11 @@ class Bench:
     def avatar(self) -> Avatar:
         """Raises `InputError` where it cannot be read."""
         return load_avatar(self.source)
+
+    @cached_property
+    def placed(self) -> Avatar:
+        """The same with its networks on `device`. Raises `InputError`."""
+        return self.avatar if self.device == "cpu" else load_avatar(self.source, self.device)
 
     @cached_property
     def subject(self) -> Subject:

@@ -116,6 +116,7 @@ def test_the_device_is_described_without_a_host():
     assert platform.node() not in re.findall(r"\w+", json.dumps(device))
     assert device_class(device).startswith(platform.system().lower())
     assert device_class({**DEVICE, "gpu": "NVIDIA H100 80GB HBM3"}) == "linux-2-cores-avx2-nvidia-h100-80gb-hbm3"
+    assert device_class({**DEVICE, "networks": "cuda:1"}).endswith("-networks-on-cuda-1")
 
 
 def test_stages_are_known_by_name():

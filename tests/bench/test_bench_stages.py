@@ -133,6 +133,8 @@ def test_whole_frames(body_alone):
     assert found["frame.new_pose_512_ms"].error["pixels"] > 5
     assert found["frame.rival.avatar.ms"].error["psnr_db"] > 5
     assert found["frame.vs_volume_rendering"].error["preset"] == "paper"
+    assert found["frame.view_1024_fps"].error["networks"] == "cpu"
+    assert found["frame.view_1024_fps"].met is None, "a target of a GPU"
     assert ("frame.vs_paper_level" in found) != ("frame.vs_paper_level" in body_alone.absent)
 
 
@@ -208,6 +210,7 @@ def test_the_command_measures_records_and_gates(tmp_path, capsys):
         (["sdf", "ablation"], "ablation"),
         (["sdf", "--gate", "no_such.json"], "no_such.json"),
         (["sdf", "--json", ""], "--json"),
+        (["frame", "--device", "xpu:7"], "--device"),
         (["training", "--capture", "nowhere"], "nowhere"),
     ],
 )
