@@ -22,8 +22,9 @@ from avatarrex.ops.rotation import matrix_from_quaternion, quaternion_from_matri
 AMPLIFICATION = 8.0
 """The most that an inverse may stretch a distance. Opposed twists at equal weights shrink a limb by cos θ/2, and the
 exact inverse stretches 11 times at 170°, 57 at 178°, 1146 at 179.9°. 8 is a twist of 166°, beyond any joint's limit."""
-NEARER = (1.0, 8e-4, 5e-4, 3e-4)
-"""A bend's quaternion times this is positive where it is nearer to no bend than its negative; a half turn's depends on its axis."""
+NEARER = (1.0, 0.061, 0.041, 0.023)
+"""A bend's quaternion times this is positive where it is nearer to no bend than its negative. Of bends beyond 171° the axis
+decides: any such rule has axes on whose two sides it differs, and the larger these numbers, the fewer are within rounding of one."""
 
 
 @lru_cache(maxsize=64)
@@ -89,7 +90,7 @@ def blend_rotations(
     skinning: Float[Tensor, "j 4 4"], weights: Float[Tensor, "v j"], parents: Sequence[int]
 ) -> Float[Tensor, "v 3 3"]:
     """The rotation of Σ_i w_i q_i (Le and Hodgins 2016, eq. 3), q_i the joints' unit quaternions, each of the sign that is
-    nearer to its parent's. A joint bent by less than 180° does not let it vanish; of a half turn, whose ways are equally
+    nearer to its parent's. A joint bent by less than 180° does not let it vanish; about a half turn, whose ways are equally
     far, the axis decides, and not what is rounded."""
     quaternion = quaternion_from_matrix(skinning[:, :3, :3])
     parent, lineage = _lineage(tuple(parents), skinning.device)
