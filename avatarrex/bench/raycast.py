@@ -112,7 +112,7 @@ def _methods(volume: SdfVolume) -> dict[str, Passes]:
     trace: Passes = [
         *beams,
         ("trace", TILE_LIST, {"PARTS": 0}),
-        *(("trace", TRACE_LIST + k, {"PARTS": boxes}) for k, boxes in enumerate(BOXES if volume.parts else ())),
+        *(("trace", TRACE_LIST + k, {"PARTS": BOXES[k]}) for k in range(1, len(BOXES) if volume.parts else 1)),
     ]
     exact: Passes = [("exact", EXACT_LIST + k, {"PARTS": boxes}) for k, boxes in enumerate(parts)]
     return {

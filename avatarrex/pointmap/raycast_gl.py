@@ -37,7 +37,7 @@ PART = np.dtype(
 )
 """Mirrors `struct Part` of shaders/pointmap/volume.glsl; the matrix by columns (std140)."""
 LIST = np.dtype([("groups", "u4"), ("one", "u4"), ("also_one", "u4"), ("count", "u4")])
-LISTS = np.dtype([("lists", LIST, 11), ("steps", "u4")])
+LISTS = np.dtype([("lists", LIST, 15), ("steps", "u4"), ("edges", "u4")])
 """Mirrors `buffer Lists` of shaders/pointmap/rays.glsl."""
 RECORD = np.dtype(
     [
@@ -50,14 +50,14 @@ RECORD = np.dtype(
     ]
 )
 """Mirrors `struct Record` of shaders/pointmap/surface.comp."""
-EXACT_LIST, EDGE_LIST, COVERED_LIST = range(0, 6, 2)
+EXACT_LIST, COVERED_LIST = 0, 2
 """Each comes twice: rays that meet no part box, and rays that do."""
-TILE_LIST, TRACE_LIST = 6, 7
-"""Of the second one each for the rays that meet one of `PARTS`, and one for rays that meet several."""
-BOXES = (0b001, 0b010, 0b100, 0b111)
-"""Bits of the parts that the programs for these look at."""
+TILE_LIST, TRACE_LIST, EDGE_LIST = 4, 5, 10
+"""The second and the third come once for each of `BOXES`."""
+BOXES = (0b000, 0b001, 0b010, 0b100, 0b111)
+"""Rays that meet no part box, one of `PARTS`, or several: bits of the boxes that their program looks at."""
 HIT_BIT = np.uint32(1 << 31)
-T, BEAM = 4, 8
+T, BEAM, RECORDS = 4, 8, 10
 """Places among `GlCaster.pixels`."""
 NO_HIT = np.float32(1e9)
 """A tile that no pass visits has twice this."""
@@ -90,28 +90,29 @@ class GlCaster:
         """All passes, one read-back."""
         antialias = antialias and march == "exact"
         run, uploaded = self.prepare(volume, camera, antialias)
+        boxes = tuple(enumerate(BOXES if volume.parts else BOXES[:1]))
         variants = tuple(enumerate((0, BOXES[-1]) if volume.parts else (0,)))
         if march == "fixed":
             run("plain", PARTS=variants[-1][1], METHOD=2)
         else:
             run("beams", PARTS=0)
             run("trace", TILE_LIST, PARTS=0)
-            for k, boxes in enumerate(BOXES if volume.parts else ()):
-                run("trace", TRACE_LIST + k, PARTS=boxes)
-            for k, boxes in variants:
-                run("exact", EXACT_LIST + k, PARTS=boxes)
+            for k, parts in boxes[1:]:
+                run("trace", TRACE_LIST + k, PARTS=parts)
+            for k, parts in variants:
+                run("exact", EXACT_LIST + k, PARTS=parts)
         run("edges", TILE_LIST, PARTS=0, ANTIALIAS=int(antialias))
         slots = _slots(camera, antialias)
         if antialias:
-            for k, boxes in variants:
-                run("subrays", EDGE_LIST + k, PARTS=boxes)
-        for k, boxes in variants:
-            run("surface", COVERED_LIST + k, PARTS=boxes)
+            for k, parts in boxes:
+                run("subrays", EDGE_LIST + k, PARTS=parts)
+        for k, parts in variants:
+            run("surface", COVERED_LIST + k, PARTS=parts)
         lists = np.frombuffer(self.lists.read(), LISTS)[0]
-        covered, edges = (int(lists["lists"]["count"][k : k + 2].sum()) for k in (COVERED_LIST, EDGE_LIST))
-        records = np.frombuffer(self.pixels[-1].read(covered * RECORD.itemsize) if covered else b"", RECORD)
+        covered = int(lists["lists"]["count"][COVERED_LIST : COVERED_LIST + 2].sum())
+        records = np.frombuffer(self.pixels[RECORDS].read(covered * RECORD.itemsize) if covered else b"", RECORD)
         counters = {
-            "rays": camera.width * camera.height + 16 * min(edges, slots),
+            "rays": camera.width * camera.height + 16 * min(int(lists["edges"]), slots),
             "ray_steps": int(lists["steps"]),
             "bytes_uploaded": uploaded,
             "bytes_read_back": LISTS.itemsize + records.nbytes,
@@ -194,9 +195,9 @@ class GlCaster:
         return uploaded
 
     def _bind_buffers(self, count: int, slots: int, tiles: int) -> None:
-        """Parts, lists, then what grows with the image: bindings 2 to 12."""
-        sizes = [4 * len(BOXES) * count, 8 * count, 4 * slots, 8 * count, 4 * count, 4 * count, 4 * count, 64 * slots]
-        sizes += [4 * tiles, 4 * tiles, RECORD.itemsize * count]
+        """Parts, lists, then what grows with the image: bindings 2 to 13."""
+        sizes = [4 * (len(BOXES) - 1) * count, 8 * count, 4 * slots, 8 * count, 4 * count, 4 * count, 4 * count, 64 * slots]
+        sizes += [4 * tiles, 4 * tiles, RECORD.itemsize * count, 4 * len(BOXES) * slots]
         for k, size in enumerate(sizes):
             if k == len(self.pixels):
                 self.pixels.append(self.context.buffer(reserve=max(size, 4)))
@@ -217,8 +218,8 @@ def _tiles(camera: Camera) -> int:
 
 
 def _slots(camera: Camera, antialias: bool) -> int:
-    """Silhouette pixels that there is room for, half of them for rays that meet part boxes: 64 bytes each."""
-    return 2 * (camera.width * camera.height // 4 + 4096) if antialias else 0
+    """Silhouette pixels that there is room for: 64 bytes each."""
+    return camera.width * camera.height // 4 + 4096 if antialias else 0
 
 
 def _window(part: PartBox, camera: Camera) -> np.ndarray:

@@ -14,7 +14,7 @@ bool is_hit(ivec2 place) {
 void main() {
     uint pixel = pixel_of_tile(tiles[gl_WorkGroupID.x], gl_LocalInvocationIndex);
     if (pixel == NO_PIXEL) return;
-    uint walked = ray_walked[pixel], parts = (walked & SEES_PARTS) != 0u ? 1u : 0u, slot = NO_SLOT;
+    uint walked = ray_walked[pixel], boxes = walked >> BOXES_SHIFT & 7u, parts = boxes != 0u ? 1u : 0u, slot = NO_SLOT;
     atomicAdd(tally_steps, walked & STEPS);
     ivec2 place = ivec2(corner_of(pixel)), right = ivec2(1, 0), down = ivec2(0, 1);
     bool hit = is_hit(place);
@@ -22,10 +22,13 @@ void main() {
     bool outer = ANTIALIAS == 1 && (is_hit(place + right) || is_hit(place - right) || is_hit(place + down) || is_hit(place - down));
     bool edge = ANTIALIAS == 1 && (hit ? !inner : outer || (walked & GRAZES) != 0u);
     if (edge) {
-        uint row = append(LIST_EDGE + int(parts));
-        if (row < u_slots / 2u) {
-            slot = from_end(row, parts, u_slots);
+        slot = atomicAdd(edge_count, 1u);
+        if (slot < u_slots) {
+            uint list = boxes_list(boxes);
             edge_pixels[slot] = pixel;
+            edge_slots[list * u_slots + append(LIST_EDGE + int(list))] = slot;
+        } else {
+            slot = NO_SLOT;
         }
     }
     if (hit || slot != NO_SLOT) {

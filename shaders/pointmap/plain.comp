@@ -31,5 +31,5 @@ void main() {
     }
     if (METHOD != 1) t = before + (t - before) * s_before / max(s_before - s, 1e-12);
     ray_t[pixel] = found ? t : NO_HIT;
-    ray_walked[pixel] = steps | (PARTS != 0 ? SEES_PARTS : 0u);
+    ray_walked[pixel] = steps | uint(PARTS) << BOXES_SHIFT;
 }

@@ -56,14 +56,14 @@ bool sees_parts(vec2 low, vec2 high) {
 }
 
 // Which part boxes the ray, as wide as a pixel, meets: a bit each.
-int meets_parts(Ray ray) {
-    int meets = 0;
+uint meets_parts(Ray ray) {
+    uint meets = 0u;
     for (int k = 0; k < 3; ++k) {
         vec3 place = box_place(k, ray.origin), size = in_part[k].size;
         // Half a voxel of the body is how far normals look aside.
         float grown = ray.footprint * (1 - (length(place) + length(size)) / ray.camera) + 0.5 * u_voxel;
         vec2 box = slab(place + grown, mat3(in_part[k].box_from_root) * ray.direction, size + 2 * grown);
-        if (size.x >= 0 && box.x <= box.y && box.y >= ray.camera) meets |= 1 << k;
+        if (size.x >= 0 && box.x <= box.y && box.y >= ray.camera) meets |= 1u << k;
     }
     return meets;
 }
@@ -84,14 +84,16 @@ float reach_at(Ray ray, float t) {
 }
 
 // Lists of pixels for the next pass: each an indirect dispatch of 64 (of 16 for each silhouette pixel), counted as they are
-// appended. Most kinds come twice, for pixels whose rays miss all part boxes and for those that meet one, which need the
-// slower program. What is traced has a list for each box and one for rays that meet several. Tiles come once, a work group
-// each.
-const int LIST_EXACT = 0, LIST_EDGE = 2, LIST_COVERED = 4, LIST_TILE = 6, LIST_TRACE = 7;
-const int SEVERAL = 3;  // of the lists of what is traced
+// appended. Exact walks and what is covered come twice, for pixels whose rays miss all part boxes and for those that meet one,
+// which need the slower program; traced rays and silhouettes for each set of boxes (`boxes_list`). Tiles come once, a work
+// group each.
+const int LIST_EXACT = 0, LIST_COVERED = 2, LIST_TILE = 4, LIST_TRACE = 5, LIST_EDGE = 10;
+
+// Which list holds rays that meet these part boxes (a bit each): none, one of three, several.
+uint boxes_list(uint boxes) { return boxes == 0u ? 0u : boxes == 1u ? 1u : boxes == 2u ? 2u : boxes == 4u ? 3u : 4u; }
 struct List { uint groups, one, also_one, count; };
-layout(std430, binding = 1) buffer Lists { List lists[11]; uint tally_steps; };
-layout(std430, binding = 2) buffer TracePixels { uint trace_pixels[]; };      // each list has room for all
+layout(std430, binding = 1) buffer Lists { List lists[15]; uint tally_steps; uint edge_count; };
+layout(std430, binding = 2) buffer TracePixels { uint trace_pixels[]; };      // room for all in each list
 layout(std430, binding = 3) buffer ExactPixels { uvec2 exact_pixels[]; };      // pixel, bits of the t to start from
 layout(std430, binding = 4) buffer EdgePixels { uint edge_pixels[]; };
 layout(std430, binding = 5) buffer CoveredPixels { uvec2 covered_pixels[]; };  // pixel, slot among the edges or NO_SLOT
@@ -101,19 +103,20 @@ layout(std430, binding = 8) buffer Walked { uint ray_walked[]; };              /
 layout(std430, binding = 9) buffer SubDistance { float sub_t[]; };             // per edge slot, 16
 layout(std430, binding = 10) buffer Beams { float beam_free[]; };              // per tile: metres from the camera, NO_HIT: all; or EMPTY
 layout(std430, binding = 11) buffer Tiles { uint tiles[]; };                   // that are not EMPTY
+layout(std430, binding = 13) buffer EdgeSlots { uint edge_slots[]; };          // room for all in each list
 
 const float NO_HIT = 1e9;
 const float EMPTY = 2e9;               // of a tile whose rays meet nothing; no pass visits its pixels
 const uint NO_SLOT = 0xffffffffu;
 const uint GRAZES = 0x80000000u;       // the ray misses the surface by less than a pixel
-const uint SEES_PARTS = 0x40000000u;
+const int BOXES_SHIFT = 28;            // three bits: the part boxes that the ray meets
 const uint STEPS = 0x0fffffffu;
 
-// The two lists of a kind share one buffer of `capacity` entries and fill it from both ends.
+// Two lists of a kind share one buffer of `capacity` entries and fill it from both ends.
 uint from_end(uint row, uint parts, uint capacity) { return parts == 0u ? row : capacity - 1u - row; }
 
 uint append(int list) {
-    uint row = atomicAdd(lists[list].count, 1u), a_group = list == LIST_EDGE || list == LIST_EDGE + 1 ? 4u : 64u;
+    uint row = atomicAdd(lists[list].count, 1u), a_group = list >= LIST_EDGE ? 4u : 64u;
     if (row % a_group == 0u) atomicAdd(lists[list].groups, 1u);
     return row;
 }

@@ -7,9 +7,9 @@ uniform uint u_slots;
 
 void main() {
     uint row = gl_GlobalInvocationID.x / 16u, k = gl_GlobalInvocationID.x % 16u;
-    uint slot = listed(LIST_EDGE, row, u_slots);
-    if (slot == NO_SLOT || row >= u_slots / 2u) return;
-    uint pixel = edge_pixels[slot];
+    const uint list = boxes_list(PARTS);
+    if (row >= lists[LIST_EDGE + list].count) return;
+    uint slot = edge_slots[list * u_slots + row], pixel = edge_pixels[slot];
     Hit hit = march(ray_through(corner_of(pixel) + (vec2(k % 4u, k / 4u) + 0.5) / 4), ray_near[pixel]);
     sub_t[slot * 16u + k] = hit.t;
     atomicAdd(tally_steps, hit.steps);

@@ -11,18 +11,17 @@ void main() {
     uint pixel = pixel_of_tile(tiles[gl_WorkGroupID.x], gl_LocalInvocationIndex);
     if (pixel == NO_PIXEL) return;
 #else
-    const int which = PARTS == 1 ? 0 : PARTS == 2 ? 1 : PARTS == 4 ? 2 : SEVERAL;
+    const uint list = boxes_list(PARTS);
     uint row = gl_GlobalInvocationID.x;
-    if (row >= lists[LIST_TRACE + which].count) return;
-    uint pixel = trace_pixels[uint(which) * count + row];
+    if (row >= lists[LIST_TRACE + list].count) return;
+    uint pixel = trace_pixels[(list - 1) * count + row];
 #endif
     Ray ray = ray_through(corner_of(pixel) + 0.5);
 #if PARTS == 0
     if (sees_parts(corner_of(pixel) + 0.5, corner_of(pixel) + 0.5)) {
-        int boxes = meets_parts(ray);
-        if (boxes != 0) {
-            int which = boxes == 1 ? 0 : boxes == 2 ? 1 : boxes == 4 ? 2 : SEVERAL;
-            trace_pixels[uint(which) * count + append(LIST_TRACE + which)] = pixel;
+        uint list = boxes_list(meets_parts(ray));
+        if (list != 0u) {
+            trace_pixels[(list - 1) * count + append(LIST_TRACE + int(list))] = pixel;
             return;
         }
     }
@@ -30,7 +29,7 @@ void main() {
     Hit hit = march(ray, start_of(pixel, ray));
     ray_t[pixel] = hit.t;
     ray_near[pixel] = hit.near;
-    ray_walked[pixel] = hit.steps | (hit.grazes ? GRAZES : 0u) | (PARTS != 0 ? SEES_PARTS : 0u);
+    ray_walked[pixel] = hit.steps | (hit.grazes ? GRAZES : 0u) | uint(PARTS) << BOXES_SHIFT;
     if (hit.suspect != NO_HIT) {
         uint row = from_end(append(LIST_EXACT + int(ANY_PART)), ANY_PART, count);
         exact_pixels[row] = uvec2(pixel, floatBitsToUint(hit.suspect));

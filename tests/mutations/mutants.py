@@ -289,8 +289,8 @@ MUTANTS: dict[str, Mutant] = {
     "one raycast pass, GL": Mutant(
         "thin parts",
         "avatarrex/pointmap/raycast_gl.py",
-        '            run("exact", EXACT_LIST + k, PARTS=boxes)',
-        "            del k, boxes",
+        '            run("exact", EXACT_LIST + k, PARTS=parts)',
+        "            del k, parts",
         f"{THIN}[gl]",
     ),
     "beams as wide as their middle": Mutant(

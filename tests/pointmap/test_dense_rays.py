@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 import torch
+from pointmap.dense_solid import DenseSolid
 
 from avatarrex.camera import Camera
 from avatarrex.pointmap.dense_rays import EXACT, dense_crossing
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres
 from avatarrex.volume.solids import capsule, slab, sphere, union
-from tests.pointmap.dense_solid import DenseSolid
 
 
 def rays_of(camera: Camera) -> Rays:

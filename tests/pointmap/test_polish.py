@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from pointmap.dense_solid import DenseSolid
 
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
@@ -17,7 +18,6 @@ from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.signals.signals import Signals
 from avatarrex.volume.composed_field import ComposedField
 from avatarrex.volume.solids import sphere
-from tests.pointmap.dense_solid import DenseSolid
 
 SETTINGS = RenderSettings(raycast="torch", part_voxel=0.005, antialias=True)
 SIGNALS = Signals.rest().replace(body_pose=named_pose("walk"))

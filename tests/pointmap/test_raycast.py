@@ -160,7 +160,7 @@ def test_the_shaders_read_the_parts_as_numpy_wrote_them():
     program = gl_caster()._program("surface", PARTS=BOXES[-1], CONTACTS=1, BRICKS=1, FLOAT_FILTER=0)
     assert program["Parts"].size == 3 * PART.itemsize
     assert RECORD.itemsize % 16 == 0
-    assert LISTS.fields["steps"][1] == 11 * 16
+    assert LISTS.fields["steps"][1] == 15 * 16
 
 
 def test_eight_texel_fetches_give_what_a_float_filter_gives(man, monkeypatch):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import torch
+from capture.tiny_capture import TinyCapture
 from torch import Tensor
 
 from avatarrex.camera import Camera
@@ -18,7 +19,6 @@ from avatarrex.training.outline import SURE, closest
 from avatarrex.training.pixels import PixelBatch, draw_outline
 from avatarrex.volume.solids import body_grid, sphere
 from avatarrex.volume.volume import SdfVolume
-from tests.capture.tiny_capture import TinyCapture
 
 MIDDLE = (0.3, 0.3, 0.3)
 RADIUS = 0.2
