@@ -1,9 +1,11 @@
 """Stage `geometry`: Step I of the body as a frame makes it, against evaluating every voxel that any node reaches.
 
 Both over the same moving sequence, frame by frame, the fast one with the frame before at hand. A crossing is a pair of
-neighbouring voxels with opposite signs: one that only one of the two grids has is changed. Where both have it, its place
-between the two voxels is compared. Two bounds on any band that changes no crossing: it evaluates the corners of the cells
-with crossings, and all voxels whose guess is no larger than that of one that it would otherwise take the wrong sign of.
+neighbouring voxels with opposite signs: one that only one of the two grids has is changed. Voids that the body encloses are
+filled and crumbs (volume/crumbs.py) emptied in both: what is left is what a ray from outside can meet. Where both have
+it, its place between the two voxels is compared. Two bounds on any band: it evaluates the corners of the cells with such
+crossings; and to find the voids, too, all voxels whose guess is no larger than that of one that it would otherwise take
+the wrong sign of.
 One core, processor time. Letters: z y x voxels, k (voxel, node) pairs.
 """
 
@@ -24,9 +26,9 @@ from avatarrex.fields import body
 from avatarrex.pipeline import RenderSettings
 from avatarrex.templates.posed import PART_JOINT, PosedPerson, pose_person
 from avatarrex.volume.build import AvatarVolume, build_volume
+from avatarrex.volume.crumbs import without_crumbs
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow import unsettled
-from avatarrex.volume.volume import BodyGrid
 
 
 @dataclass
@@ -44,7 +46,7 @@ class Found:
     needed_pairs: int = 0
     """Of the corners of cells with crossings."""
     bubbles: dict[str, int] = field(default_factory=lambda: {"voids": 0, "floaters": 0})
-    """Pieces of one sign that only evaluating everything finds: enclosed by the body, and in the air."""
+    """Pieces of one sign that only evaluating everything finds: in the body, seen from nowhere, and in the air."""
     blind: float = 0.0
     """Metres: the largest guess at one of them."""
     nearer: list[float] = field(default_factory=list)
@@ -106,21 +108,27 @@ def _frame(
         found.lists.append(sum(lists.cpu))
         found.band_pairs.append(counters["local_mlp_evaluations"])
         found.full_pairs.append(all_counters["local_mlp_evaluations"])
-        truth = made[1].grid.sdf.numpy()
-        found.needed_pairs += _pairs_needed(bench, posed, made[1])
         assert made[1].grid.known is not None
-        _count_bubbles(volume.grid.sdf.numpy(), truth, made[1].grid.known, found)
-        changed, crossings, shift = crossings_between(volume.grid, truth)
+        ours, truth = volume.grid.sdf.numpy(), without_crumbs(made[1].grid).sdf.numpy()
+        _count_bubbles(ours, truth, made[1].grid.known, found)
+        ours, truth = solid(ours), solid(truth)
+        found.needed_pairs += _pairs_needed(bench, volume, truth)
+        changed, crossings, shift = crossings_between(ours, truth, volume.grid.voxel)
         found.changed, found.crossings = found.changed + changed, found.crossings + crossings
         found.shift = max(found.shift, shift)
     return volume
 
 
-def _pairs_needed(bench: Bench, posed: PosedPerson, volume: AvatarVolume) -> int:
-    """Pairs at the corners of cells in which the sign changes."""
-    grid = volume.grid
-    inside = grid.sdf.numpy() < 0
-    lattice = Lattice(grid.origin, grid.voxel, inside.shape)
+def solid(sdf: np.ndarray) -> np.ndarray:
+    """Distances (z, y, x) with the voids that the body encloses filled: no ray from outside meets them."""
+    air, _ = label(sdf >= 0, np.ones((3, 3, 3)))
+    return np.where((air > 0) & (air != air[0, 0, 0]), -sdf, sdf)
+
+
+def _pairs_needed(bench: Bench, volume: AvatarVolume, full: np.ndarray) -> int:
+    """Pairs at the corners of cells in which the sign of `full` (z, y, x) changes."""
+    inside = full < 0
+    lattice = Lattice(volume.grid.origin, volume.grid.voxel, inside.shape)
     corners = lattice.position(unsettled(inside, np.zeros_like(inside)))
     return len(bench.avatar.body.pairs(volume.body_frame, torch.as_tensor(corners, dtype=torch.float32)).point)
 
@@ -135,12 +143,12 @@ def _count_bubbles(band: np.ndarray, full: np.ndarray, reached: np.ndarray, foun
             found.nearer.append(float((np.abs(band) <= farthest)[reached].mean()))
 
 
-def crossings_between(grid: BodyGrid, full: np.ndarray) -> tuple[int, int, float]:
+def crossings_between(band: np.ndarray, full: np.ndarray, voxel: float) -> tuple[int, int, float]:
     """Crossings that only one of two grids (z, y, x) has, those of the second, and the largest shift of a common one."""
     changed = total = 0
     shift = 0.0
     for axis in range(3):
-        ours, theirs = (np.moveaxis(a, axis, 0) for a in (grid.sdf.numpy(), full))
+        ours, theirs = (np.moveaxis(a, axis, 0) for a in (band, full))
         (a, b), (c, d) = ((values[:-1], values[1:]) for values in (ours, theirs))
         mine, other = (a < 0) != (b < 0), (c < 0) != (d < 0)
         turned = mine & other & ((a < 0) != (c < 0))
@@ -149,5 +157,5 @@ def crossings_between(grid: BodyGrid, full: np.ndarray) -> tuple[int, int, float
         both = mine & other & ~turned
         place = [p[both].astype(np.float64) / (p[both].astype(np.float64) - q[both]) for p, q in ((a, b), (c, d))]
         if both.any():
-            shift = max(shift, float(grid.voxel * np.abs(place[0] - place[1]).max()))
+            shift = max(shift, float(voxel * np.abs(place[0] - place[1]).max()))
     return changed, total, shift

@@ -196,7 +196,16 @@ class GlCaster:
 
     def _bind_buffers(self, count: int, slots: int, tiles: int) -> None:
         """Parts, lists, then what grows with the image: bindings 2 to 13."""
-        sizes = [4 * (len(BOXES) - 1) * count, 8 * count, 4 * slots, 8 * count, 4 * count, 4 * count, 4 * count, 64 * slots]
+        sizes = [
+            4 * (len(BOXES) - 1) * count,
+            8 * count,
+            4 * slots,
+            8 * count,
+            4 * count,
+            4 * count,
+            4 * count,
+            64 * slots,
+        ]
         sizes += [4 * tiles, 4 * tiles, RECORD.itemsize * count, 4 * len(BOXES) * slots]
         for k, size in enumerate(sizes):
             if k == len(self.pixels):

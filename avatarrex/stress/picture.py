@@ -76,10 +76,15 @@ def _check_surface(frame: Frame, found: Findings) -> None:
     grid = volume.body
     far = np.argwhere((grid.sdf.abs() > FAR * grid.voxel).numpy())
     far = far[:: len(far) // FAR_VOXELS + 1]
-    skin = cKDTree(frame.posed.body.vertices.double().numpy())
-    away = skin.query(grid.origin + grid.voxel * far[:, ::-1])[0]
+    value, point = grid.sdf.numpy()[tuple(far.T)], grid.origin + grid.voxel * far[:, ::-1]
+    body, vertices = frame.volume.body, frame.volume.body.probe.vertices
+    away, here = cKDTree(vertices).query(point)[0], body.probe.query(point)
+    # Flat fingers of the template that are sunk into a belly: its depth is counted from its own skin (volume/handless.py).
+    for own, _ in body.touched:
+        sunk = (value < 0) & (here.weight > 0) & own[here.nearest]
+        away[sunk] = cKDTree(vertices[~own]).query(point[sunk])[0]
     # A guess differs from the distance to the nearest vertex by what is worn, an evaluated voxel by HOLD more.
-    beyond = grid.sdf.abs().numpy()[tuple(far.T)] - away
+    beyond = np.abs(value) - away
     found.at_most("far voxels beyond the template (m)", beyond, MOST_WORN + HOLD)
 
 

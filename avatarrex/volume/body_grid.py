@@ -30,7 +30,7 @@ MAX_SIDE = 128
 """Voxels along a side (paper sec. 4): the voxel grows rather than a limb being cut off."""
 MARGIN = 0.09
 """Metres of box around the template: the thickest cloth, what the field may differ from it, and a voxel."""
-REACH = 1.3
+REACH = 1.0
 """Voxels: what is guessed nearer to the surface than this is evaluated at once."""
 SLACK = 0.012
 """Metres by which a guess may be wrong; far values are this much smaller."""

@@ -23,6 +23,8 @@ BLENDED = 8
 """Vertices that ω is blended of where it changes; one vertex' alone cuts the wrist into steps of several millimetres."""
 HOLD = 0.05
 """Metres that a fitted field may differ from the guess: farther out it has seen no samples and may hold anything."""
+AIR = 0.4
+"""Share of it towards air: cloth may stand off farther than the guess says, but flesh 2 cm below it has no void."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +40,15 @@ class Probe:
     guess: np.ndarray
     """Metres: signed height over the skin around the vertex, less what is worn there."""
     freedom: np.ndarray
-    """Metres that a field may differ from the guess."""
+    """Metres that a field may lie below the guess."""
 
     def at(self, chosen: np.ndarray) -> Probe:
         """The points of a mask (p,) or of indices."""
         return Probe(*(getattr(self, column.name)[chosen] for column in fields(self)))
 
     def held(self, sdf: Tensor, share: float = 1.0) -> Tensor:
-        """`sdf` (p,) no farther from the guess than this share of its freedom."""
-        low, high = (torch.as_tensor(self.guess + side * share * self.freedom).to(sdf) for side in (-1, 1))
+        """`sdf` (p,) no farther from the guess than this share of its freedom, and `AIR` of that towards the outside."""
+        low, high = (torch.as_tensor(self.guess + side * share * self.freedom).to(sdf) for side in (-1, AIR))
         return sdf.clamp(low, high)
 
 

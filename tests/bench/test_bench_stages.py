@@ -17,7 +17,7 @@ from avatarrex.bench.stages import measure
 from avatarrex.camera import Camera
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.volume.solids import capsule_man
-from avatarrex.volume.volume import BodyGrid, SdfVolume
+from avatarrex.volume.volume import SdfVolume
 
 
 @pytest.fixture(scope="module")
@@ -88,14 +88,22 @@ def test_bubbles_are_told_from_the_surface():
 
 
 def test_a_crossing_that_moves_or_turns_is_changed():
-    line = torch.tensor([1.0, 1.0, -1.0, -1.0]).reshape(1, 1, 4)
-    grid = BodyGrid(np.zeros(3), 0.02, line)
-    same = geometry.crossings_between(grid, line.numpy())
-    assert same == (0, 1, 0.0)
-    shifted = geometry.crossings_between(grid, np.array([1.0, 3.0, -1.0, -1.0]).reshape(1, 1, 4))
+    line = np.array([1.0, 1.0, -1.0, -1.0]).reshape(1, 1, 4)
+    assert geometry.crossings_between(line, line, 0.02) == (0, 1, 0.0)
+    shifted = geometry.crossings_between(line, np.array([1.0, 3.0, -1.0, -1.0]).reshape(1, 1, 4), 0.02)
     assert shifted == (0, 1, pytest.approx(0.02 * 0.25))
-    assert geometry.crossings_between(grid, np.array([1.0, -1.0, -1.0, -1.0]).reshape(1, 1, 4))[0] == 2
-    assert geometry.crossings_between(grid, -line.numpy())[0] == 1
+    assert geometry.crossings_between(line, np.array([1.0, -1.0, -1.0, -1.0]).reshape(1, 1, 4), 0.02)[0] == 2
+    assert geometry.crossings_between(line, -line, 0.02)[0] == 1
+
+
+def test_a_void_that_the_body_encloses_is_filled_and_a_dent_is_not():
+    body = np.full((7, 7, 7), 0.5)
+    body[1:6, 1:6, 1:6] = -0.5
+    dented, hollow, filled = body.copy(), body.copy(), body.copy()
+    dented[1:3, 3, 3] = 0.25
+    np.testing.assert_array_equal(geometry.solid(dented), dented)
+    hollow[3, 3, 3], filled[3, 3, 3] = 0.25, -0.25
+    np.testing.assert_array_equal(geometry.solid(hollow), filled)
 
 
 def test_rays_are_judged_by_the_walk_through_every_cell(bench):

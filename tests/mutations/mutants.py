@@ -328,6 +328,13 @@ MUTANTS: dict[str, Mutant] = {
         "return True",
         "tests/volume/test_crumbs.py::test_what_interpolation_joins_to_the_body_stays",
     ),
+    "hollow flesh": Mutant(
+        "crumbs",
+        "avatarrex/volume/probe.py",
+        "for side in (-1, AIR))",
+        "for side in (-1, 1))",
+        "tests/volume/test_probe.py::test_a_field_may_stand_off_farther_than_it_may_be_hollow",
+    ),
     "parallel rays, torch": Mutant(
         "parallel rays",
         "avatarrex/pointmap/rays.py",

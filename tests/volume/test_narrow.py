@@ -18,7 +18,7 @@ from avatarrex.volume.handless import HandlessBody
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow import between, halved, settle, unsettled
 from avatarrex.volume.part_box import hand_box
-from avatarrex.volume.probe import VertexProbe
+from avatarrex.volume.probe import AIR, VertexProbe
 
 LATTICE = Lattice(np.array([-0.5, -0.4, -0.45]), 0.05, (19, 17, 21))
 
@@ -124,7 +124,7 @@ def test_the_body_grid_crosses_where_the_whole_shell_does(pose: str) -> None:
     shell = np.flatnonzero((here.distance < 0.06) & (here.weight == 0))
     with torch.no_grad():
         all_of_it = avatar.body.sdf(frame, torch.as_tensor(position[shell], dtype=torch.float32)).numpy()
-    bounds = here.guess[shell] - here.freedom[shell], here.guess[shell] + here.freedom[shell]
+    bounds = here.guess[shell] - here.freedom[shell], here.guess[shell] + AIR * here.freedom[shell]
     all_of_it = np.clip(all_of_it, *bounds)
     stored = grid.sdf.numpy().ravel()
     truth = stored.copy()

@@ -1,8 +1,10 @@
 """What the nearest vertices say about points: ω without steps."""
 
 import numpy as np
+import pytest
+import torch
 
-from avatarrex.volume.probe import VertexProbe
+from avatarrex.volume.probe import AIR, HOLD, VertexProbe
 
 
 def plane(weight: np.ndarray, side: int = 21) -> VertexProbe:
@@ -29,3 +31,11 @@ def test_omega_is_the_vertex_own_where_all_agree() -> None:
     probe = plane(np.concatenate([np.zeros(10), [0.5], np.ones(10)]))
     points = np.array([[0.01, 0.05, 0.02], [0.19, 0.05, -0.02]])
     np.testing.assert_array_equal(probe.query(points).weight, [0, 1])
+
+
+def test_a_field_may_stand_off_farther_than_it_may_be_hollow() -> None:
+    depth = np.array([-0.04, -0.01, 0.04])
+    here = plane(np.zeros(21)).query(np.stack([0 * depth + 0.1, 0 * depth + 0.1, depth], -1))
+    assert here.held(torch.full((3,), 0.2)).tolist() == pytest.approx(list(depth + AIR * HOLD))
+    assert here.held(torch.full((3,), -0.2)).tolist() == pytest.approx(list(depth - HOLD))
+    assert here.held(torch.full((3,), -0.2), 0.5).tolist() == pytest.approx(list(depth - 0.5 * HOLD))
