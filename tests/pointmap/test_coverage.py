@@ -4,6 +4,7 @@ import numpy as np
 import torch
 
 from avatarrex.camera import Camera
+from avatarrex.pointmap import raycast_gl
 from avatarrex.pointmap.pointmap import raycast
 from avatarrex.volume.solids import body_grid, capsule, sphere
 from avatarrex.volume.volume import SdfVolume
@@ -72,3 +73,16 @@ def test_a_rod_thinner_than_a_pixel_does_not_vanish(impl):
     assert hits.max() >= 6
     area = (0.4 * 0.03 + np.pi * 0.015**2) / pixel**2
     np.testing.assert_allclose(covered, area, rtol=0.1)
+
+
+def test_more_silhouettes_than_there_is_room_for_are_not_smoothed(monkeypatch, man):
+    """A surface that is nothing but edges loses subpixels, never pixels."""
+    camera = Camera.orbit(20, 10, 2.6, 40, (0, 0, 0), 40, 40)
+    whole, hard = (raycast(man, camera, "gl", antialias=smooth) for smooth in (True, False))
+    monkeypatch.setattr(raycast_gl, "_slots", lambda camera, antialias: 30 if antialias else 0)
+    few = raycast(man, camera, "gl")
+    assert torch.equal(few.hit, whole.hit)
+    smoothed = few.coverage != hard.coverage
+    assert 10 < int(smoothed.sum()) <= 30
+    assert torch.equal(few.coverage[smoothed], whole.coverage[smoothed])
+    assert few.counters["rays"] == 40 * 40 + 16 * 30
