@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from avatarrex.errors import InputError
+from avatarrex.training.control import read_json
 from avatarrex.training.events import Series
 
 RECENT = 40
@@ -44,6 +46,8 @@ class RunView:
     """Steps by view (`body/walk_12`) and kind (`render`, `truth`)."""
     checkpoints: tuple[Path, ...] = ()
     """Oldest first."""
+    avatar: Path | None = None
+    """Beside the newest checkpoint that had one, when folders were listed last."""
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
@@ -99,11 +103,21 @@ class RunView:
         chosen = max((entry for entry in steps if entry <= step), default=steps[0])
         return self.path / "samples" / view / kind / f"step_{chosen:08d}.png"
 
-    @property
-    def avatar(self) -> Path | None:
-        """The avatar beside the newest checkpoint that has one."""
-        return next((path / "avatar.avatar" for path in reversed(self.checkpoints) if (path / "avatar.avatar").is_file()),
-                    None)  # fmt: skip
+
+def checkpoints_of(path: Path) -> tuple[Path, ...]:
+    """Folders of the checkpoints of the run at `path`, oldest first."""
+    entries = []
+    for entry in (path / "checkpoints").glob("step_*"):
+        saved = (read_json(entry / "manifest.json") or {}).get("saved")
+        if isinstance(saved, int):
+            entries.append((saved, entry))
+    return tuple(entry for _, entry in sorted(entries))
+
+
+def newest_avatar(checkpoints: Sequence[Path]) -> Path | None:
+    """The avatar beside the last of these that has one."""
+    avatars = (path / "avatar.avatar" for path in reversed(checkpoints))
+    return next((avatar for avatar in avatars if avatar.is_file()), None)
 
 
 def keep_avatar(run: RunView) -> Path:
@@ -111,7 +125,7 @@ def keep_avatar(run: RunView) -> Path:
 
     Checkpoints are removed as training goes on, and a session that shows one would lose it.
     """
-    source = run.avatar
+    source = newest_avatar(checkpoints_of(run.path))  # what was listed last may be gone
     if source is None:
         raise InputError(run.path, "", "a checkpoint with an avatar", "none yet")
     kept = run.path / "avatars" / f"{source.parent.name}.avatar"

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from avatarrex_studio.run_view import RunView
+from avatarrex_studio.run_view import RunView, checkpoints_of, newest_avatar
 
 from avatarrex.training.control import Heartbeat, read_json
 from avatarrex.training.events import EventReader
@@ -31,13 +31,16 @@ class Watched:
         self._listed = -1e9
         self._samples: dict[str, dict[str, tuple[int, ...]]] = {}
         self._checkpoints: tuple[Path, ...] = ()
+        self._avatar: Path | None = None
 
     def poll(self) -> bool:
         """Read on; True where more is waiting."""
         waiting = self.reader.poll()
         if time.monotonic() - self._listed > SLOW_SECONDS:
             self._listed = time.monotonic()
-            self._samples, self._checkpoints = _samples(self.path), _checkpoints(self.path)
+            self._samples, self._checkpoints = _samples(self.path), checkpoints_of(self.path)
+            # A listed checkpoint may be gone, and the next one not be listed: no button flickers for that.
+            self._avatar = newest_avatar(self._checkpoints) or self._avatar
         self.view = self._look()
         return waiting
 
@@ -58,7 +61,7 @@ class Watched:
         steps = beat.steps if beat and beat.steps else _planned(about["config"].get("steps"), part)
         return RunView(
             self.path, self.name, state, note, about, part, beat.pass_name if beat else "", step, steps, series,
-            self._samples, self._checkpoints,
+            self._samples, self._checkpoints, self._avatar,
         )  # fmt: skip
 
 
@@ -125,12 +128,3 @@ def _samples(path: Path) -> dict[str, dict[str, tuple[int, ...]]]:
             place = Path(folder).relative_to(top)
             found.setdefault(place.parent.as_posix(), {})[place.name] = steps
     return dict(sorted(found.items()))
-
-
-def _checkpoints(path: Path) -> tuple[Path, ...]:
-    entries = []
-    for entry in (path / "checkpoints").glob("step_*"):
-        saved = (read_json(entry / "manifest.json") or {}).get("saved")
-        if isinstance(saved, int):
-            entries.append((saved, entry))
-    return tuple(entry for _, entry in sorted(entries))

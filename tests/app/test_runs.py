@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from avatarrex_studio.cli import main
 from avatarrex_studio.panels.curves import log_ticks, smoothed, span, thinned
 from avatarrex_studio.panels.samples import HEAT, difference
 from avatarrex_studio.run_view import RunView, keep_avatar
-from avatarrex_studio.runs import Runs
+from avatarrex_studio.runs import Runs, Watched
 from avatarrex_studio.runs_text import duration, table
 from avatarrex_studio.training_process import TrainingProcesses, last_words
 from avatarrex_studio.watcher import Watcher
@@ -190,6 +191,27 @@ def test_an_avatar_is_kept_when_its_checkpoint_goes(tmp_path):
         assert not (run.path / "checkpoints/step_00000003").exists()
     assert kept.name == "step_00000003.avatar"
     assert kept.read_bytes() == b"avatar"
+
+
+def test_an_avatar_is_found_though_what_was_listed_has_gone(tmp_path):
+    watched = Watched(tmp_path / "run", "run")
+    with Run.create(tmp_path / "run", {}) as run:
+        for step in range(1, 6):
+            run.save(step, {})
+            if step in (1, 5):
+                (run.path / f"checkpoints/step_{step:08d}/avatar.avatar").write_bytes(b"%d" % step)
+            if step == 1:
+                watched.poll()
+    stale = watched.view
+    assert stale.avatar is not None
+    assert not stale.avatar.exists()
+    assert keep_avatar(stale).read_bytes() == b"5"
+    shutil.rmtree(tmp_path / "run/checkpoints")
+    watched._listed = -1e9
+    watched.poll()
+    assert watched.view.avatar == stale.avatar  # the button stays, and says what is wrong when it is pressed
+    with pytest.raises(InputError, match="a checkpoint with an avatar"):
+        keep_avatar(watched.view)
 
 
 def test_a_training_is_started_paused_resumed_and_stopped(tmp_path):

@@ -103,8 +103,9 @@ def test_the_training_tab_starts_pauses_resumes_stops_and_shows(display, tmp_pat
         press(test, "resume")
         wait(test, lambda: state() == "running" and views(panel)["one"].step > seen["paused"] + 3)
         wait(test, lambda: views(panel)["one"].avatar is not None)
+        test.yield_(3)  # until the button that this brings is drawn, and those beside it have moved
         press(test, "load")
-        test.yield_(3)
+        wait(test, lambda: window.studio.state.avatar != "default")
         seen["avatar"] = window.studio.state.avatar
         press(test, "stop")
         wait(test, lambda: state() == "stopped")
