@@ -189,6 +189,7 @@ def shade_reference(
             own = posed.tone(own, gaze, turned)
         else:
             query = posed.hands[name].sdf(posed.meshes[name], local, impl="reference", surface=posed.surfaces[name])
+            query = query.seen(turned)
             own = posed.hands[name].colour(posed.meshes[name], posed.value[f"{name}_pose"], query)
             own = own * posed.light(query.normal @ place[:3, :3])
         colour = colour + weight[:, column, None] * own

@@ -48,6 +48,15 @@ class HandQuery:
     normal: Float[Tensor, "p 3"]
     """Interpolated posed vertex normal, unit: an input of the colour, not the source of the sign."""
 
+    def seen(self, gaze: Float[Tensor, "p 3"]) -> HandQuery:
+        """As seen along unit `gaze` (from the eye): a normal that turns away from the eye is mirrored towards it.
+
+        What is seen faces the eye; but where a finger dips into the palm, the skin that is closest may be buried, and bright
+        with the light of a side that nobody sees.
+        """
+        away = (self.normal * gaze).sum(-1, keepdim=True).clamp_min(0)
+        return replace(self, normal=self.normal - 2 * away * gaze)
+
 
 @dataclass(frozen=True)
 class HandSurface:

@@ -71,7 +71,7 @@ class Paint:
             rows = torch.nonzero(weight[:, column] > 0)[:, 0]
             if len(rows):
                 local, gaze = _into(self.posed.root_from_part(name), position[rows], direction[rows])
-                part = self._face(local, gaze, direction[rows]) if name == "face" else self._hand(name, local)
+                part = self._face(local, gaze, direction[rows]) if name == "face" else self._hand(name, local, gaze)
                 colour = colour.index_add(0, rows, weight[rows, column, None] * part)
         return colour
 
@@ -89,12 +89,12 @@ class Paint:
         self.counters.add("local_mlp_evaluations", len(pairs.point))
         return body.colour(frame, patches, position, direction, pairs, light=self.avatar.light, among=among)
 
-    def _hand(self, name: str, local: Tensor) -> Tensor:
+    def _hand(self, name: str, local: Tensor, gaze: Tensor) -> Tensor:
         self.counters.add("hand_pixels", len(local))
         hand, vertices = self.avatar.hand(name), self.posed.parts[name]
         if name not in self.hands:
             self.hands[name] = hand.surface(vertices)
-        beside = hand.beside(self.hands[name], local)
+        beside = hand.beside(self.hands[name], local).seen(gaze)
         turned = beside.normal @ torch.as_tensor(self.posed.root_from_part(name)[:3, :3].T).to(local)
         return hand.colour(vertices, self.posed.hand_pose[name], beside) * self.avatar.light(turned)
 

@@ -167,6 +167,13 @@ MUTANTS: dict[str, Mutant] = {
         "",
         "tests/fields/test_hand_field.py::test_a_finger_tip_in_the_middle_of_a_large_face_is_found",
     ),
+    "skin that nobody sees": Mutant(
+        "a hand that pierces itself",
+        "avatarrex/shading/paint.py",
+        "hand.beside(self.hands[name], local).seen(gaze)",
+        "hand.beside(self.hands[name], local)",
+        "tests/shading/test_paint.py::test_the_skin_of_a_fist_that_is_seen_faces_the_eye",
+    ),
     "a ray through a corner": Mutant(
         "a hand that pierces itself",
         "avatarrex/ops/crossings.py",

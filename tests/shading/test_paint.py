@@ -1,4 +1,4 @@
-"""Where limbs touch, a surface point has the colour of the limb that it is on."""
+"""Where limbs touch, a surface point has the colour of the limb that it is on; skin that is seen is lit from the side that is seen."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from avatarrex.avatar import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.fields.composition import WHOLE
+from avatarrex.fields.light import Light
 from avatarrex.pipeline import RenderSettings, render_frame
 from avatarrex.shading.paint import Paint
-from avatarrex.signals.library import named_pose
+from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.volume import PARTS, sides
@@ -47,3 +48,37 @@ def test_what_an_arm_touches_does_not_hear_the_arm() -> None:
         found.append(int(rows.sum()))
     assert len(found) >= 3
     assert sum(found) > 500
+
+
+class Witness(Light):
+    """Remembers the normals that it was asked for."""
+
+    def forward(self, normal: torch.Tensor) -> torch.Tensor:
+        self.asked = normal
+        return super().forward(normal)
+
+
+def test_the_skin_of_a_fist_that_is_seen_faces_the_eye() -> None:
+    """Closest to where a finger dips into the palm there may be buried skin that faces away: bright rims, seen from below."""
+    avatar = load_avatar()
+    fist = Signals.rest().replace(left_hand_pose=named_hand("fist", "left"))
+    posed = pose_person(avatar.person, fist, Counters(), None)
+    place, mesh = posed.root_from_part("left_hand"), posed.parts["left_hand"]
+    aim = tuple(map(float, place[:3, :3] @ mesh.double().numpy().mean(0) + place[:3, 3]))
+    frame = render_frame(avatar, fist, Camera.orbit(180, -70, 0.35, 25, aim, 128, 128), RenderSettings())
+    pointmap, column = frame.pointmap, PARTS.index("left_hand")
+    whole = pointmap.hit & (pointmap.part_weight[..., column] == 1)
+    position, share = pointmap.position[whole], pointmap.part_weight[whole]
+    centre = torch.as_tensor(frame.camera.seen_from(posed.world_from_root(fist)).centre, dtype=torch.float32)
+    gaze = torch.nn.functional.normalize(position - centre, dim=-1)
+    rotation = torch.as_tensor(place[:3, :3].T).float()
+    local = (position - torch.as_tensor(place[:3, 3]).float()) @ rotation.T
+    bare = avatar.left_hand.sdf(mesh, local).normal @ rotation
+    assert ((bare * gaze).sum(-1) > 0.1).sum() > 5
+    light = Witness()
+    light.load_state_dict(avatar.light.state_dict())
+    with torch.no_grad():
+        Paint(replace(avatar, light=light), posed, frame.volume.body_frame, None, Counters()).colour(position, gaze, share)
+    assert len(light.asked) == len(position)
+    assert (light.asked * gaze).sum(-1).max() < 1e-5
+    torch.testing.assert_close(light.asked.norm(dim=-1), torch.ones(len(position)), atol=1e-5, rtol=0)
