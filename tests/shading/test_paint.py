@@ -78,7 +78,9 @@ def test_the_skin_of_a_fist_that_is_seen_faces_the_eye() -> None:
     light = Witness()
     light.load_state_dict(avatar.light.state_dict())
     with torch.no_grad():
-        Paint(replace(avatar, light=light), posed, frame.volume.body_frame, None, Counters()).colour(position, gaze, share)
+        Paint(replace(avatar, light=light), posed, frame.volume.body_frame, None, Counters()).colour(
+            position, gaze, share
+        )
     assert len(light.asked) == len(position)
     assert (light.asked * gaze).sum(-1).max() < 1e-5
     torch.testing.assert_close(light.asked.norm(dim=-1), torch.ones(len(position)), atol=1e-5, rtol=0)
