@@ -29,11 +29,11 @@ from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
 from avatarrex.fields.light import Light
 from avatarrex.fields.local_frame import UNSAID
+from avatarrex.fields.placement import device_named, place
 from avatarrex.fields.presets import BASES, PRESETS
 from avatarrex.fields.tone import ToneMap
-from avatarrex.files import parse_json, what_is
-from avatarrex.placement import device_named, place
-from avatarrex.signals.signals import Signals
+from avatarrex.files.gate import parse_json, what_is
+from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit
 from avatarrex.templates.posed import pose_person

@@ -8,7 +8,7 @@
 | shading   | colours of the hit pixels (Step III)         | point map, posed meshes                            |
 
 A stage whose key has not changed returns the previous result and counts no work. With `hold`, volume and shading take over
-what hardly moved from the frame before, too (volume/held.py).
+what hardly moved from the frame before, too (volume/temporal_reuse.py).
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.pointmap.pointmap import PointMap, raycast
 from avatarrex.pointmap.polish import polish
-from avatarrex.pointmap.seen import seen_cells
-from avatarrex.shading.shading import Shading, shade
-from avatarrex.signals.signals import Signals
+from avatarrex.pointmap.raycast import PointMap, raycast
+from avatarrex.pointmap.visibility import Bounds, hidden_behind
+from avatarrex.pointmap.visible_cells import seen_cells
+from avatarrex.shading.shade import Shading, shade
+from avatarrex.signals.driving import Signals
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.volume.build import AvatarVolume, build_volume, part_key, refine_volume
 from avatarrex.volume.composed_field import composed_field
-from avatarrex.volume.probe import VertexProbe
-from avatarrex.volume.unseen import Bounds, hidden_behind
-from avatarrex.volume.volume import PARTS, SdfVolume
+from avatarrex.volume.sdf_volume import PARTS, SdfVolume
+from avatarrex.volume.template_distance import VertexProbe
 
 
 @dataclass(frozen=True)

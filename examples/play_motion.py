@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from avatarrex.avatar import load_avatar
 from avatarrex.camera import Camera
-from avatarrex.images import VideoWriter, composite
+from avatarrex.files.images import VideoWriter, composite
 from avatarrex.pipeline import render_frame
 from avatarrex.signals.read import read_motion
 

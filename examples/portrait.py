@@ -9,10 +9,10 @@ import numpy as np
 
 from avatarrex.avatar import load_avatar
 from avatarrex.camera import Camera
-from avatarrex.images import composite, write_arrays, write_png
+from avatarrex.files.images import composite, write_arrays, write_png
 from avatarrex.pipeline import render_frame
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_hand, named_pose
-from avatarrex.signals.signals import Signals
 
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 512
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
-from avatarrex.signals.signals import Signals
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

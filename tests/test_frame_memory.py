@@ -16,8 +16,8 @@ from avatarrex.avatar import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.levels import LEVELS
 from avatarrex.pipeline import render_frame
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
-from avatarrex.signals.signals import Signals
 
 ROOT = Path(__file__).parents[1]
 DENSE = 512**3
@@ -29,7 +29,7 @@ import sys
 import avatarrex.pipeline as pipeline
 from avatarrex.avatar import load_avatar
 from avatarrex.camera import Camera
-from avatarrex.signals.signals import Signals
+from avatarrex.signals.driving import Signals
 settings = pipeline.RenderSettings(voxel=0.04, part_voxel=0.0125)
 camera = Camera.orbit(0, 0, 3, 40, (0, 0, 0), 16, 16)
 frame = pipeline.render_frame(load_avatar(), Signals.rest(), camera, settings)
@@ -78,7 +78,16 @@ def test_a_frame_makes_no_dense_grid():
 @pytest.mark.slow
 def test_memory_is_flat(tmp_path):
     out = tmp_path / "memory.json"
-    words = [sys.executable, "benchmarks/memory.py", "--frames", "120", "--warm-up", "60", "--json", str(out)]
+    words = [
+        sys.executable,
+        "avatarrex/measure/studies/memory.py",
+        "--frames",
+        "120",
+        "--warm-up",
+        "60",
+        "--json",
+        str(out),
+    ]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     growth = json.loads(out.read_text())

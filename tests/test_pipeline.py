@@ -11,8 +11,8 @@ from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.levels import LEVELS, level
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_hand, named_pose
-from avatarrex.signals.signals import Signals
 
 SETTINGS = RenderSettings(raycast="torch", part_voxel=0.01, antialias=False)
 FIRST = Signals.rest().replace(body_pose=named_pose("stand"))

@@ -76,7 +76,7 @@ sys.path[:0] = sys.argv[1:3]  # the wheel, then the dependencies
 import avatarrex, avatarrex_studio, avatarrex_shaders
 for package in (avatarrex, avatarrex_studio, avatarrex_shaders):
     assert package.__path__[0].startswith(sys.argv[1]), package.__path__
-from avatarrex_studio.cli import main
+from avatarrex_studio.cli.main import main
 sys.exit(main(["render", "out.png", "--pose", "stand", "--size", "64"]))
 """
     dependencies = sysconfig.get_path("purelib")

@@ -16,7 +16,7 @@ import torch
 from PIL import Image
 
 from avatarrex.avatar import Avatar
-from avatarrex.training.run import Run
+from avatarrex.training.runs.folder import Run
 
 
 class Picture(torch.nn.Module):

@@ -4,7 +4,7 @@
     python tools/build_subject.py loose      (`subject_loose.npz`: a wide tunic instead of the T-shirt)
 
 The pattern: a T-shirt, trousers, two shoes and a short haircut as level sets over the default person
-(capture/drape.py), teeth closed by caps, and the skin under cloth pushed inwards. Each solid is bound to the body:
+(capture/synthetic/drape.py), teeth closed by caps, and the skin under cloth pushed inwards. Each solid is bound to the body:
 smoothed skin weights, and a nearest body triangle for shape, expression and pose offsets. Ambient occlusion is baked
 in an A-pose.
 """
@@ -24,12 +24,12 @@ import trimesh
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from avatarrex.assets import DATA, read_arrays
-from avatarrex.capture import drape
-from avatarrex.capture.drape import Field, Loft, hang, loft, smooth_max, smooth_min
-from avatarrex.capture.subject import PACKAGED, Subject, load_subject
-from avatarrex.capture.texture import value_noise
-from avatarrex.signals.signals import Signals
+from avatarrex.capture.synthetic import drape
+from avatarrex.capture.synthetic.drape import Field, Loft, hang, loft, smooth_max, smooth_min
+from avatarrex.capture.synthetic.subject import PACKAGED, Subject, load_subject
+from avatarrex.capture.synthetic.texture import value_noise
+from avatarrex.files.assets import DATA, read_arrays
+from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import load_person
 
 PERSON = DATA / "person.npz"

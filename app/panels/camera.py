@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from avatarrex_studio.actions import Action, action
-from avatarrex_studio.commands import Command, SetCamera
 from avatarrex_studio.panels import widgets
-from avatarrex_studio.state import OrbitView, StudioState
+from avatarrex_studio.session.actions import Action, action
+from avatarrex_studio.session.commands import Command, SetCamera
+from avatarrex_studio.session.state import OrbitView, StudioState
 from imgui_bundle import imgui
 
 VIEWS = ("view.front", "view.right", "view.top", "view.back", "view.left", "view.home", "view.face")

@@ -14,7 +14,7 @@ from imgui_bundle import imgui, implot
 from jaxtyping import Float64
 from scipy.signal import lfilter
 
-from avatarrex.training.events import Series
+from avatarrex.training.runs.events import Series
 
 POINTS = 1500
 """Of a curve that are drawn; more would not be seen."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 
-from avatarrex_studio import posing
-from avatarrex_studio.commands import Command, ResetGroup, SetExpression
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.panels.joints import joint_row
-from avatarrex_studio.posing import FACE_GROUPS
-from avatarrex_studio.state import StudioState
+from avatarrex_studio.session import posing
+from avatarrex_studio.session.commands import Command, ResetGroup, SetExpression
+from avatarrex_studio.session.posing import FACE_GROUPS
+from avatarrex_studio.session.state import StudioState
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 

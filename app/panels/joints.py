@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from avatarrex_studio import posing
-from avatarrex_studio.commands import Command, ResetGroup, SetJoint, SetLimits, SetTranslation
 from avatarrex_studio.panels import widgets
-from avatarrex_studio.state import StudioState
+from avatarrex_studio.session import posing
+from avatarrex_studio.session.commands import Command, ResetGroup, SetJoint, SetLimits, SetTranslation
+from avatarrex_studio.session.state import StudioState
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from avatarrex_studio.actions import Action, menu
 from avatarrex_studio.panels import keys
-from avatarrex_studio.studio import Studio
+from avatarrex_studio.session.actions import Action, menu
+from avatarrex_studio.window.studio import Studio
 from imgui_bundle import imgui
 
 MENUS = ("File", "Edit", "Pose", "View", "Motion", "Help")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from avatarrex_studio.actions import ACTIONS, Action, find
 from avatarrex_studio.panels import keys, theme
-from avatarrex_studio.studio import Studio
+from avatarrex_studio.session.actions import ACTIONS, Action, find
+from avatarrex_studio.window.studio import Studio
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 

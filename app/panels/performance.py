@@ -7,16 +7,16 @@ from __future__ import annotations
 
 from statistics import median
 
-from avatarrex_studio.commands import Command, SetLevel
+from avatarrex_studio.engine.skips import WORK, skipped
+from avatarrex_studio.engine.work import Work
 from avatarrex_studio.panels import theme, widgets
-from avatarrex_studio.skips import WORK, skipped
-from avatarrex_studio.state import AUTO, LEVELS
-from avatarrex_studio.studio import Studio
-from avatarrex_studio.work import Work
+from avatarrex_studio.session.commands import Command, SetLevel
+from avatarrex_studio.session.state import AUTO, LEVELS
+from avatarrex_studio.window.studio import Studio
 from imgui_bundle import imgui
 
-from avatarrex.level_errors import level_errors
 from avatarrex.pipeline import Frame
+from avatarrex.reference.level_errors import level_errors
 from avatarrex.volume.memory import memory_of
 
 LABEL = 90.0

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import secrets
 
-from avatarrex_studio.commands import ApplyExpression, ApplyPose, Command, Mirror, Randomise, Reset, SetHandPose
 from avatarrex_studio.panels import widgets
-from avatarrex_studio.state import StudioState
+from avatarrex_studio.session.commands import ApplyExpression, ApplyPose, Command, Mirror, Randomise, Reset, SetHandPose
+from avatarrex_studio.session.state import StudioState
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 

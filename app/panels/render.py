@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from avatarrex_studio.commands import Command, SetBackground, SetSize
 from avatarrex_studio.panels import widgets
-from avatarrex_studio.state import BACKGROUND, Colour, StudioState
+from avatarrex_studio.session.commands import Command, SetBackground, SetSize
+from avatarrex_studio.session.state import BACKGROUND, Colour, StudioState
 from imgui_bundle import imgui
 
 LABEL = 90.0

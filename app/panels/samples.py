@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import moderngl
 import numpy as np
+from avatarrex_studio.jobs.run_view import RunView
+from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import theme
-from avatarrex_studio.run_view import RunView
-from avatarrex_studio.watcher import Watcher
 from imgui_bundle import imgui
 from jaxtyping import UInt8
 

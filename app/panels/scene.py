@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from avatarrex_studio.commands import Command, SetHidden, SetShape
 from avatarrex_studio.panels import theme, widgets
-from avatarrex_studio.state import PARTS, StudioState
+from avatarrex_studio.session.commands import Command, SetHidden, SetShape
+from avatarrex_studio.session.state import PARTS, StudioState
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 

@@ -9,15 +9,15 @@ import time
 from collections.abc import Sequence
 
 import moderngl
-from avatarrex_studio.commands import Command, OpenAvatar
+from avatarrex_studio.cli.runs_text import duration
+from avatarrex_studio.jobs.run_view import RunView, keep_avatar
+from avatarrex_studio.jobs.training_process import PARTS, TrainingProcesses
+from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import curves, theme, widgets
 from avatarrex_studio.panels.run_list import RunList
 from avatarrex_studio.panels.training_form import Order, TrainingForm
 from avatarrex_studio.panels.training_plots import TrainingPlots
-from avatarrex_studio.run_view import RunView, keep_avatar
-from avatarrex_studio.runs_text import duration
-from avatarrex_studio.training_process import PARTS, TrainingProcesses
-from avatarrex_studio.watcher import Watcher
+from avatarrex_studio.session.commands import Command, OpenAvatar
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 

@@ -6,9 +6,9 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+from avatarrex_studio.jobs.training_process import PARTS, PRESETS
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.panels.files import FileDialogs
-from avatarrex_studio.training_process import PARTS, PRESETS
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from avatarrex_studio.jobs.run_view import RunView
+from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.panels.curves import COLOURS, Curves, Line
 from avatarrex_studio.panels.samples import Samples
-from avatarrex_studio.run_view import RunView
-from avatarrex_studio.watcher import Watcher
 from imgui_bundle import imgui
 
 Colours = dict[Path, tuple[float, float, float]]

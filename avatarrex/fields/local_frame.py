@@ -1,6 +1,6 @@
 """Which rest position p̄ does a posed point p have? (paper sec. 3.1, p_i = T⁻¹p − (n̄_i + Δn_i): T has no subscript.)
 
-Five readings, chosen by the setting `local_frame` that an avatar stores (benchmarks/local_frames.py: error and cost):
+Five readings, chosen by the setting `local_frame` that an avatar stores (avatarrex/measure/studies/local_frames.py: error and cost):
 
     node     T = T_i, the node's own skinning matrix: one p̄ per pair
     blend    T = Σ w_i T_i / Σ w_i, gated by the rest distance that the strongest node sees
@@ -38,7 +38,7 @@ UNSAID = "anchors"
 """Of avatars and checkpoints from before there was a choice."""
 NEIGHBOURS = 5
 """Anchors searched per point. The farthest one's weight is subtracted from all: a neighbour enters with weight 0, and p̄
-does not jump (benchmarks/local_frames.py: step)."""
+does not jump (avatarrex/measure/studies/local_frames.py: step)."""
 NEVER_ZERO = 1e-6
 """Keeps the sum positive where all neighbours are equally far."""
 SPREAD = 0.015

@@ -23,11 +23,11 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from avatarrex.camera import Camera
-from avatarrex.capture.preview import visible_faces
+from avatarrex.capture.synthetic.preview import visible_faces
 from avatarrex.errors import InputError
 from avatarrex.metrics.drawing import Drawing
 from avatarrex.metrics.mesh import Surface
-from avatarrex.signals.signals import Signals
+from avatarrex.signals.driving import Signals
 from avatarrex.templates.model import pose_template
 from avatarrex.templates.person import Person
 from avatarrex.templates.transform import world_from_root

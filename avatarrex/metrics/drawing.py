@@ -18,7 +18,7 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
-from avatarrex.signals.signals import Signals
+from avatarrex.signals.driving import Signals
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ import numpy as np
 from tqdm import tqdm
 
 from avatarrex.camera import Camera
-from avatarrex.capture.capture import Capture, Rig
+from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.errors import InputError
 from avatarrex.metrics.baselines import Observation
 from avatarrex.metrics.drawing import Drawer, Drawing, Truth, fitted, over_black

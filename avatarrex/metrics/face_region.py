@@ -13,12 +13,12 @@ import torch
 from jaxtyping import Bool, UInt8
 
 from avatarrex.camera import Camera
-from avatarrex.capture.capture import Rig
+from avatarrex.capture.readers.rigs import Rig
 from avatarrex.metrics.baselines import PosedMesh
 from avatarrex.metrics.drawing import Drawer, Drawing
-from avatarrex.signals.signals import Signals
+from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import Person
-from avatarrex.volume.volume import PARTS
+from avatarrex.volume.sdf_volume import PARTS
 
 FACE = PARTS.index("face")
 

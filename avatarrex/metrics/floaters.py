@@ -25,12 +25,12 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.pipeline import RenderSettings
-from avatarrex.pointmap.pointmap import raycast
+from avatarrex.pointmap.raycast import raycast
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
-from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.build import build_volume
-from avatarrex.volume.volume import SdfVolume, sample
+from avatarrex.volume.sdf_volume import SdfVolume, sample
 
 SIZE = 512
 """Pixels a side of the silhouettes: about 4 mm each on a standing person."""

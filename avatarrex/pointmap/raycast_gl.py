@@ -16,10 +16,10 @@ from avatarrex.camera import Camera
 from avatarrex.gl.context import gl_context, per_context, renderer_name
 from avatarrex.gl.grids import GridTextures
 from avatarrex.gl.shader import compute_shader
-from avatarrex.pointmap.pointmap import PointMap, scatter
+from avatarrex.pointmap.raycast import PointMap, scatter
 from avatarrex.pointmap.rays import RayPlane
 from avatarrex.volume.bricks import ROW
-from avatarrex.volume.volume import PARTS, PartBox, SdfVolume
+from avatarrex.volume.sdf_volume import PARTS, PartBox, SdfVolume
 
 MOST_GROUPS = 65535
 """That OpenGL promises along one side of a dispatch."""
@@ -64,7 +64,7 @@ NO_HIT = np.float32(1e9)
 
 
 def raycast_gl(volume: SdfVolume, camera: Camera, antialias: bool, march: str = "exact") -> PointMap:
-    """See `avatarrex.pointmap.pointmap.raycast`."""
+    """See `avatarrex.pointmap.raycast.raycast`."""
     return gl_caster().cast(volume, camera, antialias, march)
 
 

@@ -14,9 +14,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.camera import Camera
-from avatarrex.pointmap.pointmap import PointMap, scatter
+from avatarrex.pointmap.raycast import PointMap, scatter
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres, slab
-from avatarrex.volume.volume import SdfVolume, sample
+from avatarrex.volume.sdf_volume import SdfVolume, sample
 
 CHUNK = 2048
 """Rays at a time: the cell faces of 2048 rays take 25 MB."""
@@ -27,7 +27,7 @@ BISECTIONS = 48
 
 
 def raycast_reference(volume: SdfVolume, camera: Camera, antialias: bool, march: str) -> PointMap:
-    """See `avatarrex.pointmap.pointmap.raycast`; always exact, and the coverage is the centre's."""
+    """See `avatarrex.pointmap.raycast.raycast`; always exact, and the coverage is the centre's."""
     plane = RayPlane.of(camera, volume.middle)
     rays = plane.rays(pixel_centres(camera, torch.float64))
     t = first_crossing(volume, rays)

@@ -12,10 +12,10 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from avatarrex.camera import Camera
-from avatarrex.pointmap.pointmap import PointMap, scatter
+from avatarrex.pointmap.raycast import PointMap, scatter
 from avatarrex.pointmap.raycast_reference import first_crossing, surface
 from avatarrex.pointmap.rays import SUBPIXELS, RayPlane, Rays, pixel_centres, slab
-from avatarrex.volume.volume import SdfVolume, sample
+from avatarrex.volume.sdf_volume import SdfVolume, sample
 
 FINEST = 0.25
 """Smallest step, in voxels of the box or grid that the ray is in."""
@@ -40,7 +40,7 @@ class March:
 
 
 def raycast_torch(volume: SdfVolume, camera: Camera, antialias: bool, march: str = "exact") -> PointMap:
-    """See `avatarrex.pointmap.pointmap.raycast`."""
+    """See `avatarrex.pointmap.raycast.raycast`."""
     if march == "fixed":
         return _plain(volume, camera)
     plane = RayPlane.of(camera, volume.middle)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
-from avatarrex.files import read_text
+from avatarrex.files.gate import read_text
 from avatarrex.signals.retarget import SourceMotion, retarget
 from avatarrex.signals.sequence import SignalSequence
 

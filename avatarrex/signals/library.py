@@ -7,8 +7,8 @@ import difflib
 import numpy as np
 
 from avatarrex.errors import InputError
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES, HAND_JOINTS, JOINT_NAMES
-from avatarrex.signals.signals import Signals
 
 _Pose = dict[str, tuple[float, float, float]]
 _MIRROR = np.array([1.0, -1.0, -1.0])

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import HAND_JOINTS, JOINT_NAMES
-from avatarrex.signals.signals import Signals
 
 _DEGREES: dict[str, tuple[tuple[int, int], ...]] = {
     "hip": ((-115, 25), (-35, 35), (-15, 40)),

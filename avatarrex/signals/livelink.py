@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from avatarrex.errors import InputError
-from avatarrex.files import read_text
+from avatarrex.files.gate import read_text
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.sequence import SignalSequence, stack
 

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 
 from avatarrex.errors import InputError
-from avatarrex.files import read_json as read_json_file
-from avatarrex.files import what_is, write_text
+from avatarrex.files.gate import read_json as read_json_file
+from avatarrex.files.gate import what_is, write_text
 from avatarrex.signals.bvh import read_bvh
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.livelink import read_livelink
 from avatarrex.signals.sequence import SignalSequence
-from avatarrex.signals.signals import Signals
 from avatarrex.signals.smplx_npz import read_smplx
 
 FORMAT, VERSION = "avatarrex-signals", 1

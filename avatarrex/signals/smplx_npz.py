@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from avatarrex.assets import read_arrays, require
 from avatarrex.errors import InputError
+from avatarrex.files.assets import read_arrays, require
+from avatarrex.signals.driving import LARGEST
 from avatarrex.signals.ground import grounded
 from avatarrex.signals.sequence import SignalSequence, stack
-from avatarrex.signals.signals import LARGEST
 
 RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
 _PARTS: dict[str, tuple[tuple[str, ...], slice]] = {

@@ -19,8 +19,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from avatarrex.assets import DATA, check_arrays, read_npz, read_spec
 from avatarrex.errors import InputError
+from avatarrex.files.assets import DATA, check_arrays, read_npz, read_spec
 from avatarrex.templates.blend_weight import scatter_to_body
 from avatarrex.templates.face import FaceTemplate, cut_face
 from avatarrex.templates.hand import HandTemplate, cut_hand

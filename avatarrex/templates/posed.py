@@ -14,9 +14,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.counters import Counters
-from avatarrex.finite import require_finite
+from avatarrex.ops.finite import require_finite
 from avatarrex.ops.rotation import matrix_from_rotvec
-from avatarrex.signals.signals import Signals
+from avatarrex.signals.driving import Signals
 from avatarrex.templates.face import pose_face
 from avatarrex.templates.hand import pose_hand
 from avatarrex.templates.model import PosedTemplate, pose_template

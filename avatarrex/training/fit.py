@@ -27,18 +27,18 @@ from torch import Tensor
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar, save_avatar
-from avatarrex.capture.subject import FACE_SOLIDS, PosedSubject, Subject, load_subject
+from avatarrex.capture.synthetic.subject import FACE_SOLIDS, PosedSubject, Subject, load_subject
 from avatarrex.counters import Counters
 from avatarrex.fields.hand import HandQuery
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.library import POSES, named_pose
 from avatarrex.signals.limits import random_signals
-from avatarrex.signals.signals import Signals
 from avatarrex.templates.hand import pose_hand
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import PosedPerson, pose_person
-from avatarrex.training.losses import CLAMP, distance_loss
+from avatarrex.training.core.losses import CLAMP, distance_loss
 
 CHECKPOINT_SECONDS = 60
 MINUTES = {"body": 66.0, "face": 62.0, "hands": 3.0}

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from avatarrex.avatar import load_avatar, save_avatar
-from avatarrex.capture.capture import open_capture
+from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
-from avatarrex.files import read_json
-from avatarrex.training.run import read_about
+from avatarrex.files.gate import read_json
+from avatarrex.training.runs.folder import read_about
 
 TERMS = {
     "licence": "weights Apache-2.0; template from MakeHuman data, CC0 (see NOTICE)",

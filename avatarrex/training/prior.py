@@ -28,14 +28,14 @@ from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.fields.orthographic import AXES, render_views
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.library import POSES, named_pose
 from avatarrex.signals.limits import random_signals
-from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
-from avatarrex.training.losses import distance_loss
-from avatarrex.training.warm_start import PRIOR, Draw, known_state, load_prior, module_of, supervision
+from avatarrex.training.core.losses import distance_loss
+from avatarrex.training.core.warm_start import PRIOR, Draw, known_state, load_prior, module_of, supervision
 
 CHECKPOINT_SECONDS = 60
 MINUTES = {"body": 24.0, "face": 18.0, "face_colour": 22.0}

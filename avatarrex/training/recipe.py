@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from avatarrex.training.volume_rendering import Quadrature
+from avatarrex.training.core.volume_rendering import Quadrature
 
 Sampling = Literal["near", "uniform"]
 

@@ -2,9 +2,9 @@
 
 The distance is guessed first: a voxel's height over the posed template, less what the avatar wears there (`worn`, the field's
 own depth at the template's vertices at rest). Blocks of 4 and 2 voxels far from the surface are culled whole; voxels
-whose guess is below `REACH` voxels are evaluated, and then every voxel that a crossing touches (narrow.py). The rest keeps
-a distance that never exceeds the true one. The field itself is held to within `HOLD` of the guess (probe.py), and has no
-hands (handless.py).
+whose guess is below `REACH` voxels are evaluated, and then every voxel that a crossing touches (narrow_band.py). The rest keeps
+a distance that never exceeds the true one. The field itself is held to within `HOLD` of the guess (template_distance.py), and has no
+hands (body_without_hands.py).
 
 Letters: z y x voxels, p evaluated voxels, v template vertices. Root frame, metres, negative inside.
 """
@@ -18,13 +18,13 @@ import torch
 
 from avatarrex.counters import Counters
 from avatarrex.fields.composition import EMPTIED
+from avatarrex.volume.body_without_hands import HandlessBody
 from avatarrex.volume.bricks import Bricks, grow_bricks
-from avatarrex.volume.handless import HandlessBody
-from avatarrex.volume.held import Kept
 from avatarrex.volume.lattice import Lattice
-from avatarrex.volume.narrow import settle
-from avatarrex.volume.probe import Probe, VertexProbe
-from avatarrex.volume.volume import BodyGrid
+from avatarrex.volume.narrow_band import settle
+from avatarrex.volume.sdf_volume import BodyGrid
+from avatarrex.volume.template_distance import Probe, VertexProbe
+from avatarrex.volume.temporal_reuse import Kept
 
 MAX_SIDE = 128
 """Voxels along a side (paper sec. 4): the voxel grows rather than a limb being cut off."""

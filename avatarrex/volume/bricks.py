@@ -18,7 +18,7 @@ from jaxtyping import Float, Float32, Int
 from torch import Tensor
 
 from avatarrex.ops.trilinear import trilinear
-from avatarrex.volume.narrow import unsettled
+from avatarrex.volume.narrow_band import unsettled
 
 ROW = 24
 """Bricks along x and y of the atlas."""

@@ -16,13 +16,13 @@ from avatarrex.fields.hand import HandSurface
 from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import PART_JOINT, PosedPerson
 from avatarrex.volume.body_grid import build_body_grid, refined
+from avatarrex.volume.body_without_hands import HandlessBody
 from avatarrex.volume.contact import find_contact
-from avatarrex.volume.crumbs import without_crumbs
-from avatarrex.volume.handless import HandlessBody
-from avatarrex.volume.held import Changed, Held, Kept, hold
 from avatarrex.volume.part_box import PartField, face_box, hand_box
-from avatarrex.volume.probe import VertexProbe
-from avatarrex.volume.volume import BodyGrid, PartBox, SdfVolume
+from avatarrex.volume.sdf_volume import BodyGrid, PartBox, SdfVolume
+from avatarrex.volume.small_components import without_crumbs
+from avatarrex.volume.template_distance import VertexProbe
+from avatarrex.volume.temporal_reuse import Changed, Held, Kept, hold
 
 if TYPE_CHECKING:
     from avatarrex.pipeline import RenderSettings

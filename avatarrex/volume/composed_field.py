@@ -1,9 +1,9 @@
 """The composed field itself, at any point and without voxels: what the stored volume approximates (sec. 3.4; composition.py).
 
-The builder's definitions point by point: the body held by the probe and without its hands (handless.py), the exact hand
+The builder's definitions point by point: the body held by the probe and without its hands (body_without_hands.py), the exact hand
 distance, the face's tri-planes, the one composition rule, and `own`/`others` where another limb is in a part's box
 (contact.py). A box is the part's hull and its margin, without a lattice to align to. In the dtype of its fields: float64
-for the oracle (avatarrex/oracle.py), float32 to polish hit points (pointmap/polish.py).
+for the oracle (avatarrex/reference/oracle.py), float32 to polish hit points (pointmap/polish.py).
 
 Letters: p points, v vertices, k parts in the order of `PARTS`. Root frame, metres, negative inside.
 """
@@ -25,12 +25,12 @@ from avatarrex.fields.body import MOST_WORN
 from avatarrex.fields.composition import BAND, Composed, compose, in_band
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
+from avatarrex.volume.body_without_hands import HandlessBody
 from avatarrex.volume.contact import faded, told_share
-from avatarrex.volume.handless import HandlessBody
 from avatarrex.volume.limbs import Limbs, reached_by_others
 from avatarrex.volume.part_box import FACE_BAND, HAND_MARGIN, face_probe, part_bounds
-from avatarrex.volume.probe import FLAT, HOLD
-from avatarrex.volume.volume import PARTS
+from avatarrex.volume.sdf_volume import PARTS
+from avatarrex.volume.template_distance import FLAT, HOLD
 
 if TYPE_CHECKING:
     from avatarrex.avatar import Avatar
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from avatarrex.volume.build import AvatarVolume
 
 REACH = FLAT + MOST_WORN + HOLD
-"""Metres from the template's nearest vertex within which a held body field may be negative (probe.py)."""
+"""Metres from the template's nearest vertex within which a held body field may be negative (template_distance.py)."""
 PartDistance = Callable[[Tensor], tuple[Tensor, Tensor]]
 """Part-frame points (p, 3) -> s_k (p,) metres, saturated or not beyond the band, and ω_k (p,)."""
 

@@ -14,11 +14,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.counters import Counters
-from avatarrex.volume.handless import HandlessBody
+from avatarrex.volume.body_without_hands import HandlessBody
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.limbs import Ownership, reached_by_others
 from avatarrex.volume.part_box import PartField
-from avatarrex.volume.volume import BodyGrid, Contact
+from avatarrex.volume.sdf_volume import BodyGrid, Contact
 
 FADE = 0.03
 """Metres inside the box's faces over which limbs come to be told apart: past the margin within which a part is blended."""

@@ -16,8 +16,8 @@ from torch import Tensor
 from avatarrex.fields.body import BodyField, BodyFrame
 from avatarrex.fields.composition import WHOLE, emptied
 from avatarrex.fields.influence import Pairs
-from avatarrex.volume.probe import VertexProbe
-from avatarrex.volume.volume import PARTS
+from avatarrex.volume.sdf_volume import PARTS
+from avatarrex.volume.template_distance import VertexProbe
 
 OWN_REACH = 0.22
 """Metres at rest around the part's extent: what is nearer is the part's own (forearm; neck, shoulders, chest). More than a

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from avatarrex.volume.volume import SdfVolume
+from avatarrex.volume.sdf_volume import SdfVolume
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 A box depends on the part's own coefficients alone, so a moving body only moves it (paper sec. 4, 'refine the hands and
 the face'; docs/architecture.md). It is evaluated coarse to fine: voxels half as large get the mean of their neighbours,
-and the field only where that is within `REACH` coarse voxels of the surface or a crossing touches them (narrow.py).
+and the field only where that is within `REACH` coarse voxels of the surface or a crossing touches them (narrow_band.py).
 
 Letters: z y x voxels, v vertices. Part frame, metres.
 """
@@ -22,8 +22,8 @@ from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField, HandSurface
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.volume.lattice import Lattice
-from avatarrex.volume.narrow import between, halved, settle
-from avatarrex.volume.probe import VertexProbe
+from avatarrex.volume.narrow_band import between, halved, settle
+from avatarrex.volume.template_distance import VertexProbe
 
 CLAMP = 0.051
 """Metres: past the deepest value that the composition asks for (paper eq. 13), whatever half precision rounds it to."""

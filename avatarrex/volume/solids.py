@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.fields.composition import BAND, emptied
-from avatarrex.volume.volume import BodyGrid, PartBox, SdfVolume
+from avatarrex.volume.sdf_volume import BodyGrid, PartBox, SdfVolume
 
 Solid = Callable[[Tensor], Tensor]
 RAMP = 0.04

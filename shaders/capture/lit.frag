@@ -1,5 +1,5 @@
-// Colour of the subject under the studio light (capture/shade.py), sRGB-encoded, and coverage.
-// Albedo comes from a triangular lattice of n + 1 samples a side on every triangle (capture/albedo_lattice.py).
+// Colour of the subject under the studio light (capture/synthetic/shade.py), sRGB-encoded, and coverage.
+// Albedo comes from a triangular lattice of n + 1 samples a side on every triangle (capture/synthetic/albedo_lattice.py).
 layout(std430, binding = 2) readonly buffer Lattices { uvec2 in_lattice[]; };  // first sample, n
 layout(std430, binding = 3) readonly buffer Samples { uint in_sample[]; };     // 10 bits each of r, g, b
 

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import torch
-from avatarrex_studio.engine import Engine
+from avatarrex_studio.engine.engine import Engine
 
 from avatarrex.avatar import Avatar
 from avatarrex.counters import NAMES
 from avatarrex.pipeline import Frame
 from avatarrex.templates.person import load_person
-from avatarrex.volume.volume import PARTS, BodyGrid, SdfVolume
+from avatarrex.volume.sdf_volume import PARTS, BodyGrid, SdfVolume
 
 VOLUME = SdfVolume(BodyGrid(np.zeros(3), 0.02, torch.zeros(64, 64, 64)))
 """One MiB."""

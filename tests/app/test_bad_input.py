@@ -19,11 +19,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from avatarrex_studio import cli
-from avatarrex_studio import headless as _headless  # it must know the true engine before that is replaced
-from avatarrex_studio.commands import SetBackground, SetExpression
-from avatarrex_studio.engine import Engine
-from avatarrex_studio.studio import Studio
+from avatarrex_studio.cli import headless as _headless  # it must know the true engine before that is replaced
+from avatarrex_studio.cli import main as cli
+from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.session.commands import SetBackground, SetExpression
+from avatarrex_studio.window.studio import Studio
 from bad_files import AVATARS, MOTIONS, SESSIONS, Payload, bvh, csv
 from ball import ball_engine, render_ball
 from PIL import Image
@@ -96,7 +96,7 @@ OPTIONS = {
 
 @pytest.mark.parametrize("extra", OPTIONS)
 def test_options(extra, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", no_engine)
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", no_engine)
     (tmp_path / "motion.bvh").write_text(bvh())
     words = extra.format(motion=tmp_path / "motion.bvh", folder=tmp_path).replace("''", "\0").split()
     out = tmp_path / "new" / "out.png"
@@ -114,7 +114,7 @@ TARGETS = {
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_targets(target, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", no_engine)
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", no_engine)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "kept").write_text("kept")
     refused(["render", target], TARGETS[target], capsys)
@@ -126,7 +126,7 @@ def test_targets(target, monkeypatch, tmp_path, capsys):
     ("size", "option"), [("65x48", "--alpha"), ("64", "--alpha"), ("64", "--background=#ff000080")]
 )
 def test_videos_that_cannot_be(size, option, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", no_engine)
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", no_engine)
     (tmp_path / "m.bvh").write_text(bvh())
     words = ["render", str(tmp_path / "walk.mp4"), "--motion", str(tmp_path / "m.bvh"), "--size", size, option]
     refused(words, "an opaque background for .mp4", capsys)
@@ -135,7 +135,7 @@ def test_videos_that_cannot_be(size, option, monkeypatch, tmp_path, capsys):
 
 def test_a_video_of_odd_sides(monkeypatch, tmp_path, capsys):
     pytest.importorskip("av")
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", ball_engine)
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", ball_engine)
     (tmp_path / "m.bvh").write_text(bvh())
     words = ["render", str(tmp_path / "walk.mp4"), "--motion", str(tmp_path / "m.bvh"), "--size", "65x48"]
     refused(words, "size: expected even sides for H.264, found 65x48", capsys)
@@ -151,7 +151,7 @@ def broken(table, name, folder):
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_motions(name, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", no_engine)
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", no_engine)
     path, pattern = broken(MOTIONS, name, tmp_path)
     before, memory = files(tmp_path), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     refused(["render", str(tmp_path / "new" / "out.png"), "--motion", str(path)], pattern, capsys)
@@ -171,7 +171,7 @@ def test_avatars(name, tmp_path, capsys):
 
 @pytest.mark.parametrize("name", SESSIONS)
 def test_sessions(name, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", no_engine)
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", no_engine)
     path, pattern = broken(SESSIONS, name, tmp_path)
     before = files(tmp_path)
     refused(["replay", str(path), str(tmp_path / "out.png")], pattern, capsys)
@@ -206,7 +206,7 @@ def unprivileged():
 
 
 def test_what_may_not_be_read_or_written(unprivileged, monkeypatch, capsys):
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", no_engine)
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", no_engine)
     folder, drop = unprivileged
     (folder / "m.bvh").write_text(bvh())
     (folder / "closed").mkdir(mode=0o700)
@@ -256,8 +256,9 @@ def test_a_timecode_that_jumps_is_not_filled(tmp_path):
 CHILD = """
 import resource, sys, time
 sys.path.insert(0, {here!r})
-import avatarrex_studio.headless
-from avatarrex_studio import cli, engine
+import avatarrex_studio.cli.headless
+from avatarrex_studio.cli import main as cli
+from avatarrex_studio.engine.engine import engine
 from ball import ball_engine, render_ball
 
 def slow(*arguments):
@@ -353,7 +354,7 @@ def test_wrong_input_is_refused_before_torch_is_loaded(tmp_path):
     ]  # fmt: skip
     code = f"""
 import sys
-from avatarrex_studio import cli
+from avatarrex_studio.cli import main as cli
 codes = [cli.main(line.split()) for line in {lines!r}]
 sys.exit(codes != [2] * {len(lines)} or "torch" in sys.modules)
 """
@@ -429,7 +430,7 @@ def test_the_window_survives_files_that_cannot_be_written(studio, caplog):
 
 def test_the_ball_draws_what_is_right(monkeypatch, tmp_path):
     """The mutant of this file: what is right is not refused."""
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", ball_engine)
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", ball_engine)
     (tmp_path / "m.bvh").write_text(bvh())
     (tmp_path / "m.csv").write_text(csv())
     for name in ("m.bvh", "m.csv"):

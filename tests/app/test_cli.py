@@ -8,25 +8,26 @@ import threading
 
 import numpy as np
 import pytest
-from avatarrex_studio import cli, headless, options
-from avatarrex_studio.commands import ApplyPose, SetExpression, SetJoint, SetLevel, SetShape, SetTranslation
-from avatarrex_studio.journal import Journal
+from avatarrex_studio.cli import headless, options
+from avatarrex_studio.cli import main as cli
+from avatarrex_studio.session.commands import ApplyPose, SetExpression, SetJoint, SetLevel, SetShape, SetTranslation
+from avatarrex_studio.session.journal import Journal
 from ball import ball_engine, render_ball
 from PIL import Image
 
 from avatarrex.errors import InputError
-from avatarrex.files import written
-from avatarrex.images import VideoWriter, composite
+from avatarrex.files.gate import written
+from avatarrex.files.images import VideoWriter, composite
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
-from avatarrex.signals.signals import Signals
 
 
 @pytest.fixture
 def quick(monkeypatch):
     """The command line on the quick stand-in for the pipeline."""
     assert headless.Engine is not ball_engine, "headless must know the true class before it is replaced"
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", ball_engine)
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", ball_engine)
 
 
 @pytest.fixture
@@ -87,7 +88,7 @@ def test_a_frame_is_written_while_the_next_is_rendered(motion, tmp_path, monkeyp
         assert second.wait(30), "the first picture is written before the second frame is begun"
         write(path, *words)
 
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", lambda **named: ball_engine(render, **named))
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", lambda **named: ball_engine(render, **named))
     monkeypatch.setattr(headless, "write_png", wait_and_write)
     assert cli.main(["render", str(tmp_path / "out"), "--motion", str(motion), "--frames", "0:3", "--size", "16"]) == 0
     assert files(tmp_path / "out") == [f"frame_{k:06d}.png" for k in range(3)]
@@ -137,7 +138,7 @@ def test_a_level_is_kept_in_the_picture_and_by_a_session(tmp_path, monkeypatch):
         settings.append(chosen)
         return render_ball(avatar, signals, camera, chosen, previous)
 
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", lambda **named: ball_engine(spy, **named))
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", lambda **named: ball_engine(spy, **named))
     for name in ("fast", "auto"):
         out = tmp_path / f"{name}.png"
         assert cli.main(["render", str(out), "--size", "16", "--level", name, "--detail-from", "squat"]) == 0

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 import pytest
-from avatarrex_studio import posing
-from avatarrex_studio.commands import (
+from avatarrex_studio.session import posing
+from avatarrex_studio.session.commands import (
     ApplyExpression,
     ApplyPose,
     CloseMotion,
@@ -36,15 +36,15 @@ from avatarrex_studio.commands import (
     SetTranslation,
     ZoomBy,
 )
-from avatarrex_studio.journal import Journal
-from avatarrex_studio.rules import apply
-from avatarrex_studio.state import OrbitView, StudioState
+from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.rules import apply
+from avatarrex_studio.session.state import OrbitView, StudioState
 
 from avatarrex.errors import InputError
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import BODY_GROUPS, BODY_JOINTS, EXPRESSION_NAMES
 from avatarrex.signals.library import named_pose
 from avatarrex.signals.limits import LIMITS
-from avatarrex.signals.signals import Signals
 
 STEPPING = Signals.rest().replace(translation=np.array([0.5, 0.2, 1.0]), body_pose=named_pose("walk"))
 EVERY = (

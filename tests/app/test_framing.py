@@ -6,17 +6,17 @@ import json
 
 import numpy as np
 import pytest
-from avatarrex_studio import cli
-from avatarrex_studio.framing import MARGIN, Outline, backed_off, framed
-from avatarrex_studio.state import OrbitView, StudioState
+from avatarrex_studio.cli import main as cli
+from avatarrex_studio.session.framing import MARGIN, Outline, backed_off, framed
+from avatarrex_studio.session.state import OrbitView, StudioState
 from ball import ball_engine
 from PIL import Image
 
 from avatarrex.counters import Counters
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import POSES, named_pose
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
-from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
 
@@ -78,7 +78,7 @@ def test_the_window_opens_on_the_whole_person():
 
 
 def test_home_frames_the_person_as_it_stands(studio):
-    from avatarrex_studio.commands import ApplyPose, SetCamera, SetTranslation
+    from avatarrex_studio.session.commands import ApplyPose, SetCamera, SetTranslation
 
     studio.do(ApplyPose("arms_up"))
     studio.do(SetTranslation((3.0, 0.0, 8.0)))
@@ -104,7 +104,7 @@ def test_a_rendered_motion_keeps_the_person_in_every_frame(camera, follows, monk
         for k in range(5)
     )
     write_json(tmp_path / "walk.json", SignalSequence(frames, 24.0, "walk"))
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", ball_engine)
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", ball_engine)
     words = ["render", str(tmp_path / "out"), "--motion", str(tmp_path / "walk.json"), "--size", "64x48"]
     assert cli.main([*words, *(["--camera", camera] if camera else [])]) == 0
     outline, reached, distances = Outline(load_person("default").body), [], set()
@@ -119,7 +119,7 @@ def test_a_rendered_motion_keeps_the_person_in_every_frame(camera, follows, monk
 
 
 def test_what_the_user_gives_stays(monkeypatch, tmp_path):
-    monkeypatch.setattr("avatarrex_studio.engine.Engine", ball_engine)
+    monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", ball_engine)
     out = tmp_path / "out.png"
     words = ["render", str(out), "--size", "32", "--camera"]
     for given, wanted in (

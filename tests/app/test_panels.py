@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 
 import pytest
-from avatarrex_studio import posing
-from avatarrex_studio.actions import ACTIONS
-from avatarrex_studio.commands import OrbitBy, PanBy, ResetGroup, SetExpression, SetJoint, ZoomBy
 from avatarrex_studio.panels import camera, keys, performance, render, scene
 from avatarrex_studio.panels.face import FacePanel
 from avatarrex_studio.panels.joints import body_panel, hand_panel
 from avatarrex_studio.panels.poses import PosesPanel
 from avatarrex_studio.panels.timeline import TimelinePanel
 from avatarrex_studio.panels.viewport import ViewportPanel
-from avatarrex_studio.rules import apply
-from avatarrex_studio.state import StudioState
+from avatarrex_studio.session import posing
+from avatarrex_studio.session.actions import ACTIONS
+from avatarrex_studio.session.commands import OrbitBy, PanBy, ResetGroup, SetExpression, SetJoint, ZoomBy
+from avatarrex_studio.session.rules import apply
+from avatarrex_studio.session.state import StudioState
 from imgui_bundle import imgui
 
-from avatarrex.level_errors import LevelError
+from avatarrex.reference.level_errors import LevelError
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 
 

@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 import pytest
-from avatarrex_studio import cli
-from avatarrex_studio.state import StudioState
+from avatarrex_studio.cli import main as cli
+from avatarrex_studio.session.state import StudioState
 from PIL import Image
 
 STAGES = {"templates", "volume", "pointmap", "shading", "total"}

@@ -13,20 +13,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from avatarrex_studio.cli import main
+from avatarrex_studio.cli.main import main
+from avatarrex_studio.cli.runs_text import duration, table
+from avatarrex_studio.jobs.run_view import RunView, keep_avatar
+from avatarrex_studio.jobs.runs import Runs, Watched
+from avatarrex_studio.jobs.training_process import TrainingProcesses, last_words
+from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels.curves import log_ticks, smoothed, span, thinned
 from avatarrex_studio.panels.samples import HEAT, difference
-from avatarrex_studio.run_view import RunView, keep_avatar
-from avatarrex_studio.runs import Runs, Watched
-from avatarrex_studio.runs_text import duration, table
-from avatarrex_studio.training_process import TrainingProcesses, last_words
-from avatarrex_studio.watcher import Watcher
 
 from avatarrex.errors import InputError
-from avatarrex.training import control
-from avatarrex.training.control import Heartbeat, request
-from avatarrex.training.events import Series, event_files
-from avatarrex.training.run import Run, read_about
+from avatarrex.training.runs import control
+from avatarrex.training.runs.control import Heartbeat, request
+from avatarrex.training.runs.events import Series, event_files
+from avatarrex.training.runs.folder import Run, read_about
 
 TINY = (sys.executable, str(Path(__file__).parents[1] / "tiny_run.py"))
 
@@ -124,7 +124,7 @@ def test_no_display_is_said_in_one_line(tmp_path, monkeypatch, capsys):
 
 
 def test_a_table_needs_no_torch(tmp_path):
-    code = "import sys, avatarrex_studio.runs_text; print('torch' in sys.modules)"
+    code = "import sys, avatarrex_studio.cli.runs_text; print('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"
 
 

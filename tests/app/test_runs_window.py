@@ -9,16 +9,16 @@ import time
 from pathlib import Path
 
 import pytest
-from avatarrex_studio.journal import Journal
-from avatarrex_studio.runs_window import RunsWindow
-from avatarrex_studio.studio import Studio
-from avatarrex_studio.training_process import TrainingProcesses
-from avatarrex_studio.window import Window, start
+from avatarrex_studio.jobs.training_process import TrainingProcesses
+from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.window.runs_window import RunsWindow
+from avatarrex_studio.window.studio import Studio
+from avatarrex_studio.window.window import Window, start
 from ball import ball_engine
 from driving import drive
 from imgui_bundle import icons_fontawesome_6 as icons
 
-from avatarrex.training.events import event_files
+from avatarrex.training.runs.events import event_files
 
 pytestmark = pytest.mark.window
 TINY = (sys.executable, str(Path(__file__).parents[1] / "tiny_run.py"))

@@ -14,7 +14,10 @@
 from __future__ import annotations
 
 import pytest
-from avatarrex_studio.commands import (
+from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.skips import WORK, skipped
+from avatarrex_studio.engine.work import Work
+from avatarrex_studio.session.commands import (
     ApplyExpression,
     ApplyPose,
     OrbitBy,
@@ -26,17 +29,14 @@ from avatarrex_studio.commands import (
     SetLevel,
     SetTranslation,
 )
-from avatarrex_studio.engine import Engine
-from avatarrex_studio.journal import Journal
-from avatarrex_studio.skips import WORK, skipped
-from avatarrex_studio.state import LEVELS, StudioState
-from avatarrex_studio.work import Work
+from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.state import LEVELS, StudioState
 
 from avatarrex.avatar import load_avatar
 from avatarrex.errors import InputError
 from avatarrex.levels import LEVELS as TABLE
 from avatarrex.pipeline import RenderSettings
-from avatarrex.signals.signals import Signals
+from avatarrex.signals.driving import Signals
 
 SIZE = (40, 40)
 CAST = {"rays", "colour"}

@@ -7,20 +7,23 @@ import re
 
 import numpy as np
 import pytest
-from avatarrex_studio import cli, sheet, sheet_pages, sheet_paper
-from avatarrex_studio.motion import Motion
-from avatarrex_studio.parser import parser
-from avatarrex_studio.sheet_order import COLUMNS, read_order
-from avatarrex_studio.sheet_pages import Artist, body_page, drawn, face_page, hands_page, motion_page
-from avatarrex_studio.sheet_paper import HEADING, LINE, Tile, laid_out, over, tile_width, write_jpeg
+from avatarrex_studio.cli import sheet
+from avatarrex_studio.cli import main as cli
+from avatarrex_studio.cli.parser import parser
+from avatarrex_studio.cli.sheet_order import COLUMNS, read_order
+from avatarrex_studio.session.motion import Motion
+from avatarrex_studio.sheets import pages as sheet_pages
+from avatarrex_studio.sheets import paper as sheet_paper
+from avatarrex_studio.sheets.pages import Artist, body_page, drawn, face_page, hands_page, motion_page
+from avatarrex_studio.sheets.paper import HEADING, LINE, Tile, laid_out, over, tile_width, write_jpeg
 from bad_files import bvh, csv
 from PIL import Image
 
 from avatarrex.gl.context import gl_unavailable
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_hand
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
-from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import load_person
 
 needs_gl = pytest.mark.skipif(gl_unavailable() is not None, reason=str(gl_unavailable()))
@@ -169,7 +172,7 @@ def test_a_sheet_too_heavy_is_made_smaller(tmp_path):
 @pytest.fixture
 def small(monkeypatch):
     """Sheets a fifth as wide, an albedo that is baked at once."""
-    from avatarrex.capture import subject_drawer
+    from avatarrex.capture.synthetic import subject_drawer
 
     monkeypatch.setattr(sheet_pages, "WIDTH", 420)
     monkeypatch.setattr(sheet_pages, "NARROW", 420)

@@ -5,22 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from avatarrex_studio.actions import ACTIONS, EFFECTS, action, find
-from avatarrex_studio.commands import OrbitBy, SetBackground, SetExpression, SetJoint, SetLevel
-from avatarrex_studio.motion import Motion
-from avatarrex_studio.resolution import FLOOR, FULL_AFTER, Resolution
-from avatarrex_studio.resolution import Motion as Moving
-from avatarrex_studio.rules import apply
-from avatarrex_studio.state import StudioState
-from avatarrex_studio.strips import Strips
-from avatarrex_studio.studio import Studio
+from avatarrex_studio.engine.resolution import FLOOR, FULL_AFTER, Resolution
+from avatarrex_studio.engine.resolution import Motion as Moving
+from avatarrex_studio.engine.strips import Strips
+from avatarrex_studio.session.actions import ACTIONS, EFFECTS, action, find
+from avatarrex_studio.session.commands import OrbitBy, SetBackground, SetExpression, SetJoint, SetLevel
+from avatarrex_studio.session.motion import Motion
+from avatarrex_studio.session.rules import apply
+from avatarrex_studio.session.state import StudioState
+from avatarrex_studio.window.studio import Studio
 from ball import ball_engine, render_ball
 
 from avatarrex.errors import InputError
 from avatarrex.levels import COARSE, HOLD, level
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
-from avatarrex.signals.signals import Signals
 
 VIEWPORT = (320, 240)
 

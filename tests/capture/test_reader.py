@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from capture.tiny_capture import FRAMES, HEIGHT, WIDTH, TinyCapture, cameras, jpeg, npz
 
-from avatarrex.capture.capture import Capture, open_capture
-from avatarrex.capture.images_store import ByteCache
+from avatarrex.capture.readers.images_store import ByteCache
+from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.signals.joints import EXPRESSION_NAMES
 
 

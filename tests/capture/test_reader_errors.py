@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from capture.tiny_capture import FRAMES, TinyCapture, jpeg
 
-from avatarrex.capture.capture import open_capture
+from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 
 PARAMETERS, CALIBRATION = "body/smpl_params.npz", "body/calibration_full.json"

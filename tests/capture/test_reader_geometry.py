@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from avatarrex_studio.cli import main
+from avatarrex_studio.cli.main import main
 from capture.tiny_capture import TinyCapture
 
 from avatarrex.avatar import Avatar, load_avatar, save_avatar
 from avatarrex.camera import Camera
-from avatarrex.capture.calibration import Lens
-from avatarrex.capture.capture import open_capture
-from avatarrex.capture.check import check_capture, iou, silhouette, template_surface
-from avatarrex.capture.person_fit import fit_person
-from avatarrex.capture.undistort import distort, source_pixels, undistort
+from avatarrex.capture.fit.check import check_capture, iou, silhouette, template_surface
+from avatarrex.capture.fit.person_fit import fit_person
+from avatarrex.capture.readers.calibration import Lens
+from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.capture.readers.undistort import distort, source_pixels, undistort
 from avatarrex.errors import InputError
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit

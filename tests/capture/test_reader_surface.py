@@ -10,9 +10,9 @@ import torch
 from capture.tiny_capture import TinyCapture
 from scipy.spatial import cKDTree
 
-from avatarrex.capture.capture import open_capture
-from avatarrex.capture.check import iou, silhouette, template_surface
-from avatarrex.capture.surface_fit import fit_surface
+from avatarrex.capture.fit.check import iou, silhouette, template_surface
+from avatarrex.capture.fit.surface_fit import fit_surface
+from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.person import Person, load_person, resize_person

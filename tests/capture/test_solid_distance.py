@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from avatarrex.capture.solid_distance import SolidUnion
-from avatarrex.capture.winding import RayWinding
+from avatarrex.capture.synthetic.solid_distance import SolidUnion
+from avatarrex.capture.synthetic.winding import RayWinding
 from avatarrex.errors import InputError
 
 igl = pytest.importorskip("igl")

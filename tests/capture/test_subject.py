@@ -10,10 +10,10 @@ import torch
 import trimesh
 
 from avatarrex.camera import Camera
-from avatarrex.capture.preview import preview, visible_faces
-from avatarrex.capture.subject import PosedSubject, Subject, load_subject
+from avatarrex.capture.synthetic.preview import preview, visible_faces
+from avatarrex.capture.synthetic.subject import PosedSubject, Subject, load_subject
 from avatarrex.errors import InputError
-from avatarrex.signals.signals import Signals
+from avatarrex.signals.driving import Signals
 from avatarrex.templates.model import pose_template
 
 igl = pytest.importorskip("igl")

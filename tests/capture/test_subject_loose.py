@@ -7,11 +7,11 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from avatarrex.capture.motions import body_motion
-from avatarrex.capture.plan import GIRTH
-from avatarrex.capture.subject import Subject, load_subject
-from avatarrex.capture.winding import RayWinding
-from avatarrex.signals.signals import Signals
+from avatarrex.capture.synthetic.motions import body_motion
+from avatarrex.capture.synthetic.plan import GIRTH
+from avatarrex.capture.synthetic.subject import Subject, load_subject
+from avatarrex.capture.synthetic.winding import RayWinding
+from avatarrex.signals.driving import Signals
 
 
 @pytest.fixture

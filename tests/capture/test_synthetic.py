@@ -12,17 +12,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from avatarrex_studio.cli import main
+from avatarrex_studio.cli.main import main
 from PIL import Image
 
 from avatarrex.camera import Camera
-from avatarrex.capture import plan as plans
-from avatarrex.capture import synthetic
-from avatarrex.capture.capture import open_capture
-from avatarrex.capture.plan import RigSize, Size, plan
-from avatarrex.capture.preview import visible_faces
-from avatarrex.capture.subject import load_subject
-from avatarrex.capture.synthetic import make_capture
+from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.capture.synthetic import make as synthetic
+from avatarrex.capture.synthetic import plan as plans
+from avatarrex.capture.synthetic.make import make_capture
+from avatarrex.capture.synthetic.plan import RigSize, Size, plan
+from avatarrex.capture.synthetic.preview import visible_faces
+from avatarrex.capture.synthetic.subject import load_subject
 from avatarrex.errors import InputError
 from avatarrex.gl.context import gl_unavailable
 
@@ -129,8 +129,8 @@ def test_matte_is_the_coverage_of_the_projected_mesh(made: Path, rig: str) -> No
 @needs_gl
 def test_small_mattes_meet_the_mesh(tiny_size: None) -> None:
     """One body and one face picture of the pinned size: IoU ≥ 0.995 of mattes over one half."""
-    from avatarrex.capture.albedo_lattice import bake
-    from avatarrex.capture.rasteriser import Rasteriser
+    from avatarrex.capture.synthetic.albedo_lattice import bake
+    from avatarrex.capture.synthetic.rasteriser import Rasteriser
 
     for rig in plan("tiny", 0, "loose").rigs:
         camera = next(iter(rig.cameras.values())).resized(384, 512)

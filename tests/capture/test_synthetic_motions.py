@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from avatarrex.capture.motions import EXPRESSIONS, SENTENCE, VISEMES, body_motion, face_motion, viseme
-from avatarrex.capture.subject import load_subject
+from avatarrex.capture.synthetic.motions import EXPRESSIONS, SENTENCE, VISEMES, body_motion, face_motion, viseme
+from avatarrex.capture.synthetic.subject import load_subject
 from avatarrex.signals.ground import lowest
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.signals.limits import violations

@@ -9,14 +9,14 @@ import pytest
 import trimesh
 
 from avatarrex.camera import Camera
-from avatarrex.capture.albedo_lattice import bake, lattice_points
-from avatarrex.capture.cameras import body_ring, face_arc, fitted
-from avatarrex.capture.occlusion import Occlusion, sphere_directions
-from avatarrex.capture.rasteriser import Rasteriser, draw_reference
-from avatarrex.capture.subject import PosedSubject, Subject, load_subject
+from avatarrex.capture.synthetic.albedo_lattice import bake, lattice_points
+from avatarrex.capture.synthetic.cameras import body_ring, face_arc, fitted
+from avatarrex.capture.synthetic.occlusion import Occlusion, sphere_directions
+from avatarrex.capture.synthetic.rasteriser import Rasteriser, draw_reference
+from avatarrex.capture.synthetic.subject import PosedSubject, Subject, load_subject
 from avatarrex.gl.context import gl_unavailable
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_pose
-from avatarrex.signals.signals import Signals
 
 needs_gl = pytest.mark.skipif(gl_unavailable() is not None, reason=str(gl_unavailable()))
 
@@ -88,7 +88,7 @@ def test_the_rasteriser_agrees_with_the_reference(view: str) -> None:
 @needs_gl
 def test_tiles_make_the_same_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawn in one piece and in many, up to flips of single samples."""
-    from avatarrex.capture import rasteriser as module
+    from avatarrex.capture.synthetic import rasteriser as module
 
     posed = laughing()
     lattice = bake(posed.subject, np.full(len(posed.faces), 0.05))

@@ -13,9 +13,9 @@ import numpy as np
 from PIL import Image
 
 from avatarrex.camera import Camera
-from avatarrex.capture.check import silhouette, template_surface
+from avatarrex.capture.fit.check import silhouette, template_surface
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
-from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import Person, load_person
 
 FRAMES = 3

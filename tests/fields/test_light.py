@@ -10,11 +10,11 @@ import safetensors.torch
 import torch
 
 from avatarrex.avatar import Avatar, load_avatar, save_avatar
-from avatarrex.capture.shade import studio_light
+from avatarrex.capture.synthetic.shade import studio_light
 from avatarrex.counters import Counters
 from avatarrex.fields.light import DARKEST, Light
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
-from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.build import body_frame

@@ -5,7 +5,7 @@ import pytest
 import torch
 from arm import LENGTH, arm_field, arm_frame, near, pose_arm
 
-from avatarrex.capture.winding import RayWinding
+from avatarrex.capture.synthetic.winding import RayWinding
 from avatarrex.fields.body import BodyField
 from avatarrex.fields.local_frame import NEIGHBOURS, Samples
 from avatarrex.fields.presets import COMPACT

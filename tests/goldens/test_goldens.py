@@ -16,12 +16,12 @@ from PIL import Image
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
+from avatarrex.files.images import composite, write_png
 from avatarrex.gl.context import NoContext, gl_context, renderer_name
-from avatarrex.images import composite, write_png
 from avatarrex.pipeline import Frame, render_frame
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.library import named_expression, named_hand, named_pose
-from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import pose_person
 
 HERE, FAILED = Path(__file__).parent, Path(__file__).parents[2] / "out" / "goldens"

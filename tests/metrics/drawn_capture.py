@@ -10,8 +10,8 @@ from PIL import Image
 
 from avatarrex.camera import Camera
 from avatarrex.metrics.baselines import MeshDrawer, PosedMesh, lattice
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.limits import random_signals
-from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import load_person
 
 FRAMES, HELD_FRAME, HELD_VIEW = 3, 2, "back"

@@ -9,17 +9,17 @@ import pytest
 import torch
 from drawn_capture import CAMERAS, FRAMES, HELD_FRAME, HELD_VIEW, camera, painted, write_capture
 
-from avatarrex.assets import SPECS
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
-from avatarrex.capture.capture import open_capture
+from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
+from avatarrex.files.assets import SPECS
 from avatarrex.metrics.baselines import PosedMesh, baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawing, fitted, over_black
 from avatarrex.metrics.evaluate import SPLITS, _thinned, captured, evaluate, observations, split_of
 from avatarrex.metrics.measures import KEYS, Measured, Networks, means, measure
 from avatarrex.metrics.report import contact_sheet, table, to_json
-from avatarrex.signals.signals import Signals
+from avatarrex.signals.driving import Signals
 
 SCHEMA = json.loads((SPECS / "metrics.json").read_text(encoding="utf-8"))
 KINDS = {"object": dict, "array": list, "string": str, "number": (int, float), "null": type(None)}

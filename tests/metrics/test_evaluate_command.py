@@ -4,12 +4,12 @@ import json
 
 import pytest
 import torch
-from avatarrex_studio.cli import main
+from avatarrex_studio.cli.main import main
 from drawn_capture import write_capture
 from PIL import Image
 
 from avatarrex.avatar import load_avatar
-from avatarrex.capture.capture import open_capture
+from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.metrics.drawing import AvatarDrawer
 from avatarrex.metrics.face_region import face_alone
 from avatarrex.templates.person import load_person

@@ -11,8 +11,8 @@ import torch
 from avatarrex.metrics import floaters
 from avatarrex.metrics.floaters import directions, find_floaters, islands, lumps
 from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.volume.sdf_volume import SdfVolume
 from avatarrex.volume.solids import body_grid, capsule, capsule_man, sphere, union
-from avatarrex.volume.volume import SdfVolume
 
 BALL = sphere((0, 0, 0), 0.3)
 AWAY = (0.0, 0.5, 0.1)
@@ -91,7 +91,7 @@ def test_specks_are_not_islands(monkeypatch):
 def test_a_patched_grid_of_the_packaged_avatar_is_reported(monkeypatch):
     """A block of 10 cm below an arm; without it, what the packaged avatar has is a list of small things."""
     from avatarrex.avatar import load_avatar
-    from avatarrex.signals.signals import Signals
+    from avatarrex.signals.driving import Signals
 
     poses = {"rest": Signals.rest()}
     avatar = load_avatar()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from avatarrex.pointmap.pointmap import available
+from avatarrex.pointmap.raycast import available
 from avatarrex.volume.solids import capsule_man
 
 

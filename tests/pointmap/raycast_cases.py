@@ -3,8 +3,8 @@
 import torch
 
 from avatarrex.camera import Camera
-from avatarrex.pointmap.pointmap import PointMap, raycast
-from avatarrex.volume.volume import SdfVolume
+from avatarrex.pointmap.raycast import PointMap, raycast
+from avatarrex.volume.sdf_volume import SdfVolume
 
 VIEWS = [
     Camera.orbit(20, 10, 2.6, 40, (0, -0.05, 0), 80, 80),

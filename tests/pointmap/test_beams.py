@@ -9,10 +9,10 @@ from raycast_cases import errors, reference
 
 from avatarrex.camera import Camera
 from avatarrex.gl.context import gl_context, gl_unavailable
-from avatarrex.pointmap.pointmap import raycast
+from avatarrex.pointmap.raycast import raycast
 from avatarrex.pointmap.raycast_gl import GlCaster
+from avatarrex.volume.sdf_volume import SdfVolume
 from avatarrex.volume.solids import body_grid, capsule, sphere
-from avatarrex.volume.volume import SdfVolume
 
 pytestmark = pytest.mark.skipif(gl_unavailable() is not None, reason=f"no OpenGL: {gl_unavailable()}")
 CAMERAS = {

@@ -8,11 +8,11 @@ import torch
 from raycast_cases import agree
 
 from avatarrex.camera import Camera
-from avatarrex.pointmap.pointmap import raycast
-from avatarrex.pointmap.seen import seen_cells
+from avatarrex.pointmap.raycast import raycast
+from avatarrex.pointmap.visible_cells import seen_cells
 from avatarrex.volume.bricks import grow_bricks
+from avatarrex.volume.sdf_volume import SdfVolume
 from avatarrex.volume.solids import body_grid, capsule, part_box, rotation, sphere, union
-from avatarrex.volume.volume import SdfVolume
 
 FIGURE = union(sphere((0, 0, 0), 0.15), capsule((-0.2, 0.11, 0), (0.2, 0.2, 0.05), 0.014))
 GRID = ((-0.3, -0.3, -0.3), 0.02, (31, 31, 31))

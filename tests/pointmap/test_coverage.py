@@ -5,9 +5,9 @@ import torch
 
 from avatarrex.camera import Camera
 from avatarrex.pointmap import raycast_gl
-from avatarrex.pointmap.pointmap import raycast
+from avatarrex.pointmap.raycast import raycast
+from avatarrex.volume.sdf_volume import SdfVolume
 from avatarrex.volume.solids import body_grid, capsule, sphere
-from avatarrex.volume.volume import SdfVolume
 
 BALL = SdfVolume(body_grid(sphere((0.3, 0.3, 0.3), 0.2), (0, 0, 0), 0.02, (31, 31, 31)))
 

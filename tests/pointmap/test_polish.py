@@ -10,12 +10,12 @@ from pointmap.dense_solid import DenseSolid
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.fields.composition import Composed
-from avatarrex.oracle import exact_field
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
-from avatarrex.pipeline_reference import pose_reference
 from avatarrex.pointmap.polish import CONVERGED, FLATTEST, descend, descend_reference, reach
+from avatarrex.reference.oracle import exact_field
+from avatarrex.reference.voxel_frame import pose_reference
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
-from avatarrex.signals.signals import Signals
 from avatarrex.volume.composed_field import ComposedField
 from avatarrex.volume.solids import sphere
 

@@ -9,9 +9,9 @@ from raycast_cases import VIEWS, agree, errors, reference
 
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
-from avatarrex.pointmap.pointmap import available, raycast
+from avatarrex.pointmap.raycast import available, raycast
+from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
 from avatarrex.volume.solids import body_grid, sphere, union
-from avatarrex.volume.volume import BodyGrid, SdfVolume
 
 
 @pytest.mark.parametrize("camera", VIEWS, ids=["whole", "hand", "head"])

@@ -6,11 +6,11 @@ import torch
 from scipy.spatial import cKDTree
 
 from avatarrex.errors import InputError
+from avatarrex.signals.driving import SHAPES, Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES, mirror, named_expression, named_hand, named_pose
 from avatarrex.signals.limits import LIMITS, clamp, random_signals, violations
 from avatarrex.signals.sequence import SignalSequence, interpolate
-from avatarrex.signals.signals import SHAPES, Signals
 from avatarrex.templates.model import pose_template
 from avatarrex.templates.person import load_person
 

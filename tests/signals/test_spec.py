@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from avatarrex.assets import SPECS
+from avatarrex.files.assets import SPECS
+from avatarrex.signals.driving import SHAPES
 from avatarrex.signals.limits import random_signals
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
-from avatarrex.signals.signals import SHAPES
 
 SCHEMA = json.loads((SPECS / "signals.json").read_text(encoding="utf-8"))
 KINDS = {"object": dict, "array": list, "string": str, "number": (int, float)}

@@ -11,8 +11,8 @@ import pytest
 import torch
 from official import random_official
 
-from avatarrex.assets import DATA, SPECS, check_arrays, read_arrays, read_npz, read_spec
 from avatarrex.errors import InputError
+from avatarrex.files.assets import DATA, SPECS, check_arrays, read_arrays, read_npz, read_spec
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.templates.person import hash_arrays, load_person, read_model
 

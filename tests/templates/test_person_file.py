@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from avatarrex.assets import DATA, check_arrays, read_arrays, read_spec
+from avatarrex.files.assets import DATA, check_arrays, read_arrays, read_spec
 from avatarrex.templates.model import TemplateModel, pose_template
 from avatarrex.templates.person import read_model
 

@@ -11,27 +11,27 @@ from capture.tiny_capture import TinyCapture
 
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
-from avatarrex.capture.capture import Rig, open_capture
+from avatarrex.capture.readers.rigs import Rig, open_capture
 from avatarrex.counters import Counters
 from avatarrex.fields import presets
 from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.presets import COMPACT
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.pipeline import RenderSettings
-from avatarrex.pointmap.pointmap import raycast
+from avatarrex.pointmap.raycast import raycast
 from avatarrex.templates.model import PosedTemplate, skinned_normals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import PosedPerson, pose_person
-from avatarrex.training.frames import FrameStore, TrainingFrame
-from avatarrex.training.losses import weighted
-from avatarrex.training.pass_one import BodyPass, FacePass, _outline_loss, _render_losses
-from avatarrex.training.pass_two import PatchPass
-from avatarrex.training.pixels import PixelBatch
+from avatarrex.training.core.frames import FrameStore, TrainingFrame
+from avatarrex.training.core.losses import weighted
+from avatarrex.training.core.pass_one import BodyPass, FacePass, _outline_loss, _render_losses
+from avatarrex.training.core.pass_two import PatchPass
+from avatarrex.training.core.pixels import PixelBatch
+from avatarrex.training.core.sampling import noise_of
+from avatarrex.training.core.trained_field import FACE, TrainedBody
 from avatarrex.training.recipe import SMOKE
-from avatarrex.training.sampling import noise_of
-from avatarrex.training.trained_field import FACE, TrainedBody
 from avatarrex.volume.build import build_volume
-from avatarrex.volume.probe import VertexProbe
+from avatarrex.volume.template_distance import VertexProbe
 
 TINY = replace(
     COMPACT,
@@ -132,7 +132,7 @@ def check(parameters: list[torch.nn.Parameter], loss, count: int, seed: int = 0)
 
 def test_pass_one_of_the_body(tiny, monkeypatch):
     avatar, frame, store = tiny
-    monkeypatch.setattr("avatarrex.training.pass_one.SHOWN", 0.0)
+    monkeypatch.setattr("avatarrex.training.core.pass_one.SHOWN", 0.0)
     # The nodes carry the eikonal points along; their places have no gradient.
     fixed = 0.3 * torch.randn(40, 3, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
     monkeypatch.setattr(TrainedBody, "around", lambda self, count, noise: fixed)
@@ -156,7 +156,7 @@ def test_pass_one_of_the_body(tiny, monkeypatch):
 
 def test_pass_one_of_the_face(tiny, monkeypatch):
     avatar, frame, store = tiny
-    monkeypatch.setattr("avatarrex.training.pass_one.SHOWN", 0.0)
+    monkeypatch.setattr("avatarrex.training.core.pass_one.SHOWN", 0.0)
     monkeypatch.setattr(FacePass, "ray_weight", lambda self, share: torch.ones_like(share[:, 0]))  # without gradient
     stage = FacePass(avatar, store, replace(SMOKE.face[0], silhouette=2.0), 0)
     camera = store.rig.views[0].camera

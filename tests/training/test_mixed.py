@@ -6,7 +6,7 @@ import torch
 
 from avatarrex.avatar import Avatar
 from avatarrex.templates.person import load_person
-from avatarrex.training.mixed import in_bfloat16
+from avatarrex.training.core.mixed import in_bfloat16
 
 
 def features(avatar: Avatar) -> tuple[torch.Tensor, torch.Tensor]:

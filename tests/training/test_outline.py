@@ -11,14 +11,14 @@ from capture.tiny_capture import TinyCapture
 from torch import Tensor
 
 from avatarrex.camera import Camera
-from avatarrex.capture.capture import Rig, open_capture
+from avatarrex.capture.readers.rigs import Rig, open_capture
 from avatarrex.fields.composition import Composed
 from avatarrex.pointmap.rays import RayPlane
-from avatarrex.training.losses import silhouette_loss
-from avatarrex.training.outline import SURE, closest
-from avatarrex.training.pixels import PixelBatch, draw_outline
+from avatarrex.training.core.losses import silhouette_loss
+from avatarrex.training.core.outline import SURE, closest
+from avatarrex.training.core.pixels import PixelBatch, draw_outline
+from avatarrex.volume.sdf_volume import SdfVolume
 from avatarrex.volume.solids import body_grid, sphere
-from avatarrex.volume.volume import SdfVolume
 
 MIDDLE = (0.3, 0.3, 0.3)
 RADIUS = 0.2

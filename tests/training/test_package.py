@@ -10,7 +10,7 @@ from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.errors import InputError
 from avatarrex.templates.person import load_person
 from avatarrex.training.package import package
-from avatarrex.training.run import Run
+from avatarrex.training.runs.folder import Run
 
 SURFACE = {"avatar": {"to_truth": {"mean_mm": 2.0}, "from_truth": {"mean_mm": 3.0}}}
 

@@ -13,12 +13,12 @@ from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.fields.orthographic import project, render_views
 from avatarrex.ops.closest_point import closest_point
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.limits import random_signals
-from avatarrex.signals.signals import Signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
-from avatarrex.training.warm_start import distances_before, hidden_at_rest, load_prior, supervision
+from avatarrex.training.core.warm_start import distances_before, hidden_at_rest, load_prior, supervision
 
 MOST = {"body": 0.004, "face": 0.004}
 """Metres of mean error at points as far as 15 cm off; where training reads distances it is less."""
@@ -145,7 +145,7 @@ def test_a_fit_goes_on_from_its_checkpoint_and_is_packaged(tmp_path, monkeypatch
     again = safetensors.torch.load_file(tmp_path / "prior.safetensors")
     assert again.keys() == whole.keys()
     assert all(again[name].equal(value) for name, value in whole.items()), "what was not fitted again stays as it was"
-    monkeypatch.setattr("avatarrex.training.warm_start.PRIOR", tmp_path / "prior.safetensors")
+    monkeypatch.setattr("avatarrex.training.core.warm_start.PRIOR", tmp_path / "prior.safetensors")
     avatar = Avatar.create(load_person(), "compact", seed=9)
     assert load_prior(avatar, "body")
     stored = second["state"]["geometry_blend.0.weight"].half().float()

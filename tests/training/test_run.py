@@ -16,10 +16,10 @@ from tiny_run import fit
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.errors import InputError
 from avatarrex.templates.person import load_person
-from avatarrex.training import checkpoint, control
-from avatarrex.training.control import Heartbeat, request
-from avatarrex.training.events import EventReader
-from avatarrex.training.run import Run, read_about
+from avatarrex.training.runs import checkpoint, control
+from avatarrex.training.runs.control import Heartbeat, request
+from avatarrex.training.runs.events import EventReader
+from avatarrex.training.runs.folder import Run, read_about
 
 
 def same(a, b):

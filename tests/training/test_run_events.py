@@ -9,8 +9,8 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from tensorboard.compat.tensorflow_stub.pywrap_tensorflow import masked_crc32c
 
-from avatarrex.training.events import EventReader, event_files
-from avatarrex.training.run import Run
+from avatarrex.training.runs.events import EventReader, event_files
+from avatarrex.training.runs.folder import Run
 
 
 def write(path, steps, offset=0.0, resume=False):

@@ -15,17 +15,17 @@ import torch
 from tiny_run import fit
 
 from avatarrex.errors import InputError
-from avatarrex.training import checkpoint, events
-from avatarrex.training.events import EventReader
-from avatarrex.training.run import Run, read_about
+from avatarrex.training.runs import checkpoint, events
+from avatarrex.training.runs.events import EventReader
+from avatarrex.training.runs.folder import Run, read_about
 
 EVERY = 4
 KILLER = """
 import json, os, random, signal, sys, time
 from pathlib import Path
 from tiny_run import fit
-from avatarrex.training import checkpoint
-from avatarrex.training.events import EventReader, event_files
+from avatarrex.training.runs import checkpoint
+from avatarrex.training.runs.events import EventReader, event_files
 
 out, dice, report = Path(sys.argv[1]), random.Random(7), []
 saves = out / "checkpoints"

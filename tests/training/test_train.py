@@ -10,20 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from avatarrex_studio.cli import main
-from avatarrex_studio.parser import parser
-from avatarrex_studio.train import held_out, kept_recipe
+from avatarrex_studio.cli.main import main
+from avatarrex_studio.cli.parser import parser
+from avatarrex_studio.cli.train import held_out, kept_recipe
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
-import avatarrex.training.train as train_module
+import avatarrex.training.core.trainer as train_module
 from avatarrex.avatar import Avatar, load_avatar
-from avatarrex.capture.capture import open_capture
+from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 from avatarrex.ops.rotation import matrix_from_rotvec
-from avatarrex.training.events import EventReader
+from avatarrex.training.core.trainer import Diverged, Stage, Trainer
 from avatarrex.training.recipe import PassOne, PassTwo, Recipe
-from avatarrex.training.run import Run, read_about
-from avatarrex.training.train import Diverged, Stage, Trainer
+from avatarrex.training.runs.events import EventReader
+from avatarrex.training.runs.folder import Run, read_about
 
 TINY = Recipe(
     "tiny",
@@ -38,7 +38,7 @@ TINY = Recipe(
 @pytest.fixture(autouse=True)
 def every_step_is_reported(monkeypatch):
     monkeypatch.setattr(train_module, "REPORT", 1)
-    monkeypatch.setattr("avatarrex.training.held_out.PICTURES", 1)
+    monkeypatch.setattr("avatarrex.training.core.held_out.PICTURES", 1)
 
 
 def start(capture: Path, folder: Path, parts: tuple[str, ...] = ("body",), resume: bool = False) -> tuple[Run, Trainer]:

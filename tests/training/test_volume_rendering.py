@@ -7,8 +7,8 @@ import math
 import pytest
 import torch
 
-from avatarrex.training.losses import NEARBY, mask_loss, silhouette_loss
-from avatarrex.training.volume_rendering import Gamma, interval_depth, laplace_density, render_weights
+from avatarrex.training.core.losses import NEARBY, mask_loss, silhouette_loss
+from avatarrex.training.core.volume_rendering import Gamma, interval_depth, laplace_density, render_weights
 
 
 def cdf(value: float, scale: float) -> float:

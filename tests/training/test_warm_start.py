@@ -6,7 +6,7 @@ import numpy as np
 import torch
 import trimesh
 
-from avatarrex.training.warm_start import distances_around
+from avatarrex.training.core.warm_start import distances_around
 
 RADIUS, APART, COUNT = 0.1, 0.12, 6000
 

@@ -10,16 +10,16 @@ from scipy.spatial import cKDTree
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.oracle import exact_field
 from avatarrex.pipeline import RenderSettings, render_frame
-from avatarrex.pipeline_reference import pose_reference
+from avatarrex.reference.oracle import exact_field
+from avatarrex.reference.voxel_frame import pose_reference
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
-from avatarrex.signals.signals import Signals
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.build import AvatarVolume, body_frame, build_volume
 from avatarrex.volume.composed_field import ComposedField, ExactPart, composed_field
+from avatarrex.volume.sdf_volume import sample
 from avatarrex.volume.solids import lattice_points
-from avatarrex.volume.volume import sample
 
 HIP = Signals.rest().replace(body_pose=named_pose("hands_on_hips"))
 SETTINGS = RenderSettings(part_voxel=0.01)

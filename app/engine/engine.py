@@ -1,0 +1,123 @@
+"""`Engine.render(state, size) -> Shot`: the one door between a driver (window, CLI, test, notebook) and the pipeline.
+
+It owns the avatar and remembers the previous frame, so that only what changed is computed again. An error comes back as
+text beside the last good frame; nothing a user drags can end the program. No window library is imported here.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from avatarrex_studio.engine.auto_level import ORDER
+from avatarrex_studio.session.framing import Outline
+from avatarrex_studio.session.state import AUTO, StudioState
+
+from avatarrex import levels
+from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.camera import Camera
+from avatarrex.errors import InputError
+from avatarrex.pipeline import Frame, RenderSettings, render_frame
+
+log = logging.getLogger(__name__)
+RenderFrame = Callable[..., Frame]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What `Engine.render` gives back."""
+
+    frame: Frame | None
+    """The frame of the state, or the last good one where `error` is set; None before the first."""
+    error: str | None = None
+
+
+class Engine:
+    """Renders states. `avatar` is a loaded one; without it each state's own is read by name or path.
+
+    `settings` says how rays are cast and whose patches are decoded; the rest comes from each state's level. Networks of
+    avatars that it reads run on `device`.
+    """
+
+    def __init__(
+        self,
+        avatar: Avatar | None = None,
+        render: RenderFrame = render_frame,
+        load: Callable[..., Any] = load_avatar,
+        settings: RenderSettings | None = None,
+        device: str = "cpu",
+    ) -> None:
+        self._avatar, self._given = avatar, avatar is not None
+        self._render, self._load = render, partial(load, device=device)
+        self._settings = settings or RenderSettings()
+        self._name: str | None = None
+        self._previous: Frame | None = None
+        self._outline: Outline | None = None
+
+    def render(
+        self,
+        state: StudioState,
+        size: tuple[int, int] | None = None,
+        rows: tuple[int, int] | None = None,
+        dragged: bool = False,
+    ) -> Shot:
+        """The frame of `state` at `size` (width, height), else at the state's own fixed size; of `rows` [a, b) alone.
+
+        `dragged`: the next one comes at once, and this one may be rougher and lag behind the pose at the level `fast` (`levels.dragged`).
+        Never raises for what a user can set: the error comes back as one line with the last good frame.
+        """
+        try:
+            width, height = size or state.size.fixed or (512, 512)
+            camera = state.view.camera(width, height)
+            return Shot(self.frame(state, _crop(camera, *rows) if rows else camera, dragged))
+        except InputError as error:
+            return Shot(self._previous, str(error))
+        except Exception as error:  # a fault of ours: its trace goes to the log, its line over the last good image
+            log.exception("the frame could not be rendered")
+            return Shot(self._previous, f"{type(error).__name__}: {error}".splitlines()[0])
+
+    def frame(self, state: StudioState, camera: Camera, dragged: bool = False) -> Frame:
+        """The frame of `state` through `camera`; errors are raised."""
+        avatar = self.avatar(state.avatar)
+        frame = self._render(avatar, state.signals, camera, self.settings(state, dragged), self._previous)
+        self._previous = frame
+        return frame
+
+    def avatar(self, name: str) -> Avatar:
+        """The avatar of that name or path, read once. Raises `InputError`."""
+        if not self._given and self._name != name:
+            self._avatar = self._load(name)
+            self._name, self._previous = name, None
+        assert self._avatar is not None
+        return self._avatar
+
+    def outline(self, state: StudioState) -> np.ndarray:
+        """(p, 3) world metres: points of the posed body, for framing it. Raises `InputError`."""
+        person = self.avatar(state.avatar).person
+        if self._outline is None or self._outline.body is not person.body:
+            self._outline = Outline(person.body)
+        return self._outline.points(state.signals)
+
+    def settings(self, state: StudioState, dragged: bool = False) -> RenderSettings:
+        """The pipeline's settings for `state`; `auto` is the most exact level, for whoever waits for one picture."""
+        chosen = levels.level(ORDER[-1] if state.level == AUTO else state.level)
+        if dragged and state.level == ORDER[0]:
+            chosen = levels.dragged(chosen)
+        kept = self._settings
+        return replace(chosen, hidden=state.hidden, raycast=kept.raycast, detail_from=kept.detail_from)
+
+    @property
+    def last(self) -> Frame | None:
+        """The last frame, or strip of one."""
+        return self._previous
+
+
+def _crop(camera: Camera, first: int, end: int) -> Camera:
+    """The same view of the rows [first, end) alone."""
+    intrinsics = camera.intrinsics.copy()
+    intrinsics[1, 2] -= first
+    return Camera(intrinsics, camera.camera_from_world, camera.width, end - first)

@@ -1,0 +1,130 @@
+"""Runs below a folder, read a little at a time as they grow, each published as a frozen `RunView`; no file ends the reading."""
+
+from __future__ import annotations
+
+import logging
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from avatarrex_studio.jobs.run_view import RunView, checkpoints_of, newest_avatar
+
+from avatarrex.training.runs.control import Heartbeat, read_json
+from avatarrex.training.runs.events import EventReader
+
+log = logging.getLogger(__name__)
+DEPTH = 3
+"""Folders below the one that is watched in which runs are looked for."""
+SLOW_SECONDS = 2.0
+"""Between two listings of folders."""
+ENDED = ("finished", "stopped", "failed")
+
+
+class Watched:
+    """One run folder, read a little at a time."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        self.path, self.name = path, name
+        self.reader = EventReader(path)
+        self.view = RunView(path, name, "dead")
+        self._listed = -1e9
+        self._samples: dict[str, dict[str, tuple[int, ...]]] = {}
+        self._checkpoints: tuple[Path, ...] = ()
+        self._avatar: Path | None = None
+
+    def poll(self) -> bool:
+        """Read on; True where more is waiting."""
+        waiting = self.reader.poll()
+        if time.monotonic() - self._listed > SLOW_SECONDS:
+            self._listed = time.monotonic()
+            self._samples, self._checkpoints = _samples(self.path), checkpoints_of(self.path)
+            # A listed checkpoint may be gone, and the next one not be listed: no button flickers for that.
+            self._avatar = newest_avatar(self._checkpoints) or self._avatar
+        self.view = self._look()
+        return waiting
+
+    def _look(self) -> RunView:
+        about, beat = read_json(self.path / "run.json"), Heartbeat.read(self.path)
+        series = {tag: self.reader.series(tag) for tag in self.reader.tags}
+        if about is None or not isinstance(about.get("config"), dict):
+            return RunView(self.path, self.name, "dead", "run.json cannot be read", series=series)
+        state, note = str(about.get("state")), str(about.get("note") or "")
+        if state not in ENDED and not (beat and beat.alive()):
+            state = "dead"
+        note = note or "; ".join(f"{name}: {text}" for name, text in self.reader.notes.items())
+        newest = max(series.items(), key=lambda item: item[1].times.max(), default=None)
+        reported = newest[0].split("/")[0] if newest else str(about.get("part") or "")
+        part, step = beat.part if beat and beat.part else reported, beat.step if beat else 0
+        if newest and part == reported:
+            step = int(newest[1].steps[newest[1].times.argmax()])
+        steps = beat.steps if beat and beat.steps else _planned(about["config"].get("steps"), part)
+        return RunView(
+            self.path, self.name, state, note, about, part, beat.pass_name if beat else "", step, steps, series,
+            self._samples, self._checkpoints, self._avatar,
+        )  # fmt: skip
+
+
+class Runs:
+    """All runs below a folder."""
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        self._watched: dict[Path, Watched] = {}
+        self._listed = -1e9
+
+    def poll(self) -> bool:
+        """Look for runs and read on in each; True where more is waiting."""
+        if time.monotonic() - self._listed > SLOW_SECONDS:
+            self._listed = time.monotonic()
+            paths = sorted(run_folders(self.folder))
+            self._watched = {path: self._watched.get(path) or Watched(path, self._name(path)) for path in paths}
+        waiting = False
+        for entry in self._watched.values():
+            try:
+                waiting |= entry.poll()
+            except Exception as error:  # a fault of ours over a strange file must not hide the other runs
+                if not entry.view.note:
+                    log.exception("%s cannot be read", entry.path)
+                entry.view = RunView(entry.path, entry.name, "dead", f"{type(error).__name__}: {error}")
+        return waiting
+
+    @property
+    def views(self) -> tuple[RunView, ...]:
+        """By name."""
+        return tuple(entry.view for entry in self._watched.values())
+
+    def _name(self, path: Path) -> str:
+        return path.absolute().name if path == self.folder else path.relative_to(self.folder).as_posix()
+
+
+def run_folders(folder: Path, depth: int = DEPTH) -> Iterator[Path]:
+    """`folder` itself where it is a run, else the runs below it."""
+    if (folder / "run.json").is_file():
+        yield folder
+        return
+    try:
+        inner = [entry.path for entry in os.scandir(folder) if entry.is_dir() and not entry.name.startswith(".")]
+    except OSError:
+        return
+    if depth:
+        for path in inner:
+            yield from run_folders(Path(path), depth - 1)
+
+
+def _planned(steps: object, part: str) -> int:
+    if isinstance(steps, dict):
+        steps = steps.get(part)
+    return steps if isinstance(steps, int) and not isinstance(steps, bool) else 0
+
+
+def _samples(path: Path) -> dict[str, dict[str, tuple[int, ...]]]:
+    found: dict[str, dict[str, tuple[int, ...]]] = {}
+    top = path / "samples"
+    for folder, _, names in os.walk(top):
+        digits = [name[5:-4] for name in names if name.startswith("step_") and name.endswith(".png")]
+        steps = tuple(sorted(int(text) for text in digits if text.isdigit()))
+        if steps:
+            place = Path(folder).relative_to(top)
+            found.setdefault(place.parent.as_posix(), {})[place.name] = steps
+    return dict(sorted(found.items()))

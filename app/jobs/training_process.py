@@ -1,0 +1,121 @@
+"""Trainings in processes of their own: started by the studio, paused and stopped through their run folder's control file.
+
+A training outlives the window that started it. What it prints goes to `RUN/train.log`.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from avatarrex.errors import InputError
+from avatarrex.training.runs.control import request
+
+log = logging.getLogger(__name__)
+COMMAND = (sys.executable, "-c", "from avatarrex_studio.cli.main import main; raise SystemExit(main())")
+PRESETS = ("quick", "smoke", "paper")
+PARTS = ("face", "body")
+PATIENCE = 60.0
+"""Seconds that a training has to end after it was asked; then it gets the signal of Ctrl+C."""
+
+
+@dataclass
+class _Child:
+    process: subprocess.Popen[bytes]
+    stop_by: float | None = None
+    """When to send the signal, in seconds of the clock."""
+
+
+class TrainingProcesses:
+    """The trainings that this program started."""
+
+    def __init__(
+        self, command: Sequence[str] = COMMAND, clock: Callable[[], float] = time.monotonic, device: str = "cpu"
+    ) -> None:
+        """Networks that are trained run on `device`."""
+        self._command, self._clock, self._device = tuple(command), clock, device
+        self._children: dict[Path, _Child] = {}
+        self.message = ""
+        """The last thing to tell: a start, an end, an error."""
+
+    def start(
+        self, capture: str, preset: str, out: str | Path, parts: Sequence[str] = PARTS, resume: bool = False
+    ) -> None:
+        """Start `train CAPTURE --preset P --out OUT`. Raises `InputError` for what can be seen to be wrong before."""
+        out = Path(out).absolute()
+        if not capture.strip():
+            raise InputError("capture", "", "a capture folder or zip", "nothing")
+        if not parts:
+            raise InputError("parts", "", " or ".join(PARTS), "none")
+        if out in self._children:
+            raise InputError(out, "", "a run that is not at work", "a training that was started here")
+        if not resume and (out / "run.json").exists():
+            raise InputError(out, "", "a folder without a run (resume it instead)", "run.json")
+        words = ["train", capture.strip(), "--preset", preset, "--out", str(out), "--parts", ",".join(parts)]
+        words += [] if self._device == "cpu" else ["--device", self._device]
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            with open(out / "train.log", "ab") as output:
+                process = subprocess.Popen(
+                    [*self._command, *words, *(["--resume"] if resume else [])],
+                    stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True,
+                )  # fmt: skip
+        except OSError as error:
+            raise InputError(out, "", "a folder to train in", error.strerror or error) from None
+        self._children[out] = _Child(process)
+        self.message = f"{out.name}: training started"
+
+    def pause(self, out: Path) -> None:
+        """Ask a run, whoever started it, to wait after its step."""
+        request(out, "pause")
+
+    def go_on(self, out: Path) -> None:
+        """Ask a paused run to go on."""
+        request(out, "run")
+
+    def stop(self, out: Path) -> None:
+        """Ask a run to save and end; one that was started here gets the signal of Ctrl+C where it does not."""
+        request(out, "stop")
+        child = self._children.get(Path(out).absolute())
+        if child is not None:
+            child.stop_by = self._clock() + PATIENCE
+
+    def working(self, out: Path) -> bool:
+        """Whether a training that was started here works in folder `out`."""
+        return Path(out).absolute() in self._children
+
+    def poll(self) -> None:
+        """See which have ended, and remind those that were asked to."""
+        for out, child in list(self._children.items()):
+            code = child.process.poll()
+            if code is None:
+                if child.stop_by is not None and self._clock() > child.stop_by:
+                    child.process.send_signal(signal.SIGINT)
+                    child.stop_by = None
+                continue
+            del self._children[out]
+            if code == 0:
+                self.message = f"{out.name}: training ended"
+                log.info("%s", self.message)
+            else:
+                self.message = f"{out.name}: {last_words(out / 'train.log') or f'exit code {code}'}"
+                log.error("%s", self.message)
+
+
+def last_words(path: Path) -> str:
+    """The last line of a training's output."""
+    try:
+        with open(path, "rb") as file:
+            file.seek(max(path.stat().st_size - 4096, 0))
+            text = file.read().decode("utf-8", "replace")
+    except OSError:
+        return ""
+    lines = [line.strip() for line in re.split(r"[\r\n]+", text) if line.strip()]
+    return lines[-1] if lines else ""

@@ -1,0 +1,84 @@
+"""Runs and their pictures read in a thread of its own, so that whoever draws never waits for a file."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import OrderedDict
+from pathlib import Path
+
+import numpy as np
+from avatarrex_studio.jobs.run_view import RunView
+from avatarrex_studio.jobs.runs import Runs
+from jaxtyping import UInt8
+from PIL import Image
+
+log = logging.getLogger(__name__)
+SECONDS = 0.5
+"""Between two looks."""
+PICTURES = 48
+"""Decoded pictures that are kept."""
+
+
+class Watcher(threading.Thread):
+    """Reads the runs below a folder, and pictures that are asked for, until closed."""
+
+    def __init__(self, folder: str | Path) -> None:
+        super().__init__(name="watcher", daemon=True)
+        self.folder = Path(folder)
+        self.views: tuple[RunView, ...] = ()
+        """The runs as they were last read; replaced, never changed."""
+        self._wake, self._closed = threading.Event(), False
+        self._pictures: OrderedDict[tuple[Path, int], UInt8[np.ndarray, "h w 3"] | None] = OrderedDict()
+        self._asked: list[tuple[Path, int]] = []
+
+    def run(self) -> None:
+        """Read until closed."""
+        runs = Runs(self.folder)
+        while not self._closed:
+            if runs.folder != self.folder:
+                runs = Runs(self.folder)
+            waiting = runs.poll()
+            self.views = runs.views
+            while self._asked and not self._closed:
+                key = self._asked.pop()
+                self._pictures[key] = _decoded(key[0])
+                while len(self._pictures) > PICTURES:
+                    self._pictures.popitem(last=False)
+            if not waiting:
+                self._wake.wait(SECONDS)
+            self._wake.clear()
+
+    def picture(self, path: Path) -> UInt8[np.ndarray, "h w 3"] | None:
+        """The picture in a file once it is decoded, sRGB bytes; None until then, and for a broken one."""
+        try:
+            key = (path, path.stat().st_mtime_ns)
+        except OSError:
+            return None
+        found = self._pictures.get(key, key)
+        if not isinstance(found, tuple):
+            return found
+        if key not in self._asked:
+            self._asked.append(key)
+            self._wake.set()
+        return None
+
+    def look_again(self) -> None:
+        """Look now, for a button was pressed."""
+        self._wake.set()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._closed = True
+        self._wake.set()
+        if self.is_alive():
+            self.join(5)
+
+
+def _decoded(path: Path) -> UInt8[np.ndarray, "h w 3"] | None:
+    try:
+        with Image.open(path) as image:
+            return np.asarray(image.convert("RGB"))
+    except (OSError, ValueError, SyntaxError) as error:  # what Pillow raises for a broken file
+        log.warning("%s: %s", path, error)
+        return None

@@ -1,0 +1,131 @@
+"""The journal of a session: where it started, each undo step's commands, and the way back.
+
+A step is one gesture: a whole drag, a whole playback. `replay` of the saved file gives the state that the window had.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from avatarrex_studio.session.commands import Command, from_json, merge, to_json
+from avatarrex_studio.session.rules import apply
+from avatarrex_studio.session.state import StudioState
+
+from avatarrex.errors import InputError
+from avatarrex.files.gate import read_json, write_text
+
+FORMAT = 1
+STEPS = 200
+"""Undo steps that are kept; older ones become part of the start."""
+
+
+@dataclass
+class Step:
+    """The commands of one gesture and the state before them."""
+
+    before: StudioState
+    commands: list[Command]
+    gesture: object = None
+
+
+@dataclass
+class Journal:
+    """A state with its history."""
+
+    start: StudioState = field(default_factory=StudioState)
+    steps: list[Step] = field(default_factory=list)
+    undone: list[Step] = field(default_factory=list)
+    state: StudioState = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.state = _after(self.start, [command for step in self.steps for command in step.commands])
+
+    def do(self, command: Command, gesture: object = None) -> StudioState:
+        """Apply `command`; commands that share a `gesture` (not None) are undone together. Raises `InputError`."""
+        state = apply(self.state, command)
+        if state == self.state:
+            return state
+        last = self.steps[-1] if self.steps else None
+        if last and gesture is not None and last.gesture == gesture:
+            merged = merge(last.commands[-1], command)
+            if merged is not None:
+                last.commands[-1] = merged
+                state = _after(last.before, last.commands)  # what a replay will do, to the last bit
+            else:
+                last.commands.append(command)
+        else:
+            self.steps.append(Step(self.state, [command], gesture))
+        self.undone.clear()
+        self.state = state
+        if len(self.steps) > STEPS:
+            del self.steps[0]
+            self.start = self.steps[0].before
+        return state
+
+    def undo(self) -> StudioState:
+        """Back over the last step; nothing where there is none."""
+        if self.steps:
+            step = self.steps.pop()
+            self.undone.append(step)
+            self.state = step.before
+        return self.state
+
+    def redo(self) -> StudioState:
+        """Forward over the step that was undone last."""
+        if self.undone:
+            step = self.undone.pop()
+            self.steps.append(Step(self.state, step.commands))
+            self.state = _after(self.state, step.commands)
+        return self.state
+
+    def to_json(self) -> dict[str, Any]:
+        """The session file's content."""
+        return {
+            "format": FORMAT,
+            "kind": "session",
+            "start": self.start.to_json(),
+            "steps": [[to_json(command) for command in step.commands] for step in self.steps],
+        }
+
+    @classmethod
+    def from_json(cls, data: Any, source: str = "session") -> Journal:
+        """From `to_json`'s dictionary. Raises `InputError`."""
+        if not isinstance(data, dict) or data.get("kind") != "session" or not isinstance(data.get("steps"), list):
+            raise InputError(source, "kind", "a session of the studio", type(data).__name__)
+        if not isinstance(data.get("format"), int) or data["format"] > FORMAT:
+            raise InputError(source, "format", f"at most {FORMAT} (update the studio)", data.get("format"))
+        if not isinstance(data.get("start"), dict):
+            raise InputError(source, "start", "an object", type(data.get("start")).__name__)
+        journal = cls(StudioState.from_json(data["start"], f"{source}: start"))
+        for number, entries in enumerate(data["steps"]):
+            if not isinstance(entries, list):
+                raise InputError(source, f"steps[{number}]", "a list of commands", type(entries).__name__)
+            for entry in entries:
+                try:
+                    journal.do(from_json(entry, source), gesture=("read", number))
+                except InputError as error:
+                    if error.source.startswith(source):
+                        raise
+                    where = f"{source}: steps[{number}]: {error.source}"
+                    raise InputError(where, error.field, error.expected, error.found) from None
+                except (TypeError, ValueError, AttributeError, OverflowError) as error:
+                    raise InputError(source, f"steps[{number}]", "values of the right kind", error) from None
+        return journal
+
+    def save(self, path: str | Path) -> None:
+        """Write the session, all or nothing. Raises `InputError`."""
+        write_text(path, json.dumps(self.to_json(), indent=1))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Journal:
+        """Read a session file. Raises `InputError`."""
+        return cls.from_json(read_json(path, "a session file"), str(path))
+
+
+def _after(state: StudioState, commands: list[Command]) -> StudioState:
+    for command in commands:
+        state = apply(state, command)
+    return state

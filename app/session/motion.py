@@ -1,0 +1,65 @@
+"""A motion file in the studio: its frames, and which signals it drives.
+
+A face recording leaves the body as it was posed, a body recording leaves the face: what a file never moves stays the
+user's. The body's shape belongs to the avatar and is never driven.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from avatarrex_studio.session.commands import LoadMotion, SetFrame
+
+from avatarrex.signals.driving import SHAPES, Signals
+from avatarrex.signals.read import read_motion
+from avatarrex.signals.sequence import SignalSequence
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A sequence with the path it came from."""
+
+    path: str
+    sequence: SignalSequence
+
+    @classmethod
+    def read(cls, path: str | Path) -> Motion:
+        """Read `.bvh`, `.npz`, `.csv` or `.json`. Raises `InputError`."""
+        return cls(str(path), read_motion(path))
+
+    def __len__(self) -> int:
+        return len(self.sequence)
+
+    @cached_property
+    def masks(self) -> dict[str, np.ndarray]:
+        """Per field of `Signals` but the shape: which joints or entries leave rest in some frame."""
+        masks = {}
+        for name in SHAPES:
+            if name != "shape":
+                moved = np.any([getattr(frame, name) != 0 for frame in self.sequence], axis=0)
+                joints = name.endswith("pose") and moved.ndim == 2
+                masks[name] = np.broadcast_to(moved.any(-1, keepdims=True), moved.shape) if joints else moved
+        return masks
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Names of the fields that the motion moves."""
+        return tuple(name for name, mask in self.masks.items() if mask.any())
+
+    def signals(self, frame: int, base: Signals) -> Signals:
+        """`base` with what the motion drives, at `frame`."""
+        source = self.sequence[frame]
+        values = {name: np.where(self.masks[name], getattr(source, name), getattr(base, name)) for name in self.driven}
+        return base.replace(**values)
+
+    def loaded(self, base: Signals) -> LoadMotion:
+        """The command that loads this motion."""
+        name = Path(self.path).name
+        return LoadMotion(self.path, name, len(self), float(self.sequence.fps), self.signals(0, base))
+
+    def at(self, frame: int, base: Signals) -> SetFrame:
+        """The command that goes to `frame`."""
+        return SetFrame(frame, self.signals(frame, base))

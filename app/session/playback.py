@@ -1,0 +1,83 @@
+"""The motion that the state names, and which of its frames is due while it plays. Times in seconds."""
+
+from __future__ import annotations
+
+import logging
+
+from avatarrex_studio.session.commands import SetFrame
+from avatarrex_studio.session.motion import Motion
+from avatarrex_studio.session.state import StudioState
+
+from avatarrex.errors import InputError
+
+log = logging.getLogger(__name__)
+
+
+class Playback:
+    """Plays one motion; the frame it stands at belongs to the state."""
+
+    def __init__(self) -> None:
+        self.playing = False
+        self.loop = True
+        self.motion: Motion | None = None
+        self._started = (0.0, 0)
+        """When it stood at which frame."""
+        self._plays = 0
+
+    @property
+    def gesture(self) -> tuple[str, int]:
+        """What the frames of one playback have in common: they are undone together."""
+        return "play", self._plays
+
+    def open(self, path: str) -> Motion:
+        """Read a motion in place of the last. Raises `InputError`."""
+        self.motion = Motion.read(path)
+        self.playing = False
+        return self.motion
+
+    def close(self) -> None:
+        """Forget it."""
+        self.playing, self.motion = False, None
+
+    def toggle(self, state: StudioState, now: float) -> None:
+        """Start, from the first frame where it stands at the last, or stop."""
+        if self._current(state) is None or state.motion is None:
+            return
+        self.playing = not self.playing
+        at_end = state.motion.frame == state.motion.frames - 1
+        self._started = (now, 0 if at_end else state.motion.frame)
+        self._plays += 1
+
+    def at(self, state: StudioState, frame: int) -> SetFrame | None:
+        """The command that goes to a frame, beyond the ends to the nearest; None without a motion."""
+        motion = self._current(state)
+        return None if motion is None else motion.at(min(max(frame, 0), len(motion) - 1), state.signals)
+
+    def due(self, state: StudioState, now: float) -> int | None:
+        """The frame to go to, where it is not the one that the state stands at."""
+        motion = self._current(state) if self.playing else None
+        if motion is None:
+            self.playing = False
+            return None
+        since, first = self._started
+        frame = first + int((now - since) * motion.sequence.fps)
+        if frame >= len(motion):
+            if self.loop:
+                self._started = (now, 0)
+                frame = 0
+            else:
+                self.playing, frame = False, len(motion) - 1
+        return frame if state.motion and frame != state.motion.frame else None
+
+    def _current(self, state: StudioState) -> Motion | None:
+        """The motion that the state names, read again after an undo or a session that was opened."""
+        if state.motion is None:
+            return None
+        if self.motion is None or self.motion.path != state.motion.path:
+            try:
+                self.motion = Motion.read(state.motion.path)
+            except InputError as error:
+                log.error("%s", error)
+                self.playing = False
+                return None
+        return self.motion

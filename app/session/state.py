@@ -1,0 +1,196 @@
+"""Everything a user can set, in one frozen value: no tensors, no OpenGL, JSON in and out.
+
+Metres, degrees in the orbit view (radians in the signals), sRGB-encoded colours in [0, 1].
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any
+
+from avatarrex.camera import Camera
+from avatarrex.errors import InputError
+from avatarrex.signals.driving import Signals
+
+FORMAT = 1
+"""Version of the JSON form; a reader refuses a newer one by name."""
+PARTS = ("left_hand", "right_hand", "face")
+"""Parts that can be hidden."""
+AUTO = "auto"
+"""The level that is chosen by measured cost."""
+LEVELS = (AUTO, "paper", "fast", "balanced", "fine", "quality")
+"""`auto`, and the names of avatarrex/levels.py, which needs torch."""
+SIZES = (16, 8192)
+"""Smallest and largest side of an image, pixels."""
+BACKGROUND = (0.145, 0.157, 0.176, 1.0)
+"""A dark neutral grey."""
+Colour = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class OrbitView:
+    """A camera on a sphere about `target`; azimuth 0 sees the front, 90 the person's left side."""
+
+    azimuth: float = 0.0
+    elevation: float = 0.0
+    distance: float = 3.0
+    fov: float = 40.0
+    target: tuple[float, float, float] = (0.0, -0.05, 0.0)
+    follow: bool = True
+    """Whether a motion's steps over the ground carry the target along."""
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("azimuth", -math.inf, math.inf),
+            ("elevation", -90.0, 90.0),
+            ("distance", 0.05, 1e4),
+            ("fov", 1.0, 170.0),
+        ):
+            value = getattr(self, name)
+            if not (_number(value) and low <= value <= high):
+                limits = f" from {low:g} to {high:g}" if math.isfinite(low) else ""
+                raise InputError("camera", name, f"a number{limits}", value)
+        if len(self.target) != 3 or not all(map(_number, self.target)):
+            raise InputError("camera", "target", "three finite numbers", self.target)
+
+    def camera(self, width: int, height: int) -> Camera:
+        """This view on a `width` × `height` raster."""
+        return Camera.orbit(self.azimuth, self.elevation, self.distance, self.fov, self.target, width, height)
+
+
+@dataclass(frozen=True)
+class SizePolicy:
+    """How large the image is: a fixed raster, or the viewport's own pixels times `scale`."""
+
+    scale: float = 1.0
+    fixed: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        if not (_number(self.scale) and 0.05 <= self.scale <= 4):
+            raise InputError("size", "scale", "a number from 0.05 to 4", self.scale)
+        if self.fixed is not None and len(self.fixed) != 2:
+            raise InputError("size", "fixed", "a width and a height", self.fixed)
+        for side in self.fixed or ():
+            if not (isinstance(side, int) and SIZES[0] <= side <= SIZES[1]):
+                raise InputError("size", "", f"sides of {SIZES[0]} to {SIZES[1]} pixels", side)
+
+    def pixels(self, viewport: tuple[int, int]) -> tuple[int, int]:
+        """Width and height for a viewport of that many pixels."""
+        if self.fixed:
+            return self.fixed
+        low, high = SIZES
+        width, height = (min(max(round(side * self.scale), low), high) for side in viewport)
+        return width, height
+
+
+@dataclass(frozen=True)
+class MotionState:
+    """Which motion is loaded and where it stands."""
+
+    path: str
+    name: str
+    frames: int
+    fps: float
+    frame: int = 0
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.frames, int) and isinstance(self.frame, int) and 0 <= self.frame < self.frames):
+            raise InputError(self.path, "frame", f"0 to {self.frames - 1}", self.frame)
+        if not (_number(self.fps) and self.fps > 0):
+            raise InputError(self.path, "fps", "a positive number", self.fps)
+
+
+@dataclass(frozen=True)
+class StudioState:
+    """The whole of a session at one moment."""
+
+    avatar: str = "default"
+    signals: Signals = field(default_factory=Signals.rest)
+    view: OrbitView = field(default_factory=OrbitView)
+    size: SizePolicy = field(default_factory=SizePolicy)
+    background: Colour = BACKGROUND
+    motion: MotionState | None = None
+    hidden: frozenset[str] = frozenset()
+    limit_joints: bool = True
+    """Whether a joint that is set stays within its limits."""
+    level: str = "balanced"
+    """One of `LEVELS`: run time against error."""
+
+    def __post_init__(self) -> None:
+        if len(self.background) != 4 or not all(_number(c) and 0 <= c <= 1 for c in self.background):
+            raise InputError("background", "", "red, green, blue, alpha from 0 to 1", self.background)
+        for part in self.hidden:
+            if part not in PARTS:
+                raise InputError("hidden", "", " or ".join(PARTS), part)
+        if self.level not in LEVELS:
+            raise InputError("level", "", " or ".join(LEVELS), self.level)
+
+    def change(self, **changes: Any) -> StudioState:
+        """A copy with some fields changed, validated."""
+        return replace(self, **changes)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain dictionaries, lists and numbers."""
+        return {
+            "format": FORMAT,
+            "avatar": self.avatar,
+            "signals": self.signals.to_json(),
+            "view": asdict(self.view),
+            "size": asdict(self.size),
+            "background": list(self.background),
+            "motion": asdict(self.motion) if self.motion else None,
+            "hidden": sorted(self.hidden),
+            "limit_joints": self.limit_joints,
+            "level": self.level,
+        }
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any] | str, source: str = "state") -> StudioState:
+        """From `to_json`'s dictionary or its text. Raises `InputError`."""
+        if isinstance(data, str):
+            try:
+                data = json.loads(data)
+            except ValueError as error:
+                raise InputError(source, "", "JSON", error) from None
+        if not isinstance(data, dict):
+            raise InputError(source, "", "an object", type(data).__name__)
+        data = dict(data)
+        version = data.pop("format", None)
+        if not isinstance(version, int) or version > FORMAT:
+            raise InputError(source, "format", f"at most {FORMAT} (update the studio)", version)
+        names = {item.name for item in fields(cls)}
+        if unknown := sorted(set(data) - names):
+            raise InputError(source, unknown[0], "one of " + ", ".join(sorted(names)), "an unknown field")
+        try:
+            return cls(**{name: _READERS[name](value, source) for name, value in data.items()})
+        except (TypeError, KeyError, AttributeError) as error:
+            raise InputError(source, "", "a state of the studio", error) from None
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(map(_tuple, value)) if isinstance(value, list | tuple) else value
+
+
+def _flag(value: Any, source: str) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(source, "limit_joints", "true or false", value)
+    return value
+
+
+_READERS: dict[str, Any] = {
+    "avatar": lambda value, source: str(value),
+    "signals": lambda value, source: Signals.from_json(value, source),
+    "view": lambda value, source: OrbitView(**{name: _tuple(entry) for name, entry in value.items()}),
+    "size": lambda value, source: SizePolicy(**{name: _tuple(entry) for name, entry in value.items()}),
+    "background": lambda value, source: _tuple(value),
+    "motion": lambda value, source: MotionState(**value) if value else None,
+    "hidden": lambda value, source: frozenset(value),
+    "limit_joints": _flag,
+    "level": lambda value, source: value,
+}

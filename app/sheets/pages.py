@@ -1,0 +1,237 @@
+"""What the contact sheets show: poses, cameras and their order on the page; every subject of a page in the same views.
+
+A page is rows of groups of orders: who draws (an index into the artists), what and from where. Degrees and metres, world
+space; sizes in pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from avatarrex_studio.cli.sheet_order import COLUMNS
+from avatarrex_studio.session.framing import EVERY, Outline, framed
+from avatarrex_studio.session.motion import Motion
+from avatarrex_studio.session.state import OrbitView
+from avatarrex_studio.sheets.paper import Tile, over, sheet_width, tile_width
+from scipy.spatial.transform import Rotation
+
+from avatarrex.camera import Camera
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, JOINT_NAMES
+from avatarrex.signals.library import named_expression, named_hand, named_pose
+from avatarrex.templates.person import Person
+
+WIDTH, NARROW = 2000, 1600
+"""Pixels of a sheet: full width, and where four tiles in a row show enough."""
+YAWS = {"front": 0.0, "left side": 90.0, "back": 180.0, "right side": 270.0}
+EXTREME = {"arms_up": 25.0, "squat": 40.0, "run": 60.0, "crossed_arms": 20.0, "kneel": 50.0, "sit_floor": 40.0}
+"""Of the library's poses, those with the largest joint rotations (squat, run, crossed arms, kneel) and those that stretch
+armpits and hips the other way, each with the azimuth that shows it."""
+FACES: dict[str, str | dict[str, float]] = {
+    "neutral": "neutral",
+    "smile": "smile",
+    "jaw open": "jaw_open",
+    "blink": "blink",
+    "brows up": {"browInnerUp": 1.0, "browOuterUpLeft": 1.0, "browOuterUpRight": 1.0},
+    "frown": {"browDownLeft": 1.0, "browDownRight": 1.0, "mouthFrownLeft": 0.9, "mouthFrownRight": 0.9},
+    "pucker": "kiss",
+    "wink, half a smile": "wink",
+}
+"""A name of the library, or coefficients."""
+TURNS = {"front": 0.0, "three-quarter": 40.0}
+HANDS = ("relaxed", "fist", "point", "pinch", "spread", "victory")
+SIDES = {"left, palm": -38.0, "right, back": 38.0}
+"""Elevation of the camera before hands that are held out, palms down."""
+PERSON_FOV, CLOSE_FOV = 22.0, 16.0
+HEAD = ("head", "jaw", "left_eye", "right_eye")
+"""Joints whose skin is framed in a face's close-up."""
+HAIR = 1.14
+"""How much further back the camera stands than the bare head asks for."""
+NAILS = 1.08
+"""The same for hands: a few points of each are framed."""
+FEWEST = 4
+"""Frames that fill the width; a sheet of fewer is narrower."""
+TURN_HEAD = ("neck", "head")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One picture, whoever draws it."""
+
+    signals: Signals
+    camera: Camera
+    label: str
+    rig: str = "body"
+    """`face` where the picture is a face's close-up."""
+
+
+@dataclass(frozen=True)
+class Page:
+    """A sheet to be drawn."""
+
+    heading: str
+    rows: list[list[list[tuple[int, Scene]]]]
+    width: int = WIDTH
+
+    @property
+    def pictures(self) -> int:
+        """How many are to be drawn."""
+        return sum(len(group) for row in self.rows for group in row)
+
+
+@dataclass(frozen=True)
+class Artist:
+    """Who draws one of the subjects."""
+
+    name: str
+    draw: Callable[[Scene], np.ndarray]
+    """Premultiplied RGBA (h, w, 4) in [0, 1]."""
+
+
+def drawn(page: Page, artists: Sequence[Artist], done: Callable[[], object] = lambda: None) -> list[list[list[Tile]]]:
+    """The tiles of `page`, one after the other; `done` after each."""
+
+    def tile(who: int, scene: Scene) -> Tile:
+        picture = over(artists[who].draw(scene))
+        done()
+        return Tile(picture, scene.label, artists[who].name if len(artists) > 1 else "")
+
+    return [[[tile(*order) for order in group] for group in row] for row in page.rows]
+
+
+def standing() -> Signals:
+    """At ease: what a person does who does nothing."""
+    return posed("stand")
+
+
+def posed(name: str) -> Signals:
+    """A named pose with relaxed hands."""
+    hands = {f"{side}_hand_pose": named_hand("relaxed", side) for side in ("left", "right")}
+    return Signals.rest().replace(body_pose=named_pose(name), **hands)
+
+
+def body_page(person: Person, artists: int) -> Page:
+    """Four sides of the standing person, then the extreme poses."""
+    outline = Outline(person.body)
+    turns, poses = list(YAWS.items()), list(EXTREME.items())
+
+    def row(orders: Sequence[tuple[str, Signals, float]], aspect: float, across: int) -> list[list[tuple[int, Scene]]]:
+        size = _size(across, artists, WIDTH, aspect)
+        views = [
+            framed(OrbitView(azimuth=azimuth, elevation=4, fov=PERSON_FOV), outline.points(signals), size)
+            for _, signals, azimuth in orders
+        ]
+        scenes = [Scene(order[1], view.camera(*size), order[0]) for order, view in zip(orders, views)]
+        return [[(who, scene) for who in range(artists)] for scene in scenes]
+
+    first = [(label, standing(), azimuth) for label, azimuth in turns]
+    rest = [(name.replace("_", " "), posed(name), azimuth) for name, azimuth in poses]
+    if artists == 1:
+        return Page("Body", [row(first + rest[:1], 1.45, 5), row(rest[1:], 1.25, 5)])
+    return Page("Body", [row(first, 2.0, 4), row(rest[:3], 1.35, 3), row(rest[3:], 1.2, 3)])
+
+
+def face_page(person: Person, artists: int) -> Page:
+    """Two expressions to a row, each from the front and from three quarters."""
+    width = NARROW if artists == 1 else WIDTH
+    size = _size(2, 2 * artists, width, 1.16)
+    points = _head(person, standing())
+    rows: list[list[list[tuple[int, Scene]]]] = []
+    for number, (label, what) in enumerate(FACES.items()):
+        signals = standing().replace(expression=_expression(what))
+        group = []
+        for turn, azimuth in TURNS.items():
+            view = framed(OrbitView(azimuth=azimuth, elevation=2, fov=CLOSE_FOV), points, size)
+            camera = replace(view, distance=HAIR * view.distance).camera(*size)
+            scene = Scene(signals, camera, label if turn == "front" else turn, "face")
+            group += [(who, scene) for who in range(artists)]
+        if number % 2 == 0:
+            rows.append([])
+        rows[-1].append(group)
+    return Page("Face", rows, width)
+
+
+def hands_page(person: Person, artists: int) -> Page:
+    """Both hands of each pose, held out: the left from the palm's side, the right from the back; all at one scale."""
+    across = 2 if artists == 1 else 1
+    size = _size(across, 2 * artists, NARROW, 0.74)
+    poses = {name: _hands(name) for name in HANDS}
+    cameras: dict[tuple[str, str], Camera] = {}
+    for column, (words, elevation) in enumerate(SIDES.items()):
+        view = OrbitView(elevation=elevation, fov=CLOSE_FOV)
+        views = {name: framed(view, _hand(person, signals, column), size) for name, signals in poses.items()}
+        distance = NAILS * max(view.distance for view in views.values())
+        cameras |= {(name, words): replace(own, distance=distance).camera(*size) for name, own in views.items()}
+    groups = []
+    for name, signals in poses.items():
+        pair = [Scene(signals, cameras[name, words], f"{name}: {words}") for words in SIDES]
+        groups.append([(who, scene) for scene in pair for who in range(artists)])
+    rows = [groups[k : k + across] for k in range(0, len(groups), across)]
+    return Page("Hands", rows, NARROW)
+
+
+def motion_page(person: Person, artists: int, motion: Motion, frames: Sequence[int]) -> Page:
+    """A row for each artist, a column for each frame, in bands of `COLUMNS`; one scale, going along over the ground."""
+    frame_signals = [motion.signals(frame, standing()) for frame in frames]
+    face = _is_face(motion)
+    across = min(COLUMNS, len(frames))
+    size = _size(max(across, FEWEST), 1, WIDTH, 1.2 if face else 1.8)
+    steps = [np.array([s.translation[0], 0, s.translation[2]]) for s in frame_signals]
+    outline = Outline(person.body)
+    shown = [_head(person, s) if face else outline.points(s) for s in frame_signals]
+    azimuth = 15.0 + _heading(frame_signals)
+    view = OrbitView(azimuth=azimuth, elevation=4, fov=CLOSE_FOV if face else PERSON_FOV)
+    view = framed(view, np.concatenate([points - step for points, step in zip(shown, steps)]), size)
+    view = replace(view, distance=HAIR * view.distance) if face else view
+    scenes = []
+    for frame, signals, step in zip(frames, frame_signals, steps):
+        x, y, z = np.array(view.target) + step
+        camera = replace(view, target=(float(x), float(y), float(z))).camera(*size)
+        scenes.append(Scene(signals, camera, f"frame {frame}", "face" if face else "body"))
+    width = sheet_width(across, 1, size[0])
+    bands = [scenes[k : k + across] for k in range(0, len(scenes), across)]
+    return Page("Motion", [[[(who, scene)] for scene in band] for band in bands for who in range(artists)], width)
+
+
+def _size(groups: int, tiles: int, width: int, aspect: float) -> tuple[int, int]:
+    across = tile_width(groups, tiles, width)
+    return across, round(aspect * across)
+
+
+def _expression(what: str | dict[str, float]) -> np.ndarray:
+    if isinstance(what, str):
+        return named_expression(what)
+    return np.array([what.get(name, 0.0) for name in EXPRESSION_NAMES])
+
+
+def _hands(name: str) -> Signals:
+    """The T-pose with both hands in a named pose."""
+    hands = {f"{side}_hand_pose": named_hand(name, side) for side in ("left", "right")}
+    return Signals.rest().replace(**hands)
+
+
+def _hand(person: Person, signals: Signals, column: int) -> np.ndarray:
+    """(p, 3) world metres: points of the left hand (0) or the right (1)."""
+    own = person.blend_weight[::EVERY, column].numpy() > 0.5
+    return Outline(person.body).points(signals)[own]
+
+
+def _head(person: Person, signals: Signals) -> np.ndarray:
+    """(p, 3) world metres: points of the head."""
+    own = person.body.weights[::EVERY, [JOINT_NAMES.index(name) for name in HEAD]].sum(1).numpy() > 0.5
+    return Outline(person.body).points(signals)[own]
+
+
+def _heading(frames: Sequence[Signals]) -> float:
+    """Degrees by which the person faces away from +Z on average, about +Y."""
+    forward = Rotation.from_rotvec(np.array([s.global_orient for s in frames])).apply([0, 0, 1]).mean(0)
+    return float(np.degrees(np.arctan2(forward[0], forward[2])))
+
+
+def _is_face(motion: Motion) -> bool:
+    """Whether a motion drives the face and no limb, as face recordings do."""
+    moved = motion.masks["body_pose"].any(-1)
+    limbs = any(moved[k] for k, name in enumerate(BODY_JOINTS) if name not in TURN_HEAD)
+    return bool(motion.masks["expression"].any()) and not limbs

@@ -1,0 +1,247 @@
+"""The window: panels around a viewport, one OpenGL context for the interface and the rays.
+
+Each frame: the studio renders what changed, the picture goes into a texture, the panels draw and return commands.
+Nothing is rendered while nothing changes; the loop then sleeps on events.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.jobs.training_process import TrainingProcesses
+from avatarrex_studio.jobs.watcher import Watcher
+from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status
+from avatarrex_studio.panels.console import ConsolePanel
+from avatarrex_studio.panels.face import FacePanel
+from avatarrex_studio.panels.files import FileDialogs
+from avatarrex_studio.panels.joints import body_panel, hand_panel
+from avatarrex_studio.panels.palette import Palette
+from avatarrex_studio.panels.poses import PosesPanel
+from avatarrex_studio.panels.timeline import TimelinePanel
+from avatarrex_studio.panels.training import TrainingPanel
+from avatarrex_studio.panels.viewport import ViewportPanel
+from avatarrex_studio.session.actions import ACTIONS, Action
+from avatarrex_studio.session.commands import Command, SetSignals, ZoomBy
+from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.state import StudioState
+from avatarrex_studio.window.docking import docking
+from avatarrex_studio.window.runner import runner_params
+from avatarrex_studio.window.screen import Screen
+from avatarrex_studio.window.studio import Studio
+from imgui_bundle import hello_imgui, imgui, immapp
+
+from avatarrex.errors import InputError
+from avatarrex.gl.context import REQUIRED, renderer_name
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.library import named_hand, named_pose
+
+log = logging.getLogger(__name__)
+WARM_UP = 3
+"""Interface frames before the first render, so that the window stands before the avatar is computed."""
+WHEEL_PAUSE = 0.5
+"""Seconds between wheel notches that end one undo step."""
+
+
+class Window:
+    """The loop's callbacks."""
+
+    def __init__(self, studio: Studio, runs: str | Path = "runs", device: str = "cpu") -> None:
+        """`runs`: the folder whose trainings the Training tab shows; it trains on `device`."""
+        self.studio = studio
+        self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
+        self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
+        self.body, self.left, self.right = body_panel(), hand_panel("left"), hand_panel("right")
+        self.face, self.poses, self.palette, self.files = FacePanel(), PosesPanel(), Palette(), FileDialogs()
+        self.screen = Screen()
+        self._frames = self._gesture = 0
+        self._wheel = (0.0, 0)
+        self._chords = [(keys.chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut]
+        self._effects = {
+            "undo": studio.undo, "redo": studio.redo, "toggle_play": studio.toggle_play,
+            "step_back": lambda: studio.step_by(-1), "step_on": lambda: studio.step_by(1),
+            "open_motion": lambda: self.files.open("motion", "Open a motion", studio.open_motion),
+            "open_session": lambda: self.files.open("session", "Open a session", studio.open_session),
+            "save_session": lambda: self.files.save("session", "Save the session", studio.save_session),
+            "copy_pose": self._copy, "paste_pose": self._paste, "screenshot": self._screenshot,
+            "whole_person": lambda: studio.frame_person(self.viewport.size),
+            "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
+            "quit": self._quit,
+        }  # fmt: skip
+
+    def params(self, size: tuple[int, int] = (1440, 900), remember: bool = True) -> hello_imgui.RunnerParams:
+        """What the toolkit needs to run this window; `remember` keeps the layout between runs."""
+        params = runner_params("AvatarReX Studio", "avatarrex-studio.ini", size, remember)
+        inner = params.imgui_window_params
+        inner.default_imgui_window_type = hello_imgui.DefaultImGuiWindowType.provide_full_screen_dock_space
+        inner.show_menu_bar = inner.show_status_bar = True
+        inner.show_menu_app = inner.show_menu_view = inner.show_status_fps = False
+        inner.remember_status_bar_settings = False
+        params.fps_idling.time_active_after_last_event = 0.5
+        options = hello_imgui.OpenGlOptions()
+        options.major_version, options.minor_version = divmod(REQUIRED // 10, 10)
+        options.use_core_profile = True
+        options.anti_aliasing_samples = 0
+        params.renderer_backend_options.open_gl_options = options
+        calls = params.callbacks
+        calls.setup_imgui_config = _configure
+        calls.pre_new_frame = self._render
+        calls.show_gui = self._over
+        calls.show_menus = lambda: self._run(menu.draw(self.studio))
+        calls.show_status = self._status
+        calls.before_exit = self._close
+        params.docking_params = docking(self._panels())
+        return params
+
+    def _panels(self) -> dict[str, Callable[[], None]]:
+        """What draws each panel, by title."""
+
+        def state() -> StudioState:
+            return self.studio.state
+
+        drawn: dict[str, Callable[[], Sequence[Command | Action] | None]] = {
+            "Viewport": self._viewport,
+            "Body": lambda: self.body.draw(state()),
+            "Left hand": lambda: self.left.draw(state()),
+            "Right hand": lambda: self.right.draw(state()),
+            "Face": lambda: self.face.draw(state()),
+            "Poses": lambda: self.poses.draw(state()),
+            "Training": self.training.draw,
+            "Performance": lambda: performance.draw(self.studio),
+            "Camera": lambda: camera.draw(state()),
+            "Render": lambda: render.draw(state()),
+            "Scene": lambda: scene.draw(state()),
+            "Timeline": self._timeline,
+            "Console": self.console.draw,
+        }
+        return {title: partial(self._show, draw) for title, draw in drawn.items()}
+
+    def _viewport(self) -> list[Command]:
+        """The picture from edge to edge, without a tab of its own."""
+        kind = imgui.WindowClass()
+        kind.dock_node_flags_override_set = imgui.internal.DockNodeFlagsPrivate_.no_tab_bar
+        imgui.set_next_window_class(kind)
+        imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(0, 0))
+        flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+        shown, _ = imgui.begin("Viewport", None, flags)
+        imgui.pop_style_var()
+        commands = self.viewport.draw(self.studio, self.screen.picture) if shown else []
+        imgui.end()
+        return commands
+
+    def _show(self, draw: Callable[[], Sequence[Command | Action] | None]) -> None:
+        self._collect(draw())
+
+    def _collect(self, commands: Sequence[Command | Action] | None) -> None:
+        """Do what a panel asked for; a drag is one undo step, and so is a turn of the wheel."""
+        for command in commands or ():
+            if isinstance(command, Action):
+                self._run(command)
+                continue
+            gesture: tuple[str, int] = ("drag", self._gesture)
+            if isinstance(command, ZoomBy):
+                last, number = self._wheel
+                number += time.monotonic() - last > WHEEL_PAUSE
+                self._wheel = (time.monotonic(), number)
+                gesture = ("wheel", number)
+            self.studio.do(command, gesture)
+
+    def _status(self) -> None:
+        context = self.screen.context
+        status.draw(self.studio, renderer_name(context) if context else "none")
+
+    def _timeline(self) -> None:
+        frame = self.timeline.draw(self.studio)
+        if frame is not None:
+            self.studio.playback.playing = False
+            self.studio.go_to(frame, ("drag", self._gesture))
+
+    def _over(self) -> None:
+        """What lies over the panels, and the keys."""
+        self._run(self.palette.draw(self.studio))
+        self.files.draw()
+        if not imgui.get_io().want_text_input:
+            for chord, entry in self._chords:
+                if imgui.is_key_chord_pressed(chord) and entry.enabled(self.studio):
+                    self._run(entry)
+        if not (imgui.is_any_item_active() or imgui.is_any_mouse_down()):
+            self._gesture += 1
+
+    def _run(self, entry: Action | None) -> None:
+        if entry is None:
+            return
+        if entry.command:
+            self.studio.do(entry.command(self.studio.state))
+        elif entry.effect:
+            self._effects[entry.effect]()
+
+    def _render(self) -> None:
+        """Render what changed and show it. Before the interface's frame, in the window's own context."""
+        context = self.screen.open()
+        self._frames += 1
+        if self._frames > WARM_UP:
+            held = any(imgui.get_io().mouse_down[button] for button in range(3))
+            self.studio.tick(self.viewport.size, held)
+            self.screen.show(self.studio.image, self.studio.state.background)
+        self.training.upload(context)
+        moving = self.studio.moving or self._frames <= WARM_UP + 1
+        hello_imgui.get_runner_params().fps_idling.enable_idling = not moving
+        if context.screen:
+            context.screen.use()
+
+    def _copy(self) -> None:
+        imgui.set_clipboard_text(json.dumps(self.studio.state.signals.to_json()))
+
+    def _paste(self) -> None:
+        try:
+            self.studio.do(SetSignals(Signals.from_json(imgui.get_clipboard_text(), "clipboard")))
+        except InputError as error:
+            log.error("%s", error)
+
+    def _screenshot(self) -> None:
+        path = Path.cwd() / time.strftime("avatarrex-%Y%m%d-%H%M%S.png")
+        self.studio.save_image(path, self.viewport.size)
+
+    def _reset_layout(self) -> None:
+        hello_imgui.get_runner_params().docking_params.layout_reset = True
+
+    def _quit(self) -> None:
+        hello_imgui.get_runner_params().app_shall_exit = True
+
+    def _close(self) -> None:
+        self.training.close()
+        self.screen.close()
+
+
+def run_window(source: str = "default", device: str = "cpu") -> int:
+    """Open the window on an avatar or a saved session, networks on `device`; returns the exit code. Raises `InputError`."""
+    journal = Journal.load(source) if source.endswith(".json") else Journal(start(source))
+    engine = Engine(device=device)
+    engine.avatar(journal.state.avatar)
+    import glfw  # after imgui_bundle, which brings its own library
+
+    if not glfw.init():
+        raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
+    window = Window(Studio(engine, journal), device=device)
+    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[window.console, logging.StreamHandler()])
+    log.info("AvatarReX Studio. F1 shows the keys, Ctrl+P finds every command.")
+    immapp.run(window.params())
+    return 0
+
+
+def start(avatar: str = "default") -> StudioState:
+    """The state that a new window opens with: standing, hands relaxed."""
+    hands = {f"{side}_hand_pose": named_hand("relaxed", side) for side in ("left", "right")}
+    return StudioState(avatar=avatar, signals=Signals.rest().replace(body_pose=named_pose("stand"), **hands))
+
+
+def _configure() -> None:
+    """Docking, no keyboard navigation: the keys are the studio's."""
+    io = imgui.get_io()
+    io.config_flags = imgui.ConfigFlags_.docking_enable
+    io.config_windows_move_from_title_bar_only = True

@@ -1,0 +1,229 @@
+"""The surface of a captured person, from the outlines of the mattes: a smooth field of offsets over the fitted template.
+
+Where the posed template's outline (edges between a triangle that faces the camera and one that does not) meets the
+background, the distance s along the outward normal n from the template's edge to the matte's is measured in the picture;
+the field d at rest is
+
+    argmin  Σ ρ(nᵀ M d(x) − s)²/σ_s²  +  Σ_neighbours |d_i − d_k|²/σ_d²  +  Σ |d_i|²/σ_0²
+
+with M the skin's blended rotation and ρ a robust weight, so that a pony tail or a loose hem does not pull the skin along.
+Joints stay. Letters: v vertices, n nodes of the field, e edges, k constraints. Metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.ndimage import map_coordinates
+from scipy.sparse import hstack
+from scipy.spatial import cKDTree
+from tqdm import tqdm
+
+from avatarrex.camera import Camera
+from avatarrex.capture.fit.check import FOREGROUND, reduced, silhouette
+from avatarrex.capture.readers.rigs import Capture, Rig
+from avatarrex.ops.skinning import blend
+from avatarrex.signals.driving import Signals
+from avatarrex.templates.model import pose_template
+from avatarrex.templates.person import Person, load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
+from avatarrex.templates.transform import world_from_root
+
+NODES = 320
+"""Six centimetres apart on an adult; finer than that, 20 outlines of 512 pixels say little."""
+REACH = 0.06
+"""Metres to look for the matte's edge."""
+OUTLIERS = (0.06, 0.04, 0.03, 0.02)
+"""Metres, by round, at which an outline's weight has fallen to ¼ (Geman–McClure)."""
+NOISE, BEND, FAR = 0.005, 0.02, 0.06
+"""σ_s of an outline, σ_d between neighbours, σ_0 altogether, metres. Found on person_f001 (`docs/capture.md`): σ_d of 8 mm
+leaves 5.6 mm between template and mesh, 15 mm 4.9, 20 mm 4.8."""
+SHARE = 0.3
+"""Neighbouring outline edges repeat each other: this share of them counts."""
+RASTER = 512
+"""Pixels of the longer side of the template's silhouette."""
+ON_THE_RIM = 1.6
+"""Pixels of that silhouette within which an edge belongs to its rim; others are folds inside."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Constraints of one picture."""
+
+    vertices: np.ndarray
+    """(k, 2) the edge's ends."""
+    direction: np.ndarray
+    """(k, 3) Mᵀ n: the direction at rest that moves the outline outwards."""
+    distance: np.ndarray
+    """(k,) metres from the template's edge to the matte's, outwards positive."""
+
+
+def fit_surface(
+    capture: Capture,
+    frames: dict[str, Iterable[int]] | None = None,
+    views: dict[str, Iterable[int]] | None = None,
+    count: int = 4,
+) -> Person:
+    """`capture.person` with its skin moved onto the mattes of `count` frames per rig, of those not held out.
+
+    `frames` and `views` by rig narrow the choice. Raises `InputError` for a picture that cannot be decoded.
+    """
+    chosen = _pictures(capture, frames or {}, views or {}, count)
+    base = load_person(capture.person.name)
+    fit = capture.person.fit or PersonFit(np.zeros(10), np.zeros((55, 3)))
+    field = _Field(base)
+    offsets = np.zeros((len(field.nodes), 3))
+    person = capture.person
+    bar = tqdm(total=len(OUTLIERS) * len(chosen), desc="fit surface", unit="frame", leave=False)
+    for outlier in OUTLIERS:
+        found: list[Outline] = []
+        for rig, frame, seen in chosen:
+            found += _outlines(person, rig, frame, seen)
+            bar.update()
+        offsets = field.solve(found, offsets, outlier)
+        person = resize_person(
+            base, PersonFit(fit.shape, fit.joint_offsets, SurfaceOffsets(tuple(field.nodes.tolist()), offsets))
+        )
+    bar.close()
+    return person
+
+
+def _pictures(
+    capture: Capture, frames: dict[str, Iterable[int]], views: dict[str, Iterable[int]], count: int
+) -> list[tuple[Rig, int, tuple[int, ...]]]:
+    """(rig, frame, views) to compare."""
+    chosen = []
+    for name, rig in capture.rigs.items():
+        allowed = sorted(set(frames.get(name, range(rig.frames))) - rig.held_out_frames)
+        seen = sorted(set(views.get(name, range(len(rig.views)))) - rig.held_out_views)
+        for place in np.unique(np.linspace(0, len(allowed) - 1, min(count, len(allowed))).round().astype(int)):
+            frame = allowed[place]
+            chosen.append((rig, frame, tuple(view for view in seen if rig.available(view, frame))))
+    return chosen
+
+
+class _Field:
+    """Offsets of a few vertices, spread over all of them."""
+
+    def __init__(self, person: Person) -> None:
+        rest = person.body.v_template.double().numpy()
+        self.nodes = _spread(rest, NODES)
+        self.weights = SurfaceOffsets(tuple(self.nodes.tolist()), np.zeros((NODES, 3))).weights(rest)
+        near = cKDTree(rest[self.nodes]).query(rest[self.nodes], 7)[1]
+        graph = np.zeros((NODES, NODES))
+        graph[near[:, :1], near[:, 1:]] = 1
+        graph = np.maximum(graph, graph.T)
+        self.stiffness = (np.diag(graph.sum(1)) - graph) / BEND**2 + np.eye(NODES) / FAR**2
+
+    def solve(self, outlines: list[Outline], old: np.ndarray, outlier: float) -> np.ndarray:
+        """(n, 3) offsets for constraints measured with offsets `old`."""
+        if not sum(len(item.distance) for item in outlines):
+            return old
+        ends = np.concatenate([item.vertices for item in outlines])
+        direction = np.concatenate([item.direction for item in outlines])
+        distance = np.concatenate([item.distance for item in outlines])
+        weights = (self.weights[ends[:, 0]] + self.weights[ends[:, 1]]) * 0.5
+        rows = hstack([weights.multiply(direction[:, axis, None]) for axis in range(3)]).tocsr()  # x of all nodes, y, z
+        robust = (1 + (distance / outlier) ** 2) ** -2 * SHARE / NOISE**2
+        matrix = (rows.T @ rows.multiply(robust[:, None])).toarray()
+        right = rows.T @ (robust * (rows @ old.T.ravel() + distance))
+        matrix += np.kron(np.eye(3), self.stiffness)
+        return np.linalg.solve(matrix, right).reshape(3, -1).T
+
+
+def _spread(points: np.ndarray, count: int) -> np.ndarray:
+    """Indices of `count` points far from each other, each the farthest from those before; the lowest first."""
+    chosen = [int(points[:, 1].argmin())]
+    away = np.full(len(points), np.inf)
+    for _ in range(count - 1):
+        away = np.minimum(away, ((points - points[chosen[-1]]) ** 2).sum(1))
+        chosen.append(int(away.argmax()))
+    return np.array(chosen)
+
+
+def _outlines(person: Person, rig: Rig, frame: int, views: tuple[int, ...]) -> list[Outline]:
+    vertices, turn = _posed(person, rig.signals[frame])
+    faces = person.body.faces.numpy()
+    edges, sides = _edges(faces)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    face_normal = np.cross(b - a, c - a)
+    normal = np.zeros_like(vertices)
+    for k in range(3):
+        np.add.at(normal, faces[:, k], face_normal)
+    found = []
+    for view in views:
+        camera = rig.views[view].camera
+        towards = np.einsum("fc,fc->f", face_normal, a - camera.centre)
+        rim = np.flatnonzero((towards[sides[:, 0]] < 0) != (towards[sides[:, 1]] < 0))
+        ends = edges[rim]
+        point = vertices[ends].mean(1)
+        ray = point - camera.centre
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        outward = normal[ends].sum(1)
+        outward -= (outward * ray).sum(1, keepdims=True) * ray
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True) + 1e-12
+        pixel, tip = _project(point, camera), _project(point + 1e-3 * outward, camera)
+        scale = np.linalg.norm(tip - pixel, axis=1) / 1e-3
+        along = (tip - pixel) / (1e-3 * scale[:, None] + 1e-12)
+        small = reduced(camera, RASTER)
+        factor = small.width / camera.width
+        mask = np.where(silhouette(vertices, faces, small), np.float32(255), np.float32(0))
+        own = _to_edge(mask, pixel * factor, along, scale * factor)
+        distance = _to_edge(rig.matte(view, frame), pixel, along, scale) - own
+        inside = ((pixel > 2) & (pixel < np.array([camera.width, camera.height]) - 2)).all(1)
+        keep = inside & np.isfinite(distance) & (np.abs(own) * scale * factor < ON_THE_RIM)
+        direction = np.einsum("kcd,kc->kd", turn[ends[keep]].mean(1), outward[keep])
+        found.append(Outline(ends[keep], direction, distance[keep]))
+    return found
+
+
+def _posed(person: Person, signals: Signals) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (v, 3) in the world and what turns their rest offsets into it (v, 3, 3)."""
+    pose = torch.from_numpy(signals.full_pose().astype(np.float32))
+    pose[0] = 0
+    posed = pose_template(
+        person.body,
+        pose,
+        torch.from_numpy(signals.shape.astype(np.float32)),
+        torch.from_numpy(signals.expression.astype(np.float32)),
+    )
+    world = world_from_root(signals.global_orient, signals.translation, posed.joints[0].double().numpy())
+    linear = blend(posed.skinning, person.body.weights)[:, :3, :3].double().numpy()
+    return posed.vertices.double().numpy() @ world[:3, :3].T + world[:3, 3], world[:3, :3] @ linear
+
+
+def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inner edges (e, 2) and the two faces (e, 2) of each."""
+    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    owner = np.repeat(np.arange(len(faces)), 3)
+    order = np.lexsort(ends.T)
+    ends, owner = ends[order], owner[order]
+    twin = np.flatnonzero((ends[1:] == ends[:-1]).all(1))
+    return ends[twin], np.stack([owner[twin], owner[twin + 1]], 1)
+
+
+def _project(points: np.ndarray, camera: Camera) -> np.ndarray:
+    seen = (points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]) @ camera.intrinsics.T
+    return seen[:, :2] / seen[:, 2:]
+
+
+def _sample(image: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+    """Bilinear, zero beyond the edge."""
+    return map_coordinates(image, np.moveaxis(pixel[..., ::-1], -1, 0) - 0.5, order=1)
+
+
+def _to_edge(matte: np.ndarray, pixel: np.ndarray, along: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Metres along the outward direction to the nearest place where the matte ends; NaN within `REACH` of none."""
+    steps = np.linspace(-REACH, REACH, 121)
+    places = pixel[:, None] + along[:, None] * (steps[None, :, None] * scale[:, None, None])
+    value = _sample(matte.astype(np.float32), places) - FOREGROUND
+    leaves = (value[:, :-1] > 0) & (value[:, 1:] <= 0)
+    nearest = np.where(leaves, np.abs(steps[:-1] + steps[1:]), np.inf)
+    best = nearest.argmin(1)
+    row = np.arange(len(best))
+    high, low = value[row, best], value[row, best + 1]
+    exact = steps[best] + (steps[1] - steps[0]) * high / np.maximum(high - low, 1e-6)
+    return np.where(leaves.any(1), exact, np.nan)

@@ -1,0 +1,108 @@
+"""Calibrated cameras of a rig, from AvatarReX's and THuman4.0's JSON.
+
+{camera: {K 9, R 9, T 3, distCoeff 4 or 5, imgSize [w, h]}}, matrices flat or nested; world→camera, OpenCV axes.
+Pixel centres are taken at i + 0.5, as everywhere in this project.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from avatarrex.camera import Camera
+from avatarrex.capture.readers.archive import safe
+from avatarrex.errors import InputError
+
+ROTATION_SLACK = 1e-2
+"""Largest entry of RᵀR − I: files round R to as few as three digits; it is then replaced by the nearest rotation."""
+SMALL_DISTORTION = 1e-4
+"""Σ|k| below which a lens is taken as ideal (formats.md): at most 0.15 pixels in the corner of a 1500×2048 image."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """One camera as calibrated."""
+
+    name: str
+    camera: Camera
+    distortion: np.ndarray
+    """k1, k2, p1, p2, k3 of OpenCV, (5,)."""
+
+    @property
+    def distorts(self) -> bool:
+        """Whether images have to be undistorted."""
+        return float(np.abs(self.distortion).sum()) >= SMALL_DISTORTION
+
+    def scaled(self, scale: float) -> Lens:
+        """The same camera with its position multiplied by `scale`."""
+        matrix = self.camera.camera_from_world.copy()
+        matrix[:3, 3] *= scale
+        camera = Camera(self.camera.intrinsics, matrix, self.camera.width, self.camera.height)
+        return replace(self, camera=camera)
+
+
+def read_calibration(text: str, source: str) -> tuple[Lens, ...]:
+    """Cameras in the file's order. Raises `InputError` naming camera and key."""
+    try:
+        cameras = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(source, "", "JSON", error) from None
+    if not isinstance(cameras, dict) or not cameras:
+        raise InputError(source, "", "an object with one entry per camera", type(cameras).__name__)
+    return tuple(_lens(name, entry, source) for name, entry in cameras.items())
+
+
+def _lens(name: str, entry: Any, source: str) -> Lens:
+    if not safe(name) or "/" in name:
+        raise InputError(source, repr(name), "a camera's name that can name a folder", "another form")
+    if not isinstance(entry, dict):
+        raise InputError(source, name, "an object with K, R, T, imgSize", type(entry).__name__)
+    intrinsics = _numbers(entry, "K", (9,), name, source).reshape(3, 3)
+    if not (intrinsics[0, 0] > 0 and intrinsics[1, 1] > 0 and np.allclose(intrinsics[2], [0, 0, 1])):
+        raise InputError(source, f"{name}.K", "focal lengths above 0 and a last row of 0, 0, 1", intrinsics.tolist())
+    width, height = _numbers(entry, "imgSize", (2,), name, source)
+    if not all(side == int(side) and 1 <= side <= 16384 for side in (width, height)):
+        raise InputError(source, f"{name}.imgSize", "[width, height], integers from 1 to 16384", [width, height])
+    camera_from_world = np.eye(4)
+    camera_from_world[:3, :3] = _rotation(_numbers(entry, "R", (9,), name, source).reshape(3, 3), name, source)
+    camera_from_world[:3, 3] = _numbers(entry, "T", (3,), name, source)
+    camera = Camera(intrinsics, camera_from_world, int(width), int(height))
+    return Lens(name, camera, _distortion(entry, name, source))
+
+
+def _rotation(matrix: np.ndarray, name: str, source: str) -> np.ndarray:
+    """The nearest rotation. Raises `InputError` where `matrix` is none, or mirrors."""
+    off = np.abs(matrix.T @ matrix - np.eye(3)).max()
+    if off > ROTATION_SLACK or np.linalg.det(matrix) < 0:
+        found = "a mirroring" if off <= ROTATION_SLACK else f"columns off orthonormal by {off:.2g}"
+        raise InputError(source, f"{name}.R", "a rotation, world to camera", found)
+    left, _, right = np.linalg.svd(matrix)
+    return left @ right
+
+
+def _distortion(entry: dict[str, Any], name: str, source: str) -> np.ndarray:
+    """(5,); none given means none, and beyond five only zeros are understood."""
+    if entry.get("distCoeff") in (None, []):
+        return np.zeros(5)
+    values = _numbers(entry, "distCoeff", (None,), name, source)
+    if len(values) < 4 or values[5:].any():
+        raise InputError(source, f"{name}.distCoeff", "4 or 5 coefficients k1, k2, p1, p2, k3", len(values))
+    return np.pad(values[:5], (0, max(5 - len(values), 0)))
+
+
+def _numbers(entry: dict[str, Any], key: str, shape: tuple[int | None], name: str, source: str) -> np.ndarray:
+    """Finite numbers, however they are nested."""
+    if key not in entry:
+        raise InputError(source, f"{name}.{key}", "the key to be there", f"only {', '.join(sorted(entry)[:8])}")
+    try:
+        values = np.array(entry[key], dtype=np.float64).reshape(-1)
+    except (TypeError, ValueError):
+        raise InputError(source, f"{name}.{key}", "numbers", repr(entry[key])[:60]) from None
+    if shape[0] not in (None, len(values)):
+        raise InputError(source, f"{name}.{key}", f"{shape[0]} numbers", len(values))
+    if not np.isfinite(values).all():
+        raise InputError(source, f"{name}.{key}", "finite numbers", "NaN or Inf")
+    return values

@@ -1,0 +1,111 @@
+"""Images and mattes of a rig, decoded when asked for and kept within a budget of bytes. Letters: h w pixels."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+from PIL import Image
+
+from avatarrex.capture.readers.archive import Archive
+from avatarrex.capture.readers.calibration import Lens
+from avatarrex.capture.readers.undistort import source_pixels, undistort
+from avatarrex.errors import InputError
+
+
+class ByteCache:
+    """The most recently used arrays of at most `budget` bytes together; safe for threads. A pickled one starts empty."""
+
+    def __init__(self, budget: int) -> None:
+        self.budget, self.held = budget, 0
+        self._lock = threading.Lock()
+        self._items: OrderedDict[Hashable, np.ndarray] = OrderedDict()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"budget": self.budget}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(**state)  # type: ignore[misc]
+
+    def get(self, key: Hashable, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """The array of `key`, made outside the lock where it is not held; read-only."""
+        with self._lock:
+            if key in self._items:
+                self._items.move_to_end(key)
+                return self._items[key]
+        value = make()
+        value.setflags(write=False)
+        with self._lock:
+            if key not in self._items and value.nbytes <= self.budget:
+                self._items[key] = value
+                self.held += value.nbytes
+                while self.held > self.budget:
+                    self.held -= self._items.popitem(last=False)[1].nbytes
+        return value
+
+
+class Pictures:
+    """Decoded, undistorted pictures of one rig by (view, frame)."""
+
+    def __init__(
+        self,
+        archive: Archive,
+        lenses: tuple[Lens, ...],
+        images: tuple[dict[int, str], ...],
+        mattes: tuple[dict[int, str], ...],
+        cache: ByteCache,
+    ) -> None:
+        self._archive, self._lenses, self._cache = archive, lenses, cache
+        self._names = {"image": images, "matte": mattes}
+
+    def image(self, view: int, frame: int) -> UInt8[np.ndarray, "h w 3"]:
+        """sRGB bytes. Raises `InputError` for a damaged file or another size than the calibration's."""
+        return self._get("image", view, frame)
+
+    def matte(self, view: int, frame: int) -> UInt8[np.ndarray, "h w"]:
+        """Foreground, 0 to 255."""
+        return self._get("matte", view, frame)
+
+    def check_size(self, view: int, frame: int) -> None:
+        """Raise `InputError` where a picture's header gives another size than the calibration; decodes nothing."""
+        for kind in self._names:
+            self._open(kind, view, frame)
+
+    def _get(self, kind: str, view: int, frame: int) -> np.ndarray:
+        return self._cache.get(self._names[kind][view][frame], lambda: self._decode(kind, view, frame))
+
+    def _decode(self, kind: str, view: int, frame: int) -> np.ndarray:
+        picture = self._open(kind, view, frame)
+        try:
+            pixels = np.array(picture.convert("RGB" if kind == "image" else "L"))
+        except (OSError, ValueError, SyntaxError, EOFError) as error:
+            raise InputError(self._place(kind, view, frame), "", "a whole picture", error) from None
+        if not self._lenses[view].distorts:
+            return pixels
+        return undistort(
+            pixels, self._cache.get(("pixels", self._lenses[view]), lambda: source_pixels(self._lenses[view]))
+        )
+
+    def _open(self, kind: str, view: int, frame: int) -> Image.Image:
+        place = self._place(kind, view, frame)
+        try:
+            picture = Image.open(io.BytesIO(self._archive.read(self._names[kind][view][frame])))
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(place, "", "a JPEG or PNG picture", error) from None
+        camera = self._lenses[view].camera
+        if picture.size != (camera.width, camera.height):
+            expected = f"{camera.width}x{camera.height} pixels, as the calibration says"
+            raise InputError(place, "", expected, f"{picture.size[0]}x{picture.size[1]}")
+        if picture.mode not in ("1", "L", "LA", "P", "RGB", "RGBA"):
+            raise InputError(place, "", "8 bits a channel, grey or RGB", f"mode {picture.mode}")
+        return picture
+
+    def _place(self, kind: str, view: int, frame: int) -> str:
+        return self._archive.place(self._names[kind][view][frame])

@@ -1,0 +1,59 @@
+"""`capture.json`: what a capture keeps from training, where it comes from, whether it is complete.
+
+{"format": 1, "held_out_frames": {rig: [frame]}, "held_out_cameras": {rig: [name]}, "provenance": {…}, "complete": true}
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from avatarrex.capture.readers.archive import Archive
+from avatarrex.capture.readers.layout import RigFiles
+from avatarrex.errors import InputError
+
+FORMAT = 1
+"""Version of the file; a newer one is refused by name."""
+
+
+def read_manifest(archive: Archive, root: str, rigs: dict[str, RigFiles]) -> dict[str, Any]:
+    """`capture.json`, or nothing."""
+    name = f"{root}/capture.json".lstrip("/")
+    if not archive.exists(name):
+        return {}
+    place = archive.place(name)
+    try:
+        manifest = json.loads(archive.text(name))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(place, "", "JSON", error) from None
+    if not isinstance(manifest, dict) or type(manifest.get("format")) is not int:
+        raise InputError(place, "format", "an object with an integer format", repr(manifest)[:60])
+    if manifest["format"] > FORMAT:
+        raise InputError(place, "format", f"at most {FORMAT} (update the studio)", manifest["format"])
+    if not isinstance(manifest.get("provenance", {}), dict):
+        raise InputError(place, "provenance", "an object", repr(manifest["provenance"])[:60])
+    for key in ("held_out_frames", "held_out_cameras"):
+        held = manifest.get(key, {})
+        if not isinstance(held, dict) or not all(isinstance(held[rig], list) for rig in held):
+            raise InputError(place, key, "an object with a list per rig", repr(held)[:60])
+        for rig in held:
+            if rig not in rigs:
+                raise InputError(place, key, "rigs of the capture: " + ", ".join(rigs), rig)
+    return manifest
+
+
+def held_out(
+    manifest: dict[str, Any], rig: str, count: int, cameras: tuple[str, ...], place: str
+) -> tuple[list[int], list[int]]:
+    """Frames and views of a rig of `count` frames that no training may see. Raises `InputError` for those it has not."""
+    frames = manifest.get("held_out_frames", {}).get(rig, [])
+    names = manifest.get("held_out_cameras", {}).get(rig, [])
+    for frame in frames:
+        if type(frame) is not int or not 0 <= frame < count:
+            raise InputError(place, f"held_out_frames.{rig}", f"integers from 0 to {count - 1}", frame)
+    for name in names:
+        if name not in cameras:
+            raise InputError(place, f"held_out_cameras.{rig}", "one of " + ", ".join(cameras), name)
+    return frames, [cameras.index(name) for name in names]

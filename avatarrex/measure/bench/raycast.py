@@ -1,0 +1,142 @@
+"""Stage `raycast`: rays against the avatar's stored volume, judged by the float64 walk through every cell, per view.
+
+Compared with a march in quarter voxels (KinectFusion's, linear at the end) and plain sphere tracing to 1e-4 m: compute shaders
+of their own (shaders/pointmap/plain.comp) on the same textures. In software the processor time of all threads is compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+
+from avatarrex.camera import Camera
+from avatarrex.counters import Counters
+from avatarrex.gl.context import gl_context, gl_unavailable, renderer_name
+from avatarrex.measure.bench.clock import interleaved
+from avatarrex.measure.bench.metric import FASTER, SLOWER, Metric
+from avatarrex.measure.bench.mitsuba_peer import add_mitsuba
+from avatarrex.measure.bench.peer import Contest, Contestant
+from avatarrex.measure.bench.ray_truth import ray_error, truth
+from avatarrex.measure.bench.session import Bench
+from avatarrex.pipeline import RenderSettings
+from avatarrex.pointmap.raycast_gl import BOXES, EXACT_LIST, TILE_LIST, TRACE_LIST, GlCaster, gl_caster
+from avatarrex.pointmap.raycast_torch import raycast_torch
+from avatarrex.pointmap.rays import RayPlane, pixel_centres
+from avatarrex.templates.posed import pose_person
+from avatarrex.volume.build import build_volume
+from avatarrex.volume.sdf_volume import SdfVolume
+
+VIEWS = ((20, 10, 2.6, 40), (75, -20, 2.2, 45), (200, 35, 3.0, 40))
+"""Azimuth, elevation, distance, field of view."""
+Passes = list[tuple[str, int | None, dict[str, int]]]
+
+
+def measure(bench: Bench) -> list[Metric]:
+    """See the module."""
+    found = bench.once(contests)
+    by_view = {contest.case: contest.best.error for contest in found}
+    hits = sum(error["hits"] for error in by_view.values())
+    wrong = sum(error["missed"] + error["false"] for error in by_view.values())
+    mean = max(error["mean_error_mm"] for error in by_view.values())
+    p99 = max(error["p99_error_mm"] for error in by_view.values())
+    metrics = [
+        Metric("raycast.mean_error_mm", mean, "mm", target=1e-3, error=by_view),
+        Metric("raycast.p99_error_mm", p99, "mm", target=1e-2, error=by_view),
+        Metric("raycast.missed_plus_false", wrong / hits, "of hits", target=1e-5, error={"rays": wrong, "hits": hits}),
+    ]
+    for name, peer, target in (("vs_quarter_march", "quarter_march", 10.0), ("vs_sphere", "sphere_tracing", 1.2)):
+        ratios = {contest.case: value for contest in found if (value := contest.advantage(peer)) is not None}
+        if not ratios:
+            bench.absent[f"raycast.{name}"] = f"no OpenGL: {gl_unavailable()}"
+            continue
+        least = min(ratios.values())
+        error = {"by_view": ratios, "ours": by_view, "theirs": {c.case: _error(c, peer) for c in found}}
+        if name == "vs_sphere":
+            error["by_view"] = {case: 1 / value for case, value in ratios.items()}
+            metrics.append(Metric("raycast.vs_sphere", 1 / least, SLOWER, "lower", error, target))
+        else:
+            metrics.append(Metric(f"raycast.{name}", least, FASTER, "higher", error, target))
+    return metrics + [metric for contest in found for metric in contest.metrics()]
+
+
+def contests(bench: Bench) -> list[Contest]:
+    """One per view."""
+    volume, size = stored_volume(bench), bench.side(512, 192)
+    views = VIEWS[:1] if bench.quick else VIEWS
+    return [
+        _contest(bench, volume, k, Camera.orbit(*view, (0, -0.05, 0), size, size)) for k, view in enumerate(views, 1)
+    ]
+
+
+def stored_volume(bench: Bench) -> SdfVolume:
+    """Of the avatar as it stands, at the settings of everyday use."""
+    avatar = bench.avatar
+    posed = pose_person(avatar.person, bench.motion(1)[0], Counters(), None)
+    return build_volume(avatar, posed, RenderSettings(hidden=avatar.hidden), Counters(), None).sdf
+
+
+def _error(contest: Contest, name: str) -> dict[str, Any]:
+    entry = contest.named(name)
+    return {} if entry is None else entry.error
+
+
+def _contest(bench: Bench, volume: SdfVolume, number: int, camera: Camera) -> Contest:
+    exact, case = truth(volume, camera), f"raycast.view{number}"
+    if gl_unavailable() is not None:
+        t = _torch_distances(volume, camera)
+        times = interleaved({"ours_torch": lambda: raycast_torch(volume, camera, False)}, bench.count(3, 2))
+        return Contest(case, (Contestant("ours_torch", times["ours_torch"], ray_error(t, exact), ours=True),), cpu=True)
+    caster = gl_caster()
+    methods = _methods(volume)
+    quick = {name: _runner(caster, volume, camera, methods[name]) for name in methods if name != "quarter_march"}
+    times = interleaved(quick, bench.count(7, 5))
+    slow = {"quarter_march": _runner(caster, volume, camera, methods["quarter_march"])}
+    times |= interleaved(slow, 1, warm=bench.quick)
+    entries = []
+    for name, run in (quick | slow).items():
+        run()
+        error = ray_error(caster.distances(camera).astype(np.float64), exact)
+        entries.append(Contestant(name, times[name], error, ours=name == "ours"))
+    add_mitsuba(bench, entries, volume, camera)
+    software = "llvmpipe" in renderer_name(gl_context())
+    return Contest(case, tuple(entries), cpu=software)
+
+
+def _methods(volume: SdfVolume) -> dict[str, Passes]:
+    """Passes of what is compared; each ends with t per pixel in the distance buffer."""
+    parts = (0, BOXES[-1]) if volume.parts else (0,)
+    beams: Passes = [("beams", None, {"PARTS": 0})]
+    trace: Passes = [
+        *beams,
+        ("trace", TILE_LIST, {"PARTS": 0}),
+        *(("trace", TRACE_LIST + k, {"PARTS": BOXES[k]}) for k in range(1, len(BOXES) if volume.parts else 1)),
+    ]
+    exact: Passes = [("exact", EXACT_LIST + k, {"PARTS": boxes}) for k, boxes in enumerate(parts)]
+    return {
+        "ours": [*trace, *exact],
+        "first_pass_alone": trace,
+        "sphere_tracing": [("plain", None, {"PARTS": parts[-1], "METHOD": 1})],
+        "quarter_march": [("plain", None, {"PARTS": parts[-1], "METHOD": 0})],
+    }
+
+
+def _runner(caster: GlCaster, volume: SdfVolume, camera: Camera, passes: Passes) -> Callable[[], None]:
+    def run() -> None:
+        dispatch, _ = caster.prepare(volume, camera, antialias=False)
+        for label, over, constants in passes:
+            dispatch(label, over, **constants)
+        caster.context.finish()
+
+    return run
+
+
+def _torch_distances(volume: SdfVolume, camera: Camera) -> np.ndarray:
+    """t of the torch raycast's hits along the rays of `truth`."""
+    found = raycast_torch(volume, camera, False)
+    rays = RayPlane.of(camera, volume.middle).rays(pixel_centres(camera, torch.float64))
+    position = found.position.reshape(-1, 3).double()
+    t = ((position - rays.origin) * rays.direction).sum(-1)
+    return np.asarray(torch.where(found.hit.reshape(-1), t, torch.inf))

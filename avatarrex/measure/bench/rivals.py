@@ -1,0 +1,156 @@
+"""What else could draw the person: volume rendering of the same avatar, and the template with a texture.
+
+Volume rendering takes 64 samples per ray between the near and the far side of the body's box, asks the nodes in reach of each
+sample by the same kernels, and colours where a sample's share shows. It is measured on fewer rays of the same picture and
+scaled up; posing and its box are not counted. The mesh's texture comes from pictures of the subject in other poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+
+from avatarrex.avatar import Avatar
+from avatarrex.capture.synthetic.subject_drawer import SubjectDrawer
+from avatarrex.gl.context import gl_unavailable
+from avatarrex.measure.bench.clock import Times, interleaved, ratio, timed
+from avatarrex.measure.bench.metric import FASTER, Metric
+from avatarrex.measure.bench.session import SEED, Bench
+from avatarrex.measure.volume_drawer import VolumeDrawer
+from avatarrex.metrics.baselines import MeshDrawer, Observation, baselines
+from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
+from avatarrex.pipeline import Frame, render_frame
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.sequence import SignalSequence
+from avatarrex.training.core.warm_start import warm_start
+
+SAMPLES = 64
+UNSEEN = 12
+"""Frame of the motion in which images are compared; the texture has seen every other pose of `SEEN`."""
+SEEN = (0, 20)
+SPACING = {"body": 0.006, "hand": 0.004, "face": 0.003}
+"""Metres between the subject's colours: about a pixel of the picture that images are compared in."""
+AROUND = (20, 110, 200, 290)
+"""Azimuths of the pictures that the texture comes from."""
+
+
+def volume_rendering(bench: Bench, size: int) -> list[Metric]:
+    """How many times as long it takes as a frame in a new pose: at the paper's widths, and with the packaged networks."""
+    small = _against(bench, bench.avatar, size)
+    wide = _against(bench, bench.once(paper_avatar), size)
+    larger = [] if bench.quick else [_against(bench, bench.once(paper_avatar), 2 * size)]
+    truth = bench.once(unseen)
+    if truth is not None:
+        signals, picture = truth
+        camera = bench.camera(len(picture))
+        drawers: dict[str, Drawer] = {
+            "psnr_db": AvatarDrawer(bench.avatar),
+            "their_psnr_db": VolumeDrawer(bench.avatar, "body", SAMPLES),
+        }
+        small |= {name: psnr(drawer.draw(signals, camera), picture) for name, drawer in drawers.items()}
+    return [
+        Metric("frame.vs_volume_rendering", wide["times_as_fast"], FASTER, "higher", wide, 30.0),
+        *(Metric("frame.vs_volume_rendering.1024", it["times_as_fast"], FASTER, "higher", it, 50.0) for it in larger),
+        Metric("frame.vs_volume_rendering.compact", small["times_as_fast"], FASTER, "higher", small),
+    ]
+
+
+def textured_mesh(bench: Bench, size: int) -> list[Metric]:
+    """Time and image error of the mesh and of the avatar in a pose that the texture has not seen."""
+    truth, mesh = bench.once(unseen), bench.once(mesh_drawer)
+    if truth is None or mesh is None:
+        bench.absent["frame.rival"] = f"the subject cannot be drawn: {gl_unavailable()}"
+        return []
+    signals, picture = truth
+    camera, turn = bench.camera(size), iter(range(1000))
+
+    def moved(draw: Callable[[Signals], object]) -> Callable[[], object]:
+        return lambda: draw(bench.motion(UNSEEN + 1 + next(turn))[-1])
+
+    avatar = AvatarDrawer(bench.avatar)
+    drawers = {"avatar": avatar.draw, "textured_mesh": mesh.draw}
+    times = interleaved({name: moved(lambda s, d=d: d(s, camera)) for name, d in drawers.items()}, bench.count(5, 2))  # type: ignore[misc]
+    found = {name: psnr(draw(signals, bench.camera(len(picture))), picture) for name, draw in drawers.items()}
+    return [
+        Metric(f"frame.rival.{name}.ms", times[name].ms, "ms", error={"psnr_db": found[name], "pose": "not seen"})
+        for name in drawers
+    ]
+
+
+def paper_avatar(bench: Bench) -> Avatar:
+    """Networks as wide as the paper's, fitted to the template for some steps so that there is a person to draw."""
+    avatar = Avatar.create(bench.avatar.person, "paper", SEED)
+    avatar.meta["untrained"] = sorted({"face", *bench.avatar.hidden})
+    motion = SignalSequence(tuple(bench.motion(16)), 24.0)
+    warm_start(avatar, motion, "body", bench.count(60, 20), SEED)
+    avatar.measure_worn()
+    return avatar
+
+
+def unseen(bench: Bench) -> tuple[Signals, np.ndarray] | None:
+    """A pose and the subject's picture (h, w, 4) in it; None without OpenGL."""
+    drawer = bench.once(subject_drawer)
+    if drawer is None:
+        return None
+    signals, size = bench.motion(UNSEEN + 1)[-1], bench.side(192, 96)
+    return signals, drawer.draw(signals, bench.camera(size))
+
+
+def subject_drawer(bench: Bench) -> SubjectDrawer | None:
+    """None without OpenGL."""
+    return None if gl_unavailable() is not None else SubjectDrawer(bench.subject, SPACING, samples=2)
+
+
+def mesh_drawer(bench: Bench) -> MeshDrawer | None:
+    """The textured template; None without OpenGL."""
+    drawer, size = bench.once(subject_drawer), bench.side(512, 256)
+    if drawer is None:
+        return None
+    seen = []
+    for frame in SEEN[:1] if bench.quick else SEEN:
+        signals = bench.motion(frame + 1)[-1]
+        for azimuth in AROUND:
+            camera = bench.camera(size, azimuth)
+            picture = drawer.draw(signals, camera)
+            straight = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
+            colour, matte = (np.rint(255 * part.clip(0, 1)).astype(np.uint8) for part in (straight, picture[..., 3]))
+            seen.append(Observation(signals, camera, colour, matte))
+    return baselines(bench.subject.person, seen)[0]
+
+
+def psnr(drawing: Drawing, picture: np.ndarray) -> float:
+    """dB of premultiplied colours over the pixels that the picture's person covers."""
+    inside = picture[..., 3] > 0
+    error = (np.asarray(drawing.image)[..., :3] - picture[..., :3])[inside]
+    return float(-10 * np.log10(np.mean(error**2)))
+
+
+@torch.no_grad()
+def _against(bench: Bench, avatar: Avatar, size: int) -> dict[str, Any]:
+    """Times of both, interleaved, and what was scaled."""
+    few = bench.side(128, 64)
+    camera, fewer = bench.camera(size), bench.camera(few)
+    drawer = VolumeDrawer(avatar, "body", SAMPLES)
+    deferred, marched = Times(), Times()
+    previous = None
+    for k in range(bench.count(3, 1) + 1):
+        signals = bench.motion(2 * k + 1)[-1]
+        frames: list[Frame] = []
+        ours = timed(lambda s=signals, p=previous, f=frames: f.append(render_frame(avatar, s, camera, None, p)))  # type: ignore[misc]
+        previous = frames[0]
+        drawer.draw(signals, fewer)  # poses; what follows only marches
+        theirs = timed(lambda s=signals: drawer.draw(s, fewer)).scaled((size / few) ** 2)  # type: ignore[misc]
+        if k:
+            for total, one in ((deferred, ours), (marched, theirs)):
+                total.wall += one.wall
+                total.cpu += one.cpu
+    return {
+        "times_as_fast": ratio(marched, deferred),
+        "ms": deferred.ms,
+        "their_ms": marched.ms,
+        "preset": str(avatar.meta["preset"]),
+        "note": f"{few}² of {size}² rays marched, scaled",
+    }

@@ -1,0 +1,185 @@
+"""Stage `sdf`: signed distances of lattice points to a hand, a body's skin and a mesh of slivers, on one core.
+
+Judged in float64: distances by libigl's tree, signs by the winding number; without libigl by trying every triangle, on some
+of the points. Errors count inside the band −0.05 … 0.025 m that the composition uses. Metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from avatarrex.measure.bench.clock import interleaved, one_core, timed
+from avatarrex.measure.bench.metric import FASTER, SLOWER, Metric
+from avatarrex.measure.bench.peer import Contest, Contestant, installed
+from avatarrex.measure.bench.sdf_peers import BOUND, PEERS, SLOW, Measured, libigl, ours
+from avatarrex.measure.bench.session import SEED, Bench
+from avatarrex.ops.closest_point import closest_point
+from avatarrex.ops.pseudonormal import winding_number
+from avatarrex.templates.model import TemplateModel
+
+REACH = 0.075
+"""Metres around the mesh's vertices in which points lie: the band and what a culling may skip beyond it."""
+SIGNED = 1e-6
+"""Metres: nearer to the surface a sign says nothing."""
+SLIVER = 1e-4
+"""Width over length of the sliver mesh's triangles."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A mesh, points around it, and the truth."""
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    points: np.ndarray
+    truth: np.ndarray
+    """(p,) float64, NaN where it was not computed."""
+    oracle: str
+
+    def error(self, found: np.ndarray, stride: int = 1, signed: bool = True) -> dict[str, Any]:
+        """Of distances to every `stride`-th point."""
+        truth = self.truth[::stride]
+        inside = (truth > BOUND[0]) & (truth < BOUND[1])
+        counted = np.abs(found[inside]) - np.abs(truth[inside])
+        wrong = np.abs(counted) if not np.isnan(counted).any() else np.array([np.inf])
+        error: dict[str, Any] = {"max_error_m": float(wrong.max()), "points": int(inside.sum())}
+        if signed:
+            clear = inside & (np.abs(truth) > SIGNED)
+            error["sign_errors"] = int(np.sum((found[clear] < 0) != (truth[clear] < 0)))
+        return error
+
+
+def measure(bench: Bench) -> list[Metric]:
+    """See the module."""
+    found = bench.once(contests)
+    mine = {contest.case: contest.best.error for contest in found}
+    worst = max(error["max_error_m"] for error in mine.values())
+    metrics = [
+        Metric("sdf.max_error_m", worst, "m", target=1e-6, error=mine),
+        Metric("sdf.sign_errors", sum(error["sign_errors"] for error in mine.values()), "points", target=0, error=mine),
+    ]
+    for name, peer, unit, target in (
+        ("sdf.vs_libigl", "libigl", SLOWER, 1.0),
+        ("sdf.vs_brute", "brute_force", FASTER, 30.0),
+    ):
+        ratios = {contest.case: contest.advantage(peer) for contest in found}
+        known = {case: value for case, value in ratios.items() if value is not None}
+        if not known:
+            bench.absent[name] = f"not installed: {peer}"
+            continue
+        least = min(known.values())
+        lower = unit == SLOWER
+        metrics.append(
+            Metric(
+                name, 1 / least if lower else least, unit, "lower" if lower else "higher", target=target,
+                error={"by_mesh": {k: 1 / v if lower else v for k, v in known.items()}, "max_error_m": worst, "cores": 1},
+            )
+        )  # fmt: skip
+    return metrics + [metric for contest in found for metric in contest.metrics()]
+
+
+def contests(bench: Bench) -> list[Contest]:
+    """One per mesh."""
+    with one_core():
+        return [_contest(bench, case) for case in cases(bench)]
+
+
+def cases(bench: Bench) -> list[Case]:
+    """Hand, body, slivers."""
+    person, count = bench.avatar.person, bench.count(64_000, 16_000)
+    meshes = {"hand": person.left_hand.model, "body": person.body}
+    found = [_case(bench, name, *_skin(model), count) for name, model in meshes.items()]
+    return [*found, _case(bench, "sliver", *sliver_mesh(), count)]
+
+
+def sliver_mesh() -> tuple[np.ndarray, np.ndarray]:
+    """A closed tube with a 5 cm radius, 30 cm long, of triangles 15 cm long and 15 µm wide between wide ones."""
+    around, length, wide = 64, 0.15, 2 * np.pi / 64
+    narrow = SLIVER * length / 0.05
+    angles = (wide * np.arange(around)[:, None] + [0, narrow]).reshape(-1)
+    rings = [np.stack([0.05 * np.cos(angles), np.full_like(angles, y), 0.05 * np.sin(angles)], 1)
+             for y in (-length, 0.0, length)]  # fmt: skip
+    count = len(angles)
+    vertices = np.concatenate([*rings, [[0, -length, 0], [0, length, 0]]])
+    faces = []
+    for k in range(count):
+        a, b = k, (k + 1) % count
+        for ring in (0, count):
+            faces += [(a + ring, a + ring + count, b + ring), (b + ring, a + ring + count, b + ring + count)]
+        faces += [(3 * count, a, b), (3 * count + 1, b + 2 * count, a + 2 * count)]
+    return vertices, np.array(faces)
+
+
+def _skin(model: TemplateModel) -> tuple[np.ndarray, np.ndarray]:
+    """Float64 vertices and the faces of the outer skin, which is closed: no eyeballs, teeth, tongue."""
+    inner = torch.zeros(len(model.v_template), dtype=torch.bool)
+    for name, vertices in model.groups.items():
+        if name != "body":
+            inner[vertices] = True
+    kept = model.faces[~inner[model.faces].any(1)]
+    used, faces = torch.unique(kept, return_inverse=True)
+    return model.v_template.double().numpy()[used], faces.numpy()
+
+
+def _around(vertices: np.ndarray, count: int) -> np.ndarray:
+    """About `count` points of a jittered lattice, in its order, within `REACH` of the vertices."""
+    rng, tree = np.random.default_rng(SEED), cKDTree(vertices)
+    low, high = vertices.min(0) - REACH, vertices.max(0) + REACH
+    spacing = float(np.prod(high - low) / count) ** (1 / 3)
+    for _ in range(3):
+        axes = [np.arange(a, b, spacing) for a, b in zip(low, high)]
+        lattice = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+        points = lattice[tree.query(lattice)[0] < REACH]
+        spacing *= (len(points) / count) ** (1 / 3)
+    return np.asarray(points + rng.uniform(-0.3, 0.3, points.shape) * spacing)
+
+
+def _case(bench: Bench, name: str, vertices: np.ndarray, faces: np.ndarray, count: int) -> Case:
+    points = _around(vertices, count)
+    # Float32, so that every contestant is asked the same question.
+    vertices, points = (array.astype(np.float32).astype(np.float64) for array in (vertices, points))
+    if find_spec("igl") is not None:
+        import igl
+
+        distance = np.abs(libigl(vertices, faces, points, bound=False)())
+        inside = igl.fast_winding_number(vertices, faces.astype(np.int64), points) > 0.5
+        return Case(name, vertices, faces, points, np.where(inside, -distance, distance), "libigl, winding number")
+    some = bench.count(1000, 300)
+    stride = max(1, len(points) // some)
+    mesh, corners, query = torch.as_tensor(vertices), torch.as_tensor(faces), torch.as_tensor(points[::stride])
+    distance = closest_point(mesh, corners, query, impl="reference").sdf.abs().numpy()
+    inside = (winding_number(mesh, corners, query) > 0.5).numpy()
+    truth = np.full(len(points), np.nan)
+    truth[::stride] = np.where(inside, -distance, distance)
+    return Case(name, vertices, faces, points, truth, "every triangle")
+
+
+def _contest(bench: Bench, case: Case) -> Contest:
+    work = case.vertices, case.faces, case.points
+    ready, absent = installed(PEERS, *work)
+    runners: dict[str, Measured] = {"ours": ours(*work), "bricks": ours(*work, impl="torch"), **ready}
+    if "libigl" in ready:
+        runners["ours_by_libigl"] = ours(*work, impl="igl")
+    times = interleaved(runners, bench.count(5, 2))
+    entries = [
+        Contestant(name, times[name], {**case.error(run()), "oracle": case.oracle}, ours=name == "ours")
+        for name, run in runners.items()
+    ]
+    stride = max(1, len(case.points) // bench.count(2000, 600))
+    some = case.points[::stride]
+    ready, gone = installed(SLOW, case.vertices, case.faces, some)
+    for name, run in ready.items():
+        found: list[np.ndarray] = []
+        took = timed(lambda run=run, found=found: found.append(run()))  # type: ignore[misc]
+        note = {"measured_points": len(some), "scaled_to": len(case.points)}
+        error = case.error(found[0], stride, signed=name != "brute_force")
+        entries.append(Contestant(name, took.scaled(len(case.points) / len(some)), {**error, **note}))
+    bench.absent.update({f"peers.sdf.{case.name}.{name}": why for name, why in {**absent, **gone}.items()})
+    return Contest(f"sdf.{case.name}", tuple(entries), cpu=True)

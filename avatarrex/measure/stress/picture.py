@@ -1,0 +1,102 @@
+"""Case `picture`: a driving signal and a camera through `render_frame`, 64 × 64 pixels.
+
+One in ten at the level that is used every day, the others with coarser voxels: what breaks is seldom a matter of their size.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from avatarrex.counters import Counters
+from avatarrex.fields.body import MOST_WORN
+from avatarrex.levels import LEVELS
+from avatarrex.measure.stress import driving, views
+from avatarrex.measure.stress.case import Entry, Inputs, Kind
+from avatarrex.measure.stress.findings import Findings
+from avatarrex.measure.stress.subject import subject
+from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.templates.posed import pose_person
+from avatarrex.volume.sdf_volume import sample
+from avatarrex.volume.template_distance import HOLD
+
+SIDE = 64
+COARSE = RenderSettings(voxel=0.03, part_voxel=0.01)
+FINE_EVERY = 10
+ASIDE, CROSSING = 1e-4, 3e-4
+"""Metres before and behind a hit at which the field is asked, and what it may be there on the wrong side: a steep field."""
+FAR_VOXELS = 40_000
+"""Of those farther than `FAR`, evenly taken: a search among the template's vertices takes long far from them."""
+FAR = 3.0
+"""Voxels: beyond, nearly all is a fill, guessed from the nearest template vertex; nearer, the field's own value."""
+
+
+def draw(rng: np.random.Generator, number: int) -> Inputs:
+    """Signals and a camera on the person that they pose."""
+    signals = driving.draw_signals(rng, number)
+    posed = pose_person(subject().person, signals, Counters(), None)
+    place = posed.world_from_root(signals)
+    surface = posed.body.vertices.double().numpy() @ place[:3, :3].T + place[:3, 3]
+    camera = views.draw_view(rng, number, surface, SIDE)
+    fine = np.array([int(number % FINE_EVERY == 0)])
+    return {**driving.inputs_of(signals), **views.inputs_of(camera), "fine": fine}
+
+
+def check(inputs: Inputs, found: Findings) -> None:
+    """All checks of the case."""
+    settings = LEVELS["balanced"] if inputs["fine"][0] else COARSE
+    frame = render_frame(subject(), driving.signals_of(inputs), views.camera_of(inputs, SIDE), settings)
+    volume, points = frame.volume.sdf, frame.pointmap
+    contacts = [part.contact.field for part in volume.parts if part.contact is not None]
+    found.finite("frame's templates finite", frame.posed.body.vertices, *frame.posed.parts.values())
+    found.finite("volume finite", volume.body.sdf, *(part.field for part in volume.parts), *contacts)
+    found.finite("point map finite", points.position, points.normal, points.depth, points.coverage, points.part_weight)
+    found.finite("image finite", frame.image)
+    covered = points.coverage > 0
+    found.within("coverage in 0 to 1", points.coverage, 0, 1)
+    found.within(
+        "colour in 0 to coverage", frame.image[..., :3] / points.coverage[..., None].clamp_min(1e-9), 0, 1, 1e-6
+    )
+    found.unit("normal of unit length", points.normal[covered], 1e-5)
+    found.within("part weights in 0 to 1", points.part_weight.sum(-1), 0, 1, 1e-5)
+    behind = torch.where(points.hit, -points.depth, -torch.inf)
+    found.at_most("hit behind the camera (m)", behind.amax().clamp_min(0), 1e-6)
+    _check_surface(frame, found)
+
+
+def _check_surface(frame: Frame, found: Findings) -> None:
+    """Hits are crossings of the stored field, from outside to inside; its fill keeps to the template's distance."""
+    volume, points = frame.volume.sdf, frame.pointmap
+    hit = points.position[points.hit].double()
+    view = frame.camera.seen_from(frame.world_from_root)
+    gaze = torch.nn.functional.normalize(hit - torch.as_tensor(view.centre), dim=-1)
+    outside, inside = (sample(volume, hit + side * ASIDE * gaze).composed.sdf for side in (-1, 1))
+    found.at_most("hit no crossing, p99 (m)", _p99(torch.maximum(-outside, inside)), CROSSING)
+    grid = volume.body
+    far = np.argwhere((grid.sdf.abs() > FAR * grid.voxel).numpy())
+    far = far[:: len(far) // FAR_VOXELS + 1]
+    value, point = grid.sdf.numpy()[tuple(far.T)], grid.origin + grid.voxel * far[:, ::-1]
+    body, vertices = frame.volume.body, frame.volume.body.probe.vertices
+    away, here = cKDTree(vertices).query(point)[0], body.probe.query(point)
+    # Flat fingers of the template that are sunk into a belly: its depth is counted from its own skin (volume/body_without_hands.py).
+    for own, _ in body.touched:
+        sunk = (value < 0) & (here.weight > 0) & own[here.nearest]
+        away[sunk] = cKDTree(vertices[~own]).query(point[sunk])[0]
+    # A guess differs from the distance to the nearest vertex by what is worn, an evaluated voxel by HOLD more.
+    beyond = np.abs(value) - away
+    found.at_most("far voxels beyond the template (m)", beyond, MOST_WORN + HOLD)
+
+
+def _p99(values: torch.Tensor) -> float:
+    return float(values.quantile(0.99)) if len(values) else 0.0
+
+
+KIND = Kind(
+    "picture",
+    {**driving.ENTRIES, **views.ENTRIES, "fine": Entry((1,), (0, 1))},
+    draw,
+    check,
+    repeat=20,
+    simpler=tuple(driving.ENTRIES),
+)

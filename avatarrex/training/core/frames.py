@@ -1,0 +1,109 @@
+"""Training frames: the posed person of each frame of a rig, with a stored volume that says where its surface is.
+
+The volume is made by the renderer's own Step I from a copy of the fields that is renewed at every checkpoint: a training
+that is resumed there places its samples as it would have without the interruption. Root frame, metres.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from avatarrex.avatar import Avatar
+from avatarrex.camera import Camera
+from avatarrex.capture.readers.rigs import Rig
+from avatarrex.counters import Counters
+from avatarrex.pipeline import RenderSettings
+from avatarrex.templates.model import skinned_normals
+from avatarrex.templates.posed import PosedPerson, pose_person
+from avatarrex.volume.build import AvatarVolume, build_volume
+from avatarrex.volume.template_distance import VertexProbe
+
+FINE = RenderSettings()
+COARSE = RenderSettings(voxel=0.02, part_voxel=0.005)
+"""Enough to place samples; hands are asked for their distance at this resolution while the body is trained."""
+KEPT = 256
+"""Frames that stay posed: 10 MB each with their volume and hands."""
+
+
+@dataclass
+class TrainingFrame:
+    """One frame of a rig."""
+
+    index: int
+    posed: PosedPerson
+    world_from_root: np.ndarray
+    probe: VertexProbe
+    volume: AvatarVolume
+    age: int
+    """Of the fields that the volume was made from."""
+    planes: dict[str, Tensor]
+    """Tri-planes of a face that is not trained, by network."""
+
+    def camera(self, camera: Camera) -> Camera:
+        """A camera of the rig in this frame's root frame."""
+        return camera.seen_from(self.world_from_root)
+
+
+class FrameStore:
+    """Posed frames of a rig, the least used forgotten."""
+
+    def __init__(self, avatar: Avatar, rig: Rig, trained: str, hidden: frozenset[str], fine: bool = False) -> None:
+        """`trained`: `body` or `face`, what changes with age; `fine` makes volumes as they are rendered."""
+        self.avatar, self.rig, self.trained = avatar, rig, trained
+        self.settings = replace(FINE if fine else COARSE, hidden=hidden)
+        self.age = -1
+        self._frames: OrderedDict[int, TrainingFrame] = OrderedDict()
+        self._copy = avatar
+
+    def renew(self, age: int) -> None:
+        """From now on volumes come from the fields as they are."""
+        if self.trained == "body":
+            self.avatar.measure_worn()
+        self._copy = self.avatar.frozen_copy()
+        self.age = age
+
+    def __getitem__(self, index: int) -> TrainingFrame:
+        found = self._frames.pop(index, None)
+        if found is None:
+            found = self._pose(index)
+        elif found.age != self.age:
+            found = self._again(found)
+        self._frames[index] = found
+        if len(self._frames) > KEPT:
+            self._frames.popitem(last=False)
+        return found
+
+    def _pose(self, index: int) -> TrainingFrame:
+        signals = self.rig.signals[index]
+        avatar = self._copy
+        posed = pose_person(avatar.person, signals, Counters(), None)
+        volume = build_volume(avatar, posed, self.settings, Counters(), None)
+        return TrainingFrame(
+            index, posed, posed.world_from_root(signals), self._probe(posed), volume, self.age, self._planes(volume)
+        )
+
+    def _again(self, old: TrainingFrame) -> TrainingFrame:
+        """The trained part's volume anew; nothing else has changed."""
+        stale = replace(old.volume, keys={**old.volume.keys, self.trained: None})
+        volume = build_volume(self._copy, old.posed, self.settings, Counters(), stale)
+        return replace(old, volume=volume, probe=self._probe(old.posed), age=self.age)
+
+    def _probe(self, posed: PosedPerson) -> VertexProbe:
+        return VertexProbe.of(
+            posed.body.vertices.double().numpy(),
+            skinned_normals(self.avatar.person.body, posed.body).double().numpy(),
+            self.avatar.hand_weight.double().numpy(),
+            self._copy.body.worn.double().numpy(),
+            closed=True,
+        )
+
+    def _planes(self, volume: AvatarVolume) -> dict[str, Tensor]:
+        if self.trained == "face" or volume.views is None:
+            return {}
+        with torch.no_grad():
+            return {"colour": self._copy.face.colour_planes(volume.views)}

@@ -1,0 +1,119 @@
+"""Pass II, topology-based fine-tuning: patches shaded at the rendered surface, geometry frozen (paper sec. 5.1).
+
+    L_II = L_MSE + λ L_LPIPS        on 128×128 patches; no gradient through the ray marching
+
+Surface points come from the renderer's own volume and raycast. Where either picture has no person, both are black.
+Letters: h w pixels of a patch.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from avatarrex.avatar import Avatar
+from avatarrex.camera import Camera
+from avatarrex.counters import Counters
+from avatarrex.metrics.perceptual import Perceptual
+from avatarrex.pointmap.raycast import raycast
+from avatarrex.shading.colour import Paint
+from avatarrex.training.core.frames import FrameStore, TrainingFrame
+from avatarrex.training.core.pass_one import StepResult, face_window
+from avatarrex.training.core.pixels import cropped, training_pairs
+from avatarrex.training.core.trained_field import FACE, face_alone
+from avatarrex.training.recipe import PassTwo
+from avatarrex.volume.sdf_volume import sides
+
+
+class PatchPass:
+    """Pass II of `body` (with the hands) or `face`."""
+
+    def __init__(
+        self, avatar: Avatar, store: FrameStore, part: str, recipe: PassTwo, perceptual: Perceptual, seed: int
+    ) -> None:
+        self.avatar, self.store, self.part, self.recipe, self.seed = avatar, store, part, recipe, seed
+        self.perceptual = perceptual
+        self.pairs = training_pairs(store.rig)
+
+    def parameters(self) -> list[nn.Parameter]:
+        """The colour networks."""
+        if self.part == "face":
+            return list(self.avatar.face.colour_net.parameters())
+        others = (self.avatar.left_hand, self.avatar.right_hand, self.avatar.tone, self.avatar.light)
+        return [*self.avatar.body.colour_parameters(), *(p for module in others for p in module.parameters())]
+
+    def step(self, step: int, gamma: float) -> StepResult:
+        """Losses of one patch; the same for the same step and weights."""
+        rng = np.random.default_rng([self.seed, 2, step])
+        index, view = self.pairs[rng.integers(len(self.pairs))]
+        frame = self.store[index]
+        camera = self.store.rig.views[view].camera
+        x, y, width, height = self._window(frame, view, camera, rng)
+        rows, columns = slice(y, y + height), slice(x, x + width)
+        matte = torch.from_numpy(self.store.rig.matte(view, index)[rows, columns] / np.float32(255))
+        truth = torch.from_numpy(self.store.rig.image(view, index)[rows, columns] / np.float32(255))
+        rendered, coverage = self.shade(frame, cropped(camera, x, y, width, height))
+        both = torch.minimum(coverage, matte)[..., None]
+        terms = self._compare(rendered * both, truth * both, both)
+        per_ray = float((coverage > 0).sum()) / max(float((matte > 0.5).sum()), 1.0)
+        return StepResult(terms, per_ray, [(index, view)])
+
+    def shade(self, frame: TrainingFrame, camera: Camera) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w"]]:
+        """Straight colours, differentiable in the colour networks, and how much of each pixel counts."""
+        view = frame.camera(camera)
+        pointmap = raycast(frame.volume.sdf, view, antialias=True)
+        counts = pointmap.coverage
+        if self.part == "face":
+            counts = counts * (pointmap.part_weight[..., FACE] > 0)
+        seen = counts > 0
+        position = pointmap.position[seen].to(self.parameters()[0].dtype)
+        direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre).to(position), dim=-1)
+        volume = frame.volume
+        planes, hands = frame.planes.get("colour"), volume.hands
+        paint = Paint(
+            self.avatar,
+            frame.posed,
+            volume.body_frame,
+            volume.views,
+            Counters(),
+            planes=planes,
+            hands=hands,
+            sparse=True,
+        )
+        image = position.new_zeros(*seen.shape, 3)
+        if len(position):
+            side = sides(volume.sdf, pointmap.position[seen])
+            share = pointmap.part_weight[seen].to(position)
+            colour = paint.colour(position, direction, face_alone(share) if self.part == "face" else share, side)
+            image = image.index_put((seen,), colour)
+        return image, counts
+
+    def _compare(self, rendered: Tensor, truth: Tensor, both: Tensor) -> dict[str, Tensor]:
+        a, b = (picture.permute(2, 0, 1)[None] for picture in (rendered, truth))
+        terms = {"rgb": (rendered - truth).square().sum() / (3 * both.sum().clamp_min(1.0))}
+        if self.part == "body":
+            terms["tone"] = self.avatar.tone.deviation()
+        if self.recipe.perceptual and min(a.shape[-2:]) >= 16:
+            terms["perceptual"] = self.recipe.perceptual * self.perceptual(a, b)
+        return terms
+
+    def _window(
+        self, frame: TrainingFrame, view: int, camera: Camera, rng: np.random.Generator
+    ) -> tuple[int, int, int, int]:
+        """x, y, width, height of a patch about a pixel of the person (of the face, where that is trained)."""
+        matte = self.store.rig.matte(view, frame.index)
+        height, width = matte.shape
+        side_x, side_y = min(self.recipe.patch, width), min(self.recipe.patch, height)
+        window = face_window(self.avatar, frame, camera) if self.part == "face" else None
+        x0, y0, x1, y1 = window or (0, 0, width, height)
+        ys, xs = np.nonzero(matte[y0:y1, x0:x1] > 127)
+        if len(ys):
+            k = rng.integers(len(ys))
+            cx, cy = int(xs[k]) + x0, int(ys[k]) + y0
+        else:
+            cx, cy = int(rng.integers(x0, x1)), int(rng.integers(y0, y1))
+        x = int(np.clip(cx - side_x // 2, 0, width - side_x))
+        y = int(np.clip(cy - side_y // 2, 0, height - side_y))
+        return x, y, side_x, side_y

@@ -1,0 +1,171 @@
+"""What stands still from one frame to the next: a dragged arm leaves the legs as they were.
+
+Every node's embedding depends on the whole pose (fields/code.py), so that nothing stays exactly as it was; but far from the
+dragged joint it changes the surface by hundredths of a millimetre. A node, a sample of the local frames or a vertex of the
+skin that moves by less than a tolerance, or whose embedding moves the surface (or its colour: fields/body.py, `VISIBLE`) by less in the mean,
+keeps the state it had. It is compared with what it keeps, not with the frame before: no state lags by more. All else is
+exact: what a point hears is as it was wherever nothing that changed is in reach, and is taken over from the frame before.
+
+Letters: n nodes, a samples, v vertices, p points, m places, b blocks. Root frame, metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from avatarrex.fields.body import MOST_WORN, BodyFrame
+from avatarrex.fields.code import BodyCode
+from avatarrex.fields.influence import RADIUS
+from avatarrex.ops.closest_vertex import VertexTree
+from avatarrex.volume.lattice import Lattice
+from avatarrex.volume.sdf_volume import BodyGrid
+
+LEVER = 0.05
+"""Metres over which a turn counts as a shift: samples and vertices speak for points nearer than this."""
+SKIN = 0.12
+"""Metres within which points of the finest blocks hear samples and vertices."""
+FAR = SKIN - MOST_WORN
+"""Metres: a guess up to this is still a lower bound where everything that changed is farther than `SKIN`."""
+MOST = 0.6
+"""Share of the nodes that changed from which nothing is kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class Changed:
+    """Where a body frame differs from the frame `since`."""
+
+    since: BodyFrame
+    nodes: VertexTree | None
+    """Of the places of the nodes that changed, before and now."""
+    skin: VertexTree | None
+    """Of the samples and vertices that changed, before and now."""
+
+    def touches(self, position: Float[np.ndarray, "p 3"], radius: float = 0.0) -> Bool[np.ndarray, " p"]:
+        """Whether a point near the surface, or one up to `radius` metres around it, may hear something that changed."""
+        touched = np.zeros(len(position), dtype=bool)
+        for places, reach in ((self.nodes, RADIUS), (self.skin, SKIN)):
+            if places is not None:
+                rest = np.flatnonzero(~touched)
+                touched[rest] = np.isfinite(places.nearest(position[rest], reach + radius)[0])
+        return touched
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A body frame and its skin, with what stands still as it was before."""
+
+    frame: BodyFrame
+    vertices: Float[np.ndarray, "v 3"]
+    normals: Float[np.ndarray, "v 3"]
+    changed: Changed | None
+    """None: too much changed, and nothing was kept."""
+
+
+def hold(now: Held, before: Held, tolerance: float, effect: float) -> Held:
+    """`now` with the state of `before` wherever that differs by less than `tolerance` metres.
+
+    `effect`: metres that a unit of the embedding counts (`BodyField.embedding_effect`).
+    """
+    old, new = before.frame, now.frame
+    moved = _moved_nodes(new, old, effect) > tolerance
+    if moved.double().mean() > MOST:
+        return now
+    frame = replace(
+        new,
+        code=BodyCode(
+            _mixed(moved, new.code.residual, old.code.residual), _mixed(moved, new.code.embedding, old.code.embedding)
+        ),
+        node_position=_mixed(moved, new.node_position, old.node_position),
+        node_rest=_mixed(moved, new.node_rest, old.node_rest),
+        node_from_rest=_mixed(moved, new.node_from_rest, old.node_from_rest),
+    )
+    skin = _moved_vertices(now, before) > tolerance
+    places = [now.vertices[skin], before.vertices[skin]]
+    if new.samples is not None and old.samples is not None:
+        turned = _moved_samples(frame, old) > tolerance
+        frame = replace(
+            frame,
+            samples=replace(
+                new.samples,
+                position=_mixed(turned, new.samples.position, old.samples.position),
+                outward=_mixed(turned, new.samples.outward, old.samples.outward),
+                rest_from_posed=_mixed(turned, new.samples.rest_from_posed, old.samples.rest_from_posed),
+            ),
+        )
+        places += [samples.position[turned].double().numpy() for samples in (new.samples, old.samples)]
+    return Held(
+        frame,
+        np.where(skin[:, None], now.vertices, before.vertices),
+        np.where(skin[:, None], now.normals, before.normals),
+        Changed(
+            old,
+            _tree([each.node_position[moved].double().numpy() for each in (new, old)]),
+            _tree(places),
+        ),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """The body grid of the frame before, for voxels that hear nothing of what changed since."""
+
+    grid: BodyGrid
+    changed: Changed
+
+    def onto(self, lattice: Lattice, block: np.ndarray, side: int, sdf: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """Write what was there before into the voxels of `block`s (b, 3: z, y, x) of side³ near the surface.
+
+        `sdf` and `known`, (z, y, x), are those of `lattice`. Returns which blocks (b,) were taken over.
+        """
+        assert self.grid.known is not None, "a grid of which nobody knows what was evaluated"
+        centre = lattice.origin + lattice.voxel * (block[:, ::-1] * side + (side - 1) / 2)
+        shift = np.rint((lattice.origin - self.grid.origin) / lattice.voxel).astype(int)[::-1]
+        first, last = block * side, block * side + side - 1
+        old, new = np.array(self.grid.sdf.shape), np.array(lattice.shape)
+        stays = ((first + shift >= 0) & (last + shift < old) & (last < new)).all(1)
+        stays[stays] = ~self.changed.touches(centre[stays], np.sqrt(3) * lattice.voxel * (side - 1) / 2)
+        inner = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), -1).reshape(-1, 3)
+        voxel = (first[stays][:, None] + inner).reshape(-1, 3)
+        here, there = (np.ravel_multi_index(tuple(v.T), tuple(n)) for v, n in ((voxel, new), (voxel + shift, old)))
+        was, value = self.grid.known.reshape(-1)[there], self.grid.sdf.numpy().reshape(-1)[there]
+        known.reshape(-1)[here] = was
+        sdf.reshape(-1)[here] = np.where(was, value, value.clip(-FAR, FAR))
+        return stays
+
+
+def _tree(places: list[np.ndarray]) -> VertexTree | None:
+    joined = np.concatenate(places)
+    return VertexTree.of(joined) if len(joined) else None
+
+
+def _mixed(moved: Tensor, new: Tensor, old: Tensor) -> Tensor:
+    return torch.where(moved.view(-1, *[1] * (new.dim() - 1)), new, old)
+
+
+def _moved_nodes(new: BodyFrame, old: BodyFrame, effect: float) -> Float[Tensor, " n"]:
+    """Metres by which the change of each node may move the surface."""
+    shift = (new.node_position - old.node_position).norm(dim=-1) + (new.node_rest - old.node_rest).norm(dim=-1)
+    if new.samples is None:
+        shift = shift + RADIUS * (new.node_from_rest - old.node_from_rest)[:, :, :3].flatten(1).norm(dim=-1)
+    return shift + effect * (new.code.embedding - old.code.embedding).abs().amax(-1)
+
+
+def _moved_samples(new: BodyFrame, old: BodyFrame) -> Float[Tensor, " a"]:
+    """Metres by which the change of each sample moves the rest positions of points around it."""
+    assert new.samples is not None
+    assert old.samples is not None
+    turn = new.samples.rest_from_posed - old.samples.rest_from_posed
+    here = (turn[:, :, :3] @ old.samples.position[:, :, None])[:, :, 0] + turn[:, :, 3]
+    apart = (new.samples.position - old.samples.position).norm(dim=-1)
+    return apart.maximum(here.norm(dim=-1) + LEVER * turn[:, :, :3].flatten(1).norm(dim=-1))
+
+
+def _moved_vertices(now: Held, before: Held) -> Float[np.ndarray, " v"]:
+    """Metres by which each vertex, or the plane at it, moved."""
+    apart = np.linalg.norm(now.vertices - before.vertices, axis=-1)
+    return np.asarray(apart + LEVER * np.linalg.norm(now.normals - before.normals, axis=-1))

@@ -1,0 +1,285 @@
+"""Ablations: what each arm changes, that its avatar trains, loads and draws, and that a study's tables are complete."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from avatarrex_studio.cli.main import main
+from capture.tiny_capture import TinyCapture
+
+import avatarrex.training.core.trainer as train_module
+from avatarrex.avatar import Avatar, load_avatar, save_avatar
+from avatarrex.camera import Camera
+from avatarrex.capture.readers.rigs import Capture, open_capture
+from avatarrex.counters import Counters
+from avatarrex.errors import InputError
+from avatarrex.fields.presets import PRESETS
+from avatarrex.measure.ablation.report import MEASURES, answers, plot, rows, table, to_json
+from avatarrex.measure.ablation.study import Study
+from avatarrex.measure.ablation.variants import ARMS, QUESTIONS, chosen_arms, recipe_of, scaled
+from avatarrex.measure.volume_drawer import VolumeDrawer
+from avatarrex.metrics.drawing import AvatarDrawer
+from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.signals.driving import Signals
+from avatarrex.templates.person import load_person
+from avatarrex.templates.posed import pose_person
+from avatarrex.training.recipe import PAPER, QUICK, PassOne, PassTwo, Recipe
+from avatarrex.training.runs.folder import read_about
+
+VARIANTS = tuple(name for name in PRESETS if name.startswith("compact/"))
+TINY = Recipe(
+    "tiny",
+    "compact",
+    face=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1, silhouette=0.3, outline=32), PassTwo(1, 32, 1e-3, 0.5, 10)),
+    body=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1, silhouette=1.0, outline=32), PassTwo(1, 32, 1e-3, 0.5, 10)),
+    interval=2,
+    evaluate=1000,
+)
+
+
+@pytest.fixture(autouse=True)
+def little_is_reported(monkeypatch):
+    monkeypatch.setattr(train_module, "REPORT", 1)
+    monkeypatch.setattr("avatarrex.training.core.held_out.PICTURES", 1)
+    monkeypatch.setattr("avatarrex.measure.ablation.study.VIEWS", 1)
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory) -> Capture:
+    opened = open_capture(TinyCapture.make().folder(tmp_path_factory.mktemp("tiny") / "capture"))
+    rigs = {name: rig.holding_out((2,), ()) for name, rig in opened.rigs.items()}
+    return replace(opened, rigs=rigs)
+
+
+def gaze(points: torch.Tensor) -> torch.Tensor:
+    return torch.nn.functional.normalize(torch.tensor([[0.1, -0.2, -1.0]]), dim=-1).expand_as(points)
+
+
+def test_networks_that_the_prior_does_not_know_start_as_if_there_were_none():
+    """Of `compact` alone: nothing of `paper` is known."""
+    for name, part in (("face-mlp", "face"), ("one-network", "body")):
+        known, (one, _) = getattr(QUICK, part)[0], getattr(recipe_of(ARMS[name], QUICK, part), part)
+        assert (one.geometry_rate, one.still, one.rate, one.warm_steps) == (1, 0, 4e-3, 5 * known.warm_steps)
+        assert known.geometry_rate < 1
+        of_paper = getattr(recipe_of(ARMS[name], PAPER, part), part)[0]
+        assert (of_paper.rate, of_paper.warm_steps) == (5e-4, getattr(PAPER, part)[0].warm_steps)
+
+
+@pytest.mark.parametrize("preset", VARIANTS)
+def test_a_variant_is_stored_and_draws_the_same(preset, tmp_path):
+    avatar, camera = Avatar.create(load_person(), preset, 1), Camera.orbit(10, 0, 2.5, 40, (0, -0.1, 0), 24, 32)
+    save_avatar(avatar, tmp_path / "a.avatar", half=False)
+    loaded = load_avatar(tmp_path / "a.avatar")
+    assert loaded.meta["preset"] == preset
+    settings = RenderSettings(part_voxel=0.01)
+    pictures = [render_frame(one, Signals.rest(), camera, settings).image for one in (avatar, loaded)]
+    assert pictures[0][..., 3].sum() > 30
+    torch.testing.assert_close(pictures[0], pictures[1])
+
+
+@pytest.mark.parametrize("preset", VARIANTS)
+def test_gradients_reach_every_parameter(preset):
+    person = load_person()
+    avatar = Avatar.create(person, preset, 2)
+    posed = pose_person(person, Signals.rest().replace(jaw_pose=np.array([0.2, 0, 0])), Counters(), None)
+    body, face = avatar.body.requires_grad_(True), avatar.face.requires_grad_(True)
+    frame = body.frame(posed.body, body.code(posed.body_rotation, torch.ones(body.widths.latent)))
+    at = posed.body.vertices[:: len(posed.body.vertices) // 2000]
+    loss = body.sdf(frame, at).sum() + body.colour(frame, body.patches(frame), at, gaze(at)).square().sum()
+    mean, _ = body.code_network.posterior(posed.body_rotation, torch.ones(body.widths.latent))
+    driven = face.driven(posed.parts["face"], posed.face_coefficients)
+    near = posed.parts["face"][person.face.blend_weight > 0.5]
+    loss = loss + mean.sum() + face.sdf(face.geometry_planes(driven), near).sum()
+    loss = loss + face.colour(face.colour_planes(driven), near, gaze(near)).square().sum()
+    loss.backward()
+    for name, parameter in [*body.named_parameters(), *face.named_parameters()]:
+        assert parameter.grad is not None, name
+        assert parameter.grad.isfinite().all(), name
+        assert parameter.grad.abs().max() > 0, name
+
+
+def test_variants_differ_where_they_say_and_nowhere_else():
+    made = {preset: Avatar.create(load_person(), preset) for preset in ("compact", *VARIANTS)}
+    full = made["compact"]
+
+    def count(preset: str, part: str) -> int:
+        return sum(p.numel() for p in made[preset].modules()[part].parameters())
+
+    patches = sum(p.numel() for p in full.body.patch_network.parameters())
+    nodes, _, out = full.body.colour_local.weights[0].shape
+    patches += nodes * full.body.widths.patch_feature * out
+    assert count("compact/no-patches", "body") == count("compact", "body") - patches
+    assert count("compact/no-patches", "face") == count("compact", "face")
+    plain, shared = count("compact/no-patches", "body"), count("compact/one-network", "body")
+    assert abs(shared / plain - 1) < 0.02
+    assert abs(count("compact/face-mlp", "face") / count("compact", "face") - 1) < 0.02
+    assert count("compact/face-mlp", "body") == count("compact", "body")
+
+
+def test_the_face_without_tri_planes_sees_its_coefficients_alone():
+    face, person = Avatar.create(load_person(), "compact/face-mlp").face, load_person()
+    posed = pose_person(person, Signals.rest().replace(expression=np.linspace(0, 1, 52)), Counters(), None)
+    planes = face.geometry_planes(face.driven(posed.parts["face"], posed.face_coefficients))
+    assert planes.tolist() == pytest.approx([*np.linspace(0, 1, 52), *np.zeros(9)])
+    near = posed.parts["face"][::50]
+    assert (face.sdf(planes, near) - face.sdf(torch.zeros(61), near)).abs().max() > 1e-5
+
+
+def test_each_arm_changes_what_it_says():
+    one, two = QUICK.body
+    whole = one.steps + two.steps
+    assert recipe_of(ARMS["full"], QUICK, "body").body == QUICK.body
+    assert recipe_of(ARMS["pass-one"], QUICK, "body").body == (QUICK.body[0], replace(QUICK.body[1], steps=0))
+    longer, nothing = recipe_of(ARMS["no-pass-two"], QUICK, "body").body
+    assert (longer.steps, nothing.steps) == (whole, 0)
+    assert longer.decay_steps / longer.steps == pytest.approx(one.decay_steps / one.steps, rel=1e-3)
+    assert longer.gamma_steps / longer.steps == pytest.approx(one.gamma_steps / one.steps, rel=1e-3)
+    assert recipe_of(ARMS["no-pass-two"], QUICK, "body").face == QUICK.face
+    assert recipe_of(ARMS["plain"], QUICK, "body").preset == "compact/no-patches"
+    assert recipe_of(ARMS["plain"], QUICK, "body").body == recipe_of(ARMS["no-pass-two"], QUICK, "body").body
+    assert recipe_of(ARMS["no-perceptual"], QUICK, "face").face == (
+        QUICK.face[0],
+        replace(QUICK.face[1], perceptual=0.0),
+    )
+    uniform = recipe_of(ARMS["uniform-64"], QUICK, "body").body[0]
+    assert uniform == replace(longer, sampling="uniform", samples=64, quadrature="point")
+    assert Recipe.from_json(json.loads(json.dumps(QUICK.to_json()))) == QUICK
+    half = scaled(QUICK, "body", 0.5).body
+    assert (half[0].steps, half[1].steps, half[0].warm_steps) == (one.steps // 2, two.steps // 2, one.warm_steps)
+    assert all(name in ARMS for _, first, second in QUESTIONS for name in (first, second))
+
+
+def test_arms_come_with_what_they_need_and_others_are_refused():
+    names = [arm.name for arm in chosen_arms(("uniform-64-time",), "body")]
+    assert names == ["no-pass-two", "uniform-64", "uniform-64-time"]
+    assert "face-mlp" in {arm.name for arm in chosen_arms(None, "face")}
+    with pytest.raises(InputError, match="--arms: expected arms of the face: full"):
+        chosen_arms(("no-patches",), "face")
+
+
+@pytest.mark.slow
+def test_volume_rendering_draws_the_surface_where_the_rays_meet_it():
+    """Many samples and small γ: silhouette, places and colours of the deferred renderer on the packaged avatar."""
+    avatar, camera = load_avatar(), Camera.orbit(10, 0, 2.6, 40, (0, -0.1, 0), 15, 20)
+    dense = VolumeDrawer(avatar, "body", samples=200, gamma=5e-4).draw(Signals.rest(), camera)
+    surface = AvatarDrawer(avatar, settings=RenderSettings(antialias=False)).draw(Signals.rest(), camera)
+    both = dense.hit & surface.hit
+    assert both.sum() > 30
+    assert (dense.hit ^ surface.hit).sum() <= 2
+    apart = np.linalg.norm(dense.position - surface.position, axis=-1)[both]
+    assert np.median(apart) < 0.0015
+    assert apart.max() < 0.02
+    assert (dense.image - surface.image).abs()[torch.from_numpy(both)].mean() < 0.01
+
+
+@pytest.mark.slow
+def test_a_study_of_the_body_is_complete_and_not_done_twice(capture, tmp_path, monkeypatch):
+    arms, seeds = chosen_arms(("no-pass-two", "volume-test-time"), "body"), [0, 1]
+    monkeypatch.setattr("avatarrex.measure.ablation.study.SLOW", (1, 1))
+    study = Study(tmp_path, capture, "body", TINY)
+    done = [("full", 0), ("no-pass-two", 0), ("volume-test-time", 0), ("no-pass-two", 1)]
+    assert all(study.finish(ARMS[name], seed) is not None for name, seed in done)
+    found = rows(study, arms, seeds)
+    assert [row.name for row in found] == [
+        "textured mesh", "mean-colour mesh", "full", "no-pass-two", "volume-test-time"
+    ]  # fmt: skip
+    wanted = {*MEASURES, "parameters", "steps", "minutes", "cpu_minutes", "samples_per_ray", "seconds_per_picture"}
+    for row in found[2:]:
+        assert wanted - {"lpips_matte"} <= set(row.values), row.name
+        assert all(len(values) == len(row.seeds) for values in row.values.values())
+        assert set(row.values["steps"]) == {3}, "one pass takes as many steps as two"
+    assert [row.seeds for row in found] == [[], [], [0], [0, 1], [0]]
+    given = {answer.question: answer.differences for answer in answers(found)}
+    assert set(given) == {q for q, *pair in QUESTIONS if set(pair) <= {row.name for row in found}}
+    values = {row.name: row.values for row in found}
+    expected = values["full"]["psnr_matte"][0] - values["no-pass-two"]["psnr_matte"][0]
+    assert given["pass II against as many steps of pass I"]["psnr_matte"] == pytest.approx([expected])
+    text = table(study, found)
+    assert "nan" not in text
+    assert all(row.name in text for row in found)
+    json.dumps(to_json(study, found, seeds), allow_nan=False)
+    plot(found, tmp_path / "plot.png", "tiny")
+    assert (tmp_path / "plot.png").stat().st_size > 5000
+    for folder in (tmp_path / "full" / "seed_0", tmp_path / "no-pass-two" / "seed_1"):
+        about = read_about(folder)
+        assert (about["state"], about["config"]["arm"]) == ("finished", folder.parent.name)
+    monkeypatch.setattr("avatarrex.measure.ablation.study.Trainer", None)
+    again = Study(tmp_path, capture, "body", TINY)
+    assert all(again.finish(ARMS[name], seed) == study.evaluation(ARMS[name], seed) for name, seed in done)
+    with pytest.raises(InputError, match=r"study.json: base.interval: expected 3, as asked for"):
+        Study(tmp_path, capture, "body", replace(TINY, interval=3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["face-mlp", "no-perceptual"])
+def test_arms_of_the_face_train_load_and_draw(capture, tmp_path, name):
+    study = Study(tmp_path, capture, "face", TINY)
+    found = study.finish(ARMS[name], 0)
+    assert found is not None
+    assert found["steps"] == [2, 1]
+    assert found["subjects"]["avatar"]["psnr_matte"] > 0
+    assert found["subjects"]["avatar"]["pictures"] == 1
+
+
+@pytest.mark.slow
+def test_uniform_samples_for_as_long(capture, tmp_path):
+    """64 samples a ray cost more than 4 near the surface: the time buys fewer steps."""
+    study = Study(tmp_path, capture, "body", TINY)
+    found = {name: study.finish(ARMS[name], 0) for name in ("no-pass-two", "uniform-64", "uniform-64-time")}
+    assert found["uniform-64"]["samples_per_ray"] > 2 * found["no-pass-two"]["samples_per_ray"]
+    assert found["uniform-64"]["steps"] == found["no-pass-two"]["steps"]
+    ratio = found["no-pass-two"]["cpu_seconds"] / found["uniform-64"]["cpu_seconds"]
+    assert found["uniform-64-time"]["steps"][0] == max(round(3 * ratio), 1)
+
+
+@pytest.mark.slow
+def test_a_stopped_arm_goes_on(capture, tmp_path, monkeypatch):
+    study = Study(tmp_path, capture, "body", TINY)
+    asked = iter(["run", "stop"])
+    monkeypatch.setattr("avatarrex.training.runs.folder.Run.control", lambda self: next(asked))
+    assert study.finish(ARMS["plain"], 0) is None
+    assert read_about(tmp_path / "plain" / "seed_0")["state"] == "stopped"
+    before = study.effort(ARMS["plain"], 0)["cpu_seconds"]
+    monkeypatch.undo()
+    found = Study(tmp_path, capture, "body", TINY).finish(ARMS["plain"], 0)
+    assert found is not None
+    assert found["cpu_seconds"] > before > 0
+
+
+def test_a_capture_without_held_out_poses_is_refused(capture, tmp_path):
+    rigs = {name: rig.holding_out() for name, rig in capture.rigs.items()}
+    with pytest.raises(InputError, match="held-out frames"):
+        Study(tmp_path / "none", replace(capture, rigs=rigs), "body", TINY)
+    assert not (tmp_path / "none").exists()
+
+
+def test_minutes_scale_the_steps(capture, tmp_path, monkeypatch):
+    from avatarrex.measure.ablation.step_timing import Pace
+
+    monkeypatch.setattr("avatarrex.measure.ablation.study.measure_pace", lambda *given: Pace(fixed=30.0, passes=15.0))
+    study = Study(tmp_path, capture, "body", QUICK, minutes=1.0)
+    one, two = study.recipe(ARMS["full"], 0).body
+    assert (one.steps, two.steps) == (2 * QUICK.body[0].steps, 2 * QUICK.body[1].steps)
+    assert Study(Path(tmp_path), capture, "body", QUICK, minutes=1.0).recipe(ARMS["full"], 7).body == (one, two)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--arms", "face-mlp"], "--arms: expected arms of the body: full"),
+        (["--seeds", "one"], "--seeds: expected integers from 0"),
+        (["--minutes", "-1"], "--minutes: expected a positive number, found -1"),
+        (["--scale", "much"], "--scale: expected a positive number, found much"),
+        (["--preset", "huge"], "--preset: expected paper, quick, long, refine, smoke, found huge"),
+    ],
+)
+def test_wrong_options_are_refused_before_any_work(tmp_path, capsys, options, said):
+    words = ["bench", "ablation", str(tmp_path / "no_capture"), "--out", str(tmp_path / "study"), *options]
+    assert main(words) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

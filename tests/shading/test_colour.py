@@ -1,0 +1,86 @@
+"""Where limbs touch, a surface point has the colour of the limb that it is on; skin that is seen is lit from the side that is seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+
+from avatarrex.avatar import load_avatar
+from avatarrex.camera import Camera
+from avatarrex.counters import Counters
+from avatarrex.fields.composition import WHOLE
+from avatarrex.fields.light import Light
+from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.shading.colour import Paint
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.library import named_hand, named_pose
+from avatarrex.templates.posed import pose_person
+from avatarrex.volume.sdf_volume import PARTS, sides
+
+CROSSED = Signals.rest().replace(body_pose=named_pose("crossed_arms"))
+
+
+def test_what_an_arm_touches_does_not_hear_the_arm() -> None:
+    """Of what lies beneath a hand the hand's and forearm's embeddings are NaN, of the arm the others': the frame's colours stay."""
+    avatar = load_avatar()
+    posed = pose_person(avatar.person, CROSSED, Counters(), None)
+    aim = tuple(map(float, posed.body.joints[20]))
+    frame = render_frame(avatar, CROSSED, Camera.orbit(0, 0, 0.7, 28, aim, 96, 96), RenderSettings())
+    pointmap, volume = frame.pointmap, frame.volume
+    seen = pointmap.hit & (pointmap.coverage == 1) & (pointmap.part_weight.sum(-1) == 0)
+    position, image = pointmap.position[seen], frame.image[seen][:, :3]
+    centre = torch.as_tensor(frame.camera.seen_from(posed.world_from_root(CROSSED)).centre, dtype=torch.float32)
+    gaze = torch.nn.functional.normalize(position - centre, dim=-1)
+    side = sides(volume.sdf, position)
+    assert side is not None
+    assert (side == WHOLE).sum() > 100
+    code, found = volume.body_frame.code, []
+    for limb in side[side != WHOLE].unique().tolist():
+        own = avatar.ownership[PARTS[limb // 2]].own_node
+        unheard = own if limb % 2 else ~own
+        deaf = replace(code, embedding=torch.where(unheard[:, None], torch.nan, code.embedding))
+        paint, rows = Paint(avatar, posed, replace(volume.body_frame, code=deaf), None, Counters()), side == limb
+        with torch.no_grad():
+            colour = paint.colour(position[rows], gaze[rows], torch.zeros(int(rows.sum()), 3), side[rows])
+        assert colour.isfinite().all()
+        torch.testing.assert_close(colour.clamp(0, 1), image[rows], atol=1e-4, rtol=0)
+        found.append(int(rows.sum()))
+    assert len(found) >= 3
+    assert sum(found) > 500
+
+
+class Witness(Light):
+    """Remembers the normals that it was asked for."""
+
+    def forward(self, normal: torch.Tensor) -> torch.Tensor:
+        self.asked = normal
+        return super().forward(normal)
+
+
+def test_the_skin_of_a_fist_that_is_seen_faces_the_eye() -> None:
+    """Closest to where a finger dips into the palm there may be buried skin that faces away: bright rims, seen from below."""
+    avatar = load_avatar()
+    fist = Signals.rest().replace(left_hand_pose=named_hand("fist", "left"))
+    posed = pose_person(avatar.person, fist, Counters(), None)
+    place, mesh = posed.root_from_part("left_hand"), posed.parts["left_hand"]
+    aim = tuple(map(float, place[:3, :3] @ mesh.double().numpy().mean(0) + place[:3, 3]))
+    frame = render_frame(avatar, fist, Camera.orbit(180, -70, 0.35, 25, aim, 128, 128), RenderSettings())
+    pointmap, column = frame.pointmap, PARTS.index("left_hand")
+    whole = pointmap.hit & (pointmap.part_weight[..., column] == 1)
+    position, share = pointmap.position[whole], pointmap.part_weight[whole]
+    centre = torch.as_tensor(frame.camera.seen_from(posed.world_from_root(fist)).centre, dtype=torch.float32)
+    gaze = torch.nn.functional.normalize(position - centre, dim=-1)
+    rotation = torch.as_tensor(place[:3, :3].T).float()
+    local = (position - torch.as_tensor(place[:3, 3]).float()) @ rotation.T
+    bare = avatar.left_hand.sdf(mesh, local).normal @ rotation
+    assert ((bare * gaze).sum(-1) > 0.1).sum() > 5
+    light = Witness()
+    light.load_state_dict(avatar.light.state_dict())
+    with torch.no_grad():
+        Paint(replace(avatar, light=light), posed, frame.volume.body_frame, None, Counters()).colour(
+            position, gaze, share
+        )
+    assert len(light.asked) == len(position)
+    assert (light.asked * gaze).sum(-1).max() < 1e-5
+    torch.testing.assert_close(light.asked.norm(dim=-1), torch.ones(len(position)), atol=1e-5, rtol=0)
