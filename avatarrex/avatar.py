@@ -122,10 +122,10 @@ class Avatar:
         """Painted ω of either hand on the body template, (v,)."""
         return self.person.hand_weight
 
-    def measure_worn(self) -> None:
+    def measure_clothing_offset(self) -> None:
         """Let the body field find how far its surface stands off the template; after every change of its weights."""
         posed = pose_person(self.person, Signals.rest(), Counters(), None)
-        self.body.measure_worn(posed.body, self.body.code(posed.body_rotation))
+        self.body.measure_clothing_offset(posed.body, self.body.code(posed.body_rotation))
 
     @cached_property
     def embedding_effect(self) -> float:

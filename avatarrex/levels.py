@@ -28,15 +28,15 @@ LEVELS: dict[str, RenderSettings] = {
 """The paper's, then from the quickest to the most exact."""
 
 
-HOLD = 2e-3
-"""Metres of `RenderSettings.hold` while somebody drags at `fast`; a picture that stays is exact at every level."""
-COARSE = 0.03
+REUSE_TOLERANCE = 2e-3
+"""Metres of `RenderSettings.reuse_tolerance` while somebody drags at `fast`; a picture that stays is exact at every level."""
+DRAGGED_VOXEL = 0.03
 """Side of a body voxel meanwhile, metres."""
 
 
 def dragged(settings: RenderSettings) -> RenderSettings:
     """What a limb is dragged with: the surface errs by 2 mm in the mean, where a pixel of such a picture covers 10."""
-    return replace(settings, hold=HOLD, voxel=COARSE)
+    return replace(settings, reuse_tolerance=REUSE_TOLERANCE, voxel=DRAGGED_VOXEL)
 
 
 def level(name: str) -> RenderSettings:

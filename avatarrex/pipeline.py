@@ -7,7 +7,7 @@
 | pointmap  | where each ray meets the surface (Step II)   | volume, camera in the root frame, polish           |
 | shading   | colours of the hit pixels (Step III)         | point map, posed meshes                            |
 
-A stage whose key has not changed returns the previous result and counts no work. With `hold`, volume and shading take over
+A stage whose key has not changed returns the previous result and counts no work. With `reuse_tolerance`, volume and shading take over
 what hardly moved from the frame before, too (volume/temporal_reuse.py).
 """
 
@@ -35,7 +35,7 @@ from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.volume.build import AvatarVolume, build_volume, part_key, refine_volume
 from avatarrex.volume.composed_field import composed_field
 from avatarrex.volume.sdf_volume import PARTS, SdfVolume
-from avatarrex.volume.template_distance import VertexProbe
+from avatarrex.volume.template_distance import TemplateDistance
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class RenderSettings:
     """Side of a body voxel, metres; it grows where 128 of them would cut the person off."""
     part_voxel: float = 0.0025
     """Side of a voxel of the hand and face boxes, metres."""
-    hold: float = 0.0
+    reuse_tolerance: float = 0.0
     """Metres that parts of the body may lag behind the pose: what a frame after another moves by less stays as it was."""
     everywhere: bool = False
     """Evaluate every voxel that the fields reach, not only those around the surface."""
@@ -182,7 +182,7 @@ class _Surface:
         if not asked:
             return off_screen
         alone = self._built(names)
-        asked = {name: self._bounds(name, alone.probe) for name in asked}
+        asked = {name: self._bounds(name, alone.skin) for name in asked}
         behind = hidden_behind(asked, SdfVolume(alone.grid), self.view, self.settings.raycast, self.counters)
         return off_screen | behind
 
@@ -212,7 +212,7 @@ class _Surface:
         """Parts of `unseen` that a ray of the picture may reach after all."""
         if not unseen or (self.same and self.previous and self.previous.pointmap is pointmap):
             return frozenset()
-        bounds = {name: self._bounds(name, self.built.probe if self.built else None) for name in unseen}
+        bounds = {name: self._bounds(name, self.built.skin if self.built else None) for name in unseen}
         reached = (
             n for n, part in bounds.items() if not part.off_screen(self.view) and not part.covered(pointmap, self.view)
         )
@@ -222,8 +222,8 @@ class _Surface:
         self.built = build_volume(self.avatar, self.posed, self.settings, self.counters, self.built, unseen)
         return self.built
 
-    def _bounds(self, name: str, probe: VertexProbe | None = None) -> Bounds:
-        return Bounds.of(self.avatar, self.posed, name, self.settings.part_voxel, probe)
+    def _bounds(self, name: str, skin: TemplateDistance | None = None) -> Bounds:
+        return Bounds.of(self.avatar, self.posed, name, self.settings.part_voxel, skin)
 
     def _was_shown(self, name: str) -> bool:
         return self.previous is not None and bool(self.previous.pointmap.part_weight[..., PARTS.index(name)].any())

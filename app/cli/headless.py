@@ -19,7 +19,7 @@ from avatarrex_studio.session.state import StudioState
 from torch import Tensor
 from tqdm import tqdm
 
-from avatarrex.files.background import behind
+from avatarrex.files.background import background_writer
 from avatarrex.files.gate import write_text
 from avatarrex.files.images import VideoWriter, composite, write_arrays, write_png
 from avatarrex.pipeline import Frame
@@ -37,7 +37,7 @@ def run(order: Job, engine: Engine) -> list[Path]:
         for note in order.motion.sequence.notes:
             print(f"{Path(order.motion.path).name}: {note}", file=sys.stderr)
     bar = tqdm(total=len(order.frames), unit="frame", disable=len(order.frames) == 1)
-    with bar, video or nullcontext(), behind() as do:
+    with bar, video or nullcontext(), background_writer() as do:
         for number, state in order.states():
             frame = engine.frame(state, state.view.camera(width, height))
             if not statistics:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import Any
 
 import numpy as np
 import torch
@@ -51,7 +52,7 @@ COLOUR_UNIT = RADIUS / 2
 """Metres per unit of the colour networks' coordinates."""
 CLOTH = 0.02
 """How far the surface may stand off the template when the empty space is filled, metres."""
-MOST_WORN = 0.04
+MAX_CLOTHING_OFFSET = 0.04
 """Metres: cloth and hair that stand off farther are not measured."""
 VISIBLE = 16.0
 """sRGB per metre: a change of colour by 4/255 counts as much as a millimetre."""
@@ -99,8 +100,8 @@ class BodyField(nn.Module):
     sample_weights: Tensor
     sample_owner: Tensor
     sample_normal: Tensor
-    worn: Tensor
-    """(v,) metres that the surface stands off each template vertex at rest (`measure_worn`); zero until measured."""
+    clothing_offset: Tensor
+    """(v,) metres that the surface stands off each template vertex at rest (`measure_clothing_offset`); zero until measured."""
 
     def __init__(
         self,
@@ -117,9 +118,11 @@ class BodyField(nn.Module):
         self.widths, self.local_frame, self.template = widths, local_frame, model
         self.register_buffer("node_vertex", farthest_points(model.v_template, widths.nodes, seed))
         self.register_buffer("anchor_vertex", anchors(model, widths.anchors, seed))
-        self.register_buffer("worn", torch.zeros(len(model.v_template)))
+        self.register_buffer("clothing_offset", torch.zeros(len(model.v_template)))
         nothing = torch.zeros(len(model.v_template), dtype=torch.bool)
         self.register_buffer("replaced", nothing if replaced is None else replaced, persistent=False)
+        self.register_state_dict_post_hook(_file_names)
+        self.register_load_state_dict_pre_hook(_own_names)
         self.register_load_state_dict_post_hook(lambda module, _: module.place())
         self.place()
         n, e = len(self.node_vertex), widths.embedding
@@ -143,7 +146,7 @@ class BodyField(nn.Module):
     def place(self) -> None:
         """Derive the nodes' rest geometry from their template vertices (after they were sampled or loaded)."""
         model, vertex = self.template, self.node_vertex.cpu()
-        like = self.worn
+        like = self.clothing_offset
         normal = node_normals(model, vertex)
         sampled = torch.arange(len(model.v_template)) if self.local_frame == "vertex" else self.anchor_vertex.cpu()
         sampled = sampled[~self.replaced.cpu()[sampled]]
@@ -165,14 +168,14 @@ class BodyField(nn.Module):
         self.register_buffer("node_part", labels.to(like.device), persistent=False)
 
     @torch.no_grad()
-    def measure_worn(self, posed: PosedTemplate, code: BodyCode) -> None:
-        """Set `worn` from the field under the rest pose: the depth of each template vertex below the surface.
+    def measure_clothing_offset(self, posed: PosedTemplate, code: BodyCode) -> None:
+        """Set `clothing_offset` from the field under the rest pose: the depth of each template vertex below the surface.
 
         Samples are then searched where the surface is: cloth beside an arm must not take the arm's skin for its own.
         """
-        self.worn.zero_()
-        depth = self.sdf(self.frame(posed, code), self.template.v_template.to(self.worn))
-        self.worn.copy_((-depth).clamp(-MOST_WORN, MOST_WORN))
+        self.clothing_offset.zero_()
+        depth = self.sdf(self.frame(posed, code), self.template.v_template.to(self.clothing_offset))
+        self.clothing_offset.copy_((-depth).clamp(-MAX_CLOTHING_OFFSET, MAX_CLOTHING_OFFSET))
 
     @torch.no_grad()
     def embedding_effect(self, posed: PosedTemplate, code: BodyCode) -> float:
@@ -184,7 +187,7 @@ class BodyField(nn.Module):
         noise = torch.rand(code.embedding.shape, generator=torch.Generator().manual_seed(0)).round() * 2 - 1
         other = replace(frame, code=replace(code, embedding=code.embedding + step * noise.to(code.embedding)))
         outward = vertex_normals(posed.vertices, self.template.faces)
-        points = (posed.vertices + outward * self.worn[:, None])[::8].to(code.embedding)
+        points = (posed.vertices + outward * self.clothing_offset[:, None])[::8].to(code.embedding)
         inward = -outward[::8].to(points)
         moved = (self.sdf(other, points) - self.sdf(frame, points)).abs().mean()
         tinted = (self.colour(other, None, points, inward) - self.colour(frame, None, points, inward)).abs().mean()
@@ -216,7 +219,7 @@ class BodyField(nn.Module):
             outward = F.normalize((onto[:, :, :3] @ self.sample_normal[:, :, None])[:, :, 0], dim=-1)
             samples = Samples(
                 self.sample_rest,
-                posed.vertices[vertex] + outward * self.worn[vertex, None],
+                posed.vertices[vertex] + outward * self.clothing_offset[vertex, None],
                 outward,
                 invert_affine(onto),
                 self.sample_owner,
@@ -383,3 +386,18 @@ def _localised(
         return pairs, local.T, weight
     keep = keep[:kept]
     return pairs.take(keep), local.index_select(1, keep).T, weight.index_select(0, keep)
+
+
+FILE_NAMES = {"clothing_offset": "worn"}
+"""Buffers whose name in files of format 3 is another one."""
+
+
+def _file_names(_: nn.Module, state: dict[str, Tensor], prefix: str, metadata: Any) -> None:
+    for own, stored in FILE_NAMES.items():
+        state[prefix + stored] = state.pop(prefix + own)
+
+
+def _own_names(_: nn.Module, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
+    for own, stored in FILE_NAMES.items():
+        if prefix + stored in state:
+            state[prefix + own] = state.pop(prefix + stored)

@@ -22,14 +22,14 @@ class Do(Protocol):
 
 
 @contextmanager
-def behind(threads: int = 1) -> Iterator[Do]:
+def background_writer(threads: int = 1) -> Iterator[Do]:
     """`do(function, *arguments)` on `threads` threads; one keeps the order. All is done when the block ends.
 
     The first error of the work is raised in the block, at the latest at its end. Where the block itself fails, what was
     brought before is still done, and the block's error is the one that is seen.
     """
     waiting: deque[Future[object]] = deque()
-    with ThreadPoolExecutor(threads, "behind") as pool:
+    with ThreadPoolExecutor(threads, "background writer") as pool:
 
         def do(function: Callable[Arguments, object], /, *arguments: Arguments.args, **named: Arguments.kwargs) -> None:
             waiting.append(pool.submit(function, *arguments, **named))

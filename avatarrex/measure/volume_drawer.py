@@ -16,7 +16,7 @@ from avatarrex.counters import Counters
 from avatarrex.metrics.drawing import Drawing
 from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres
-from avatarrex.shading.colour import Paint
+from avatarrex.shading.colour import SurfaceColour
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.training.core.frames import TrainingFrame
@@ -69,7 +69,7 @@ class VolumeDrawer:
         return Drawing(image.reshape(*size, 4), seen, np.zeros_like(seen), hit)
 
     def _march(
-        self, field: TrainedField, paint: Paint, rays: Rays, entry: Tensor, length: Tensor
+        self, field: TrainedField, paint: SurfaceColour, rays: Rays, entry: Tensor, length: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Premultiplied colour with opacity (r, 4), and mean end points (r, 3)."""
         share = (torch.arange(self.samples) + 0.5) / self.samples
@@ -97,7 +97,7 @@ class VolumeDrawer:
 
     def _frame(self, posed: PosedPerson, volume: AvatarVolume, world_from_root: np.ndarray) -> TrainingFrame:
         planes = {} if volume.views is None else {"colour": self.avatar.face.colour_planes(volume.views)}
-        return TrainingFrame(0, posed, world_from_root, volume.probe, volume, 0, planes)
+        return TrainingFrame(0, posed, world_from_root, volume.skin, volume, 0, planes)
 
     def _field(self, frame: TrainingFrame) -> TrainedField:
         if self.part == "body":

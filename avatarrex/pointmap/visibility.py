@@ -24,7 +24,7 @@ from avatarrex.templates.posed import PosedPerson
 from avatarrex.volume.limbs import reached_by_others
 from avatarrex.volume.part_box import COARSEST, FACE_BAND, HAND_MARGIN
 from avatarrex.volume.sdf_volume import SdfVolume
-from avatarrex.volume.template_distance import VertexProbe
+from avatarrex.volume.template_distance import TemplateDistance
 
 GLANCE = 96
 """Pixels of the longer side of the picture that guesses what hides a part."""
@@ -52,18 +52,18 @@ class Bounds:
 
     @classmethod
     def of(
-        cls, avatar: Avatar, posed: PosedPerson, name: str, voxel: float, probe: VertexProbe | None = None
+        cls, avatar: Avatar, posed: PosedPerson, name: str, voxel: float, skin: TemplateDistance | None = None
     ) -> Bounds:
-        """Of a hand or the face, for boxes of `voxel` metres; `probe` of the posed body tells whether it is alone there."""
+        """Of a hand or the face, for boxes of `voxel` metres; `skin` of the posed body tells whether it is alone there."""
         face = name == "face"
         weight = avatar.person.face.blend_weight if face else avatar.hand(name).blend_weight
         mesh = posed.parts[name][weight > 0].double().numpy()
         reach = (FACE_BAND if face else HAND_MARGIN) + COARSEST * voxel
         bounds = cls(posed.root_from_part(name), mesh, reach, True)
-        if probe is None:
+        if skin is None:
             return bounds
         place = np.linalg.inv(bounds.root_from_part)
-        shared = reached_by_others(probe, avatar.ownership[name], place, bounds.low, bounds.high)
+        shared = reached_by_others(skin, avatar.ownership[name], place, bounds.low, bounds.high)
         return replace(bounds, shared=shared)
 
     @property

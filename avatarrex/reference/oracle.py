@@ -22,7 +22,7 @@ from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.reference.dense_rays import DenseField, dense_crossing
 from avatarrex.reference.voxel_frame import PosedReference, pose_reference, shade_reference
 from avatarrex.signals.driving import Signals
-from avatarrex.volume.body_without_hands import HandlessBody
+from avatarrex.volume.body_without_hands import BodyWithoutHands
 from avatarrex.volume.composed_field import ComposedField, ExactPart
 from avatarrex.volume.sdf_volume import PARTS
 
@@ -73,7 +73,7 @@ def exact_field(avatar: Avatar, posed: PosedReference, hidden: frozenset[str]) -
             parts.append(ExactPart.face(posed.face, planes, mesh, avatar.person.face.blend_weight, place))
         else:
             parts.append(ExactPart.hand(name, posed.hands[name], mesh, place))
-    body = HandlessBody(posed.body, posed.frame, posed.probe, avatar.ownership)
+    body = BodyWithoutHands(posed.body, posed.frame, posed.skin, avatar.ownership)
     return ComposedField(body, tuple(parts), Counters())
 
 
@@ -100,5 +100,5 @@ def slope(field: DenseField, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p
 def near_seam(oracle: Oracle, blend_weight: Float[Tensor, " v"], within: float = 0.02) -> Bool[Tensor, "h w"]:
     """Hit pixels within `within` metres of a template vertex where 0 < ω < 1; `blend_weight` ω of one part or several."""
     band = ((blend_weight > 0) & (blend_weight < 1)).numpy()
-    apart = cKDTree(oracle.field.body.probe.vertices[band]).query(oracle.pointmap.position.numpy())[0]
+    apart = cKDTree(oracle.field.body.skin.vertices[band]).query(oracle.pointmap.position.numpy())[0]
     return oracle.pointmap.hit & torch.as_tensor(apart < within)

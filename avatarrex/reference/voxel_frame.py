@@ -39,9 +39,9 @@ from avatarrex.templates.transform import world_from_root
 from avatarrex.volume.body_grid import MARGIN, lattice_around
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.limbs import Ownership, nodes_of
-from avatarrex.volume.part_box import CLAMP, FACE_BAND, HAND_MARGIN, face_probe
+from avatarrex.volume.part_box import CLAMP, FACE_BAND, HAND_MARGIN, face_skin
 from avatarrex.volume.sdf_volume import PARTS, BodyGrid, PartBox, SdfVolume
-from avatarrex.volume.template_distance import VertexProbe
+from avatarrex.volume.template_distance import TemplateDistance
 
 Module = TypeVar("Module", bound=nn.Module)
 Part = TypeVar("Part", HandTemplate, FaceTemplate)
@@ -61,7 +61,7 @@ class PosedReference:
     meshes: dict[str, Tensor]
     views: Tensor
     value: dict[str, Tensor]
-    probe: VertexProbe
+    skin: TemplateDistance
     surfaces: dict[str, HandSurface]
     """Of the hands, without trees."""
 
@@ -107,8 +107,8 @@ def pose_reference(avatar: Avatar, signals: Signals) -> PosedReference:
         _in_double(person.face), value["expression"], value["jaw_pose"], value["eye_pose"], shape
     )
     normals = skinned_normals(model, template).numpy()
-    hand_weight, worn = avatar.hand_weight.double().numpy(), avatar.body.worn.double().numpy()
-    probe = VertexProbe.of(template.vertices.numpy(), normals, hand_weight, worn, closed=True)
+    hand_weight, clothing_offset = avatar.hand_weight.double().numpy(), avatar.body.clothing_offset.double().numpy()
+    skin = TemplateDistance.of(template.vertices.numpy(), normals, hand_weight, clothing_offset, closed=True)
     coefficients = torch.cat([value["expression"], value["jaw_pose"], value["eye_pose"].flatten()])
     return PosedReference(
         body,
@@ -121,7 +121,7 @@ def pose_reference(avatar: Avatar, signals: Signals) -> PosedReference:
         meshes,
         face.driven(meshes["face"].float(), coefficients.float(), "reference").double(),
         value,
-        probe,
+        skin,
         {
             name: HandSurface.of(meshes[name], avatar.hand(name).faces, "reference")
             for name in ("left_hand", "right_hand")
@@ -135,8 +135,8 @@ def _body_grid(posed: PosedReference, voxel: float) -> BodyGrid:
     lattice = lattice_around(np.concatenate([skin - MARGIN, skin + MARGIN]), voxel)
     points = _points(lattice)
     sdf = torch.cat([posed.body.sdf(posed.frame, block, impl="reference") for block in points.split(20000)])
-    here = posed.probe.query(points.numpy())
-    sdf = emptied(here.held(sdf), torch.as_tensor(here.weight))
+    here = posed.skin.query(points.numpy())
+    sdf = emptied(here.clamped(sdf), torch.as_tensor(here.weight))
     return BodyGrid(lattice.origin, lattice.voxel, sdf.reshape(lattice.shape))
 
 
@@ -150,7 +150,7 @@ def _part_box(avatar: Avatar, posed: PosedReference, name: str, voxel: float) ->
     if name == "face":
         planes = posed.face.geometry_planes(posed.views)
         distance = torch.cat([posed.face.sdf(planes, block) for block in points.split(100000)])
-        here = face_probe(posed.face, mesh, weight).query(points.numpy())
+        here = face_skin(posed.face, mesh, weight).query(points.numpy())
         omega = torch.as_tensor(np.where(here.distance < FACE_BAND, here.weight, 0))
     else:
         query = posed.hands[name].sdf(mesh, points, impl="reference", surface=posed.surfaces[name])

@@ -30,7 +30,7 @@ OPAQUE = 0.999
 
 
 @dataclass
-class Paint:
+class SurfaceColour:
     """Colours of one frame; what a pose needs is decoded when it is first asked for."""
 
     avatar: Avatar

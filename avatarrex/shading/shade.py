@@ -20,7 +20,7 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.pointmap.raycast import PointMap
-from avatarrex.shading.colour import Paint
+from avatarrex.shading.colour import SurfaceColour
 from avatarrex.shading.patch_cache import PatchCache
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.posed import PosedPerson
@@ -61,7 +61,7 @@ def shade(
     """Colour the covered pixels; `view` is the camera in the root frame. `detail_from`: see `RenderSettings`."""
     if previous and previous.pointmap is pointmap and previous.volume is volume:
         return previous
-    paint = Paint(avatar, posed, volume.body_frame, volume.views, counters, hands=volume.hands)
+    paint = SurfaceColour(avatar, posed, volume.body_frame, volume.views, counters, hands=volume.hands)
     if previous and previous.volume.body_frame is volume.body_frame:
         paint.patches = previous.patches
     if previous and previous.volume.views is volume.views:

@@ -294,7 +294,7 @@ def package(out: Path, target: Path, preset: str = "compact", seed: int = 0) -> 
         for name in names:
             avatar.modules()[name].load_state_dict(saved[name])
         provenance[part] = {"steps": saved["steps"], "minutes": round(saved["seconds"] / 60, 1)}
-    avatar.measure_worn()
+    avatar.measure_clothing_offset()
     avatar.meta |= {
         "name": "default",
         "origin": "fitted to geometry: signed distances and surface colours of the synthetic clothed subject; not trained from images",

@@ -1,9 +1,9 @@
 """Step I for the body: its signed distance on a regular grid in the root frame (paper sec. 4, Step I).
 
-The distance is guessed first: a voxel's height over the posed template, less what the avatar wears there (`worn`, the field's
+The distance is guessed first: a voxel's height over the posed template, less what the avatar wears there (`clothing_offset`, the field's
 own depth at the template's vertices at rest). Blocks of 4 and 2 voxels far from the surface are culled whole; voxels
 whose guess is below `REACH` voxels are evaluated, and then every voxel that a crossing touches (narrow_band.py). The rest keeps
-a distance that never exceeds the true one. The field itself is held to within `HOLD` of the guess (template_distance.py), and has no
+a distance that never exceeds the true one. The field itself is held to within `MAX_DEVIATION` of the guess (template_distance.py), and has no
 hands (body_without_hands.py).
 
 Letters: z y x voxels, p evaluated voxels, v template vertices. Root frame, metres, negative inside.
@@ -18,13 +18,13 @@ import torch
 
 from avatarrex.counters import Counters
 from avatarrex.fields.composition import EMPTIED
-from avatarrex.volume.body_without_hands import HandlessBody
+from avatarrex.volume.body_without_hands import BodyWithoutHands
 from avatarrex.volume.bricks import Bricks, grow_bricks
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import settle
 from avatarrex.volume.sdf_volume import BodyGrid
-from avatarrex.volume.template_distance import Probe, VertexProbe
-from avatarrex.volume.temporal_reuse import Kept
+from avatarrex.volume.template_distance import NearestSkin, TemplateDistance
+from avatarrex.volume.temporal_reuse import PreviousGrid
 
 MAX_SIDE = 128
 """Voxels along a side (paper sec. 4): the voxel grows rather than a limb being cut off."""
@@ -50,30 +50,30 @@ def lattice_around(points: np.ndarray, voxel: float) -> Lattice:
 
 
 def build_body_grid(
-    body: HandlessBody,
+    body: BodyWithoutHands,
     voxel: float,
     counters: Counters,
     everywhere: bool = False,
-    kept: Kept | None = None,
+    kept: PreviousGrid | None = None,
 ) -> BodyGrid:
     """The body field around its surface, on multiples of `voxel` metres in the root frame.
 
     `everywhere`: at every voxel that a node reaches, as the paper has it. `kept`: what may be taken over.
     """
-    probe = body.probe
-    lattice = lattice_around(np.concatenate([probe.vertices - MARGIN, probe.vertices + MARGIN]), voxel)
+    skin = body.skin
+    lattice = lattice_around(np.concatenate([skin.vertices - MARGIN, skin.vertices + MARGIN]), voxel)
     if kept is not None and kept.grid.voxel != lattice.voxel:  # it grew with the person's extent
         kept = None
-    fill, first, asked, known = guess(probe, lattice, kept)
+    fill, first, asked, known = guess(skin, lattice, kept)
     if everywhere:
         reached = np.zeros(fill.size, dtype=bool)
         position = lattice.position(np.arange(fill.size))
         reached[body.field.pairs(body.frame, torch.as_tensor(position, dtype=torch.float32)).point] = True
         first = np.flatnonzero(reached)
-        asked = probe.query(position[first])
+        asked = skin.query(position[first])
 
     def evaluate(index: np.ndarray) -> np.ndarray:
-        here = asked if index is first else probe.query(lattice.position(index))
+        here = asked if index is first else skin.query(lattice.position(index))
         return evaluated(body, lattice.position(index), counters, here)
 
     sdf, known = settle(fill, first, evaluate, known)
@@ -81,7 +81,7 @@ def build_body_grid(
 
 
 def refined(
-    body: HandlessBody,
+    body: BodyWithoutHands,
     grid: BodyGrid,
     seen: np.ndarray,
     side: int,
@@ -97,18 +97,20 @@ def refined(
     return replace(grid, bricks=bricks)
 
 
-def evaluated(body: HandlessBody, position: np.ndarray, counters: Counters, here: Probe | None = None) -> np.ndarray:
+def evaluated(
+    body: BodyWithoutHands, position: np.ndarray, counters: Counters, here: NearestSkin | None = None
+) -> np.ndarray:
     """The body's field at (p, 3) as it is stored: (p,) metres, single precision."""
     counters.add("voxels_evaluated", len(position))
-    here = body.probe.query(position) if here is None else here
+    here = body.skin.query(position) if here is None else here
     return body.sdf(torch.as_tensor(position, dtype=torch.float32), counters, here).numpy()
 
 
 def guess(
-    probe: VertexProbe, lattice: Lattice, kept: Kept | None = None
-) -> tuple[np.ndarray, np.ndarray, Probe, np.ndarray]:
+    skin: TemplateDistance, lattice: Lattice, kept: PreviousGrid | None = None
+) -> tuple[np.ndarray, np.ndarray, NearestSkin, np.ndarray]:
     """A distance (z, y, x) that never exceeds the true one; flat indices of voxels near the surface that are to be
-    evaluated; the probe there; and which voxels (z, y, x) are known already, from `kept`.
+    evaluated; the skin there; and which voxels (z, y, x) are known already, from `kept`.
 
     Coarse to fine: a block whose centre's guess exceeds its radius and `REACH` holds no surface.
     """
@@ -125,7 +127,7 @@ def guess(
             near[near], block = ~stays, block[~stays]
         centre = lattice.origin + lattice.voxel * (block[:, ::-1] * side + (side - 1) / 2)
         radius = np.sqrt(3) * lattice.voxel * (side - 1) / 2
-        here = probe.query(centre)
+        here = skin.query(centre)
         least = np.maximum(np.abs(here.guess) - radius - SLACK, lattice.voxel)
         empty = here.weight == 1  # emptied: whatever the field holds there
         fill[near] = np.where(empty, np.maximum(least, EMPTIED), np.where(here.guess < 0, -least, least))

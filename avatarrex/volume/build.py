@@ -16,13 +16,13 @@ from avatarrex.fields.hand import HandSurface
 from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import PART_JOINT, PosedPerson
 from avatarrex.volume.body_grid import build_body_grid, refined
-from avatarrex.volume.body_without_hands import HandlessBody
+from avatarrex.volume.body_without_hands import BodyWithoutHands
 from avatarrex.volume.contact import find_contact
 from avatarrex.volume.part_box import PartField, face_box, hand_box
 from avatarrex.volume.sdf_volume import BodyGrid, PartBox, SdfVolume
-from avatarrex.volume.small_components import without_crumbs
-from avatarrex.volume.template_distance import VertexProbe
-from avatarrex.volume.temporal_reuse import Changed, Held, Kept, hold
+from avatarrex.volume.small_components import without_small_components
+from avatarrex.volume.template_distance import TemplateDistance
+from avatarrex.volume.temporal_reuse import ChangedRegion, PreviousGrid, ReusableBody, reuse_unchanged
 
 if TYPE_CHECKING:
     from avatarrex.pipeline import RenderSettings
@@ -33,7 +33,7 @@ class AvatarVolume:
     """The volume and the posed fields it was made from; shading asks the same fields for colour."""
 
     sdf: SdfVolume
-    body: HandlessBody
+    body: BodyWithoutHands
     grid: BodyGrid
     """Without bricks: those of `sdf` grow with what is seen."""
     parts: dict[str, PartField]
@@ -41,7 +41,7 @@ class AvatarVolume:
     """Orthographic views of the face mesh, (3, 7, 256, 256), or what else drives the face; None while it is not built."""
     planes: Tensor | None
     """Geometry tri-planes of this expression; None while the face is not built."""
-    changed: Changed | None
+    changed: ChangedRegion | None
     """Where the body differs from that of the frame before, some of whose state it kept; None: it is exact."""
     keys: dict[str, object]
     notes: tuple[str, ...] = ()
@@ -52,9 +52,9 @@ class AvatarVolume:
         return self.body.frame
 
     @property
-    def probe(self) -> VertexProbe:
+    def skin(self) -> TemplateDistance:
         """Of the template's whole skin."""
-        return self.body.probe
+        return self.body.skin
 
     @property
     def hands(self) -> dict[str, HandSurface]:
@@ -81,7 +81,7 @@ def build_volume(
     every = settings.everywhere
     stored: object = settings.voxel, every
     unmoved = previous is not None and previous.keys["posed"] == posed.keys["body"]
-    if settings.hold and previous and unmoved and previous.grid.voxel <= settings.voxel:
+    if settings.reuse_tolerance and previous and unmoved and previous.grid.voxel <= settings.voxel:
         stored = previous.keys[
             "stored"
         ]  # whoever looks around, or drags something else, keeps the voxels that are there
@@ -92,7 +92,7 @@ def build_volume(
         key = part_key(posed, settings, name)
         known = previous is not None and previous.keys[name] == key
         keys[name] = None if name in settings.hidden or (name in unseen and not known) else key
-    exact = previous is None or settings.hold > 0 or previous.changed is None  # enough for what is asked
+    exact = previous is None or settings.reuse_tolerance > 0 or previous.changed is None  # enough for what is asked
     if previous and previous.keys == keys and exact:
         return previous
 
@@ -115,7 +115,7 @@ def build_volume(
     if previous and kept("body") and exact:
         body, grid, changed = previous.body, previous.grid, previous.changed
     else:
-        before = previous if settings.hold and kept("stored") else None
+        before = previous if settings.reuse_tolerance and kept("stored") else None
         body, grid, changed = _body(avatar, posed, settings, counters, before)
     boxes = []
     for name, part in parts.items():
@@ -133,20 +133,20 @@ def part_key(posed: PosedPerson, settings: RenderSettings, name: str) -> object:
 
 def _body(
     avatar: Avatar, posed: PosedPerson, settings: RenderSettings, counters: Counters, before: AvatarVolume | None
-) -> tuple[HandlessBody, BodyGrid, Changed | None]:
+) -> tuple[BodyWithoutHands, BodyGrid, ChangedRegion | None]:
     """The body of `posed`; with what stands still as in `before`, where that is given."""
     normals = skinned_normals(avatar.person.body, posed.body).double().numpy()
-    state = Held(body_frame(avatar, posed), posed.body.vertices.double().numpy(), normals, None)
+    state = ReusableBody(body_frame(avatar, posed), posed.body.vertices.double().numpy(), normals, None)
     if before:
-        then = Held(before.body_frame, before.probe.vertices, before.probe.normals, None)
-        state = hold(state, then, settings.hold, avatar.embedding_effect)
-    painted = avatar.hand_weight.double().numpy(), avatar.body.worn.double().numpy()
-    tree = before.probe.closest if before else None
-    probe = VertexProbe.of(state.vertices, state.normals, *painted, closed=True, tree=tree)
-    body = HandlessBody(avatar.body, state.frame, probe, avatar.ownership)
-    kept = Kept(before.grid, state.changed) if before and state.changed else None
+        then = ReusableBody(before.body_frame, before.skin.vertices, before.skin.normals, None)
+        state = reuse_unchanged(state, then, settings.reuse_tolerance, avatar.embedding_effect)
+    painted = avatar.hand_weight.double().numpy(), avatar.body.clothing_offset.double().numpy()
+    tree = before.skin.closest if before else None
+    skin = TemplateDistance.of(state.vertices, state.normals, *painted, closed=True, tree=tree)
+    body = BodyWithoutHands(avatar.body, state.frame, skin, avatar.ownership)
+    kept = PreviousGrid(before.grid, state.changed) if before and state.changed else None
     grid = build_body_grid(body, settings.voxel, counters, settings.everywhere, kept)
-    return body, grid if settings.everywhere else without_crumbs(grid), state.changed
+    return body, grid if settings.everywhere else without_small_components(grid), state.changed
 
 
 def refine_volume(
@@ -183,7 +183,7 @@ def _face_part(
 
 
 def _place(
-    body: HandlessBody, grid: BodyGrid, part: PartField, root_from_part: np.ndarray, counters: Counters
+    body: BodyWithoutHands, grid: BodyGrid, part: PartField, root_from_part: np.ndarray, counters: Counters
 ) -> PartBox:
     part_from_box = np.eye(4)
     part_from_box[:3, 3] = part.origin

@@ -1,6 +1,6 @@
 """The composed field itself, at any point and without voxels: what the stored volume approximates (sec. 3.4; composition.py).
 
-The builder's definitions point by point: the body held by the probe and without its hands (body_without_hands.py), the exact hand
+The builder's definitions point by point: the body held by the skin and without its hands (body_without_hands.py), the exact hand
 distance, the face's tri-planes, the one composition rule, and `own`/`others` where another limb is in a part's box
 (contact.py). A box is the part's hull and its margin, without a lattice to align to. In the dtype of its fields: float64
 for the oracle (avatarrex/reference/oracle.py), float32 to polish hit points (pointmap/polish.py).
@@ -21,23 +21,23 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from avatarrex.counters import Counters
-from avatarrex.fields.body import MOST_WORN
+from avatarrex.fields.body import MAX_CLOTHING_OFFSET
 from avatarrex.fields.composition import BAND, Composed, compose, in_band
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
-from avatarrex.volume.body_without_hands import HandlessBody
+from avatarrex.volume.body_without_hands import BodyWithoutHands
 from avatarrex.volume.contact import faded, told_share
 from avatarrex.volume.limbs import Limbs, reached_by_others
-from avatarrex.volume.part_box import FACE_BAND, HAND_MARGIN, face_probe, part_bounds
+from avatarrex.volume.part_box import FACE_BAND, HAND_MARGIN, face_skin, part_bounds
 from avatarrex.volume.sdf_volume import PARTS
-from avatarrex.volume.template_distance import FLAT, HOLD
+from avatarrex.volume.template_distance import FLAT, MAX_DEVIATION
 
 if TYPE_CHECKING:
     from avatarrex.avatar import Avatar
     from avatarrex.templates.posed import PosedPerson
     from avatarrex.volume.build import AvatarVolume
 
-REACH = FLAT + MOST_WORN + HOLD
+REACH = FLAT + MAX_CLOTHING_OFFSET + MAX_DEVIATION
 """Metres from the template's nearest vertex within which a held body field may be negative (template_distance.py)."""
 PartDistance = Callable[[Tensor], tuple[Tensor, Tensor]]
 """Part-frame points (p, 3) -> s_k (p,) metres, saturated or not beyond the band, and ω_k (p,)."""
@@ -73,10 +73,10 @@ class ExactPart:
         cls, field: FaceField, planes: Tensor, vertices: Tensor, blend_weight: Tensor, part_from_root: np.ndarray
     ) -> ExactPart:
         """From geometry planes and the posed mesh (v, 3), head frame; painted ω (v,), used within `FACE_BAND`."""
-        probe = face_probe(field, vertices, blend_weight)
+        skin = face_skin(field, vertices, blend_weight)
 
         def distance(local: Tensor) -> tuple[Tensor, Tensor]:
-            here = probe.query(local.double().numpy())
+            here = skin.query(local.double().numpy())
             omega = torch.as_tensor(np.where(here.distance < FACE_BAND, here.weight, 0)).to(local)
             sdf = torch.full_like(omega, torch.inf)
             used = torch.nonzero(omega > 0)[:, 0]
@@ -101,7 +101,7 @@ class ExactPart:
 class ComposedField:
     """An avatar's field under one driving signal."""
 
-    body: HandlessBody
+    body: BodyWithoutHands
     parts: tuple[ExactPart, ...]
     counters: Counters
 
@@ -111,7 +111,7 @@ class ComposedField:
         touched = {}
         for part in self.parts:
             own = self.body.ownership[part.name]
-            if reached_by_others(self.body.probe, own, part.part_from_root, part.low, part.high):
+            if reached_by_others(self.body.skin, own, part.part_from_root, part.low, part.high):
                 touched[part.name] = self.body.limbs(own)
         return touched
 
@@ -153,10 +153,10 @@ class ComposedField:
     def clearance(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """A distance within which the field is certainly positive; 0 where it may be negative.
 
-        By what `held` and the boxes guarantee, whatever the networks say: no sample is spent there and nothing missed.
+        By what `clamped` and the boxes guarantee, whatever the networks say: no sample is spent there and nothing missed.
         Nothing is known of a hand's place where another limb reaches into it.
         """
-        here = self.body.probe.query(position.double().numpy())
+        here = self.body.skin.query(position.double().numpy())
         free = (here.guess > here.freedom) & ~((here.weight > 0) & bool(self.body.touched))
         clear = torch.as_tensor(np.where(free, np.maximum(here.distance - REACH, 1e-9), 0.0)).to(position)
         for part in self.parts:
@@ -166,7 +166,7 @@ class ComposedField:
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """(3,) corners of a root-frame box that holds the surface."""
-        vertices = [self.body.probe.vertices]
+        vertices = [self.body.skin.vertices]
         for part in self.parts:
             corners = np.stack(np.meshgrid(*zip(part.low, part.high)), -1).reshape(-1, 3)
             vertices.append((corners - part.part_from_root[:3, 3]) @ part.part_from_root[:3, :3])

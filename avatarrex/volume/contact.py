@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.counters import Counters
-from avatarrex.volume.body_without_hands import HandlessBody
+from avatarrex.volume.body_without_hands import BodyWithoutHands
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.limbs import Ownership, reached_by_others
 from avatarrex.volume.part_box import PartField
@@ -38,7 +38,7 @@ def faded(apart: Float[Tensor, "p 2"], whole: Float[Tensor, " p"], share: Float[
 
 
 def find_contact(
-    body: HandlessBody,
+    body: BodyWithoutHands,
     grid: BodyGrid,
     part: PartField,
     root_from_part: np.ndarray,
@@ -48,7 +48,7 @@ def find_contact(
     """Evaluate `own` and `others` in the box of `part` when another limb is in it, else None."""
     corners, part_from_root = part.corners(), np.linalg.inv(root_from_part)
     low, high = corners.min(0), corners.max(0)
-    if not reached_by_others(body.probe, ownership, part_from_root, low, high):
+    if not reached_by_others(body.skin, ownership, part_from_root, low, high):
         return None
     lattice = Lattice(grid.origin, grid.voxel, (grid.sdf.shape[0], grid.sdf.shape[1], grid.sdf.shape[2]))
     placed = corners @ root_from_part[:3, :3].T + root_from_part[:3, 3]

@@ -17,7 +17,7 @@ from avatarrex.fields.body import BodyField, BodyFrame
 from avatarrex.fields.composition import WHOLE, emptied
 from avatarrex.fields.influence import Pairs
 from avatarrex.volume.sdf_volume import PARTS
-from avatarrex.volume.template_distance import VertexProbe
+from avatarrex.volume.template_distance import TemplateDistance
 
 OWN_REACH = 0.22
 """Metres at rest around the part's extent: what is nearer is the part's own (forearm; neck, shoulders, chest). More than a
@@ -62,19 +62,19 @@ class Limbs:
 
     field: BodyField
     frame: BodyFrame
-    own: tuple[Tensor, VertexProbe]
+    own: tuple[Tensor, TemplateDistance]
     """(n,) nodes and their skin."""
-    rest: tuple[Tensor, VertexProbe]
+    rest: tuple[Tensor, TemplateDistance]
 
     @staticmethod
-    def of(field: BodyField, frame: BodyFrame, probe: VertexProbe, ownership: Ownership) -> Limbs:
-        """`probe` of the whole skin."""
+    def of(field: BodyField, frame: BodyFrame, skin: TemplateDistance, ownership: Ownership) -> Limbs:
+        """`skin`: of all limbs."""
 
-        def skin(v: np.ndarray) -> VertexProbe:
-            return VertexProbe.of(probe.vertices[v], probe.normals[v], probe.weight[v], probe.worn[v], RIM)
+        def side_skin(v: np.ndarray) -> TemplateDistance:
+            return TemplateDistance.of(skin.vertices[v], skin.normals[v], skin.weight[v], skin.clothing_offset[v], RIM)
 
         own, other = ownership.own_node, ownership.other_vertex
-        return Limbs(field, frame, (own, skin(~other)), (~own, skin(other)))
+        return Limbs(field, frame, (own, side_skin(~other)), (~own, side_skin(other)))
 
     def own_and_others(self, position: Float[Tensor, "p 3"], pairs: Pairs) -> Float[Tensor, "p 2"]:
         """Both values at points whose `pairs` with all nodes are given, metres."""
@@ -85,19 +85,19 @@ class Limbs:
         return self._sdf(self.rest, position, pairs)
 
     @torch.no_grad()
-    def _sdf(self, side: tuple[Tensor, VertexProbe], position: Tensor, pairs: Pairs) -> Tensor:
-        nodes, probe = side
+    def _sdf(self, side: tuple[Tensor, TemplateDistance], position: Tensor, pairs: Pairs) -> Tensor:
+        nodes, skin = side
         sdf = self.field.sdf(self.frame, position, pairs, among=nodes)
-        here = probe.query(position.double().numpy())
-        return emptied(here.held(sdf, TRUST), torch.as_tensor(here.weight).to(sdf))
+        here = skin.query(position.double().numpy())
+        return emptied(here.clamped(sdf, TRUST), torch.as_tensor(here.weight).to(sdf))
 
 
 def reached_by_others(
-    probe: VertexProbe, ownership: Ownership, part_from_root: np.ndarray, low: np.ndarray, high: np.ndarray
+    skin: TemplateDistance, ownership: Ownership, part_from_root: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> bool:
     """Whether another limb's vertex is in the part-frame box from `low` to `high` (3,), or `NEAR` to it."""
     left = np.flatnonzero(ownership.other_vertex)
     for axis in range(3):
-        along = probe.vertices[left] @ part_from_root[axis, :3] + part_from_root[axis, 3]
+        along = skin.vertices[left] @ part_from_root[axis, :3] + part_from_root[axis, 3]
         left = left[(along > low[axis] - NEAR) & (along < high[axis] + NEAR)]
     return len(left) > 0

@@ -23,7 +23,7 @@ from avatarrex.fields.hand import HandField, HandSurface
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import between, halved, settle
-from avatarrex.volume.template_distance import VertexProbe
+from avatarrex.volume.template_distance import TemplateDistance
 
 CLAMP = 0.051
 """Metres: past the deepest value that the composition asks for (paper eq. 13), whatever half precision rounds it to."""
@@ -110,7 +110,7 @@ def face_box(
     `everywhere`: at every voxel that is used, not only around the surface.
     """
     lattice = _lattice(*part_bounds(vertices, blend_weight, FACE_BAND), 2 * voxel)
-    here = face_probe(field, vertices, blend_weight).query(lattice.position(np.arange(np.prod(lattice.shape))))
+    here = face_skin(field, vertices, blend_weight).query(lattice.position(np.arange(np.prod(lattice.shape))))
     used = (here.distance < FACE_BAND) & (here.weight > 0)
     guess = np.where(used, here.guess, CLAMP).clip(-CLAMP, CLAMP)
     values = np.stack([guess, np.where(used, here.weight, 0)], -1).astype(np.float32)
@@ -128,10 +128,10 @@ def face_box(
     return PartField("face", lattice.origin, lattice.voxel, torch.from_numpy(values).half())
 
 
-def face_probe(field: FaceField, vertices: Tensor, blend_weight: Tensor) -> VertexProbe:
+def face_skin(field: FaceField, vertices: Tensor, blend_weight: Tensor) -> TemplateDistance:
     """Nearest vertices of the posed face mesh (v, 3) and their ω (v,)."""
     mesh, normals = vertices.double().numpy(), vertex_normals(vertices, field.faces).double().numpy()
-    return VertexProbe.of(mesh, normals, blend_weight.double().numpy(), np.zeros(len(mesh)))
+    return TemplateDistance.of(mesh, normals, blend_weight.double().numpy(), np.zeros(len(mesh)))
 
 
 def _refine(

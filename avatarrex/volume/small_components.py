@@ -24,7 +24,7 @@ ROUND = 2
 """Voxels about a crumb in which that may be."""
 
 
-def without_crumbs(grid: BodyGrid) -> BodyGrid:
+def without_small_components(grid: BodyGrid) -> BodyGrid:
     """The grid with its crumbs emptied; their voxels are not known any more."""
     sdf = grid.sdf.numpy()
     inside, count = ndimage.label(sdf < 0)

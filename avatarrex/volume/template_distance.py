@@ -21,14 +21,14 @@ RIM = 0.04
 """Metres: of a whole skin, whose cloth may bridge folds."""
 BLENDED = 8
 """Vertices that ω is blended of where it changes; one vertex' alone cuts the wrist into steps of several millimetres."""
-HOLD = 0.05
+MAX_DEVIATION = 0.05
 """Metres that a fitted field may differ from the guess: farther out it has seen no samples and may hold anything."""
 AIR = 0.4
 """Share of it towards air: cloth may stand off farther than the guess says, but flesh 2 cm below it has no void."""
 
 
 @dataclass(frozen=True)
-class Probe:
+class NearestSkin:
     """What the nearest vertex says about points, each (p,)."""
 
     nearest: np.ndarray
@@ -38,28 +38,28 @@ class Probe:
     weight: np.ndarray
     """Painted ω, continuous in the point."""
     guess: np.ndarray
-    """Metres: signed height over the skin around the vertex, less what is worn there."""
+    """Metres: signed height over the skin around the vertex, less what is clothing_offset there."""
     freedom: np.ndarray
     """Metres that a field may lie below the guess."""
 
-    def at(self, chosen: np.ndarray) -> Probe:
+    def at(self, chosen: np.ndarray) -> NearestSkin:
         """The points of a mask (p,) or of indices."""
-        return Probe(*(getattr(self, column.name)[chosen] for column in fields(self)))
+        return NearestSkin(*(getattr(self, column.name)[chosen] for column in fields(self)))
 
-    def held(self, sdf: Tensor, share: float = 1.0) -> Tensor:
+    def clamped(self, sdf: Tensor, share: float = 1.0) -> Tensor:
         """`sdf` (p,) no farther from the guess than this share of its freedom, and `AIR` of that towards the outside."""
         low, high = (torch.as_tensor(self.guess + side * share * self.freedom).to(sdf) for side in (-1, AIR))
         return sdf.clamp(low, high)
 
 
 @dataclass(frozen=True)
-class VertexProbe:
+class TemplateDistance:
     """Nearest-vertex queries on a posed template."""
 
     vertices: np.ndarray
     normals: np.ndarray
     weight: np.ndarray
-    worn: np.ndarray
+    clothing_offset: np.ndarray
     """(v,) metres that the surface stands off each vertex."""
     rim: float
     """Metres aside of a vertex, beyond `FLAT`, over which its cloth and the field's freedom fade out."""
@@ -74,20 +74,20 @@ class VertexProbe:
         vertices: np.ndarray,
         normals: np.ndarray,
         weight: np.ndarray,
-        worn: np.ndarray,
+        clothing_offset: np.ndarray,
         rim: float = RIM,
         closed: bool = False,
         tree: VertexTree | None = None,
-    ) -> VertexProbe:
+    ) -> TemplateDistance:
         """(v, 3) vertices and normals, (v,) painted weight ω, (v,) metres of cloth; `tree`: of the same vertices in another pose."""
         tree = VertexTree.of(vertices) if tree is None else tree.moved(vertices)
         changing = (weight > 0) & (weight < 1)
         if changing.any():
             ring = tree.several(vertices[changing], min(4 * BLENDED, len(vertices)))[1]
             changing[ring] = True
-        return VertexProbe(vertices, normals, weight, worn, rim, closed, tree, changing)
+        return TemplateDistance(vertices, normals, weight, clothing_offset, rim, closed, tree, changing)
 
-    def query(self, position: np.ndarray) -> Probe:
+    def query(self, position: np.ndarray) -> NearestSkin:
         """`position` (p, 3)."""
         distance, nearest = self.closest.nearest(position)
         height = np.einsum("pc,pc->p", position - self.vertices[nearest], self.normals[nearest])
@@ -95,8 +95,8 @@ class VertexProbe:
         inside = (-height > STEEP * aside) & (self.closed | (aside < self.rim))
         signed = np.where(inside, -1.0, 1.0) * np.hypot(height, aside)
         here = np.clip(1 - aside / self.rim, 0, 1)
-        guess = signed - here * self.worn[nearest]
-        return Probe(nearest, distance, self._weight(position, nearest), guess, here * HOLD)
+        guess = signed - here * self.clothing_offset[nearest]
+        return NearestSkin(nearest, distance, self._weight(position, nearest), guess, here * MAX_DEVIATION)
 
     def _weight(self, position: np.ndarray, nearest: np.ndarray) -> np.ndarray:
         """ω (p,) of the nearest vertex or, where it changes, of the `BLENDED` nearest: the farthest enters with weight 0."""

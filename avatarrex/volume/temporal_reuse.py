@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from avatarrex.fields.body import MOST_WORN, BodyFrame
+from avatarrex.fields.body import MAX_CLOTHING_OFFSET, BodyFrame
 from avatarrex.fields.code import BodyCode
 from avatarrex.fields.influence import RADIUS
 from avatarrex.ops.closest_vertex import VertexTree
@@ -29,14 +29,14 @@ LEVER = 0.05
 """Metres over which a turn counts as a shift: samples and vertices speak for points nearer than this."""
 SKIN = 0.12
 """Metres within which points of the finest blocks hear samples and vertices."""
-FAR = SKIN - MOST_WORN
+FAR = SKIN - MAX_CLOTHING_OFFSET
 """Metres: a guess up to this is still a lower bound where everything that changed is farther than `SKIN`."""
 MOST = 0.6
 """Share of the nodes that changed from which nothing is kept."""
 
 
 @dataclass(frozen=True, eq=False)
-class Changed:
+class ChangedRegion:
     """Where a body frame differs from the frame `since`."""
 
     since: BodyFrame
@@ -56,17 +56,17 @@ class Changed:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class ReusableBody:
     """A body frame and its skin, with what stands still as it was before."""
 
     frame: BodyFrame
     vertices: Float[np.ndarray, "v 3"]
     normals: Float[np.ndarray, "v 3"]
-    changed: Changed | None
+    changed: ChangedRegion | None
     """None: too much changed, and nothing was kept."""
 
 
-def hold(now: Held, before: Held, tolerance: float, effect: float) -> Held:
+def reuse_unchanged(now: ReusableBody, before: ReusableBody, tolerance: float, effect: float) -> ReusableBody:
     """`now` with the state of `before` wherever that differs by less than `tolerance` metres.
 
     `effect`: metres that a unit of the embedding counts (`BodyField.embedding_effect`).
@@ -98,11 +98,11 @@ def hold(now: Held, before: Held, tolerance: float, effect: float) -> Held:
             ),
         )
         places += [samples.position[turned].double().numpy() for samples in (new.samples, old.samples)]
-    return Held(
+    return ReusableBody(
         frame,
         np.where(skin[:, None], now.vertices, before.vertices),
         np.where(skin[:, None], now.normals, before.normals),
-        Changed(
+        ChangedRegion(
             old,
             _tree([each.node_position[moved].double().numpy() for each in (new, old)]),
             _tree(places),
@@ -111,11 +111,11 @@ def hold(now: Held, before: Held, tolerance: float, effect: float) -> Held:
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class PreviousGrid:
     """The body grid of the frame before, for voxels that hear nothing of what changed since."""
 
     grid: BodyGrid
-    changed: Changed
+    changed: ChangedRegion
 
     def onto(self, lattice: Lattice, block: np.ndarray, side: int, sdf: np.ndarray, known: np.ndarray) -> np.ndarray:
         """Write what was there before into the voxels of `block`s (b, 3: z, y, x) of side³ near the surface.
@@ -165,7 +165,7 @@ def _moved_samples(new: BodyFrame, old: BodyFrame) -> Float[Tensor, " a"]:
     return apart.maximum(here.norm(dim=-1) + LEVER * turn[:, :, :3].flatten(1).norm(dim=-1))
 
 
-def _moved_vertices(now: Held, before: Held) -> Float[np.ndarray, " v"]:
+def _moved_vertices(now: ReusableBody, before: ReusableBody) -> Float[np.ndarray, " v"]:
     """Metres by which each vertex, or the plane at it, moved."""
     apart = np.linalg.norm(now.vertices - before.vertices, axis=-1)
     return np.asarray(apart + LEVER * np.linalg.norm(now.normals - before.normals, axis=-1))

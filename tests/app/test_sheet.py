@@ -7,8 +7,8 @@ import re
 
 import numpy as np
 import pytest
-from avatarrex_studio.cli import sheet
 from avatarrex_studio.cli import main as cli
+from avatarrex_studio.cli import sheet
 from avatarrex_studio.cli.parser import parser
 from avatarrex_studio.cli.sheet_order import COLUMNS, read_order
 from avatarrex_studio.session.motion import Motion

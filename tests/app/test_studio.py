@@ -17,7 +17,7 @@ from avatarrex_studio.window.studio import Studio
 from ball import ball_engine, render_ball
 
 from avatarrex.errors import InputError
-from avatarrex.levels import COARSE, HOLD, level
+from avatarrex.levels import DRAGGED_VOXEL, REUSE_TOLERANCE, level
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
@@ -75,12 +75,12 @@ def test_a_dragged_picture_may_lag_and_be_rough_and_the_one_that_stays_may_not(c
 
     def render(avatar, signals, camera, settings, previous=None):
         frame = render_ball(avatar, signals, camera, settings, previous)
-        asked.append((settings.hold, settings.voxel))
-        frame.volume.changed = "some of it" if settings.hold else None
+        asked.append((settings.reuse_tolerance, settings.voxel))
+        frame.volume.changed = "some of it" if settings.reuse_tolerance else None
         return frame
 
     studio = Studio(ball_engine(render), clock=clock)
-    exact, coarse = (0.0, level("fast").voxel), (HOLD, COARSE)
+    exact, coarse = (0.0, level("fast").voxel), (REUSE_TOLERANCE, DRAGGED_VOXEL)
     for name, first in (("fast", coarse), ("balanced", exact)):
         studio.do(SetLevel(name))
         settle(studio, clock)

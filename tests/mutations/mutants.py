@@ -324,7 +324,7 @@ MUTANTS: dict[str, Mutant] = {
     "crumbs in the air": Mutant(
         "crumbs",
         "avatarrex/volume/build.py",
-        "grid if settings.everywhere else without_crumbs(grid)",
+        "grid if settings.everywhere else without_small_components(grid)",
         "grid",
         "tests/volume/test_small_components.py::test_levels_have_none_but_the_papers[False]",
     ),

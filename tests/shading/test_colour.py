@@ -12,7 +12,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.composition import WHOLE
 from avatarrex.fields.light import Light
 from avatarrex.pipeline import RenderSettings, render_frame
-from avatarrex.shading.colour import Paint
+from avatarrex.shading.colour import SurfaceColour
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.templates.posed import pose_person
@@ -40,7 +40,10 @@ def test_what_an_arm_touches_does_not_hear_the_arm() -> None:
         own = avatar.ownership[PARTS[limb // 2]].own_node
         unheard = own if limb % 2 else ~own
         deaf = replace(code, embedding=torch.where(unheard[:, None], torch.nan, code.embedding))
-        paint, rows = Paint(avatar, posed, replace(volume.body_frame, code=deaf), None, Counters()), side == limb
+        paint, rows = (
+            SurfaceColour(avatar, posed, replace(volume.body_frame, code=deaf), None, Counters()),
+            side == limb,
+        )
         with torch.no_grad():
             colour = paint.colour(position[rows], gaze[rows], torch.zeros(int(rows.sum()), 3), side[rows])
         assert colour.isfinite().all()
@@ -78,7 +81,7 @@ def test_the_skin_of_a_fist_that_is_seen_faces_the_eye() -> None:
     light = Witness()
     light.load_state_dict(avatar.light.state_dict())
     with torch.no_grad():
-        Paint(replace(avatar, light=light), posed, frame.volume.body_frame, None, Counters()).colour(
+        SurfaceColour(replace(avatar, light=light), posed, frame.volume.body_frame, None, Counters()).colour(
             position, gaze, share
         )
     assert len(light.asked) == len(position)

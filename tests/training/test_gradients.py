@@ -31,7 +31,7 @@ from avatarrex.training.core.sampling import noise_of
 from avatarrex.training.core.trained_field import FACE, TrainedBody
 from avatarrex.training.recipe import SMOKE
 from avatarrex.volume.build import build_volume
-from avatarrex.volume.template_distance import VertexProbe
+from avatarrex.volume.template_distance import TemplateDistance
 
 TINY = replace(
     COMPACT,
@@ -68,7 +68,7 @@ def tiny(tmp_path_factory) -> tuple[Avatar, TrainingFrame, OneFrame]:
     posed = pose_person(avatar.person, rig.signals[0], Counters(), None)
     volume = build_volume(avatar, posed, RenderSettings(voxel=0.03, part_voxel=0.01), Counters(), None)
     normals = skinned_normals(avatar.person.body, posed.body).double().numpy()
-    probe = VertexProbe.of(
+    skin = TemplateDistance.of(
         posed.body.vertices.double().numpy(), normals, avatar.hand_weight.double().numpy(), np.zeros(len(normals))
     )
     double = replace(
@@ -83,7 +83,7 @@ def tiny(tmp_path_factory) -> tuple[Avatar, TrainingFrame, OneFrame]:
     assert volume.views is not None
     body = replace(volume.body, frame=_double_frame(avatar, double))
     volume = replace(volume, views=volume.views.double(), body=body)
-    frame = TrainingFrame(0, double, posed.world_from_root(rig.signals[0]), probe, volume, 0, {})
+    frame = TrainingFrame(0, double, posed.world_from_root(rig.signals[0]), skin, volume, 0, {})
     return avatar, frame, OneFrame(avatar, rig, frame)
 
 

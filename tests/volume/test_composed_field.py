@@ -100,10 +100,10 @@ def test_the_templates_fingers_carve_no_cloth(avatar: Avatar) -> None:
     """The template's hand is flat where the hand is a fist: its fingers lie in the belly, outside the hand's box."""
     body = of_a_fist(avatar).body
     noise = torch.Generator().manual_seed(5)
-    hand = body.probe.vertices[body.probe.weight == 1]
+    hand = body.skin.vertices[body.skin.weight == 1]
     position = torch.as_tensor(hand)[torch.randint(len(hand), (20000,), generator=noise)]
     position = (position + 0.02 * torch.randn(position.shape, generator=noise, dtype=torch.float64)).float()
-    replaced = torch.as_tensor(body.probe.query(position.double().numpy()).weight == 1)
+    replaced = torch.as_tensor(body.skin.query(position.double().numpy()).weight == 1)
     cloth = torch.zeros(len(position), dtype=torch.bool)
     for _, limbs in body.touched:
         cloth |= limbs.others(position, body.field.pairs(body.frame, position)) < 0

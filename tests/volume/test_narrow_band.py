@@ -13,12 +13,12 @@ from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.body_grid import build_body_grid
-from avatarrex.volume.body_without_hands import HandlessBody
+from avatarrex.volume.body_without_hands import BodyWithoutHands
 from avatarrex.volume.build import body_frame
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import between, halved, settle, unsettled
 from avatarrex.volume.part_box import hand_box
-from avatarrex.volume.template_distance import AIR, VertexProbe
+from avatarrex.volume.template_distance import AIR, TemplateDistance
 
 LATTICE = Lattice(np.array([-0.5, -0.4, -0.45]), 0.05, (19, 17, 21))
 
@@ -115,12 +115,12 @@ def test_the_body_grid_crosses_where_the_whole_shell_does(pose: str) -> None:
     posed = pose_person(avatar.person, Signals.rest().replace(body_pose=named_pose(pose)), Counters(), None)
     frame = body_frame(avatar, posed)
     normals = skinned_normals(avatar.person.body, posed.body)
-    arrays = (posed.body.vertices, normals, avatar.hand_weight, avatar.body.worn)
-    probe = VertexProbe.of(*(value.double().numpy() for value in arrays), closed=True)
-    grid = build_body_grid(HandlessBody(avatar.body, frame, probe, avatar.ownership), 0.02, counters)
+    arrays = (posed.body.vertices, normals, avatar.hand_weight, avatar.body.clothing_offset)
+    skin = TemplateDistance.of(*(value.double().numpy() for value in arrays), closed=True)
+    grid = build_body_grid(BodyWithoutHands(avatar.body, frame, skin, avatar.ownership), 0.02, counters)
     shape = (grid.sdf.shape[0], grid.sdf.shape[1], grid.sdf.shape[2])
     position = Lattice(grid.origin, grid.voxel, shape).position(np.arange(grid.sdf.numel()))
-    here = probe.query(position)
+    here = skin.query(position)
     shell = np.flatnonzero((here.distance < 0.06) & (here.weight == 0))
     with torch.no_grad():
         all_of_it = avatar.body.sdf(frame, torch.as_tensor(position[shell], dtype=torch.float32)).numpy()

@@ -16,7 +16,7 @@ from avatarrex.templates.posed import pose_person
 from avatarrex.volume import build
 from avatarrex.volume.body_grid import build_body_grid
 from avatarrex.volume.sdf_volume import BodyGrid
-from avatarrex.volume.small_components import without_crumbs
+from avatarrex.volume.small_components import without_small_components
 from avatarrex.volume.solids import Solid, body_grid, capsule, sphere, union
 
 BODY = capsule((0.2, 0.1, 0.2), (0.2, 0.5, 0.2), 0.06)
@@ -32,7 +32,7 @@ def grid_of(*solids: Solid) -> BodyGrid:
 def test_a_crumb_is_emptied_and_nothing_else(place: tuple[float, float, float]) -> None:
     alone, both = grid_of(BODY), grid_of(BODY, sphere(place, 0.018))
     assert (both.sdf < 0).sum() > (alone.sdf < 0).sum(), "there is a crumb"
-    cleared = without_crumbs(both)
+    cleared = without_small_components(both)
     crumb = (both.sdf < 0) & (alone.sdf >= 0)
     assert torch.equal(cleared.sdf < 0, alone.sdf < 0)
     assert torch.equal(cleared.sdf[~crumb], both.sdf[~crumb])
@@ -44,7 +44,7 @@ def test_a_crumb_is_emptied_and_nothing_else(place: tuple[float, float, float]) 
 
 def test_what_is_larger_stays() -> None:
     grid = grid_of(BODY, sphere((0.45, 0.3, 0.2), 0.05))
-    assert without_crumbs(grid) is grid
+    assert without_small_components(grid) is grid
 
 
 def test_what_interpolation_joins_to_the_body_stays() -> None:
@@ -55,10 +55,10 @@ def test_what_interpolation_joins_to_the_body_stays() -> None:
     sdf[z - 1, y, x] = sdf[z, y, x - 1] = 0.001
     sdf[z, y, x] = -0.01
     joined = BodyGrid(np.zeros(3), 0.02, sdf)
-    assert without_crumbs(joined) is joined
+    assert without_small_components(joined) is joined
     sdf = sdf.clone()
     sdf[z - 1, y, x] = sdf[z, y, x - 1] = 0.02
-    assert float(without_crumbs(BodyGrid(np.zeros(3), 0.02, sdf)).sdf[z - 1, y, x - 1]) > 0
+    assert float(without_small_components(BodyGrid(np.zeros(3), 0.02, sdf)).sdf[z - 1, y, x - 1]) > 0
 
 
 @pytest.mark.parametrize("everywhere", [False, True])

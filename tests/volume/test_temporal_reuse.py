@@ -9,7 +9,7 @@ import torch
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.levels import HOLD, LEVELS, level
+from avatarrex.levels import LEVELS, REUSE_TOLERANCE, level
 from avatarrex.pipeline import Frame, render_frame
 from avatarrex.shading.shade import shade
 from avatarrex.signals.driving import Signals
@@ -17,11 +17,11 @@ from avatarrex.signals.library import named_pose
 from avatarrex.volume.body_grid import SLACK, build_body_grid
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import unsettled
-from avatarrex.volume.small_components import without_crumbs
-from avatarrex.volume.template_distance import VertexProbe
-from avatarrex.volume.temporal_reuse import Kept
+from avatarrex.volume.small_components import without_small_components
+from avatarrex.volume.template_distance import TemplateDistance
+from avatarrex.volume.temporal_reuse import PreviousGrid
 
-FAST = replace(level("fast"), raycast="torch", part_voxel=0.01, hold=HOLD)
+FAST = replace(level("fast"), raycast="torch", part_voxel=0.01, reuse_tolerance=REUSE_TOLERANCE)
 CAMERA = Camera.orbit(20, 5, 2.6, 40, (0, -0.05, 0), 48, 48)
 STAND = named_pose("stand")
 SHOULDER, HIP = 15, 0
@@ -50,7 +50,7 @@ def dragged(avatar: Avatar) -> list[Frame]:
 def anew(avatar: Avatar, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
     """The grid made from the frame's held state with nothing taken over."""
     volume = frame.volume
-    grid = without_crumbs(build_body_grid(volume.body, FAST.voxel, Counters()))
+    grid = without_small_components(build_body_grid(volume.body, FAST.voxel, Counters()))
     assert np.array_equal(grid.origin, volume.grid.origin)
     assert grid.known is not None
     return grid.sdf.numpy(), grid.known
@@ -72,16 +72,16 @@ def test_the_grid_is_the_one_that_the_held_state_gives(avatar: Avatar, dragged: 
 
 def test_what_was_not_evaluated_bounds_the_distance_as_well_as_anew(avatar: Avatar, dragged: list[Frame]) -> None:
     for frame in dragged[1:]:
-        grid, probe = frame.volume.grid, frame.volume.probe
+        grid, skin = frame.volume.grid, frame.volume.skin
         assert grid.known is not None
-        excess = beyond(probe, grid.origin, grid.sdf.numpy(), grid.known)
-        assert excess < max(beyond(probe, grid.origin, *anew(avatar, frame)), 0) + 1e-4
+        excess = beyond(skin, grid.origin, grid.sdf.numpy(), grid.known)
+        assert excess < max(beyond(skin, grid.origin, *anew(avatar, frame)), 0) + 1e-4
 
 
-def beyond(probe: VertexProbe, origin: np.ndarray, sdf: np.ndarray, known: np.ndarray) -> float:
+def beyond(skin: TemplateDistance, origin: np.ndarray, sdf: np.ndarray, known: np.ndarray) -> float:
     """Metres by which a stored guess exceeds the true one and its slack, at most."""
     guessed = np.flatnonzero(~known)
-    here = probe.query(Lattice(origin, FAST.voxel, sdf.shape).position(guessed))
+    here = skin.query(Lattice(origin, FAST.voxel, sdf.shape).position(guessed))
     excess = np.abs(sdf.reshape(-1)[guessed]) - np.maximum(np.abs(here.guess) + SLACK, FAST.voxel)
     return float(excess[here.weight < 1].max())
 
@@ -109,14 +109,17 @@ def test_the_lag_stays_below_the_tolerance(avatar: Avatar, dragged: list[Frame])
     for frame in (dragged[5], dragged[-1]):
         exact = render_frame(avatar, frame.signals, CAMERA, FAST)
         lag = (exact.volume.body_frame.node_position - frame.volume.body_frame.node_position).norm(dim=-1)
-        assert lag.max() <= FAST.hold
-        assert np.linalg.norm(exact.volume.probe.vertices - frame.volume.probe.vertices, axis=1).max() <= FAST.hold
+        assert lag.max() <= FAST.reuse_tolerance
+        assert (
+            np.linalg.norm(exact.volume.skin.vertices - frame.volume.skin.vertices, axis=1).max()
+            <= FAST.reuse_tolerance
+        )
         both = exact.pointmap.hit & frame.pointmap.hit
         apart = (exact.pointmap.position - frame.pointmap.position).norm(dim=-1)[both]
-        assert apart.mean() < 0.15 * FAST.hold, float(apart.mean())
-        assert apart.quantile(0.98) < 2 * FAST.hold
+        assert apart.mean() < 0.15 * FAST.reuse_tolerance, float(apart.mean())
+        assert apart.quantile(0.98) < 2 * FAST.reuse_tolerance
         changed = (exact.volume.body_frame.code.embedding - frame.volume.body_frame.code.embedding).abs()
-        assert avatar.embedding_effect * changed.max() <= FAST.hold
+        assert avatar.embedding_effect * changed.max() <= FAST.reuse_tolerance
         assert (exact.image - frame.image)[both].abs().mean() < 2 / 255
         assert (exact.pointmap.hit != frame.pointmap.hit).sum() <= 4
 
@@ -129,15 +132,15 @@ def test_a_jump_keeps_nothing(avatar: Avatar, dragged: list[Frame]) -> None:
 
 
 def test_without_hold_a_frame_is_exact_whatever_was_before(avatar: Avatar, dragged: list[Frame]) -> None:
-    assert not any(settings.hold for settings in LEVELS.values())
-    settings = replace(FAST, hold=0.0)
+    assert not any(settings.reuse_tolerance for settings in LEVELS.values())
+    settings = replace(FAST, reuse_tolerance=0.0)
     signals = moved(SHOULDER, 0.02)
     after, exact = (render_frame(avatar, signals, CAMERA, settings, before) for before in (dragged[1], None))
     assert torch.equal(after.image, exact.image)
 
 
 def test_what_lagged_is_made_exact_when_asked(avatar: Avatar, dragged: list[Frame]) -> None:
-    settings = replace(FAST, hold=0.0)
+    settings = replace(FAST, reuse_tolerance=0.0)
     caught_up = render_frame(avatar, dragged[3].signals, CAMERA, settings, dragged[3])
     assert caught_up.volume.changed is None
     assert torch.equal(caught_up.image, render_frame(avatar, dragged[3].signals, CAMERA, settings).image)
@@ -157,7 +160,7 @@ def test_a_lattice_that_grew_takes_nothing_over(avatar: Avatar, dragged: list[Fr
     frame = dragged[2]
     assert frame.volume.changed is not None
     other = replace(frame.volume.grid, voxel=0.0201, sdf=-frame.volume.grid.sdf)
-    coarser = Kept(other, frame.volume.changed)
+    coarser = PreviousGrid(other, frame.volume.changed)
     arguments = frame.volume.body, FAST.voxel
     assert torch.equal(
         build_body_grid(*arguments, Counters(), kept=coarser).sdf, build_body_grid(*arguments, Counters()).sdf

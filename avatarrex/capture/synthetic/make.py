@@ -32,7 +32,7 @@ from avatarrex.capture.synthetic.occlusion import Occlusion
 from avatarrex.capture.synthetic.plan import Plan, RigPlan, plan
 from avatarrex.capture.synthetic.rasteriser import Picture, Rasteriser
 from avatarrex.errors import InputError
-from avatarrex.files.background import behind
+from avatarrex.files.background import background_writer
 from avatarrex.gl.context import NoContext, gl_context, renderer_name
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 
@@ -158,7 +158,7 @@ def _draw_rig(folder: Path, rig: RigPlan) -> None:
         bar.close()
         return
     subject, picture = rig.subject, rig.picture
-    with bar, behind(threads=2) as write:
+    with bar, background_writer(threads=2) as write:
         rasteriser = Rasteriser(subject.faces, bake(subject, rig.spacing()), picture.samples)
         occlusion = Occlusion(subject.faces, len(subject.vertices), picture.directions, rig.size.shadow_map)
         for frame, missing in to_do.items():

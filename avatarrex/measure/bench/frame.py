@@ -130,7 +130,7 @@ def sequence(bench: Bench, settings: RenderSettings, size: int, count: int, chan
 
 def lag(bench: Bench, frame: Frame) -> dict[str, float]:
     """How far a frame that kept what hardly moved is from the same one made anew."""
-    anew = render_frame(bench.placed, frame.signals, frame.camera, replace(frame.settings, hold=0.0))
+    anew = render_frame(bench.placed, frame.signals, frame.camera, replace(frame.settings, reuse_tolerance=0.0))
     both = anew.pointmap.hit & frame.pointmap.hit
     apart = 1e3 * (anew.pointmap.position - frame.pointmap.position).norm(dim=-1)[both]
     noise = (anew.image - frame.image)[both].square().mean()

@@ -28,7 +28,7 @@ from avatarrex.templates.posed import PART_JOINT, PosedPerson, pose_person
 from avatarrex.volume.build import AvatarVolume, build_volume
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import unsettled
-from avatarrex.volume.small_components import without_crumbs
+from avatarrex.volume.small_components import without_small_components
 
 
 @dataclass
@@ -109,7 +109,7 @@ def _frame(
         found.band_pairs.append(counters["local_mlp_evaluations"])
         found.full_pairs.append(all_counters["local_mlp_evaluations"])
         assert made[1].grid.known is not None
-        ours, truth = volume.grid.sdf.numpy(), without_crumbs(made[1].grid).sdf.numpy()
+        ours, truth = volume.grid.sdf.numpy(), without_small_components(made[1].grid).sdf.numpy()
         _count_bubbles(ours, truth, made[1].grid.known, found)
         ours, truth = solid(ours), solid(truth)
         found.needed_pairs += _pairs_needed(bench, volume, truth)

@@ -86,7 +86,7 @@ def paper_avatar(bench: Bench) -> Avatar:
     avatar.meta["untrained"] = sorted({"face", *bench.avatar.hidden})
     motion = SignalSequence(tuple(bench.motion(16)), 24.0)
     warm_start(avatar, motion, "body", bench.count(60, 20), SEED)
-    avatar.measure_worn()
+    avatar.measure_clothing_offset()
     return avatar
 
 

@@ -10,7 +10,7 @@ import torch
 from scipy.spatial import cKDTree
 
 from avatarrex.counters import Counters
-from avatarrex.fields.body import MOST_WORN
+from avatarrex.fields.body import MAX_CLOTHING_OFFSET
 from avatarrex.levels import LEVELS
 from avatarrex.measure.stress import driving, views
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
@@ -19,7 +19,7 @@ from avatarrex.measure.stress.subject import subject
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.sdf_volume import sample
-from avatarrex.volume.template_distance import HOLD
+from avatarrex.volume.template_distance import MAX_DEVIATION
 
 SIDE = 64
 COARSE = RenderSettings(voxel=0.03, part_voxel=0.01)
@@ -77,15 +77,15 @@ def _check_surface(frame: Frame, found: Findings) -> None:
     far = np.argwhere((grid.sdf.abs() > FAR * grid.voxel).numpy())
     far = far[:: len(far) // FAR_VOXELS + 1]
     value, point = grid.sdf.numpy()[tuple(far.T)], grid.origin + grid.voxel * far[:, ::-1]
-    body, vertices = frame.volume.body, frame.volume.body.probe.vertices
-    away, here = cKDTree(vertices).query(point)[0], body.probe.query(point)
+    body, vertices = frame.volume.body, frame.volume.body.skin.vertices
+    away, here = cKDTree(vertices).query(point)[0], body.skin.query(point)
     # Flat fingers of the template that are sunk into a belly: its depth is counted from its own skin (volume/body_without_hands.py).
     for own, _ in body.touched:
         sunk = (value < 0) & (here.weight > 0) & own[here.nearest]
         away[sunk] = cKDTree(vertices[~own]).query(point[sunk])[0]
-    # A guess differs from the distance to the nearest vertex by what is worn, an evaluated voxel by HOLD more.
+    # A guess differs from the distance to the nearest vertex by what is worn, an evaluated voxel by MAX_DEVIATION more.
     beyond = np.abs(value) - away
-    found.at_most("far voxels beyond the template (m)", beyond, MOST_WORN + HOLD)
+    found.at_most("far voxels beyond the template (m)", beyond, MAX_CLOTHING_OFFSET + MAX_DEVIATION)
 
 
 def _p99(values: torch.Tensor) -> float:

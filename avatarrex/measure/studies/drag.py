@@ -2,8 +2,8 @@
 
     python avatarrex/measure/studies/drag.py --frames 14
 
-For each voxel and tolerance (`levels.COARSE`, `levels.HOLD`): voxels and pixels made anew in a frame, processor milliseconds (one
-thread, medians), how far the last frame lags behind the same frame made anew, and how far the surface of such voxels is from
+For each voxel and tolerance (`levels.DRAGGED_VOXEL`, `levels.REUSE_TOLERANCE`): voxels and pixels made anew in a frame,
+processor milliseconds (one thread, medians), how far the last frame lags behind the same frame made anew, and how far the surface of such voxels is from
 the exact one (64², millimetres), at 192² as `bench frame` drags.
 """
 
@@ -41,7 +41,7 @@ def main() -> None:
         rough = replace(level("fast"), voxel=voxel)
         error = depth_report(render_frame(bench.avatar, signals, camera, rough), exact)
         for hold in HOLDS:
-            drawn, times = dragged(bench, replace(rough, hold=hold), frames)
+            drawn, times = dragged(bench, replace(rough, reuse_tolerance=hold), frames)
             anew = (median(frame.counters[name] for frame in drawn) for name in ("voxels_evaluated", "pixels_shaded"))
             late = lag(bench, drawn[-1])
             print(

@@ -21,7 +21,7 @@ from avatarrex.pipeline import RenderSettings
 from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.volume.build import AvatarVolume, build_volume
-from avatarrex.volume.template_distance import VertexProbe
+from avatarrex.volume.template_distance import TemplateDistance
 
 FINE = RenderSettings()
 COARSE = RenderSettings(voxel=0.02, part_voxel=0.005)
@@ -37,7 +37,7 @@ class TrainingFrame:
     index: int
     posed: PosedPerson
     world_from_root: np.ndarray
-    probe: VertexProbe
+    skin: TemplateDistance
     volume: AvatarVolume
     age: int
     """Of the fields that the volume was made from."""
@@ -63,7 +63,7 @@ class FrameStore:
     def renew(self, age: int) -> None:
         """From now on volumes come from the fields as they are."""
         if self.trained == "body":
-            self.avatar.measure_worn()
+            self.avatar.measure_clothing_offset()
         self._copy = self.avatar.frozen_copy()
         self.age = age
 
@@ -84,21 +84,21 @@ class FrameStore:
         posed = pose_person(avatar.person, signals, Counters(), None)
         volume = build_volume(avatar, posed, self.settings, Counters(), None)
         return TrainingFrame(
-            index, posed, posed.world_from_root(signals), self._probe(posed), volume, self.age, self._planes(volume)
+            index, posed, posed.world_from_root(signals), self._skin(posed), volume, self.age, self._planes(volume)
         )
 
     def _again(self, old: TrainingFrame) -> TrainingFrame:
         """The trained part's volume anew; nothing else has changed."""
         stale = replace(old.volume, keys={**old.volume.keys, self.trained: None})
         volume = build_volume(self._copy, old.posed, self.settings, Counters(), stale)
-        return replace(old, volume=volume, probe=self._probe(old.posed), age=self.age)
+        return replace(old, volume=volume, skin=self._skin(old.posed), age=self.age)
 
-    def _probe(self, posed: PosedPerson) -> VertexProbe:
-        return VertexProbe.of(
+    def _skin(self, posed: PosedPerson) -> TemplateDistance:
+        return TemplateDistance.of(
             posed.body.vertices.double().numpy(),
             skinned_normals(self.avatar.person.body, posed.body).double().numpy(),
             self.avatar.hand_weight.double().numpy(),
-            self._copy.body.worn.double().numpy(),
+            self._copy.body.clothing_offset.double().numpy(),
             closed=True,
         )
 

@@ -18,7 +18,7 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.pointmap.raycast import raycast
-from avatarrex.shading.colour import Paint
+from avatarrex.shading.colour import SurfaceColour
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.pass_one import StepResult, face_window
 from avatarrex.training.core.pixels import cropped, training_pairs
@@ -72,7 +72,7 @@ class PatchPass:
         direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre).to(position), dim=-1)
         volume = frame.volume
         planes, hands = frame.planes.get("colour"), volume.hands
-        paint = Paint(
+        paint = SurfaceColour(
             self.avatar,
             frame.posed,
             volume.body_frame,

@@ -21,7 +21,7 @@ from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.composition import Composed, compose, emptied
 from avatarrex.fields.influence import RADIUS
 from avatarrex.ops.trilinear import trilinear
-from avatarrex.shading.colour import Paint
+from avatarrex.shading.colour import SurfaceColour
 from avatarrex.training.core.frames import TrainingFrame
 from avatarrex.volume.sdf_volume import PARTS, SdfVolume, stored_parts
 
@@ -54,7 +54,7 @@ class TrainedField(Protocol):
         """Points spread over the space in which the part is defined."""
         ...
 
-    def paint(self) -> Paint:
+    def paint(self) -> SurfaceColour:
         """Colours of the same frame."""
         ...
 
@@ -69,8 +69,8 @@ class TrainedBody:
 
     def composed(self, position: Float[Tensor, "p 3"]) -> Composed:
         """See `TrainedField`."""
-        here = self.frame.probe.query(position.detach().double().numpy())
-        body = here.held(self.avatar.body.sdf(self.body_frame, position))
+        here = self.frame.skin.query(position.detach().double().numpy())
+        body = here.clamped(self.avatar.body.sdf(self.body_frame, position))
         body = emptied(body, torch.as_tensor(here.weight, dtype=body.dtype))
         parts = stored_parts(self.frame.volume.sdf, position)
         own = body[:, None].expand_as(parts.sdf)
@@ -87,9 +87,9 @@ class TrainedBody:
         radius = RADIUS * torch.rand(count, 1, generator=noise) ** (1 / 3)
         return nodes[torch.randint(len(nodes), (count,), generator=noise)] + radius * direction
 
-    def paint(self) -> Paint:
+    def paint(self) -> SurfaceColour:
         """See `TrainedField`."""
-        return Paint(
+        return SurfaceColour(
             self.avatar,
             self.frame.posed,
             self.body_frame,
@@ -132,10 +132,10 @@ class TrainedFace:
         head = torch.as_tensor(self.frame.posed.root_from_part("face")).to(local)
         return local @ head[:3, :3].T + head[:3, 3]
 
-    def paint(self) -> Paint:
+    def paint(self) -> SurfaceColour:
         """See `TrainedField`."""
         views = self.frame.volume.views
-        return Paint(self.avatar, self.frame.posed, self.frame.volume.body_frame, views, Counters())
+        return SurfaceColour(self.avatar, self.frame.posed, self.frame.volume.body_frame, views, Counters())
 
 
 def _stored_body(volume: SdfVolume, position: Tensor) -> Tensor:

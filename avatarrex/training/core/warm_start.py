@@ -31,7 +31,7 @@ from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.training.core.losses import distance_loss
-from avatarrex.volume.template_distance import VertexProbe
+from avatarrex.volume.template_distance import TemplateDistance
 
 FRAMES = 16
 POINTS = 12_000
@@ -85,8 +85,8 @@ def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, 
     chosen = vertices[near][torch.from_numpy(rng.integers(int(near.sum()), size=count))].double().numpy()
     position = chosen + _aside(SPREAD, count, rng)
     mesh, nothing = vertices.double().numpy(), np.zeros(len(vertices))
-    probe = VertexProbe.of(mesh, vertex_normals(vertices, faces).double().numpy(), nothing, nothing)
-    guess = probe.query(position).guess
+    skin = TemplateDistance.of(mesh, vertex_normals(vertices, faces).double().numpy(), nothing, nothing)
+    guess = skin.query(position).guess
     known = (guess <= 0) | (RayWinding(mesh, faces.numpy())(position) <= 0)
     return Distances(*(torch.as_tensor(values[known], dtype=torch.float32) for values in (position, guess)))
 
