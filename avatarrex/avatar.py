@@ -28,16 +28,20 @@ from avatarrex.fields.body import BodyField
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.hand import HandField
 from avatarrex.fields.light import Light
+from avatarrex.fields.limbs import Ownership
 from avatarrex.fields.local_frame import UNSAID
 from avatarrex.fields.placement import device_named, place
 from avatarrex.fields.presets import BASES, PRESETS
 from avatarrex.fields.tone import ToneMap
 from avatarrex.files.gate import parse_json, what_is
+from avatarrex.parts.face import Face
+from avatarrex.parts.hand import Hand
+from avatarrex.parts.part import Part
 from avatarrex.signals.driving import Signals
+from avatarrex.templates.parts import HANDS, PARTS
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit
 from avatarrex.templates.posed import pose_person
-from avatarrex.volume.limbs import Ownership
 
 FORMAT = 3
 """Version of the folder layout; a reader refuses a newer one by name."""
@@ -84,6 +88,12 @@ class Avatar:
         for module in avatar.modules().values():
             module.requires_grad_(False).eval()
         return avatar
+
+    @property
+    def parts(self) -> dict[str, Part[Any]]:
+        """Hands and face with their templates and fields, in the order of `PARTS`."""
+        hands = {name: Hand.of(name, self.hand(name), self.light) for name in HANDS}
+        return {**hands, "face": Face.of(self.face, self.person.face.blend_weight, self.tone)}
 
     def hand(self, name: str) -> HandField:
         """The field of `left_hand` or `right_hand`."""
@@ -140,7 +150,7 @@ class Avatar:
         weight = self.person.blend_weight
         return {
             name: Ownership.of(self.body.node_rest.float(), rest, rest[weight[:, column] > 0.5])
-            for column, name in enumerate(("left_hand", "right_hand", "face"))
+            for column, name in enumerate(PARTS)
         }
 
     def state(self) -> dict[str, Tensor]:
@@ -254,8 +264,8 @@ def _meta(path: Path, meta: Any) -> dict[str, Any]:
     if not 0 <= meta.get("seed", 0) < 2**63:
         raise InputError(path, "avatar.json: seed", "an integer from 0, below 2^63", meta["seed"])
     untrained = meta.get("untrained", [])
-    if not (isinstance(untrained, list) and all(part in ("left_hand", "right_hand", "face") for part in untrained)):
-        raise InputError(path, "avatar.json: untrained", "a list of left_hand, right_hand, face", untrained)
+    if not (isinstance(untrained, list) and all(part in PARTS for part in untrained)):
+        raise InputError(path, "avatar.json: untrained", "a list of " + ", ".join(PARTS), untrained)
     return meta
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 NAMES = (
     "templates_posed",
@@ -42,3 +44,20 @@ class Counters:
 
     def as_dict(self) -> dict[str, int]:
         return dict(self._counts)
+
+
+class StageClock:
+    """Wall-clock milliseconds per stage: `with clock("volume"): …`."""
+
+    def __init__(self) -> None:
+        self._stages: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self._stages[stage] = self._stages.get(stage, 0.0) + (time.perf_counter() - start) * 1e3
+
+    def milliseconds(self) -> dict[str, float]:
+        """By stage, and `total`."""
+        return {**self._stages, "total": sum(self._stages.values())}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from avatarrex.levels import LEVELS
 from avatarrex.pipeline import Frame
-from avatarrex.volume.sdf_volume import PARTS
+from avatarrex.templates.parts import PARTS
 
 
 @dataclass(frozen=True)

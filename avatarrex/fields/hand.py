@@ -48,7 +48,7 @@ class HandQuery:
     normal: Float[Tensor, "p 3"]
     """Interpolated posed vertex normal, unit: an input of the colour, not the source of the sign."""
 
-    def seen(self, gaze: Float[Tensor, "p 3"]) -> HandQuery:
+    def facing(self, gaze: Float[Tensor, "p 3"]) -> HandQuery:
         """As seen along unit `gaze` (from the eye): a normal that turns away from the eye is mirrored towards it.
 
         What is seen faces the eye; but where a finger dips into the palm, the skin that is closest may be buried, and bright
@@ -159,10 +159,6 @@ class HandField(nn.Module):
         normals = vertex_normals(vertices, self.faces) if surface is None else surface.normals
         normal = normalize((normals[self.faces[found.face]] * found.barycentric[..., None]).sum(1), dim=-1)
         return HandQuery(sdf, found.face, found.barycentric, normal)
-
-    def beside(self, surface: HandSurface, position: Float[Tensor, "p 3"]) -> HandQuery:
-        """The same without bound, of a mesh that has been prepared."""
-        return self.sdf(surface.vertices, position, None, surface=surface)
 
     def surface(self, vertices: Float[Tensor, "v 3"]) -> HandSurface:
         """A posed mesh, prepared; no gradient flows into it."""

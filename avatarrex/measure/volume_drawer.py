@@ -19,7 +19,7 @@ from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres
 from avatarrex.shading.colour import SurfaceColour
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.posed import PosedPerson, pose_person
-from avatarrex.training.core.frames import TrainingFrame
+from avatarrex.training.core.frames import TrainingFrame, decode_face
 from avatarrex.training.core.pass_one import SHOWN
 from avatarrex.training.core.sampling import Walk
 from avatarrex.training.core.trained_field import TrainedBody, TrainedFace, TrainedField
@@ -96,11 +96,11 @@ class VolumeDrawer:
         return posed, volume
 
     def _frame(self, posed: PosedPerson, volume: AvatarVolume, world_from_root: np.ndarray) -> TrainingFrame:
-        planes = {} if volume.views is None else {"colour": self.avatar.face.colour_planes(volume.views)}
-        return TrainingFrame(0, posed, world_from_root, volume.skin, volume, 0, planes)
+        decode_face(self.avatar, volume)
+        return TrainingFrame(0, posed, world_from_root, volume.skin, volume, 0)
 
     def _field(self, frame: TrainingFrame) -> TrainedField:
         if self.part == "body":
             return TrainedBody(self.avatar, frame, frame.volume.body_frame)
-        assert frame.volume.views is not None, "a face that was trained is drawn"
-        return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(frame.volume.views))
+        driven = frame.volume.parts["face"].state.driven
+        return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(driven))

@@ -17,8 +17,8 @@ from avatarrex.capture.readers.rigs import Rig
 from avatarrex.metrics.baselines import PosedMesh
 from avatarrex.metrics.drawing import Drawer, Drawing
 from avatarrex.signals.driving import Signals
+from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import Person
-from avatarrex.volume.sdf_volume import PARTS
 
 FACE = PARTS.index("face")
 

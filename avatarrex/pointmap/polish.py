@@ -21,8 +21,9 @@ from torch.nn.functional import normalize
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.fields.composition import WHOLE, Composed
-from avatarrex.pointmap.raycast import PointMap
-from avatarrex.volume.sdf_volume import PARTS, SdfVolume
+from avatarrex.pointmap.point_map import PointMap
+from avatarrex.templates.parts import PARTS
+from avatarrex.volume.sdf_volume import SdfVolume
 
 Field = Callable[[Tensor], Composed]
 SETTLED = 1e-4

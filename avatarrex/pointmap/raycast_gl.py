@@ -16,10 +16,11 @@ from avatarrex.camera import Camera
 from avatarrex.gl.context import gl_context, per_context, renderer_name
 from avatarrex.gl.grids import GridTextures
 from avatarrex.gl.shader import compute_shader
-from avatarrex.pointmap.raycast import PointMap, scatter
+from avatarrex.pointmap.point_map import PointMap, scatter
 from avatarrex.pointmap.rays import RayPlane
+from avatarrex.templates.parts import PARTS
 from avatarrex.volume.bricks import ROW
-from avatarrex.volume.sdf_volume import PARTS, PartBox, SdfVolume
+from avatarrex.volume.sdf_volume import PartBox, SdfVolume
 
 MOST_GROUPS = 65535
 """That OpenGL promises along one side of a dispatch."""

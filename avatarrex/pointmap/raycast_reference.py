@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.camera import Camera
-from avatarrex.pointmap.raycast import PointMap, scatter
+from avatarrex.pointmap.point_map import PointMap, scatter
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres, slab
 from avatarrex.volume.sdf_volume import SdfVolume, sample
 

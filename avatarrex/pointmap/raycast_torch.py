@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from avatarrex.camera import Camera
-from avatarrex.pointmap.raycast import PointMap, scatter
+from avatarrex.pointmap.point_map import PointMap, scatter
 from avatarrex.pointmap.raycast_reference import first_crossing, surface
 from avatarrex.pointmap.rays import SUBPIXELS, RayPlane, Rays, pixel_centres, slab
 from avatarrex.volume.sdf_volume import SdfVolume, sample

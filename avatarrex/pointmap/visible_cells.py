@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Int
 
 from avatarrex.camera import Camera
-from avatarrex.pointmap.raycast import PointMap, raycast
+from avatarrex.pointmap.point_map import PointMap
+from avatarrex.pointmap.raycast import raycast
 from avatarrex.pointmap.rays import RayPlane
 from avatarrex.volume.sdf_volume import SdfVolume
 
@@ -14,7 +15,7 @@ PITCH = 0.7
 """Body voxels between neighbouring rays, at the volume's middle."""
 
 
-def seen_cells(volume: SdfVolume, camera: Camera, impl: str = "auto") -> tuple[Int[np.ndarray, " m"], PointMap]:
+def visible_cells(volume: SdfVolume, camera: Camera, impl: str = "auto") -> tuple[Int[np.ndarray, " m"], PointMap]:
     """Flat indices (z, y, x) of the cells that rays of `camera` (root frame) end in, and the coarse point map.
 
     Pixels closer than `PITCH` voxels are not all asked: a cell's neighbours follow by its surface (bricks.py).

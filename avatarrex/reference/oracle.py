@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
@@ -17,14 +18,13 @@ from torch.nn.functional import normalize
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.pointmap.raycast import PointMap, scatter
+from avatarrex.fields.body_without_hands import BodyWithoutHands
+from avatarrex.pointmap.point_map import PointMap, scatter
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.reference.dense_rays import DenseField, dense_crossing
 from avatarrex.reference.voxel_frame import PosedReference, pose_reference, shade_reference
 from avatarrex.signals.driving import Signals
-from avatarrex.volume.body_without_hands import BodyWithoutHands
-from avatarrex.volume.composed_field import ComposedField, ExactPart
-from avatarrex.volume.sdf_volume import PARTS
+from avatarrex.volume.composed_field import ComposedField, PlacedPart
 
 STEP = 0.001
 """Metres between samples along a ray (docs/accuracy.md compares two densities)."""
@@ -63,16 +63,11 @@ def render_oracle(
 
 def exact_field(avatar: Avatar, posed: PosedReference, hidden: frozenset[str]) -> ComposedField:
     """The float64 field of a posed avatar."""
-    parts = []
-    for name in PARTS:
-        mesh, place = posed.meshes[name], posed.part_from_root(name).numpy()
-        if name in hidden:
-            continue
-        if name == "face":
-            planes = posed.face.geometry_planes(posed.views)
-            parts.append(ExactPart.face(posed.face, planes, mesh, avatar.person.face.blend_weight, place))
-        else:
-            parts.append(ExactPart.hand(name, posed.hands[name], mesh, place))
+    parts = (
+        PlacedPart.of(part, posed.states[name], posed.meshes[name], np.linalg.inv(posed.root_from_part(name)))
+        for name, part in posed.parts.items()
+        if name not in hidden
+    )
     body = BodyWithoutHands(posed.body, posed.frame, posed.skin, avatar.ownership)
     return ComposedField(body, tuple(parts), Counters())
 

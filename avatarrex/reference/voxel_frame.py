@@ -1,50 +1,53 @@
 """The same frame with nothing skipped: float64, every voxel, every node, every stage by its reference. For small images.
 
 What render_frame does by narrow bands, bricks, compute shaders and cut-offs is done here by evaluating everything;
-tests hold the fast frame to this one (tests/reference/test_voxel_frame.py). Contact between limbs is not handled. The frame
-without even the voxels is in reference/oracle.py, which poses and shades by this file.
+tests compare the fast frame with this one (tests/reference/test_voxel_frame.py). Contact between limbs is left out. The
+frame without even the voxels is in oracle.py, which poses and shades by this file.
 """
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from torch import Tensor, nn
+from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
+from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyField, BodyFrame
-from avatarrex.fields.composition import WHOLE, emptied
-from avatarrex.fields.face import FaceField
-from avatarrex.fields.hand import HandField, HandSurface
+from avatarrex.fields.body_without_hands import BodyWithoutHands
+from avatarrex.fields.composition import WHOLE
 from avatarrex.fields.light import Light
+from avatarrex.fields.limbs import Ownership, nodes_of
 from avatarrex.fields.patches import patches_reference
-from avatarrex.fields.tone import ToneMap
+from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.ops.rotation import matrix_from_rotvec
-from avatarrex.pipeline import RenderSettings
-from avatarrex.pointmap.raycast import PointMap, raycast
+from avatarrex.parts.part import CLAMP, Part
+from avatarrex.pointmap.point_map import PointMap
+from avatarrex.pointmap.raycast import raycast
+from avatarrex.settings import RenderSettings
+from avatarrex.shading.colour import surface_points
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.face import FaceTemplate, pose_face
-from avatarrex.templates.hand import HandTemplate, pose_hand
+from avatarrex.templates.face import FaceTemplate
+from avatarrex.templates.hand import HandTemplate
 from avatarrex.templates.model import PosedTemplate, pose_template, skinned_normals
-from avatarrex.templates.posed import PART_JOINT
+from avatarrex.templates.parts import PART_JOINT, PARTS
 from avatarrex.templates.transform import world_from_root
-from avatarrex.volume.body_grid import MARGIN, lattice_around
+from avatarrex.volume.body_grid import BOX_MARGIN, lattice_around
 from avatarrex.volume.lattice import Lattice
-from avatarrex.volume.limbs import Ownership, nodes_of
-from avatarrex.volume.part_box import CLAMP, FACE_BAND, HAND_MARGIN, face_skin
-from avatarrex.volume.sdf_volume import PARTS, BodyGrid, PartBox, SdfVolume
-from avatarrex.volume.template_distance import TemplateDistance
+from avatarrex.volume.narrow_band import halved
+from avatarrex.volume.part_box import coarse_lattice
+from avatarrex.volume.sdf_volume import BodyGrid, PartBox, SdfVolume
 
-Module = TypeVar("Module", bound=nn.Module)
-Part = TypeVar("Part", HandTemplate, FaceTemplate)
+PartTemplate = TypeVar("PartTemplate", HandTemplate, FaceTemplate)
+BLOCK = 100_000
+"""Points of a box that are evaluated at once."""
 
 
 @dataclass(frozen=True)
@@ -52,22 +55,18 @@ class PosedReference:
     """Everything in float64: fields, posed meshes, coefficients."""
 
     body: BodyField
-    hands: dict[str, HandField]
-    face: FaceField
-    tone: ToneMap
     light: Light
+    parts: dict[str, Part[Any]]
     template: PosedTemplate
     frame: BodyFrame
-    meshes: dict[str, Tensor]
-    views: Tensor
-    value: dict[str, Tensor]
     skin: TemplateDistance
-    surfaces: dict[str, HandSurface]
-    """Of the hands, without trees."""
+    meshes: dict[str, Tensor]
+    states: dict[str, Any]
+    """What each part prepared, by its reference."""
 
-    def part_from_root(self, name: str) -> Tensor:
+    def root_from_part(self, name: str) -> np.ndarray:
         """Rigid (4, 4)."""
-        return torch.linalg.inv(self.template.joint_transforms[PART_JOINT[name]])
+        return self.template.joint_transforms[PART_JOINT[name]].numpy()
 
     def seen_from(self, camera: Camera, signals: Signals) -> Camera:
         """A world camera in the root frame."""
@@ -81,84 +80,63 @@ def render_reference(
 ) -> tuple[Float[Tensor, "h w 4"], PointMap]:
     """Image (premultiplied sRGB and hit mask, float64) and point map of one frame; no antialiasing."""
     posed = pose_reference(avatar, signals)
-    volume = SdfVolume(
-        _body_grid(posed, settings.voxel),
-        tuple(_part_box(avatar, posed, name, settings.part_voxel) for name in PARTS if name not in settings.hidden),
-    )
+    shown = (name for name in PARTS if name not in settings.hidden)
+    boxes = tuple(_part_box(posed, name, settings.part_voxel) for name in shown)
     view = posed.seen_from(camera, signals)
-    pointmap = raycast(volume, view, "reference", antialias=False)
+    pointmap = raycast(SdfVolume(_body_grid(posed, settings.voxel), boxes), view, "reference", antialias=False)
     return shade_reference(posed, pointmap, view), pointmap
 
 
+@torch.no_grad()
 def pose_reference(avatar: Avatar, signals: Signals) -> PosedReference:
     """Fields and templates of `avatar` in float64, posed."""
-    person = avatar.person
-    body, face = _double(avatar.body), _double(avatar.face)
-    body.widths = replace(body.widths, colour_cutoff=0.0)
-    value = {name: torch.as_tensor(np.array(getattr(signals, name))).double() for name in _SIGNALS}
-    model, shape = person.body.double(), value["shape"]
-    pose = torch.cat([torch.zeros(1, 3), value["body_pose"], torch.zeros(33, 3)])
-    template = pose_template(model, pose, shape, torch.zeros(model.expression_dirs.shape[2], dtype=torch.float64))
-    meshes = {
-        name: pose_hand(_in_double(getattr(person, name)), value[f"{name}_pose"], shape)
-        for name in ("left_hand", "right_hand")
-    }
-    meshes["face"] = pose_face(
-        _in_double(person.face), value["expression"], value["jaw_pose"], value["eye_pose"], shape
-    )
-    normals = skinned_normals(model, template).numpy()
-    hand_weight, clothing_offset = avatar.hand_weight.double().numpy(), avatar.body.clothing_offset.double().numpy()
-    skin = TemplateDistance.of(template.vertices.numpy(), normals, hand_weight, clothing_offset, closed=True)
-    coefficients = torch.cat([value["expression"], value["jaw_pose"], value["eye_pose"].flatten()])
+    exact = _in_double(avatar)
+    person, body = exact.person, exact.body
+    shape = torch.as_tensor(np.array(signals.shape)).double()
+    body_pose = torch.as_tensor(np.array(signals.body_pose)).double()
+    pose = torch.cat([torch.zeros(1, 3), body_pose, torch.zeros(33, 3)])
+    no_expression = torch.zeros(person.body.expression_dirs.shape[2], dtype=torch.float64)
+    template = pose_template(person.body, pose, shape, no_expression)
+    normals = skinned_normals(person.body, template).numpy()
+    painted = exact.hand_weight.numpy(), body.clothing_offset.numpy()
+    meshes, states = {}, {}
+    for name, part in exact.parts.items():
+        coefficients = torch.as_tensor(np.array(person.part(name).coefficients(signals))).double()
+        meshes[name] = person.part(name).posed(coefficients, shape)
+        states[name] = part.prepare(meshes[name], coefficients, Counters(), "reference")
     return PosedReference(
         body,
-        {name: _double(avatar.hand(name)) for name in ("left_hand", "right_hand")},
-        face,
-        _double(avatar.tone),
-        _double(avatar.light),
+        exact.light,
+        exact.parts,
         template,
-        body.frame(template, body.code(matrix_from_rotvec(value["body_pose"]))),
+        body.frame(template, body.code(matrix_from_rotvec(body_pose))),
+        TemplateDistance.of(template.vertices.numpy(), normals, *painted, closed=True),
         meshes,
-        face.driven(meshes["face"].float(), coefficients.float(), "reference").double(),
-        value,
-        skin,
-        {
-            name: HandSurface.of(meshes[name], avatar.hand(name).faces, "reference")
-            for name in ("left_hand", "right_hand")
-        },
+        states,
     )
 
 
 def _body_grid(posed: PosedReference, voxel: float) -> BodyGrid:
-    """Every voxel, by every node that hears it."""
-    skin = posed.template.vertices.numpy()
-    lattice = lattice_around(np.concatenate([skin - MARGIN, skin + MARGIN]), voxel)
-    points = _points(lattice)
-    sdf = torch.cat([posed.body.sdf(posed.frame, block, impl="reference") for block in points.split(20000)])
-    here = posed.skin.query(points.numpy())
-    sdf = emptied(here.clamped(sdf), torch.as_tensor(here.weight))
+    """Every voxel, by every node in reach."""
+    vertices = posed.skin.vertices
+    lattice = lattice_around(np.concatenate([vertices - BOX_MARGIN, vertices + BOX_MARGIN]), voxel)
+    body = BodyWithoutHands(posed.body, posed.frame, posed.skin, {}, contact=False, reference=True)
+    sdf = body.sdf(_points(lattice), Counters())
     return BodyGrid(lattice.origin, lattice.voxel, sdf.reshape(lattice.shape))
 
 
-def _part_box(avatar: Avatar, posed: PosedReference, name: str, voxel: float) -> PartBox:
-    """Every voxel of a part's box: hands by all triangles, the face by its tri-planes."""
-    mesh = posed.meshes[name]
-    painted = avatar.person.face.blend_weight if name == "face" else posed.hands[name].blend_weight
-    weight, margin = painted.double(), FACE_BAND if name == "face" else HAND_MARGIN
-    lattice = _box(mesh[weight > 0].numpy(), margin, (2 if name == "face" else 4) * voxel, voxel)
-    points = _points(lattice)
-    if name == "face":
-        planes = posed.face.geometry_planes(posed.views)
-        distance = torch.cat([posed.face.sdf(planes, block) for block in points.split(100000)])
-        here = face_skin(posed.face, mesh, weight).query(points.numpy())
-        omega = torch.as_tensor(np.where(here.distance < FACE_BAND, here.weight, 0))
-    else:
-        query = posed.hands[name].sdf(mesh, points, impl="reference", surface=posed.surfaces[name])
-        distance, omega = query.sdf, posed.hands[name].omega(query)
-    box_from_part = np.eye(4)
-    box_from_part[:3, 3] = -lattice.origin
+def _part_box(posed: PosedReference, name: str, voxel: float) -> PartBox:
+    """Every voxel of a part's box."""
+    part = posed.parts[name]
+    lattice = coarse_lattice(part, posed.meshes[name], voxel)
+    for _ in range(part.halvings):
+        lattice = halved(lattice)
+    blocks = [part.distance(posed.states[name], block, "reference") for block in _points(lattice).split(BLOCK)]
+    distance, omega = (torch.cat(values) for values in zip(*blocks))
+    root_from_box = np.eye(4)
+    root_from_box[:3, 3] = lattice.origin
     field = torch.stack([distance.clamp(-CLAMP, CLAMP), omega], -1).reshape(*lattice.shape, 2)
-    return PartBox(name, box_from_part @ posed.part_from_root(name).numpy(), voxel, field)
+    return PartBox(name, np.linalg.inv(posed.root_from_part(name) @ root_from_box), lattice.voxel, field)
 
 
 def shade_reference(
@@ -168,7 +146,7 @@ def shade_reference(
     side: Int[Tensor, " p"] | None = None,
     ownership: Mapping[str, Ownership] = MappingProxyType({}),
 ) -> Tensor:
-    """Every hit pixel asks every field that has a share; the body's nodes of that pixel's `side` (`Composed.side`)."""
+    """Every field that has a share in a hit pixel; of the body the nodes of that pixel's `side` (`Composed.side`)."""
     hit = pointmap.hit
     position, weight = pointmap.position[hit].double(), pointmap.part_weight[hit].double()
     gaze = torch.nn.functional.normalize(position - torch.as_tensor(view.centre), dim=-1)
@@ -182,43 +160,34 @@ def shade_reference(
         )
     colour = colour * (1 - weight.sum(-1, keepdim=True))
     for column, name in enumerate(PARTS):
-        place = posed.part_from_root(name)
-        local, turned = position @ place[:3, :3].T + place[:3, 3], gaze @ place[:3, :3].T
-        if name == "face":
-            own = posed.face.colour(posed.face.colour_planes(posed.views), local, turned)
-            own = posed.tone(own, gaze, turned)
-        else:
-            query = posed.hands[name].sdf(posed.meshes[name], local, impl="reference", surface=posed.surfaces[name])
-            query = query.seen(turned)
-            own = posed.hands[name].colour(posed.meshes[name], posed.value[f"{name}_pose"], query)
-            own = own * posed.light(query.normal @ place[:3, :3])
+        points = surface_points(posed.root_from_part(name), position, gaze)
+        own = posed.parts[name].colour(posed.states[name], points, Counters(), "reference")
         colour = colour + weight[:, column, None] * own
     image = torch.zeros(*hit.shape, 4, dtype=torch.float64)
     image[hit] = torch.cat([colour.clamp(0, 1), torch.ones_like(colour[:, :1])], -1)
     return image
 
 
-_SIGNALS = (
-    "global_orient", "body_pose", "left_hand_pose", "right_hand_pose", "jaw_pose", "eye_pose", "expression", "shape",
-)  # fmt: skip
+def _in_double(avatar: Avatar) -> Avatar:
+    """A copy in float64 whose colour networks skip nothing."""
+    exact, person = avatar.frozen_copy(), avatar.person
+    for module in exact.modules().values():
+        module.double()
+    exact.body.widths = replace(exact.body.widths, colour_cutoff=0.0)
+    double = replace(
+        person,
+        body=person.body.double(),
+        left_hand=_template_in_double(person.left_hand),
+        right_hand=_template_in_double(person.right_hand),
+        face=_template_in_double(person.face),
+        blend_weight=person.blend_weight.double(),
+    )
+    return replace(exact, person=double)
 
 
-def _double(module: Module) -> Module:
-    return copy.deepcopy(module).double()
-
-
-def _in_double(part: Part) -> Part:
-    """A hand or face template with its model in float64."""
-    return replace(part, model=part.model.double())
+def _template_in_double(part: PartTemplate) -> PartTemplate:
+    return replace(part, model=part.model.double(), blend_weight=part.blend_weight.double())
 
 
 def _points(lattice: Lattice) -> Tensor:
     return torch.as_tensor(lattice.position(np.arange(np.prod(lattice.shape))))
-
-
-def _box(mesh: np.ndarray, margin: float, coarse: float, voxel: float) -> Lattice:
-    """The lattice of part_box.py: on multiples of the coarse voxel, refined to `voxel`."""
-    first = np.floor((mesh.min(0) - margin) / coarse).astype(int)
-    size = np.ceil((mesh.max(0) + margin) / coarse).astype(int) - first
-    z, y, x = (int(n) * round(coarse / voxel) + 1 for n in size[::-1])
-    return Lattice(first * coarse, voxel, (z, y, x))

@@ -1,14 +1,16 @@
-"""The colour of surface points of one posed avatar: body, hands and face by their shares (paper eq. 14).
+"""The colour of surface points of one posed avatar: body and parts by their shares (paper eq. 14).
 
-The body's points are grouped by node; hands and face are asked where their ω is not zero. Differentiable in the fields'
-parameters: training paints with it, too.
+The body's points are grouped by node; parts are evaluated where their ω is not zero. Differentiable in the fields'
+parameters: training colours its samples here, too.
 
 Letters: p points. Root frame, metres; colours sRGB-encoded.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,11 +21,11 @@ from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.composition import WHOLE
-from avatarrex.fields.hand import HandSurface
+from avatarrex.fields.limbs import nodes_of
+from avatarrex.parts.part import SurfacePoints
 from avatarrex.shading.patch_cache import PatchCache
+from avatarrex.templates.parts import PARTS
 from avatarrex.templates.posed import PosedPerson
-from avatarrex.volume.limbs import nodes_of
-from avatarrex.volume.sdf_volume import PARTS
 
 OPAQUE = 0.999
 """Summed ω from which the body's own colour is not computed: its share is below 1/255."""
@@ -31,22 +33,22 @@ OPAQUE = 0.999
 
 @dataclass
 class SurfaceColour:
-    """Colours of one frame; what a pose needs is decoded when it is first asked for."""
+    """Colours of one frame; what a pose needs is decoded at its first use."""
 
     avatar: Avatar
     posed: PosedPerson
     body_frame: BodyFrame
-    views: Tensor | None
-    """Orthographic views of the face mesh."""
+    states: Mapping[str, Any]
+    """What each part prepared for this driving signal, by name; parts that are not there have no share in any point."""
     counters: Counters
     patches: PatchCache | None = None
     """Feature patches of this body pose."""
-    planes: Tensor | None = None
-    """Colour tri-planes of this expression."""
-    hands: dict[str, HandSurface] = field(default_factory=dict)
-    """Posed hands, prepared for look-ups; what is missing is added."""
     sparse: bool = False
-    """Of few points: the patches of the nodes that they hear alone are decoded, and not kept."""
+    """Few points: only the patches of the nodes in reach are decoded, and not kept."""
+    _parts: dict[str, Any] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._parts = self.avatar.parts
 
     def colour(
         self,
@@ -57,21 +59,21 @@ class SurfaceColour:
     ) -> Float[Tensor, "p 3"]:
         """Colours of points seen along unit `direction` (from the eye), with the parts' shares `weight`.
 
-        `side`: whose body each point is on (`Composed.side`), the whole one's unless told.
+        `side`: the limb that each point is on (`Composed.side`); None: the whole body.
         """
         colour = torch.zeros_like(position)
         body = torch.nonzero(weight.sum(-1) < OPAQUE)[:, 0]
         if len(body):
-            whose = torch.full_like(body, WHOLE) if side is None else side[body]
-            for limb in whose.unique().tolist():
-                rows = body[whose == limb]
+            limbs = torch.full_like(body, WHOLE) if side is None else side[body]
+            for limb in limbs.unique().tolist():
+                rows = body[limbs == limb]
                 share = 1 - weight[rows].sum(-1, keepdim=True)
                 colour = colour.index_add(0, rows, share * self._body(position[rows], direction[rows], limb))
         for column, name in enumerate(PARTS):
             rows = torch.nonzero(weight[:, column] > 0)[:, 0]
             if len(rows):
-                local, gaze = _into(self.posed.root_from_part(name), position[rows], direction[rows])
-                part = self._face(local, gaze, direction[rows]) if name == "face" else self._hand(name, local, gaze)
+                points = surface_points(self.posed.root_from_part(name), position[rows], direction[rows])
+                part = self._parts[name].colour(self.states[name], points, self.counters)
                 colour = colour.index_add(0, rows, weight[rows, column, None] * part)
         return colour
 
@@ -89,26 +91,12 @@ class SurfaceColour:
         self.counters.add("local_mlp_evaluations", len(pairs.point))
         return body.colour(frame, patches, position, direction, pairs, light=self.avatar.light, among=among)
 
-    def _hand(self, name: str, local: Tensor, gaze: Tensor) -> Tensor:
-        self.counters.add("hand_pixels", len(local))
-        hand, vertices = self.avatar.hand(name), self.posed.parts[name]
-        if name not in self.hands:
-            self.hands[name] = hand.surface(vertices)
-        beside = hand.beside(self.hands[name], local).seen(gaze)
-        turned = beside.normal @ torch.as_tensor(self.posed.root_from_part(name)[:3, :3].T).to(local)
-        return hand.colour(vertices, self.posed.hand_pose[name], beside) * self.avatar.light(turned)
 
-    def _face(self, local: Tensor, gaze: Tensor, direction: Tensor) -> Tensor:
-        if self.planes is None:
-            assert self.views is not None, "a pixel of the face, whose views were not drawn"
-            self.planes = self.avatar.face.colour_planes(self.views)
-            self.counters.add("unet_runs", 3)
-        self.counters.add("face_pixels", len(local))
-        return self.avatar.tone(self.avatar.face.colour(self.planes, local, gaze), direction, gaze)
-
-
-def _into(root_from_part: np.ndarray, position: Tensor, direction: Tensor) -> tuple[Tensor, Tensor]:
-    """Root-frame points and directions in a part's frame."""
+def surface_points(
+    root_from_part: np.ndarray, position: Float[Tensor, "p 3"], direction: Float[Tensor, "p 3"]
+) -> SurfacePoints:
+    """Root-frame points and unit directions (from the eye) in a part's frame; `root_from_part` rigid (4, 4)."""
     part_from_root = torch.as_tensor(np.linalg.inv(root_from_part)).to(position)
-    rotation = part_from_root[:3, :3].T
-    return position @ rotation + part_from_root[:3, 3], direction @ rotation
+    turn = part_from_root[:3, :3].T
+    root_turn = torch.as_tensor(root_from_part[:3, :3].copy()).to(position)
+    return SurfacePoints(position @ turn + part_from_root[:3, 3], direction @ turn, direction, root_turn)

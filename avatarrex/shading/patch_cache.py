@@ -1,4 +1,4 @@
-"""Feature patches of one body pose, each decoded when a pixel first hears its node: half of them are out of sight."""
+"""Feature patches of one body pose, each decoded when a pixel first lies in its node's support: half of them are never seen."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class PatchCache:
         same = self.decoded & (embedding == self.embedding).all(1)
         return PatchCache(self.network, embedding, self.value.clone(), same)
 
-    def decode(self, heard: Int[Tensor, " k"]) -> int:
-        """Make the patches of the nodes `heard` (repeats allowed) ready; how many were not yet."""
+    def decode(self, nodes: Int[Tensor, " k"]) -> int:
+        """Make the patches of the `nodes` (repeats allowed) ready; how many were not yet."""
         wanted = torch.zeros_like(self.decoded)
-        wanted[heard] = True
+        wanted[nodes] = True
         missing = torch.nonzero(wanted & ~self.decoded)[:, 0]
         if len(missing):
             with torch.no_grad():

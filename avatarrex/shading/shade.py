@@ -1,7 +1,7 @@
 """Step III: the colour of every pixel that the avatar covers (paper sec. 4, 'Pixel Shading'; composition eq. 14).
 
 Only covered pixels are evaluated (colour.py). What the colour networks need of a pose (feature patches, colour tri-planes)
-is decoded once, when a pixel first asks for it, and kept.
+is decoded once, when a pixel first needs it, and kept.
 
 Letters: h w pixels, p covered pixels. Root frame, metres; colours sRGB-encoded.
 """
@@ -16,18 +16,17 @@ from jaxtyping import Bool, Float32
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
-from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.ops.rotation import matrix_from_rotvec
-from avatarrex.pointmap.raycast import PointMap
+from avatarrex.pointmap.surface import VisibleSurface
 from avatarrex.shading.colour import SurfaceColour
 from avatarrex.shading.patch_cache import PatchCache
 from avatarrex.signals.driving import Signals
+from avatarrex.templates.parts import PARTS
 from avatarrex.templates.posed import PosedPerson
-from avatarrex.volume.build import AvatarVolume
-from avatarrex.volume.sdf_volume import PARTS, sides
+from avatarrex.volume.sdf_volume import sides
 
-STILL = 1e-5
+SAME_POSITION = 1e-5
 """Metres by which rays may find the same stored surface elsewhere: the grid's origin moved, and numbers are rounded."""
 
 
@@ -37,67 +36,59 @@ class Shading:
 
     image: Float32[Tensor, "h w 4"]
     """Premultiplied sRGB-encoded colour and coverage."""
-    pointmap: PointMap
+    surface: VisibleSurface
     patches: PatchCache | None
-    """Feature patches of this body pose, as far as pixels asked for them."""
-    planes: Tensor | None
-    """Colour tri-planes of this expression, once decoded."""
-    posed: PosedPerson
-    volume: AvatarVolume
-    view: Camera
-    """The camera in the root frame."""
+    """Feature patches of this body pose, as far as pixels needed them."""
 
 
 def shade(
     avatar: Avatar,
-    posed: PosedPerson,
-    volume: AvatarVolume,
-    pointmap: PointMap,
-    view: Camera,
+    surface: VisibleSurface,
     counters: Counters,
     previous: Shading | None,
     detail_from: Signals | None = None,
 ) -> Shading:
-    """Colour the covered pixels; `view` is the camera in the root frame. `detail_from`: see `RenderSettings`."""
-    if previous and previous.pointmap is pointmap and previous.volume is volume:
+    """Colour the covered pixels. `detail_from`: see `RenderSettings`; `previous` has the same."""
+    volume, pointmap = surface.volume, surface.pointmap
+    if previous and previous.surface.pointmap is pointmap and previous.surface.volume is volume:
         return previous
-    paint = SurfaceColour(avatar, posed, volume.body_frame, volume.views, counters, hands=volume.hands)
-    if previous and previous.volume.body_frame is volume.body_frame:
-        paint.patches = previous.patches
-    if previous and previous.volume.views is volume.views:
-        paint.planes = previous.planes
-    if detail_from is not None and paint.patches is None:
-        paint.patches = _patches_of(avatar, detail_from)
+    states = {name: part.state for name, part in volume.parts.items()}
+    colours = SurfaceColour(avatar, surface.posed, volume.body_frame, states, counters)
+    if previous and previous.surface.volume.body_frame is volume.body_frame:
+        colours.patches = previous.patches
+    if detail_from is not None and colours.patches is None:
+        colours.patches = _patches_of(avatar, detail_from)
     covered, image = pointmap.coverage > 0, torch.zeros(*pointmap.coverage.shape, 4)
-    if previous and volume.follows(previous.volume) and detail_from is None:
+    if previous and volume.follows(previous.surface.volume) and detail_from is None:
         if previous.patches:
-            paint.patches = previous.patches.moved(volume.body_frame.code.embedding)
-        if previous.view.key() == view.key():
-            same = _unchanged(previous, posed, volume, pointmap)
+            colours.patches = previous.patches.moved(volume.body_frame.code.embedding)
+        if previous.surface.view.key() == surface.view.key():
+            same = _unchanged(previous.surface, surface)
             image[same] = previous.image[same]
             covered = covered & ~same
     position = pointmap.position[covered]
-    direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre, dtype=torch.float32), dim=-1)
+    eye = torch.as_tensor(surface.view.centre, dtype=torch.float32)
+    direction = torch.nn.functional.normalize(position - eye, dim=-1)
     counters.add("pixels_shaded", len(position))
     with torch.no_grad():
         side = sides(volume.sdf, position) if pointmap.side is None else pointmap.side[covered]
-        colour = paint.colour(position, direction, pointmap.part_weight[covered], side)
+        colour = colours.colour(position, direction, pointmap.part_weight[covered], side)
     coverage = pointmap.coverage[covered][:, None]
     image[covered] = torch.cat([colour.clamp(0, 1) * coverage, coverage], -1)
-    return Shading(image, pointmap, paint.patches, paint.planes, posed, volume, view)
+    return Shading(image, surface, colours.patches)
 
 
-def _unchanged(previous: Shading, posed: PosedPerson, volume: AvatarVolume, pointmap: PointMap) -> Bool[Tensor, "h w"]:
-    """Covered pixels of the same view whose point is where it was and hears nothing that changed."""
-    assert volume.changed is not None
-    then = previous.pointmap
-    same = (pointmap.coverage > 0) & (pointmap.coverage == then.coverage)
-    same &= (pointmap.position - then.position).abs().amax(-1) < STILL
-    same &= (pointmap.part_weight - then.part_weight).abs().amax(-1) < 1 / 255
+def _unchanged(then: VisibleSurface, now: VisibleSurface) -> Bool[Tensor, "h w"]:
+    """Covered pixels of the same view whose point is where it was and within reach of nothing that changed."""
+    pointmap, old = now.pointmap, then.pointmap
+    assert now.volume.changed is not None
+    same = (pointmap.coverage > 0) & (pointmap.coverage == old.coverage)
+    same &= (pointmap.position - old.position).abs().amax(-1) < SAME_POSITION
+    same &= (pointmap.part_weight - old.part_weight).abs().amax(-1) < 1 / 255
     for column, name in enumerate(PARTS):
-        if not _same_part(name, posed, previous.posed):
+        if not _same_part(name, now.posed, then.posed):
             same &= pointmap.part_weight[..., column] == 0
-    same[same.clone()] = torch.from_numpy(~volume.changed.touches(pointmap.position[same].double().numpy()))
+    same[same.clone()] = torch.from_numpy(~now.volume.changed.touches(pointmap.position[same].double().numpy()))
     return same
 
 

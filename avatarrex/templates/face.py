@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from avatarrex.errors import InputError
+from avatarrex.signals.driving import Signals
 from avatarrex.templates.albedo import inside_mouth, paint_albedo
 from avatarrex.templates.blend_weight import smooth_ramp
 from avatarrex.templates.model import TemplateModel, pose_template
@@ -45,6 +47,15 @@ class FaceTemplate:
     albedo: Float[Tensor, "v 3"]
     """sRGB in [0, 1]."""
     body_vertex_ids: Int[Tensor, " v"]
+
+    def coefficients(self, signals: Signals) -> np.ndarray:
+        """(61,): ψ, then jaw and both eyes as rotation vectors."""
+        return np.concatenate([signals.expression, signals.jaw_pose, signals.eye_pose.ravel()])
+
+    def posed(self, coefficients: Float[Tensor, " c"], shape: Float[Tensor, " _s"]) -> Float[Tensor, "v 3"]:
+        """`pose_face` of ψ, jaw and eyes in one vector (61,)."""
+        expression, jaw, eyes = coefficients.split([len(coefficients) - 9, 3, 6])
+        return pose_face(self, expression, jaw, eyes.view(2, 3), shape)
 
     @property
     def v_template(self) -> Float[Tensor, "v 3"]:

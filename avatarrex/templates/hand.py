@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 from avatarrex.errors import InputError
+from avatarrex.signals.driving import Signals
 from avatarrex.templates.blend_weight import smooth_ramp
 from avatarrex.templates.model import TemplateModel, pose_template
 
@@ -47,6 +48,14 @@ class HandTemplate:
     """ω: 1 on the hand, 0 on the forearm stub and its cap."""
     body_vertex_ids: Int[Tensor, " v"]
     """Index in the body template; −1 on the cap."""
+
+    def coefficients(self, signals: Signals) -> np.ndarray:
+        """φ of this hand, (15, 3) rotation vectors."""
+        return signals.left_hand_pose if self.side == "left" else signals.right_hand_pose
+
+    def posed(self, coefficients: Float[Tensor, "15 3"], shape: Float[Tensor, " _s"]) -> Float[Tensor, "v 3"]:
+        """`pose_hand`."""
+        return pose_hand(self, coefficients, shape)
 
 
 def pose_hand(

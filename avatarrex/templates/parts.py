@@ -3,5 +3,9 @@
 Part weights (`part_weight (…, 3)`, `PARTS` its last axis), files and counters follow this order everywhere.
 """
 
+from __future__ import annotations
+
 HANDS = ("left_hand", "right_hand")
 PARTS = (*HANDS, "face")
+PART_JOINT = {"left_hand": 20, "right_hand": 21, "face": 15}
+"""The joint in whose frame a part lives: wrists and head (SMPL-X order)."""

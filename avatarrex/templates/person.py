@@ -50,6 +50,11 @@ class Person:
     fit: PersonFit | None = None
     """What made it another size than the one called `name`."""
 
+    def part(self, name: str) -> HandTemplate | FaceTemplate:
+        """The template of one of `PARTS`."""
+        parts: dict[str, HandTemplate | FaceTemplate] = {"left_hand": self.left_hand, "right_hand": self.right_hand}
+        return {**parts, "face": self.face}[name]
+
     @property
     def hand_weight(self) -> Float[Tensor, " v"]:
         """Painted ω of either hand on the body template."""

@@ -17,14 +17,10 @@ from avatarrex.counters import Counters
 from avatarrex.ops.finite import require_finite
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.face import pose_face
-from avatarrex.templates.hand import pose_hand
 from avatarrex.templates.model import PosedTemplate, pose_template
+from avatarrex.templates.parts import PART_JOINT, PARTS
 from avatarrex.templates.person import Person
 from avatarrex.templates.transform import world_from_root
-
-PART_JOINT = {"left_hand": 20, "right_hand": 21, "face": 15}
-"""The joint whose frame a part lives in: wrists and head (SMPL-X order)."""
 
 
 @dataclass(frozen=True)
@@ -35,23 +31,17 @@ class PosedPerson:
     parts: dict[str, Float[Tensor, "v 3"]]
     """Vertices by part name, metres: hands in wrist frames, face in the head frame."""
     body_rotation: Float[Tensor, "21 3 3"]
-    """θ, what the detail embedding is predicted from."""
-    hand_pose: dict[str, Float[Tensor, "15 3"]]
-    """φ by hand, rotation vectors."""
-    face_coefficients: Float[Tensor, " 61"]
-    """ψ, then jaw and eyes as rotation vectors."""
+    """θ, the input of the detail embedding."""
+    coefficients: dict[str, Float[Tensor, "..."]]
+    """What drives each part: φ (15, 3) of a hand, rotation vectors; (61,) of the face: ψ, then jaw and eyes as rotation vectors."""
     keys: dict[str, bytes]
+    """Of `body` and of each part: the coefficients that its mesh depends on."""
 
     def __post_init__(self) -> None:
         body = {"body": self.body.vertices, "joints": self.body.joint_transforms, "skinning": self.body.skinning}
-        coefficients = {
-            **self.hand_pose,
-            "body rotation": self.body_rotation,
-            "face coefficients": self.face_coefficients,
-        }
         require_finite("posed person", **body)
         require_finite("posed person", **self.parts)
-        require_finite("posed person, coefficients", **coefficients)
+        require_finite("posed person, coefficients", **self.coefficients, **{"body rotation": self.body_rotation})
 
     def root_from_part(self, name: str) -> np.ndarray:
         """Rigid (4, 4) float64 of the joint frame that part `name` lives in."""
@@ -65,42 +55,29 @@ class PosedPerson:
 
 def pose_person(person: Person, signals: Signals, counters: Counters, previous: PosedPerson | None) -> PosedPerson:
     """Pose each template whose coefficients differ from `previous`."""
-    keys = _keys(signals)
+    driving = {name: person.part(name).coefficients(signals) for name in PARTS}
+    shape = signals.shape.tobytes()
+    keys = {name: values.tobytes() + shape for name, values in {"body": signals.body_pose, **driving}.items()}
     old = previous.keys if previous else {}
-    shape = _tensor(signals.shape)
     if previous and old["body"] == keys["body"]:
         body, rotation = previous.body, previous.body_rotation
     else:
         rotation = matrix_from_rotvec(_tensor(signals.body_pose))
         pose = torch.zeros(len(person.body.parents), 3)
         pose[1:22] = _tensor(signals.body_pose)
-        body = pose_template(person.body, pose, shape, torch.zeros(person.body.expression_dirs.shape[2]))
+        body = pose_template(
+            person.body, pose, _tensor(signals.shape), torch.zeros(person.body.expression_dirs.shape[2])
+        )
         counters.add("templates_posed", 1)
+    coefficients = {name: _tensor(values) for name, values in driving.items()}
     parts: dict[str, Tensor] = {}
-    hand_pose = {name: _tensor(getattr(signals, f"{name}_pose")) for name in ("left_hand", "right_hand")}
-    for name in PART_JOINT:
+    for name in PARTS:
         if previous and old[name] == keys[name]:
             parts[name] = previous.parts[name]
-            continue
-        counters.add("templates_posed", 1)
-        if name == "face":
-            parts[name] = pose_face(
-                person.face, _tensor(signals.expression), _tensor(signals.jaw_pose), _tensor(signals.eye_pose), shape
-            )
         else:
-            parts[name] = pose_hand(getattr(person, name), hand_pose[name], shape)
-    face = np.concatenate([signals.expression, signals.jaw_pose, signals.eye_pose.ravel()])
-    return PosedPerson(body, parts, rotation, hand_pose, _tensor(face), keys)
-
-
-def _keys(signals: Signals) -> dict[str, bytes]:
-    shape = signals.shape.tobytes()
-    return {
-        "body": signals.body_pose.tobytes() + shape,
-        "left_hand": signals.left_hand_pose.tobytes() + shape,
-        "right_hand": signals.right_hand_pose.tobytes() + shape,
-        "face": signals.expression.tobytes() + signals.jaw_pose.tobytes() + signals.eye_pose.tobytes() + shape,
-    }
+            parts[name] = person.part(name).posed(coefficients[name], _tensor(signals.shape))
+            counters.add("templates_posed", 1)
+    return PosedPerson(body, parts, rotation, coefficients, keys)
 
 
 def _tensor(values: np.ndarray) -> Tensor:

@@ -184,7 +184,7 @@ def fit_face(
         groups = ((faces, 1 - DETAIL_SHARE), (np.intersect1d(faces, detail_faces), DETAIL_SHARE))
         sampling = Sampling(groups, FACE_SPREAD, FACE_COLOUR_SPREAD, FACE_POINTS)
         template = pose_person(person, signals, Counters(), None)
-        driven = field.driven(template.parts["face"], template.face_coefficients)
+        driven = field.driven(template.parts["face"], template.coefficients["face"])
         bank.append((driven, sample_subject(posed, sampling, rng, head)))
 
     def step(rng: np.random.Generator) -> dict[str, Tensor]:
@@ -215,7 +215,7 @@ def fit_hands(
         template = pose_person(person, signals, Counters(), None)
         for side in ("left", "right"):
             hand = getattr(person, f"{side}_hand")
-            pose = template.hand_pose[f"{side}_hand"]
+            pose = template.coefficients[f"{side}_hand"]
             vertices = pose_hand(hand, pose, torch.zeros(10))
             faces, normals = hand.model.faces, vertex_normals(vertices, hand.model.faces)
             face = torch.as_tensor(rng.integers(len(faces), size=4000))

@@ -104,7 +104,7 @@ def albedo_supervision(
         marked = (albedo[here] - albedo[here].median(0).values).abs().amax(-1) > MARKED
         chance = torch.tensor(VIEW_SHARE).double()[view] * torch.where(marked, MARKED_SHARE, 1.0)
         rows = torch.from_numpy(rng.choice(len(view), COLOUR_POINTS, p=(chance / chance.sum()).numpy()))
-        driven = field.driven(mesh, posed.face_coefficients)
+        driven = field.driven(mesh, posed.coefficients["face"])
         bank.append((driven, place[here][rows], axes[view[rows]], albedo[here][rows]))
 
     def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:

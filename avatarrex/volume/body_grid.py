@@ -3,7 +3,7 @@
 The distance is guessed first: a voxel's height over the posed template, less what the avatar wears there (`clothing_offset`, the field's
 own depth at the template's vertices at rest). Blocks of 4 and 2 voxels far from the surface are culled whole; voxels
 whose guess is below `REACH` voxels are evaluated, and then every voxel that a crossing touches (narrow_band.py). The rest keeps
-a distance that never exceeds the true one. The field itself is held to within `MAX_DEVIATION` of the guess (template_distance.py), and has no
+a distance that never exceeds the true one. The field itself stays within `MAX_DEVIATION` of the guess (template_distance.py), and has no
 hands (body_without_hands.py).
 
 Letters: z y x voxels, p evaluated voxels, v template vertices. Root frame, metres, negative inside.
@@ -17,18 +17,18 @@ import numpy as np
 import torch
 
 from avatarrex.counters import Counters
+from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.composition import EMPTIED
-from avatarrex.volume.body_without_hands import BodyWithoutHands
+from avatarrex.fields.template_distance import NearestSkin, TemplateDistance
 from avatarrex.volume.bricks import Bricks, grow_bricks
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import settle
 from avatarrex.volume.sdf_volume import BodyGrid
-from avatarrex.volume.template_distance import NearestSkin, TemplateDistance
 from avatarrex.volume.temporal_reuse import PreviousGrid
 
 MAX_SIDE = 128
 """Voxels along a side (paper sec. 4): the voxel grows rather than a limb being cut off."""
-MARGIN = 0.09
+BOX_MARGIN = 0.09
 """Metres of box around the template: the thickest cloth, what the field may differ from it, and a voxel."""
 REACH = 1.0
 """Voxels: what is guessed nearer to the surface than this is evaluated at once."""
@@ -61,19 +61,19 @@ def build_body_grid(
     `everywhere`: at every voxel that a node reaches, as the paper has it. `kept`: what may be taken over.
     """
     skin = body.skin
-    lattice = lattice_around(np.concatenate([skin.vertices - MARGIN, skin.vertices + MARGIN]), voxel)
+    lattice = lattice_around(np.concatenate([skin.vertices - BOX_MARGIN, skin.vertices + BOX_MARGIN]), voxel)
     if kept is not None and kept.grid.voxel != lattice.voxel:  # it grew with the person's extent
         kept = None
-    fill, first, asked, known = guess(skin, lattice, kept)
+    fill, first, nearest_skin, known = guess(skin, lattice, kept)
     if everywhere:
         reached = np.zeros(fill.size, dtype=bool)
         position = lattice.position(np.arange(fill.size))
         reached[body.field.pairs(body.frame, torch.as_tensor(position, dtype=torch.float32)).point] = True
         first = np.flatnonzero(reached)
-        asked = skin.query(position[first])
+        nearest_skin = skin.query(position[first])
 
     def evaluate(index: np.ndarray) -> np.ndarray:
-        here = asked if index is first else skin.query(lattice.position(index))
+        here = nearest_skin if index is first else skin.query(lattice.position(index))
         return evaluated(body, lattice.position(index), counters, here)
 
     sdf, known = settle(fill, first, evaluate, known)
@@ -103,7 +103,8 @@ def evaluated(
     """The body's field at (p, 3) as it is stored: (p,) metres, single precision."""
     counters.add("voxels_evaluated", len(position))
     here = body.skin.query(position) if here is None else here
-    return body.sdf(torch.as_tensor(position, dtype=torch.float32), counters, here).numpy()
+    with torch.no_grad():
+        return body.sdf(torch.as_tensor(position, dtype=torch.float32), counters, here).numpy()
 
 
 def guess(

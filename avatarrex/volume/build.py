@@ -1,50 +1,90 @@
-"""Step I: driving signals and fields to an SDF volume (paper sec. 4), with each piece kept while its key holds."""
+"""Step I: driving signals and fields to an SDF volume (paper sec. 4), with each piece reused while its key is the same."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
-from avatarrex.fields.hand import HandSurface
+from avatarrex.fields.body_without_hands import BodyWithoutHands
+from avatarrex.fields.template_distance import TemplateDistance
+from avatarrex.settings import RenderSettings
 from avatarrex.templates.model import skinned_normals
-from avatarrex.templates.posed import PART_JOINT, PosedPerson
+from avatarrex.templates.parts import PARTS
+from avatarrex.templates.posed import PosedPerson
 from avatarrex.volume.body_grid import build_body_grid, refined
-from avatarrex.volume.body_without_hands import BodyWithoutHands
 from avatarrex.volume.contact import find_contact
-from avatarrex.volume.part_box import PartField, face_box, hand_box
+from avatarrex.volume.part_box import PartField, build_part_box
 from avatarrex.volume.sdf_volume import BodyGrid, PartBox, SdfVolume
 from avatarrex.volume.small_components import without_small_components
-from avatarrex.volume.template_distance import TemplateDistance
 from avatarrex.volume.temporal_reuse import ChangedRegion, PreviousGrid, ReusableBody, reuse_unchanged
 
-if TYPE_CHECKING:
-    from avatarrex.pipeline import RenderSettings
+
+@dataclass(frozen=True)
+class GridKey:
+    """What the body's lattice depends on."""
+
+    voxel: float
+    everywhere: bool
+
+
+@dataclass(frozen=True)
+class BodyKey:
+    """What the body grid depends on."""
+
+    pose: bytes
+    grid: GridKey
+
+
+@dataclass(frozen=True)
+class PartKey:
+    """What the box of a hand or the face depends on."""
+
+    pose: bytes
+    voxel: float
+    everywhere: bool
+
+
+@dataclass(frozen=True)
+class VolumeKey:
+    """What a volume depends on; a piece whose key is None is not there, or is out of date."""
+
+    body: BodyKey | None
+    parts: tuple[PartKey | None, ...]
+    """In the order of `PARTS`."""
+    hidden: frozenset[str]
+    bricks: int
+
+    def part(self, name: str) -> PartKey | None:
+        """Of one of `PARTS`."""
+        return self.parts[PARTS.index(name)]
+
+
+@dataclass(frozen=True)
+class BuiltPart:
+    """A part's box and what its field prepared for this driving signal."""
+
+    box: PartField
+    state: Any
 
 
 @dataclass(frozen=True)
 class AvatarVolume:
-    """The volume and the posed fields it was made from; shading asks the same fields for colour."""
+    """The volume and the posed fields it was made from; shading evaluates the same fields for colour."""
 
     sdf: SdfVolume
     body: BodyWithoutHands
     grid: BodyGrid
     """Without bricks: those of `sdf` grow with what is seen."""
-    parts: dict[str, PartField]
-    views: Tensor | None
-    """Orthographic views of the face mesh, (3, 7, 256, 256), or what else drives the face; None while it is not built."""
-    planes: Tensor | None
-    """Geometry tri-planes of this expression; None while the face is not built."""
+    parts: dict[str, BuiltPart]
     changed: ChangedRegion | None
-    """Where the body differs from that of the frame before, some of whose state it kept; None: it is exact."""
-    keys: dict[str, object]
-    notes: tuple[str, ...] = ()
+    """Where the body differs from that of the previous frame, some of whose state it reuses; None: it is exact."""
+    key: VolumeKey
 
     @property
     def body_frame(self) -> BodyFrame:
@@ -53,17 +93,19 @@ class AvatarVolume:
 
     @property
     def skin(self) -> TemplateDistance:
-        """Of the template's whole skin."""
+        """Of the whole template."""
         return self.body.skin
-
-    @property
-    def hands(self) -> dict[str, HandSurface]:
-        """The posed hands that were built, prepared for look-ups."""
-        return {name: part.surface for name, part in self.parts.items() if part.surface is not None}
 
     def follows(self, other: AvatarVolume) -> bool:
         """Whether `changed` tells how the body differs from that of `other`."""
         return self.changed is not None and self.changed.since is other.body_frame
+
+    def outdated(self, piece: str) -> AvatarVolume:
+        """The same volume, of which the fields of `body` or of a part have changed: it will be built anew."""
+        if piece == "body":
+            return replace(self, key=replace(self.key, body=None))
+        kept = tuple(None if name == piece else key for name, key in zip(PARTS, self.key.parts))
+        return replace(self, key=replace(self.key, parts=kept))
 
 
 def build_volume(
@@ -72,95 +114,49 @@ def build_volume(
     settings: RenderSettings,
     counters: Counters,
     previous: AvatarVolume | None,
-    unseen: frozenset[str] = frozenset(),
+    off_screen: frozenset[str] = frozenset(),
 ) -> AvatarVolume:
     """Build the volume of `posed`, taking from `previous` every piece whose key has not changed.
 
-    Parts `unseen` are left out unless `previous` has them.
+    Parts `off_screen` are left out unless `previous` has them.
     """
-    every = settings.everywhere
-    stored: object = settings.voxel, every
-    unmoved = previous is not None and previous.keys["posed"] == posed.keys["body"]
-    if settings.reuse_tolerance and previous and unmoved and previous.grid.voxel <= settings.voxel:
-        stored = previous.keys[
-            "stored"
-        ]  # whoever looks around, or drags something else, keeps the voxels that are there
-    keys: dict[str, object] = {"hidden": settings.hidden, "bricks": settings.bricks, "stored": stored}
-    keys["posed"] = posed.keys["body"]
-    keys["body"] = posed.keys["body"], keys["stored"]
-    for name in PART_JOINT:
-        key = part_key(posed, settings, name)
-        known = previous is not None and previous.keys[name] == key
-        keys[name] = None if name in settings.hidden or (name in unseen and not known) else key
-    exact = previous is None or settings.reuse_tolerance > 0 or previous.changed is None  # enough for what is asked
-    if previous and previous.keys == keys and exact:
+    key = _key(posed, settings, previous, off_screen)
+    exact = previous is None or settings.reuse_tolerance > 0 or previous.changed is None  # enough for these settings
+    if previous and previous.key == key and exact:
         return previous
-
-    def kept(name: str) -> bool:
-        return previous is not None and previous.keys[name] == keys[name]
-
-    parts: dict[str, PartField] = {}
-    views, planes = (previous.views, previous.planes) if previous and kept("face") else (None, None)
-    for name in PART_JOINT:
-        if keys[name] is None:
+    parts: dict[str, BuiltPart] = {}
+    for name in PARTS:
+        if key.part(name) is None:
             continue
-        if previous and kept(name) and name in previous.parts:
+        if previous and previous.key.part(name) == key.part(name) and name in previous.parts:
             parts[name] = previous.parts[name]
-        elif name == "face":
-            views = avatar.face.driven(posed.parts["face"], posed.face_coefficients)
-            planes, parts[name] = _face_part(avatar, posed, views, settings, counters)
         else:
-            hand, voxel = avatar.hand(name), settings.part_voxel
-            parts[name] = hand_box(name, hand, posed.parts[name], voxel, counters, every)
-    if previous and kept("body") and exact:
+            parts[name] = _part(avatar, posed, name, settings, counters)
+    if previous and previous.key.body == key.body and exact:
         body, grid, changed = previous.body, previous.grid, previous.changed
     else:
-        before = previous if settings.reuse_tolerance and kept("stored") else None
-        body, grid, changed = _body(avatar, posed, settings, counters, before)
+        body, grid, changed = _body(avatar, posed, settings, counters, _reusable(previous, key, settings))
     boxes = []
     for name, part in parts.items():
         if previous and grid is previous.grid and previous.parts.get(name) is part:
             boxes.append(next(box for box in previous.sdf.parts if box.name == name))
         else:
-            boxes.append(_place(body, grid, part, posed.root_from_part(name), counters))
-    return AvatarVolume(SdfVolume(grid, tuple(boxes)), body, grid, parts, views, planes, changed, keys)
-
-
-def part_key(posed: PosedPerson, settings: RenderSettings, name: str) -> object:
-    """What the box of a hand or the face depends on."""
-    return posed.keys[name], settings.part_voxel, settings.everywhere
-
-
-def _body(
-    avatar: Avatar, posed: PosedPerson, settings: RenderSettings, counters: Counters, before: AvatarVolume | None
-) -> tuple[BodyWithoutHands, BodyGrid, ChangedRegion | None]:
-    """The body of `posed`; with what stands still as in `before`, where that is given."""
-    normals = skinned_normals(avatar.person.body, posed.body).double().numpy()
-    state = ReusableBody(body_frame(avatar, posed), posed.body.vertices.double().numpy(), normals, None)
-    if before:
-        then = ReusableBody(before.body_frame, before.skin.vertices, before.skin.normals, None)
-        state = reuse_unchanged(state, then, settings.reuse_tolerance, avatar.embedding_effect)
-    painted = avatar.hand_weight.double().numpy(), avatar.body.clothing_offset.double().numpy()
-    tree = before.skin.closest if before else None
-    skin = TemplateDistance.of(state.vertices, state.normals, *painted, closed=True, tree=tree)
-    body = BodyWithoutHands(avatar.body, state.frame, skin, avatar.ownership)
-    kept = PreviousGrid(before.grid, state.changed) if before and state.changed else None
-    grid = build_body_grid(body, settings.voxel, counters, settings.everywhere, kept)
-    return body, grid if settings.everywhere else without_small_components(grid), state.changed
+            boxes.append(_place(body, grid, part.box, posed.root_from_part(name), counters))
+    return AvatarVolume(SdfVolume(grid, tuple(boxes)), body, grid, parts, changed, key)
 
 
 def refine_volume(
     avatar: Avatar,
     volume: AvatarVolume,
-    seen: np.ndarray,
+    cells: np.ndarray,
     side: int,
     counters: Counters,
     previous: AvatarVolume | None,
 ) -> AvatarVolume:
-    """`volume` with bricks of side³ voxels in the body cells `seen` (flat), besides those that `previous` has."""
+    """`volume` with bricks of side³ voxels in the body cells `cells` (flat), besides those that `previous` has."""
     kept = previous.sdf.body.bricks if previous and previous.grid is volume.grid else None
     kept = kept if kept and kept.side == side else None
-    grid = refined(volume.body, volume.grid, seen, side, counters, kept)
+    grid = refined(volume.body, volume.grid, cells, side, counters, kept)
     if grid.bricks is volume.sdf.body.bricks:
         return volume
     return replace(volume, sdf=SdfVolume(grid, volume.sdf.parts))
@@ -172,14 +168,72 @@ def body_frame(avatar: Avatar, posed: PosedPerson) -> BodyFrame:
         return avatar.body.frame(posed.body, avatar.body.code(posed.body_rotation))
 
 
-def _face_part(
-    avatar: Avatar, posed: PosedPerson, views: Tensor, settings: RenderSettings, counters: Counters
-) -> tuple[Tensor, PartField]:
-    with torch.no_grad():
-        planes = avatar.face.geometry_planes(views)
-    counters.add("unet_runs", 3)
-    mesh, weight = posed.parts["face"], avatar.person.face.blend_weight
-    return planes, face_box(avatar.face, planes, mesh, weight, settings.part_voxel, counters, settings.everywhere)
+def template_distance(
+    avatar: Avatar,
+    posed: PosedPerson,
+    skin: tuple[np.ndarray, np.ndarray] | None = None,
+    near: TemplateDistance | None = None,
+) -> TemplateDistance:
+    """Distance to the posed template with the avatar's clothing offset.
+
+    `skin`: vertices and normals (v, 3) in place of those of `posed`; `near`: the distance of another pose, whose tree is moved.
+    """
+    vertices, normals = skin or template_skin(avatar, posed)
+    painted = avatar.hand_weight.double().numpy(), avatar.body.clothing_offset.double().numpy()
+    return TemplateDistance.of(vertices, normals, *painted, closed=True, tree=near.closest if near else None)
+
+
+def template_skin(avatar: Avatar, posed: PosedPerson) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and unit normals of the posed template, (v, 3) float64."""
+    normals = skinned_normals(avatar.person.body, posed.body)
+    return posed.body.vertices.double().numpy(), normals.double().numpy()
+
+
+def _key(
+    posed: PosedPerson, settings: RenderSettings, previous: AvatarVolume | None, off_screen: frozenset[str]
+) -> VolumeKey:
+    grid, every = GridKey(settings.voxel, settings.everywhere), settings.everywhere
+    old = previous.key if previous else None
+    unmoved = old is not None and old.body is not None and old.body.pose == posed.keys["body"]
+    if settings.reuse_tolerance and previous and unmoved and previous.grid.voxel <= settings.voxel:
+        assert old is not None
+        assert old.body is not None
+        grid = old.body.grid  # a turned view, or a moved hand, keeps the voxels that are there
+    parts = []
+    for name in PARTS:
+        key = PartKey(posed.keys[name], settings.part_voxel, every)
+        missing = name in off_screen and (old is None or old.part(name) != key)
+        parts.append(None if name in settings.hidden or missing else key)
+    return VolumeKey(BodyKey(posed.keys["body"], grid), tuple(parts), settings.hidden, settings.bricks)
+
+
+def _reusable(previous: AvatarVolume | None, key: VolumeKey, settings: RenderSettings) -> AvatarVolume | None:
+    """`previous` where its body may be reused in part: it has the same lattice."""
+    if not settings.reuse_tolerance or previous is None or previous.key.body is None or key.body is None:
+        return None
+    return previous if previous.key.body.grid == key.body.grid else None
+
+
+def _body(
+    avatar: Avatar, posed: PosedPerson, settings: RenderSettings, counters: Counters, before: AvatarVolume | None
+) -> tuple[BodyWithoutHands, BodyGrid, ChangedRegion | None]:
+    """The body of `posed`; what has not moved is reused from `before`, where that is given."""
+    state = ReusableBody(body_frame(avatar, posed), *template_skin(avatar, posed), None)
+    if before:
+        then = ReusableBody(before.body_frame, before.skin.vertices, before.skin.normals, None)
+        state = reuse_unchanged(state, then, settings.reuse_tolerance, avatar.embedding_effect)
+    skin = template_distance(avatar, posed, (state.vertices, state.normals), before.skin if before else None)
+    body = BodyWithoutHands(avatar.body, state.frame, skin, avatar.ownership)
+    kept = PreviousGrid(before.grid, state.changed) if before and state.changed else None
+    grid = build_body_grid(body, settings.voxel, counters, settings.everywhere, kept)
+    return body, grid if settings.everywhere else without_small_components(grid), state.changed
+
+
+def _part(avatar: Avatar, posed: PosedPerson, name: str, settings: RenderSettings, counters: Counters) -> BuiltPart:
+    part, vertices = avatar.parts[name], posed.parts[name]
+    state = part.prepare(vertices, posed.coefficients[name], counters)
+    box = build_part_box(part, state, vertices, settings.part_voxel, counters, settings.everywhere)
+    return BuiltPart(box, state)
 
 
 def _place(
@@ -188,5 +242,5 @@ def _place(
     part_from_box = np.eye(4)
     part_from_box[:3, 3] = part.origin
     box_from_root = np.linalg.inv(root_from_part @ part_from_box)
-    contact = find_contact(body, grid, part, root_from_part, body.ownership[part.name], counters)
+    contact = find_contact(body, grid, part, root_from_part, counters)
     return PartBox(part.name, box_from_root, part.voxel, part.field, contact)

@@ -10,81 +10,48 @@ Letters: p points, v vertices, k parts in the order of `PARTS`. Root frame, metr
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.body import MAX_CLOTHING_OFFSET
+from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.composition import BAND, Composed, compose, in_band
-from avatarrex.fields.face import FaceField
-from avatarrex.fields.hand import HandField
-from avatarrex.volume.body_without_hands import BodyWithoutHands
-from avatarrex.volume.contact import faded, told_share
-from avatarrex.volume.limbs import Limbs, reached_by_others
-from avatarrex.volume.part_box import FACE_BAND, HAND_MARGIN, face_skin, part_bounds
-from avatarrex.volume.sdf_volume import PARTS
-from avatarrex.volume.template_distance import FLAT, MAX_DEVIATION
+from avatarrex.fields.limbs import Limbs, reached_by_others
+from avatarrex.fields.template_distance import FLAT, MAX_DEVIATION
+from avatarrex.parts.part import Part
+from avatarrex.templates.parts import PARTS
+from avatarrex.templates.posed import PosedPerson
+from avatarrex.volume.build import AvatarVolume
+from avatarrex.volume.contact import faded, split_share
 
-if TYPE_CHECKING:
-    from avatarrex.avatar import Avatar
-    from avatarrex.templates.posed import PosedPerson
-    from avatarrex.volume.build import AvatarVolume
-
-REACH = FLAT + MAX_CLOTHING_OFFSET + MAX_DEVIATION
+SURFACE_REACH = FLAT + MAX_CLOTHING_OFFSET + MAX_DEVIATION
 """Metres from the template's nearest vertex within which a held body field may be negative (template_distance.py)."""
-PartDistance = Callable[[Tensor], tuple[Tensor, Tensor]]
-"""Part-frame points (p, 3) -> s_k (p,) metres, saturated or not beyond the band, and ω_k (p,)."""
 
 
 @dataclass(frozen=True)
-class ExactPart:
-    """A hand or the face, placed."""
+class PlacedPart:
+    """A posed part in its place, as a field."""
 
-    name: str
+    part: Part[Any]
+    state: Any
+    """What the part prepared for this driving signal."""
     part_from_root: Float[np.ndarray, "4 4"]
     low: Float[np.ndarray, "3"]
     high: Float[np.ndarray, "3"]
     """The box, part-frame metres."""
-    distance: PartDistance
-    counter: str
-    """Counts the points that are asked."""
 
     @classmethod
-    def hand(cls, name: str, field: HandField, vertices: Tensor, part_from_root: np.ndarray) -> ExactPart:
-        """From the posed mesh (v, 3), wrist frame."""
-        surface = field.surface(vertices)
-
-        def distance(local: Tensor) -> tuple[Tensor, Tensor]:
-            query = field.sdf(vertices, local, surface=surface)
-            return query.sdf, field.omega(query)
-
-        low, high = part_bounds(vertices, field.blend_weight, HAND_MARGIN)
-        return cls(name, part_from_root, low, high, distance, "hand_distances")
-
-    @classmethod
-    def face(
-        cls, field: FaceField, planes: Tensor, vertices: Tensor, blend_weight: Tensor, part_from_root: np.ndarray
-    ) -> ExactPart:
-        """From geometry planes and the posed mesh (v, 3), head frame; painted ω (v,), used within `FACE_BAND`."""
-        skin = face_skin(field, vertices, blend_weight)
-
-        def distance(local: Tensor) -> tuple[Tensor, Tensor]:
-            here = skin.query(local.double().numpy())
-            omega = torch.as_tensor(np.where(here.distance < FACE_BAND, here.weight, 0)).to(local)
-            sdf = torch.full_like(omega, torch.inf)
-            used = torch.nonzero(omega > 0)[:, 0]
-            sdf[used] = field.sdf(planes, local[used])
-            return sdf, omega
-
-        low, high = part_bounds(vertices, blend_weight, FACE_BAND)
-        return cls("face", part_from_root, low, high, distance, "face_evaluations")
+    def of(cls, part: Part[Any], state: Any, vertices: Tensor, part_from_root: np.ndarray) -> PlacedPart:
+        """From the posed mesh (v, 3), part frame."""
+        return cls(part, state, part_from_root, *part.bounds(vertices))
 
     def local(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
         """Root-frame points in the part's frame."""
@@ -102,17 +69,17 @@ class ComposedField:
     """An avatar's field under one driving signal."""
 
     body: BodyWithoutHands
-    parts: tuple[ExactPart, ...]
+    parts: tuple[PlacedPart, ...]
     counters: Counters
 
     @cached_property
     def limbs(self) -> dict[str, Limbs]:
-        """The body field told apart, for the parts into whose boxes another limb reaches."""
+        """The body field split apart, for the parts into whose boxes another limb reaches."""
         touched = {}
         for part in self.parts:
-            own = self.body.ownership[part.name]
+            own = self.body.ownership[part.part.name]
             if reached_by_others(self.body.skin, own, part.part_from_root, part.low, part.high):
-                touched[part.name] = self.body.limbs(own)
+                touched[part.part.name] = self.body.limbs(own)
         return touched
 
     @torch.no_grad()
@@ -120,27 +87,28 @@ class ComposedField:
         """Signed distance and effective ω. Networks run only where their value has a share."""
         count = len(position), len(PARTS)
         inside = torch.zeros(count, dtype=torch.bool)
-        sdf, omega, told = position.new_zeros(count), position.new_zeros(count), position.new_zeros(count)
+        sdf, omega, split = position.new_zeros(count), position.new_zeros(count), position.new_zeros(count)
         for part in self.parts:
-            k = PARTS.index(part.name)
+            name = part.part.name
+            k = PARTS.index(name)
             local = part.local(position)
             inside[:, k] = part.apart(local) == 0
-            if part.name in self.limbs:
-                told[:, k] = told_share(local, part.low, part.high)
+            if name in self.limbs:
+                split[:, k] = split_share(local, part.low, part.high)
             rows = torch.nonzero(inside[:, k])[:, 0]
             if len(rows):
-                sdf[rows, k], omega[rows, k] = part.distance(local[rows])
-                self.counters.add(part.counter, len(rows))
+                sdf[rows, k], omega[rows, k] = part.part.distance(part.state, local[rows])
+                self.counters.add(part.part.work, len(rows))
         idle = in_band(sdf) & (omega == 1)  # the body has no share in such a part
         touched = [PARTS.index(name) for name in self.limbs]
-        idle[:, touched] = told[:, touched] == 1  # nor the whole body where limbs are told apart
+        idle[:, touched] = split[:, touched] == 1  # nor the whole body where limbs are split apart
         body = self._body(position, inside.any(-1) & (idle | ~inside).all(-1))
         own, others = body[:, None].repeat(1, len(PARTS)), torch.full_like(sdf, torch.inf)
         for name, limbs in self.limbs.items():
             k = PARTS.index(name)
             rows = torch.nonzero(inside[:, k])[:, 0]
             pairs = self.body.field.pairs(self.body.frame, position[rows])
-            apart = faded(limbs.own_and_others(position[rows], pairs), body[rows], told[rows, k])
+            apart = faded(limbs.own_and_others(position[rows], pairs), body[rows], split[rows, k])
             own[rows, k], others[rows, k] = apart.unbind(-1)
             self.counters.add("local_mlp_evaluations", len(pairs.point))
         sdf = torch.where(in_band(sdf), sdf, BAND[1])  # an infinite distance times ω = 0 would be NaN
@@ -158,7 +126,7 @@ class ComposedField:
         """
         here = self.body.skin.query(position.double().numpy())
         free = (here.guess > here.freedom) & ~((here.weight > 0) & bool(self.body.touched))
-        clear = torch.as_tensor(np.where(free, np.maximum(here.distance - REACH, 1e-9), 0.0)).to(position)
+        clear = torch.as_tensor(np.where(free, np.maximum(here.distance - SURFACE_REACH, 1e-9), 0.0)).to(position)
         for part in self.parts:
             clear = clear.minimum(part.apart(part.local(position)))
         return clear
@@ -171,7 +139,7 @@ class ComposedField:
             corners = np.stack(np.meshgrid(*zip(part.low, part.high)), -1).reshape(-1, 3)
             vertices.append((corners - part.part_from_root[:3, 3]) @ part.part_from_root[:3, :3])
         held = np.concatenate(vertices)
-        return held.min(0) - REACH, held.max(0) + REACH
+        return held.min(0) - SURFACE_REACH, held.max(0) + SURFACE_REACH
 
     def _body(self, position: Tensor, idle: Bool[Tensor, " p"]) -> Tensor:
         """s_B (p,), 0 where `idle`."""
@@ -184,13 +152,8 @@ class ComposedField:
 
 def composed_field(avatar: Avatar, posed: PosedPerson, volume: AvatarVolume, counters: Counters) -> ComposedField:
     """The float32 field that `volume` was built from: its body, and its parts that are built."""
-    parts = []
-    for name in volume.parts:
-        mesh, place = posed.parts[name], np.linalg.inv(posed.root_from_part(name))
-        if name == "face":
-            assert volume.planes is not None, "a face in the volume, whose planes were not kept"
-            painted = avatar.person.face.blend_weight
-            parts.append(ExactPart.face(avatar.face, volume.planes, mesh, painted, place))
-        else:
-            parts.append(ExactPart.hand(name, avatar.hand(name), mesh, place))
+    parts = (
+        PlacedPart.of(avatar.parts[name], built.state, posed.parts[name], np.linalg.inv(posed.root_from_part(name)))
+        for name, built in volume.parts.items()
+    )
     return ComposedField(volume.body, tuple(parts), counters)

@@ -3,7 +3,7 @@
 A hand on a hip is a union (docs/architecture.md, 'How the parts compose'): the composed value of the hand must never
 replace the hip's flesh. Both fields are evaluated on the body's lattice, inside the box only, and only when a vertex of
 another limb is there. Towards the box's faces both become the field of the whole body, or the surface would jump there:
-nodes of the arm that are heard at the hip move it by a millimetre.
+nodes of the arm whose support reaches the hip move it by a millimetre.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.counters import Counters
-from avatarrex.volume.body_without_hands import BodyWithoutHands
+from avatarrex.fields.body_without_hands import BodyWithoutHands
+from avatarrex.fields.limbs import reached_by_others
 from avatarrex.volume.lattice import Lattice
-from avatarrex.volume.limbs import Ownership, reached_by_others
 from avatarrex.volume.part_box import PartField
 from avatarrex.volume.sdf_volume import BodyGrid, Contact
 
 FADE = 0.03
-"""Metres inside the box's faces over which limbs come to be told apart: past the margin within which a part is blended."""
+"""Metres inside the box's faces over which limbs come to be split: past the margin within which a part is blended."""
 
 
-def told_share(
+def split_share(
     local: Float[Tensor, "p 3"], low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]
 ) -> Float[Tensor, " p"]:
-    """How far limbs are told apart at part-frame points: 0 outside the box and on its faces, 1 from `FADE` inside on."""
+    """How far limbs are split at part-frame points: 0 outside the box and on its faces, 1 from `FADE` inside on."""
     depth = torch.minimum(local - torch.as_tensor(low).to(local), torch.as_tensor(high).to(local) - local)
     return (depth.amin(-1) / FADE).clamp(0, 1)
 
@@ -42,10 +42,10 @@ def find_contact(
     grid: BodyGrid,
     part: PartField,
     root_from_part: np.ndarray,
-    ownership: Ownership,
     counters: Counters,
 ) -> Contact | None:
     """Evaluate `own` and `others` in the box of `part` when another limb is in it, else None."""
+    ownership = body.ownership[part.name]
     corners, part_from_root = part.corners(), np.linalg.inv(root_from_part)
     low, high = corners.min(0), corners.max(0)
     if not reached_by_others(body.skin, ownership, part_from_root, low, high):
@@ -62,7 +62,7 @@ def find_contact(
     points = torch.as_tensor(position, dtype=torch.float32)
     pairs = body.field.pairs(body.frame, points)
     apart = body.limbs(ownership).own_and_others(points, pairs)
-    values = faded(apart, grid.sdf.flatten()[index], told_share(local, low, high).float())
+    values = faded(apart, grid.sdf.flatten()[index], split_share(local, low, high).float())
     counters.add("voxels_evaluated", 2 * len(index))
     counters.add("local_mlp_evaluations", len(pairs.point))
     shape = tuple(int(n) for n in last - first + 1)

@@ -16,10 +16,8 @@ from torch import Tensor
 from avatarrex.fields.composition import WHOLE, Composed, compose, step_bound
 from avatarrex.ops.finite import require_finite
 from avatarrex.ops.trilinear import trilinear
+from avatarrex.templates.parts import PARTS
 from avatarrex.volume.bricks import Bricks
-
-PARTS = ("left_hand", "right_hand", "face")
-"""Order of part weights everywhere."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,9 @@ from avatarrex_studio.engine.engine import Engine
 from avatarrex.avatar import Avatar
 from avatarrex.counters import NAMES
 from avatarrex.pipeline import Frame
+from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import load_person
-from avatarrex.volume.sdf_volume import PARTS, BodyGrid, SdfVolume
+from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
 
 VOLUME = SdfVolume(BodyGrid(np.zeros(3), 0.02, torch.zeros(64, 64, 64)))
 """One MiB."""

@@ -64,7 +64,7 @@ def test_what_is_within_a_finger_is_inside_wherever_the_fingers_pierce(pose: str
     assert torch.equal(query.sdf < 0, wound > 0.5)
     assert ((feature.sdf < 0) != (wound > 0.5)).sum() > 20
     torch.testing.assert_close(query.sdf.abs(), feature.sdf.abs(), atol=0, rtol=0)
-    prepared = hand().beside(hand().surface(mesh), point)
+    prepared = hand().sdf(mesh, point, None, surface=hand().surface(mesh))
     assert torch.equal(prepared.sdf < 0, query.sdf < 0)
 
 
@@ -76,7 +76,9 @@ def test_a_finger_tip_in_the_middle_of_a_large_face_is_found(pose: str, share: f
     surface = hand().surface(mesh)
     assert surface.tree is not None
     point = near(mesh, 60_000, 0.004)
-    assert torch.equal(hand().beside(surface, point).sdf < 0, winding(surface.tree, point.double()) > 0)
+    assert torch.equal(
+        hand().sdf(mesh, point, None, surface=surface).sdf < 0, winding(surface.tree, point.double()) > 0
+    )
 
 
 def test_an_open_hand_asks_hardly_any_winding_numbers() -> None:

@@ -92,7 +92,7 @@ def test_gradients_reach_every_parameter(preset):
     at = posed.body.vertices[:: len(posed.body.vertices) // 2000]
     loss = body.sdf(frame, at).sum() + body.colour(frame, body.patches(frame), at, gaze(at)).square().sum()
     mean, _ = body.code_network.posterior(posed.body_rotation, torch.ones(body.widths.latent))
-    driven = face.driven(posed.parts["face"], posed.face_coefficients)
+    driven = face.driven(posed.parts["face"], posed.coefficients["face"])
     near = posed.parts["face"][person.face.blend_weight > 0.5]
     loss = loss + mean.sum() + face.sdf(face.geometry_planes(driven), near).sum()
     loss = loss + face.colour(face.colour_planes(driven), near, gaze(near)).square().sum()
@@ -124,7 +124,7 @@ def test_variants_differ_where_they_say_and_nowhere_else():
 def test_the_face_without_tri_planes_sees_its_coefficients_alone():
     face, person = Avatar.create(load_person(), "compact/face-mlp").face, load_person()
     posed = pose_person(person, Signals.rest().replace(expression=np.linspace(0, 1, 52)), Counters(), None)
-    planes = face.geometry_planes(face.driven(posed.parts["face"], posed.face_coefficients))
+    planes = face.geometry_planes(face.driven(posed.parts["face"], posed.coefficients["face"]))
     assert planes.tolist() == pytest.approx([*np.linspace(0, 1, 52), *np.zeros(9)])
     near = posed.parts["face"][::50]
     assert (face.sdf(planes, near) - face.sdf(torch.zeros(61), near)).abs().max() > 1e-5

@@ -16,8 +16,8 @@ from avatarrex.measure.bench.ray_truth import ray_error, truth
 from avatarrex.measure.bench.session import Bench
 from avatarrex.measure.bench.stages import measure
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
+from avatarrex.reference.solids import capsule_man
 from avatarrex.volume.sdf_volume import SdfVolume
-from avatarrex.volume.solids import capsule_man
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ import torch
 
 from avatarrex.metrics import floaters
 from avatarrex.metrics.floaters import directions, find_floaters, islands, lumps
+from avatarrex.reference.solids import body_grid, capsule, capsule_man, sphere, union
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.volume.sdf_volume import SdfVolume
-from avatarrex.volume.solids import body_grid, capsule, capsule_man, sphere, union
 
 BALL = sphere((0, 0, 0), 0.3)
 AWAY = (0.0, 0.5, 0.1)

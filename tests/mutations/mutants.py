@@ -123,7 +123,7 @@ MUTANTS: dict[str, Mutant] = {
         BODY,
         "sampled = sampled[~self.replaced.cpu()[sampled]]",
         "sampled = sampled[:]",
-        "tests/volume/test_composed_field.py::test_cloth_beneath_a_hand_comes_to_rest_on_the_trunk",
+        "tests/volume/test_composed_field.py::test_cloth_beneath_a_hand_maps_to_the_trunk_at_rest",
     ),
     "limbs told apart at once": Mutant(
         "limbs that touch",
@@ -134,9 +134,9 @@ MUTANTS: dict[str, Mutant] = {
     ),
     "flat fingers in the belly": Mutant(
         "limbs that touch",
-        "avatarrex/volume/body_without_hands.py",
-        "sdf[rows] = sdf[rows].minimum(limbs.others(position[rows], self.field.pairs(self.frame, position[rows])))",
-        "assert len(rows)",
+        "avatarrex/fields/body_without_hands.py",
+        "sdf = sdf.index_copy(0, rows, sdf[rows].minimum(others))",
+        "assert len(others)",
         "tests/volume/test_composed_field.py::test_the_templates_fingers_carve_no_cloth",
     ),
     "colour of the limb above": Mutant(
@@ -144,7 +144,7 @@ MUTANTS: dict[str, Mutant] = {
         "avatarrex/shading/colour.py",
         "among = nodes_of(self.avatar.ownership, limb)",
         "among = None",
-        "tests/shading/test_colour.py::test_what_an_arm_touches_does_not_hear_the_arm",
+        "tests/shading/test_colour.py::test_what_an_arm_touches_is_coloured_without_the_arm",
     ),
     "fingers in the palm": Mutant(
         "a hand that pierces itself",
@@ -169,9 +169,9 @@ MUTANTS: dict[str, Mutant] = {
     ),
     "skin that nobody sees": Mutant(
         "a hand that pierces itself",
-        "avatarrex/shading/colour.py",
-        "hand.beside(self.hands[name], local).seen(gaze)",
-        "hand.beside(self.hands[name], local)",
+        "avatarrex/parts/hand.py",
+        "state.query(points.position, None, impl).facing(points.direction)",
+        "state.query(points.position, None, impl)",
         "tests/shading/test_colour.py::test_the_skin_of_a_fist_that_is_seen_faces_the_eye",
     ),
     "a ray through a corner": Mutant(
@@ -321,26 +321,26 @@ MUTANTS: dict[str, Mutant] = {
         "",
         "tests/pointmap/test_beams.py::test_a_picture_after_a_larger_one_holds_nothing_of_it",
     ),
-    "crumbs in the air": Mutant(
-        "crumbs",
+    "small components in the air": Mutant(
+        "small components",
         "avatarrex/volume/build.py",
         "grid if settings.everywhere else without_small_components(grid)",
         "grid",
         "tests/volume/test_small_components.py::test_levels_have_none_but_the_papers[False]",
     ),
-    "crumbs that are joined": Mutant(
-        "crumbs",
+    "small components that are joined": Mutant(
+        "small components",
         "avatarrex/volume/small_components.py",
         "return not np.isin(at_voxels[(there > 0) & (there != label)], own).any()",
         "return True",
         "tests/volume/test_small_components.py::test_what_interpolation_joins_to_the_body_stays",
     ),
     "hollow flesh": Mutant(
-        "crumbs",
-        "avatarrex/volume/template_distance.py",
+        "small components",
+        "avatarrex/fields/template_distance.py",
         "for side in (-1, AIR))",
         "for side in (-1, 1))",
-        "tests/volume/test_template_distance.py::test_a_field_may_stand_off_farther_than_it_may_be_hollow",
+        "tests/fields/test_template_distance.py::test_a_field_may_stand_off_farther_than_it_may_be_hollow",
     ),
     "parallel rays, torch": Mutant(
         "parallel rays",
@@ -414,7 +414,7 @@ MUTANTS: dict[str, Mutant] = {
     ),
     "ends of the band in half precision": Mutant(
         "storage",
-        "avatarrex/volume/part_box.py",
+        "avatarrex/parts/hand.py",
         "BOUND = (-CLAMP, 0.026)",
         "BOUND = (-0.05, 0.025)",
         "tests/volume/test_narrow_band.py::test_the_hand_box_has_the_signs_and_near_values_of_the_exact_distance",
@@ -433,11 +433,11 @@ MUTANTS: dict[str, Mutant] = {
         "off = torch.where(matte > 1 - PURE, off.clamp_max(0), off)",
         f"{TESTS_RENDERING}::test_a_silhouette_is_right_within_its_pixels",
     ),
-    "what only seems hidden": Mutant(
-        "parts out of sight",
-        "avatarrex/pipeline.py",
-        "return frozenset(reached)",
-        "return frozenset()",
-        "tests/pointmap/test_visibility.py::test_what_only_seemed_hidden_is_drawn_after_all",
+    "a part partly off screen": Mutant(
+        "parts off screen",
+        "avatarrex/volume/off_screen.py",
+        "bool((side < 0).all())",
+        "bool((side < 0).any())",
+        "tests/volume/test_off_screen.py::test_a_part_partly_on_screen_is_built",
     ),
 }

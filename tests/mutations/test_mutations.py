@@ -20,8 +20,8 @@ PACKAGES = {"avatarrex": "avatarrex", "app": "avatarrex_studio", "shaders": "ava
 TABLE = {
     "axis-angle at 0", "axis-angle at π", "blended skinning matrix", "Σw → 0", "Laplace CDF", "transmittance",
     "sliver triangles", "thin parts", "parallel rays", "far from origin", "encoding", "storage", "what stands still",
-    "surfaces that creep", "parts out of sight", "sides not searched", "sharp joints", "limbs that touch",
-    "a hand that pierces itself", "rays that share a beam", "crumbs",
+    "surfaces that creep", "parts off screen", "sides not searched", "sharp joints", "limbs that touch",
+    "a hand that pierces itself", "rays that share a beam", "small components",
 }  # fmt: skip
 """The hazards of docs/stress.md that have a remedy in the code."""
 

@@ -3,7 +3,7 @@
 import pytest
 
 from avatarrex.pointmap.raycast import available
-from avatarrex.volume.solids import capsule_man
+from avatarrex.reference.solids import capsule_man
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""A solid with a closed form (volume/solids.py) as what dense rays are cast against and hits are polished onto."""
+"""A solid with a closed form (reference/solids.py) as what dense rays are cast against and hits are polished onto."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from avatarrex.fields.composition import Composed
-from avatarrex.volume.solids import Solid
+from avatarrex.reference.solids import Solid
 
 
 @dataclass(frozen=True)

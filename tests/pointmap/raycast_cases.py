@@ -3,7 +3,8 @@
 import torch
 
 from avatarrex.camera import Camera
-from avatarrex.pointmap.raycast import PointMap, raycast
+from avatarrex.pointmap.point_map import PointMap
+from avatarrex.pointmap.raycast import raycast
 from avatarrex.volume.sdf_volume import SdfVolume
 
 VIEWS = [

@@ -11,8 +11,8 @@ from avatarrex.camera import Camera
 from avatarrex.gl.context import gl_context, gl_unavailable
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.pointmap.raycast_gl import GlCaster
+from avatarrex.reference.solids import body_grid, capsule, sphere
 from avatarrex.volume.sdf_volume import SdfVolume
-from avatarrex.volume.solids import body_grid, capsule, sphere
 
 pytestmark = pytest.mark.skipif(gl_unavailable() is not None, reason=f"no OpenGL: {gl_unavailable()}")
 CAMERAS = {

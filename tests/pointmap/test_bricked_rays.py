@@ -9,10 +9,10 @@ from raycast_cases import agree
 
 from avatarrex.camera import Camera
 from avatarrex.pointmap.raycast import raycast
-from avatarrex.pointmap.visible_cells import seen_cells
+from avatarrex.pointmap.visible_cells import visible_cells
+from avatarrex.reference.solids import body_grid, capsule, part_box, rotation, sphere, union
 from avatarrex.volume.bricks import grow_bricks
 from avatarrex.volume.sdf_volume import SdfVolume
-from avatarrex.volume.solids import body_grid, capsule, part_box, rotation, sphere, union
 
 FIGURE = union(sphere((0, 0, 0), 0.15), capsule((-0.2, 0.11, 0), (0.2, 0.2, 0.05), 0.014))
 GRID = ((-0.3, -0.3, -0.3), 0.02, (31, 31, 31))
@@ -33,7 +33,7 @@ def _ramp(p: torch.Tensor) -> torch.Tensor:
 
 def bricked(volume: SdfVolume, side: int, camera: Camera = CAMERA) -> SdfVolume:
     grid = volume.body
-    cells, _ = seen_cells(volume, camera, "torch")
+    cells, _ = visible_cells(volume, camera, "torch")
 
     def exact(place: np.ndarray) -> np.ndarray:
         return FIGURE(torch.from_numpy(grid.origin + grid.voxel * place)).float().numpy()
@@ -73,7 +73,7 @@ def test_what_a_large_view_hits_is_in_bricks() -> None:
 
 def test_a_view_without_the_person_sees_no_cell() -> None:
     away = Camera.orbit(0, 0, 2, 30, (5, 0, 0), 32, 32)
-    cells, found = seen_cells(figure(), away, "torch")
+    cells, found = visible_cells(figure(), away, "torch")
     assert len(cells) == 0
     assert not found.hit.any()
     assert raycast(bricked(figure(), 2, away), CAMERA, "torch").hit.any()

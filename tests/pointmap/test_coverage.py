@@ -6,8 +6,8 @@ import torch
 from avatarrex.camera import Camera
 from avatarrex.pointmap import raycast_gl
 from avatarrex.pointmap.raycast import raycast
+from avatarrex.reference.solids import body_grid, capsule, sphere
 from avatarrex.volume.sdf_volume import SdfVolume
-from avatarrex.volume.solids import body_grid, capsule, sphere
 
 BALL = SdfVolume(body_grid(sphere((0.3, 0.3, 0.3), 0.2), (0, 0, 0), 0.02, (31, 31, 31)))
 

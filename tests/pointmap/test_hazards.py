@@ -14,8 +14,8 @@ from avatarrex.pointmap.raycast import raycast
 from avatarrex.pointmap.raycast_reference import first_crossing
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.pointmap.rays import slab as slab_test
+from avatarrex.reference.solids import body_grid, part_box, rotation, slab, sphere, union
 from avatarrex.volume.sdf_volume import Contact, SdfVolume
-from avatarrex.volume.solids import body_grid, part_box, rotation, slab, sphere, union
 
 SIDE = 0.6
 GRID = ((0, 0, 0), 0.02, (31, 31, 31))

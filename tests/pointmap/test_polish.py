@@ -13,11 +13,11 @@ from avatarrex.fields.composition import Composed
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
 from avatarrex.pointmap.polish import CONVERGED, FLATTEST, descend, descend_reference, reach
 from avatarrex.reference.oracle import exact_field
+from avatarrex.reference.solids import sphere
 from avatarrex.reference.voxel_frame import pose_reference
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.volume.composed_field import ComposedField
-from avatarrex.volume.solids import sphere
 
 SETTINGS = RenderSettings(raycast="torch", part_voxel=0.005, antialias=True)
 SIGNALS = Signals.rest().replace(body_pose=named_pose("walk"))

@@ -10,8 +10,8 @@ from raycast_cases import VIEWS, agree, errors, reference
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.pointmap.raycast import available, raycast
+from avatarrex.reference.solids import body_grid, sphere, union
 from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
-from avatarrex.volume.solids import body_grid, sphere, union
 
 
 @pytest.mark.parametrize("camera", VIEWS, ids=["whole", "hand", "head"])

@@ -10,7 +10,7 @@ from pointmap.dense_solid import DenseSolid
 from avatarrex.camera import Camera
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres
 from avatarrex.reference.dense_rays import EXACT, dense_crossing
-from avatarrex.volume.solids import capsule, slab, sphere, union
+from avatarrex.reference.solids import capsule, slab, sphere, union
 
 
 def rays_of(camera: Camera) -> Rays:

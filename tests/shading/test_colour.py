@@ -15,13 +15,14 @@ from avatarrex.pipeline import RenderSettings, render_frame
 from avatarrex.shading.colour import SurfaceColour
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
+from avatarrex.templates.parts import PARTS
 from avatarrex.templates.posed import pose_person
-from avatarrex.volume.sdf_volume import PARTS, sides
+from avatarrex.volume.sdf_volume import sides
 
 CROSSED = Signals.rest().replace(body_pose=named_pose("crossed_arms"))
 
 
-def test_what_an_arm_touches_does_not_hear_the_arm() -> None:
+def test_what_an_arm_touches_is_coloured_without_the_arm() -> None:
     """Of what lies beneath a hand the hand's and forearm's embeddings are NaN, of the arm the others': the frame's colours stay."""
     avatar = load_avatar()
     posed = pose_person(avatar.person, CROSSED, Counters(), None)
@@ -41,7 +42,7 @@ def test_what_an_arm_touches_does_not_hear_the_arm() -> None:
         unheard = own if limb % 2 else ~own
         deaf = replace(code, embedding=torch.where(unheard[:, None], torch.nan, code.embedding))
         paint, rows = (
-            SurfaceColour(avatar, posed, replace(volume.body_frame, code=deaf), None, Counters()),
+            SurfaceColour(avatar, posed, replace(volume.body_frame, code=deaf), {}, Counters()),
             side == limb,
         )
         with torch.no_grad():
@@ -54,10 +55,10 @@ def test_what_an_arm_touches_does_not_hear_the_arm() -> None:
 
 
 class Witness(Light):
-    """Remembers the normals that it was asked for."""
+    """Remembers the normals that it was evaluated at."""
 
     def forward(self, normal: torch.Tensor) -> torch.Tensor:
-        self.asked = normal
+        self.normal = normal
         return super().forward(normal)
 
 
@@ -78,12 +79,13 @@ def test_the_skin_of_a_fist_that_is_seen_faces_the_eye() -> None:
     local = (position - torch.as_tensor(place[:3, 3]).float()) @ rotation.T
     bare = avatar.left_hand.sdf(mesh, local).normal @ rotation
     assert ((bare * gaze).sum(-1) > 0.1).sum() > 5
+    states = {name: part.state for name, part in frame.volume.parts.items()}
     light = Witness()
     light.load_state_dict(avatar.light.state_dict())
     with torch.no_grad():
-        SurfaceColour(replace(avatar, light=light), posed, frame.volume.body_frame, None, Counters()).colour(
+        SurfaceColour(replace(avatar, light=light), posed, frame.volume.body_frame, states, Counters()).colour(
             position, gaze, share
         )
-    assert len(light.asked) == len(position)
-    assert (light.asked * gaze).sum(-1).max() < 1e-5
-    torch.testing.assert_close(light.asked.norm(dim=-1), torch.ones(len(position)), atol=1e-5, rtol=0)
+    assert len(light.normal) == len(position)
+    assert (light.normal * gaze).sum(-1).max() < 1e-5
+    torch.testing.assert_close(light.normal.norm(dim=-1), torch.ones(len(position)), atol=1e-5, rtol=0)

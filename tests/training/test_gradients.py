@@ -16,6 +16,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields import presets
 from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.presets import COMPACT
+from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.raycast import raycast
@@ -30,8 +31,7 @@ from avatarrex.training.core.pixels import PixelBatch
 from avatarrex.training.core.sampling import noise_of
 from avatarrex.training.core.trained_field import FACE, TrainedBody
 from avatarrex.training.recipe import SMOKE
-from avatarrex.volume.build import build_volume
-from avatarrex.volume.template_distance import TemplateDistance
+from avatarrex.volume.build import AvatarVolume, BuiltPart, build_volume
 
 TINY = replace(
     COMPACT,
@@ -76,20 +76,26 @@ def tiny(tmp_path_factory) -> tuple[Avatar, TrainingFrame, OneFrame]:
         body=PosedTemplate(*(value.double() for value in vars(posed.body).values())),
         body_rotation=posed.body_rotation.double(),
         parts={name: mesh.double() for name, mesh in posed.parts.items()},
-        hand_pose={name: pose.double() for name, pose in posed.hand_pose.items()},
+        coefficients={name: values.double() for name, values in posed.coefficients.items()},
     )
     for module in avatar.modules().values():
         module.double()
-    assert volume.views is not None
     body = replace(volume.body, frame=_double_frame(avatar, double))
-    volume = replace(volume, views=volume.views.double(), body=body)
-    frame = TrainingFrame(0, double, posed.world_from_root(rig.signals[0]), skin, volume, 0, {})
+    volume = replace(volume, body=body, parts=_double_parts(avatar, double, volume))
+    frame = TrainingFrame(0, double, posed.world_from_root(rig.signals[0]), skin, volume, 0)
     return avatar, frame, OneFrame(avatar, rig, frame)
 
 
 def _double_frame(avatar: Avatar, posed: PosedPerson) -> BodyFrame:
     with torch.no_grad():
         return avatar.body.frame(posed.body, avatar.body.code(posed.body_rotation))
+
+
+def _double_parts(avatar: Avatar, posed: PosedPerson, volume: AvatarVolume) -> dict[str, BuiltPart]:
+    return {
+        name: replace(built, state=avatar.parts[name].prepare(posed.parts[name], posed.coefficients[name], Counters()))
+        for name, built in volume.parts.items()
+    }
 
 
 def pixels(camera: Camera, frame: TrainingFrame, near: np.ndarray) -> PixelBatch:

@@ -14,11 +14,11 @@ from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Rig, open_capture
 from avatarrex.fields.composition import Composed
 from avatarrex.pointmap.rays import RayPlane
+from avatarrex.reference.solids import body_grid, sphere
 from avatarrex.training.core.losses import silhouette_loss
 from avatarrex.training.core.outline import SURE, closest
 from avatarrex.training.core.pixels import PixelBatch, draw_outline
 from avatarrex.volume.sdf_volume import SdfVolume
-from avatarrex.volume.solids import body_grid, sphere
 
 MIDDLE = (0.3, 0.3, 0.3)
 RADIUS = 0.2

@@ -8,11 +8,11 @@ import torch
 
 from avatarrex.camera import Camera
 from avatarrex.pointmap.rays import RayPlane, Rays
+from avatarrex.reference.solids import body_grid, sphere, union
 from avatarrex.training.core.losses import mask_loss, rgb_loss, silhouette_loss
 from avatarrex.training.core.sampling import Walk, draw, noise_of
 from avatarrex.training.core.volume_rendering import render_weights
 from avatarrex.volume.sdf_volume import SdfVolume
-from avatarrex.volume.solids import body_grid, sphere, union
 
 MIDDLE = (0.3, 0.3, 0.3)
 RADIUS = 0.2

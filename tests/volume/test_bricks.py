@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from avatarrex.reference.solids import body_grid, capsule, lattice_points, sphere, union
 from avatarrex.volume.bricks import ROW, Bricks, grow_bricks
 from avatarrex.volume.sdf_volume import BodyGrid
-from avatarrex.volume.solids import body_grid, capsule, lattice_points, sphere, union
 
 ORIGIN, VOXEL, SHAPE = (-0.3, -0.3, -0.3), 0.02, (31, 32, 33)
 PIN = union(sphere((0.001, 0.002, 0.003), 0.1701), capsule((0, 0.1, 0), (0.02, 0.27, 0.01), 0.018))

@@ -12,14 +12,14 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.pipeline import RenderSettings, render_frame
 from avatarrex.reference.oracle import exact_field
+from avatarrex.reference.solids import lattice_points
 from avatarrex.reference.voxel_frame import pose_reference
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.build import AvatarVolume, body_frame, build_volume
-from avatarrex.volume.composed_field import ComposedField, ExactPart, composed_field
+from avatarrex.volume.composed_field import ComposedField, PlacedPart, composed_field
 from avatarrex.volume.sdf_volume import sample
-from avatarrex.volume.solids import lattice_points
 
 HIP = Signals.rest().replace(body_pose=named_pose("hands_on_hips"))
 SETTINGS = RenderSettings(part_voxel=0.01)
@@ -60,11 +60,11 @@ def test_voxels_hold_the_field(built: tuple[AvatarVolume, ComposedField]) -> Non
     torch.testing.assert_close(field.sdf(points[outside]), stored, rtol=0, atol=1e-5)
 
 
-def test_hands_on_hips_are_told_apart_as_the_volume_does(built: tuple[AvatarVolume, ComposedField]) -> None:
+def test_hands_on_hips_are_split_as_the_volume_does(built: tuple[AvatarVolume, ComposedField]) -> None:
     volume, field = built
     assert {part.name for part in volume.sdf.parts if part.contact is not None} == set(field.limbs) != set()
     points = near_surface(built)
-    hands = [part for part in field.parts if part.name != "face"]
+    hands = [part for part in field.parts if part.part.name != "face"]
     inside = torch.stack([part.apart(part.local(points)) == 0 for part in hands]).any(0)
     stored, here = sample(volume.sdf, points[inside]).composed.sdf, field.sdf(points[inside])
     apart = (stored - here).abs()
@@ -79,7 +79,7 @@ def test_hands_on_hips_are_told_apart_as_the_volume_does(built: tuple[AvatarVolu
 def test_nothing_jumps_at_the_faces_of_a_hands_box(avatar: Avatar) -> None:
     """Cloth beneath a fist: inside the box the limbs are told apart, outside the whole body is one field."""
     field = of_a_fist(avatar)
-    hand = next(part for part in field.parts if part.name == "left_hand")
+    hand = next(part for part in field.parts if part.part.name == "left_hand")
     noise = torch.Generator().manual_seed(4)
     low, high = torch.as_tensor(hand.low), torch.as_tensor(hand.high)
     local = low + (high - low) * torch.rand(30000, 3, generator=noise, dtype=torch.float64)
@@ -109,8 +109,7 @@ def test_the_templates_fingers_carve_no_cloth(avatar: Avatar) -> None:
         cloth |= limbs.others(position, body.field.pairs(body.frame, position)) < 0
     assert (replaced & cloth).sum() > 500
     assert (body.sdf(position[replaced & cloth], Counters()) < 0).float().mean() > 0.99
-    nobody = {name: replace(own, other_vertex=own.other_vertex & False) for name, own in body.ownership.items()}
-    alone = replace(body, ownership=nobody)
+    alone = replace(body, contact=False)
     assert not alone.touched
     assert (alone.sdf(position[replaced & cloth], Counters()) >= 0.02).all()
 
@@ -123,7 +122,7 @@ def of_a_fist(avatar: Avatar) -> ComposedField:
     return composed_field(avatar, posed, volume, Counters())
 
 
-def from_part(part: ExactPart, local: torch.Tensor) -> torch.Tensor:
+def from_part(part: PlacedPart, local: torch.Tensor) -> torch.Tensor:
     """Part-frame points in the root frame, single precision."""
     matrix = torch.as_tensor(part.part_from_root)
     return ((local - matrix[:3, 3]) @ matrix[:3, :3]).float()
@@ -150,9 +149,9 @@ def test_what_is_clear_is_outside(exact: ComposedField) -> None:
     assert (exact.sdf(points) < 0).any()
 
 
-def test_nothing_is_asked_where_it_has_no_share(built: tuple[AvatarVolume, ComposedField]) -> None:
+def test_nothing_is_evaluated_where_it_has_no_share(built: tuple[AvatarVolume, ComposedField]) -> None:
     field = replace(built[1], counters=Counters())
-    part = next(part for part in field.parts if part.name == "face")
+    part = next(part for part in field.parts if part.part.name == "face")
     far = torch.as_tensor(part.part_from_root[:3, :3].T @ (part.high + 0.01 - part.part_from_root[:3, 3])).float()
     field(far[None])
     assert field.counters["face_evaluations"] == 0
@@ -160,7 +159,7 @@ def test_nothing_is_asked_where_it_has_no_share(built: tuple[AvatarVolume, Compo
     assert np.isfinite(field.sdf(far[None]).numpy()).all()
 
 
-def test_cloth_beneath_a_hand_comes_to_rest_on_the_trunk(avatar: Avatar) -> None:
+def test_cloth_beneath_a_hand_maps_to_the_trunk_at_rest(avatar: Avatar) -> None:
     """Where a hand lies on it: the hand's own frames would colour it with flesh that the hand replaces, and nobody saw."""
     posed = pose_person(avatar.person, HIP, Counters(), None)
     aim = tuple(map(float, posed.body.joints[20]))

@@ -7,18 +7,18 @@ from scipy.ndimage import label
 
 from avatarrex.avatar import load_avatar
 from avatarrex.counters import Counters
+from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.composition import in_band
+from avatarrex.fields.template_distance import AIR, TemplateDistance
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.body_grid import build_body_grid
-from avatarrex.volume.body_without_hands import BodyWithoutHands
 from avatarrex.volume.build import body_frame
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import between, halved, settle, unsettled
-from avatarrex.volume.part_box import hand_box
-from avatarrex.volume.template_distance import AIR, TemplateDistance
+from avatarrex.volume.part_box import build_part_box
 
 LATTICE = Lattice(np.array([-0.5, -0.4, -0.45]), 0.05, (19, 17, 21))
 
@@ -89,7 +89,9 @@ def test_the_hand_box_has_the_signs_and_near_values_of_the_exact_distance(pose: 
     vertices = pose_person(
         avatar.person, Signals.rest().replace(left_hand_pose=named_hand(pose, "left")), Counters(), None
     ).parts["left_hand"]
-    box = hand_box("left_hand", avatar.left_hand, vertices, 0.005, counters)
+    hand = avatar.parts["left_hand"]
+    state = hand.prepare(vertices, torch.zeros(15, 3), counters)
+    box = build_part_box(hand, state, vertices, 0.005, counters)
     shape = box.field.shape
     index = np.arange(shape[0] * shape[1] * shape[2])
     lattice = Lattice(box.origin, box.voxel, (shape[0], shape[1], shape[2]))

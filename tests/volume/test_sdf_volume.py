@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from avatarrex.reference.solids import body_grid, part_box, rotation, sphere
 from avatarrex.volume.sdf_volume import Contact, PartBox, SdfVolume, distance, sample
-from avatarrex.volume.solids import body_grid, part_box, rotation, sphere
 
 POINTS = torch.rand(4000, 3, generator=torch.Generator().manual_seed(3), dtype=torch.float64) * 0.36 + 0.02
 

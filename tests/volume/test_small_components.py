@@ -11,13 +11,13 @@ import torch
 from avatarrex.avatar import load_avatar
 from avatarrex.counters import Counters
 from avatarrex.pipeline import RenderSettings
+from avatarrex.reference.solids import Solid, body_grid, capsule, sphere, union
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume import build
 from avatarrex.volume.body_grid import build_body_grid
 from avatarrex.volume.sdf_volume import BodyGrid
 from avatarrex.volume.small_components import without_small_components
-from avatarrex.volume.solids import Solid, body_grid, capsule, sphere, union
 
 BODY = capsule((0.2, 0.1, 0.2), (0.2, 0.5, 0.2), 0.06)
 

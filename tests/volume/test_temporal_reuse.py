@@ -9,6 +9,7 @@ import torch
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
+from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.levels import LEVELS, REUSE_TOLERANCE, level
 from avatarrex.pipeline import Frame, render_frame
 from avatarrex.shading.shade import shade
@@ -18,7 +19,6 @@ from avatarrex.volume.body_grid import SLACK, build_body_grid
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import unsettled
 from avatarrex.volume.small_components import without_small_components
-from avatarrex.volume.template_distance import TemplateDistance
 from avatarrex.volume.temporal_reuse import PreviousGrid
 
 FAST = replace(level("fast"), raycast="torch", part_voxel=0.01, reuse_tolerance=REUSE_TOLERANCE)
@@ -89,7 +89,7 @@ def beyond(skin: TemplateDistance, origin: np.ndarray, sdf: np.ndarray, known: n
 def test_colours_are_those_of_shading_every_pixel(avatar: Avatar, dragged: list[Frame]) -> None:
     for frame in dragged[1:]:
         counters = Counters()
-        whole = shade(avatar, frame.posed, frame.volume, frame.pointmap, frame.view, counters, None)
+        whole = shade(avatar, frame.surface, counters, None)
         held = frame.volume.changed is not None
         assert (frame.counters["pixels_shaded"] < counters["pixels_shaded"]) == held
         assert (whole.image - frame.image).abs().max() < 2 / 255
@@ -152,7 +152,7 @@ def test_another_view_of_a_held_body_is_shaded_whole(avatar: Avatar, dragged: li
     turned = Camera.orbit(60, 5, 2.6, 40, (0, -0.05, 0), 48, 48)
     frame = render_frame(avatar, dragged[3].signals, turned, FAST, dragged[3])
     assert frame.volume is dragged[3].volume
-    whole = shade(avatar, frame.posed, frame.volume, frame.pointmap, frame.view, Counters(), None)
+    whole = shade(avatar, frame.surface, Counters(), None)
     assert torch.equal(whole.image, frame.image)
 
 

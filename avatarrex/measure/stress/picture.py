@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from avatarrex.counters import Counters
 from avatarrex.fields.body import MAX_CLOTHING_OFFSET
+from avatarrex.fields.template_distance import MAX_DEVIATION
 from avatarrex.levels import LEVELS
 from avatarrex.measure.stress import driving, views
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
@@ -19,7 +20,6 @@ from avatarrex.measure.stress.subject import subject
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.sdf_volume import sample
-from avatarrex.volume.template_distance import MAX_DEVIATION
 
 SIDE = 64
 COARSE = RenderSettings(voxel=0.03, part_voxel=0.01)
@@ -79,7 +79,7 @@ def _check_surface(frame: Frame, found: Findings) -> None:
     value, point = grid.sdf.numpy()[tuple(far.T)], grid.origin + grid.voxel * far[:, ::-1]
     body, vertices = frame.volume.body, frame.volume.body.skin.vertices
     away, here = cKDTree(vertices).query(point)[0], body.skin.query(point)
-    # Flat fingers of the template that are sunk into a belly: its depth is counted from its own skin (volume/body_without_hands.py).
+    # Flat fingers of the template that are sunk into a belly: its depth is counted from its own skin (fields/body_without_hands.py).
     for own, _ in body.touched:
         sunk = (value < 0) & (here.weight > 0) & own[here.nearest]
         away[sunk] = cKDTree(vertices[~own]).query(point[sunk])[0]

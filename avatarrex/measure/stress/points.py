@@ -104,7 +104,7 @@ def _check_body(frame: BodyFrame, posed: PosedPerson, point: Tensor, gaze: Tenso
 def _check_hand(name: str, posed: PosedPerson, point: Tensor, gaze: Tensor, found: Findings) -> None:
     field = subject().hand(name)
     query = field.sdf(posed.parts[name], point)
-    omega, colour = field.omega(query), field.colour(posed.parts[name], posed.hand_pose[name], query)
+    omega, colour = field.omega(query), field.colour(posed.parts[name], posed.coefficients[name], query)
     found.finite("hand field finite", query.sdf, query.barycentric, query.normal, omega, colour)
     found.within("hand distance in its band", query.sdf, *BAND)
     found.within("hand barycentrics in 0 to 1", query.barycentric, 0, 1)
@@ -116,7 +116,7 @@ def _check_hand(name: str, posed: PosedPerson, point: Tensor, gaze: Tensor, foun
 
 def _check_face(name: str, posed: PosedPerson, point: Tensor, gaze: Tensor, found: Findings) -> None:
     field = subject().face
-    views = field.driven(posed.parts[name], posed.face_coefficients)
+    views = field.driven(posed.parts[name], posed.coefficients[name])
     found.finite("face views finite", views)
     planes = field.geometry_planes(views), field.colour_planes(views)
     found.finite("face planes finite", *planes)

@@ -24,8 +24,8 @@ from avatarrex.pipeline import Frame, RenderSettings, render_frame
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.shade import shade
 from avatarrex.signals.driving import SHAPES, Signals
+from avatarrex.templates.parts import PARTS
 from avatarrex.volume.build import build_volume
-from avatarrex.volume.sdf_volume import PARTS
 
 SETTINGS = RenderSettings(voxel=0.04, part_voxel=0.0125, antialias=False)
 VALUES = (np.nan, np.inf, -np.inf)
@@ -119,7 +119,7 @@ def _point_map(name: str) -> Callable[[float, float], object]:
         frame = clean()
         bad: dict[str, Any] = {name: _spoiled(getattr(frame.pointmap, name), value, place)}
         spoiled = replace(frame.pointmap, **bad)
-        shade(subject(), frame.posed, frame.volume, spoiled, frame.camera, Counters(), None)
+        shade(subject(), replace(frame.surface, pointmap=spoiled), Counters(), None)
 
     return run
 

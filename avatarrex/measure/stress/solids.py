@@ -11,9 +11,10 @@ import torch
 from avatarrex.measure.stress import views
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
 from avatarrex.measure.stress.findings import Findings
-from avatarrex.pointmap.raycast import PointMap, available, raycast
+from avatarrex.pointmap.point_map import PointMap
+from avatarrex.pointmap.raycast import available, raycast
+from avatarrex.reference.solids import Solid, body_grid, capsule, part_box, rotation, union
 from avatarrex.volume.sdf_volume import SdfVolume
-from avatarrex.volume.solids import Solid, body_grid, capsule, part_box, rotation, union
 
 SIDE = 24
 GRID = ((0.0, 0.0, 0.0), 0.02, (31, 31, 31))

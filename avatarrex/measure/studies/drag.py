@@ -1,10 +1,10 @@
 """A dragged arm: how rough its voxels and how late its picture may be, against what that saves.
 
-    python avatarrex/measure/studies/drag.py --frames 14
+    python -m avatarrex.measure.studies.drag --frames 14
 
 For each voxel and tolerance (`levels.DRAGGED_VOXEL`, `levels.REUSE_TOLERANCE`): voxels and pixels made anew in a frame,
-processor milliseconds (one thread, medians), how far the last frame lags behind the same frame made anew, and how far the surface of such voxels is from
-the exact one (64², millimetres), at 192² as `bench frame` drags.
+processor milliseconds (one thread, medians), how far the last frame lags behind the same frame made anew, and how far the
+surface of such voxels is from the exact one (64², millimetres), at 192² as `bench frame` drags.
 """
 
 from __future__ import annotations

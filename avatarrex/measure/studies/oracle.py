@@ -28,8 +28,8 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.levels import LEVELS
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.pointmap.point_map import PointMap
 from avatarrex.pointmap.polish import polish
-from avatarrex.pointmap.raycast import PointMap
 from avatarrex.reference.error_report import Accuracy, PixelErrors, depth_report, pixel_errors
 from avatarrex.reference.oracle import STEP, cast, near_seam, render_oracle
 from avatarrex.shading.shade import shade
@@ -140,7 +140,7 @@ def cost(avatar: Avatar, options: argparse.Namespace) -> None:
             spent = least(partial(polish, pointmap, field, volume.sdf, view, steps, counters))
             pairs, hits = (counters[key] // REPEATS for key in ("local_mlp_evaluations", "hits_polished"))
             print(f"polish {steps}, {name}: {spent:.0f} ms, {hits} hits, {pairs} local MLPs", flush=True)
-        spent = least(partial(shade, avatar, frame.posed, volume, pointmap, view, Counters(), frame.shading))
+        spent = least(partial(shade, avatar, replace(frame.surface, pointmap=pointmap), Counters(), frame.shading))
         print(f"shading, {name}: {spent:.0f} ms")
 
 

@@ -6,22 +6,23 @@ that is resumed there places its samples as it would have without the interrupti
 
 from __future__ import annotations
 
+import copy
 from collections import OrderedDict
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Rig
 from avatarrex.counters import Counters
-from avatarrex.pipeline import RenderSettings
-from avatarrex.templates.model import skinned_normals
+from avatarrex.fields.template_distance import TemplateDistance
+from avatarrex.parts.face import Face
+from avatarrex.settings import RenderSettings
 from avatarrex.templates.posed import PosedPerson, pose_person
-from avatarrex.volume.build import AvatarVolume, build_volume
-from avatarrex.volume.template_distance import TemplateDistance
+from avatarrex.volume.build import AvatarVolume, build_volume, template_distance
 
 FINE = RenderSettings()
 COARSE = RenderSettings(voxel=0.02, part_voxel=0.005)
@@ -41,8 +42,10 @@ class TrainingFrame:
     volume: AvatarVolume
     age: int
     """Of the fields that the volume was made from."""
-    planes: dict[str, Tensor]
-    """Tri-planes of a face that is not trained, by network."""
+
+    def states(self) -> dict[str, Any]:
+        """What each part prepared, by name, for one step: colour planes of a trained face are decoded anew in each."""
+        return {name: copy.copy(part.state) for name, part in self.volume.parts.items()}
 
     def camera(self, camera: Camera) -> Camera:
         """A camera of the rig in this frame's root frame."""
@@ -83,27 +86,24 @@ class FrameStore:
         avatar = self._copy
         posed = pose_person(avatar.person, signals, Counters(), None)
         volume = build_volume(avatar, posed, self.settings, Counters(), None)
-        return TrainingFrame(
-            index, posed, posed.world_from_root(signals), self._skin(posed), volume, self.age, self._planes(volume)
-        )
+        if self.trained != "face":
+            decode_face(avatar, volume)
+        return TrainingFrame(index, posed, posed.world_from_root(signals), self._skin(posed), volume, self.age)
 
     def _again(self, old: TrainingFrame) -> TrainingFrame:
         """The trained part's volume anew; nothing else has changed."""
-        stale = replace(old.volume, keys={**old.volume.keys, self.trained: None})
-        volume = build_volume(self._copy, old.posed, self.settings, Counters(), stale)
+        outdated = old.volume.outdated(self.trained)
+        volume = build_volume(self._copy, old.posed, self.settings, Counters(), outdated)
         return replace(old, volume=volume, skin=self._skin(old.posed), age=self.age)
 
     def _skin(self, posed: PosedPerson) -> TemplateDistance:
-        return TemplateDistance.of(
-            posed.body.vertices.double().numpy(),
-            skinned_normals(self.avatar.person.body, posed.body).double().numpy(),
-            self.avatar.hand_weight.double().numpy(),
-            self._copy.body.clothing_offset.double().numpy(),
-            closed=True,
-        )
+        return template_distance(self._copy, posed)
 
-    def _planes(self, volume: AvatarVolume) -> dict[str, Tensor]:
-        if self.trained == "face" or volume.views is None:
-            return {}
-        with torch.no_grad():
-            return {"colour": self._copy.face.colour_planes(volume.views)}
+
+@torch.no_grad()
+def decode_face(avatar: Avatar, volume: AvatarVolume) -> None:
+    """Decode the colour planes of a face that is not trained, where there is one."""
+    face = avatar.parts["face"]
+    if "face" in volume.parts:
+        assert isinstance(face, Face)
+        face.decode_colour(volume.parts["face"].state, Counters())

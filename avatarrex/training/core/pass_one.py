@@ -115,8 +115,8 @@ class FacePass:
 
     def field(self, frame: TrainingFrame, noise: torch.Generator) -> tuple[TrainedField, dict[str, Tensor]]:
         """The face of a frame."""
-        assert frame.volume.views is not None
-        return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(frame.volume.views)), {}
+        driven = frame.volume.parts["face"].state.driven
+        return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(driven)), {}
 
     def window(self, frame: TrainingFrame, view: int) -> tuple[int, int, int, int] | None:
         """The box of pixels around the projected face."""

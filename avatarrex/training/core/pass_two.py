@@ -71,17 +71,7 @@ class PatchPass:
         position = pointmap.position[seen].to(self.parameters()[0].dtype)
         direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre).to(position), dim=-1)
         volume = frame.volume
-        planes, hands = frame.planes.get("colour"), volume.hands
-        paint = SurfaceColour(
-            self.avatar,
-            frame.posed,
-            volume.body_frame,
-            volume.views,
-            Counters(),
-            planes=planes,
-            hands=hands,
-            sparse=True,
-        )
+        paint = SurfaceColour(self.avatar, frame.posed, volume.body_frame, frame.states(), Counters(), sparse=True)
         image = position.new_zeros(*seen.shape, 3)
         if len(position):
             side = sides(volume.sdf, pointmap.position[seen])

@@ -18,12 +18,14 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
-from avatarrex.fields.composition import Composed, compose, emptied
+from avatarrex.fields.body_without_hands import BodyWithoutHands
+from avatarrex.fields.composition import Composed, compose
 from avatarrex.fields.influence import RADIUS
 from avatarrex.ops.trilinear import trilinear
 from avatarrex.shading.colour import SurfaceColour
+from avatarrex.templates.parts import PARTS
 from avatarrex.training.core.frames import TrainingFrame
-from avatarrex.volume.sdf_volume import PARTS, SdfVolume, stored_parts
+from avatarrex.volume.sdf_volume import SdfVolume, stored_parts
 
 FACE = PARTS.index("face")
 
@@ -69,12 +71,11 @@ class TrainedBody:
 
     def composed(self, position: Float[Tensor, "p 3"]) -> Composed:
         """See `TrainedField`."""
-        here = self.frame.skin.query(position.detach().double().numpy())
-        body = here.clamped(self.avatar.body.sdf(self.body_frame, position))
-        body = emptied(body, torch.as_tensor(here.weight, dtype=body.dtype))
+        body = BodyWithoutHands(self.avatar.body, self.body_frame, self.frame.skin, {}, contact=False)
+        s_body = body.sdf(position, Counters())
         parts = stored_parts(self.frame.volume.sdf, position)
-        own = body[:, None].expand_as(parts.sdf)
-        return compose(body, parts.inside, parts.sdf, parts.omega, own, torch.full_like(parts.sdf, torch.inf))
+        own = s_body[:, None].expand_as(parts.sdf)
+        return compose(s_body, parts.inside, parts.sdf, parts.omega, own, torch.full_like(parts.sdf, torch.inf))
 
     def alone(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """See `TrainedField`."""
@@ -89,16 +90,8 @@ class TrainedBody:
 
     def paint(self) -> SurfaceColour:
         """See `TrainedField`."""
-        return SurfaceColour(
-            self.avatar,
-            self.frame.posed,
-            self.body_frame,
-            self.frame.volume.views,
-            Counters(),
-            planes=self.frame.planes.get("colour"),
-            hands=self.frame.volume.hands,
-            sparse=True,
-        )
+        frame = self.frame
+        return SurfaceColour(self.avatar, frame.posed, self.body_frame, frame.states(), Counters(), sparse=True)
 
 
 @dataclass
@@ -134,8 +127,8 @@ class TrainedFace:
 
     def paint(self) -> SurfaceColour:
         """See `TrainedField`."""
-        views = self.frame.volume.views
-        return SurfaceColour(self.avatar, self.frame.posed, self.frame.volume.body_frame, views, Counters())
+        frame = self.frame
+        return SurfaceColour(self.avatar, frame.posed, frame.volume.body_frame, frame.states(), Counters())
 
 
 def _stored_body(volume: SdfVolume, position: Tensor) -> Tensor:

@@ -23,6 +23,7 @@ from avatarrex.capture.synthetic.winding import RayWinding
 from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.orthographic import AXES, SIZE, before, render_places, render_views, seen
+from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.pseudonormal import pseudonormals
 from avatarrex.ops.rotation import matrix_from_rotvec
@@ -31,7 +32,6 @@ from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.training.core.losses import distance_loss
-from avatarrex.volume.template_distance import TemplateDistance
 
 FRAMES = 16
 POINTS = 12_000
@@ -77,7 +77,7 @@ class Distances:
 
 
 def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, rng: np.random.Generator) -> Distances:
-    """Points around the vertices of the mask `near` (v,), with the height over its nearest vertex (volume/template_distance.py).
+    """Points around the vertices of the mask `near` (v,), with the height over its nearest vertex (fields/template_distance.py).
 
     None that lies above the skin of one limb and within another, or above the inner face and within an eyeball or the tongue:
     there the union is inside, and the height is not.
@@ -235,7 +235,7 @@ def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -
     bank = []
     for posed in tqdm(frames, desc="face: distances"):
         mesh = posed.parts["face"]
-        driven = field.driven(mesh, posed.face_coefficients)
+        driven = field.driven(mesh, posed.coefficients["face"])
         bank.append((driven, distances_before(field, mesh, near, inner, rng)))
 
     def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:

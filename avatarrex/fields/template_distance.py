@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from avatarrex.fields.composition import emptied
 from avatarrex.ops.closest_vertex import VertexTree
 
 FLAT = 0.012
@@ -51,6 +52,10 @@ class NearestSkin:
         low, high = (torch.as_tensor(self.guess + side * share * self.freedom).to(sdf) for side in (-1, AIR))
         return sdf.clamp(low, high)
 
+    def without_hands(self, sdf: Tensor, share: float = 1.0) -> Tensor:
+        """The body field `sdf` (p,) clamped, and emptied where the template's hands are (composition.py)."""
+        return emptied(self.clamped(sdf, share), torch.as_tensor(self.weight).to(sdf))
+
 
 @dataclass(frozen=True)
 class TemplateDistance:
@@ -86,6 +91,11 @@ class TemplateDistance:
             ring = tree.several(vertices[changing], min(4 * BLENDED, len(vertices)))[1]
             changing[ring] = True
         return TemplateDistance(vertices, normals, weight, clothing_offset, rim, closed, tree, changing)
+
+    def of_vertices(self, chosen: np.ndarray, rim: float) -> TemplateDistance:
+        """The skin of some vertices alone, a mask (v,), with a rim of so many metres."""
+        vertices, normals = self.vertices[chosen], self.normals[chosen]
+        return TemplateDistance.of(vertices, normals, self.weight[chosen], self.clothing_offset[chosen], rim)
 
     def query(self, position: np.ndarray) -> NearestSkin:
         """`position` (p, 3)."""

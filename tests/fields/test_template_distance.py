@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from avatarrex.volume.template_distance import AIR, MAX_DEVIATION, TemplateDistance
+from avatarrex.fields.template_distance import AIR, MAX_DEVIATION, TemplateDistance
 
 
 def plane(weight: np.ndarray, side: int = 21) -> TemplateDistance:

@@ -1,4 +1,4 @@
-"""Limbs told apart: the body field of the nodes near a part along the surface, and that of all the others.
+"""The body field split by limb: the nodes near a part along the surface, and all the others (docs/architecture.md).
 
 Letters: n nodes, v vertices, p points. Root frame unless told, metres.
 """
@@ -14,23 +14,23 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.fields.body import BodyField, BodyFrame
-from avatarrex.fields.composition import WHOLE, emptied
+from avatarrex.fields.composition import WHOLE
 from avatarrex.fields.influence import Pairs
-from avatarrex.volume.sdf_volume import PARTS
-from avatarrex.volume.template_distance import TemplateDistance
+from avatarrex.fields.template_distance import TemplateDistance
+from avatarrex.templates.parts import PARTS
 
 OWN_REACH = 0.22
 """Metres at rest around the part's extent: what is nearer is the part's own (forearm; neck, shoulders, chest). More than a
-node's influence and the box's margin: a field that lacks some of its nodes is wrong where they are heard."""
-TRUST, RIM = 0.5, 0.015
-"""Share of the usual freedom for a field of some nodes only, and how far (metres) it reaches past the rim of their skin."""
-NEAR = 0.03
+node's influence and the box's margin: a field that lacks some of its nodes is wrong where they are in reach."""
+SPLIT_DEVIATION, SPLIT_RIM = 0.5, 0.015
+"""Share of the usual deviation allowed to a field of some nodes only, and how far (metres) it reaches past the rim of their skin."""
+CLOTH_MARGIN = 0.03
 """Metres around a box in which another limb's vertex counts as in it: its surface may stand off by cloth."""
 
 
 @dataclass(frozen=True)
 class Ownership:
-    """Whose nodes and vertices belong to a part: those that are near it at rest."""
+    """Which nodes and vertices belong to a part: those that are near it at rest."""
 
     own_node: Tensor
     """(n,) bool."""
@@ -58,7 +58,7 @@ def nodes_of(ownership: Mapping[str, Ownership], side: int) -> Tensor | None:
 
 @dataclass(frozen=True)
 class Limbs:
-    """The body field of one pose, told apart: the nodes near a part along the surface, and all others."""
+    """The body field of one pose, split: the nodes near a part along the surface, and all others."""
 
     field: BodyField
     frame: BodyFrame
@@ -69,12 +69,10 @@ class Limbs:
     @staticmethod
     def of(field: BodyField, frame: BodyFrame, skin: TemplateDistance, ownership: Ownership) -> Limbs:
         """`skin`: of all limbs."""
-
-        def side_skin(v: np.ndarray) -> TemplateDistance:
-            return TemplateDistance.of(skin.vertices[v], skin.normals[v], skin.weight[v], skin.clothing_offset[v], RIM)
-
         own, other = ownership.own_node, ownership.other_vertex
-        return Limbs(field, frame, (own, side_skin(~other)), (~own, side_skin(other)))
+        return Limbs(
+            field, frame, (own, skin.of_vertices(~other, SPLIT_RIM)), (~own, skin.of_vertices(other, SPLIT_RIM))
+        )
 
     def own_and_others(self, position: Float[Tensor, "p 3"], pairs: Pairs) -> Float[Tensor, "p 2"]:
         """Both values at points whose `pairs` with all nodes are given, metres."""
@@ -88,16 +86,15 @@ class Limbs:
     def _sdf(self, side: tuple[Tensor, TemplateDistance], position: Tensor, pairs: Pairs) -> Tensor:
         nodes, skin = side
         sdf = self.field.sdf(self.frame, position, pairs, among=nodes)
-        here = skin.query(position.double().numpy())
-        return emptied(here.clamped(sdf, TRUST), torch.as_tensor(here.weight).to(sdf))
+        return skin.query(position.double().numpy()).without_hands(sdf, SPLIT_DEVIATION)
 
 
 def reached_by_others(
     skin: TemplateDistance, ownership: Ownership, part_from_root: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> bool:
-    """Whether another limb's vertex is in the part-frame box from `low` to `high` (3,), or `NEAR` to it."""
+    """Whether another limb's vertex is within `CLOTH_MARGIN` of the part-frame box from `low` to `high` (3,)."""
     left = np.flatnonzero(ownership.other_vertex)
     for axis in range(3):
         along = skin.vertices[left] @ part_from_root[axis, :3] + part_from_root[axis, 3]
-        left = left[(along > low[axis] - NEAR) & (along < high[axis] + NEAR)]
+        left = left[(along > low[axis] - CLOTH_MARGIN) & (along < high[axis] + CLOTH_MARGIN)]
     return len(left) > 0

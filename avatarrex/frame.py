@@ -1,0 +1,66 @@
+"""A rendered frame and every intermediate that led to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32
+from torch import Tensor
+
+from avatarrex.camera import Camera
+from avatarrex.pointmap.point_map import PointMap
+from avatarrex.pointmap.surface import VisibleSurface
+from avatarrex.settings import RenderSettings
+from avatarrex.shading.shade import Shading
+from avatarrex.signals.driving import Signals
+from avatarrex.templates.posed import PosedPerson
+from avatarrex.volume.build import AvatarVolume
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture of an avatar; the next frame reuses what has not changed since."""
+
+    signals: Signals
+    camera: Camera
+    """In the world."""
+    settings: RenderSettings
+    world_from_root: np.ndarray
+    """(4, 4) float64: volume and point map live in the root frame."""
+    surface: VisibleSurface
+    """Results of the stages templates, volume and pointmap."""
+    shading: Shading
+    ms: dict[str, float]
+    """Wall-clock milliseconds by stage, and `total`."""
+    counters: dict[str, int]
+    """Work by name (counters.py)."""
+    notes: tuple[str, ...]
+    """What a person should know: the renderer that cast the rays."""
+    device: str = "cpu"
+    """Where the networks ran."""
+
+    @property
+    def image(self) -> Float32[Tensor, "h w 4"]:
+        """Premultiplied sRGB-encoded colour and coverage, row 0 at the top."""
+        return self.shading.image
+
+    @property
+    def posed(self) -> PosedPerson:
+        """The posed templates."""
+        return self.surface.posed
+
+    @property
+    def volume(self) -> AvatarVolume:
+        """The SDF volume, Step I."""
+        return self.surface.volume
+
+    @property
+    def pointmap(self) -> PointMap:
+        """Where the rays meet the avatar, Step II."""
+        return self.surface.pointmap
+
+    @property
+    def view(self) -> Camera:
+        """`camera` as seen from the root frame."""
+        return self.surface.view

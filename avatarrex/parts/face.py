@@ -1,0 +1,102 @@
+"""The face as a part: tri-planes of this expression near the face mesh, ω of its nearest vertices (paper sec. 3.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from avatarrex.counters import Counters
+from avatarrex.fields.face import FaceField
+from avatarrex.fields.template_distance import TemplateDistance
+from avatarrex.fields.tone import ToneMap
+from avatarrex.parts.part import CLAMP, Impl, Part, Start, SurfacePoints
+from avatarrex.templates.mesh import vertex_normals
+
+BAND = 0.03
+"""Metres around the face mesh in which the face field is evaluated and blended: from +0.025 on it is not used."""
+FIRST_BAND = 0.012
+"""Metres from the face mesh that are evaluated at the coarse level; from there the surface is followed."""
+
+
+@dataclass(eq=False)
+class FaceState:
+    """A posed face."""
+
+    skin: TemplateDistance
+    driven: Float[Tensor, "..."]
+    """Orthographic views of the posed mesh (3, 7, 256, 256), or what else drives the field."""
+    geometry: Float[Tensor, "..."]
+    """Geometry tri-planes of this expression."""
+    colour: Float[Tensor, "..."] | None = None
+    """Colour tri-planes; decoded when a point is first coloured."""
+
+
+@dataclass(frozen=True)
+class Face(Part[FaceState]):
+    """The face of an avatar."""
+
+    field: FaceField
+    tone: ToneMap
+
+    @classmethod
+    def of(cls, field: FaceField, blend_weight: Float[Tensor, " v"], tone: ToneMap) -> Face:
+        """`blend_weight`: ω painted on the template."""
+        return cls("face", blend_weight, BAND, 1, "face_evaluations", field, tone)
+
+    @torch.no_grad()
+    def prepare(
+        self,
+        vertices: Float[Tensor, "v 3"],
+        coefficients: Float[Tensor, "..."],
+        counters: Counters,
+        impl: Impl = "auto",
+    ) -> FaceState:
+        """Views of the posed mesh in single precision, and three U-Net runs on them."""
+        driven = self.field.driven(vertices.float(), coefficients.float(), impl).to(vertices.dtype)
+        counters.add("unet_runs", 3)
+        mesh, normals = vertices.double().numpy(), vertex_normals(vertices, self.field.faces).double().numpy()
+        skin = TemplateDistance.of(mesh, normals, self.blend_weight.double().numpy(), np.zeros(len(mesh)))
+        return FaceState(skin, driven, self.field.geometry_planes(driven))
+
+    def start(self, state: FaceState, position: Float[np.ndarray, "p 3"], everywhere: bool) -> Start:
+        """The template's distance; points near the mesh are evaluated first."""
+        here = state.skin.query(position)
+        used = (here.distance < BAND) & (here.weight > 0)
+        guess = np.where(used, here.guess, CLAMP).clip(-CLAMP, CLAMP)
+        values = np.stack([guess, np.where(used, here.weight, 0)], -1).astype(np.float32)
+        return Start(values, np.flatnonzero(used & ((np.abs(guess) < FIRST_BAND) | everywhere)), ~used)
+
+    def evaluate(self, state: FaceState, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 1"]:
+        """G_F (paper eq. 11); ω stays that of the start."""
+        return self.field.sdf(state.geometry, position).float().clamp(-CLAMP, CLAMP)[:, None]
+
+    def distance(
+        self, state: FaceState, position: Float[Tensor, "p 3"], impl: Impl = "auto"
+    ) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
+        """See `Part`; +∞ where ω is 0 and nothing is evaluated."""
+        here = state.skin.query(position.double().numpy())
+        omega = torch.as_tensor(np.where(here.distance < BAND, here.weight, 0)).to(position)
+        used = torch.arange(len(omega)) if impl == "reference" else torch.nonzero(omega > 0)[:, 0]
+        sdf = torch.full_like(omega, torch.inf)
+        sdf[used] = self.field.sdf(state.geometry, position[used])
+        return sdf, omega
+
+    def decode_colour(self, state: FaceState, counters: Counters) -> Float[Tensor, "..."]:
+        """The colour tri-planes of `state`, decoded once: three U-Net runs."""
+        if state.colour is None:
+            state.colour = self.field.colour_planes(state.driven)
+            counters.add("unet_runs", 3)
+        return state.colour
+
+    def colour(
+        self, state: FaceState, points: SurfacePoints, counters: Counters, impl: Impl = "auto"
+    ) -> Float[Tensor, "p 3"]:
+        """C_F (paper eq. 12), brought to the body's tone."""
+        planes = self.decode_colour(state, counters)
+        counters.add("face_pixels", len(points.position))
+        own = self.field.colour(planes, points.position, points.direction)
+        return self.tone(own, points.root_direction, points.direction)

@@ -1,0 +1,96 @@
+"""A hand as a part: exact distance to its mesh, painted ω, colour network under the avatar's light (paper sec. 3.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from avatarrex.counters import Counters
+from avatarrex.fields.composition import BAND
+from avatarrex.fields.hand import HandField, HandQuery, HandSurface
+from avatarrex.fields.light import Light
+from avatarrex.parts.part import CLAMP, Impl, Part, Start, SurfacePoints
+
+BOUND = (-CLAMP, 0.026)
+"""Metres at which distances of the box saturate: both ends outside the composition's band."""
+MARGIN = 0.028
+"""Metres: from +0.025 on the hand is not blended (paper eq. 13)."""
+
+
+@dataclass(frozen=True)
+class HandState:
+    """A posed hand."""
+
+    field: HandField
+    vertices: Float[Tensor, "v 3"]
+    hand_pose: Float[Tensor, "15 3"]
+
+    @cached_property
+    def surface(self) -> HandSurface:
+        """Prepared for many queries."""
+        return self.field.surface(self.vertices)
+
+    @cached_property
+    def surface_reference(self) -> HandSurface:
+        """Without a tree; the winding number decides every sign."""
+        return HandSurface.of(self.vertices, self.field.faces, "reference")
+
+    def query(
+        self, position: Float[Tensor, "p 3"], bound: tuple[float, float] | None, impl: Impl = "auto"
+    ) -> HandQuery:
+        """The nearest point of the mesh; the distance saturates beyond `bound`."""
+        surface = self.surface_reference if impl == "reference" else self.surface
+        return self.field.sdf(self.vertices, position, bound, impl, surface)
+
+
+@dataclass(frozen=True)
+class Hand(Part[HandState]):
+    """`left_hand` or `right_hand`."""
+
+    field: HandField
+    light: Light
+
+    @classmethod
+    def of(cls, name: str, field: HandField, light: Light) -> Hand:
+        """The hand of an avatar."""
+        return cls(name, field.blend_weight, MARGIN, 2, "hand_distances", field, light)
+
+    def prepare(
+        self,
+        vertices: Float[Tensor, "v 3"],
+        coefficients: Float[Tensor, "..."],
+        counters: Counters,
+        impl: Impl = "auto",
+    ) -> HandState:
+        """See `Part`."""
+        return HandState(self.field, vertices, coefficients)
+
+    def start(self, state: HandState, position: Float[np.ndarray, "p 3"], everywhere: bool) -> Start:
+        """Every point of the coarse lattice."""
+        return Start(np.zeros((len(position), 2), dtype=np.float32), np.arange(len(position)))
+
+    def evaluate(self, state: HandState, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 2"]:
+        """The exact distance and the painted ω of the nearest surface point (paper eq. 8, 9)."""
+        query = state.query(position, BOUND)
+        return torch.stack([query.sdf.clamp(-CLAMP, CLAMP), self.field.omega(query)], -1)
+
+    def distance(
+        self, state: HandState, position: Float[Tensor, "p 3"], impl: Impl = "auto"
+    ) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
+        """See `Part`."""
+        query = state.query(position, BAND, impl)
+        return query.sdf, self.field.omega(query)
+
+    def colour(
+        self, state: HandState, points: SurfacePoints, counters: Counters, impl: Impl = "auto"
+    ) -> Float[Tensor, "p 3"]:
+        """C_H (paper eq. 10) times the light on the normal that faces the eye."""
+        counters.add("hand_pixels", len(points.position))
+        query = state.query(points.position, None, impl).facing(points.direction)
+        root_normal = query.normal @ points.root_from_part.T
+        return self.field.colour(state.vertices, state.hand_pose, query) * self.light(root_normal)

@@ -1,0 +1,109 @@
+"""A part of an avatar that has a field of its own beside the body's: what every part can do (paper sec. 3.2 to 3.4).
+
+A part lives in the frame of its joint and depends on its own coefficients alone. One file here makes a kind of part:
+hand.py, face.py. Volume, point map and shading know parts by this interface only.
+
+| step     | asks a part for                                                         |
+|----------|-------------------------------------------------------------------------|
+| prepare  | its state under one driving signal: search tree, tri-planes             |
+| start    | where its box has to be evaluated first, and what stands there until then |
+| evaluate | values for the box, saturated outside the composition's band            |
+| distance | signed distance and ω at any points, for the exact composed field       |
+| colour   | sRGB at surface points                                                  |
+
+Letters: v vertices, p points. Part frame, metres, negative inside.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from avatarrex.counters import Counters
+
+CLAMP = 0.051
+"""Metres: beyond the deepest value that the composition needs (paper eq. 13), however half precision rounds it."""
+Impl = Literal["auto", "reference"]
+State = TypeVar("State")
+
+
+@dataclass(frozen=True)
+class Start:
+    """What a part's box contains before the field is evaluated."""
+
+    values: Float[np.ndarray, "p 2"]
+    """(signed distance, ω)."""
+    first: Int[np.ndarray, " k"]
+    """Points that are evaluated at once."""
+    unused: Bool[np.ndarray, " p"] | None = None
+    """Points at which the field is never evaluated: ω is 0 there. None: there are none."""
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Points of a part that are coloured, and from where they are seen."""
+
+    position: Float[Tensor, "p 3"]
+    """Part frame."""
+    direction: Float[Tensor, "p 3"]
+    """Unit, from the eye to the point, part frame."""
+    root_direction: Float[Tensor, "p 3"]
+    """The same in the root frame."""
+    root_from_part: Float[Tensor, "3 3"]
+    """Rotation."""
+
+
+@dataclass(frozen=True)
+class Part(ABC, Generic[State]):
+    """A hand, the face, or another part."""
+
+    name: str
+    """One of `PARTS`."""
+    blend_weight: Float[Tensor, " v"]
+    """Painted ω of the part's mesh."""
+    margin: float
+    """Metres around the vertices with ω > 0 beyond which the part is not blended."""
+    halvings: int
+    """How often the first voxels of its box are halved."""
+    work: str
+    """The counter of its evaluations."""
+
+    @abstractmethod
+    def prepare(
+        self,
+        vertices: Float[Tensor, "v 3"],
+        coefficients: Float[Tensor, "..."],
+        counters: Counters,
+        impl: Impl = "auto",
+    ) -> State:
+        """Whatever the field needs to know of one driving signal: posed mesh, and what is computed from it once."""
+
+    @abstractmethod
+    def start(self, state: State, position: Float[np.ndarray, "p 3"], everywhere: bool) -> Start:
+        """First values of the box; `everywhere`: evaluate all points that are used, not only those near the surface."""
+
+    @abstractmethod
+    def evaluate(self, state: State, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p _c"]:
+        """Signed distance within ±`CLAMP` and, where c = 2, ω."""
+
+    @abstractmethod
+    def distance(
+        self, state: State, position: Float[Tensor, "p 3"], impl: Impl = "auto"
+    ) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
+        """Signed distance, saturated outside the composition's band, and ω. `reference` skips nothing."""
+
+    @abstractmethod
+    def colour(
+        self, state: State, points: SurfacePoints, counters: Counters, impl: Impl = "auto"
+    ) -> Float[Tensor, "p 3"]:
+        """sRGB; differentiable in the part's networks."""
+
+    def bounds(self, vertices: Float[Tensor, "v 3"]) -> tuple[np.ndarray, np.ndarray]:
+        """Least and greatest corner, (3,) metres, of the box in which the part may be blended: the part's one box."""
+        mesh = vertices[self.blend_weight > 0].double().numpy()
+        return mesh.min(0) - self.margin, mesh.max(0) + self.margin

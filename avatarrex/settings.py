@@ -1,0 +1,34 @@
+"""What a render may trade: voxel sizes, march, antialiasing, parts drawn. Needs no torch; part of the stages' keys."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from avatarrex.signals.driving import Signals
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """One trade of run time against error; levels.py names the useful ones."""
+
+    voxel: float = 0.02
+    """Side of a body voxel, metres; it grows where 128 of them would cut the person off."""
+    part_voxel: float = 0.0025
+    """Side of a voxel of the hand and face boxes, metres."""
+    reuse_tolerance: float = 0.0
+    """Metres by which the body may lag: what moved by less since the previous frame is reused (temporal_reuse.py)."""
+    everywhere: bool = False
+    """Evaluate every voxel within reach of the fields, not only the narrow band around the surface."""
+    bricks: int = 0
+    """Body voxels that a view meets are cut into this many along each side; 0: none is."""
+    raycast: str = "auto"
+    """`auto`, `gl`, `torch` or `reference`."""
+    march: str = "exact"
+    """`exact`, or `fixed`: steps of a quarter of a body voxel and one linear interpolation, without antialiasing."""
+    antialias: bool = True
+    polish: int = 0
+    """Steps, 0 to 2, that take each hit point onto the exact composed field."""
+    hidden: frozenset[str] = field(default_factory=frozenset)
+    """Parts not drawn with their own fields: `left_hand`, `right_hand`, `face`."""
+    detail_from: Signals | None = None
+    """Feature patches are decoded from this body pose instead of the one that is drawn (the paper's patch figure)."""
