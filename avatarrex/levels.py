@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from avatarrex.errors import InputError
-from avatarrex.pipeline import RenderSettings
+from avatarrex.settings import RenderSettings
 
 LEVELS: dict[str, RenderSettings] = {
     "paper": RenderSettings(everywhere=True, part_voxel=0.005, march="fixed", antialias=False),

@@ -24,7 +24,7 @@ class Mutant:
 
 ROTATION, SKINNING, TRIANGLE = (f"avatarrex/ops/{name}.py" for name in ("rotation", "skinning", "triangle"))
 INFLUENCE, BODY, LOOPS = "avatarrex/fields/influence.py", "avatarrex/fields/body.py", "avatarrex/fields/loops.py"
-RENDERING, SAMPLING = (f"avatarrex/training/{name}.py" for name in ("volume_rendering", "sampling"))
+RENDERING, SAMPLING = (f"avatarrex/training/core/{name}.py" for name in ("volume_rendering", "sampling"))
 ENCODING = "avatarrex/ops/encoding.py"
 TESTS_ROTATION = "tests/ops/test_rotation.py"
 TESTS_RENDERING = "tests/training/test_volume_rendering.py"

@@ -9,9 +9,12 @@ import torch
 
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
-from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.frame import Frame
+from avatarrex.pipeline import render_frame
+from avatarrex.pointmap.point_map import PointMap
 from avatarrex.reference.error_report import Accuracy, depth_report, pixel_errors
 from avatarrex.reference.oracle import STEP, Oracle, cast, near_seam, render_oracle
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_pose
 
@@ -100,9 +103,15 @@ def test_hidden_parts_are_not_there(avatar: Avatar) -> None:
     assert bare.pointmap.part_weight.abs().sum() == 0
 
 
+def seen_as(frame: Frame, pointmap: PointMap, image: torch.Tensor) -> Frame:
+    """`frame` with another point map and picture."""
+    surface = replace(frame.surface, pointmap=pointmap)
+    return replace(frame, surface=surface, shading=replace(frame.shading, image=image))
+
+
 def test_the_report_measures_what_was_done_to_a_frame(oracle: Oracle, fine: Frame) -> None:
     seen, image = oracle.pointmap, oracle.image.float().clone()
-    same = replace(fine, pointmap=seen, image=image)
+    same = seen_as(fine, seen, image)
     perfect = depth_report(same, oracle)
     assert perfect.depth_max_mm == perfect.flips == 0
     assert perfect.normal_mean_deg < 0.05
@@ -113,7 +122,7 @@ def test_the_report_measures_what_was_done_to_a_frame(oracle: Oracle, fine: Fram
     image[..., :3] += 0.1 * seen.hit[..., None]
     turned = seen.normal.clone()
     turned[seen.hit] = -turned[seen.hit]
-    wrong = replace(fine, pointmap=replace(seen, depth=depth, hit=hit, normal=turned), image=image)
+    wrong = seen_as(fine, replace(seen, depth=depth, hit=hit, normal=turned), image)
     report = depth_report(wrong, oracle)
     count = int(seen.hit.sum())
     assert report.pixels == count - 1
