@@ -85,7 +85,7 @@ class BodyField(nn.Module):
         seed: of the farthest point sampling (network weights follow torch's own seed).
         local_frame: one of `LOCAL_FRAMES`.
         replaced: (v,) bool, vertices whose place another part takes wholly; no sample carries a frame there, or what such
-            a part touches would come to rest in flesh that nobody sees.
+            a part touches would map to rest positions in flesh that is never seen.
     """
 
     replaced: Tensor
@@ -279,11 +279,11 @@ class BodyField(nn.Module):
             rest = take(blended, pairs.point)
         local = rest - take(frame.node_rest, pairs.node)
         weight = influence(squared) * gate(local.square().sum(0))
-        heard = weight > 0
+        kept = weight > 0
         if cutoff:
             total = weight.new_zeros(len(position)).index_add(0, pairs.point, weight)
-            heard = heard & (weight >= cutoff * total[pairs.point])
-        keep = torch.nonzero(heard)[:, 0]
+            kept = kept & (weight >= cutoff * total[pairs.point])
+        keep = torch.nonzero(kept)[:, 0]
         if len(keep) < len(weight):
             pairs, local, weight = pairs.take(keep), local.index_select(1, keep), weight.index_select(0, keep)
         return pairs, local.T, weight
@@ -338,7 +338,7 @@ class BodyField(nn.Module):
         """sRGB in [0, 1] of surface points seen along unit `view_direction` (root frame, from the eye); in the `light` that
         falls on them, above 1 where it is bright, or as the networks say (for fields without anchors, too).
 
-        `patches` None decodes those of the nodes that the points hear, for this call alone. `among` restricts nodes and
+        `patches` None decodes those of the nodes in reach of the points, for this call alone. `among` restricts nodes and
         anchors to those of the limb whose surface the points are on.
         Where no node reaches, the colour of zero features: no such point lies on a surface.
         """
@@ -364,8 +364,8 @@ class BodyField(nn.Module):
             return both[:, self.widths.geometry_feature :]
         if patches is None:
             nodes = torch.nonzero(pairs.offsets.diff())[:, 0]
-            heard = self.patches(frame, nodes)
-            patches = heard.new_zeros(len(self.node_rest), *heard.shape[1:]).index_copy(0, nodes, heard)
+            decoded = self.patches(frame, nodes)
+            patches = decoded.new_zeros(len(self.node_rest), *decoded.shape[1:]).index_copy(0, nodes, decoded)
         coordinate = Encoding(local / COLOUR_UNIT, COORDINATE_OCTAVES, GATE[1] / COLOUR_UNIT)
         blocks = [coordinate, patch_features(patches, pairs.node, self.node_axes, local)]
         return self.colour_local(blocks, frame.code.embedding, pairs.offsets, impl)

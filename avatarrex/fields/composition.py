@@ -1,6 +1,6 @@
 """How body, hands and face become one field (paper sec. 3.4, both equations) and one colour, without carving flesh.
 
-Letters: p points; k parts whose boxes may hold a point, in any order; s_k a part's signed distance, ω_k its painted
+Letters: p points; k parts whose boxes may contain a point, in any order; s_k a part's signed distance, ω_k its painted
 blend weight; `own` and `others` the body field of the nodes near part k along the surface and of all remaining nodes
 (`others` = +∞ where no other limb is near). Metres. `shaders/lib/composition.glsl` mirrors this file name by name.
 """
@@ -16,7 +16,7 @@ from torch import Tensor
 BAND = (-0.05, 0.025)
 """Open interval of s_k, metres, in which a part is blended (eq. 13)."""
 WHOLE = -1
-"""Side of a point where no limbs are told apart."""
+"""Side of a point where limbs are not split."""
 EMPTIED = 0.02
 """Metres: what the body field holds at least where a part has taken over (ω = 1)."""
 
@@ -29,7 +29,7 @@ class Composed:
     part_weight: Float[Tensor, "p k"]
     """Effective ω: the share of each part's colour; the body has the rest."""
     side: Int[Tensor, " p"] | None = None
-    """Whose body is nearest: `WHOLE`, or where limbs are told apart, 2k for the limb of part k and 2k + 1 for all others."""
+    """The limb whose surface is nearest: `WHOLE`, or where limbs are split, 2k for the limb of part k and 2k + 1 for all others."""
 
 
 def blend_literal(
@@ -58,7 +58,7 @@ def compose(
     own: Float[Tensor, "p k"],
     others: Float[Tensor, "p k"],
 ) -> Composed:
-    """The union rule: s = min(min_k c_k, max_k others_k) over the boxes that hold the point, s = s_B in none.
+    """The union rule: s = min(min_k c_k, max_k others_k) over the boxes that contain the point, s = s_B in none.
 
     c_k = ω_k s_k + (1−ω_k) own inside the band, else own. The result does not depend on the order of the parts.
     A point whose nearest sheet is `others` takes no part's colour; parts that tie share it.
@@ -72,8 +72,8 @@ def compose(
     wins = inside & (c == sdf[:, None])
     share = torch.where(wins & blended, omega, 0.0) / wins.sum(-1, keepdim=True).clamp_min(1)
     side = torch.where(nearest_own < nearest_other, 2 * part, 2 * touched + 1)
-    told = nearest_other.isfinite() & (nearest_own != nearest_other)
-    return Composed(sdf, share, torch.where(told, side, WHOLE))
+    split = nearest_other.isfinite() & (nearest_own != nearest_other)
+    return Composed(sdf, share, torch.where(split, side, WHOLE))
 
 
 def step_bound(

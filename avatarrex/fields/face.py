@@ -20,7 +20,7 @@ from avatarrex.ops.bilinear import bilinear
 from avatarrex.ops.encoding import channels, encode
 from avatarrex.templates.face import FaceTemplate
 
-MARGIN = 0.03
+VIEW_MARGIN = 0.03
 """Metres of the views' cube around the blended face: room for an open jaw, and for the band in which s_F is used."""
 COEFFICIENTS = 61
 """ψ 52, jaw 3, eyes 2 × 3."""
@@ -29,7 +29,7 @@ OUTPUT = 0.05
 
 
 class FaceField(nn.Module):
-    """The face. `geometry` and `colour_net` hold the two separate sets of networks."""
+    """The face. `geometry` and `colour_net` are two separate sets of networks."""
 
     def __init__(self, template: FaceTemplate, preset: Preset) -> None:
         super().__init__()
@@ -37,7 +37,7 @@ class FaceField(nn.Module):
         self.faces: Tensor
         self.albedo: Tensor
         self.box_centre: Tensor
-        box = HeadBox.around(template.v_template[template.blend_weight > 0].float(), MARGIN)
+        box = HeadBox.around(template.v_template[template.blend_weight > 0].float(), VIEW_MARGIN)
         self.register_buffer("faces", template.faces.clone(), persistent=False)
         self.register_buffer("albedo", template.albedo.float().clone(), persistent=False)
         self.register_buffer("box_centre", box.centre, persistent=False)

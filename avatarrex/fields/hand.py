@@ -30,9 +30,9 @@ from avatarrex.templates.mesh import vertex_normals
 SCALE = 0.12
 """Metres: a hand with its stub spans less than ±2 of this, where γ clamps; its shortest wavelength is 2.4 cm."""
 LIFT = 1e-4
-"""Metres over the skin at which it is asked whether it is buried."""
+"""Metres over the skin at which a test decides whether it is buried."""
 SPACING = 0.006
-"""Metres between places that are asked on a face, half of that on most: less than half a finger tip."""
+"""Metres between tested places on a face, half of that on most: less than half a finger tip."""
 MOST_STEPS = 8
 """Such places along the side of a face, at most."""
 
@@ -42,7 +42,7 @@ class HandQuery:
     """What the hand mesh says about points."""
 
     sdf: Float[Tensor, " p"]
-    """Metres; saturated beyond the bound it was asked with."""
+    """Metres; saturated beyond the bound of the query."""
     face: Int[Tensor, " p"]
     barycentric: Float[Tensor, "p 3"]
     normal: Float[Tensor, "p 3"]
@@ -73,7 +73,7 @@ class HandSurface:
 
     @classmethod
     def of(cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], impl: Impl = "auto") -> HandSurface:
-        """No gradient flows into it. `reference`: no tree, and every sign is asked of the winding number."""
+        """No gradient flows into it. `reference`: no tree, and the winding number decides every sign."""
         mesh = vertices.detach()
         exact, compiled = mesh.double(), mesh.device.type == "cpu" and impl != "reference"
         outward = pseudonormals(exact, faces)
@@ -152,10 +152,10 @@ class HandField(nn.Module):
         found = closest_point(vertices, self.faces, position, bound, impl, known.pseudonormals, known.tree)
         sdf = found.sdf
         if known.buried is not None:
-            asked = torch.nonzero(known.buried[found.face])[:, 0]
-            within = known.wrapped(self.faces, position.detach()[asked])
+            unsure = torch.nonzero(known.buried[found.face])[:, 0]
+            within = known.wrapped(self.faces, position.detach()[unsure])
             far = bound[1] if bound else torch.inf
-            sdf = sdf.index_copy(0, asked, torch.where(within, -sdf[asked].abs(), sdf[asked].abs().clamp_max(far)))
+            sdf = sdf.index_copy(0, unsure, torch.where(within, -sdf[unsure].abs(), sdf[unsure].abs().clamp_max(far)))
         normals = vertex_normals(vertices, self.faces) if surface is None else surface.normals
         normal = normalize((normals[self.faces[found.face]] * found.barycentric[..., None]).sum(1), dim=-1)
         return HandQuery(sdf, found.face, found.barycentric, normal)

@@ -1,4 +1,4 @@
-"""A cheap guess at the distance to an avatar's surface: the height over the nearest vertex of the posed template.
+"""The template distance: height over the nearest vertex of the posed template, a cheap estimate of the avatar's distance.
 
 Letters: p points, v vertices. Metres, negative inside.
 """
@@ -23,7 +23,7 @@ RIM = 0.04
 BLENDED = 8
 """Vertices that ω is blended of where it changes; one vertex' alone cuts the wrist into steps of several millimetres."""
 MAX_DEVIATION = 0.05
-"""Metres that a fitted field may differ from the guess: farther out it has seen no samples and may hold anything."""
+"""Metres that a fitted field may differ from the guess: farther out it has seen no samples and may have any value."""
 AIR = 0.4
 """Share of it towards air: cloth may stand off farther than the guess says, but flesh 2 cm below it has no void."""
 
@@ -39,8 +39,8 @@ class NearestSkin:
     weight: np.ndarray
     """Painted ω, continuous in the point."""
     guess: np.ndarray
-    """Metres: signed height over the skin around the vertex, less what is clothing_offset there."""
-    freedom: np.ndarray
+    """Metres: signed height over the skin around the vertex, less the clothing offset there."""
+    deviation: np.ndarray
     """Metres that a field may lie below the guess."""
 
     def at(self, chosen: np.ndarray) -> NearestSkin:
@@ -48,8 +48,8 @@ class NearestSkin:
         return NearestSkin(*(getattr(self, column.name)[chosen] for column in fields(self)))
 
     def clamped(self, sdf: Tensor, share: float = 1.0) -> Tensor:
-        """`sdf` (p,) no farther from the guess than this share of its freedom, and `AIR` of that towards the outside."""
-        low, high = (torch.as_tensor(self.guess + side * share * self.freedom).to(sdf) for side in (-1, AIR))
+        """`sdf` (p,) no farther from the guess than this share of its deviation, and `AIR` of that towards the outside."""
+        low, high = (torch.as_tensor(self.guess + side * share * self.deviation).to(sdf) for side in (-1, AIR))
         return sdf.clamp(low, high)
 
     def without_hands(self, sdf: Tensor, share: float = 1.0) -> Tensor:
@@ -67,7 +67,7 @@ class TemplateDistance:
     clothing_offset: np.ndarray
     """(v,) metres that the surface stands off each vertex."""
     rim: float
-    """Metres aside of a vertex, beyond `FLAT`, over which its cloth and the field's freedom fade out."""
+    """Metres aside of a vertex, beyond `FLAT`, over which its cloth and the field's deviation fade out."""
     closed: bool
     """Whether the skin has no rim that a point could be past: then the core of a chest is inside, too."""
     closest: VertexTree

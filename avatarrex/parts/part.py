@@ -3,7 +3,7 @@
 A part lives in the frame of its joint and depends on its own coefficients alone. One file here makes a kind of part:
 hand.py, face.py. Volume, point map and shading know parts by this interface only.
 
-| step     | asks a part for                                                         |
+| step     | needs from a part                                                       |
 |----------|-------------------------------------------------------------------------|
 | prepare  | its state under one driving signal: search tree, tri-planes             |
 | start    | where its box has to be evaluated first, and what stands there until then |

@@ -38,7 +38,7 @@ class PointMap:
     """What cast the rays."""
     counters: dict[str, int] = field(default_factory=dict)
     side: Int[Tensor, "h w"] | None = None
-    """Whose body each point is on (`Composed.side`), where the field itself was asked; None: the volume knows."""
+    """The limb that each point is on (`Composed.side`), where the exact field was evaluated; None: the volume tells."""
 
     def __post_init__(self) -> None:
         require_finite(
@@ -63,7 +63,7 @@ def scatter(
     renderer: str,
     counters: dict[str, int],
 ) -> PointMap:
-    """The images from what the covered pixels (p,) hold; depth is taken in float64."""
+    """The images from values of the covered pixels (p,); depth is taken in float64."""
     row = torch.as_tensor(camera.camera_from_world[2])
     depth = position.double() @ row[:3] + row[3]
 

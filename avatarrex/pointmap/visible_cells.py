@@ -18,7 +18,7 @@ PITCH = 0.7
 def visible_cells(volume: SdfVolume, camera: Camera, impl: str = "auto") -> tuple[Int[np.ndarray, " m"], PointMap]:
     """Flat indices (z, y, x) of the cells that rays of `camera` (root frame) end in, and the coarse point map.
 
-    Pixels closer than `PITCH` voxels are not all asked: a cell's neighbours follow by its surface (bricks.py).
+    Of pixels closer than `PITCH` voxels only some are cast: a cell's neighbours follow by its surface (bricks.py).
     """
     footprint = RayPlane.of(camera, volume.middle).footprint * np.sqrt(2)
     fewer = max(1, int(PITCH * volume.body.voxel / footprint))

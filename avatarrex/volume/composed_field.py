@@ -1,8 +1,7 @@
 """The composed field itself, at any point and without voxels: what the stored volume approximates (sec. 3.4; composition.py).
 
-The builder's definitions point by point: the body held by the skin and without its hands (body_without_hands.py), the exact hand
-distance, the face's tri-planes, the one composition rule, and `own`/`others` where another limb is in a part's box
-(contact.py). A box is the part's hull and its margin, without a lattice to align to. In the dtype of its fields: float64
+The builder's definitions point by point: the body without its hands (body_without_hands.py), the parts' own
+distances (avatarrex/parts), the one composition rule, and `own`/`others` where another limb is in a part's box (contact.py). A box is the part's hull and its margin, without a lattice to align to. In the dtype of its fields: float64
 for the oracle (avatarrex/reference/oracle.py), float32 to polish hit points (pointmap/polish.py).
 
 Letters: p points, v vertices, k parts in the order of `PARTS`. Root frame, metres, negative inside.
@@ -33,7 +32,7 @@ from avatarrex.volume.build import AvatarVolume
 from avatarrex.volume.contact import faded, split_share
 
 SURFACE_REACH = FLAT + MAX_CLOTHING_OFFSET + MAX_DEVIATION
-"""Metres from the template's nearest vertex within which a held body field may be negative (template_distance.py)."""
+"""Metres from the template's nearest vertex within which the clamped body field may be negative (template_distance.py)."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ class ComposedField:
         Nothing is known of a hand's place where another limb reaches into it.
         """
         here = self.body.skin.query(position.double().numpy())
-        free = (here.guess > here.freedom) & ~((here.weight > 0) & bool(self.body.touched))
+        free = (here.guess > here.deviation) & ~((here.weight > 0) & bool(self.body.touched))
         clear = torch.as_tensor(np.where(free, np.maximum(here.distance - SURFACE_REACH, 1e-9), 0.0)).to(position)
         for part in self.parts:
             clear = clear.minimum(part.apart(part.local(position)))
@@ -138,8 +137,8 @@ class ComposedField:
         for part in self.parts:
             corners = np.stack(np.meshgrid(*zip(part.low, part.high)), -1).reshape(-1, 3)
             vertices.append((corners - part.part_from_root[:3, 3]) @ part.part_from_root[:3, :3])
-        held = np.concatenate(vertices)
-        return held.min(0) - SURFACE_REACH, held.max(0) + SURFACE_REACH
+        points = np.concatenate(vertices)
+        return points.min(0) - SURFACE_REACH, points.max(0) + SURFACE_REACH
 
     def _body(self, position: Tensor, idle: Bool[Tensor, " p"]) -> Tensor:
         """s_B (p,), 0 where `idle`."""

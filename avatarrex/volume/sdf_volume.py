@@ -31,7 +31,7 @@ class BodyGrid:
     bricks: Bricks | None = None
     """Cells that are stored more finely than `sdf`."""
     known: Bool[np.ndarray, "z y x"] | None = None
-    """Voxels that the field was evaluated at; the others hold a lower bound of the distance."""
+    """Voxels that the field was evaluated at; the others store a lower bound of the distance."""
 
     def __post_init__(self) -> None:
         require_finite("volume", body=self.sdf)
@@ -171,7 +171,7 @@ def _stored_body(grid: BodyGrid, position: Tensor) -> tuple[Tensor, Tensor, Tens
 
 @dataclass(frozen=True)
 class StoredParts:
-    """What the part boxes hold at points, in the order of `PARTS`; zero outside them."""
+    """What the part boxes store at points, in the order of `PARTS`; zero outside them."""
 
     inside: Bool[Tensor, "p k"]
     sdf: Float[Tensor, "p k"]

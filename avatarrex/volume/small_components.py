@@ -1,4 +1,4 @@
-"""Crumbs: bits of body that float in the air, a few voxels large.
+"""Small components: pieces of body that float in the air, a few voxels large.
 
 Between limbs that nearly touch, where no picture has looked, a learnt field is not sure of its sign. What the stored voxels make of
 that as a body of its own is taken out; the paper keeps it (sec. 4), and so does the level `paper`.
@@ -17,15 +17,15 @@ from scipy import ndimage
 from avatarrex.volume.sdf_volume import BodyGrid
 
 LARGEST = 8
-"""Voxels: what is larger is worn."""
+"""Voxels: a larger component may be clothing."""
 FINER = 4
-"""Parts of a voxel in which it is looked whether interpolation joins a crumb to what is beside it."""
+"""Samples per voxel side with which interpolation is checked for a bridge to a neighbouring component."""
 ROUND = 2
-"""Voxels about a crumb in which that may be."""
+"""Voxels around a component in which that is checked."""
 
 
 def without_small_components(grid: BodyGrid) -> BodyGrid:
-    """The grid with its crumbs emptied; their voxels are not known any more."""
+    """The grid with its small components emptied; their voxels count as not evaluated."""
     sdf = grid.sdf.numpy()
     inside, count = ndimage.label(sdf < 0)
     found = []
@@ -36,10 +36,10 @@ def without_small_components(grid: BodyGrid) -> BodyGrid:
         found = [label for label in small if _floats(sdf, inside, int(label), boxes[label - 1])]
     if not found:
         return grid
-    crumb = np.isin(inside, found)
+    floating = np.isin(inside, found)
     air = ndimage.minimum_filter(np.where(sdf >= 0, sdf, np.inf), size=3, mode="nearest")
-    emptied = np.where(crumb, np.minimum(air, 0.5 * grid.voxel), sdf).astype(np.float32)
-    known = None if grid.known is None else grid.known & ~crumb
+    emptied = np.where(floating, np.minimum(air, 0.5 * grid.voxel), sdf).astype(np.float32)
+    known = None if grid.known is None else grid.known & ~floating
     return replace(grid, sdf=torch.from_numpy(emptied), known=known)
 
 

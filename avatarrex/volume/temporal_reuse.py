@@ -1,10 +1,10 @@
-"""What stands still from one frame to the next: a dragged arm leaves the legs as they were.
+"""Temporal reuse of the body: what hardly moved since the previous frame keeps its state, as legs do while an arm is dragged.
 
 Every node's embedding depends on the whole pose (fields/code.py), so that nothing stays exactly as it was; but far from the
 dragged joint it changes the surface by hundredths of a millimetre. A node, a sample of the local frames or a vertex of the
 skin that moves by less than a tolerance, or whose embedding moves the surface (or its colour: fields/body.py, `VISIBLE`) by less in the mean,
 keeps the state it had. It is compared with what it keeps, not with the frame before: no state lags by more. All else is
-exact: what a point hears is as it was wherever nothing that changed is in reach, and is taken over from the frame before.
+exact: wherever nothing that changed is within reach the field is the previous one, and its values are reused.
 
 Letters: n nodes, a samples, v vertices, p points, m places, b blocks. Root frame, metres.
 """
@@ -28,7 +28,7 @@ from avatarrex.volume.sdf_volume import BodyGrid
 LEVER = 0.05
 """Metres over which a turn counts as a shift: samples and vertices speak for points nearer than this."""
 SKIN = 0.12
-"""Metres within which points of the finest blocks hear samples and vertices."""
+"""Metres within which samples and vertices affect points of the finest blocks."""
 FAR = SKIN - MAX_CLOTHING_OFFSET
 """Metres: a guess up to this is still a lower bound where everything that changed is farther than `SKIN`."""
 MOST = 0.6
@@ -46,7 +46,7 @@ class ChangedRegion:
     """Of the samples and vertices that changed, before and now."""
 
     def touches(self, position: Float[np.ndarray, "p 3"], radius: float = 0.0) -> Bool[np.ndarray, " p"]:
-        """Whether a point near the surface, or one up to `radius` metres around it, may hear something that changed."""
+        """Whether a point near the surface, or one up to `radius` metres around it, is within reach of something that changed."""
         touched = np.zeros(len(position), dtype=bool)
         for places, reach in ((self.nodes, RADIUS), (self.skin, SKIN)):
             if places is not None:
@@ -57,7 +57,7 @@ class ChangedRegion:
 
 @dataclass(frozen=True, eq=False)
 class ReusableBody:
-    """A body frame and its skin, with what stands still as it was before."""
+    """A body frame and its skin, of which unmoved pieces keep the previous state."""
 
     frame: BodyFrame
     vertices: Float[np.ndarray, "v 3"]
@@ -112,7 +112,7 @@ def reuse_unchanged(now: ReusableBody, before: ReusableBody, tolerance: float, e
 
 @dataclass(frozen=True, eq=False)
 class PreviousGrid:
-    """The body grid of the frame before, for voxels that hear nothing of what changed since."""
+    """The body grid of the frame before, for voxels that are out of reach of what changed since."""
 
     grid: BodyGrid
     changed: ChangedRegion

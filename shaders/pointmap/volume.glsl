@@ -72,7 +72,7 @@ vec3 body_place(vec3 p) { return (p - u_origin) / u_voxel; }
         f.scale = min(f.scale, mix(cell, in_part[K].voxel, part.y)); \
     }
 
-// The composed field at p; `place` is p in body voxels, `inside` says which boxes hold it. SAMPLE is one of the two of
+// The composed field at p; `place` is p in body voxels, `inside` says which boxes contain it. SAMPLE is one of the two of
 // lib/trilinear.glsl.
 #define DEFINE_FIELD(NAME, SAMPLE) \
 Field NAME(vec3 p, vec3 place, bvec3 inside) { \

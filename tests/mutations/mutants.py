@@ -125,7 +125,7 @@ MUTANTS: dict[str, Mutant] = {
         "sampled = sampled[:]",
         "tests/volume/test_composed_field.py::test_cloth_beneath_a_hand_maps_to_the_trunk_at_rest",
     ),
-    "limbs told apart at once": Mutant(
+    "limbs split at once": Mutant(
         "limbs that touch",
         "avatarrex/volume/contact.py",
         "return (depth.amin(-1) / FADE).clamp(0, 1)",
@@ -149,8 +149,8 @@ MUTANTS: dict[str, Mutant] = {
     "fingers in the palm": Mutant(
         "a hand that pierces itself",
         "avatarrex/fields/hand.py",
-        "torch.where(within, -sdf[asked].abs(), sdf[asked].abs().clamp_max(far))",
-        "sdf[asked]",
+        "torch.where(within, -sdf[unsure].abs(), sdf[unsure].abs().clamp_max(far))",
+        "sdf[unsure]",
         "tests/fields/test_hand_field.py::test_what_is_within_a_finger_is_inside_wherever_the_fingers_pierce",
     ),
     "skin that is half buried": Mutant(
@@ -399,14 +399,14 @@ MUTANTS: dict[str, Mutant] = {
         "tests/test_avatar.py::test_round_trip_keeps_the_weights[copy.avatar]",
     ),
     "reach of what moved": Mutant(
-        "what stands still",
+        "temporal reuse",
         "avatarrex/volume/temporal_reuse.py",
         "(self.nodes, RADIUS)",
         "(self.nodes, RADIUS / 4)",
         "tests/volume/test_temporal_reuse.py::test_the_grid_is_the_one_that_the_held_state_gives",
     ),
     "a lattice that grew": Mutant(
-        "what stands still",
+        "temporal reuse",
         "avatarrex/volume/body_grid.py",
         "kept is not None and kept.grid.voxel != lattice.voxel",
         "kept is not None and kept.grid is None",

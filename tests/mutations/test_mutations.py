@@ -19,7 +19,7 @@ PACKAGES = {"avatarrex": "avatarrex", "app": "avatarrex_studio", "shaders": "ava
 """Folder of the checkout -> the name that it is imported by."""
 TABLE = {
     "axis-angle at 0", "axis-angle at π", "blended skinning matrix", "Σw → 0", "Laplace CDF", "transmittance",
-    "sliver triangles", "thin parts", "parallel rays", "far from origin", "encoding", "storage", "what stands still",
+    "sliver triangles", "thin parts", "parallel rays", "far from origin", "encoding", "storage", "temporal reuse",
     "surfaces that creep", "parts off screen", "sides not searched", "sharp joints", "limbs that touch",
     "a hand that pierces itself", "rays that share a beam", "small components",
 }  # fmt: skip

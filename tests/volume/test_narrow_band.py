@@ -126,7 +126,7 @@ def test_the_body_grid_crosses_where_the_whole_shell_does(pose: str) -> None:
     shell = np.flatnonzero((here.distance < 0.06) & (here.weight == 0))
     with torch.no_grad():
         all_of_it = avatar.body.sdf(frame, torch.as_tensor(position[shell], dtype=torch.float32)).numpy()
-    bounds = here.guess[shell] - here.freedom[shell], here.guess[shell] + AIR * here.freedom[shell]
+    bounds = here.guess[shell] - here.deviation[shell], here.guess[shell] + AIR * here.deviation[shell]
     all_of_it = np.clip(all_of_it, *bounds)
     stored = grid.sdf.numpy().ravel()
     truth = stored.copy()

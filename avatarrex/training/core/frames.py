@@ -26,7 +26,7 @@ from avatarrex.volume.build import AvatarVolume, build_volume, template_distance
 
 FINE = RenderSettings()
 COARSE = RenderSettings(voxel=0.02, part_voxel=0.005)
-"""Enough to place samples; hands are asked for their distance at this resolution while the body is trained."""
+"""Enough to place samples; hand distances have this resolution while the body is trained."""
 KEPT = 256
 """Frames that stay posed: 10 MB each with their volume and hands."""
 

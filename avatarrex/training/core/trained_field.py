@@ -1,7 +1,7 @@
 """The avatar's field at sample points while one part of it is trained, differentiable in that part.
 
 The other parts are read from the frame's stored volume: hands and face while the body is trained, hands and body while
-the face is. They are composed by the one rule (fields/composition.py); limbs that touch are not told apart here.
+the face is. They are composed by the one rule (fields/composition.py); limbs that touch are not split here.
 
 Letters: p points, k parts. Root frame, metres.
 """
@@ -42,7 +42,7 @@ def face_alone(weight: Float[Tensor, "p k"]) -> Float[Tensor, "p k"]:
 
 @runtime_checkable
 class TrainedField(Protocol):
-    """What pass I asks of a part."""
+    """What pass I needs of a part."""
 
     def composed(self, position: Float[Tensor, "p 3"]) -> Composed:
         """The avatar's distance and the parts' shares."""
