@@ -51,35 +51,36 @@ class PointMap:
         )
 
 
-def scatter(
-    camera: Camera,
-    pixel: Tensor,
-    position: Float[Tensor, "p 3"],
-    normal: Float[Tensor, "p 3"],
-    hit: Bool[Tensor, " p"],
-    coverage: Float[Tensor, " p"],
-    part_weight: Float[Tensor, "p 3"],
-    steps: Float[Tensor, " p"],
-    renderer: str,
-    counters: dict[str, int],
-) -> PointMap:
-    """The images from values of the covered pixels (p,); depth is taken in float64."""
-    row = torch.as_tensor(camera.camera_from_world[2])
-    depth = position.double() @ row[:3] + row[3]
+@dataclass(frozen=True)
+class CoveredPixels:
+    """What a ray caster knows of the pixels that the avatar covers; a hit through the pixel's centre unless told."""
 
-    def image(values: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
-        out = torch.zeros(camera.height * camera.width, *values.shape[1:], dtype=dtype)
-        out[pixel] = values.to(dtype)
-        return out.view(camera.height, camera.width, *values.shape[1:])
+    pixel: Int[Tensor, " p"]
+    """Row · width + column."""
+    position: Float[Tensor, "p 3"]
+    normal: Float[Tensor, "p 3"]
+    part_weight: Float[Tensor, "p 3"]
+    hit: Bool[Tensor, " p"] | None = None
+    coverage: Float[Tensor, " p"] | None = None
+    steps: Float[Tensor, " p"] | None = None
 
-    return PointMap(
-        position=image(position),
-        normal=image(normal),
-        depth=image(depth),
-        hit=image(hit, torch.bool),
-        coverage=image(coverage),
-        part_weight=image(part_weight),
-        steps=image(steps),
-        renderer=renderer,
-        counters=counters,
-    )
+    def scatter(self, camera: Camera, renderer: str, counters: dict[str, int]) -> PointMap:
+        """The images; depth is taken in float64."""
+        row, one = torch.as_tensor(camera.camera_from_world[2]), torch.ones(len(self.pixel))
+
+        def image(values: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
+            out = torch.zeros(camera.height * camera.width, *values.shape[1:], dtype=dtype)
+            out[self.pixel] = values.to(dtype)
+            return out.view(camera.height, camera.width, *values.shape[1:])
+
+        return PointMap(
+            position=image(self.position),
+            normal=image(self.normal),
+            depth=image(self.position.double() @ row[:3] + row[3]),
+            hit=image(one if self.hit is None else self.hit, torch.bool),
+            coverage=image(one if self.coverage is None else self.coverage),
+            part_weight=image(self.part_weight),
+            steps=image(0 * one if self.steps is None else self.steps),
+            renderer=renderer,
+            counters=counters,
+        )

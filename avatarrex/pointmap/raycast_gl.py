@@ -16,7 +16,7 @@ from avatarrex.camera import Camera
 from avatarrex.gl.context import gl_context, per_context, renderer_name
 from avatarrex.gl.grids import GridTextures
 from avatarrex.gl.shader import compute_shader
-from avatarrex.pointmap.point_map import PointMap, scatter
+from avatarrex.pointmap.point_map import CoveredPixels, PointMap
 from avatarrex.pointmap.rays import RayPlane
 from avatarrex.templates.parts import PARTS
 from avatarrex.volume.bricks import ROW
@@ -267,15 +267,13 @@ def _pointmap(records: np.ndarray, camera: Camera, renderer: str, counters: dict
         return torch.from_numpy(np.ascontiguousarray(records[name]))
 
     records = records[records["coverage"] > 0]
-    return scatter(
-        camera,
-        torch.from_numpy((records["pixel"] & ~HIT_BIT).astype(np.int64)),
-        tensor("position"),
-        tensor("normal"),
-        torch.from_numpy((records["pixel"] & HIT_BIT) != 0),
-        tensor("coverage"),
-        tensor("weight"),
-        tensor("steps"),
-        renderer,
-        counters,
+    covered = CoveredPixels(
+        pixel=torch.from_numpy((records["pixel"] & ~HIT_BIT).astype(np.int64)),
+        position=tensor("position"),
+        normal=tensor("normal"),
+        part_weight=tensor("weight"),
+        hit=torch.from_numpy((records["pixel"] & HIT_BIT) != 0),
+        coverage=tensor("coverage"),
+        steps=tensor("steps"),
     )
+    return covered.scatter(camera, renderer, counters)

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.camera import Camera
-from avatarrex.pointmap.point_map import PointMap, scatter
+from avatarrex.pointmap.point_map import CoveredPixels, PointMap
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres, slab
 from avatarrex.volume.sdf_volume import SdfVolume, sample
 
@@ -33,12 +33,8 @@ def raycast_reference(volume: SdfVolume, camera: Camera, antialias: bool, march:
     t = first_crossing(volume, rays)
     pixel = torch.nonzero(t.isfinite())[:, 0]
     position = rays[pixel].at(t[pixel])
-    normal, part_weight = surface(volume, position)
-    one = torch.ones(len(pixel))
-    counters = {"rays": len(t), "ray_steps": 0}
-    return scatter(
-        camera, pixel, position, normal, one.bool(), one, part_weight, one * 0, "float64 reference", counters
-    )
+    covered = CoveredPixels(pixel, position, *surface(volume, position))
+    return covered.scatter(camera, "float64 reference", {"rays": len(t), "ray_steps": 0})
 
 
 def surface(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> tuple[Float[Tensor, "p 3"], Float[Tensor, "p 3"]]:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from avatarrex.camera import Camera
-from avatarrex.pointmap.point_map import PointMap, scatter
+from avatarrex.pointmap.point_map import CoveredPixels, PointMap
 from avatarrex.pointmap.raycast_reference import first_crossing, surface
 from avatarrex.pointmap.rays import SUBPIXELS, RayPlane, Rays, pixel_centres, slab
 from avatarrex.volume.sdf_volume import SdfVolume, sample
@@ -71,9 +71,8 @@ def raycast_torch(volume: SdfVolume, camera: Camera, antialias: bool, march: str
     position = plane.rays(pixels[pixel]).at(t[pixel])
     normal, weight = surface(volume, position)
     counters = {"rays": count, "ray_steps": total}
-    return scatter(
-        camera, pixel, position, normal, hit[pixel], coverage[pixel], weight, steps[pixel], "torch on the CPU", counters
-    )
+    found = CoveredPixels(pixel, position, normal, weight, hit[pixel], coverage[pixel], steps[pixel])
+    return found.scatter(camera, "torch on the CPU", counters)
 
 
 def _plain(volume: SdfVolume, camera: Camera) -> PointMap:
@@ -97,8 +96,10 @@ def _plain(volume: SdfVolume, camera: Camera) -> PointMap:
     pixel = torch.nonzero(found)[:, 0]
     position = rays[pixel].at(t[pixel])
     normal, weight = surface(volume, position)
-    one, counters = torch.ones(len(pixel)), {"rays": len(t), "ray_steps": int(steps.sum())}
-    return scatter(camera, pixel, position, normal, one.bool(), one, weight, steps[pixel], "torch on the CPU", counters)
+    counters = {"rays": len(t), "ray_steps": int(steps.sum())}
+    return CoveredPixels(pixel, position, normal, weight, steps=steps[pixel]).scatter(
+        camera, "torch on the CPU", counters
+    )
 
 
 def _march(volume: SdfVolume, rays: Rays, footprint: float) -> March:

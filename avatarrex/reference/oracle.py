@@ -19,7 +19,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.fields.body_without_hands import BodyWithoutHands
-from avatarrex.pointmap.point_map import PointMap, scatter
+from avatarrex.pointmap.point_map import CoveredPixels, PointMap
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.reference.dense_rays import DenseField, dense_crossing
 from avatarrex.reference.voxel_frame import PosedReference, pose_reference, shade_reference
@@ -79,10 +79,8 @@ def cast(field: ComposedField, view: Camera, step: float = STEP) -> PointMap:
     t = dense_crossing(field, rays, step)
     pixel = torch.nonzero(t.isfinite())[:, 0]
     position = rays[pixel].at(t[pixel])
-    one = torch.ones(len(pixel))
-    share, normal = field(position).part_weight, slope(field, position)
-    counters = {"rays": len(t)}
-    return scatter(view, pixel, position, normal, one.bool(), one, share, one * 0, "float64 oracle", counters)
+    covered = CoveredPixels(pixel, position, slope(field, position), field(position).part_weight)
+    return covered.scatter(view, "float64 oracle", {"rays": len(t)})
 
 
 def slope(field: DenseField, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:

@@ -128,6 +128,6 @@ def _beyond(cells: np.ndarray, inside: np.ndarray, shape: tuple[int, ...]) -> np
             face = np.take(inside, end, axis + 1)
             next_to = place[face.any((1, 2)) & ~face.all((1, 2))]
             next_to[:, axis] += step
-            inside = (next_to[:, axis] >= 0) & (next_to[:, axis] < shape[axis])
-            found.append(np.ravel_multi_index(tuple(next_to[inside].T), shape))
+            within = (next_to[:, axis] >= 0) & (next_to[:, axis] < shape[axis])
+            found.append(np.ravel_multi_index(tuple(next_to[within].T), shape))
     return np.unique(np.concatenate(found))

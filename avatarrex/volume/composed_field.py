@@ -1,8 +1,9 @@
 """The composed field itself, at any point and without voxels: what the stored volume approximates (sec. 3.4; composition.py).
 
-The builder's definitions point by point: the body without its hands (body_without_hands.py), the parts' own
-distances (avatarrex/parts), the one composition rule, and `own`/`others` where another limb is in a part's box (contact.py). A box is the part's hull and its margin, without a lattice to align to. In the dtype of its fields: float64
-for the oracle (avatarrex/reference/oracle.py), float32 to polish hit points (pointmap/polish.py).
+The builder's definitions point by point: the body without its hands (fields/body_without_hands.py), the parts' own
+distances (avatarrex/parts), the one composition rule, and `own`/`others` where another limb is in a part's box
+(contact.py). A box is the part's bounds, without a lattice to align to. In the dtype of its fields: float64 for the
+oracle (reference/oracle.py), float32 to polish hit points (pointmap/polish.py).
 
 Letters: p points, v vertices, k parts in the order of `PARTS`. Root frame, metres, negative inside.
 """
