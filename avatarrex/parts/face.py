@@ -48,13 +48,7 @@ class Face(Part[FaceState]):
         return cls("face", blend_weight, BAND, 1, "face_evaluations", field, tone)
 
     @torch.no_grad()
-    def prepare(
-        self,
-        vertices: Float[Tensor, "v 3"],
-        coefficients: Float[Tensor, "..."],
-        counters: Counters,
-        impl: Impl = "auto",
-    ) -> FaceState:
+    def prepare(self, vertices: Tensor, coefficients: Tensor, counters: Counters, impl: Impl = "auto") -> FaceState:
         """Views of the posed mesh in single precision, and three U-Net runs on them."""
         driven = self.field.driven(vertices.float(), coefficients.float(), impl).to(vertices.dtype)
         counters.add("unet_runs", 3)
@@ -74,9 +68,7 @@ class Face(Part[FaceState]):
         """G_F (paper eq. 11); ω stays that of the start."""
         return self.field.sdf(state.geometry, position).float().clamp(-CLAMP, CLAMP)[:, None]
 
-    def distance(
-        self, state: FaceState, position: Float[Tensor, "p 3"], impl: Impl = "auto"
-    ) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
+    def distance(self, state: FaceState, position: Tensor, impl: Impl = "auto") -> tuple[Tensor, Tensor]:
         """See `Part`; +∞ where ω is 0 and nothing is evaluated."""
         here = state.skin.query(position.double().numpy())
         omega = torch.as_tensor(np.where(here.distance < BAND, here.weight, 0)).to(position)
@@ -92,9 +84,7 @@ class Face(Part[FaceState]):
             counters.add("unet_runs", 3)
         return state.colour
 
-    def colour(
-        self, state: FaceState, points: SurfacePoints, counters: Counters, impl: Impl = "auto"
-    ) -> Float[Tensor, "p 3"]:
+    def colour(self, state: FaceState, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
         """C_F (paper eq. 12), brought to the body's tone."""
         planes = self.decode_colour(state, counters)
         counters.add("face_pixels", len(points.position))

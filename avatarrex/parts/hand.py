@@ -60,13 +60,7 @@ class Hand(Part[HandState]):
         """The hand of an avatar."""
         return cls(name, field.blend_weight, MARGIN, 2, "hand_distances", field, light)
 
-    def prepare(
-        self,
-        vertices: Float[Tensor, "v 3"],
-        coefficients: Float[Tensor, "..."],
-        counters: Counters,
-        impl: Impl = "auto",
-    ) -> HandState:
+    def prepare(self, vertices: Tensor, coefficients: Tensor, counters: Counters, impl: Impl = "auto") -> HandState:
         """See `Part`."""
         return HandState(self.field, vertices, coefficients)
 
@@ -79,16 +73,12 @@ class Hand(Part[HandState]):
         query = state.query(position, BOUND)
         return torch.stack([query.sdf.clamp(-CLAMP, CLAMP), self.field.omega(query)], -1)
 
-    def distance(
-        self, state: HandState, position: Float[Tensor, "p 3"], impl: Impl = "auto"
-    ) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
+    def distance(self, state: HandState, position: Tensor, impl: Impl = "auto") -> tuple[Tensor, Tensor]:
         """See `Part`."""
         query = state.query(position, BAND, impl)
         return query.sdf, self.field.omega(query)
 
-    def colour(
-        self, state: HandState, points: SurfacePoints, counters: Counters, impl: Impl = "auto"
-    ) -> Float[Tensor, "p 3"]:
+    def colour(self, state: HandState, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
         """C_H (paper eq. 10) times the light on the normal that faces the eye."""
         counters.add("hand_pixels", len(points.position))
         query = state.query(points.position, None, impl).facing(points.direction)

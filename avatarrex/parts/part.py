@@ -74,14 +74,8 @@ class Part(ABC, Generic[State]):
     """The counter of its evaluations."""
 
     @abstractmethod
-    def prepare(
-        self,
-        vertices: Float[Tensor, "v 3"],
-        coefficients: Float[Tensor, "..."],
-        counters: Counters,
-        impl: Impl = "auto",
-    ) -> State:
-        """Whatever the field needs to know of one driving signal: posed mesh, and what is computed from it once."""
+    def prepare(self, vertices: Tensor, coefficients: Tensor, counters: Counters, impl: Impl = "auto") -> State:
+        """Whatever the field needs of one driving signal, computed once from the posed mesh (v, 3) and the part's coefficients."""
 
     @abstractmethod
     def start(self, state: State, position: Float[np.ndarray, "p 3"], everywhere: bool) -> Start:
@@ -92,16 +86,12 @@ class Part(ABC, Generic[State]):
         """Signed distance within ±`CLAMP` and, where c = 2, ω."""
 
     @abstractmethod
-    def distance(
-        self, state: State, position: Float[Tensor, "p 3"], impl: Impl = "auto"
-    ) -> tuple[Float[Tensor, " p"], Float[Tensor, " p"]]:
-        """Signed distance, saturated outside the composition's band, and ω. `reference` skips nothing."""
+    def distance(self, state: State, position: Tensor, impl: Impl = "auto") -> tuple[Tensor, Tensor]:
+        """At points (p, 3): signed distance (p,), saturated outside the composition's band, and ω (p,). `reference` skips nothing."""
 
     @abstractmethod
-    def colour(
-        self, state: State, points: SurfacePoints, counters: Counters, impl: Impl = "auto"
-    ) -> Float[Tensor, "p 3"]:
-        """sRGB; differentiable in the part's networks."""
+    def colour(self, state: State, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
+        """sRGB (p, 3); differentiable in the part's networks."""
 
     def bounds(self, vertices: Float[Tensor, "v 3"]) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest corner, (3,) metres, of the box in which the part may be blended: the part's one box."""
