@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 
 from avatarrex.camera import Camera
-from avatarrex.capture.synthetic.preview import visible_faces
+from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.ops.closest_tree import TriangleTree
 from avatarrex.templates.mesh import vertex_normals
 

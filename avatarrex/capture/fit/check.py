@@ -18,7 +18,7 @@ from tqdm import tqdm
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.person_fit import height
 from avatarrex.capture.readers.rigs import Capture, Rig
-from avatarrex.capture.synthetic.preview import visible_faces
+from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.model import pose_template
 from avatarrex.templates.person import Person, load_person

@@ -18,7 +18,7 @@ import igl
 import numpy as np
 import scipy.ndimage as ndi
 
-from avatarrex.capture.synthetic.smoothing import averaging
+from avatarrex.capture.synthetic.mesh import averaging, vertex_normals
 
 Field = Callable[[np.ndarray], np.ndarray]
 DIRECTIONS = 72
@@ -119,7 +119,7 @@ def extract(
     def sample(p: np.ndarray) -> np.ndarray:
         return ndi.map_coordinates(lattice, ((p - low) / step).T[::-1], order=2, prefilter=False, mode="nearest")
 
-    if signed_volume(vertices, faces) < 0:
+    if np.linalg.det(vertices[faces]).sum() < 0:  # six times the volume inside
         faces = faces[:, ::-1]
     mean = averaging(faces, len(vertices))
     for _ in range(rounds):
@@ -210,20 +210,6 @@ def close_hems(
         triangles.append(np.stack([np.roll(previous, -1), previous, np.full(size, count)], 1))
         count += 1
     return np.concatenate(pieces), np.concatenate(triangles)
-
-
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit area-weighted vertex normals (v, 3)."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    face = np.cross(b - a, c - a)
-    normal = np.stack([np.bincount(faces.ravel(), np.repeat(face[:, k], 3), len(vertices)) for k in range(3)], 1)
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-20)
-
-
-def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """m³, positive for outward faces."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return float((np.cross(a, b) * c).sum() / 6)
 
 
 def _angles() -> np.ndarray:

@@ -107,7 +107,30 @@ VISEMES: dict[str, dict[str, float]] = {
     "th": {"jawOpen": 0.2, "tongueOut": 0.22},
     "rest": {},
 }
-SENTENCE = "rest mm aa ih rest ss ee oo mm oh rest ff aa th ee rest oo ih ss aa mm rest".split()
+SENTENCE = [
+    "rest",
+    "mm",
+    "aa",
+    "ih",
+    "rest",
+    "ss",
+    "ee",
+    "oo",
+    "mm",
+    "oh",
+    "rest",
+    "ff",
+    "aa",
+    "th",
+    "ee",
+    "rest",
+    "oo",
+    "ih",
+    "ss",
+    "aa",
+    "mm",
+    "rest",
+]
 
 
 def body_motion(frames: int, seed: int, girth: float = 0.0) -> SignalSequence:

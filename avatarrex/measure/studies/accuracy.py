@@ -23,8 +23,8 @@ from tqdm import tqdm
 
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
-from avatarrex.capture.synthetic.preview import visible_faces
 from avatarrex.capture.synthetic.subject import PosedSubject, Subject, load_subject
+from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.fields.local_frame import LOCAL_FRAMES
 from avatarrex.pipeline import RenderSettings, render_frame
 from avatarrex.pointmap.raycast import raycast
