@@ -100,7 +100,7 @@ def _ranges(numbers: tuple[int, ...]) -> str:
 def _write(capture: Capture, report: CaptureReport, rigs: tuple[str, ...], count: int, out: Path) -> list[Path]:
     written = []
     for name in rigs:
-        sheet = contact_sheet(capture, name, compared_frames(capture.rigs[name], count))
+        sheet = contact_sheet(capture, name, compared_frames(capture.rigs[name].frames, count))
         opaque = np.dstack([sheet, np.full(sheet.shape[:2], 255, np.uint8)])
         write_png(out / f"{name}.png", opaque)
         written.append(out / f"{name}.png")
