@@ -15,7 +15,8 @@ from pathlib import Path
 from avatarrex.errors import InputError
 from avatarrex.measure.bench.device import device_class
 from avatarrex.measure.bench.metric import Metric
-from avatarrex.measure.bench.report import Report, aligned, figure
+from avatarrex.measure.bench.report import Report, figure
+from avatarrex.measure.table import aligned
 
 BASELINES = Path("avatarrex/measure/baselines")
 
@@ -63,7 +64,7 @@ def table(verdicts: list[Verdict], path: Path) -> str:
         )
     failed = sum(not v.passed for v in verdicts)
     verdict = f"gate: {failed} of {len(ranked)} failed" if failed else f"gate: {len(ranked)} hold"
-    return "\n".join([*aligned(rows), f"{verdict}, against {path}"])
+    return "\n".join([*aligned(rows, right=(1,)), f"{verdict}, against {path}"])
 
 
 def limit_of(old: Metric, now: Metric) -> float | None:

@@ -14,6 +14,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from avatarrex.measure.bench.peer import Peers
+
 
 @dataclass(frozen=True, eq=False)
 class Networks:
@@ -109,10 +111,9 @@ def onnx_runtime(net: Networks) -> Callable[[], np.ndarray]:
     return lambda: np.asarray(session.run(None, {"x": rows})[0])
 
 
-PEERS: dict[str, tuple[str | tuple[str, ...], Callable[[Networks], Callable[[], Tensor | np.ndarray]]]] = {
+PEERS: Peers = {
     "vmap": ((), vmap),
     "batched": ((), batched),
     "per_node": ((), per_node),
     "onnxruntime": (("onnxruntime", "onnx"), onnx_runtime),
 }
-"""Modules that each needs."""

@@ -1,6 +1,6 @@
 """What else could draw the person: volume rendering of the same avatar, and the template with a texture.
 
-Volume rendering takes 64 samples per ray between the near and the far side of the body's box, asks the nodes in reach of each
+Volume rendering takes 64 samples per ray between the near and the far side of the body's box, queries the nodes within reach of each
 sample by the same kernels, and colours where a sample's share shows. It is measured on fewer rays of the same picture and
 scaled up; posing and its box are not counted. The mesh's texture comes from pictures of the subject in other poses.
 """
@@ -135,18 +135,15 @@ def _against(bench: Bench, avatar: Avatar, size: int) -> dict[str, Any]:
     camera, fewer = bench.camera(size), bench.camera(few)
     drawer = VolumeDrawer(avatar, "body", SAMPLES)
     deferred, marched = Times(), Times()
-    previous = None
+    previous: Frame | None = None
     for k in range(bench.count(3, 1) + 1):
         signals = bench.motion(2 * k + 1)[-1]
-        frames: list[Frame] = []
-        ours = timed(lambda s=signals, p=previous, f=frames: f.append(render_frame(avatar, s, camera, None, p)))  # type: ignore[misc]
-        previous = frames[0]
+        previous, ours = timed(render_frame, avatar, signals, camera, None, previous)
         drawer.draw(signals, fewer)  # poses; what follows only marches
-        theirs = timed(lambda s=signals: drawer.draw(s, fewer)).scaled((size / few) ** 2)  # type: ignore[misc]
+        _, theirs = timed(drawer.draw, signals, fewer)
         if k:
-            for total, one in ((deferred, ours), (marched, theirs)):
-                total.wall += one.wall
-                total.cpu += one.cpu
+            deferred.add(ours)
+            marched.add(theirs.scaled((size / few) ** 2))
     return {
         "times_as_fast": ratio(marched, deferred),
         "ms": deferred.ms,

@@ -38,13 +38,14 @@ def signals_of(inputs: Inputs) -> Signals:
     return Signals(**{name: inputs[name] for name in SHAPES})
 
 
-def _axes(rng: np.random.Generator) -> np.ndarray:
-    axis = rng.normal(size=(JOINTS, 3))
-    return np.asarray(axis / np.linalg.norm(axis, axis=1, keepdims=True))
+def directions(rng: np.random.Generator, count: int = JOINTS) -> np.ndarray:
+    """Random unit vectors (count, 3)."""
+    vector = rng.normal(size=(count, 3))
+    return np.asarray(vector / np.linalg.norm(vector, axis=1, keepdims=True))
 
 
 def _anything(rng: np.random.Generator) -> np.ndarray:
-    return _axes(rng) * rng.uniform(0, np.pi, (JOINTS, 1))
+    return directions(rng) * rng.uniform(0, np.pi, (JOINTS, 1))
 
 
 def _half_turns(rng: np.random.Generator) -> np.ndarray:
@@ -64,11 +65,11 @@ def _limits(rng: np.random.Generator) -> np.ndarray:
 def _nothing(rng: np.random.Generator) -> np.ndarray:
     """0, −0, subnormal numbers, and angles about the series' limits (0.1 in float32, 3e-3 in float64)."""
     angle = rng.choice([0.0, -0.0, 1e-320, 1e-44, 1e-30, 1e-12, 1e-7, 3e-3, 3.2e-3, 0.0999999, 0.1000001], (JOINTS, 1))
-    return np.asarray(_axes(rng) * angle)
+    return np.asarray(directions(rng) * angle)
 
 
 def _nearly_half_turns(rng: np.random.Generator) -> np.ndarray:
-    return _axes(rng) * np.pi * (1 + rng.choice([-1, 1], (JOINTS, 1)) * 10.0 ** rng.uniform(-16, -1, (JOINTS, 1)))
+    return directions(rng) * np.pi * (1 + rng.choice([-1, 1], (JOINTS, 1)) * 10.0 ** rng.uniform(-16, -1, (JOINTS, 1)))
 
 
 def _twists(rng: np.random.Generator) -> np.ndarray:
@@ -82,7 +83,7 @@ def _twists(rng: np.random.Generator) -> np.ndarray:
 
 
 def _many_turns(rng: np.random.Generator) -> np.ndarray:
-    return _axes(rng) * LARGEST["body_pose"] * rng.uniform(0, 1, (JOINTS, 1))
+    return directions(rng) * LARGEST["body_pose"] * rng.uniform(0, 1, (JOINTS, 1))
 
 
 FAMILIES: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
