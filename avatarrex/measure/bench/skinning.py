@@ -52,11 +52,7 @@ def contests(bench: Bench) -> Contest:
         times = interleaved(runners, bench.count(40, 15))
     exact = pose_template(model.double(), pose.double(), shape.double(), expression.double())
     onto = blend(exact.skinning, model.weights.double()[node])
-    truth = {
-        "body": exact.vertices,
-        "dense": exact.vertices,
-        "nodes": skin(onto, model.v_template.double()[node]),
-    }
+    truth = {"body": exact.vertices, "dense": exact.vertices, "nodes": skin(onto, model.v_template.double()[node])}
     entries = []
     for name, run in runners.items():
         error = {} if name not in truth else {"max_error_m": float((run().double() - truth[name]).abs().max())}

@@ -39,9 +39,7 @@ from avatarrex.volume.composed_field import composed_field
 
 POSES = {
     "walk": Signals.rest().replace(
-        body_pose=named_pose("walk"),
-        left_hand_pose=named_hand("point", "left"),
-        expression=named_expression("laugh"),
+        body_pose=named_pose("walk"), left_hand_pose=named_hand("point", "left"), expression=named_expression("laugh")
     ),
     "squat": Signals.rest().replace(body_pose=named_pose("squat"), right_hand_pose=named_hand("fist", "right")),
     "wave": Signals.rest().replace(body_pose=named_pose("wave"), expression=named_expression("jaw_open")),
