@@ -31,13 +31,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--out", required=True, metavar="DIR", help="the study's folder; what is finished there is not done again")
     add("--variants", "--arms", metavar="A,B,…", help="what to compare (every variant of the part)")
     add("--seeds", default="0,1,2", metavar="N,…", help="each variant is trained with each (0,1,2)")
-    add(
-        "--recipe",
-        "--preset",
-        default="quick",
-        metavar="R",
-        help="quick, long, smoke or paper: what the variants vary (quick)",
-    )
+    what = f"{', '.join(RECIPES)}: the schedule that the variants change (quick)"
+    add("--recipe", "--preset", default="quick", metavar="R", help=what)
     add("--minutes", metavar="M", help="length of every variant, instead of the recipe's steps")
     add("--scale", metavar="F", default="1", help="times the recipe's steps and schedules, for every variant")
     add("--parts", default="body", choices=("body", "face"), help="what is studied (body)")

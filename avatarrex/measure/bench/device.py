@@ -32,7 +32,7 @@ def describe(networks: str = "cpu") -> dict[str, Any]:
 
 
 def device_class(device: dict[str, Any]) -> str:
-    """Machines whose ratios can be compared, as a file's name: `linux-2-cores-avx2-llvmpipe`."""
+    """Machines with comparable ratios, as a file's name: `linux-2-cores-avx2-llvmpipe`."""
     drawn = re.split(r"[ (/:]", str(device["renderer"]))[0] or "none"
     words = [device["system"], f"{device['cores']}-cores", device["vectors"], device["gpu"] or drawn]
     placed = device.get("networks", "cpu")

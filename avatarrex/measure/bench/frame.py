@@ -67,7 +67,7 @@ def measure(bench: Bench) -> list[Metric]:
 
 
 def of_a_gpu(bench: Bench) -> list[Metric]:
-    """Frames at 1024², whose targets are those of one H100: everything changes, and the view alone."""
+    """Frames at 1024²; targets are those of one H100: everything changes, and the view alone."""
     size, cuda = bench.side(1024, 1024), bench.device.startswith("cuda")
     error = bench.once(level_errors)[EVERYDAY]
     found = []

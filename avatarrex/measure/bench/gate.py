@@ -49,7 +49,7 @@ def read_baseline(path: Path, report: Report) -> Report:
 
 
 def compare(report: Report, baseline: Report, stages: list[str]) -> list[Verdict]:
-    """A verdict on every metric of the baseline whose stage was run."""
+    """A verdict on every metric of the baseline of a stage that was run."""
     return [_verdict(old, report) for old in baseline.metrics if old.name.split(".")[0] in stages]
 
 

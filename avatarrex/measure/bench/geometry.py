@@ -4,7 +4,7 @@ Both over the same moving sequence, frame by frame, the fast one with the frame 
 neighbouring voxels with opposite signs: one that only one of the two grids has is changed. Voids that the body encloses are
 filled and small components (volume/small_components.py) emptied in both: what is left is what a ray from outside can meet. Where both have
 it, its place between the two voxels is compared. Two bounds on any band: it evaluates the corners of the cells with such
-crossings; and to find the voids, too, all voxels whose guess is no larger than that of one that it would otherwise take
+crossings; and to find the voids, too, all voxels with a guess no larger than that of one that it would otherwise take
 the wrong sign of.
 One core, processor time. Letters: z y x voxels, k (voxel, node) pairs.
 """

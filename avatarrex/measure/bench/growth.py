@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 import torch
@@ -58,9 +58,8 @@ def picture(bench: Bench) -> Callable[[float], object]:
 def grid(bench: Bench) -> Callable[[float], object]:
     """The body's grid with so many voxels to the metre."""
     posed = pose_person(bench.avatar.person, bench.motion(1)[0], Counters(), None)
-    return lambda density: build_volume(
-        bench.avatar, posed, RenderSettings(voxel=1 / density, hidden=BODY_ONLY), Counters(), None
-    )
+    coarse = RenderSettings(hidden=BODY_ONLY)
+    return lambda density: build_volume(bench.avatar, posed, replace(coarse, voxel=1 / density), Counters(), None)
 
 
 def nodes(bench: Bench) -> Callable[[float], object]:
@@ -103,14 +102,8 @@ def fitted(sizes: Sequence[float], ms: Sequence[float]) -> tuple[float, float, f
 
 
 def _fit(bench: Bench, name: str, what: str, sizes: Sequence[float], work: Callable[[float], object]) -> Metric:
-    times = interleaved({str(size): (lambda s=size: work(s)) for size in sizes}, bench.count(3, 1))  # type: ignore[misc]
+    times = interleaved({str(size): partial(work, size) for size in sizes}, bench.count(3, 1))
     ms = [times[str(size)].ms for size in sizes]
     exponent, factor, deviation = fitted(sizes, ms)
-    error: dict[str, Any] = {
-        "of": what,
-        "size": list(sizes),
-        "ms": ms,
-        "factor": factor,
-        "largest_deviation": deviation,
-    }
+    error = {"of": what, "size": list(sizes), "ms": ms, "factor": factor, "largest_deviation": deviation}
     return Metric(f"growth.{name}.exponent", exponent, "exponent", error=error)

@@ -28,7 +28,7 @@ def distances(grid: BodyGrid, rays: Rays) -> np.ndarray:
     import mitsuba as mi
 
     mi.set_variant("scalar_rgb")
-    # Mitsuba 3.9 finds nothing in a grid whose sides differ: this one is made a cube, all outside where it was nothing.
+    # Mitsuba 3.9 finds nothing in a grid of unequal sides: this one is made a cube, all outside where it was nothing.
     side = max(grid.sdf.shape)
     values = np.full((side, side, side, 1), float(grid.sdf.abs().max()), np.float32)
     values[tuple(slice(0, n) for n in grid.sdf.shape)] = grid.sdf.numpy()[..., None]

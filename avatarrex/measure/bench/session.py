@@ -8,8 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.synthetic.subject import Subject, load_subject
@@ -76,19 +74,10 @@ class Bench:
 
     def motion(self, frames: int) -> list[Signals]:
         """Consecutive frames of somebody who moves, from standing on; the root rests."""
-        return [self._at(k) for k in range(frames)]
-
-    def _at(self, frame: int) -> Signals:
-        place, step = divmod(frame, STEPS)
-        here, there = (WAY[(place + k) % len(WAY)] for k in (0, 1))
-        pose = [Signals.rest().replace(body_pose=named_pose(name)) for name in (here, there)]
-        return interpolate(pose[0], pose[1], step / STEPS)
+        way = [Signals.rest().replace(body_pose=named_pose(name)) for name in WAY]
+        places = (divmod(frame, STEPS) for frame in range(frames))
+        return [interpolate(way[k % len(way)], way[(k + 1) % len(way)], step / STEPS) for k, step in places]
 
     def camera(self, size: int, azimuth: float = 20.0) -> Camera:
         """Of the whole person, from the front."""
         return Camera.orbit(azimuth, 5, 2.6, 40, (0, -0.05, 0), size, size)
-
-    @cached_property
-    def rng(self) -> np.random.Generator:
-        """Seeded."""
-        return np.random.default_rng(SEED)

@@ -6,8 +6,6 @@ Half turns, no turns, nearly both, opposed twists, hundreds of radians; shapes o
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from avatarrex.measure.stress.case import Entry, Inputs
@@ -17,15 +15,14 @@ from avatarrex.signals.limits import random_signals
 ENTRIES = {name: Entry(shape) for name, shape in SHAPES.items()}
 JOINTS = 55
 ALONG_X = (13, 14, 16, 17, 18, 19, 20, 21, *range(25, 55))
-"""Joints whose bone runs along x in the T-pose: arms and fingers. All others: along y."""
+"""Joints with a bone along x in the T-pose: arms and fingers. All others: along y."""
 
 
 def draw_signals(rng: np.random.Generator, number: int) -> Signals:
-    """Signals of the family whose turn it is."""
-    pose = list(FAMILIES.values())[number % len(FAMILIES)](rng)
-    return Signals.from_full_pose(
-        pose, expression=_expression(rng), shape=_shape(rng), translation=rng.normal(size=3) * _far(rng)
-    )
+    """Signals of the family of that number."""
+    pose = FAMILIES[number % len(FAMILIES)](rng)
+    expression, shape = _expression(rng), _shape(rng)
+    return Signals.from_full_pose(pose, expression=expression, shape=shape, translation=rng.normal(size=3) * _far(rng))
 
 
 def inputs_of(signals: Signals) -> Inputs:
@@ -86,19 +83,11 @@ def _many_turns(rng: np.random.Generator) -> np.ndarray:
     return directions(rng) * LARGEST["body_pose"] * rng.uniform(0, 1, (JOINTS, 1))
 
 
-FAMILIES: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
-    "anything": _anything,
-    "half turns": _half_turns,
-    "limits": _limits,
-    "nothing": _nothing,
-    "nearly half turns": _nearly_half_turns,
-    "twists": _twists,
-    "many turns": _many_turns,
-}
+FAMILIES = (_anything, _half_turns, _limits, _nothing, _nearly_half_turns, _twists, _many_turns)
 
 
 def _expression(rng: np.random.Generator) -> np.ndarray:
-    """Neutral, sparse, everything at once, or at the limits of what signals may hold."""
+    """Neutral, sparse, everything at once, or at the limits of what signals may have."""
     largest = LARGEST["expression"]
     which = rng.random()
     if which < 0.3:

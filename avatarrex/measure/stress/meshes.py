@@ -57,7 +57,7 @@ def check(inputs: Inputs, found: Findings) -> None:
 
 
 def _ball(rounds: int) -> Mesh:
-    """An octahedron whose faces are split in four `rounds` times, on the unit sphere."""
+    """An octahedron with faces split in four `rounds` times, on the unit sphere."""
     vertices = np.concatenate([np.eye(3), -np.eye(3)])
     faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
     for _ in range(rounds):

@@ -35,7 +35,7 @@ TALLEST = 10.0
 
 
 def draw(rng: np.random.Generator, number: int) -> Inputs:
-    """Signals, the part whose turn it is, and where the points come from."""
+    """Signals, the part of that number, and where the points come from."""
     return {
         **driving.inputs_of(driving.draw_signals(rng, number)),
         "part": np.array([number % len(PARTS)]),

@@ -70,7 +70,7 @@ def _volume(inputs: Inputs) -> SdfVolume:
 
 
 def _inner(truth: PointMap) -> torch.Tensor:
-    """Pixels all of whose neighbours are hit as they are."""
+    """Pixels with neighbours that are all hit as they are."""
     hit = truth.hit[None, None].float()
     pool = torch.nn.functional.max_pool2d
     return (pool(hit, 3, 1, 1) + pool(-hit, 3, 1, 1) == 0)[0, 0]
