@@ -110,9 +110,8 @@ def _array(source: str, name: str, entry: Entry, given: Any) -> np.ndarray:
         raise InputError(source, field, "shape and values", given)
     shape, values = given.get("shape"), given["values"]
     known = isinstance(shape, list) and len(shape) == len(entry.shape)
-    fits = known and all(
-        type(n) is int and (n == want or want < 0 <= n <= MOST_ROWS) for n, want in zip(shape, entry.shape)
-    )
+    free = (range(MOST_ROWS + 1) if want < 0 else (want,) for want in entry.shape)
+    fits = known and all(type(n) is int and n in allowed for n, allowed in zip(shape, free))
     if not fits or math.prod(shape) != len(values):
         raise InputError(source, field, f"shape {entry.shape} and as many values", f"{shape}, {len(values)} values")
     if entry.bounds is None:
