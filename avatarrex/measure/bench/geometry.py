@@ -86,7 +86,7 @@ def compare(bench: Bench) -> Found:
     posed: PosedPerson | None = None
     volume: AvatarVolume | None = None
     with one_core():
-        for number, signals in enumerate(bench.motion(bench.count(33, 5) + 1)):
+        for number, signals in enumerate(map(bench.signals, range(bench.count(33, 5) + 1))):
             posed = pose_person(bench.avatar.person, signals, Counters(), posed)
             volume = _frame(bench, posed, volume, settings, found if number else None)
     return found

@@ -24,7 +24,6 @@ from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.raycast_gl import BOXES, EXACT_LIST, TILE_LIST, TRACE_LIST, GlCaster, gl_caster
 from avatarrex.pointmap.raycast_torch import raycast_torch
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
-from avatarrex.templates.posed import pose_person
 from avatarrex.volume.build import build_volume
 from avatarrex.volume.sdf_volume import SdfVolume
 
@@ -71,9 +70,8 @@ def contests(bench: Bench) -> list[Contest]:
 
 def stored_volume(bench: Bench) -> SdfVolume:
     """Of the avatar as it stands, at the settings of everyday use."""
-    avatar = bench.avatar
-    posed = pose_person(avatar.person, bench.motion(1)[0], Counters(), None)
-    return build_volume(avatar, posed, RenderSettings(hidden=avatar.hidden), Counters(), None).sdf
+    settings = RenderSettings(hidden=bench.avatar.hidden)
+    return build_volume(bench.avatar, bench.standing, settings, Counters(), None).sdf
 
 
 def _contest(bench: Bench, volume: SdfVolume, number: int, camera: Camera) -> Contest:

@@ -68,7 +68,7 @@ def textured_mesh(bench: Bench, size: int) -> list[Metric]:
     camera, turn = bench.camera(size), iter(range(1000))
 
     def moved(draw: Callable[[Signals], object]) -> Callable[[], object]:
-        return lambda: draw(bench.motion(UNSEEN + 1 + next(turn))[-1])
+        return lambda: draw(bench.signals(UNSEEN + next(turn)))
 
     avatar = AvatarDrawer(bench.avatar)
     drawers = {"avatar": avatar.draw, "textured_mesh": mesh.draw}
@@ -84,7 +84,7 @@ def paper_avatar(bench: Bench) -> Avatar:
     """Networks as wide as the paper's, fitted to the template for some steps so that there is a person to draw."""
     avatar = Avatar.create(bench.avatar.person, "paper", SEED)
     avatar.meta["untrained"] = sorted({"face", *bench.avatar.hidden})
-    motion = SignalSequence(tuple(bench.motion(16)), 24.0)
+    motion = SignalSequence(tuple(map(bench.signals, range(16))), 24.0)
     warm_start(avatar, motion, "body", bench.count(60, 20), SEED)
     avatar.measure_clothing_offset()
     return avatar
@@ -95,7 +95,7 @@ def unseen(bench: Bench) -> tuple[Signals, np.ndarray] | None:
     drawer = bench.once(subject_drawer)
     if drawer is None:
         return None
-    signals, size = bench.motion(UNSEEN + 1)[-1], bench.side(192, 96)
+    signals, size = bench.signals(UNSEEN), bench.side(192, 96)
     return signals, drawer.draw(signals, bench.camera(size))
 
 
@@ -111,7 +111,7 @@ def mesh_drawer(bench: Bench) -> MeshDrawer | None:
         return None
     seen = []
     for frame in SEEN[:1] if bench.quick else SEEN:
-        signals = bench.motion(frame + 1)[-1]
+        signals = bench.signals(frame)
         for azimuth in AROUND:
             camera = bench.camera(size, azimuth)
             picture = drawer.draw(signals, camera)
@@ -137,7 +137,7 @@ def _against(bench: Bench, avatar: Avatar, size: int) -> dict[str, Any]:
     deferred, marched = Times(), Times()
     previous: Frame | None = None
     for k in range(bench.count(3, 1) + 1):
-        signals = bench.motion(2 * k + 1)[-1]
+        signals = bench.signals(2 * k)
         previous, ours = timed(render_frame, avatar, signals, camera, None, previous)
         drawer.draw(signals, fewer)  # poses; what follows only marches
         _, theirs = timed(drawer.draw, signals, fewer)

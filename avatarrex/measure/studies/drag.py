@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> None:
     """Print the table."""
     torch.set_num_threads(1)
     bench = Bench()
-    signals, camera = bench.motion(frames.JUDGED + 1)[-1], bench.camera(64)
+    signals, camera = bench.signals(frames.JUDGED), bench.camera(64)
     exact = render_oracle(bench.avatar, signals, camera)
     row = printed(
         "voxel", "tolerance", "voxels", "pixels", "ms", "lag mean", "lag p99", "psnr", "error mean", "error p99"
