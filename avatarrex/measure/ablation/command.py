@@ -29,10 +29,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("capture", help="a folder or .zip")
     add("--out", required=True, metavar="DIR", help="the study's folder; what is finished there is not done again")
-    add("--variants", "--arms", metavar="A,B,…", help="what to compare (every variant of the part)")
+    add("--variants", metavar="A,B,…", help="what to compare (every variant of the part)")
     add("--seeds", default="0,1,2", metavar="N,…", help="each variant is trained with each (0,1,2)")
     what = f"{', '.join(RECIPES)}: the schedule that the variants change (quick)"
-    add("--recipe", "--preset", default="quick", metavar="R", help=what)
+    add("--recipe", default="quick", metavar="R", help=what)
+    for name, old in (("variants", "--arms"), ("recipe", "--preset")):  # still accepted
+        add(old, dest=name, default=argparse.SUPPRESS, help=argparse.SUPPRESS)
     add("--minutes", metavar="M", help="length of every variant, instead of the recipe's steps")
     add("--scale", metavar="F", default="1", help="times the recipe's steps and schedules, for every variant")
     add("--parts", default="body", choices=("body", "face"), help="what is studied (body)")
@@ -45,7 +47,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Do what is missing, print what is there. Raises `InputError` before any work for a wrong option."""
     if options.recipe not in RECIPES:
-        raise InputError("--recipe", "", ", ".join(RECIPES), options.recipe)
+        raise InputError("--recipe", "", "one of " + ", ".join(RECIPES), options.recipe)
     seeds = _seeds(options.seeds)
     variants = chosen_variants(tuple(options.variants.split(",")) if options.variants else None, options.parts)
     minutes = None if options.minutes is None else _positive("--minutes", options.minutes)
