@@ -15,6 +15,7 @@ import torch
 
 from avatarrex.avatar import Avatar
 from avatarrex.capture.synthetic.subject_drawer import SubjectDrawer
+from avatarrex.frame import Frame
 from avatarrex.gl.context import gl_unavailable
 from avatarrex.measure.bench.clock import Times, interleaved, ratio, timed
 from avatarrex.measure.bench.metric import FASTER, Metric
@@ -22,7 +23,7 @@ from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.baselines import MeshDrawer, Observation, baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
-from avatarrex.pipeline import Frame, render_frame
+from avatarrex.pipeline import render_frame
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.training.core.warm_start import warm_start
