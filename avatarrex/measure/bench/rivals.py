@@ -7,7 +7,7 @@ scaled up; posing and its box are not counted. The mesh's texture comes from pic
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -68,13 +68,12 @@ def textured_mesh(bench: Bench, size: int) -> list[Metric]:
     signals, picture = truth
     camera, turn = bench.camera(size), iter(range(1000))
 
-    def moved(draw: Callable[[Signals], object]) -> Callable[[], object]:
-        return lambda: draw(bench.signals(UNSEEN + next(turn)))
+    def moved(drawer: Drawer) -> None:
+        drawer.draw(bench.signals(UNSEEN + next(turn)), camera)
 
-    avatar = AvatarDrawer(bench.avatar)
-    drawers = {"avatar": avatar.draw, "textured_mesh": mesh.draw}
-    times = interleaved({name: moved(lambda s, d=d: d(s, camera)) for name, d in drawers.items()}, bench.count(5, 2))  # type: ignore[misc]
-    found = {name: psnr(draw(signals, bench.camera(len(picture))), picture) for name, draw in drawers.items()}
+    drawers: dict[str, Drawer] = {"avatar": AvatarDrawer(bench.avatar), "textured_mesh": mesh}
+    times = interleaved({name: partial(moved, drawer) for name, drawer in drawers.items()}, bench.count(5, 2))
+    found = {name: psnr(one.draw(signals, bench.camera(len(picture))), picture) for name, one in drawers.items()}
     return [
         Metric(f"frame.rival.{name}.ms", times[name].ms, "ms", error={"psnr_db": found[name], "pose": "not seen"})
         for name in drawers
