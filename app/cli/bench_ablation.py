@@ -18,7 +18,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.gate import write_text
 from avatarrex.measure.ablation.report import plot, rows, table, to_json
 from avatarrex.measure.ablation.study import Study
-from avatarrex.measure.ablation.variants import chosen_arms, scaled
+from avatarrex.measure.ablation.variants import chosen_variants, scaled
 from avatarrex.training.recipe import RECIPES
 
 
@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.preset not in RECIPES:
         raise InputError("--preset", "", ", ".join(RECIPES), arguments.preset)
     seeds = _seeds(arguments.seeds)
-    arms = chosen_arms(tuple(arguments.arms.split(",")) if arguments.arms else None, arguments.parts)
+    variants = chosen_variants(tuple(arguments.arms.split(",")) if arguments.arms else None, arguments.parts)
     minutes = None if arguments.minutes is None else _positive("--minutes", arguments.minutes)
     factor = _positive("--scale", arguments.scale)
     if arguments.plot and find_spec("matplotlib") is None:
@@ -39,12 +39,12 @@ def run(arguments: argparse.Namespace) -> int:
     study = Study(Path(arguments.out), capture, arguments.parts, recipe, minutes)
     finished = True
     for seed in seeds:
-        for arm in arms:
+        for arm in variants:
             print(f"{arm.name}, seed {seed}: {arm.what}", file=sys.stderr)
             finished = finished and study.finish(arm, seed) is not None
             if not finished:
                 break
-    found = rows(study, arms, seeds)
+    found = rows(study, variants, seeds)
     print(table(study, found))
     if arguments.json:
         text = json.dumps(to_json(study, found, seeds), indent=1, ensure_ascii=False, allow_nan=False)

@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     if what_is(arguments.out) not in ("a folder", "nothing there"):
         raise InputError("--out", "", "a folder", what_is(arguments.out))
     check_writable(Path(arguments.out) / "failure.json")
-    from avatarrex.measure.stress.run import cores
+    from avatarrex.measure.bench.device import cores
 
     return _run(count, seed, processes or cores(), arguments.json, Path(arguments.out))
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from avatarrex.measure.bench.peer import Peers
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.triangle import closest_on_triangle
 
@@ -89,7 +90,8 @@ def trimesh(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> Meas
     import trimesh as tm
 
     def measure() -> np.ndarray:
-        return -np.asarray(tm.proximity.signed_distance(tm.Trimesh(vertices, faces, process=False), points))
+        mesh = tm.Trimesh(vertices, faces, process=False)
+        return -np.asarray(tm.proximity.signed_distance(mesh, points))  # type: ignore[no-untyped-call]
 
     return measure
 
@@ -101,20 +103,12 @@ def brute(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> Measur
 
     def measure() -> np.ndarray:
         step = max(1, 1_000_000 // len(faces))
-        squares = [closest_on_triangle(some[:, None], *corner)[0].amin(1) for some in query.split(step)]
+        squares = [closest_on_triangle(some[:, None], *corner)[0].amin(1) for some in torch.split(query, step)]
         return torch.cat(squares).sqrt().numpy()
 
     return measure
 
 
-PEERS: dict[str, tuple[str | tuple[str, ...], Callable[..., Measured]]] = {
-    "libigl": ("igl", libigl),
-    "warp": ("warp", warp),
-    "open3d": ("open3d", open3d),
-}
-"""Modules that each needs."""
-SLOW: dict[str, tuple[str | tuple[str, ...], Callable[..., Measured]]] = {
-    "trimesh": (("trimesh", "rtree"), trimesh),
-    "brute_force": ((), brute),
-}
+PEERS: Peers = {"libigl": (("igl",), libigl), "warp": (("warp",), warp), "open3d": (("open3d",), open3d)}
+SLOW: Peers = {"trimesh": (("trimesh", "rtree"), trimesh), "brute_force": ((), brute)}
 """Measured once, on some of the points; the cost of both is proportional to their number."""
