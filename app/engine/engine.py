@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from avatarrex_studio.engine.auto_level import ORDER
-from avatarrex_studio.session.framing import Outline
+from avatarrex_studio.engine.framing import Outline
 from avatarrex_studio.session.state import AUTO, StudioState
 
 from avatarrex import levels

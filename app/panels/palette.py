@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from avatarrex_studio.panels import keys, theme
 from avatarrex_studio.session.actions import ACTIONS, Action, find
-from avatarrex_studio.window.studio import Studio
+from avatarrex_studio.session.journal import Journal
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
@@ -31,7 +31,7 @@ class Palette:
         """Show the shortcuts at the next frame."""
         self._open_sheet = True
 
-    def draw(self, studio: Studio) -> Action | None:
+    def draw(self, journal: Journal) -> Action | None:
         """Draw what is open; the action that was chosen."""
         self._sheet()
         if self._open_palette:
@@ -44,13 +44,13 @@ class Palette:
         imgui.set_next_window_size(imgui.ImVec2(width, 0))
         if not imgui.begin_popup("palette"):
             return None
-        chosen = self._content(studio)
+        chosen = self._content(journal)
         if chosen:
             imgui.close_current_popup()
         imgui.end_popup()
         return chosen
 
-    def _content(self, studio: Studio) -> Action | None:
+    def _content(self, journal: Journal) -> Action | None:
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
@@ -58,7 +58,7 @@ class Palette:
         entered, self.text = imgui.input_text_with_hint(
             "##palette", "Type a command", self.text, imgui.InputTextFlags_.enter_returns_true
         )
-        found = [entry for entry in find(self.text) if entry.enabled(studio)]
+        found = [entry for entry in find(self.text) if entry.enabled(journal)]
         step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
         self.chosen = min(max(self.chosen + step, 0), len(found) - 1) if before == self.text else 0
         first = max(0, min(self.chosen - ROWS // 2, len(found) - ROWS))

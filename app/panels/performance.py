@@ -8,11 +8,11 @@ from __future__ import annotations
 from statistics import median
 
 from avatarrex_studio.engine.skips import WORK, skipped
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.engine.work import Work
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.session.commands import Command, SetLevel
 from avatarrex_studio.session.state import AUTO, LEVELS
-from avatarrex_studio.window.studio import Studio
 from imgui_bundle import imgui
 
 from avatarrex.pipeline import Frame

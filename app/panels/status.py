@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from avatarrex_studio.engine.skips import skipped
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.engine.work import Work
 from avatarrex_studio.panels import theme
-from avatarrex_studio.window.studio import Studio
 from imgui_bundle import hello_imgui, imgui
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import theme
-from avatarrex_studio.window.studio import Studio
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 

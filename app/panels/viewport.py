@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import theme
 from avatarrex_studio.session.commands import Command, OrbitBy, PanBy, SetCamera, ZoomBy
 from avatarrex_studio.session.state import OrbitView
-from avatarrex_studio.window.studio import Studio
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 

@@ -22,8 +22,8 @@ from avatarrex_studio.session.commands import (
     SetHidden,
     SetLevel,
 )
+from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import AUTO, LEVELS, StudioState
-from avatarrex_studio.window.studio import Studio
 
 from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
 
@@ -46,13 +46,13 @@ class Action:
     command: Callable[[StudioState], Command] | None = None
     effect: str | None = None
     """One of `EFFECTS` where there is no command."""
-    enabled: Callable[[Studio], bool] = lambda studio: True
+    enabled: Callable[[Journal], bool] = lambda journal: True
     separator: bool = False
     """Whether a line stands above it in its menu."""
 
 
-def _has_motion(studio: Studio) -> bool:
-    return studio.state.motion is not None
+def _has_motion(journal: Journal) -> bool:
+    return journal.state.motion is not None
 
 
 def _view(azimuth: float, elevation: float) -> Callable[[StudioState], Command]:
@@ -88,8 +88,8 @@ ACTIONS: tuple[Action, ...] = (
     Action("session.save", "Save session…", "File", "Ctrl+S", effect="save_session"),
     Action("screenshot", "Screenshot", "File", "F12", effect="screenshot", separator=True),
     Action("quit", "Quit", "File", "Ctrl+Q", effect="quit", separator=True),
-    Action("undo", "Undo", "Edit", "Ctrl+Z", effect="undo", enabled=lambda studio: bool(studio.journal.steps)),
-    Action("redo", "Redo", "Edit", "Ctrl+Shift+Z", effect="redo", enabled=lambda studio: bool(studio.journal.undone)),
+    Action("undo", "Undo", "Edit", "Ctrl+Z", effect="undo", enabled=lambda journal: bool(journal.steps)),
+    Action("redo", "Redo", "Edit", "Ctrl+Shift+Z", effect="redo", enabled=lambda journal: bool(journal.undone)),
     Action("pose.copy", "Copy pose", "Edit", "Ctrl+C", effect="copy_pose", separator=True),
     Action("pose.paste", "Paste pose", "Edit", "Ctrl+V", effect="paste_pose"),
     Action("pose.mirror", "Mirror pose", "Pose", "M", command=_fixed(Mirror())),

@@ -10,14 +10,15 @@ import math
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
+import numpy as np
+
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
+from avatarrex.templates.parts import PARTS
 
 FORMAT = 1
 """Version of the JSON form; a reader refuses a newer one by name."""
-PARTS = ("left_hand", "right_hand", "face")
-"""Parts that can be hidden."""
 AUTO = "auto"
 """The level that is chosen by measured cost."""
 LEVELS = (AUTO, "paper", "fast", "balanced", "fine", "quality")
@@ -27,6 +28,7 @@ SIZES = (16, 8192)
 BACKGROUND = (0.145, 0.157, 0.176, 1.0)
 """A dark neutral grey."""
 Colour = tuple[float, float, float, float]
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class OrbitView:
     elevation: float = 0.0
     distance: float = 3.0
     fov: float = 40.0
-    target: tuple[float, float, float] = (0.0, -0.05, 0.0)
+    target: Vector = (0.0, -0.05, 0.0)
     follow: bool = True
     """Whether a motion's steps over the ground carry the target along."""
 
@@ -58,6 +60,11 @@ class OrbitView:
     def camera(self, width: int, height: int) -> Camera:
         """This view on a `width` × `height` raster."""
         return Camera.orbit(self.azimuth, self.elevation, self.distance, self.fov, self.target, width, height)
+
+    def moved(self, step: np.ndarray) -> OrbitView:
+        """The same view `step` (3,) further on."""
+        x, y, z = np.asarray(self.target) + step
+        return replace(self, target=(float(x), float(y), float(z)))
 
 
 @dataclass(frozen=True)
@@ -130,6 +137,16 @@ class StudioState:
     def change(self, **changes: Any) -> StudioState:
         """A copy with some fields changed, validated."""
         return replace(self, **changes)
+
+    def pose(self, **changes: Any) -> StudioState:
+        """A copy with some fields of the signals changed, validated."""
+        return self.change(signals=self.signals.replace(**changes))
+
+    def play(self, motion: MotionState, signals: Signals) -> StudioState:
+        """A copy at a frame of `motion`: its signals, the avatar's own shape; a view that follows moves along the ground."""
+        step = (signals.translation - self.signals.translation) * (1, 0, 1)
+        view = self.view.moved(step) if self.view.follow else self.view
+        return self.change(motion=motion, signals=signals.replace(shape=self.signals.shape), view=view)
 
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers."""

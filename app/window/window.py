@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status
@@ -33,7 +34,6 @@ from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.window.docking import docking
 from avatarrex_studio.window.runner import runner_params
 from avatarrex_studio.window.screen import Screen
-from avatarrex_studio.window.studio import Studio
 from imgui_bundle import hello_imgui, imgui, immapp
 
 from avatarrex.errors import InputError
@@ -92,7 +92,7 @@ class Window:
         calls.setup_imgui_config = _configure
         calls.pre_new_frame = self._render
         calls.show_gui = self._over
-        calls.show_menus = lambda: self._run(menu.draw(self.studio))
+        calls.show_menus = lambda: self._run(menu.draw(self.studio.journal))
         calls.show_status = self._status
         calls.before_exit = self._close
         params.docking_params = docking(self._panels())
@@ -163,11 +163,11 @@ class Window:
 
     def _over(self) -> None:
         """What lies over the panels, and the keys."""
-        self._run(self.palette.draw(self.studio))
+        self._run(self.palette.draw(self.studio.journal))
         self.files.draw()
         if not imgui.get_io().want_text_input:
             for chord, entry in self._chords:
-                if imgui.is_key_chord_pressed(chord) and entry.enabled(self.studio):
+                if imgui.is_key_chord_pressed(chord) and entry.enabled(self.studio.journal):
                     self._run(entry)
         if not (imgui.is_any_item_active() or imgui.is_any_mouse_down()):
             self._gesture += 1

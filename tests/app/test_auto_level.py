@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from avatarrex_studio.engine.auto_level import BUDGET, MEMORY, ORDER, AutoLevel, Change
 from avatarrex_studio.engine.resolution import Motion
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.session.commands import SetExpression, SetLevel
-from avatarrex_studio.window.studio import Studio
 from ball import ball_engine, render_ball
 
 from avatarrex.levels import level

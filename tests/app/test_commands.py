@@ -8,11 +8,11 @@ import math
 import numpy as np
 import pytest
 from avatarrex_studio.session import posing
+from avatarrex_studio.session.command_json import KINDS
 from avatarrex_studio.session.commands import (
     ApplyExpression,
     ApplyPose,
     CloseMotion,
-    Command,
     LoadMotion,
     Mirror,
     OpenAvatar,
@@ -37,7 +37,6 @@ from avatarrex_studio.session.commands import (
     ZoomBy,
 )
 from avatarrex_studio.session.journal import Journal
-from avatarrex_studio.session.rules import apply
 from avatarrex_studio.session.state import OrbitView, StudioState
 
 from avatarrex.errors import InputError
@@ -77,13 +76,13 @@ EVERY = (
 
 
 def test_every_command_is_pure_and_tested():
-    assert {type(command) for command in EVERY} == set(Command.__subclasses__())
+    assert {type(command) for command in EVERY} == set(KINDS.values())
     state = StudioState()
     for command in EVERY:
         before = state.to_json()
-        after = apply(state, command)
+        after = command.apply(state)
         assert state.to_json() == before, command
-        assert after == apply(state, command), command
+        assert after == command.apply(state), command
         state = after
 
 
@@ -131,7 +130,7 @@ def test_a_saved_session_replays_to_the_same_state(tmp_path):
 def test_the_state_survives_json():
     state = StudioState()
     for command in EVERY[:-2]:
-        state = apply(state, command)
+        state = command.apply(state)
     assert StudioState.from_json(json.dumps(state.to_json())) == state
 
 
@@ -172,9 +171,9 @@ def test_a_bad_session_is_refused(step):
 
 def test_limits_hold_a_joint_and_can_be_lifted():
     high = LIMITS[posing.joint_index("left_knee"), 0, 1]
-    state = apply(StudioState(), SetJoint("left_knee", (9.0, 0.0, 0.0)))
+    state = SetJoint("left_knee", (9.0, 0.0, 0.0)).apply(StudioState())
     assert posing.joint(state.signals, "left_knee")[0] == high
-    state = apply(apply(state, SetLimits(False)), SetJoint("left_knee", (9.0, 0.0, 0.0)))
+    state = SetJoint("left_knee", (9.0, 0.0, 0.0)).apply(SetLimits(False).apply(state))
     assert posing.joint(state.signals, "left_knee")[0] == 9.0
 
 
@@ -186,25 +185,25 @@ def test_groups_cover_every_joint_and_coefficient_once():
 
 
 def test_reset_of_a_group_leaves_the_rest():
-    state = apply(apply(StudioState(), ApplyPose("run")), ApplyExpression("smile"))
+    state = ApplyExpression("smile").apply(ApplyPose("run").apply(StudioState()))
     assert posing.changed(state.signals, "left arm")
-    reset = apply(state, ResetGroup("left arm"))
+    reset = ResetGroup("left arm").apply(state)
     assert not posing.changed(reset.signals, "left arm")
     assert posing.changed(reset.signals, "right arm")
     assert np.array_equal(reset.signals.expression, state.signals.expression)
 
 
 def test_mirror_twice_is_nothing_and_once_swaps_sides():
-    state = apply(StudioState(), Randomise("all", 1.0, 3))
-    once = apply(state, Mirror())
+    state = Randomise("all", 1.0, 3).apply(StudioState())
+    once = Mirror().apply(state)
     assert not np.array_equal(once.signals.body_pose, state.signals.body_pose)
     x, y, z = posing.joint(state.signals, "left_elbow")
     assert posing.joint(once.signals, "right_elbow") == (x, -y, -z)
-    assert apply(once, Mirror()).signals == state.signals
+    assert Mirror().apply(once).signals == state.signals
 
 
 def test_pan_moves_the_picture_by_its_share_of_the_height():
-    state = apply(StudioState(view=OrbitView(azimuth=40.0, elevation=25.0)), PanBy(0.25, -0.125))
+    state = PanBy(0.25, -0.125).apply(StudioState(view=OrbitView(azimuth=40.0, elevation=25.0)))
     before = StudioState(view=OrbitView(azimuth=40.0, elevation=25.0)).view
     camera = state.view.camera(200, 200)
     x, y, z = camera.camera_from_world[:3, :3] @ np.array(before.target) + camera.camera_from_world[:3, 3]
@@ -213,7 +212,7 @@ def test_pan_moves_the_picture_by_its_share_of_the_height():
 
 
 def test_a_motion_carries_the_view_over_the_ground_only():
-    state = apply(StudioState(), LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING))
+    state = LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING).apply(StudioState())
     assert state.view.target == pytest.approx((0.5, -0.05, 1.0))
     still = StudioState(view=OrbitView(follow=False))
-    assert apply(still, LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING)).view == still.view
+    assert LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING).apply(still).view == still.view

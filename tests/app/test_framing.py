@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 from avatarrex_studio.cli import main as cli
-from avatarrex_studio.session.framing import MARGIN, Outline, backed_off, framed
+from avatarrex_studio.engine.framing import MARGIN, Outline, backed_off, framed
 from avatarrex_studio.session.state import OrbitView, StudioState
 from ball import ball_engine
 from PIL import Image

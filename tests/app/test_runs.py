@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from avatarrex_studio.cli.main import main
-from avatarrex_studio.cli.runs_text import duration, table
-from avatarrex_studio.jobs.run_view import RunView, keep_avatar
+from avatarrex_studio.cli.runs_text import table
+from avatarrex_studio.jobs.run_view import RunView, duration, keep_avatar
 from avatarrex_studio.jobs.runs import Runs, Watched
 from avatarrex_studio.jobs.training_process import TrainingProcesses, last_words
 from avatarrex_studio.jobs.watcher import Watcher

@@ -9,10 +9,10 @@ import time
 from pathlib import Path
 
 import pytest
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.window.runs_window import RunsWindow
-from avatarrex_studio.window.studio import Studio
 from avatarrex_studio.window.window import Window, start
 from ball import ball_engine
 from driving import drive

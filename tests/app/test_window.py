@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import torch
 from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import performance
 from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.session.journal import Journal
-from avatarrex_studio.window.studio import Studio
 from avatarrex_studio.window.window import Window, start
 from ball import ball_engine
 from imgui_bundle import imgui

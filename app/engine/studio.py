@@ -13,11 +13,11 @@ from pathlib import Path
 
 from avatarrex_studio.engine.auto_level import ORDER, AutoLevel, Change
 from avatarrex_studio.engine.engine import Engine, Shot
+from avatarrex_studio.engine.framing import framed
 from avatarrex_studio.engine.resolution import Motion, Resolution
 from avatarrex_studio.engine.strips import SECONDS, Strips
 from avatarrex_studio.engine.work import Work
 from avatarrex_studio.session.commands import Command, SetCamera
-from avatarrex_studio.session.framing import framed
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.state import AUTO, OrbitView, StudioState
