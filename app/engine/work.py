@@ -23,7 +23,7 @@ class Work:
     hidden: frozenset[str]
     """Parts that were not drawn with their own fields."""
     unseen: frozenset[str] = frozenset()
-    """Parts that are drawn, but were not built: off screen, or behind the body."""
+    """Parts that are drawn, but were not built: off screen, or occluded by the body."""
     lags: bool = False
     """Whether what a drag hardly moved was kept from the picture before."""
     rough: bool = False

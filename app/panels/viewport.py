@@ -65,7 +65,8 @@ class ViewportPanel:
         return self._mouse(studio, low, high)
 
     def _mouse(self, studio: Studio, low: imgui.ImVec2, high: imgui.ImVec2) -> list[Command]:
-        io, commands = imgui.get_io(), []
+        io = imgui.get_io()
+        commands: list[Command] = []
         height = max(high.y - low.y, 1)
         hovered = imgui.is_item_hovered()
         if hovered:

@@ -152,15 +152,13 @@ class StudioState:
         """Plain dictionaries, lists and numbers."""
         return {
             "format": FORMAT,
-            "avatar": self.avatar,
+            **vars(self),
             "signals": self.signals.to_json(),
             "view": asdict(self.view),
             "size": asdict(self.size),
             "background": list(self.background),
             "motion": asdict(self.motion) if self.motion else None,
             "hidden": sorted(self.hidden),
-            "limit_joints": self.limit_joints,
-            "level": self.level,
         }
 
     @classmethod

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from avatarrex_studio.engine.engine import Engine
-from avatarrex_studio.engine.studio import Studio
+from avatarrex_studio.engine.studio import Studio, refusals_logged
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status
@@ -43,7 +43,7 @@ from avatarrex.signals.library import named_hand, named_pose
 
 log = logging.getLogger(__name__)
 WARM_UP = 3
-"""Interface frames before the first render, so that the window stands before the avatar is computed."""
+"""Interface frames before the first render, so that the window is there before the avatar is computed."""
 WHEEL_PAUSE = 0.5
 """Seconds between wheel notches that end one undo step."""
 
@@ -67,7 +67,7 @@ class Window:
             "step_back": lambda: studio.step_by(-1), "step_on": lambda: studio.step_by(1),
             "open_motion": lambda: self.files.open("motion", "Open a motion", studio.open_motion),
             "open_session": lambda: self.files.open("session", "Open a session", studio.open_session),
-            "save_session": lambda: self.files.save("session", "Save the session", studio.save_session),
+            "save_session": lambda: self.files.open("session", "Save the session", studio.save_session, save=True),
             "copy_pose": self._copy, "paste_pose": self._paste, "screenshot": self._screenshot,
             "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
@@ -185,8 +185,7 @@ class Window:
         context = self.screen.open()
         self._frames += 1
         if self._frames > WARM_UP:
-            held = any(imgui.get_io().mouse_down[button] for button in range(3))
-            self.studio.tick(self.viewport.size, held)
+            self.studio.tick(self.viewport.size, any(imgui.get_io().mouse_down[button] for button in range(3)))
             self.screen.show(self.studio.image, self.studio.state.background)
         self.training.upload(context)
         moving = self.studio.moving or self._frames <= WARM_UP + 1
@@ -198,10 +197,8 @@ class Window:
         imgui.set_clipboard_text(json.dumps(self.studio.state.signals.to_json()))
 
     def _paste(self) -> None:
-        try:
+        with refusals_logged():
             self.studio.do(SetSignals(Signals.from_json(imgui.get_clipboard_text(), "clipboard")))
-        except InputError as error:
-            log.error("%s", error)
 
     def _screenshot(self) -> None:
         path = Path.cwd() / time.strftime("avatarrex-%Y%m%d-%H%M%S.png")

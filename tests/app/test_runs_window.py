@@ -86,7 +86,7 @@ def test_the_training_tab_starts_pauses_resumes_stops_and_shows(display, tmp_pat
 
     def press(test, wanted):
         """A button of the run, by its id."""
-        title = dict(panel._buttons(views(panel)["one"]))[wanted]
+        title = panel._buttons(views(panel)["one"])[wanted]
         test.item_click(f"**/{title}##{wanted}")
 
     def scenario(test):
@@ -94,7 +94,7 @@ def test_the_training_tab_starts_pauses_resumes_stops_and_shows(display, tmp_pat
         test.window_focus("//Training")
         test.yield_(3)
         form = panel.form
-        form.capture, form.out, form.preset = "captures/me.zip", str(tmp_path / "runs/one"), "smoke"
+        form.capture, form.out, form.recipe = "captures/me.zip", str(tmp_path / "runs/one"), "smoke"
         test.item_click(f"**/{icons.ICON_FA_PLAY}  Start training")
         wait(test, lambda: state() == "running")
         press(test, "pause")

@@ -38,7 +38,7 @@ def drive(engine, scenario, size=(1280, 800)):
 
 
 def rest(test, window, seconds=60):
-    """Let the window draw until the picture has come to rest."""
+    """Let the window draw until the picture is final."""
     until = time.monotonic() + seconds
     test.yield_(6)
     while window.studio.moving and time.monotonic() < until:
