@@ -11,7 +11,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import torch
-from avatarrex_studio.session.state import OrbitView
+from avatarrex_studio.session.state import OrbitView, vector
 
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.model import TemplateModel, pose_template
@@ -51,9 +51,9 @@ def framed(view: OrbitView, points: np.ndarray, size: tuple[int, int]) -> OrbitV
     rotation, tangents, seen = _seen(view, points, size)
     low, high = (seen[:, :2] - tangents * seen[:, 2:]).max(0), (seen[:, :2] + tangents * seen[:, 2:]).min(0)
     middle = (seen[:, 2].min() + seen[:, 2].max()) / 2
-    x, y, z = rotation.T @ np.array([*((low + high) / 2), middle])
+    target = vector(rotation.T @ np.array([*((low + high) / 2), middle]))
     nearest = ((high - low) / (2 * tangents)).min()
-    return replace(view, target=(float(x), float(y), float(z)), distance=float(middle - nearest))
+    return replace(view, target=target, distance=float(middle - nearest))
 
 
 def backed_off(view: OrbitView, points: np.ndarray, size: tuple[int, int]) -> OrbitView:

@@ -28,7 +28,7 @@ class ConsolePanel(logging.Handler):
         self._count += 1
 
     def draw(self) -> None:
-        """Draw the lines and stay at the end while new ones come."""
+        """Draw the lines and scroll to a new one."""
         for level, line in self.lines:
             widgets.paragraph(line, COLOURS.get(level, theme.MUTED))
         if self._shown != self._count:

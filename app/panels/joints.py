@@ -9,7 +9,7 @@ import numpy as np
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.commands import Command, ResetGroup, SetJoint, SetLimits, SetTranslation
-from avatarrex_studio.session.state import StudioState
+from avatarrex_studio.session.state import StudioState, vector
 from imgui_bundle import imgui
 
 from avatarrex.signals.joints import BODY_GROUPS, FINGERS, JOINT_NAMES
@@ -51,7 +51,7 @@ class SignalPanel:
         return commands
 
     def _options(self, state: StudioState) -> list[Command]:
-        """What stands beside the search box."""
+        """What is beside the search box."""
         return []
 
     def _title(self, group: str) -> str:
@@ -92,20 +92,19 @@ def joint_row(state: StudioState, name: str, group: str) -> list[Command]:
     moved = _vector_row(_joint_title(name, group), name, degrees, [(low, high) for low, high in bounds], "%.0f°")
     if moved is None:
         return []
-    axis, value = moved
-    x, y, z = (math.radians(value) if axis == other else kept for other, kept in enumerate(rotation))
-    return [SetJoint(name, (x, y, z))]
+    turned = np.array(rotation)
+    turned[moved[0]] = math.radians(moved[1])
+    return [SetJoint(name, vector(turned))]
 
 
 def translation_row(state: StudioState) -> list[Command]:
     """The root's place, metres."""
-    x, y, z = map(float, state.signals.translation)
-    moved = _vector_row("Place", "translation", (x, y, z), [(-3.0, 3.0)] * 3, "%.2f m")
+    place = state.signals.translation.copy()
+    moved = _vector_row("Place", "translation", vector(place), [(-3.0, 3.0)] * 3, "%.2f m")
     if moved is None:
         return []
-    place = [x, y, z]
     place[moved[0]] = moved[1]
-    return [SetTranslation((place[0], place[1], place[2]))]
+    return [SetTranslation(vector(place))]
 
 
 def _vector_row(

@@ -1,4 +1,4 @@
-"""The list of runs: which are drawn, which one is chosen, and how far each has come."""
+"""The list of runs: which are drawn, which one is chosen, and the progress of each."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class RunList:
 
     def __init__(self) -> None:
         self.chosen: Path | None = None
-        """The run whose details, buttons and terms are shown."""
+        """The run that details, buttons and terms are shown of."""
         self.colours: dict[Path, theme.Rgb] = {}
         self._hidden: set[Path] = set()
 
@@ -38,7 +38,7 @@ class RunList:
         return chosen
 
     def ticked(self, views: Sequence[RunView]) -> list[RunView]:
-        """Those whose curves are drawn."""
+        """Those with their curves drawn."""
         return [view for view in views if view.path not in self._hidden]
 
     def draw(self, views: Sequence[RunView]) -> None:

@@ -38,7 +38,7 @@ class Samples:
         self._textures: dict[str, tuple[object, moderngl.Texture]] = {}
 
     def draw(self, runs: Sequence[tuple[RunView, theme.Rgb]], watcher: Watcher, part: str) -> None:
-        """Draw the newest pictures of `runs`, each with its colour, of the views whose names begin with `part`."""
+        """Draw the newest pictures of `runs`, each with its colour, of the views that belong to `part`."""
         names = sorted({name for run, _ in runs for name in run.samples if not part or name.startswith(f"{part}/")})
         self._wanted = {}
         if not names:
@@ -52,11 +52,10 @@ class Samples:
         highest = HIGHEST if len(having) == 1 else 0.6 * HIGHEST
         used = 0.0
         for run, colour in having:
-            imgui.begin_group()
-            if len(having) > 1:
-                widgets.caption(run.name, colour)
-            self._row(run, watcher, newest if self.step is None else self.step, width, highest)
-            imgui.end_group()
+            with imgui_ctx.begin_group():
+                if len(having) > 1:
+                    widgets.caption(run.name, colour)
+                self._row(run, watcher, newest if self.step is None else self.step, width, highest)
             row = imgui.get_item_rect_size().x + 3 * GAP
             used += row
             if run is not having[-1][0] and used + row < width:

@@ -19,14 +19,14 @@ from avatarrex_studio.panels.training_form import TrainingForm
 from avatarrex_studio.panels.training_plots import TrainingPlots
 from avatarrex_studio.session.commands import Command, OpenAvatar
 from imgui_bundle import icons_fontawesome_6 as icons
-from imgui_bundle import imgui
+from imgui_bundle import imgui, imgui_ctx
 
 from avatarrex.errors import InputError
 from avatarrex.training.runs.control import request
 
 log = logging.getLogger(__name__)
 WIDE = 860.0
-"""Points from which on the list stands beside the curves."""
+"""Points from which on the list is beside the curves."""
 LIST_WIDTH = 330.0
 
 
@@ -41,7 +41,7 @@ class TrainingPanel:
         self._error = ""
 
     def draw(self) -> list[Command]:
-        """Draw the panel; an avatar to show comes back as a command."""
+        """Draw the panel; an avatar to show is returned as a command."""
         if not self.watcher.ident:
             self.watcher.start()
         self.processes.poll()
@@ -52,13 +52,11 @@ class TrainingPanel:
             imgui.spacing()
             self._plots(views, chosen)
             return commands
-        imgui.begin_child("##list", (LIST_WIDTH, 0))
-        commands = self._side(views, chosen)
-        imgui.end_child()
+        with imgui_ctx.begin_child("##list", (LIST_WIDTH, 0)):
+            commands = self._side(views, chosen)
         imgui.same_line(0, 18)
-        imgui.begin_child("##plots", (0, 0))
-        self._plots(views, chosen)
-        imgui.end_child()
+        with imgui_ctx.begin_child("##plots", (0, 0)):
+            self._plots(views, chosen)
         return commands
 
     def upload(self, context: moderngl.Context) -> None:
@@ -150,7 +148,7 @@ class TrainingPanel:
 
     @contextmanager
     def _errors_shown(self) -> Iterator[None]:
-        """A refusal stands in the panel and in the console."""
+        """A refusal is shown in the panel and in the console."""
         try:
             yield
         except InputError as error:

@@ -42,7 +42,7 @@ class TrainingPlots:
         self.term = "total"
 
     def draw(self, chosen: RunView, ticked: Sequence[RunView]) -> None:
-        """Draw what `ticked` runs report; `chosen` says whose parts come first."""
+        """Draw what `ticked` runs report; the parts of `chosen` are first."""
         parts = sorted({part for view in [chosen, *ticked] for part in view.parts}) or [chosen.part]
         shown = self.part if self.part in parts else chosen.part if chosen.part in parts else parts[0]
         if len(parts) > 1:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from avatarrex_studio.session import commands
 from avatarrex_studio.session.commands import Command
 from avatarrex_studio.session.journal import Journal
-from avatarrex_studio.session.state import AUTO, LEVELS, StudioState
+from avatarrex_studio.session.state import AUTO, LEVELS, OrbitView, StudioState
 
 from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
 
@@ -21,6 +21,10 @@ EFFECTS = (
 )  # fmt: skip
 
 
+HEAD = OrbitView(target=(0.0, 0.72, 0.03))
+"""Before the face of a person at rest."""
+
+
 @dataclass(frozen=True)
 class Action:
     """One thing a user can do."""
@@ -28,7 +32,7 @@ class Action:
     id: str
     title: str
     menu: str = ""
-    """Menu it stands in; the palette has all."""
+    """Menu it is in; the palette has all."""
     shortcut: str = ""
     """e.g. `Ctrl+Shift+Z`."""
     command: Callable[[StudioState], Command] | None = None
@@ -36,7 +40,7 @@ class Action:
     """One of `EFFECTS` where there is no command."""
     enabled: Callable[[Journal], bool] = lambda journal: True
     separator: bool = False
-    """Whether a line stands above it in its menu."""
+    """Whether a line separates it from the entry above."""
 
 
 def _has_motion(journal: Journal) -> bool:
@@ -48,12 +52,7 @@ def _view(azimuth: float, elevation: float) -> Callable[[StudioState], Command]:
 
 
 def _face(state: StudioState) -> Command:
-    return commands.SetCamera(distance=0.75, target=_place(state, (0.0, 0.72, 0.03)))
-
-
-def _place(state: StudioState, offset: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = (float(a + b) for a, b in zip(state.signals.translation, offset))
-    return (x, y, z)
+    return commands.SetCamera(distance=0.75, target=HEAD.moved(state.signals.translation).target)
 
 
 def _toggle(part: str) -> Callable[[StudioState], Command]:
@@ -126,7 +125,7 @@ def menu(name: str) -> tuple[Action, ...]:
 
 
 def find(text: str) -> tuple[Action, ...]:
-    """Actions whose titles hold every word of `text`, those that begin with it first."""
+    """Actions with every word of `text` in their titles, those that begin with it first."""
     words = text.lower().split()
     found = [entry for entry in ACTIONS if all(word in entry.title.lower() for word in words)]
     return tuple(sorted(found, key=lambda entry: not entry.title.lower().startswith(text.lower())))

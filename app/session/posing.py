@@ -6,7 +6,7 @@ Joint names are those of `avatarrex.signals.joints`; rotation vectors in radians
 from __future__ import annotations
 
 import numpy as np
-from avatarrex_studio.session.state import Vector
+from avatarrex_studio.session.state import Vector, vector
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
@@ -48,8 +48,7 @@ def with_pose(signals: Signals, pose: np.ndarray) -> Signals:
 
 def joint(signals: Signals, name: str) -> Vector:
     """Rotation vector of a joint."""
-    x, y, z = signals.full_pose()[joint_index(name)]
-    return float(x), float(y), float(z)
+    return vector(signals.full_pose()[joint_index(name)])
 
 
 def set_joint(signals: Signals, name: str, rotation: Vector, limited: bool = False) -> Signals:

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any
+from typing import Any, SupportsFloat
 
 import numpy as np
 
+from avatarrex import levels
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
@@ -21,8 +23,7 @@ FORMAT = 1
 """Version of the JSON form; a reader refuses a newer one by name."""
 AUTO = "auto"
 """The level that is chosen by measured cost."""
-LEVELS = (AUTO, "paper", "fast", "balanced", "fine", "quality")
-"""`auto`, and the names of avatarrex/levels.py, which needs torch."""
+LEVELS = (AUTO, *levels.LEVELS)
 SIZES = (16, 8192)
 """Smallest and largest side of an image, pixels."""
 BACKGROUND = (0.145, 0.157, 0.176, 1.0)
@@ -63,8 +64,7 @@ class OrbitView:
 
     def moved(self, step: np.ndarray) -> OrbitView:
         """The same view `step` (3,) further on."""
-        x, y, z = np.asarray(self.target) + step
-        return replace(self, target=(float(x), float(y), float(z)))
+        return replace(self, target=vector(np.asarray(self.target) + step))
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class SizePolicy:
 
 @dataclass(frozen=True)
 class MotionState:
-    """Which motion is loaded and where it stands."""
+    """The loaded motion and its present frame."""
 
     path: str
     name: str
@@ -182,6 +182,12 @@ class StudioState:
             return cls(**{name: _READERS[name](value, source) for name, value in data.items()})
         except (TypeError, KeyError, AttributeError) as error:
             raise InputError(source, "", "a state of the studio", error) from None
+
+
+def vector(values: Iterable[SupportsFloat]) -> Vector:
+    """Three numbers of an array as plain ones."""
+    x, y, z = values
+    return float(x), float(y), float(z)
 
 
 def _number(value: object) -> bool:

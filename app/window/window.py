@@ -52,7 +52,7 @@ class Window:
     """The loop's callbacks."""
 
     def __init__(self, studio: Studio, runs: str | Path = "runs", device: str = "cpu") -> None:
-        """`runs`: the folder whose trainings the Training tab shows; it trains on `device`."""
+        """`runs`: the folder of the trainings that the Training tab shows; it trains on `device`."""
         self.studio = studio
         self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
         self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
@@ -138,7 +138,7 @@ class Window:
         self._collect(draw())
 
     def _collect(self, commands: Sequence[Command | Action] | None) -> None:
-        """Do what a panel asked for; a drag is one undo step, and so is a turn of the wheel."""
+        """Apply a panel's commands; a drag is one undo step, and so is a turn of the wheel."""
         for command in commands or ():
             if isinstance(command, Action):
                 self._run(command)
