@@ -14,7 +14,6 @@ from pathlib import Path
 from avatarrex_studio.cli import options
 from avatarrex_studio.session.commands import ApplyExpression, ApplyPose, Command, SetBackground, SetCamera
 from avatarrex_studio.session.motion import Motion
-from avatarrex_studio.session.rules import apply
 from avatarrex_studio.session.state import StudioState
 
 from avatarrex.errors import InputError
@@ -54,10 +53,10 @@ class Job:
         for number in self.frames:
             state = self.start
             if self.motion:
-                state = apply(state, self.motion.loaded(state.signals))
-                state = apply(state, self.motion.at(number, state.signals))
+                state = self.motion.loaded(state.signals).apply(state)
+                state = self.motion.at(number, state.signals).apply(state)
             for command in self.edits:
-                state = apply(state, command)
+                state = command.apply(state)
             yield number, state
 
     def image_path(self, number: int) -> Path:
@@ -82,7 +81,7 @@ def read_job(arguments: Namespace) -> Job:
     check_writable(out / "frame_000000.png" if kind == "folder" else out)
     level = options.level(arguments.level)
     state = StudioState(avatar=arguments.avatar, limit_joints=False, level=level)
-    state = apply(apply(state, view), SetBackground(background))
+    state = SetBackground(background).apply(view.apply(state))
     fps = 30.0
     if motion:
         step = frames[1] - frames[0] if len(frames) > 1 else 1

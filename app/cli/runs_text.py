@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from avatarrex_studio.jobs.run_view import RunView
+from avatarrex_studio.jobs.run_view import RunView, duration
 from avatarrex_studio.jobs.runs import Runs
 
 from avatarrex.errors import InputError
@@ -72,19 +72,6 @@ def row(view: RunView) -> tuple[str, ...]:
         duration(view.eta),
         view.note or "  ".join(f"{name} {losses[name]:.3g}" for name in terms) or "–",
     )
-
-
-def duration(seconds: float | None) -> str:
-    """`42 s`, `12 min`, `3 h 05 min`, `4 d 07 h`."""
-    if seconds is None:
-        return "–"
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60)
-    if minutes < 90:
-        return f"{minutes} min"
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes:02} min" if hours < 48 else f"{hours // 24} d {hours % 24:02} h"
 
 
 def _line(entry: dict[str, str], widths: dict[str, int]) -> str:

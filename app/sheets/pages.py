@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from avatarrex_studio.cli.sheet_order import COLUMNS
-from avatarrex_studio.session.framing import EVERY, Outline, framed
+from avatarrex_studio.engine.framing import EVERY, Outline, framed
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import OrbitView
 from avatarrex_studio.sheets.paper import Tile, over, sheet_width, tile_width
