@@ -19,11 +19,11 @@ from torch.nn.functional import normalize
 from avatarrex.fields.composition import BAND
 from avatarrex.fields.presets import COORDINATE_OCTAVES, Preset
 from avatarrex.ops.closest_point import Impl, closest_point
-from avatarrex.ops.closest_tree import TriangleTree
 from avatarrex.ops.crossings import winding
 from avatarrex.ops.encoding import encode
 from avatarrex.ops.pseudonormal import Pseudonormals, pseudonormals, winding_number
 from avatarrex.ops.rotation import matrix_from_rotvec
+from avatarrex.ops.search_tree import SearchTree
 from avatarrex.templates.hand import HandTemplate
 from avatarrex.templates.mesh import vertex_normals
 
@@ -65,7 +65,7 @@ class HandSurface:
     vertices: Float[Tensor, "v 3"]
     normals: Float[Tensor, "v 3"]
     pseudonormals: Pseudonormals
-    tree: TriangleTree | None
+    tree: SearchTree | None
     """On a CPU."""
     buried: Bool[Tensor, " f"] | None
     """Faces of whose skin some lies in another finger's flesh or the palm's, or is turned inside out, and those around a
@@ -78,7 +78,11 @@ class HandSurface:
         exact, compiled = mesh.double(), mesh.device.type == "cpu" and impl != "reference"
         outward = pseudonormals(exact, faces)
         surface = cls(
-            mesh, vertex_normals(mesh, faces), outward, TriangleTree.of(mesh, faces) if compiled else None, None
+            mesh,
+            vertex_normals(mesh, faces),
+            outward,
+            SearchTree.of_triangles(mesh.numpy(), faces.numpy()) if compiled else None,
+            None,
         )
         if impl == "reference":
             return replace(surface, buried=torch.ones(len(faces), dtype=torch.bool))
@@ -105,7 +109,7 @@ class HandSurface:
     def wrapped(self, faces: Int[Tensor, "f 3"], position: Float[Tensor, "p 3"]) -> Bool[Tensor, " p"]:
         """Whether the mesh winds about points."""
         if self.tree is not None:
-            return winding(self.tree, position) > 0
+            return torch.from_numpy(winding(self.tree, position.detach().numpy())) > 0
         return winding_number(self.vertices.double(), faces, position.double()) > 0.5
 
 

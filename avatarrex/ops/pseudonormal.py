@@ -140,4 +140,5 @@ def _first_of_repeats(faces: Tensor, count: int) -> Tensor:
     number = torch.unique(pair * count + turned[:, 2], return_inverse=True)[1]
     order = torch.arange(len(faces), device=faces.device)
     earliest = torch.full((len(faces),), len(faces), device=faces.device).scatter_reduce(0, number, order, "amin")
-    return earliest[number] == order
+    kept: Tensor = earliest[number] == order
+    return kept

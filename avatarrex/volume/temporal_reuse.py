@@ -21,7 +21,8 @@ from torch import Tensor
 from avatarrex.fields.body import MAX_CLOTHING_OFFSET, BodyFrame
 from avatarrex.fields.code import BodyCode
 from avatarrex.fields.influence import RADIUS
-from avatarrex.ops.closest_vertex import VertexTree
+from avatarrex.ops.closest_vertex import closest_vertex
+from avatarrex.ops.search_tree import SearchTree
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.sdf_volume import BodyGrid
 
@@ -40,9 +41,9 @@ class ChangedRegion:
     """Where a body frame differs from the frame `since`."""
 
     since: BodyFrame
-    nodes: VertexTree | None
+    nodes: SearchTree | None
     """Of the places of the nodes that changed, before and now."""
-    skin: VertexTree | None
+    skin: SearchTree | None
     """Of the samples and vertices that changed, before and now."""
 
     def touches(self, position: Float[np.ndarray, "p 3"], radius: float = 0.0) -> Bool[np.ndarray, " p"]:
@@ -51,7 +52,7 @@ class ChangedRegion:
         for places, reach in ((self.nodes, RADIUS), (self.skin, SKIN)):
             if places is not None:
                 rest = np.flatnonzero(~touched)
-                touched[rest] = np.isfinite(places.nearest(position[rest], reach + radius)[0])
+                touched[rest] = np.isfinite(closest_vertex(places, position[rest], reach + radius)[0])
         return touched
 
 
@@ -138,9 +139,9 @@ class PreviousGrid:
         return stays
 
 
-def _tree(places: list[np.ndarray]) -> VertexTree | None:
+def _tree(places: list[np.ndarray]) -> SearchTree | None:
     joined = np.concatenate(places)
-    return VertexTree.of(joined) if len(joined) else None
+    return SearchTree.of_vertices(joined) if len(joined) else None
 
 
 def _mixed(moved: Tensor, new: Tensor, old: Tensor) -> Tensor:

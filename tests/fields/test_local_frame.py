@@ -5,11 +5,12 @@ import pytest
 import torch
 from arm import LENGTH, arm_field, arm_frame, near, pose_arm
 
-from avatarrex.capture.synthetic.winding import RayWinding
 from avatarrex.fields.body import BodyField
 from avatarrex.fields.local_frame import NEIGHBOURS, Samples
 from avatarrex.fields.presets import COMPACT
 from avatarrex.ops.closest_point import closest_point
+from avatarrex.ops.crossings import winding
+from avatarrex.ops.search_tree import SearchTree
 from avatarrex.signals.library import named_pose
 from avatarrex.templates.model import pose_template
 from avatarrex.templates.person import load_person
@@ -122,7 +123,8 @@ def lost(pose: torch.Tensor, joints: list[int], reach: float) -> float:
     about = mesh[(np.linalg.norm(mesh[:, None] - around, axis=2) < reach).any(1)]
     points = about[rng.integers(len(about), size=6000)] + 0.015 * rng.normal(size=(6000, 3))
     deep = closest_point(posed.vertices.double(), person.faces, torch.from_numpy(points)).sdf.abs().numpy() > 0.003
-    inside = points[deep & (RayWinding(mesh, person.faces.numpy())(points) > 0)]
+    tree = SearchTree.of_triangles(mesh, person.faces.numpy())
+    inside = points[deep & (winding(tree, points) > 0)]
     assert len(inside) > 1000
     field = BodyField(person, COMPACT).requires_grad_(False)
     frame = field.frame(posed, field.code(torch.eye(3).expand(21, 3, 3)))
