@@ -77,7 +77,8 @@ def test_a_finger_tip_in_the_middle_of_a_large_face_is_found(pose: str, share: f
     assert surface.tree is not None
     point = near(mesh, 60_000, 0.004)
     assert torch.equal(
-        hand().sdf(mesh, point, None, surface=surface).sdf < 0, torch.from_numpy(winding(surface.tree, point.numpy()) > 0)
+        hand().sdf(mesh, point, None, surface=surface).sdf < 0,
+        torch.from_numpy(winding(surface.tree, point.numpy()) > 0),
     )
 
 
