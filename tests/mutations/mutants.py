@@ -387,8 +387,8 @@ MUTANTS: dict[str, Mutant] = {
     "encoding of unscaled places": Mutant(
         "encoding",
         BODY,
-        "local = rest - take(frame.node_rest, pairs.node)",
-        "local = rest",
+        "local = take(rest, pairs.point) - take(frame.node_rest, pairs.node)",
+        "local = take(rest, pairs.point)",
         "tests/fields/test_body.py::test_local_frames_agree_at_rest",
     ),
     "bf16 storage": Mutant(
