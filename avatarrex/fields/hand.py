@@ -1,6 +1,6 @@
 """Hand field: the exact signed distance to the posed hand mesh, and a colour MLP on it (paper sec. 3.2, eq. 8 to 10).
 
-Where fingers pass into each other or the palm, the closest feature may be skin that lies in another finger's flesh, whose outer
+Where fingers pass into each other or the palm, the closest feature may be skin within another finger's flesh, and its outer
 side is not outside: there the winding number says what is (a fist had holes along its contacts).
 
 Everything lives in the wrist frame, metres, and depends on φ (and shape) alone. Letters: p points, v vertices, f faces.
@@ -52,7 +52,7 @@ class HandQuery:
         """As seen along unit `gaze` (from the eye): a normal that turns away from the eye is mirrored towards it.
 
         What is seen faces the eye; but where a finger dips into the palm, the skin that is closest may be buried, and bright
-        with the light of a side that nobody sees.
+        with the light of a side that is out of sight.
         """
         away = (self.normal * gaze).sum(-1, keepdim=True).clamp_min(0)
         return replace(self, normal=self.normal - 2 * away * gaze)
@@ -68,8 +68,8 @@ class HandSurface:
     tree: SearchTree | None
     """On a CPU."""
     buried: Bool[Tensor, " f"] | None
-    """Faces of whose skin some lies in another finger's flesh or the palm's, or is turned inside out, and those around a
-    corner that does; None where there are none."""
+    """Faces that lie, in part, in another finger's flesh or the palm's, or are turned inside out, and those around a corner that
+    does; None where there are none."""
 
     @classmethod
     def of(cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], impl: Impl = "auto") -> HandSurface:
@@ -94,7 +94,7 @@ class HandSurface:
     def _pierced(
         self, faces: Int[Tensor, "f 3"], corners: Float[Tensor, "f 3 3"], normal: Float[Tensor, "f 3"]
     ) -> Bool[Tensor, " f"]:
-        """Faces that other flesh holds between their corners: just outside of one there is flesh, or just inside none."""
+        """Faces that other flesh contains between their corners: just outside of one there is flesh, or just inside none."""
         side = (corners - corners.roll(1, 1)).norm(dim=-1).amax(1)
         steps = (side / SPACING).ceil().long().clamp(2, MOST_STEPS)
         found = torch.zeros(len(faces), dtype=torch.bool, device=faces.device)

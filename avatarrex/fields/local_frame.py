@@ -1,7 +1,7 @@
 """Which rest position p̄ does a posed point p have? (paper sec. 3.1, p_i = T⁻¹p − (n̄_i + Δn_i): T has no subscript.)
 
 T⁻¹ = Σ_a g_a T_a⁻¹ / Σ g_a over the nearest skinned samples of the template (anchors), g Gaussian in the posed distance and gated
-by the rest distance to the one whose limb the point is in, so that another limb's anchors do not mix in. An avatar stores which
+by the rest distance to the anchor that the point's limb has there, so that another limb's anchors do not mix in. An avatar stores which
 T_a it was trained with (`local_frame`):
 
     turned   rotations blended: the default. A blended matrix shrinks a limb that is bent by θ by cos θ/2, and its inverse takes a
@@ -32,7 +32,7 @@ from avatarrex.ops.skinning import skin
 
 LOCAL_FRAMES = ("anchors", "turned")
 UNSAID = "anchors"
-"""Of avatars and checkpoints from before there was a choice."""
+"""Of avatars and checkpoints that do not name one: from before there was a choice."""
 NEIGHBOURS = 5
 """Anchors searched per point. The farthest one's weight is subtracted from all: a neighbour enters with weight 0, and p̄
 does not jump (avatarrex/measure/studies/local_frames.py: step)."""
@@ -42,7 +42,7 @@ SPREAD = 0.015
 """σ of the anchors' Gaussian at 2048 anchors, metres; it grows with their spacing, 0.021 at 1024 (performance.md)."""
 ASIDE = 0.3
 """Share of the distance along the skin where limbs touch: the point belongs to the one that it is deepest inside, as in a
-union of solids, or else to the one whose surface it is on, though a sample of the other may be nearer (they are 3 cm apart)."""
+union of solids, or else to the one with the surface that it is on, though a sample of the other may be nearer (they are 3 cm apart)."""
 OPEN, SHUT = 4.0, 6.0
 """Rest distance to that anchor, in σ, where an anchor's gate starts to close and where it is shut."""
 
@@ -134,7 +134,7 @@ class Samples:
         return skin(neighbours.mean(self.rest_from_posed.reshape(-1, 12)).reshape(-1, 3, 4), position)
 
     def facing(self, neighbours: Neighbours) -> Float[Tensor, "p 3"]:
-        """Which way the surface is turned beside each point: unit, smooth, turning with the limb."""
+        """Which way the surface next to each point is turned: unit, smooth, turning with the limb."""
         return torch.nn.functional.normalize(neighbours.mean(self.outward), dim=-1)
 
 

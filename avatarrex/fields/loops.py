@@ -18,13 +18,13 @@ from avatarrex.ops.native import borrowing, native
 Array = Shaped[np.ndarray, "..."]
 Point = tuple[np.float32, np.float32, np.float32]
 
-CELL = np.float32(0.06)
+CELL_SIZE = np.float32(0.06)
 """Side of the grid that anchors are sorted into, metres: the fifth nearest is 3 to 6 cm off."""
-FAR = np.float32(0.15)
-"""Bound from which the search begins anew: so many cells take longer."""
+WIDE_REACH = np.float32(0.15)
+"""Metres: from such a bound on the search starts anew, for so many cells take longer."""
 LARGER = np.float32(1.00001)
-"""On the bound of that distance: an anchor at the bound itself is found."""
-BLOCK = 32
+"""Factor on the bound of that distance: an anchor at the bound itself is found."""
+BLOCK_POINTS = 32
 """Adjacent points whose common box is tested against each node first."""
 ONE, TWO, THREE, HALF = np.float32(1), np.float32(2), np.float32(3), np.float32(0.5)
 """numba takes a plain number together with a float32 as float64."""
@@ -48,7 +48,7 @@ class AnchorGrid(NamedTuple):
     def of(cls, position: Array) -> AnchorGrid:
         """Of positions (a, 3)."""
         origin = position.min(0) if len(position) else np.zeros(3, np.float32)
-        cell = ((position - origin) / CELL).astype(np.int64)
+        cell = ((position - origin) / CELL_SIZE).astype(np.int64)
         cells = cell.max(0, initial=0) + 1
         flat = np.ravel_multi_index(tuple(cell.T), tuple(cells))
         order = np.argsort(flat, kind="stable")
@@ -123,8 +123,8 @@ def list_pairs(begin: int, end: int, point: Array, node: Array, radius: np.float
     """
     x, y, z = point[0], point[1], point[2]
     reached = np.empty(len(node), np.int64)
-    for block in range(begin, end, BLOCK):
-        last = min(block + BLOCK, end)
+    for block in range(begin, end, BLOCK_POINTS):
+        last = min(block + BLOCK_POINTS, end)
         for r in range(_reached(block, last, point, node, radius, reached)):
             i = reached[r]
             k, nx, ny, nz = place[i], node[i, 0], node[i, 1], node[i, 2]
@@ -161,15 +161,15 @@ def _insert(first: int, last: int, point: Point, position: Array, best: Array, f
 @borrowing
 def _cell_gap(at: int, x: np.float32, low: np.float32) -> np.float32:
     """Squared distance along an axis from x to the cell `at`."""
-    edge = low + np.float32(at) * CELL
-    off = max(edge - x, x - edge - CELL, np.float32(0))
+    edge = low + np.float32(at) * CELL_SIZE
+    off = max(edge - x, x - edge - CELL_SIZE, np.float32(0))
     return off * off
 
 
 @borrowing
 def _span(x: np.float32, reach: np.float32, origin: np.float32, cells: int) -> tuple[int, int]:
     """First and last + 1 of the cells along an axis that an interval meets."""
-    return max(int((x - reach - origin) / CELL), 0), min(int((x + reach - origin) / CELL) + 1, cells)
+    return max(int((x - reach - origin) / CELL_SIZE), 0), min(int((x + reach - origin) / CELL_SIZE) + 1, cells)
 
 
 @borrowing
@@ -203,10 +203,10 @@ def nearest(begin: int, end: int, point: Array, grid: AnchorGrid, out: Array) ->
             s = found[m]
             dx, dy, dz = x - position[s, 0], y - position[s, 1], z - position[s, 2]
             bound = max(bound, dx * dx + dy * dy + dz * dz)
-        reach, known = np.sqrt(bound) * LARGER, bound <= FAR * FAR
+        reach, known = np.sqrt(bound) * LARGER, bound <= WIDE_REACH * WIDE_REACH
         best[:] = reach * reach if known else np.float32(np.inf)
         if not known:
-            reach = CELL
+            reach = CELL_SIZE
         _search_cells(reach, at, grid, best, found)
         while not (known or best[-1] <= reach * reach):
             best[:] = np.inf

@@ -1,7 +1,7 @@
 """Loops over points that neither torch nor numpy has an operation for, compiled by numba for a CPU.
 
-Each stands beside the torch operations that it replaces, and is held to them by tests; those also serve gradients, float64 and
-other devices (a search for the closest triangle is float64 itself, and has no gradient). No fused products, unless a loop
+Each has the torch operations that it replaces as its reference in the tests; those also serve gradients, float64 and other devices
+(a search tree is float64 itself, and has no gradient). No fused products, unless a loop
 asks for them: a number that is computed at two places is the same at both.
 
 A compiled loop is kept on disk by numba's cache, beside its source or in the user's cache folder: a machine compiles each once, all
@@ -61,7 +61,7 @@ borrowing = partial(native, borrows=True)
 
 
 def serves(*tensors: Tensor) -> bool:
-    """Whether compiled loops may take these: float32 on a CPU, and nobody wants gradients."""
+    """Whether compiled loops may take these: float32 on a CPU, and no gradients are wanted."""
     return all(
         tensor.device.type == "cpu"
         and tensor.dtype == torch.float32

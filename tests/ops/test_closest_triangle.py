@@ -11,7 +11,7 @@ from avatarrex.fields.composition import BAND
 from avatarrex.ops import native
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.closest_triangle import BOUND_MARGIN, closest_triangle, signed_closest
-from avatarrex.ops.pseudonormal import pseudonormals, pseudonormals_in_torch
+from avatarrex.ops.pseudonormal import pseudonormals, pseudonormals_reference
 from avatarrex.ops.search_tree import SearchTree
 from avatarrex.ops.triangle import closest_on_triangle
 from avatarrex.signals.library import named_hand
@@ -158,7 +158,7 @@ def test_compiled_pseudonormals_are_those_in_torch(hand: tuple[torch.Tensor, tor
         faces = torch.cat([faces[:200], turned, faces[:30].flip(1), flat, faces[200:]])
         vertices = vertices.clone()
         vertices[faces[300, 2]] = vertices[faces[300, :2]].mean(0)
-    found, want = pseudonormals(vertices, faces), pseudonormals_in_torch(vertices, faces)
+    found, want = pseudonormals(vertices, faces), pseudonormals_reference(vertices, faces)
     for field in fields(want):
         torch.testing.assert_close(getattr(found, field.name), getattr(want, field.name), atol=1e-12, rtol=0)
     assert (name == "doubled") == bool((~found.kept).any()) == bool(found.flat_edge.any())
