@@ -93,8 +93,8 @@ def _cut(body: TemplateModel, name: str, hash: str) -> Person:
     """The person of a body: hands and face are cut out of it."""
     left, right, face = cut_hand(body, "left"), cut_hand(body, "right"), cut_face(body)
     painted = body.v_template.new_zeros(len(body.v_template), len(PARTS))
-    part: HandTemplate | FaceTemplate
-    for column, part in enumerate((left, right, face)):
+    parts: tuple[HandTemplate | FaceTemplate, ...] = (left, right, face)
+    for column, part in enumerate(parts):
         on_body = part.body_vertex_ids >= 0
         painted[part.body_vertex_ids[on_body], column] = part.blend_weight[on_body]
     return Person(body, left, right, face, painted, name, hash)
