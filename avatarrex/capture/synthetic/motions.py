@@ -41,7 +41,7 @@ class BodyKey:
     yaw: float = 0.0
     """Degrees that the whole person has turned."""
     hands: str = ""
-    """Hand pose where the moment asks for one; else drawn by the seed."""
+    """Hand pose of the moment; empty: drawn by the seed."""
 
 
 def _key(pose: str = "stand", yaw: float = 0.0, hands: str = "", **joints: Turn) -> BodyKey:

@@ -2,7 +2,7 @@
 
 Each solid's function takes rest positions (p, 3) in metres, rest normals (p, 3) and the named masks (p,) of
 `Subject.masks`, and returns unlit sRGB-encoded colour (p, 3). Edges are a millimetre wide: what a colour network must
-learn. The places (eyes at y = 0.724, mouth at 0.653, …) are those of the default person, whose hash the packaged
+learn. The places (eyes at y = 0.724, mouth at 0.653, …) are those of the default person: its hash is in the packaged
 subject carries.
 """
 
@@ -103,7 +103,7 @@ def _badge(colour: np.ndarray, x: np.ndarray, y: np.ndarray, on: np.ndarray) -> 
 
 
 def _number(colour: np.ndarray, x: np.ndarray, y: np.ndarray, on: np.ndarray) -> np.ndarray:
-    """A red 7 on a plain field, read from behind."""
+    """A red 7 on a plain field, readable from the back."""
     u = -x
     field = step(0.062 - np.maximum(np.abs(u) * 1.15, np.abs(y) * 0.80))
     colour = mix(colour, (0.97, 0.96, 0.93), field * on)
