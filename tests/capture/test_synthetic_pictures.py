@@ -96,7 +96,7 @@ def test_tiles_make_the_same_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     rasteriser = Rasteriser(posed.faces, lattice, 4)
     rasteriser.pose(posed, np.ones(len(posed.vertices)))
     whole = rasteriser.draw(camera).colour
-    monkeypatch.setattr(module, "TILE", 96)
+    monkeypatch.setattr(module, "TILE_SAMPLES", 96)
     parts = rasteriser.draw(camera).colour
     assert (np.abs(parts - whole).max(-1) > 0.02).mean() < 0.005
 

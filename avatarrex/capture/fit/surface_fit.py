@@ -63,7 +63,7 @@ def fit_surface(
     views: dict[str, Iterable[int]] | None = None,
     count: int = 4,
 ) -> Person:
-    """`capture.person` with its skin moved onto the mattes of `count` frames per rig, of those not held out.
+    """`capture.person` with its skin moved onto the mattes of `count` frames per rig, never a held-out one.
 
     `frames` and `views` by rig narrow the choice. Raises `InputError` for a picture that cannot be decoded.
     """

@@ -1,7 +1,7 @@
 """The subject's albedo sampled once, at rest, on a triangular lattice over every triangle.
 
 Albedo is a function of the rest surface point (texture.py), so it does not change with the pose: a capture of thousands of
-pictures evaluates it once. Triangle f with corners a, b, c holds its values at a + (i/n)(b − a) + (j/n)(c − a), i + j ≤ n,
+pictures evaluates it once. Triangle f with corners a, b, c stores its values at a + (i/n)(b − a) + (j/n)(c − a), i + j ≤ n,
 row by row in j; n is such that the samples lie `spacing` metres apart, which the caller sets to what its cameras resolve.
 Between samples the value is linear, so it is continuous inside a triangle and, where n is the same, across edges.
 
@@ -18,9 +18,9 @@ import numpy as np
 
 from avatarrex.capture.synthetic.subject import Subject
 
-MOST = 255
+MOST_SAMPLES = 255
 """Samples along an edge; the longest edge of the subject at the finest spacing needs about 100."""
-BATCH = 400_000
+BATCH_SAMPLES = 400_000
 """Samples evaluated at a time: about 300 MB of temporaries."""
 
 
@@ -58,7 +58,7 @@ def bake(subject: Subject, spacing: np.ndarray) -> AlbedoLattice:
 
 
 def _corners(subject: Subject) -> np.ndarray:
-    """(v,) packed albedo of every vertex: what a lattice of three samples holds, once instead of six times."""
+    """(v,) packed albedo of every vertex: what a lattice of three samples stores, once instead of six times."""
     face = np.empty(len(subject.vertices), np.int64)
     face[subject.faces.ravel()] = np.repeat(np.arange(len(subject.faces)), 3)
     return pack(subject.albedo(face, (subject.faces[face] == np.arange(len(face))[:, None]).astype(np.float64)))
@@ -73,16 +73,16 @@ def pack(colour: np.ndarray) -> np.ndarray:
 def _subdivisions(subject: Subject, spacing: np.ndarray) -> np.ndarray:
     corner = subject.vertices[subject.faces]
     edge = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(1)
-    n = np.clip(np.ceil(edge / spacing), 1, MOST).astype(np.int64)
+    n = np.clip(np.ceil(edge / spacing), 1, MOST_SAMPLES).astype(np.int64)
     n = np.where(n <= 8, n, (n + 3) // 4 * 4)  # few distinct lattices: each is evaluated in one go
     return np.where((subject.openness[subject.faces] == 0).all(1), 1, n)
 
 
 def _batches(n: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
-    """Triangles with the same n > 0, in pieces of `BATCH` samples."""
+    """Triangles with the same n > 0, in pieces of `BATCH_SAMPLES` samples."""
     for per_side in np.unique(n[n > 0]).tolist():
         faces = np.flatnonzero(n == per_side)
-        most = max(BATCH // len(_points(per_side)), 1)
+        most = max(BATCH_SAMPLES // len(_points(per_side)), 1)
         for first in range(0, len(faces), most):
             yield faces[first : first + most], per_side
 

@@ -41,7 +41,7 @@ class BodyKey:
     yaw: float = 0.0
     """Degrees that the whole person has turned."""
     hands: str = ""
-    """Hand pose where the moment asks for one; else drawn by the seed."""
+    """Hand pose of the moment; empty: drawn by the seed."""
 
 
 def _key(pose: str = "stand", yaw: float = 0.0, hands: str = "", **joints: Turn) -> BodyKey:
@@ -108,29 +108,9 @@ VISEMES: dict[str, dict[str, float]] = {
     "rest": {},
 }
 SENTENCE = [
-    "rest",
-    "mm",
-    "aa",
-    "ih",
-    "rest",
-    "ss",
-    "ee",
-    "oo",
-    "mm",
-    "oh",
-    "rest",
-    "ff",
-    "aa",
-    "th",
-    "ee",
-    "rest",
-    "oo",
-    "ih",
-    "ss",
-    "aa",
-    "mm",
-    "rest",
-]
+    "rest", "mm", "aa", "ih", "rest", "ss", "ee", "oo", "mm", "oh", "rest", "ff", "aa", "th", "ee", "rest", "oo", "ih", "ss",
+    "aa", "mm", "rest",
+]  # fmt: skip
 
 
 def body_motion(frames: int, seed: int, girth: float = 0.0) -> SignalSequence:
@@ -174,11 +154,8 @@ def face_motion(frames: int, seed: int) -> SignalSequence:
     for joints, side in ((slice(25, 40), "left"), (slice(40, 55), "right")):
         pose[:, joints] = named_hand("relaxed", side)
     expression = _face_track(at, rng)
-    return SignalSequence(
-        tuple(clamp(Signals.from_full_pose(p, expression=e)) for p, e in zip(pose, expression)),
-        _rate(at),
-        f"face {seed}",
-    )
+    frame = tuple(clamp(Signals.from_full_pose(p, expression=e)) for p, e in zip(pose, expression))
+    return SignalSequence(frame, _rate(at), f"face {seed}")
 
 
 def _sampled(times: np.ndarray, frames: int) -> np.ndarray:

@@ -19,11 +19,11 @@ from avatarrex.capture.synthetic.mesh import averaging, smoothed
 from avatarrex.gl.context import gl_context, per_context
 from avatarrex.gl.shader import compute_shader, draw_program
 
-LIFT = 1.5
+LIFT_TEXELS = 1.5
 """Texels along the normal: a plane's own texels lie at most √2 of them away."""
-BIAS = 0.5
+BIAS_TEXELS = 0.5
 """Texels towards the light."""
-ROUNDS = 2
+SMOOTHING_ROUNDS = 2
 """Rounds of neighbour averaging."""
 
 
@@ -57,10 +57,15 @@ class Occlusion:
         reach = float(np.linalg.norm(vertices - centre, axis=1).max()) + 0.01
         texel = 2 * radius / self.size
         for towards in self.towards:
-            self._add(towards, clip_along(towards, centre, radius, reach), LIFT * texel, BIAS * texel / (2 * reach))
+            self._add(
+                towards,
+                clip_along(towards, centre, radius, reach),
+                LIFT_TEXELS * texel,
+                BIAS_TEXELS * texel / (2 * reach),
+            )
         visible, possible = np.frombuffer(self.sums.read(), np.float32).reshape(-1, 2).T.astype(np.float64)
         openness = visible / np.maximum(possible, 1e-9)
-        return np.clip(smoothed(self.mean, openness, ROUNDS), 0, 1)
+        return np.clip(smoothed(self.mean, openness, SMOOTHING_ROUNDS), 0, 1)
 
     def _add(self, towards: np.ndarray, clip: np.ndarray, lift: float, bias: float) -> None:
         matrix = tuple(clip.T.ravel().tolist())

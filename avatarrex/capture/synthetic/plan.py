@@ -20,12 +20,12 @@ from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.transform import world_from_root
 
 GARMENTS = {"printed": "default", "loose": "loose"}
-"""The subject that wears each."""
+"""The packaged subject of each."""
 GIRTH = {"printed": 0.0, "loose": 14.0}
 """Degrees that arms stay further out where hands touch the body: the tunic stands off it."""
 HELD_OUT = {"body": ((0.45, 0.55), (0.825, 0.925)), "face": ((0.3, 0.4), (0.8, 0.9))}
 """Parts of the time that no training sees: whole stretches, so that no neighbouring frame gives them away."""
-MARGIN = {"body": 0.96, "face": 0.86}
+PICTURE_SHARE = {"body": 0.96, "face": 0.86}
 """Share of half the picture that the subject (the skin of the face) may reach."""
 FINEST = 0.0002
 """Metres between albedo samples at least: a quarter of the texture's finest edge."""
@@ -102,7 +102,7 @@ class RigPlan:
         low, high = points.min((0, 1)), points.max((0, 1))
         make, first = (body_ring, 24070100) if self.name == "body" else (face_arc, 24070200)
         cameras = make(self.size.cameras, self.picture.width, self.picture.height, (low + high) / 2)
-        return {str(first + k): camera for k, camera in enumerate(fitted(cameras, points, MARGIN[self.name]))}
+        return {str(first + k): camera for k, camera in enumerate(fitted(cameras, points, PICTURE_SHARE[self.name]))}
 
     @property
     def held_out_frames(self) -> list[int]:
@@ -120,7 +120,7 @@ class RigPlan:
 
     @property
     def depth_frames(self) -> list[int]:
-        """Frames with exact depth and normals: those held out, and some of the others."""
+        """Frames with exact depth and normals: the held-out ones, and some of the others."""
         return sorted({*self.held_out_frames, *range(0, len(self.motion), STRIDE)})
 
     @cached_property

@@ -23,9 +23,9 @@ from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.gl.context import gl_context, per_context
 from avatarrex.gl.shader import compute_shader, draw_program
 
-TILE = 2048
+TILE_SAMPLES = 2048
 """Samples a side of the largest tile: 64 MB of colour and depth."""
-NEAR, FAR = 0.2, 40.0
+NEAR_PLANE, FAR_PLANE = 0.2, 40.0
 """Metres."""
 
 
@@ -72,8 +72,8 @@ class Rasteriser:
         self.vertices.write(packed.astype(np.float32).tobytes())
 
     def draw(self, camera: Camera) -> Picture:
-        """A picture from a camera whose world is the root frame; only the tiles about the subject are drawn."""
-        side = TILE // self.samples
+        """A picture from a camera with the root frame as its world; only the tiles about the subject are drawn."""
+        side = TILE_SAMPLES // self.samples
         colour = np.zeros((camera.height, camera.width, 4), np.float32)
         left, top, right, bottom = self._bounds(camera)
         for y in range(top, bottom, side):
@@ -83,7 +83,7 @@ class Rasteriser:
         return Picture(colour)
 
     def geometry(self, camera: Camera) -> Geometry:
-        """Depth and normals from a camera whose world is the root frame."""
+        """Depth and normals from a camera with the root frame as its world."""
         h, w = camera.height, camera.width
         target, _ = per_context(self.context, ("capture geometry", w, h), lambda: _target(self.context, (w, h), "f4"))
         self._render(1, target, clip_from_root(camera, (0, 0, w, h)), (w, h))
@@ -94,7 +94,7 @@ class Rasteriser:
         """Left, top, right, bottom in pixels of all that the picture may show of the subject."""
         size = np.array([camera.width, camera.height])
         seen = self.position @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-        if seen[:, 2].min() < NEAR:
+        if seen[:, 2].min() < NEAR_PLANE:
             return 0, 0, camera.width, camera.height
         pixel = (seen @ camera.intrinsics.T)[:, :2] / seen[:, 2:]
         low = np.clip(np.floor(pixel.min(0)), 0, size).astype(int)
@@ -103,8 +103,10 @@ class Rasteriser:
 
     def _tile(self, camera: Camera, tile: tuple[int, int, int, int]) -> np.ndarray:
         """(h, w, 4) of the tile (left, top, width, height)."""
-        context, side = self.context, TILE // self.samples
-        samples, sampled = per_context(context, "capture samples", lambda: _target(context, (TILE, TILE), "f2"))
+        context, side = self.context, TILE_SAMPLES // self.samples
+        samples, sampled = per_context(
+            context, "capture samples", lambda: _target(context, (TILE_SAMPLES, TILE_SAMPLES), "f2")
+        )
         means, mean = per_context(context, ("capture means", side), lambda: _target(context, (side, side), "f4"))
         size = tile[2:]
         self._render(0, samples, clip_from_root(camera, tile), (size[0] * self.samples, size[1] * self.samples))
@@ -137,7 +139,7 @@ def clip_from_root(camera: Camera, tile: tuple[int, int, int, int]) -> np.ndarra
     project = np.array([
         [2 * k[0, 0] / width, 2 * k[0, 1] / width, 2 * (k[0, 2] - left) / width - 1, 0],
         [0, 2 * k[1, 1] / height, 2 * (k[1, 2] - top) / height - 1, 0],
-        [0, 0, (FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR)],
+        [0, 0, (FAR_PLANE + NEAR_PLANE) / (FAR_PLANE - NEAR_PLANE), -2 * FAR_PLANE * NEAR_PLANE / (FAR_PLANE - NEAR_PLANE)],
         [0, 0, 1, 0],
     ])  # fmt: skip
     return project @ camera.camera_from_world

@@ -21,7 +21,7 @@ from avatarrex.signals.sequence import SignalSequence
 
 SPACING = {"body": 0.003, "hand": 0.002, "face": 0.001}
 """Metres between albedo samples: under a pixel of a figure 500 pixels tall, of a hand or a head 250 pixels wide."""
-REACH = 0.2
+DETAIL_RADIUS = 0.2
 """Metres about wrists and head that count as hand and face."""
 
 
@@ -64,7 +64,7 @@ def _spacing(subject: Subject, metres: dict[str, float]) -> np.ndarray:
     middle = subject.vertices[subject.faces].mean(1)
 
     def near(name: str) -> np.ndarray:
-        return np.linalg.norm(middle - joints[JOINT_NAMES.index(name)], axis=1) < REACH
+        return np.linalg.norm(middle - joints[JOINT_NAMES.index(name)], axis=1) < DETAIL_RADIUS
 
     hand = near("left_wrist") | near("right_wrist")
     return np.where(near("head"), metres["face"], np.where(hand, metres["hand"], metres["body"]))

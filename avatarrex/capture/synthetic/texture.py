@@ -2,7 +2,7 @@
 
 Each solid's function takes rest positions (p, 3) in metres, rest normals (p, 3) and the named masks (p,) of
 `Subject.masks`, and returns unlit sRGB-encoded colour (p, 3). Edges are a millimetre wide: what a colour network must
-learn. The places (eyes at y = 0.724, mouth at 0.653, …) are those of the default person, whose hash the packaged
+learn. The places (eyes at y = 0.724, mouth at 0.653, …) are those of the default person: its hash is in the packaged
 subject carries.
 """
 
@@ -15,17 +15,12 @@ import numpy as np
 Masks = dict[str, np.ndarray]
 Texture = Callable[[np.ndarray, np.ndarray, Masks], np.ndarray]
 
-SKIN, BLUSH, LIPS = np.array([0.845, 0.660, 0.555]), np.array([0.82, 0.47, 0.41]), np.array([0.72, 0.38, 0.37])
-GUM, LASH, BROW, HAIR = (
-    np.array([0.46, 0.17, 0.17]), np.array([0.15, 0.10, 0.09]), np.array([0.26, 0.175, 0.125]),
-    np.array([0.30, 0.195, 0.125]),
-)  # fmt: skip
-NAVY, ECRU, RED, YELLOW, TEAL = (
-    np.array([0.13, 0.19, 0.36]), np.array([0.93, 0.915, 0.87]), np.array([0.84, 0.26, 0.17]),
-    np.array([0.96, 0.70, 0.20]), np.array([0.13, 0.47, 0.50]),
-)  # fmt: skip
-WINE, GOLD = np.array([0.47, 0.115, 0.17]), np.array([0.86, 0.68, 0.33])
-DENIM, THREAD = np.array([0.235, 0.305, 0.43]), np.array([0.80, 0.60, 0.33])
+SKIN, BLUSH, LIPS, GUM = np.array([[0.845, 0.660, 0.555], [0.82, 0.47, 0.41], [0.72, 0.38, 0.37], [0.46, 0.17, 0.17]])
+LASH, BROW, HAIR = np.array([[0.15, 0.10, 0.09], [0.26, 0.175, 0.125], [0.30, 0.195, 0.125]])
+NAVY, ECRU, RED = np.array([[0.13, 0.19, 0.36], [0.93, 0.915, 0.87], [0.84, 0.26, 0.17]])
+YELLOW, TEAL = np.array([[0.96, 0.70, 0.20], [0.13, 0.47, 0.50]])
+WINE, GOLD = np.array([[0.47, 0.115, 0.17], [0.86, 0.68, 0.33]])
+DENIM, THREAD = np.array([[0.235, 0.305, 0.43], [0.80, 0.60, 0.33]])
 
 
 def albedo(solids: Sequence[str], rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
@@ -45,7 +40,12 @@ def step(value: np.ndarray, width: float = 0.0009) -> np.ndarray:
     return t * t * (3 - 2 * t)
 
 
-def mix(base: np.ndarray, over: np.ndarray, amount: np.ndarray) -> np.ndarray:
+def line(distance: np.ndarray, half: float, width: float = 0.0009) -> np.ndarray:
+    """1 within `half` metres of distance 0, 0 beyond."""
+    return step(half - np.abs(distance), width)
+
+
+def mix(base: np.ndarray, over: np.ndarray | tuple[float, float, float], amount: np.ndarray) -> np.ndarray:
     """`over` laid on `base` by `amount` (p,)."""
     return base + (over - base) * amount[:, None]
 
@@ -90,23 +90,23 @@ def shirt(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
 def _badge(colour: np.ndarray, x: np.ndarray, y: np.ndarray, on: np.ndarray) -> np.ndarray:
     """A round print of 15 cm about (0, 0): sun over two hills inside a red ring."""
     radius = np.hypot(x, y)
-    colour = mix(colour, np.array([0.97, 0.96, 0.93]), step(0.078 - radius) * on)
+    colour = mix(colour, (0.97, 0.96, 0.93), step(0.078 - radius) * on)
     sky = step(0.060 - radius) * on
-    colour = mix(colour, np.array([0.62, 0.80, 0.86]), sky)
+    colour = mix(colour, (0.62, 0.80, 0.86), sky)
     colour = mix(colour, YELLOW, step(0.020 - np.hypot(x - 0.018, y - 0.020)) * sky)
     hill = 0.012 - 0.75 * np.abs(x + 0.018)
     colour = mix(colour, TEAL, step(hill - y) * sky)
-    colour = mix(colour, np.array([0.95, 0.96, 0.95]), step(hill - y) * step(y + 0.004 + 0.004 * np.cos(x * 600)) * sky)
+    colour = mix(colour, (0.95, 0.96, 0.95), step(hill - y) * step(y + 0.004 + 0.004 * np.cos(x * 600)) * sky)
     colour = mix(colour, 0.62 * TEAL, step(-0.010 - 0.55 * np.abs(x - 0.030) - y) * sky)
     ring = step(0.0055 - np.abs(radius - 0.0685)) * on
     return mix(colour, RED, ring)
 
 
 def _number(colour: np.ndarray, x: np.ndarray, y: np.ndarray, on: np.ndarray) -> np.ndarray:
-    """A red 7 on a plain field, read from behind."""
+    """A red 7 on a plain field, readable from the back."""
     u = -x
     field = step(0.062 - np.maximum(np.abs(u) * 1.15, np.abs(y) * 0.80))
-    colour = mix(colour, np.array([0.97, 0.96, 0.93]), field * on)
+    colour = mix(colour, (0.97, 0.96, 0.93), field * on)
     bar = step(0.040 - np.abs(u)) * step(0.009 - np.abs(y - 0.048))
     slope = (u - 0.031) - 0.42 * (y - 0.048)
     leg = step(0.0095 - np.abs(slope)) * step(0.057 - y) * step(y + 0.057)
@@ -116,11 +116,8 @@ def _number(colour: np.ndarray, x: np.ndarray, y: np.ndarray, on: np.ndarray) ->
 def tunic(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
     """Wine-red linen, woven diamonds, a buttoned placket, gold bands with a zigzag along hem and cuffs, dark inside."""
     x, y, z = rest.T
-    slub = (
-        1
-        + 0.03 * np.sin(2 * np.pi * y / 0.0036) * np.sin(2 * np.pi * (x + z) / 0.0036)
-        + 0.06 * value_noise(rest, 0.012)
-    )
+    warp, weft = np.sin(2 * np.pi * y / 0.0036), np.sin(2 * np.pi * (x + z) / 0.0036)
+    slub = 1 + 0.03 * warp * weft + 0.06 * value_noise(rest, 0.012)
     colour = WINE * slub[:, None]
     sleeve = (np.abs(x) > 0.24) & (y > 0.30)
     along = np.where(sleeve, np.abs(x), y)
@@ -136,22 +133,19 @@ def tunic(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
     colour = mix(colour, GOLD, step(0.005 - diamond) * field * 0.85)
     neck = (y > 0.44) & (np.abs(x) < 0.17)
     zigzag = 0.041 + 0.009 * (np.abs((around / 0.018) % 2 - 1) * 2 - 1)
-    band = (
-        step(0.0014 - np.abs(edge - 0.024)) + step(0.0014 - np.abs(edge - 0.058)) + step(0.0026 - np.abs(edge - zigzag))
-    )
+    band = line(edge - 0.024, 0.0014) + line(edge - 0.058, 0.0014) + line(edge - zigzag, 0.0026)
     ground = step(0.0165 - np.abs(edge - 0.041))
     hemmed = (np.abs(x) > 0.30) | (y < 0.0)
     colour = mix(colour, 0.55 * WINE * slub[:, None], ground * hemmed)
     colour = mix(colour, GOLD * slub[:, None], np.clip(band, 0, 1) * hemmed)
     colour = mix(colour, 0.35 * WINE * slub[:, None], step(0.0004 - edge, 0.0008) * hemmed)
-    colour = mix(
-        colour, GOLD * (0.9 + 0.1 * np.sign(np.sin(np.arctan2(x, z - 0.01) * 90)))[:, None], step(0.014 - edge) * neck
-    )
+    rib = 0.9 + 0.1 * np.sign(np.sin(np.arctan2(x, z - 0.01) * 90))
+    colour = mix(colour, GOLD * rib[:, None], step(0.014 - edge) * neck)
     front = (z > 0.03) & (y > 0.14) & ~(neck & (edge < 0.014))
     colour = mix(colour, 0.72 * WINE * slub[:, None], step(0.019 - np.abs(x)) * front)
     colour = mix(colour, GOLD, step(0.0012 - np.abs(np.abs(x) - 0.017)) * front)
     button = np.hypot(x, (y + 0.002) % 0.055 - 0.0275)
-    colour = mix(colour, np.array([0.95, 0.91, 0.80]), step(0.0065 - button) * front)
+    colour = mix(colour, (0.95, 0.91, 0.80), step(0.0065 - button) * front)
     return mix(colour, 0.45 * WINE, step(0.0015 - np.abs(button - 0.0066)) * front)
 
 
@@ -161,11 +155,8 @@ def trousers(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
     twill = 1 + 0.05 * np.sin(2 * np.pi * (x + y + 0.5 * z) / 0.0030) + 0.07 * value_noise(rest, 0.02)
     fade = np.exp(-(((y + 0.27) / 0.15) ** 2)) * np.clip(normal[:, 2], 0, 1) ** 1.5
     knee = np.exp(-(((y + 0.44) / 0.05) ** 2)) * np.clip(normal[:, 2], 0, 1) ** 2
-    colour = mix(
-        DENIM * twill[:, None],
-        np.array([0.46, 0.545, 0.66]) * twill[:, None],
-        np.clip(0.5 * fade + 0.3 * knee, 0, 0.75),
-    )
+    light = np.array([0.46, 0.545, 0.66]) * twill[:, None]
+    colour = mix(DENIM * twill[:, None], light, np.clip(0.5 * fade + 0.3 * knee, 0, 0.75))
     middle = 0.115 - 0.061 * (y + 0.01)
     outward, depth = np.abs(x) - middle, z + 0.008 + 0.042 * (y + 0.01)
     seam_line = np.abs(depth) * (y > -2)
@@ -193,23 +184,20 @@ def shoe(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
     """Red canvas, white sole with a navy line, rubber toe cap, laces on a tongue."""
     x, y, z = rest.T
     side = np.sign(x)
-    weave = (
-        1
-        + 0.04 * np.sin(2 * np.pi * x / 0.0024) * np.sin(2 * np.pi * (y + z) / 0.0024)
-        + 0.04 * value_noise(rest, 0.01)
-    )
+    warp, weft = np.sin(2 * np.pi * x / 0.0024), np.sin(2 * np.pi * (y + z) / 0.0024)
+    weave = 1 + 0.04 * warp * weft + 0.04 * value_noise(rest, 0.01)
     colour = np.array([0.70, 0.17, 0.15]) * weave[:, None]
     across = (side * x - 0.158) - 0.22 * (z - 0.05)
     tongue = step(0.019 - np.abs(across), 0.0015) * (z > 0.005) * (normal[:, 1] > 0.1)
     reach = step(0.098 - z) * (z > 0.005)
-    colour = mix(colour, np.array([0.58, 0.13, 0.12]), tongue * reach)
+    colour = mix(colour, (0.58, 0.13, 0.12), tongue * reach)
     row = np.abs((z - 0.35 * np.abs(across)) % 0.017 - 0.0085)
     lace = step(0.0030 - row) * step(0.026 - np.abs(across)) * reach * (z > 0.018) * (normal[:, 1] > 0.1)
-    colour = mix(colour, np.array([0.95, 0.94, 0.90]), lace)
+    colour = mix(colour, (0.95, 0.94, 0.90), lace)
     eyelet = step(0.0024 - np.hypot(np.abs(across) - 0.027, row)) * reach * (z > 0.018) * (normal[:, 1] > 0.1)
-    colour = mix(colour, np.array([0.75, 0.74, 0.72]), eyelet)
+    colour = mix(colour, (0.75, 0.74, 0.72), eyelet)
     stitch = step(0.0008 - np.abs(np.hypot(across, (z - 0.02)) - 0.068)) * (z > 0)
-    colour = mix(colour, np.array([0.93, 0.85, 0.8]), stitch)
+    colour = mix(colour, (0.93, 0.85, 0.8), stitch)
     white = np.array([0.93, 0.925, 0.90])
     cap = step(z - 0.118 + 6.0 * across**2) * step(-0.895 - y)
     colour = mix(colour, white, cap)
@@ -217,7 +205,7 @@ def shoe(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
     colour = mix(colour, white, step(0.0155 - (y - floor)))
     line = step(0.0016 - np.abs(y - floor - 0.0085))
     colour = mix(colour, NAVY, line)
-    return mix(colour, np.array([0.55, 0.42, 0.30]), step(-0.0165 - (y - floor)))
+    return mix(colour, (0.55, 0.42, 0.30), step(-0.0165 - (y - floor)))
 
 
 def hair(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
@@ -242,12 +230,9 @@ def skin(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
     colour = mix(colour, BLUSH, 0.34 * np.exp(-(((a - 0.045) / 0.017) ** 2) - ((y - 0.690) / 0.016) ** 2) * head)
     colour = mix(colour, BLUSH, 0.30 * np.exp(-((x / 0.014) ** 2) - ((y - 0.688) / 0.011) ** 2) * (z > 0.12))
     colour = mix(colour, BLUSH, 0.30 * np.exp(-(((a - 0.088) / 0.012) ** 2) - ((y - 0.70) / 0.03) ** 2) * (y > 0.6))
-    stubble = (
-        np.clip(value_noise(rest, 0.0016), 0, 1)
-        * np.exp(-(((y - 0.632) / 0.022) ** 2))
-        * step(masks["lip"] - 0.010, 0.01)
-    )
-    colour = mix(colour, np.array([0.52, 0.42, 0.37]), 0.22 * stubble * head * (a < 0.06))
+    stubble = np.clip(value_noise(rest, 0.0016), 0, 1) * np.exp(-(((y - 0.632) / 0.022) ** 2))
+    stubble = stubble * step(masks["lip"] - 0.010, 0.01)
+    colour = mix(colour, (0.52, 0.42, 0.37), 0.22 * stubble * head * (a < 0.06))
     colour = _eyes(colour, a, y, z, masks["lid"])
     colour = _mouth(colour, rest, masks["lip"])
     colour = _brows(colour, rest, head)
@@ -261,11 +246,11 @@ def _eyes(colour: np.ndarray, a: np.ndarray, y: np.ndarray, z: np.ndarray, lid: 
     """Shadowed lids, a lash line on the rim (heavier above), dark red inside the socket."""
     near = np.clip(1 - np.abs(lid) / 0.012, 0, 1) * (z > 0.09)
     upper = step(y - 0.7225 - 0.10 * (a - 0.031), 0.002)
-    colour = mix(colour, np.array([0.70, 0.47, 0.40]), near**1.5 * (0.30 + 0.25 * upper))
+    colour = mix(colour, (0.70, 0.47, 0.40), near**1.5 * (0.30 + 0.25 * upper))
     crease = step(0.0008 - np.abs(lid - 0.0058), 0.001) * upper * (z > 0.09)
-    colour = mix(colour, np.array([0.55, 0.35, 0.29]), 0.5 * crease)
+    colour = mix(colour, (0.55, 0.35, 0.29), 0.5 * crease)
     socket = step(-0.0014 - lid, 0.001)
-    colour = mix(colour, np.array([0.62, 0.36, 0.33]), socket)
+    colour = mix(colour, (0.62, 0.36, 0.33), socket)
     thick = 0.0007 + 0.0009 * upper
     lash = step(thick - np.abs(lid - 0.4 * thick), 0.0007) * (z > 0.09)
     return mix(colour, LASH, lash * (0.55 + 0.4 * upper))
@@ -283,7 +268,7 @@ def _mouth(colour: np.ndarray, rest: np.ndarray, lip: np.ndarray) -> np.ndarray:
     grain = 1 + 0.06 * np.sin(2 * np.pi * x / 0.0019 + 2 * value_noise(rest, 0.004)) * np.exp(-((lip / 0.006) ** 2))
     tone = np.where(above, 0.90, 1.03) * grain
     colour = mix(colour, LIPS * tone[:, None], 0.88 * red)
-    colour = mix(colour, np.array([0.42, 0.18, 0.18]), 0.7 * step(0.0007 - np.abs(lip), 0.0009) * (z > 0.10))
+    colour = mix(colour, (0.42, 0.18, 0.18), 0.7 * step(0.0007 - np.abs(lip), 0.0009) * (z > 0.10))
     return mix(colour, GUM, step(-0.0030 - lip, 0.003) * np.clip((0.02 - lip) / 0.02, 0, 1) * (lip < 0))
 
 
@@ -304,14 +289,14 @@ def _hands(colour: np.ndarray, rest: np.ndarray, normal: np.ndarray, masks: Mask
     """Paler palms, reddish knuckles, and nails with a free edge."""
     a = np.abs(rest[:, 0])
     hand = step(a - 0.700, 0.03)
-    colour = mix(colour, np.array([0.88, 0.68, 0.60]), 0.35 * hand * np.clip(-normal[:, 1], 0, 1))
+    colour = mix(colour, (0.88, 0.68, 0.60), 0.35 * hand * np.clip(-normal[:, 1], 0, 1))
     crease = step(0.10 - np.abs(value_noise(rest * [0.6, 0.1, 1.0], 0.016)), 0.08) * np.clip(-normal[:, 1] - 0.3, 0, 1)
-    colour = mix(colour, np.array([0.70, 0.48, 0.42]), 0.35 * crease * step(a - 0.715, 0.02) * step(0.80 - a, 0.01))
+    colour = mix(colour, (0.70, 0.48, 0.42), 0.35 * crease * step(a - 0.715, 0.02) * step(0.80 - a, 0.01))
     u, v = masks["nail_u"], masks["nail_v"]
     nail = step(1 - np.abs(u) ** 2.6 - np.abs(v) ** 2.6, 0.25)
-    colour = mix(colour, np.array([0.90, 0.69, 0.64]), nail * 0.9)
-    colour = mix(colour, np.array([0.95, 0.90, 0.86]), nail * step(u - 0.62 + 0.25 * v**2, 0.15))
-    return mix(colour, np.array([0.93, 0.80, 0.75]), nail * step(-0.62 - u - 0.3 * v**2, 0.2) * 0.7)
+    colour = mix(colour, (0.90, 0.69, 0.64), nail * 0.9)
+    colour = mix(colour, (0.95, 0.90, 0.86), nail * step(u - 0.62 + 0.25 * v**2, 0.15))
+    return mix(colour, (0.93, 0.80, 0.75), nail * step(-0.62 - u - 0.3 * v**2, 0.2) * 0.7)
 
 
 def eye(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
@@ -320,19 +305,18 @@ def eye(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
     d = rest - centre
     x, y, z = (d / np.linalg.norm(d, axis=1, keepdims=True)).T
     radius, turn = np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
-    vein = step(0.05 - np.abs(value_noise(np.column_stack([turn * 3, radius, 0 * turn]), 0.35)), 0.05) * np.clip(
-        (radius - 0.7), 0, 1
-    )
+    vein = line(value_noise(np.column_stack([turn * 3, radius, 0 * turn]), 0.35), 0.05, 0.05)
+    vein = vein * np.clip(radius - 0.7, 0, 1)
     colour = mix(np.tile(np.array([0.935, 0.92, 0.905]), (len(rest), 1)), np.array([0.80, 0.45, 0.42]), 0.5 * vein)
-    colour = mix(colour, np.array([0.88, 0.72, 0.68]), np.clip((radius - 0.9) * 1.2, 0, 0.6))
+    colour = mix(colour, (0.88, 0.72, 0.68), np.clip((radius - 0.9) * 1.2, 0, 0.6))
     spokes = 0.5 + 0.3 * np.sin(31 * turn + 2 * np.sin(7 * turn)) + 0.2 * np.sin(53 * turn)
     iris = np.array([0.20, 0.34, 0.40]) + np.outer(spokes, np.array([0.14, 0.20, 0.20]))
-    iris = mix(iris, np.array([0.50, 0.38, 0.20]), 0.55 * np.clip(1 - np.abs(radius - 0.22) / 0.12, 0, 1))
+    iris = mix(iris, (0.50, 0.38, 0.20), 0.55 * np.clip(1 - np.abs(radius - 0.22) / 0.12, 0, 1))
     colour = mix(colour, iris, step(0.44 - radius, 0.05))
-    colour = mix(colour, np.array([0.08, 0.12, 0.15]), 0.9 * np.clip(1 - np.abs(radius - 0.44) / 0.07, 0, 1))
-    colour = mix(colour, np.array([0.02, 0.02, 0.02]), step(0.19 - radius, 0.04))
+    colour = mix(colour, (0.08, 0.12, 0.15), 0.9 * np.clip(1 - np.abs(radius - 0.44) / 0.07, 0, 1))
+    colour = mix(colour, (0.02, 0.02, 0.02), step(0.19 - radius, 0.04))
     glint = step(0.085 - np.hypot(x - 0.14, y - 0.20), 0.04)
-    return mix(colour, np.array([1.0, 1.0, 1.0]), 0.9 * glint)
+    return mix(colour, (1.0, 1.0, 1.0), 0.9 * glint)
 
 
 def tongue(rest: np.ndarray, normal: np.ndarray, masks: Masks) -> np.ndarray:
