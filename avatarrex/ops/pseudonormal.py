@@ -128,7 +128,8 @@ def _edge_ids(faces: Tensor, count: int) -> Tensor:
     """(f, 3) number of the undirected edge opposite each corner."""
     start, end = faces[:, [1, 2, 0]].long(), faces[:, [2, 0, 1]].long()
     key = torch.minimum(start, end) * count + torch.maximum(start, end)
-    return torch.unique(key, return_inverse=True)[1]
+    number: Tensor = torch.unique(key, return_inverse=True)[1]
+    return number
 
 
 def _first_of_repeats(faces: Tensor, count: int) -> Tensor:
