@@ -21,7 +21,9 @@ from avatarrex import levels
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
-from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.frame import Frame
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
 
 log = logging.getLogger(__name__)
 RenderFrame = Callable[..., Frame]

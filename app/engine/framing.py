@@ -42,8 +42,8 @@ class Outline:
         shape = torch.as_tensor(np.array(signals.shape), dtype=torch.float32)
         posed = pose_template(self._thin, pose, shape, torch.zeros(self._thin.expression_dirs.shape[2]))
         root = world_from_root(signals.global_orient, signals.translation, posed.joints[0].double().numpy())
-        vertices: np.ndarray = posed.vertices.double().numpy()
-        return vertices @ root[:3, :3].T + root[:3, 3]
+        vertices = posed.vertices.double().numpy()
+        return np.asarray(vertices @ root[:3, :3].T + root[:3, 3])
 
 
 def framed(view: OrbitView, points: np.ndarray, size: tuple[int, int]) -> OrbitView:

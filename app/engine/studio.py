@@ -26,7 +26,7 @@ from torch import Tensor
 
 from avatarrex.errors import InputError
 from avatarrex.files.images import composite, write_png
-from avatarrex.pipeline import Frame
+from avatarrex.frame import Frame
 
 log = logging.getLogger(__name__)
 KEPT = 60

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from avatarrex.frame import Frame
 from avatarrex.levels import LEVELS
-from avatarrex.pipeline import Frame
 from avatarrex.templates.parts import PARTS
 
 

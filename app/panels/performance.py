@@ -15,7 +15,7 @@ from avatarrex_studio.session.commands import Command, SetLevel
 from avatarrex_studio.session.state import AUTO, LEVELS
 from imgui_bundle import imgui
 
-from avatarrex.pipeline import Frame
+from avatarrex.frame import Frame
 from avatarrex.reference.level_errors import level_errors
 from avatarrex.volume.memory import memory_of
 

@@ -52,10 +52,10 @@ class TrainingPanel:
             imgui.spacing()
             self._plots(views, chosen)
             return commands
-        with imgui_ctx.begin_child("##list", (LIST_WIDTH, 0)):
+        with imgui_ctx.begin_child("##list", imgui.ImVec2(LIST_WIDTH, 0)):
             commands = self._side(views, chosen)
         imgui.same_line(0, 18)
-        with imgui_ctx.begin_child("##plots", (0, 0)):
+        with imgui_ctx.begin_child("##plots", imgui.ImVec2(0, 0)):
             self._plots(views, chosen)
         return commands
 

@@ -40,7 +40,7 @@ class RunsWindow:
 
     def _draw(self) -> None:
         imgui.set_cursor_pos(imgui.ImVec2(14, 12))
-        with imgui_ctx.begin_child("##runs", (widgets.room() - 8, 0)):
+        with imgui_ctx.begin_child("##runs", imgui.ImVec2(widgets.room() - 8, 0)):
             self.panel.draw()
 
     def _upload(self) -> None:

@@ -11,7 +11,7 @@ from avatarrex_studio.engine.engine import Engine
 
 from avatarrex.avatar import Avatar
 from avatarrex.counters import NAMES
-from avatarrex.pipeline import Frame
+from avatarrex.frame import Frame
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import load_person
 from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume

@@ -19,7 +19,7 @@ from avatarrex_studio.jobs.run_view import RunView, duration, keep_avatar
 from avatarrex_studio.jobs.runs import Runs, Watched
 from avatarrex_studio.jobs.training_process import Order, TrainingProcesses, last_words
 from avatarrex_studio.jobs.watcher import Watcher
-from avatarrex_studio.panels.curves import log_ticks, smoothed, span, thinned
+from avatarrex_studio.panels.curve_data import log_ticks, smoothed, span, thinned
 from avatarrex_studio.panels.samples import HEAT, difference
 
 from avatarrex.errors import InputError
