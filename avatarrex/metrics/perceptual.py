@@ -25,6 +25,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from avatarrex.errors import InputError
+from avatarrex.fields.placement import place_network
 from avatarrex.metrics.image import Images, Mask, ms_ssim
 from avatarrex.metrics.weights import fill, find_weights, read_weights
 
@@ -118,6 +119,11 @@ class Perceptual(nn.Module):
     def forward(self, a: Images, b: Images) -> Float[Tensor, ""]:
         """Mean over the batch; gradients flow into both pictures, never into the weights."""
         return self.distance(a, b).mean()
+
+    def place(self, device: torch.device | str) -> None:
+        """Run LPIPS on `device` (fields/placement.py); 1 − MS-SSIM has no network."""
+        if self.lpips is not None:
+            place_network(self.lpips, device)
 
     def distance(self, a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
         """Per image."""

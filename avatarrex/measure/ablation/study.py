@@ -154,7 +154,7 @@ class Study:
         }  # fmt: skip
         run = Run.open(folder) if exists else Run.create(folder, config)
         with run, self._effort_noted(variant, seed):
-            finished = Trainer(self.capture, recipe, (self.part,), run, seed).train()
+            finished = Trainer(self.capture, recipe, run).train()
             run.close("finished" if finished else "stopped")
         return finished
 
