@@ -37,9 +37,9 @@ EDGE = 3
 FACING = 0.3
 """Cosine from which a texel is believed: beyond 72 degrees a pixel covers three times its width."""
 DEPTH_TOLERANCE = 0.006
-"""Metres that a texel may lie behind the z-buffer's surface: a pixel's slope at 512², less than a finger's thickness."""
+"""Metres that a texel may lie beyond the z-buffer's surface: a pixel's slope at 512², less than a finger's thickness."""
 INSIDE = 250
-"""Matte byte from which a pixel holds the person's colour alone."""
+"""Matte byte from which a pixel has the person's colour alone."""
 SAMPLES = 2
 """Samples along each side of a pixel when a mesh is drawn."""
 
@@ -108,9 +108,10 @@ class MeshDrawer:
 
 def baselines(person: Person, observations: Iterable[Observation]) -> list[MeshDrawer]:
     """The textured and the mean-colour mesh of `person`. Raises `InputError` where no picture shows any of it."""
-    mesh, gathered = PosedMesh(person), Gathered(person)
+    mesh = PosedMesh(person)
+    gathered = Gathered(mesh)
     for observation in observations:
-        gathered.add(mesh, observation)
+        gathered.add(observation)
     one = np.broadcast_to(gathered.mean_colour.astype(np.float32), (len(mesh.faces), *lattice().shape))
     return [MeshDrawer("textured mesh", mesh, gathered.texels), MeshDrawer("mean-colour mesh", mesh, one)]
 
@@ -118,14 +119,14 @@ def baselines(person: Person, observations: Iterable[Observation]) -> list[MeshD
 class Gathered:
     """Colours of the texels in the pictures seen so far."""
 
-    def __init__(self, person: Person) -> None:
-        self.person = person
+    def __init__(self, mesh: PosedMesh) -> None:
+        self.mesh = mesh
         self._seen: list[np.ndarray] = []
         self._colour, self._weight = np.zeros(3), 0.0
 
-    def add(self, mesh: PosedMesh, observation: Observation) -> None:
+    def add(self, observation: Observation) -> None:
         """Take one picture."""
-        camera = observation.camera
+        mesh, camera = self.mesh, observation.camera
         surface = mesh.surface(observation.signals)
         matte = observation.matte.astype(np.float64)
         self._colour += (observation.image * matte[..., None]).sum((0, 1)) / 255
@@ -164,7 +165,7 @@ class Gathered:
         known = ~np.isnan(middle[:, 0])
         if not known.any():
             raise InputError("baselines", "training pictures", "some that show the template", "none")
-        rest = self.person.body.v_template.double().numpy()[self.person.body.faces.numpy()]
+        rest = self.mesh.person.body.v_template.double().numpy()[self.mesh.faces]
         place = (lattice()[None, :, :, None] * rest[:, None]).sum(2).reshape(-1, 3)
         middle[~known] = middle[known][cKDTree(place[known]).query(place[~known])[1]]
         return middle.reshape(len(rest), -1, 3)
@@ -175,10 +176,9 @@ def look_up(texels: Float[np.ndarray, "f t 3"], face: np.ndarray, weight: np.nda
 
     On the lattice a point lies in a small triangle that stands upright (fractions add to one) or on its head (to two).
     """
-    number = {tuple(corner): k for k, corner in enumerate((EDGE * lattice()).round().astype(int))}
+    first, second, _ = (EDGE * lattice()).round().astype(int).T
     table = np.zeros((EDGE + 1, EDGE + 1), np.int64)
-    for (i, j, _), k in number.items():
-        table[i, j] = k
+    table[first, second] = np.arange(len(first))
     scaled = EDGE * weight
     low = np.floor(scaled + 1e-9).astype(np.int64)
     part = np.clip(scaled - low, 0, 1)
@@ -208,7 +208,7 @@ def _facing(surface: Surface, camera: Camera) -> np.ndarray:
 
 
 def _median(seen: np.ndarray) -> np.ndarray:
-    """(p, 3) in [0, 1] from bytes (observations, p, 4) whose last says whether it counts; NaN where none does."""
+    """(p, 3) in [0, 1] from bytes (observations, p, 4), the last of which says whether it counts; NaN where none does."""
     count = seen[..., 3].sum(0, dtype=np.int64)
     ordered = np.sort(np.where(seen[..., 3:] > 0, seen[..., :3].astype(np.int16), 256), axis=0)
     last = np.maximum(count - 1, 0)

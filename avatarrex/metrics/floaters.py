@@ -1,9 +1,9 @@
-"""Floaters: what an avatar's shape holds apart from the person, seen from 26 sides and counted in the volume itself.
+"""Floaters: pieces of an avatar's shape apart from the person, seen from 26 sides and counted in the volume itself.
 
 Two tests, since neither sees all. *Islands*: connected pieces (8 neighbours) of the silhouette, coverage of half a pixel or
 more, besides the largest, in views along the 26 directions to a cube's faces, edges and corners. *Lumps*: connected pieces
 (6 neighbours) of the negative samples of the composed field, besides the largest, on the body lattice cut `FINE` times along
-each axis. The field is linear along the lattice's edges, so two neighbouring negative voxels are never torn apart; a lump
+each axis. The field is linear along the lattice's edges, so two neighbouring negative voxels are always connected; a lump
 inside a cavity or before the body is found, too. Parts that the composition attaches are one piece with the body.
 
 Letters: j joints. Root frame, metres; sizes of lumps in millimetres.
@@ -82,20 +82,16 @@ class Floaters:
 
     def line(self) -> str:
         """One line for a person to read."""
-        words = [f"{self.pose}: "]
-        if self.islands:
-            sides, worst = len({island.view for island in self.islands}), self.islands[0]
-            words.append(f"{_count(self.islands, 'island')} in {sides} of {self.views} silhouettes")
-            words.append(f" (largest {worst.pixels} pixels, {worst.view}, near {worst.near})")
-        else:
-            words.append(f"{self.views} silhouettes in one piece each")
-        if self.lumps:
-            worst_lump = self.lumps[0]
-            words.append(f"; {_count(self.lumps, 'lump')} apart from the body")
-            words.append(f" (largest {worst_lump.size_mm:.0f} mm, near {worst_lump.near})")
-        else:
-            words.append("; volume in one piece")
-        return "".join(words)
+        seen, volume = f"{self.views} silhouettes in one piece each", "volume in one piece"
+        for island in self.islands[:1]:
+            sides = len({other.view for other in self.islands})
+            seen = f"{_count(self.islands, 'island')} in {sides} of {self.views} silhouettes"
+            seen += f" (largest {island.pixels} pixels, {island.view}, near {island.near})"
+        for lump in self.lumps[:1]:
+            volume = (
+                f"{_count(self.lumps, 'lump')} apart from the body (largest {lump.size_mm:.0f} mm, near {lump.near})"
+            )
+        return f"{self.pose}: {seen}; {volume}"
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists."""
@@ -192,7 +188,7 @@ def _cells(volume: SdfVolume) -> Bool[np.ndarray, "z y x"]:
 
 
 def _camera(volume: SdfVolume, direction: np.ndarray, size: int) -> Camera:
-    """A camera out along `direction` whose picture just holds the body grid."""
+    """A camera out along `direction` into which the body grid just fits."""
     x, y, z = direction / np.linalg.norm(direction)
     azimuth, elevation = np.degrees([np.arctan2(x, z), np.arcsin(y)])
     extent = volume.body.voxel * (np.array(volume.body.sdf.shape[::-1]) - 1.0)

@@ -21,19 +21,19 @@ SIDE = 299
 FEATURES = 2048
 
 
+ONE, THREE, FIVE, WIDE, TALL = (1, 1), (3, 3), (5, 5), (1, 7), (7, 1)
+
+
 @dataclass(frozen=True)
 class Step:
-    """One convolution of a branch: its name, its output channels and its kernel."""
+    """One convolution: its name, output channels and kernel."""
 
     name: str
     channels: int
-    kernel: tuple[int, int] = (1, 1)
+    kernel: tuple[int, int] = ONE
     stride: int = 1
-
-    def layer(self, before: int) -> Convolution:
-        """Padded to keep the size, unless it strides."""
-        padding = (0, 0) if self.stride > 1 else (self.kernel[0] // 2, self.kernel[1] // 2)
-        return Convolution(before, self.channels, self.kernel, self.stride, padding)
+    padded: bool = True
+    """To keep the size; never where it strides."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,6 @@ def _named(name: str, *steps: tuple[int, tuple[int, int]], last_stride: int = 1)
     """`name_1`, `name_2`, … of (channels, kernel); only the last may stride."""
     strides = [1] * (len(steps) - 1) + [last_stride]
     return tuple(Step(f"{name}_{k + 1}", *step, stride) for k, (step, stride) in enumerate(zip(steps, strides)))
-
-
-ONE, THREE, FIVE, WIDE, TALL = (1, 1), (3, 3), (5, 5), (1, 7), (7, 1)
 
 
 def _block_a(pooled: int) -> tuple[Branch, ...]:
@@ -107,22 +104,21 @@ BLOCKS: dict[str, tuple[Branch, ...]] = {
     "Mixed_7b": _block_e("mean"),
     "Mixed_7c": _block_e("max"),
 }
-STEM = {
-    "Conv2d_1a_3x3": (3, 32, THREE, 2, 0), "Conv2d_2a_3x3": (32, 32, THREE, 1, 0), "Conv2d_2b_3x3": (32, 64, THREE, 1, 1),
-    "Conv2d_3b_1x1": (64, 80, ONE, 1, 0), "Conv2d_4a_3x3": (80, 192, THREE, 1, 0),
-}  # fmt: skip
-"""Input and output channels, kernel, stride, padding; a pooling follows 2b and 4a."""
+STEM = (
+    Step("Conv2d_1a_3x3", 32, THREE, 2), Step("Conv2d_2a_3x3", 32, THREE, padded=False), Step("Conv2d_2b_3x3", 64, THREE),
+    Step("Conv2d_3b_1x1", 80), Step("Conv2d_4a_3x3", 192, THREE, padded=False),
+)  # fmt: skip
+"""A pooling follows 2b and 4a."""
 
 
 class Convolution(nn.Module):
     """Convolution, batch normalisation (frozen), ReLU."""
 
-    def __init__(
-        self, before: int, channels: int, kernel: tuple[int, int], stride: int, padding: int | tuple[int, int]
-    ) -> None:
+    def __init__(self, before: int, step: Step) -> None:
         super().__init__()
-        self.conv = nn.Conv2d(before, channels, kernel, stride, padding, bias=False)
-        self.bn = nn.BatchNorm2d(channels, eps=1e-3)  # as in the TensorFlow graph
+        padding = tuple(side // 2 if step.padded and step.stride == 1 else 0 for side in step.kernel)
+        self.conv = nn.Conv2d(before, step.channels, step.kernel, step.stride, padding, bias=False)
+        self.bn = nn.BatchNorm2d(step.channels, eps=1e-3)  # as in the TensorFlow graph
 
     def forward(self, values: Tensor) -> Tensor:
         """(b, c, h, w) to (b, channels, h', w')."""
@@ -139,11 +135,11 @@ class Block(nn.Module):
         for branch in branches:
             channels = before
             for step in branch.steps:
-                self.add_module(step.name, step.layer(channels))
+                self.add_module(step.name, Convolution(channels, step))
                 channels = step.channels
             for step in branch.fork:
-                self.add_module(step.name, step.layer(channels))
-            self.channels += sum(step.channels for step in branch.fork) if branch.fork else channels
+                self.add_module(step.name, Convolution(channels, step))
+            self.channels += sum(step.channels for step in branch.fork) or channels
 
     def forward(self, values: Tensor) -> Tensor:
         """(b, c, h, w) to (b, channels, h', w')."""
@@ -153,9 +149,8 @@ class Block(nn.Module):
         if branch.pool == "mean":
             values = functional.avg_pool2d(values, 3, 1, 1, count_include_pad=False)
         elif branch.pool:
-            values = functional.max_pool2d(
-                values, 3, 2 if branch.pool == "half" else 1, 0 if branch.pool == "half" else 1
-            )
+            stride = 2 if branch.pool == "half" else 1
+            values = functional.max_pool2d(values, 3, stride, 2 - stride)
         for step in branch.steps:
             values = self.get_submodule(step.name)(values)
         return torch.cat([self.get_submodule(step.name)(values) for step in branch.fork], 1) if branch.fork else values
@@ -166,9 +161,10 @@ class Inception(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        for name, shape in STEM.items():
-            self.add_module(name, Convolution(*shape))
-        channels = 192
+        channels = 3
+        for step in STEM:
+            self.add_module(step.name, Convolution(channels, step))
+            channels = step.channels
         for name, branches in BLOCKS.items():
             block = Block(channels, branches)
             self.add_module(name, block)

@@ -68,13 +68,8 @@ def to_json(evaluation: Evaluation, avatar: str, capture: str, seconds: float) -
         "surface": evaluation.surface_means(),
         "surfaces": evaluation.surfaces,
         "pictures": [
-            {
-                "subject": picture.subject,
-                "view": picture.view,
-                "frame": picture.frame,
-                "split": picture.split,
-                **{key: value if math.isfinite(value) else None for key, value in picture.values.items()},
-            }
+            {key: getattr(picture, key) for key in ("subject", "view", "frame", "split")}
+            | {key: value if math.isfinite(value) else None for key, value in picture.values.items()}
             for picture in evaluation.pictures
         ],
         "seconds": seconds,

@@ -16,7 +16,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.assets import SPECS
 from avatarrex.metrics.baselines import PosedMesh, baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawing, fitted, over_black
-from avatarrex.metrics.evaluate import SPLITS, _thinned, captured, evaluate, observations, split_of
+from avatarrex.metrics.evaluate import SPLITS, Choice, _thinned, captured, evaluate, observations, split_of
 from avatarrex.metrics.measures import KEYS, Measured, Networks, means, measure
 from avatarrex.metrics.report import contact_sheet, table, to_json
 from avatarrex.signals.driving import Signals
@@ -36,7 +36,7 @@ def evaluation(capture):
     """The painted mesh, and the baselines gathered from the training pictures."""
     rig = capture.rigs["body"]
     subjects = [painted(PosedMesh(capture.person)), *baselines(capture.person, observations(rig))]
-    return evaluate(capture, rig, subjects, NONE, frames=range(FRAMES), sheet=3)
+    return evaluate(capture, rig, subjects, NONE, Choice(range(FRAMES), sheet=3))
 
 
 def faults(value, rule, place="file"):
@@ -245,6 +245,6 @@ def test_what_the_rig_does_not_have_is_refused(capture):
     rig = capture.rigs["body"]
     mesh = painted(PosedMesh(capture.person))
     with pytest.raises(InputError, match="frame: expected 0 to 2"):
-        evaluate(capture, rig, [mesh], NONE, frames=[7])
+        evaluate(capture, rig, [mesh], NONE, Choice(frames=[7]))
     with pytest.raises(InputError, match="at least one"):
-        evaluate(capture, rig, [mesh], NONE, views=[])
+        evaluate(capture, rig, [mesh], NONE, Choice(views=[]))

@@ -57,12 +57,6 @@ def training_pairs(rig: Rig) -> list[tuple[int, int]]:
     return pairs
 
 
-def on_black(rig: Rig, view: int, frame: int) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w"]]:
-    """A whole picture: colours times matte, and the matte."""
-    matte = torch.from_numpy(rig.matte(view, frame) / np.float32(255))
-    return torch.from_numpy(rig.image(view, frame) / np.float32(255)) * matte[..., None], matte
-
-
 def draw_pixels(
     rig: Rig, view: int, frame: int, count: int, rng: np.random.Generator, within: tuple[int, int, int, int] | None
 ) -> PixelBatch:
