@@ -1,13 +1,15 @@
 """Inception v3 as the Fréchet inception distance uses it: the 2015 TensorFlow graph, 2048 features of a picture.
 
-The layers (Szegedy et al. 2016, fig. 5, 6, 7, 10) are a table, under the names of the weights file
-`pt_inception-2015-12-05-6726825d.pth`. Where this graph is not the published one: means do not count padding, and the
-last block takes a maximum where the paper has a mean. Letters: b images, c channels.
+The layers (Szegedy et al. 2016, fig. 5, 6, 7, 10) are a table, under the names of the weights: the user's file
+`pt_inception-2015-12-05-6726825d.pth`, by path, by AVATARREX_INCEPTION, or in torch hub's `checkpoints` folder. Where this
+graph is not the published one: means do not count padding, and the last block takes a maximum where the paper has a mean.
+Letters: b images, c channels.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
 import torch.nn.functional as functional
@@ -15,9 +17,11 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from avatarrex.metrics.image import Images
+from avatarrex.metrics.weights import fill, find_weights, read_weights
 
-SIDE = 299
-"""Pixels: what the network was trained on; pictures are resized to it, bilinearly, whatever their shape."""
+INCEPTION_FILE = "pt_inception-2015-12-05-6726825d.pth"
+INPUT_PIXELS = 299
+"""A side: what the network was trained on; pictures are resized to it, bilinearly, whatever their shape."""
 FEATURES = 2048
 
 
@@ -173,9 +177,22 @@ class Inception(nn.Module):
 
     def forward(self, images: Images) -> Float[Tensor, "b 2048"]:
         """Features of pictures in [0, 1], of any size."""
-        values = 2 * functional.interpolate(images, size=(SIDE, SIDE), mode="bilinear", align_corners=False) - 1
+        values = (
+            2 * functional.interpolate(images, size=(INPUT_PIXELS, INPUT_PIXELS), mode="bilinear", align_corners=False)
+            - 1
+        )
         for name, layer in self.named_children():
             values = layer(values)
             if name in ("Conv2d_2b_3x3", "Conv2d_4a_3x3"):
                 values = functional.max_pool2d(values, 3, 2)
         return values.mean((-2, -1))
+
+
+def load_inception(weights: Path | None = None) -> Inception | None:
+    """The network, or None where no weights are found. Raises `InputError` for a named file that is not one."""
+    file = find_weights(INCEPTION_FILE, "AVATARREX_INCEPTION", weights)
+    if file is None:
+        return None
+    network = Inception()
+    fill(network, read_weights(file), file)
+    return network

@@ -65,11 +65,9 @@ def body_poses(rng: np.random.Generator) -> list[Signals]:
 def expressions(rng: np.random.Generator, mixtures: int) -> list[Signals]:
     """Neutral, then every coefficient alone, then sparse mixtures with eyes and, now and then, jaw turned."""
     count = len(EXPRESSION_NAMES)
-    values = [np.zeros(count), *np.eye(count)]
-    for _ in range(mixtures):
-        value = np.zeros(count)
+    values = np.concatenate([np.zeros((1, count)), np.eye(count), np.zeros((mixtures, count))])
+    for value in values[1 + count :]:
         value[rng.choice(count, rng.integers(3, 9), replace=False)] = rng.random()
-        values.append(value)
     faces = []
     for k, value in enumerate(values):
         jaw, eyes = np.zeros(3), np.zeros((2, 3))
@@ -182,7 +180,8 @@ def package(out: Path, target: Path, preset: str = "compact") -> None:
             saved = torch.load(path, weights_only=True)
             about[part] = f"{saved['steps']} steps, {saved['seconds'] / 60:.1f} minutes on one core"
             about[part] += ", on from the prior before" if saved.get("on") else ""
-            state |= {name: _half(value) for name, value in known_state(saved["state"], part).items()}
+            known = known_state(saved["state"], part)
+            state |= {name: (v.half() if v.is_floating_point() else v).contiguous() for name, v in known.items()}
         elif part not in about:
             raise InputError(path, "", "the fitted part", "nothing there")
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -197,10 +196,6 @@ def _packaged(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
     with safetensors.safe_open(path, "pt") as file:
         names = file.keys()
         return {name: file.get_tensor(name) for name in names}, dict(file.metadata())
-
-
-def _half(value: Tensor) -> Tensor:
-    return value.half().contiguous() if value.is_floating_point() else value.contiguous()
 
 
 def main() -> int:

@@ -21,6 +21,7 @@ from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 from avatarrex.ops.rotation import matrix_from_rotvec
+from avatarrex.training.core import work
 from avatarrex.training.core.stage import Stage
 from avatarrex.training.core.trainer import Diverged, Trainer
 from avatarrex.training.runs.events import EventReader
@@ -122,7 +123,7 @@ def test_a_resumed_optimiser_steps_as_if_nothing_had_been():
     half = torch.nn.Parameter(steps(begun, optimiser, gradients[:3]))
     kept = {name: value.clone(memory_format=torch.contiguous_format) for name, value in optimiser.state[begun].items()}
     resumed = torch.optim.Adam([half], lr=1e-2, fused=True)
-    train_module._load(resumed, {**optimiser.state_dict(), "state": {0: kept}})
+    work.load(resumed, {**optimiser.state_dict(), "state": {0: kept}})
     assert steps(half, resumed, gradients[3:]).equal(steps(begun, optimiser, gradients[3:]))
 
 

@@ -23,7 +23,7 @@ from avatarrex.pointmap.rays import RayPlane
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.losses import eikonal_loss, mask_loss, rgb_loss, silhouette_loss
 from avatarrex.training.core.outline import closest
-from avatarrex.training.core.pixels import PixelBatch, draw_outline, draw_pixels, training_pairs
+from avatarrex.training.core.pixels import Box, PixelBatch, draw_outline, draw_pixels, training_pairs
 from avatarrex.training.core.sampling import Walk, draw, noise_of
 from avatarrex.training.core.trained_field import FACE, TrainedBody, TrainedFace, TrainedField, face_alone
 from avatarrex.training.core.volume_rendering import render_weights
@@ -73,7 +73,7 @@ class VolumePass(ABC):
     def field(self, frame: TrainingFrame, noise: torch.Generator) -> tuple[TrainedField, dict[str, Tensor]]:
         """The trained part of a frame, and its regularisers."""
 
-    def window(self, frame: TrainingFrame, view: int) -> tuple[int, int, int, int] | None:
+    def window(self, frame: TrainingFrame, view: int) -> Box | None:
         """Pixels (x0, y0, x1, y1) to draw from; None is the whole picture."""
         return None
 
@@ -192,7 +192,7 @@ class FacePass(VolumePass):
         driven = frame.volume.parts["face"].state.driven
         return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(driven)), {}
 
-    def window(self, frame: TrainingFrame, view: int) -> tuple[int, int, int, int] | None:
+    def window(self, frame: TrainingFrame, view: int) -> Box | None:
         """The box of pixels around the projected face."""
         return face_window(self.avatar, frame, self.store.rig.views[view].camera)
 
@@ -205,7 +205,7 @@ class FacePass(VolumePass):
         return face_alone(share)
 
 
-def face_window(avatar: Avatar, frame: TrainingFrame, camera: Camera) -> tuple[int, int, int, int] | None:
+def face_window(avatar: Avatar, frame: TrainingFrame, camera: Camera) -> Box | None:
     """(x0, y0, x1, y1) in pixels around the vertices with ω > 0; None where no pixel sees them."""
     mesh = frame.posed.parts["face"][avatar.person.face.blend_weight > 0].double().numpy()
     head, view = frame.posed.root_from_part("face"), frame.camera(camera)

@@ -21,7 +21,7 @@ from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.colour import SurfaceColour
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.pass_one import StepResult, face_window
-from avatarrex.training.core.pixels import cropped, training_pairs
+from avatarrex.training.core.pixels import cropped, foreground, training_pairs
 from avatarrex.training.core.trained_field import FACE, face_alone
 from avatarrex.training.recipe import PassTwo
 from avatarrex.volume.sdf_volume import sides
@@ -94,12 +94,11 @@ class PatchPass:
         self, frame: TrainingFrame, view: int, camera: Camera, rng: np.random.Generator
     ) -> tuple[int, int, int, int]:
         """x, y, width, height of a patch about a pixel of the person (of the face, where that is trained)."""
-        matte = self.store.rig.matte(view, frame.index)
-        height, width = matte.shape
+        width, height = camera.width, camera.height
         side_x, side_y = min(self.recipe.patch, width), min(self.recipe.patch, height)
         window = face_window(self.avatar, frame, camera) if self.part == "face" else None
-        x0, y0, x1, y1 = window or (0, 0, width, height)
-        ys, xs = np.nonzero(matte[y0:y1, x0:x1] > 127)
+        inside, (x0, y0, x1, y1) = foreground(self.store.rig, view, frame.index, window)
+        ys, xs = np.nonzero(inside)
         if len(ys):
             k = rng.integers(len(ys))
             x, y = xs[k] + x0, ys[k] + y0

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from avatarrex.camera import Camera
@@ -57,8 +57,19 @@ def training_pairs(rig: Rig) -> list[tuple[int, int]]:
     return pairs
 
 
+Box = tuple[int, int, int, int]
+"""x0, y0, x1, y1, pixels."""
+
+
+def foreground(rig: Rig, view: int, frame: int, within: Box | None) -> tuple[Bool[np.ndarray, "h w"], Box]:
+    """Pixels of the person, cut to the box `within` (the whole picture unless given), and that box."""
+    matte = rig.matte(view, frame)
+    x0, y0, x1, y1 = box = within or (0, 0, matte.shape[1], matte.shape[0])
+    return matte[y0:y1, x0:x1] > 127, box
+
+
 def draw_pixels(
-    rig: Rig, view: int, frame: int, count: int, rng: np.random.Generator, within: tuple[int, int, int, int] | None
+    rig: Rig, view: int, frame: int, count: int, rng: np.random.Generator, within: Box | None
 ) -> PixelBatch:
     """`count` pixels, most of them on the person or beside it; `within` (x0, y0, x1, y1) restricts them to a box.
 
@@ -66,8 +77,8 @@ def draw_pixels(
     """
     matte = rig.matte(view, frame)
     height, width = matte.shape
-    x0, y0, x1, y1 = within or (0, 0, width, height)
-    ys, xs = np.nonzero(matte[y0:y1, x0:x1] > 127)
+    inside, (x0, y0, x1, y1) = foreground(rig, view, frame, within)
+    ys, xs = np.nonzero(inside)
     xs, ys = xs + x0, ys + y0
     on = rng.integers(len(ys), size=round(count * FOREGROUND)) if len(ys) else np.zeros(0, int)
     places = [np.stack([xs[on], ys[on]], 1)]
@@ -87,13 +98,10 @@ def draw_pixels(
 
 
 def draw_outline(
-    rig: Rig, view: int, frame: int, count: int, rng: np.random.Generator, within: tuple[int, int, int, int] | None
+    rig: Rig, view: int, frame: int, count: int, rng: np.random.Generator, within: Box | None
 ) -> PixelBatch:
     """`count` pixels about the matte's edge; none of a picture without one."""
-    matte = rig.matte(view, frame)
-    height, width = matte.shape
-    x0, y0, x1, y1 = within or (0, 0, width, height)
-    on = matte[y0:y1, x0:x1] > 127
+    on, (x0, y0, x1, y1) = foreground(rig, view, frame, within)
     ys, xs = np.nonzero(np.diff(on, axis=0, prepend=on[:1]) | np.diff(on, axis=1, prepend=on[:, :1]))
     if not len(ys):
         none = torch.zeros(0)

@@ -9,18 +9,15 @@ from __future__ import annotations
 
 import json
 import math
-import resource
 import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import nn
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
@@ -30,12 +27,12 @@ from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.held_out import HeldOut
-from avatarrex.training.core.losses import weighted
 from avatarrex.training.core.mixed import in_bfloat16
 from avatarrex.training.core.pass_one import BodyPass, FacePass, StepResult
 from avatarrex.training.core.pass_two import PatchPass
 from avatarrex.training.core.stage import Stage, stages
 from avatarrex.training.core.warm_start import warm_start
+from avatarrex.training.core.work import AnyPass, Work
 from avatarrex.training.recipe import PARTS, PassOne, PassTwo, Recipe
 from avatarrex.training.runs.folder import Run
 
@@ -45,21 +42,6 @@ REPORT = 20
 
 class Diverged(ArithmeticError):
     """A loss that is not finite; the message names the saved batch."""
-
-
-AnyPass = BodyPass | FacePass | PatchPass
-
-
-@dataclass
-class Work:
-    """A stage in progress."""
-
-    number: int
-    """Of the stage."""
-    stage: Stage
-    step: int
-    losses: AnyPass
-    optimiser: torch.optim.Optimizer
 
 
 class Trainer:
@@ -111,10 +93,9 @@ class Trainer:
         if latest is None:
             return 0, None
         _, state = latest
-        if (found := set(state["modules"])) != set(self.avatar.modules()):
-            raise InputError(
-                self.run.path, "checkpoint: modules", ", ".join(self.avatar.modules()), ", ".join(sorted(found))
-            )
+        own, found = self.avatar.modules(), state["modules"]
+        if set(own) != set(found):
+            raise InputError(self.run.path, "checkpoint: modules", ", ".join(own), ", ".join(sorted(found)))
         self.avatar = self._untrained(state["local_frame"])
         for name, module in self.avatar.modules().items():
             module.load_state_dict(state["modules"][name])
@@ -127,30 +108,16 @@ class Trainer:
             self._warm_start()
         if state is None and stage.part == "body":
             self._clamp_codes(rig, fine=stage.name == "II")
-        work = self._work(number, stage, state)
+        unseen = self.hidden | {"left_hand", "right_hand"} if stage.part == "face" else self.hidden
+        store = FrameStore(self.avatar, rig, stage.part, unseen, stage.name == "II")
+        store.renew(stage.begin if state is None else int(state["step"]))
+        work = Work(stage, self._pass(stage, store), state)
         self.run.stage(stage.part, stage.name, stage.end)
         if state is None:
-            self._save(work)
-        done = self._loop(work, HeldOut(self.avatar, rig, self.hidden, self.run, stage.part))
-        for parameter in work.losses.parameters():
-            parameter.requires_grad_(False)
+            self._save(number, work.step, work)
+        done = self._loop(number, work, HeldOut(self.avatar, rig, self.hidden, self.run, stage.part))
+        work.close()
         return done
-
-    def _work(self, number: int, stage: Stage, state: dict[str, Any] | None) -> Work:
-        step = stage.begin if state is None else int(state["step"])
-        unseen = self.hidden | {"left_hand", "right_hand"} if stage.part == "face" else self.hidden
-        store = FrameStore(self.avatar, self.capture.rigs[stage.part], stage.part, unseen, stage.name == "II")
-        store.renew(step)
-        losses = self._pass(stage, store)
-        parameters = losses.parameters()
-        for parameter in parameters:
-            parameter.requires_grad_(True)
-        optimiser = torch.optim.Adam(self._groups(stage.part, parameters), lr=stage.rate(step), fused=True)
-        if state is not None:
-            _load(optimiser, state["optimiser"])
-            if isinstance(losses, BodyPass):
-                losses.frame_codes.data.copy_(state["frame_codes"])
-        return Work(number, stage, step, losses, optimiser)
 
     def _warm_start(self) -> None:
         """Fit the geometry of every part to the template: a part that is trained first is seen beside the others."""
@@ -158,10 +125,10 @@ class Trainer:
             for name, module in self.start.modules().items():
                 self.avatar.modules()[name].load_state_dict(module.state_dict())
             return
-        for part in (part for part in ("body", "face") if part not in self.hidden):
+        for part in ("body", "face"):
             steps = getattr(self.recipe, part)[0].warm_steps
-            rig = self.capture.rigs.get(part) or self.capture.rigs[self.parts[0]]
-            if steps:
+            if steps and part not in self.hidden:
+                rig = self.capture.rigs.get(part) or self.capture.rigs[self.parts[0]]
                 error = warm_start(self.avatar, rig.signals, part, steps, self.seed)
                 self.run.scalars(0, {f"{part}/warm_start/error_mm": 1e3 * error})
 
@@ -179,22 +146,19 @@ class Trainer:
         kind = FacePass if stage.part == "face" else BodyPass
         return kind(self.avatar, store, stage.recipe, self.seed)
 
-    def _groups(self, part: str, parameters: list[nn.Parameter]) -> list[dict[str, Any]]:
-        """Geometry and all else."""
-        field = self.avatar.body.geometry_parameters() if part == "body" else self.avatar.face.geometry.parameters()
-        geometry = {id(parameter) for parameter in field}
-        return [{"params": [p for p in parameters if (id(p) in geometry) is wanted]} for wanted in (True, False)]
-
-    def _loop(self, work: Work, held_out: HeldOut) -> bool:
+    def _loop(self, number: int, work: Work, held_out: HeldOut) -> bool:
         """To the stage's end; False where it was stopped before the training's end."""
         stage, begun_at, began = work.stage, work.step, time.monotonic()
         label = f"{stage.part}: pass {stage.name}"
         with tqdm(total=stage.recipe.steps, initial=work.step - stage.begin, desc=label) as bar:
             while work.step < stage.end:
-                result, total = self._descend(work)
+                result, total = work.evaluate()
+                if not torch.isfinite(total):
+                    raise self._diverged(work, result)
+                work.descend(total)
                 if work.step % REPORT == 0:
                     speed = (work.step + 1 - begun_at) / max(time.monotonic() - began, 1e-6)
-                    self._report(work, result, total, speed)
+                    self.run.scalars(work.step, work.figures(result, float(total.detach()), speed))
                 work.step += 1
                 bar.update()
                 stopping = self._stopping()
@@ -204,51 +168,34 @@ class Trainer:
                     if isinstance(stage.recipe, PassOne):
                         work.losses.store.renew(work.step)
                     measured = last or work.step % self.recipe.evaluate == 0
-                    self._save(work, last, held_out.measure(work.step) if measured else None)
+                    score = held_out.measure(work.step) if measured else None
+                    self._save(number + last, work.step, None if last else work, score)
                 if stopping:
                     if not due:
-                        self._save(work)
-                    return last and work.number + 1 == len(self.stages)
+                        self._save(number, work.step, work)
+                    return last and number + 1 == len(self.stages)
         return True
 
-    def _descend(self, work: Work) -> tuple[StepResult, float]:
-        """One step of the optimiser: its terms, and the weighted sum that was minimised. Raises `Diverged`."""
-        stage, optimiser = work.stage, work.optimiser
-        for group, rate in zip(optimiser.param_groups, stage.rates(work.step)):
-            group["lr"] = rate
-        result = work.losses.step(work.step, stage.gamma(work.step))
-        total = weighted(result.terms, stage.recipe.weights)
-        if not torch.isfinite(total):
-            raise self._diverged(work, result)
-        optimiser.zero_grad(set_to_none=True)
-        if total.requires_grad:  # else nothing of the part is seen in the patch: nothing to learn
-            total.backward()
-            optimiser.step()
-        return result, float(total.detach())
-
     def _stopping(self) -> bool:
-        """Whether a viewer or Ctrl+C asked for a stop; a pause is waited for."""
+        """Whether a viewer or Ctrl+C requested a stop; a pause is waited for."""
         while not self.interrupted and (wish := self.run.control()) != "run":
             if wish == "stop":
                 return True
             time.sleep(0.2)
         return self.interrupted
 
-    def _save(self, work: Work, ended: bool = False, score: float | None = None) -> None:
-        """A checkpoint; at a stage's end it names the next stage, which begins with an optimiser of its own."""
-        self.avatar.meta |= self._provenance(work.step)
+    def _save(self, stage: int, step: int, work: Work | None, score: float | None = None) -> None:
+        """A checkpoint to go on from with the stage of that number, in the midst of `work` or at its beginning."""
+        self.avatar.meta |= self._provenance(step)
         state: dict[str, Any] = {
-            "stage": work.number + ended,
-            "step": work.step,
+            "stage": stage,
+            "step": step,
             "local_frame": self.avatar.body.local_frame,
             "modules": {name: dict(module.state_dict()) for name, module in self.avatar.modules().items()},
+            **({} if work is None else work.state()),
         }
-        if not ended:
-            state["optimiser"] = work.optimiser.state_dict()
-            if isinstance(work.losses, BodyPass):
-                state["frame_codes"] = work.losses.frame_codes.data
         before = sum(self.recipe.steps()[part] for part in PARTS[: PARTS.index(self.run.part)] if part in self.parts)
-        self.run.save(before + work.step, state, avatar=self.avatar, score=score)
+        self.run.save(before + step, state, avatar=self.avatar, score=score)
 
     def _provenance(self, step: int) -> dict[str, Any]:
         """What avatar.json says of where the avatar comes from."""
@@ -269,19 +216,6 @@ class Trainer:
             "training": training,
         }
 
-    def _report(self, work: Work, result: StepResult, total: float, speed: float) -> None:
-        values = {f"loss/{name}": float(value.detach()) for name, value in result.terms.items()}
-        values |= {
-            "loss/total": total,
-            "schedule/gamma": work.stage.gamma(work.step),
-            "schedule/lr": work.stage.rate(work.step),
-            "rate/steps_per_s": speed,
-            "rate/samples_per_ray": result.samples_per_ray,
-            "rate/silhouette_rays": result.silhouette_rays,
-            "memory/mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        }
-        self.run.scalars(work.step, {f"{work.stage.part}/{name}": value for name, value in values.items()})
-
     def _diverged(self, work: Work, result: StepResult) -> Diverged:
         """Save what the step was made of, and the error to raise."""
         path, part, name = self.run.path / "failed_step.json", work.stage.part, work.stage.name
@@ -296,29 +230,19 @@ class Trainer:
         )
 
 
-def _load(optimiser: torch.optim.Optimizer, saved: dict[str, Any]) -> None:
-    """The saved state in its parameters' own layout: checkpoints are contiguous, the U-Nets' weights channels-last, and
-    the fused step reads memory in order."""
-    optimiser.load_state_dict(saved)
-    for parameter, state in optimiser.state.items():
-        for name, value in state.items():
-            if torch.is_tensor(value) and value.shape == parameter.shape:
-                state[name] = torch.empty_like(parameter).copy_(value)
-
-
 @contextmanager
 def _on_interrupt(trainer: Trainer) -> Iterator[None]:
-    """Ctrl+C asks for a stop after the step; a second one stops at once."""
+    """Ctrl+C requests a stop after the step; a second one stops at once."""
 
-    def ask(number: int, frame: object) -> None:
+    def request(number: int, frame: object) -> None:
         if trainer.interrupted:
             raise KeyboardInterrupt
         trainer.interrupted = True
         tqdm.write("stopping after this step (Ctrl+C again: at once)")
 
     try:
-        before = signal.signal(signal.SIGINT, ask)
-    except ValueError:  # not in the main thread: whoever runs it there stops it by control.json
+        before = signal.signal(signal.SIGINT, request)
+    except ValueError:  # not in the main thread: there control.json stops it
         yield
         return
     try:
