@@ -30,7 +30,8 @@ class ToneMap(nn.Module):
     def matrix(self, from_body: Float[Tensor, "p 3"], from_head: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3 3"]:
         """M of unit view directions in the pelvis and in the head frame."""
         seen = torch.cat([encode(from_body, DIRECTION_OCTAVES), encode(from_head, DIRECTION_OCTAVES)], -1)
-        return torch.eye(3).to(seen) + self.network(seen).unflatten(-1, (3, 3))
+        matrix: Tensor = torch.eye(3).to(seen) + self.network(seen).reshape(-1, 3, 3)
+        return matrix
 
     def forward(
         self, colour: Float[Tensor, "p 3"], from_body: Float[Tensor, "p 3"], from_head: Float[Tensor, "p 3"]

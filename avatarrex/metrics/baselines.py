@@ -170,14 +170,15 @@ def look_up(texels: Float[np.ndarray, "f t 3"], face: np.ndarray, weight: np.nda
     return np.where((rest == 0)[:, None], texels[face, table[low[:, 0], low[:, 1]]], colour)
 
 
-def lattice() -> np.ndarray:
-    """(t, 3) barycentrics of a face's texels."""
+def lattice() -> Float[np.ndarray, "t 3"]:
+    """Barycentrics of a face's texels."""
     return np.array([(i, j, EDGE - i - j) for i in range(EDGE + 1) for j in range(EDGE + 1 - i)]) / EDGE
 
 
 def _on_lattice(triangles: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "p 3"]:
     """Places of all texels."""
-    return (lattice()[None, :, :, None] * triangles[:, None]).sum(2).reshape(-1, 3)
+    places: np.ndarray = (lattice()[None, :, :, None] * triangles[:, None]).sum(2)
+    return places.reshape(-1, 3)
 
 
 def _facing(surface: Surface, camera: Camera) -> np.ndarray:
@@ -185,7 +186,8 @@ def _facing(surface: Surface, camera: Camera) -> np.ndarray:
     a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
     normal, way = np.cross(b - a, c - a), camera.centre - (a + b + c) / 3
     length = np.linalg.norm(normal, axis=1) * np.linalg.norm(way, axis=1)
-    return (normal * way).sum(1) / np.maximum(length, 1e-20)
+    cosine: np.ndarray = (normal * way).sum(1) / np.maximum(length, 1e-20)
+    return cosine
 
 
 def _median(seen: np.ndarray) -> np.ndarray:
@@ -194,6 +196,6 @@ def _median(seen: np.ndarray) -> np.ndarray:
     ordered = np.sort(np.where(seen[..., 3:] > 0, seen[..., :3].astype(np.int16), 256), axis=0)
     last = np.maximum(count - 1, 0)
     rows = np.arange(len(count))
-    middle = (ordered[last // 2, rows].astype(np.float32) + ordered[(last + 1) // 2, rows]) / 510
+    middle: np.ndarray = (ordered[last // 2, rows].astype(np.float32) + ordered[(last + 1) // 2, rows]) / 510
     middle[count == 0] = np.nan
     return middle

@@ -40,7 +40,8 @@ def face_region(person: Person) -> Seen:
 
     def seen(signals: Signals, camera: Camera) -> Bool[np.ndarray, "h w"]:
         face = mesh.visible(signals, camera)[0]
-        return (face >= 0) & own[face]
+        inside: np.ndarray = (face >= 0) & own[face]
+        return inside
 
     return seen
 

@@ -24,15 +24,15 @@ from scipy import ndimage
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.raycast import raycast
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.build import build_volume
 from avatarrex.volume.sdf_volume import SdfVolume, sample
 
-SIZE = 512
+SILHOUETTE_PIXELS = 512
 """Pixels a side of the silhouettes: about 4 mm each on a standing person."""
 SPECKS = 3
 """Islands of at most so many pixels are rounding at a silhouette's rim, not counted."""
@@ -98,7 +98,7 @@ class Floaters:
         return asdict(self)
 
 
-def find_floaters(avatar: Avatar, poses: dict[str, Signals], size: int = SIZE) -> Iterator[Floaters]:
+def find_floaters(avatar: Avatar, poses: dict[str, Signals], size: int = SILHOUETTE_PIXELS) -> Iterator[Floaters]:
     """What `avatar` shows in each named pose, as the renderer makes its volume; silhouettes of `size` pixels a side."""
     settings, counters = RenderSettings(hidden=avatar.hidden), Counters()
     posed, volume = None, None
@@ -116,7 +116,7 @@ def directions() -> Float[np.ndarray, "d 3"]:
 
 
 def islands(
-    volume: SdfVolume, joints: Float[np.ndarray, "j 3"], size: int = SIZE, impl: str = "auto"
+    volume: SdfVolume, joints: Float[np.ndarray, "j 3"], size: int = SILHOUETTE_PIXELS, impl: str = "auto"
 ) -> tuple[Island, ...]:
     """Islands of more than `SPECKS` pixels in all views; `joints` in SMPL-X order name their places."""
     found = []
@@ -127,8 +127,8 @@ def islands(
         position = points.position.double().numpy()
         for label in np.flatnonzero(pixels > SPECKS) + 1:
             if label - 1 != pixels.argmax():
-                place = position[labels == label].mean(0)
-                found.append(Island(_words(direction), int(pixels[label - 1]), _place(place), _near(place, joints)))
+                place = _located(position[labels == label].mean(0), joints)
+                found.append(Island(_words(direction), int(pixels[label - 1]), *place))
     return tuple(sorted(found, key=lambda island: -island.pixels))
 
 
@@ -143,10 +143,10 @@ def lumps(volume: SdfVolume, joints: Float[np.ndarray, "j 3"]) -> tuple[Lump, ..
     for label, box in enumerate(ndimage.find_objects(labels), start=1):
         if label != samples.argmax():
             piece = np.argwhere(labels[box] == label) + [part.start for part in box]
-            place = origin + step * piece[:, ::-1].mean(0)
+            place = _located(origin + step * piece[:, ::-1].mean(0), joints)
             longest = 1e3 * step * float(np.ptp(piece, axis=0).max() + 1)
             volume_mm3 = float(samples[label] * (1e3 * step) ** 3)
-            found.append(Lump(round(longest, 1), round(volume_mm3, 1), _place(place), _near(place, joints)))
+            found.append(Lump(round(longest, 1), round(volume_mm3, 1), *place))
     return tuple(sorted(found, key=lambda lump: (-lump.size_mm, -lump.volume_mm3)))
 
 
@@ -204,13 +204,10 @@ def _words(direction: np.ndarray) -> str:
     return " ".join(filter(None, names))
 
 
-def _near(place: np.ndarray, joints: np.ndarray) -> str:
-    return JOINT_NAMES[int(np.linalg.norm(joints - place, axis=1).argmin())]
-
-
-def _place(place: np.ndarray) -> Place:
+def _located(place: np.ndarray, joints: np.ndarray) -> tuple[Place, str]:
+    """A place to report, and the joint nearest to it."""
     x, y, z = (round(float(value), 4) for value in place)
-    return x, y, z
+    return (x, y, z), JOINT_NAMES[int(np.linalg.norm(joints - place, axis=1).argmin())]
 
 
 def _count(items: tuple[Any, ...], noun: str) -> str:

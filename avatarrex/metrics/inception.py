@@ -120,7 +120,8 @@ class Convolution(nn.Module):
 
     def __init__(self, before: int, step: Step) -> None:
         super().__init__()
-        padding = tuple(side // 2 if step.padded and step.stride == 1 else 0 for side in step.kernel)
+        height, width = step.kernel if step.padded and step.stride == 1 else ONE
+        padding = (height // 2, width // 2)
         self.conv = nn.Conv2d(before, step.channels, step.kernel, step.stride, padding, bias=False)
         self.bn = nn.BatchNorm2d(step.channels, eps=1e-3)  # as in the TensorFlow graph
 

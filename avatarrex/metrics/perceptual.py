@@ -170,4 +170,5 @@ def _pooled(mask: Tensor | None, values: Tensor) -> Tensor | None:
     """The mask's share of every cell of `values` (b, h, w)."""
     if mask is None:
         return None
-    return functional.adaptive_avg_pool2d(mask.to(values.dtype)[:, None], values.shape[-2:])[:, 0]
+    height, width = values.shape[-2:]
+    return functional.adaptive_avg_pool2d(mask.to(values.dtype)[:, None], (height, width))[:, 0]

@@ -20,7 +20,8 @@ from avatarrex.errors import InputError
 from avatarrex.fields.placement import networks
 from avatarrex.measure.bench.frame import of_a_gpu
 from avatarrex.measure.bench.session import Bench
-from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.training.core import trainer as train_module

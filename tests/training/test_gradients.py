@@ -18,8 +18,8 @@ from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.presets import COMPACT
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.metrics.perceptual import Perceptual
-from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.raycast import raycast
+from avatarrex.settings import RenderSettings
 from avatarrex.templates.model import PosedTemplate, skinned_normals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import PosedPerson, pose_person

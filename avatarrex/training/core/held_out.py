@@ -11,8 +11,10 @@ from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import Rig
 from avatarrex.metrics.evaluate import captured
 from avatarrex.metrics.image import psnr, ssim
-from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
 from avatarrex.shading.colour import OPAQUE
+from avatarrex.training.core.pixels import pictures
 from avatarrex.training.core.trained_field import FACE
 from avatarrex.training.runs.folder import Run
 
@@ -28,7 +30,7 @@ class HeldOut:
         self.settings = RenderSettings(hidden=hidden)
         frames = sorted(rig.held_out_frames) or range(rig.frames)
         views = [view for view in range(len(rig.views)) if view not in rig.held_out_views] or range(len(rig.views))
-        pairs = [(frame, view) for frame in frames for view in views if rig.available(view, frame)]
+        pairs = pictures(rig, frames, views)
         chosen = np.linspace(0, len(pairs) - 1, PICTURES).round().astype(int)
         self.pairs = list(dict.fromkeys(pairs[k] for k in chosen)) if pairs else []
 

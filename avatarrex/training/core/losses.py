@@ -49,7 +49,8 @@ def eikonal_loss(field: TrainedField, position: Float[Tensor, "p 3"]) -> Tensor:
     """Mean (‖∇s‖ − 1)² of the trained part at points."""
     position = position.detach().requires_grad_(True)
     (slope,) = torch.autograd.grad(field.alone(position).sum(), position, create_graph=True)
-    return (slope.norm(dim=-1) - 1).square().mean()
+    loss: Tensor = (slope.norm(dim=-1) - 1).square().mean()
+    return loss
 
 
 def weighted(terms: dict[str, Tensor], weights: LossWeights) -> Tensor:

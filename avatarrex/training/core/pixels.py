@@ -5,6 +5,7 @@ Colours are sRGB-encoded in [0, 1], multiplied by the matte. Letters: r rays, h 
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,14 +45,15 @@ class PixelBatch:
         return PixelBatch(*(torch.cat(pair) for pair in pairs))
 
 
+def pictures(rig: Rig, frames: Iterable[int], views: Sequence[int]) -> list[tuple[int, int]]:
+    """(frame, view) that are there, frame by frame."""
+    return [(frame, view) for frame in frames for view in views if rig.available(view, frame)]
+
+
 def training_pairs(rig: Rig) -> list[tuple[int, int]]:
     """(frame, view) that are there and not held out, frame by frame. Raises `InputError` where there are none."""
-    pairs = [
-        (frame, view)
-        for frame in range(rig.frames)
-        for view in range(len(rig.views))
-        if frame not in rig.held_out_frames and view not in rig.held_out_views and rig.available(view, frame)
-    ]
+    views = [view for view in range(len(rig.views)) if view not in rig.held_out_views]
+    pairs = pictures(rig, (frame for frame in range(rig.frames) if frame not in rig.held_out_frames), views)
     if not pairs:
         raise InputError(f"{rig.name} rig", "pictures", "at least one that is not held out", "none")
     return pairs

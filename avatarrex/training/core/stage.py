@@ -26,7 +26,7 @@ class Stage:
 
     def rate(self, step: int) -> float:
         """Learning rate, exponential decay."""
-        return self.recipe.rate * self.recipe.decay ** ((step - self.begin) / self.recipe.decay_steps)
+        return self.recipe.rate * float(self.recipe.decay ** ((step - self.begin) / self.recipe.decay_steps))
 
     def rates(self, step: int) -> tuple[float, float]:
         """Learning rates of the geometry and of all else."""

@@ -58,8 +58,7 @@ def supervision(
 
 def _body(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -> Draw:
     field, faces = avatar.body, avatar.person.body.faces
-    everywhere = torch.ones(len(avatar.person.body.v_template), dtype=torch.bool)
-    bank = [(f, distances_around(f.body.vertices, faces, everywhere, POINTS, rng)) for f in frames]
+    bank = [(f, distances_around(f.body.vertices, faces, POINTS, rng)) for f in frames]
 
     def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         posed, (position, sdf) = bank[rng.integers(len(bank))]
@@ -87,13 +86,13 @@ def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -
     return draw
 
 
-def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, rng: np.random.Generator) -> Distances:
-    """Points around the vertices of the mask `near` (v,), with the height over its nearest vertex (fields/template_distance.py).
+def distances_around(vertices: Tensor, faces: Tensor, count: int, rng: np.random.Generator) -> Distances:
+    """Points around the vertices (v, 3), with the height over its nearest vertex (fields/template_distance.py).
 
     None that lies above the skin of one limb and within another, or above the inner face and within an eyeball or the tongue:
     there the union is inside, and the height is not.
     """
-    chosen = vertices[near][torch.from_numpy(rng.integers(int(near.sum()), size=count))].double().numpy()
+    chosen = vertices[torch.from_numpy(rng.integers(len(vertices), size=count))].double().numpy()
     position = chosen + _aside(SPREAD, count, rng)
     mesh, nothing = vertices.double().numpy(), np.zeros(len(vertices))
     skin = TemplateDistance.of(mesh, vertex_normals(vertices, faces).double().numpy(), nothing, nothing)
@@ -163,7 +162,8 @@ def _shown(field: FaceField, mesh: Tensor, turned: list[Tensor], places: list[Te
 def _aside(spread: tuple[tuple[float, float], ...], count: int, rng: np.random.Generator) -> np.ndarray:
     """Normal offsets (count, 3) of the standard deviations in `spread`, each by its share."""
     sigma = rng.choice([width for width, _ in spread], count, p=[share for _, share in spread])
-    return rng.normal(size=(count, 3)) * sigma[:, None]
+    offset: np.ndarray = rng.normal(size=(count, 3)) * sigma[:, None]
+    return offset
 
 
 def _consistent(position: Tensor, sdf: Tensor) -> Tensor:

@@ -84,7 +84,7 @@ class Fit:
         if not torch.isfinite(loss):
             raise FloatingPointError("the loss is not finite")
         self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()
+        torch.autograd.backward(loss)
         self.optimiser.step()
         return float((predicted - truth).detach().abs().mean())
 

@@ -45,7 +45,7 @@ class Work:
             group["lr"] = rate
         self.optimiser.zero_grad(set_to_none=True)
         if total.requires_grad:  # else nothing of the part is seen in the patch: nothing to learn
-            total.backward()
+            torch.autograd.backward(total)
             self.optimiser.step()
 
     def state(self) -> dict[str, Any]:
