@@ -116,10 +116,7 @@ def evaluate(
     choice: Choice = Choice(),
     progress: bool = False,
 ) -> Evaluation:
-    """Draw and measure the `subjects` in the chosen pictures of `rig`.
-
-    Raises `InputError` for frames or views that the rig does not have, and where no picture is left.
-    """
+    """Draw and measure the `subjects` in the chosen pictures. Raises `InputError` where the rig has none of them."""
     frames = _chosen("frame", choice.frames, default_frames(rig), rig.frames)
     views = _chosen("view", choice.views, range(len(rig.views)), len(rig.views))
     pairs = [(view, frame) for frame in frames for view in views if rig.available(view, frame)]

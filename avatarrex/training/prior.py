@@ -35,7 +35,7 @@ from avatarrex.signals.limits import random_signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
 from avatarrex.training.core.supervision import Draw, supervision
-from avatarrex.training.core.warm_start import PRIOR, Fit, known_state, load_prior, module_of
+from avatarrex.training.core.warm_start import PRIOR, Fit, known_state, load_prior, module_of, read_prior
 
 CHECKPOINT_SECONDS = 60
 MINUTES = {"body": 24.0, "face": 18.0, "face_colour": 22.0}
@@ -172,7 +172,7 @@ def package(out: Path, target: Path, preset: str = "compact") -> None:
     Raises `InputError` where a part is neither there nor fitted.
     """
     vertices = len(load_person().body.v_template)
-    state, about = _packaged(target)
+    state, about = read_prior(target) if target.exists() else ({}, {})
     about |= {"preset": preset, "command": "python -m avatarrex.training.prior", "vertices": str(vertices)}
     for part in MINUTES:
         path = out / f"{part}.pt"
@@ -187,15 +187,6 @@ def package(out: Path, target: Path, preset: str = "compact") -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     safetensors.torch.save_file(state, target, about)
     target.chmod(0o644)
-
-
-def _packaged(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Tensors and description of a prior; nothing where there is none."""
-    if not path.exists():
-        return {}, {}
-    with safetensors.safe_open(path, "pt") as file:
-        names = file.keys()
-        return {name: file.get_tensor(name) for name in names}, dict(file.metadata())
 
 
 def main() -> int:

@@ -25,7 +25,7 @@ from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.losses import weighted
-from avatarrex.training.core.pass_one import BodyPass, FacePass, Fog
+from avatarrex.training.core.pass_one import BodyPass, FacePass
 from avatarrex.training.core.pass_two import PatchPass
 from avatarrex.training.core.pixels import PixelBatch
 from avatarrex.training.core.sampling import noise_of
@@ -151,7 +151,7 @@ def test_pass_one_of_the_body(tiny, monkeypatch):
     def loss() -> torch.Tensor:
         noise = noise_of(0, 1, 2)
         field, terms = stage.field(frame, noise)
-        rendered, _ = stage.render_losses(field, frame, view, batch, Fog(0.02, noise))
+        rendered, _ = stage.render_losses(field, frame, view, batch, 0.02, noise)
         silhouette, _ = stage.outline_loss(field, frame, view, batch)
         assert float(silhouette.detach()) > 0
         return weighted(terms | rendered | {"silhouette": silhouette}, stage.recipe.weights)
@@ -175,7 +175,7 @@ def test_pass_one_of_the_face(tiny, monkeypatch):
     def loss() -> torch.Tensor:
         noise = noise_of(0, 1, 2)
         field, terms = stage.field(frame, noise)
-        rendered, _ = stage.render_losses(field, frame, view, batch, Fog(0.02, noise))
+        rendered, _ = stage.render_losses(field, frame, view, batch, 0.02, noise)
         silhouette, queried = stage.outline_loss(field, frame, view, batch)
         assert queried > 5
         return weighted(terms | rendered | {"silhouette": silhouette}, stage.recipe.weights)

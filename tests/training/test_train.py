@@ -23,7 +23,8 @@ from avatarrex.errors import InputError
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.training.core import work
 from avatarrex.training.core.stage import Stage
-from avatarrex.training.core.trainer import Diverged, Trainer
+from avatarrex.training.core.trainer import Trainer
+from avatarrex.training.core.work import Diverged
 from avatarrex.training.runs.events import EventReader
 from avatarrex.training.runs.folder import Run, read_about
 

@@ -49,15 +49,6 @@ class StepResult:
     """Rays queried for the silhouette term, one distance each."""
 
 
-@dataclass(frozen=True)
-class Fog:
-    """How samples are drawn and weighed."""
-
-    gamma: float
-    """γ(n), metres."""
-    noise: torch.Generator
-
-
 class VolumePass(ABC):
     """Pass I of one part."""
 
@@ -100,7 +91,7 @@ class VolumePass(ABC):
             pixels = draw_pixels(rig, view, index, recipe.rays // recipe.frames, rng, window)
             field, terms = self.field(frame, noise)
             camera = frame.camera(rig.views[view].camera)
-            losses, samples = self.render_losses(field, frame, camera, pixels, Fog(gamma, noise))
+            losses, samples = self.render_losses(field, frame, camera, pixels, gamma, noise)
             evaluated, met = evaluated + samples, met + int((pixels.matte > 0.5).sum())
             if recipe.outline:
                 edge = draw_outline(rig, view, index, recipe.outline // recipe.frames, rng, window)
@@ -112,19 +103,25 @@ class VolumePass(ABC):
         return result
 
     def render_losses(
-        self, field: TrainedField, frame: TrainingFrame, camera: Camera, pixels: PixelBatch, fog: Fog
+        self,
+        field: TrainedField,
+        frame: TrainingFrame,
+        camera: Camera,
+        pixels: PixelBatch,
+        gamma: float,
+        noise: torch.Generator,
     ) -> tuple[dict[str, Tensor], int]:
         """Colour, mask and eikonal terms of one view (`camera` in the root frame), and how many samples were evaluated."""
         recipe, volume = self.recipe, frame.volume.sdf
         rays = RayPlane.of(camera, volume.middle).rays(pixels.place)
-        drawn = draw(Walk(volume, rays), recipe.sampling, recipe.samples, fog.gamma, fog.noise)
+        drawn = draw(Walk(volume, rays), recipe.sampling, recipe.samples, gamma, noise)
         ray, slot = torch.nonzero(drawn.used, as_tuple=True)
         position = rays.origin[ray] + drawn.t[ray, slot, None] * rays.direction[ray]
         composed = field.composed(position)
         sdf = torch.full_like(drawn.t, 1.0).index_put((ray, slot), composed.sdf)
         # Unused slots repeat the last sample: with its distance they weigh nothing, and their gradient is none.
         sdf = sdf.gather(1, torch.arange(sdf.shape[1]).minimum((drawn.used.sum(1) - 1).clamp_min(0)[:, None]))
-        weight, opacity = render_weights(sdf, drawn.t, fog.gamma, recipe.quadrature)
+        weight, opacity = render_weights(sdf, drawn.t, gamma, recipe.quadrature)
         share = weight[ray, slot]
         shown = torch.nonzero(share.detach() > SHOWN)[:, 0]
         colour = torch.zeros_like(pixels.colour)
@@ -140,7 +137,7 @@ class VolumePass(ABC):
         terms = {
             "rgb": rgb_loss(colour, pixels.colour, counted),
             "mask": mask_loss(opacity, pixels.matte, counted),
-            "eikonal": eikonal_loss(field, _eikonal_points(field, position.detach(), fog.noise)),
+            "eikonal": eikonal_loss(field, _eikonal_points(field, position.detach(), noise)),
         }
         return terms, len(position)
 

@@ -7,11 +7,9 @@ checkpoints only: a resumed run repeats the interrupted one bit for bit on a CPU
 
 from __future__ import annotations
 
-import json
-import math
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -28,7 +26,7 @@ from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.held_out import HeldOut
 from avatarrex.training.core.mixed import in_bfloat16
-from avatarrex.training.core.pass_one import BodyPass, FacePass, StepResult
+from avatarrex.training.core.pass_one import BodyPass, FacePass
 from avatarrex.training.core.pass_two import PatchPass
 from avatarrex.training.core.stage import Stage, stages
 from avatarrex.training.core.warm_start import warm_start
@@ -38,10 +36,6 @@ from avatarrex.training.runs.folder import Run
 
 REPORT = 20
 """Steps between lines of figures."""
-
-
-class Diverged(ArithmeticError):
-    """A loss that is not finite; the message names the saved batch."""
 
 
 class Trainer:
@@ -97,9 +91,13 @@ class Trainer:
         if set(own) != set(found):
             raise InputError(self.run.path, "checkpoint: modules", ", ".join(own), ", ".join(sorted(found)))
         self.avatar = self._untrained(state["local_frame"])
-        for name, module in self.avatar.modules().items():
-            module.load_state_dict(state["modules"][name])
+        self._take(found)
         return int(state["stage"]), state if "optimiser" in state else None
+
+    def _take(self, states: Mapping[str, Any]) -> None:
+        """Weights by module."""
+        for name, module in self.avatar.modules().items():
+            module.load_state_dict(states[name])
 
     def _train_stage(self, number: int, stage: Stage, state: dict[str, Any] | None) -> bool:
         """From the stage's beginning or from a checkpoint's `state`; False where it was stopped before the end."""
@@ -122,9 +120,7 @@ class Trainer:
     def _warm_start(self) -> None:
         """Fit the geometry of every part to the template: a part that is trained first is seen beside the others."""
         if self.start is not None:
-            for name, module in self.start.modules().items():
-                self.avatar.modules()[name].load_state_dict(module.state_dict())
-            return
+            return self._take({name: module.state_dict() for name, module in self.start.modules().items()})
         for part in ("body", "face"):
             steps = getattr(self.recipe, part)[0].warm_steps
             if steps and part not in self.hidden:
@@ -154,7 +150,7 @@ class Trainer:
             while work.step < stage.end:
                 result, total = work.evaluate()
                 if not torch.isfinite(total):
-                    raise self._diverged(work, result)
+                    raise work.diverged(result, self.run.path, self.seed)
                 work.descend(total)
                 if work.step % REPORT == 0:
                     speed = (work.step + 1 - begun_at) / max(time.monotonic() - began, 1e-6)
@@ -215,19 +211,6 @@ class Trainer:
             "untrained": sorted(self.hidden),
             "training": training,
         }
-
-    def _diverged(self, work: Work, result: StepResult) -> Diverged:
-        """Save what the step was made of, and the error to raise."""
-        path, part, name = self.run.path / "failed_step.json", work.stage.part, work.stage.name
-        terms = {term: float(value.detach()) for term, value in result.terms.items()}
-        content = {"part": part, "pass": name, "step": work.step, "seed": self.seed, "terms": terms}
-        content["pictures"] = [list(pair) for pair in result.pictures]
-        path.write_text(json.dumps(content, indent=2) + "\n")
-        bad = ", ".join(term for term, value in terms.items() if not math.isfinite(value))
-        return Diverged(
-            f"{part}, pass {name}, step {work.step}: {bad or 'the total'} is not finite; the batch is described in"
-            f" {path}; --resume goes on from the last checkpoint"
-        )
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from there.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
 import safetensors
@@ -50,15 +51,21 @@ def known_state(state: Mapping[str, Tensor], part: str) -> dict[str, Tensor]:
     return {f"{module_of(part)}.{name}": value for name, value in state.items() if name.startswith(KNOWN[part])}
 
 
+def read_prior(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Tensors and description of a prior."""
+    with safetensors.safe_open(path, "pt") as file:
+        names = file.keys()
+        return {name: file.get_tensor(name) for name in names}, dict(file.metadata())
+
+
 def load_prior(avatar: Avatar, part: str) -> bool:
     """Take a part of the packaged prior; False, and nothing changed, where networks or template are others."""
     module = avatar.modules()[module_of(part)]
     own = known_state(module.state_dict(), part)
-    with safetensors.safe_open(PRIOR, "pt") as file:
-        names, vertices = set(file.keys()), int(file.metadata()["vertices"])
-        prior = {name: file.get_tensor(name) for name in own if name in names}
+    tensors, about = read_prior(PRIOR)
+    prior = {name: tensors[name] for name in own if name in tensors}
     same = {name: value.shape for name, value in own.items()} == {name: value.shape for name, value in prior.items()}
-    if vertices != len(avatar.person.body.v_template) or not same:
+    if int(about["vertices"]) != len(avatar.person.body.v_template) or not same:
         return False
     taken = {name.removeprefix(f"{module_of(part)}."): value for name, value in prior.items()}
     module.load_state_dict({**module.state_dict(), **taken})

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import math
 import resource
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -15,6 +18,10 @@ from avatarrex.training.core.pass_two import PatchPass
 from avatarrex.training.core.stage import Stage
 
 AnyPass = BodyPass | FacePass | PatchPass
+
+
+class Diverged(ArithmeticError):
+    """A loss that is not finite; the message names the saved batch."""
 
 
 class Work:
@@ -66,6 +73,19 @@ class Work:
             "memory/mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         }
         return {f"{self.stage.part}/{name}": value for name, value in values.items()}
+
+    def diverged(self, result: StepResult, folder: Path, seed: int) -> Diverged:
+        """Save what the step was made of in the run's folder; the error to raise."""
+        path, part, name = folder / "failed_step.json", self.stage.part, self.stage.name
+        terms = {term: float(value.detach()) for term, value in result.terms.items()}
+        content = {"part": part, "pass": name, "step": self.step, "seed": seed, "terms": terms}
+        content["pictures"] = [list(pair) for pair in result.pictures]
+        path.write_text(json.dumps(content, indent=2) + "\n")
+        bad = ", ".join(term for term, value in terms.items() if not math.isfinite(value))
+        return Diverged(
+            f"{part}, pass {name}, step {self.step}: {bad or 'the total'} is not finite; the batch is described in"
+            f" {path}; --resume goes on from the last checkpoint"
+        )
 
     def close(self) -> None:
         """Freeze the parameters."""
