@@ -3,7 +3,7 @@
 Every node has its own tiny network of 3×3 convolutions with all maps 32×32. Borders are replicated, so that e_i,
 constant over the map, acts through the first layer's bias alone and never becomes a map.
 
-A patch covers ±`EXTENT` in the plane across the node's normal; beyond it the border texel holds. Texel centres lie at
+A patch covers ±`EXTENT` in the plane across the node's normal; beyond it the border texel is repeated. Texel centres lie at
 (j + ½)·2·EXTENT/32 − EXTENT: 6.9 mm apart.
 
 Letters: n nodes, c channels, k pairs. Plane coordinates in metres.

@@ -45,7 +45,7 @@ class BodyWidths:
     colour_feature: int
     colour_blend: tuple[int, ...]
     colour_cutoff: float
-    """A node whose share w_i/Σw of a pixel is below this does not evaluate its colour."""
+    """The colour of a node with a smaller share w_i/Σw of a pixel is not evaluated."""
 
 
 @dataclass(frozen=True)

@@ -155,9 +155,9 @@ def split_of(rig: Rig, view: int, frame: int) -> str:
 
 def default_frames(rig: Rig) -> tuple[int, ...]:
     """`FRAMES` of those trained on and of those held out, evenly spread."""
-    held = sorted(rig.held_out_frames)
+    held_out = sorted(rig.held_out_frames)
     rest = [frame for frame in range(rig.frames) if frame not in rig.held_out_frames]
-    return tuple(sorted({*_spread(held, FRAMES), *_spread(rest, FRAMES)}))
+    return tuple(sorted({*_spread(held_out, FRAMES), *_spread(rest, FRAMES)}))
 
 
 def captured(rig: Rig, view: int, frame: int, camera: Camera) -> Truth:
@@ -228,8 +228,8 @@ def _chosen(what: str, given: Iterable[int] | None, default: Iterable[int], coun
 
 def _kept(rig: Rig, pairs: list[tuple[int, int]], count: int) -> set[tuple[int, int]]:
     """Pictures for a contact sheet, by chance, the same each time: of held-out frames where there are any."""
-    held = [pair for pair in pairs if pair[1] in rig.held_out_frames] or pairs
-    return {held[k] for k in np.random.default_rng(0).permutation(len(held))[:count]}
+    held_out = [pair for pair in pairs if pair[1] in rig.held_out_frames] or pairs
+    return {held_out[k] for k in np.random.default_rng(0).permutation(len(held_out))[:count]}
 
 
 def _observed(training: list[tuple[int, int]], count: int) -> list[tuple[int, int]]:

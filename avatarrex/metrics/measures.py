@@ -39,7 +39,7 @@ KEYS = (
 
 @dataclass(frozen=True, eq=False)
 class Networks:
-    """The networks whose weights were found."""
+    """The networks for which weights were found."""
 
     lpips: Lpips | None
     inception: Inception | None

@@ -46,7 +46,7 @@ STEP = 1e-6
 
 
 class OneFrame(FrameStore):
-    """A store that holds one frame as it was made."""
+    """A store of one frame as it was made."""
 
     def __init__(self, avatar: Avatar, rig: Rig, frame: TrainingFrame) -> None:
         self.avatar, self.rig, self.frame = avatar, rig, frame

@@ -89,7 +89,7 @@ def test_parts_with_the_same_geometry_take_it_and_others_stay_as_they_are(preset
 
 
 def test_the_face_learns_distances_to_what_is_seen_and_not_to_what_lids_hide():
-    """The middle of an eyeball is inside, though its mesh is open behind."""
+    """The middle of an eyeball is inside, though its mesh is open at the back."""
     person = load_person()
     field, mesh = Avatar.create(person, "compact").face, person.face.v_template.float()
     near = person.face.blend_weight > 0
@@ -119,7 +119,7 @@ def test_an_open_mouth_is_taught_distances_of_which_none_contradicts_another():
         assert (sdf[here].abs() <= reach + 1e-6).all()
     whole = closest_point(mesh, person.face.faces, position[outside]).sdf
     exact = (whole - sdf[outside]).abs() < 1e-5
-    assert exact.float().mean() > 0.9, "the rest lies in the mouth, or behind lids"
+    assert exact.float().mean() > 0.9, "the rest lies in the mouth, or beneath lids"
     assert (position[outside][~exact][:, 1] < mesh[near][:, 1].median()).float().mean() > 0.5
 
 

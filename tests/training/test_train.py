@@ -130,8 +130,8 @@ def test_a_resumed_optimiser_steps_as_if_nothing_had_been():
 
 def test_a_stop_is_saved_and_gone_on_with(capture, tmp_path, monkeypatch):
     run, trainer = start(capture, tmp_path / "run")
-    asked = iter(["run", "stop"])
-    monkeypatch.setattr(Run, "control", lambda self: next(asked))
+    wishes = iter(["run", "stop"])
+    monkeypatch.setattr(Run, "control", lambda self: next(wishes))
     with run:
         assert not trainer.train()
         run.close("stopped")
@@ -312,7 +312,7 @@ def test_what_goes_on_keeps_the_local_frames_it_began_with(capture, tmp_path, mo
     run.close()
 
 
-def asked(*words: str) -> argparse.Namespace:
+def options(*words: str) -> argparse.Namespace:
     """Options of `train`."""
     return parser().parse_args(["train", "capture", "--out", "run", *words])
 
@@ -320,14 +320,14 @@ def asked(*words: str) -> argparse.Namespace:
 def test_cameras_to_train_on_alone(capture):
     """By name or number, in place of what is held out; of the named rig only."""
     rig = open_capture(capture).rigs["body"]
-    assert held_out(rig, asked("--body-views", "c0,2")).held_out_views == {1}
-    assert held_out(rig, asked("--face-views", "0")).held_out_views == rig.held_out_views
+    assert held_out(rig, options("--body-views", "c0,2")).held_out_views == {1}
+    assert held_out(rig, options("--face-views", "0")).held_out_views == rig.held_out_views
     with pytest.raises(InputError, match="--body-views: expected cameras 0 to 2"):
-        held_out(rig, asked("--body-views", "c7"))
+        held_out(rig, options("--body-views", "c7"))
 
 
 def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
-    """Not that of the same name today; what is damaged, or asked for too late, is named."""
+    """Not that of the same name today; what is damaged, or wanted too late, is named."""
     config = {"recipe": TINY.to_json()}
     assert kept_recipe(tmp_path, config, mixed=False) == TINY
     with pytest.raises(InputError, match="--mixed: expected as the run began, without"):
@@ -339,7 +339,7 @@ def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
         kept_recipe(tmp_path, config, mixed=False)
 
 
-def test_a_run_that_is_asked_to_go_on_otherwise_is_left_as_it_is(capture, whole, capsys):
+def test_a_run_with_other_options_than_it_began_with_is_left_as_it_is(capture, whole, capsys):
     before = (whole / "run.json").read_bytes()
     assert main(["train", str(capture), "--preset", "quick", "--out", str(whole), "--resume"]) == 2
     assert "run.json: preset: expected quick, as asked for, found tiny" in capsys.readouterr().err

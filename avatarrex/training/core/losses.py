@@ -38,7 +38,7 @@ def silhouette_loss(
     A straight edge at s from a pixel's centre covers 1/2 − s/`width` of it. Where the matte is neither 0 nor 1 that is to
     be met; elsewhere only the wrong side counts (IDR, Yariv et al. 2020, eq. 7: rays that hit the person where the matte
     has it tell nothing). Once γ is small the mask term has no gradient for a ray that misses or enters by a few γ. NaN
-    rays (not queried) count nothing. Where hardly any ray has weight (a face whose outline is hair), hardly anything is lost.
+    rays (not queried) count nothing. Where hardly any ray has weight (a face with an outline of hair), hardly anything is lost.
     """
     off = (0.5 - matte) * width - lowest
     off = torch.where(matte > 1 - PURE, off.clamp_max(0), torch.where(matte < PURE, off.clamp_min(0), off))

@@ -123,7 +123,7 @@ def _pixels(rig: Rig, view: int, frame: int, x: np.ndarray, y: np.ndarray) -> Pi
 
 
 def cropped(camera: Camera, x: int, y: int, width: int, height: int) -> Camera:
-    """The part of a view whose top left pixel is (x, y)."""
+    """The part of a view with (x, y) as its top left pixel."""
     intrinsics = camera.intrinsics.copy()
     intrinsics[0, 2] -= x
     intrinsics[1, 2] -= y
