@@ -1,4 +1,4 @@
-"""A stand-in for a GPU: tensors that say they are on another device (`meta`), their numbers held by tensors of the CPU.
+"""A stand-in for a GPU: tensors that say they are on another device (`meta`), their numbers in tensors of the CPU.
 
 Under `Elsewhere()` what is made on that device or brought there lives there. As on a GPU, an operation on tensors of both
 devices fails, and so does taking numbers from there that were not brought back; gradients flow both ways.
@@ -20,13 +20,13 @@ CPU = torch.device("cpu")
 class There(Tensor):
     """A tensor of that device."""
 
-    held: Tensor
+    numbers: Tensor
 
     @staticmethod
-    def __new__(cls, held: Tensor) -> There:
-        shape = {"strides": held.stride(), "storage_offset": held.storage_offset()}
-        tensor = Tensor._make_wrapper_subclass(cls, held.shape, dtype=held.dtype, device=DEVICE, **shape)
-        tensor.held = held
+    def __new__(cls, numbers: Tensor) -> There:
+        shape = {"strides": numbers.stride(), "storage_offset": numbers.storage_offset()}
+        tensor = Tensor._make_wrapper_subclass(cls, numbers.shape, dtype=numbers.dtype, device=DEVICE, **shape)
+        tensor.numbers = numbers
         return tensor
 
     @classmethod
@@ -51,7 +51,7 @@ def run(operation: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> An
         raise RuntimeError(f"{operation}: tensors of two devices, of the CPU {here}")
     device = named.get("device")
     given = named if device is None else {**named, "device": CPU}
-    inner = tree_map_only(There, lambda tensor: tensor.held, (arguments, given))
+    inner = tree_map_only(There, lambda tensor: tensor.numbers, (arguments, given))
     answer = operation(*inner[0], **inner[1])
     if operation._schema.name.endswith("_"):
         assert arguments[0].shape == answer.shape, f"{operation}: the stand-in's shapes stay as they are"

@@ -44,7 +44,7 @@ def target(path=None):
 
 
 def fit(out, steps=40, every=5, seconds=0.0, rate=1e-2, picture=None, avatar=None):
-    """Train from the start, or from the newest checkpoint; a checkpoint `step_n` holds the state after n steps."""
+    """Train from the start, or from the newest checkpoint; a checkpoint `step_n` has the state after n steps."""
     torch.manual_seed(0)
     torch.set_num_threads(1)
     resume = (Path(out) / "run.json").exists()
@@ -114,7 +114,7 @@ if __name__ == "__main__":
     parser.add_argument("--seconds", type=float, default=0.0)
     parser.add_argument("--rate", type=float, default=1e-2)
     parser.add_argument("--target")
-    parser.add_argument("--preset")
+    parser.add_argument("--recipe", "--preset")
     parser.add_argument("--parts")
     parser.add_argument("--avatar", action="store_true", help="keep an untrained avatar beside every checkpoint")
     parser.add_argument("--resume", action="store_true")

@@ -19,7 +19,7 @@ from avatarrex.files.gate import write_text
 from avatarrex.files.images import write_png
 from avatarrex.metrics.baselines import baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer
-from avatarrex.metrics.evaluate import evaluate, observations
+from avatarrex.metrics.evaluate import Choice, evaluate, observations
 from avatarrex.metrics.face_region import face_alone
 from avatarrex.metrics.measures import Networks
 from avatarrex.metrics.report import contact_sheet, table, to_json
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         rig, subjects = face_alone(capture.person, rig, subjects)
         capture = replace(capture, ground_truth=None)
     sheet = SHEET if arguments.sheet else 0
-    found = evaluate(capture, rig, subjects, networks, frames, views, size, sheet, progress=True)
+    found = evaluate(capture, rig, subjects, networks, Choice(frames, views, size, sheet), progress=True)
     print(table(found))
     if arguments.json:
         data = to_json(found, arguments.avatar, str(arguments.capture), time.perf_counter() - start)

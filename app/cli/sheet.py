@@ -31,7 +31,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.gate import write_text
 from avatarrex.gl.context import NoContext
 from avatarrex.metrics.drawing import AvatarDrawer
-from avatarrex.metrics.floaters import SIZE, Floaters, find_floaters
+from avatarrex.metrics.floaters import SILHOUETTE_PIXELS, Floaters, find_floaters
 from avatarrex.signals.driving import Signals
 
 FORMAT = 1
@@ -91,7 +91,7 @@ def _floaters(avatar: Avatar, poses: dict[str, Signals]) -> list[Floaters]:
     """What floats, pose by pose."""
     found = []
     with tqdm(total=len(poses), desc="floaters", unit="pose") as bar:
-        for one in find_floaters(avatar, poses, SIZE):
+        for one in find_floaters(avatar, poses, SILHOUETTE_PIXELS):
             found.append(one)
             bar.update()
     for one in found:

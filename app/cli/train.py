@@ -17,8 +17,8 @@ from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
 from avatarrex.errors import InputError
 from avatarrex.fields.placement import device_named
 from avatarrex.templates.person import Person
-from avatarrex.training.core.trainer import PARTS, Trainer
-from avatarrex.training.recipe import RECIPES, Recipe
+from avatarrex.training.core.trainer import Trainer
+from avatarrex.training.recipe import PARTS, RECIPES, Recipe
 from avatarrex.training.runs.folder import Run, read_about
 
 STOPPED = 130
@@ -50,15 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     parts = tuple(part for part in PARTS if part in (chosen or capture.rigs))
     trained = _open_run(arguments, capture, parts, seed)
     with trained:
-        trainer = Trainer(
-            capture,
-            kept_recipe(trained.path, trained.config, arguments.mixed),
-            parts,
-            trained,
-            seed,
-            start,
-            str(device),
-        )
+        recipe = kept_recipe(trained.path, trained.config, arguments.mixed)
+        trainer = Trainer(capture, recipe, trained, start, str(device))
         print(trainer.perceptual.note)
         finished = trainer.train()
         trained.close("finished" if finished else "stopped")

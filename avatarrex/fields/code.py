@@ -5,7 +5,7 @@
 θ enters as rotation matrices minus identity of the 21 body joints. The paper inherits this part from structured local
 radiance fields without repeating it; its exact form here is our choice. |Δn_i| is bounded by `RESIDUAL` per axis and
 e_i by 1, so that a pose far from the training poses cannot tear the surface apart. Once the geometry is trained, each number
-is held to the middle of what the training poses have (`hold`; ours): codes beyond it are ones that no picture has seen.
+is clamped to the middle of its range over the training poses (`clamp_to`; ours): codes beyond it appear in no picture.
 
 Letters: b frames, n nodes, e embedding, z latent channels. Residuals in metres, rest pose.
 """
@@ -25,7 +25,7 @@ JOINTS = 21
 RESIDUAL = 0.05
 """Largest residual per axis, metres: loose clothing moves by centimetres."""
 MIDDLE = (0.2, 0.8)
-"""Quantiles over the training poses' codes that codes are held between."""
+"""Quantiles over the training poses' codes that codes are clamped to."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class DetailCode(nn.Module):
     """Encoder and decoder."""
 
     least: Tensor
-    """(n, 3 + e) bounds of the decoder's output, −1 to 1 until `hold`."""
+    """(n, 3 + e) bounds of the decoder's output, −1 to 1 until `clamp_to`."""
     most: Tensor
 
     def __init__(self, nodes: int, embedding: int, latent: int, decoder: Sequence[int], encoder: Sequence[int]) -> None:
@@ -56,7 +56,6 @@ class DetailCode(nn.Module):
                 parameter.mul_(0.1)
         self.register_buffer("least", torch.full((nodes, 3 + embedding), -1.0))
         self.register_buffer("most", torch.full((nodes, 3 + embedding), 1.0))
-        self.register_load_state_dict_pre_hook(_free_unless_known)
 
     def posterior(
         self, body_rotations: Float[Tensor, "*b 21 3 3"], frame_code: Float[Tensor, "*b z"]
@@ -81,21 +80,15 @@ class DetailCode(nn.Module):
         return torch.tanh(self.decoder(torch.cat([pose, latent], -1)).unflatten(-1, (self.nodes, -1)))
 
     @torch.no_grad()
-    def hold(self, body_rotations: Float[Tensor, "b 21 3 3"]) -> None:
-        """From now on, hold every number to the middle of what it is over these poses, z = 0."""
+    def clamp_to(self, body_rotations: Float[Tensor, "b 21 3 3"]) -> None:
+        """From now on clamp every number to the middle of its range over these poses, z = 0."""
         seen = self._decoded(body_rotations, None)
         low, high = torch.quantile(seen, seen.new_tensor(MIDDLE), dim=0)
         self.least, self.most = low, high
 
-    def release(self) -> None:
-        """Hold nothing: the poses that are to be learnt may want other codes."""
+    def unclamp(self) -> None:
+        """The whole range again: poses that are to be learnt may need other codes."""
         self.least, self.most = torch.full_like(self.least, -1.0), torch.full_like(self.most, 1.0)
-
-
-def _free_unless_known(code: DetailCode, state: dict[str, Tensor], prefix: str, *_: object) -> None:
-    """Weights of before codes were held: they are free."""
-    state.setdefault(f"{prefix}least", torch.full_like(code.least, -1.0))
-    state.setdefault(f"{prefix}most", torch.full_like(code.most, 1.0))
 
 
 def pose_feature(body_rotations: Float[Tensor, "*b 21 3 3"]) -> Float[Tensor, "*b 189"]:
@@ -104,9 +97,11 @@ def pose_feature(body_rotations: Float[Tensor, "*b 21 3 3"]) -> Float[Tensor, "*
     return (body_rotations - eye).flatten(-3)
 
 
-def sample_latent(mean: Float[Tensor, "*b z"], log_variance: Float[Tensor, "*b z"]) -> Float[Tensor, "*b z"]:
+def sample_latent(
+    mean: Float[Tensor, "*b z"], log_variance: Float[Tensor, "*b z"], noise: torch.Generator | None = None
+) -> Float[Tensor, "*b z"]:
     """z = μ + σ·noise, differentiable in both."""
-    return mean + torch.exp(log_variance / 2) * torch.randn_like(mean)
+    return mean + torch.exp(log_variance / 2) * torch.randn(mean.shape, generator=noise)
 
 
 def node_loss(code: BodyCode) -> Float[Tensor, ""]:

@@ -3,7 +3,7 @@
     c = c_net · E(n),    E(n) = 1 + Σ_k h_k Y_k(n)
 
 Ours. The paper's colours know pose and view alone: a limb that is turned as in no training picture keeps the light of where it
-hung. Diffuse light is smooth in the normal: nine harmonics hold 99 % of it (Ramamoorthi and Hanrahan 2001), so that eight
+hung. Diffuse light is smooth in the normal: nine harmonics have 99 % of it (Ramamoorthi and Hanrahan 2001), so that eight
 numbers a channel serve the whole person. n is where the body's anchors, or the hand's mesh, face in the root frame: it turns
 with the limb and is smooth; what is finer stays in c_net. The face has its tone mapping. E = 1 until it is trained.
 

@@ -1,4 +1,4 @@
-"""Parameters of N local MLPs and of the blending MLP behind them (paper sec. 3.1 and appendix).
+"""Parameters of N local MLPs and of the blending MLP that follows them (paper sec. 3.1 and appendix).
 
 Letters: n nodes, k (point, node) pairs sorted by node, e channels that are constant per node, c channels per pair.
 """

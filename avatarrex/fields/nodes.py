@@ -1,4 +1,4 @@
-"""The nodes n̄_i on the rest template (paper sec. 3.1): where they sit, which way they face, whose they are.
+"""The nodes n̄_i on the rest template (paper sec. 3.1): position, orientation and body part.
 
 Farthest point sampling over all template vertices, hands and head included: without them 5.5 % of the hand vertices lie
 outside every influence sphere. The anchors that carry the local frames are sampled likewise, in two poses at once.

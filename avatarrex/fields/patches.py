@@ -3,7 +3,7 @@
 Every node has its own tiny network of 3×3 convolutions with all maps 32×32. Borders are replicated, so that e_i,
 constant over the map, acts through the first layer's bias alone and never becomes a map.
 
-A patch covers ±`EXTENT` in the plane across the node's normal; beyond it the border texel holds. Texel centres lie at
+A patch covers ±`EXTENT` in the plane across the node's normal; beyond it the border texel is repeated. Texel centres lie at
 (j + ½)·2·EXTENT/32 − EXTENT: 6.9 mm apart.
 
 Letters: n nodes, c channels, k pairs. Plane coordinates in metres.
@@ -49,13 +49,13 @@ class PatchNetwork(nn.Module):
         """Patches of all nodes, or of those listed in `nodes`."""
         if nodes is not None and not len(nodes):
             return self.encoding.new_zeros(0, self.biases[-1].shape[1], SIZE, SIZE)
-        pick = (lambda value: value) if nodes is None else (lambda value: value[nodes])
-        maps, kernel = pick(self.encoding), pick(self.kernels[0])
+        chosen = slice(None) if nodes is None else nodes
+        maps, kernel = self.encoding[chosen], self.kernels[0][chosen]
         channels = maps.shape[1]
-        bias = pick(self.biases[0]) + torch.einsum("ne,noeyx->no", pick(embedding), kernel[:, :, channels:])
+        bias = self.biases[0][chosen] + torch.einsum("ne,noeyx->no", embedding[chosen], kernel[:, :, channels:])
         maps = _grouped(maps, kernel[:, :, :channels], bias)
         for kernel, bias in zip(self.kernels[1:], self.biases[1:]):
-            maps = _grouped(F.relu(maps), pick(kernel), pick(bias))
+            maps = _grouped(F.relu(maps), kernel[chosen], bias[chosen])
         return maps
 
 
@@ -72,7 +72,7 @@ class NoPatches(nn.Module):
 def patches_reference(network: PatchNetwork | NoPatches, embedding: Float[Tensor, "n e"]) -> Float[Tensor, "n c s s"]:
     """Node by node, e_i as constant maps beside the positional encoding."""
     if isinstance(network, NoPatches):
-        return network(embedding)
+        return network.forward(embedding)
     rows = []
     for node, code in enumerate(embedding):
         maps = torch.cat([network.encoding[node], code[:, None, None].expand(-1, SIZE, SIZE)])[None]
@@ -93,7 +93,7 @@ def patch_features(
 ) -> Float[Tensor, "k c"]:
     """f_i where `local`, metres from the node, falls on its plane: `axes` of u (right) and v (down). `impl`: `auto`, `torch`."""
     if impl == "torch" or not (patches.shape[1] and native.serves(patches, axes, local)):
-        plane = (axes.flatten(1).T.contiguous().index_select(1, node).unflatten(0, (2, 3)) * local.T).sum(1).T
+        plane = (axes.flatten(1).T.contiguous().index_select(1, node).reshape(2, 3, -1) * local.T).sum(1).T
         return sample_patches(patches, node, plane)
     out = np.empty((len(local), patches.shape[1]), np.float32)
     tables = patches.permute(0, 2, 3, 1).contiguous(), node, axes.contiguous(), local.T.contiguous()
@@ -131,4 +131,4 @@ def _grouped(maps: Tensor, kernel: Tensor, bias: Tensor) -> Tensor:
     """One 3×3 convolution per node."""
     padded = F.pad(maps, (1, 1, 1, 1), mode="replicate")
     out = F.conv2d(padded.flatten(0, 1)[None], kernel.flatten(0, 1), bias.flatten(), groups=len(maps))
-    return out[0].unflatten(0, (len(maps), -1))
+    return out[0].reshape(len(maps), -1, *out.shape[2:])

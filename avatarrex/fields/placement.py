@@ -1,8 +1,8 @@
 """Where networks run: on any device that torch has; everything else stays on the CPU.
 
-A frame and a training step find their points, pairs and neighbours in compiled loops on the CPU (ops/native.py). What is
-asked of a network is brought to its device and its answer back, so that whoever asks need not know: three coordinates of a
-point go there, some features come back. Gradients take the same way.
+A frame and a training step find their points, pairs and neighbours in compiled loops on the CPU (ops/native.py). A network's
+inputs are moved to its device and its outputs back, so that callers need not know: three coordinates of a point go there, some
+features return. Gradients take the same way.
 
     place(avatar.body, "cuda")
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 import logging
 import warnings
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -24,11 +25,10 @@ from avatarrex.errors import InputError
 from avatarrex.fields.local_networks import LocalNetworks
 from avatarrex.fields.patches import PatchNetwork
 from avatarrex.fields.unet import UNet
-from avatarrex.metrics.perceptual import Lpips
 from avatarrex.ops.encoding import Encoding
 
 log = logging.getLogger(__name__)
-NETWORKS = (LocalNetworks, PatchNetwork, UNet, nn.Sequential, nn.Linear, Lpips)
+NETWORKS = (LocalNetworks, PatchNetwork, UNet, nn.Sequential, nn.Linear)
 """What is placed as a whole; numbers beside these (nodes, bounds, eight harmonics of light) stay on the CPU."""
 
 
@@ -55,11 +55,17 @@ def usable() -> tuple[str, ...]:
 
 
 def place(module: nn.Module, device: torch.device | str) -> None:
-    """Bring the module's networks to `device`, once; they go on taking and giving tensors of the CPU."""
+    """Move the module's networks to `device`, once; they go on taking and returning tensors of the CPU."""
+    for network in networks(module):
+        place_network(network, device)
+
+
+def place_network(network: nn.Module, device: torch.device | str) -> None:
+    """Move one network to `device`, once, with all that it contains."""
     device = torch.device(device)
-    for network in networks(module) if device.type != "cpu" else ():
+    if device.type != "cpu":
         network.to(device)
-        network.register_forward_pre_hook(_Bring(device), with_kwargs=True)
+        network.register_forward_pre_hook(partial(_bring, device=device), with_kwargs=True)
         network.register_forward_hook(_take_back)
 
 
@@ -70,18 +76,13 @@ def networks(module: nn.Module) -> list[nn.Module]:
     return [network for child in module.children() for network in networks(child)]
 
 
-class _Bring:
-    """What a network is asked, on its device."""
-
-    def __init__(self, device: torch.device) -> None:
-        self.device = device
-
-    def __call__(self, _: nn.Module, arguments: Any, named: Any) -> tuple[Any, Any]:
-        return _moved((arguments, named), self.device)
+def _bring(_: nn.Module, arguments: Any, named: Any, device: torch.device) -> Any:
+    """A network's inputs, on its device."""
+    return _moved((arguments, named), device)
 
 
-def _take_back(_: nn.Module, arguments: Any, answer: Any) -> Any:
-    return _moved(answer, torch.device("cpu"))
+def _take_back(_: nn.Module, arguments: Any, output: Any) -> Any:
+    return _moved(output, torch.device("cpu"))
 
 
 def _moved(tree: Any, device: torch.device) -> Any:

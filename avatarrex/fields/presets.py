@@ -11,6 +11,7 @@ Letters: n nodes, e channels of a detail embedding, m octaves of the encoding, c
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 COORDINATE_OCTAVES = 6
 """m of γ for coordinates: 3·(1 + 2·6) = 39 channels."""
@@ -44,7 +45,7 @@ class BodyWidths:
     colour_feature: int
     colour_blend: tuple[int, ...]
     colour_cutoff: float
-    """A node whose share w_i/Σw of a pixel is below this is not asked for its colour."""
+    """The colour of a node with a smaller share w_i/Σw of a pixel is not evaluated."""
 
 
 @dataclass(frozen=True)
@@ -116,13 +117,10 @@ PAPER = Preset(
 
 COMPACT = Preset(
     "compact",
-    BodyWidths(
-        nodes=128,
-        anchors=2048,
+    replace(
+        PAPER.body,
         embedding=8,
         latent=8,
-        decoder=(64, 64),
-        encoder=(64, 64),
         geometry_local=(32, 32),
         geometry_feature=8,
         geometry_blend=(32,),
@@ -151,19 +149,17 @@ COMPACT = Preset(
 def _variants(preset: Preset, one_network: int, face_mlp: tuple[int, int]) -> tuple[Preset, ...]:
     """The preset and its ablations; widths of equal parameter count: of hidden layers of the one local network, and of
     the face's geometry and colour MLPs."""
-    body, face, plain = preset.body, preset.face, replace(preset.body, patch_feature=0)
+    plain = replace(preset.body, patch_feature=0)
     shared = replace(plain, geometry_local=(one_network, one_network), colour_local=None)
     geometry, colour = ((width,) * 4 for width in face_mlp)
     without = replace(
-        face, geometry_levels=(), geometry_planes=0, geometry_mlp=geometry, colour_levels=(), colour_planes=0,
+        preset.face, geometry_levels=(), geometry_planes=0, geometry_mlp=geometry, colour_levels=(), colour_planes=0,
         colour_mlp=colour,
     )  # fmt: skip
-    return (
-        preset,
-        Preset(f"{preset.name}/no-patches", plain, preset.hand, face),
-        Preset(f"{preset.name}/one-network", shared, preset.hand, face),
-        Preset(f"{preset.name}/face-mlp", body, preset.hand, without),
-    )
+    changes: dict[str, dict[str, Any]] = {
+        "no-patches": {"body": plain}, "one-network": {"body": shared}, "face-mlp": {"face": without},
+    }  # fmt: skip
+    return preset, *(replace(preset, name=f"{preset.name}/{name}", **change) for name, change in changes.items())
 
 
 PRESETS = {preset.name: preset for preset in (*_variants(PAPER, 83, (452, 584)), *_variants(COMPACT, 42, (333, 331)))}

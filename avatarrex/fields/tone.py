@@ -8,12 +8,11 @@ Letters: p points. Colours sRGB-encoded in [0, 1].
 
 from __future__ import annotations
 
-import itertools
-
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from avatarrex.fields.local_networks import mlp
 from avatarrex.fields.presets import DIRECTION_OCTAVES, Preset
 from avatarrex.ops.encoding import channels, encode
 
@@ -23,19 +22,16 @@ class ToneMap(nn.Module):
 
     def __init__(self, preset: Preset) -> None:
         super().__init__()
-        widths = (2 * channels(DIRECTION_OCTAVES), *preset.face.tone)
-        layers: list[nn.Module] = []
-        for a, b in itertools.pairwise(widths):
-            layers += [nn.Linear(a, b), nn.ReLU()]
-        last = nn.Linear(widths[-1], 9)
-        nn.init.zeros_(last.weight)
-        nn.init.zeros_(last.bias)
-        self.network = nn.Sequential(*layers, last)
+        self.network = mlp((2 * channels(DIRECTION_OCTAVES), *preset.face.tone, 9), "relu")
+        with torch.no_grad():
+            for parameter in self.network[-1].parameters():
+                parameter.zero_()
 
     def matrix(self, from_body: Float[Tensor, "p 3"], from_head: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3 3"]:
         """M of unit view directions in the pelvis and in the head frame."""
         seen = torch.cat([encode(from_body, DIRECTION_OCTAVES), encode(from_head, DIRECTION_OCTAVES)], -1)
-        return torch.eye(3).to(seen) + self.network(seen).unflatten(-1, (3, 3))
+        matrix: Tensor = torch.eye(3).to(seen) + self.network(seen).reshape(-1, 3, 3)
+        return matrix
 
     def forward(
         self, colour: Float[Tensor, "p 3"], from_body: Float[Tensor, "p 3"], from_head: Float[Tensor, "p 3"]

@@ -32,7 +32,8 @@ class UNet(nn.Module):
             skips.append(x)
         for level, skip in zip(self.up, skips[-2::-1]):
             x = level(torch.cat([nn.functional.interpolate(x, scale_factor=2.0, mode="nearest"), skip], 1))
-        return self.out(x)
+        planes: Tensor = self.out(x)
+        return planes
 
 
 class _Level(nn.Sequential):

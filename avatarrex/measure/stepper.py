@@ -22,7 +22,7 @@ class Stepper:
     def step(self, number: int, gamma: float) -> tuple[StepResult, float]:
         """One step, and its loss."""
         result = self.work.step(number, gamma)
-        loss = weighted(result.terms)
+        loss = weighted(result.terms, self.work.recipe.weights)
         self.optimiser.zero_grad(set_to_none=True)
         if loss.requires_grad:
             loss.backward()  # type: ignore[no-untyped-call]

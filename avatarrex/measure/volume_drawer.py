@@ -23,7 +23,8 @@ from avatarrex.training.core.frames import TrainingFrame, decode_face
 from avatarrex.training.core.pass_one import SHOWN
 from avatarrex.training.core.sampling import Walk
 from avatarrex.training.core.trained_field import TrainedBody, TrainedFace, TrainedField
-from avatarrex.training.core.volume_rendering import Gamma, Quadrature, render_weights
+from avatarrex.training.core.volume_rendering import Gamma, render_weights
+from avatarrex.training.recipe import Quadrature
 from avatarrex.volume.build import AvatarVolume, build_volume
 
 RAYS = 512

@@ -14,32 +14,30 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from avatarrex.camera import Camera
+from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import InputError
 from avatarrex.metrics.drawing import Drawing
 from avatarrex.metrics.mesh import Surface
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.model import pose_template
 from avatarrex.templates.person import Person
-from avatarrex.templates.transform import world_from_root
 
 EDGE = 3
 """Texels along an edge are EDGE + 1; the default person's edges are 12 mm, a pixel of 512² on a whole person 4 mm."""
 FACING = 0.3
 """Cosine from which a texel is believed: beyond 72 degrees a pixel covers three times its width."""
 DEPTH_TOLERANCE = 0.006
-"""Metres that a texel may lie behind the z-buffer's surface: a pixel's slope at 512², less than a finger's thickness."""
-INSIDE = 250
-"""Matte byte from which a pixel holds the person's colour alone."""
+"""Metres that a texel may lie beyond the z-buffer's surface: a pixel's slope at 512², less than a finger's thickness."""
+OPAQUE_MATTE = 250
+"""Matte byte from which a pixel has the person's colour alone."""
 SAMPLES = 2
 """Samples along each side of a pixel when a mesh is drawn."""
 
@@ -68,12 +66,7 @@ class PosedMesh:
     def surface(self, signals: Signals) -> Surface:
         """World metres."""
         if self._pose is None or self._pose[0] != signals:
-            body, pose = self.person.body, torch.tensor(signals.full_pose(), dtype=torch.float32)
-            pose[0] = 0
-            shape, expression = (torch.tensor(x, dtype=torch.float32) for x in (signals.shape, signals.expression))
-            posed = pose_template(body, pose, shape, expression)
-            world = world_from_root(signals.global_orient, signals.translation, posed.joints[0].double().numpy())
-            vertices = posed.vertices.double().numpy() @ world[:3, :3].T + world[:3, 3]
+            vertices, _ = template_surface(self.person, signals)
             self._pose, self._view = (signals, Surface.of(vertices, self.faces)), None
         return self._pose[1]
 
@@ -108,66 +101,50 @@ class MeshDrawer:
 
 def baselines(person: Person, observations: Iterable[Observation]) -> list[MeshDrawer]:
     """The textured and the mean-colour mesh of `person`. Raises `InputError` where no picture shows any of it."""
-    mesh, gathered = PosedMesh(person), Gathered(person)
+    mesh, colour, weight = PosedMesh(person), np.zeros(3), 0.0
+    observed = []
     for observation in observations:
-        gathered.add(mesh, observation)
-    one = np.broadcast_to(gathered.mean_colour.astype(np.float32), (len(mesh.faces), *lattice().shape))
-    return [MeshDrawer("textured mesh", mesh, gathered.texels), MeshDrawer("mean-colour mesh", mesh, one)]
-
-
-class Gathered:
-    """Colours of the texels in the pictures seen so far."""
-
-    def __init__(self, person: Person) -> None:
-        self.person = person
-        self._seen: list[np.ndarray] = []
-        self._colour, self._weight = np.zeros(3), 0.0
-
-    def add(self, mesh: PosedMesh, observation: Observation) -> None:
-        """Take one picture."""
-        camera = observation.camera
-        surface = mesh.surface(observation.signals)
         matte = observation.matte.astype(np.float64)
-        self._colour += (observation.image * matte[..., None]).sum((0, 1)) / 255
-        self._weight += matte.sum()
-        points = (lattice()[None, :, :, None] * surface.vertices[surface.faces][:, None]).sum(2).reshape(-1, 3)
-        local = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-        depth = local[:, 2]
-        pixel = (local @ camera.intrinsics.T)[:, :2] / np.maximum(depth, 1e-3)[:, None]
-        column, row = np.floor(pixel).astype(np.int64).T
-        inside = (depth > 0.02) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-        column, row = np.where(inside, column, 0), np.where(inside, row, 0)
-        nearest = mesh.visible(observation.signals, camera)[2][row, column]
-        inside &= (depth < nearest + DEPTH_TOLERANCE) & (observation.matte[row, column] >= INSIDE)
-        inside &= np.repeat(_facing(surface, camera) > FACING, len(lattice()))
-        colour = np.full((len(points), 3), 255, np.uint8)
-        place = pixel[inside, ::-1].T - 0.5
-        for channel in range(3):
-            colour[inside, channel] = map_coordinates(
-                observation.image[..., channel], place, order=1, mode="nearest", output=np.float32
-            ).round()
-        self._seen.append(np.concatenate([colour, inside[:, None].astype(np.uint8)], 1))
+        colour += (observation.image * matte[..., None]).sum((0, 1)) / 255
+        weight += matte.sum()
+        observed.append(_texels_in(mesh, observation))
+    if not weight:
+        raise InputError("baselines", "training pictures", "some with a foreground", "none")
+    mean = np.broadcast_to((colour / weight).astype(np.float32), (len(mesh.faces), *lattice().shape))
+    return [MeshDrawer("textured mesh", mesh, _texels(mesh, observed)), MeshDrawer("mean-colour mesh", mesh, mean)]
 
-    @property
-    def mean_colour(self) -> np.ndarray:
-        """(3,) of the whole foreground."""
-        if not self._weight:
-            raise InputError("baselines", "training pictures", "some with a foreground", "none")
-        return self._colour / self._weight
 
-    @cached_property
-    def texels(self) -> np.ndarray:
-        """(f, t, 3) medians."""
-        if not self._seen:
-            raise InputError("baselines", "training pictures", "at least one", 0)
-        middle = np.concatenate([_median(np.stack(part)) for part in zip(*(np.array_split(s, 16) for s in self._seen))])
-        known = ~np.isnan(middle[:, 0])
-        if not known.any():
-            raise InputError("baselines", "training pictures", "some that show the template", "none")
-        rest = self.person.body.v_template.double().numpy()[self.person.body.faces.numpy()]
-        place = (lattice()[None, :, :, None] * rest[:, None]).sum(2).reshape(-1, 3)
-        middle[~known] = middle[known][cKDTree(place[known]).query(place[~known])[1]]
-        return middle.reshape(len(rest), -1, 3)
+def _texels_in(mesh: PosedMesh, observation: Observation) -> UInt8[np.ndarray, "p 4"]:
+    """Colours of all texels in one picture, and whether each is visible there."""
+    camera, surface = observation.camera, mesh.surface(observation.signals)
+    points = _on_lattice(surface.vertices[surface.faces])
+    local = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
+    depth = local[:, 2]
+    pixel = (local @ camera.intrinsics.T)[:, :2] / np.maximum(depth, 1e-3)[:, None]
+    column, row = np.floor(pixel).astype(np.int64).T
+    inside = (depth > 0.02) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    column, row = np.where(inside, column, 0), np.where(inside, row, 0)
+    nearest = mesh.visible(observation.signals, camera)[2][row, column]
+    inside &= (depth < nearest + DEPTH_TOLERANCE) & (observation.matte[row, column] >= OPAQUE_MATTE)
+    inside &= np.repeat(_facing(surface, camera) > FACING, len(lattice()))
+    colour = np.full((len(points), 4), 255, np.uint8)
+    colour[:, 3] = inside
+    place = pixel[inside, ::-1].T - 0.5
+    for channel in range(3):
+        layer = observation.image[..., channel]
+        colour[inside, channel] = map_coordinates(layer, place, order=1, mode="nearest", output=np.float32).round()
+    return colour
+
+
+def _texels(mesh: PosedMesh, observed: list[UInt8[np.ndarray, "p 4"]]) -> Float[np.ndarray, "f t 3"]:
+    """Medians over the pictures; a texel never visible has the colour of the nearest visible one at rest."""
+    middle = np.concatenate([_median(np.stack(part)) for part in zip(*(np.array_split(one, 16) for one in observed))])
+    known = ~np.isnan(middle[:, 0])
+    if not known.any():
+        raise InputError("baselines", "training pictures", "some that show the template", "none")
+    place = _on_lattice(mesh.person.body.v_template.double().numpy()[mesh.faces])
+    middle[~known] = middle[known][cKDTree(place[known]).query(place[~known])[1]]
+    return middle.reshape(len(mesh.faces), -1, 3)
 
 
 def look_up(texels: Float[np.ndarray, "f t 3"], face: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -175,10 +152,9 @@ def look_up(texels: Float[np.ndarray, "f t 3"], face: np.ndarray, weight: np.nda
 
     On the lattice a point lies in a small triangle that stands upright (fractions add to one) or on its head (to two).
     """
-    number = {tuple(corner): k for k, corner in enumerate((EDGE * lattice()).round().astype(int))}
+    first, second, _ = (EDGE * lattice()).round().astype(int).T
     table = np.zeros((EDGE + 1, EDGE + 1), np.int64)
-    for (i, j, _), k in number.items():
-        table[i, j] = k
+    table[first, second] = np.arange(len(first))
     scaled = EDGE * weight
     low = np.floor(scaled + 1e-9).astype(np.int64)
     part = np.clip(scaled - low, 0, 1)
@@ -194,9 +170,15 @@ def look_up(texels: Float[np.ndarray, "f t 3"], face: np.ndarray, weight: np.nda
     return np.where((rest == 0)[:, None], texels[face, table[low[:, 0], low[:, 1]]], colour)
 
 
-def lattice() -> np.ndarray:
-    """(t, 3) barycentrics of a face's texels."""
+def lattice() -> Float[np.ndarray, "t 3"]:
+    """Barycentrics of a face's texels."""
     return np.array([(i, j, EDGE - i - j) for i in range(EDGE + 1) for j in range(EDGE + 1 - i)]) / EDGE
+
+
+def _on_lattice(triangles: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "p 3"]:
+    """Places of all texels."""
+    places: np.ndarray = (lattice()[None, :, :, None] * triangles[:, None]).sum(2)
+    return places.reshape(-1, 3)
 
 
 def _facing(surface: Surface, camera: Camera) -> np.ndarray:
@@ -204,15 +186,16 @@ def _facing(surface: Surface, camera: Camera) -> np.ndarray:
     a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
     normal, way = np.cross(b - a, c - a), camera.centre - (a + b + c) / 3
     length = np.linalg.norm(normal, axis=1) * np.linalg.norm(way, axis=1)
-    return (normal * way).sum(1) / np.maximum(length, 1e-20)
+    cosine: np.ndarray = (normal * way).sum(1) / np.maximum(length, 1e-20)
+    return cosine
 
 
 def _median(seen: np.ndarray) -> np.ndarray:
-    """(p, 3) in [0, 1] from bytes (observations, p, 4) whose last says whether it counts; NaN where none does."""
+    """(p, 3) in [0, 1] from bytes (observations, p, 4), the last of which says whether it counts; NaN where none does."""
     count = seen[..., 3].sum(0, dtype=np.int64)
     ordered = np.sort(np.where(seen[..., 3:] > 0, seen[..., :3].astype(np.int16), 256), axis=0)
     last = np.maximum(count - 1, 0)
     rows = np.arange(len(count))
-    middle = (ordered[last // 2, rows].astype(np.float32) + ordered[(last + 1) // 2, rows]) / 510
+    middle: np.ndarray = (ordered[last // 2, rows].astype(np.float32) + ordered[(last + 1) // 2, rows]) / 510
     middle[count == 0] = np.nan
     return middle

@@ -17,7 +17,9 @@ from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
-from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.frame import Frame
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 
 

@@ -73,6 +73,13 @@ class Evaluation:
             for place in ordered
         }
 
+    def add_surfaces(self, frame: int, truth: Surface, drawn: dict[str, list[tuple[Drawing, Camera]]]) -> None:
+        """Compare what the cameras saw of each subject with the true surface."""
+        for name, drawings in drawn.items():
+            if found := compare_surfaces(truth, drawings):
+                split = SPLITS[frame in self.rig.held_out_frames]
+                self.surfaces.append({"subject": name, "frame": frame, "split": split, **found})
+
     def surface_means(self) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
         """Split (`train` or `held-out pose`), subject, direction, measure: means over frames."""
         found: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
@@ -87,56 +94,57 @@ class Evaluation:
         return found
 
 
+@dataclass(frozen=True)
+class Choice:
+    """What is evaluated of a rig."""
+
+    frames: Iterable[int] | None = None
+    """Some of each split unless given."""
+    views: Iterable[int] | None = None
+    """All unless given."""
+    size: int | None = None
+    """Bound of the longer side, pixels."""
+    sheet: int = 0
+    """How many pictures to keep for a contact sheet."""
+
+
 def evaluate(
     capture: Capture,
     rig: Rig,
     subjects: Sequence[Drawer],
     networks: Networks,
-    frames: Iterable[int] | None = None,
-    views: Iterable[int] | None = None,
-    size: int | None = None,
-    sheet: int = 0,
+    choice: Choice = Choice(),
     progress: bool = False,
 ) -> Evaluation:
-    """Draw and measure the `subjects` in `frames` (a choice of each split unless given) from `views` (all).
-
-    `size` bounds the longer side in pixels; `sheet` says how many pictures to keep for a contact sheet. Raises
-    `InputError` for frames or views that the rig does not have, and where no picture is left.
-    """
-    chosen = _chosen("frame", frames, default_frames(rig), rig.frames)
-    seen = _chosen("view", views, range(len(rig.views)), len(rig.views))
-    pairs = [(view, frame) for frame in chosen for view in seen if rig.available(view, frame)]
+    """Draw and measure the `subjects` in the chosen pictures. Raises `InputError` where the rig has none of them."""
+    frames = _chosen("frame", choice.frames, default_frames(rig), rig.frames)
+    views = _chosen("view", choice.views, range(len(rig.views)), len(rig.views))
+    pairs = [(view, frame) for frame in frames for view in views if rig.available(view, frame)]
     if not pairs:
         raise InputError(capture.path, rig.name, "pictures of the chosen frames and views", "none")
-    first = fitted(rig.views[seen[0]].camera, size)
-    result = Evaluation(rig, chosen, seen, (first.width, first.height), networks.missing)
-    kept = _kept(rig, pairs, sheet)
-    bar = tqdm(total=len(pairs), unit="picture", disable=not progress)
-    for frame in chosen:
-        truth_surface = _true_surface(capture, rig, frame)
-        parts: dict[str, list[tuple[Drawing, Camera]]] = {subject.name: [] for subject in subjects}
-        for view in (view for view, of in pairs if of == frame):
-            camera = fitted(rig.views[view].camera, size)
-            truth = captured(rig, view, frame, camera)
-            if (view, frame) in kept:
-                result.samples[view, frame] = {"truth": np.dstack([truth.image.numpy(), truth.matte.numpy()])}
-            for subject in subjects:
-                drawing = subject.draw(rig.signals[frame], camera)
-                values, features = measure(drawing, truth, networks)
-                name, split = rig.views[view].name, split_of(rig, view, frame)
-                result.pictures.append(Measured(subject.name, name, frame, split, values, features))
-                if truth_surface is not None:
-                    parts[subject.name].append(_thinned(drawing, camera))
+    first = fitted(rig.views[views[0]].camera, choice.size)
+    result = Evaluation(rig, frames, views, (first.width, first.height), networks.missing)
+    kept = _kept(rig, pairs, choice.sheet)
+    with tqdm(total=len(pairs), unit="picture", disable=not progress) as bar:
+        for frame in frames:
+            surface = _true_surface(capture, rig, frame)
+            drawn: dict[str, list[tuple[Drawing, Camera]]] = {subject.name: [] for subject in subjects}
+            for view in (view for view, of in pairs if of == frame):
+                camera = fitted(rig.views[view].camera, choice.size)
+                truth = captured(rig, view, frame, camera)
+                images = {"truth": np.dstack([truth.image.numpy(), truth.matte.numpy()])}
+                for subject in subjects:
+                    drawing = subject.draw(rig.signals[frame], camera)
+                    place = subject.name, rig.views[view].name, frame, split_of(rig, view, frame)
+                    result.pictures.append(Measured(*place, *measure(drawing, truth, networks)))
+                    images[subject.name] = drawing.image.numpy()
+                    if surface is not None:
+                        drawn[subject.name].append(_thinned(drawing, camera))
                 if (view, frame) in kept:
-                    result.samples[view, frame][subject.name] = drawing.image.numpy()
-            bar.update()
-        if truth_surface is not None:
-            result.surfaces += [
-                {"subject": name, "frame": frame, "split": SPLITS[frame in rig.held_out_frames], **found}
-                for name, drawn in parts.items()
-                if (found := compare_surfaces(truth_surface, drawn))
-            ]
-    bar.close()
+                    result.samples[view, frame] = images
+                bar.update()
+            if surface is not None:
+                result.add_surfaces(frame, surface, drawn)
     return result
 
 
@@ -147,9 +155,9 @@ def split_of(rig: Rig, view: int, frame: int) -> str:
 
 def default_frames(rig: Rig) -> tuple[int, ...]:
     """`FRAMES` of those trained on and of those held out, evenly spread."""
-    held = sorted(rig.held_out_frames)
+    held_out = sorted(rig.held_out_frames)
     rest = [frame for frame in range(rig.frames) if frame not in rig.held_out_frames]
-    return tuple(sorted({*_spread(held, FRAMES), *_spread(rest, FRAMES)}))
+    return tuple(sorted({*_spread(held_out, FRAMES), *_spread(rest, FRAMES)}))
 
 
 def captured(rig: Rig, view: int, frame: int, camera: Camera) -> Truth:
@@ -220,8 +228,8 @@ def _chosen(what: str, given: Iterable[int] | None, default: Iterable[int], coun
 
 def _kept(rig: Rig, pairs: list[tuple[int, int]], count: int) -> set[tuple[int, int]]:
     """Pictures for a contact sheet, by chance, the same each time: of held-out frames where there are any."""
-    held = [pair for pair in pairs if pair[1] in rig.held_out_frames] or pairs
-    return {held[k] for k in np.random.default_rng(0).permutation(len(held))[:count]}
+    held_out = [pair for pair in pairs if pair[1] in rig.held_out_frames] or pairs
+    return {held_out[k] for k in np.random.default_rng(0).permutation(len(held_out))[:count]}
 
 
 def _observed(training: list[tuple[int, int]], count: int) -> list[tuple[int, int]]:

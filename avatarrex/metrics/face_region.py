@@ -5,7 +5,7 @@ What a capture of a face shows besides, hair, neck and clothes, is the body fiel
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,50 +23,47 @@ from avatarrex.templates.person import Person
 FACE = PARTS.index("face")
 
 
+Seen = Callable[[Signals, Camera], Bool[np.ndarray, "h w"]]
+"""Pixels in which a camera sees the face of the person under signals."""
+
+
 def face_alone(person: Person, rig: Rig, drawers: Sequence[Drawer]) -> tuple[Rig, list[Drawer]]:
     """A rig and drawers of `person` that show nothing but the face."""
-    region = FaceRegion(person)
-    return FaceRig.of(rig, region), [FaceDrawer(drawer, region) for drawer in drawers]
+    seen = face_region(person)
+    return FaceRig(**vars(rig), seen=seen), [FaceDrawer(drawer, seen) for drawer in drawers]
 
 
-class FaceRegion:
-    """Where a camera sees the face of the posed template: its own field has most of the say there."""
+def face_region(person: Person) -> Seen:
+    """Where the centre's ray first meets a triangle of the posed template in which the face's own field has most of the share."""
+    mesh = PosedMesh(person)
+    own = (person.blend_weight[:, FACE].numpy() > 0.5)[mesh.faces].all(1)
 
-    def __init__(self, person: Person) -> None:
-        self.mesh = PosedMesh(person)
-        own = person.blend_weight[:, FACE].numpy() > 0.5
-        self.own = own[person.body.faces.numpy()].all(1)
+    def seen(signals: Signals, camera: Camera) -> Bool[np.ndarray, "h w"]:
+        face = mesh.visible(signals, camera)[0]
+        inside: np.ndarray = (face >= 0) & own[face]
+        return inside
 
-    def seen(self, signals: Signals, camera: Camera) -> Bool[np.ndarray, "h w"]:
-        """Pixels whose centre's ray meets the face first."""
-        face = self.mesh.visible(signals, camera)[0]
-        return (face >= 0) & self.own[face]
+    return seen
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FaceRig(Rig):
-    """A rig whose mattes keep the face alone."""
+    """A rig, the mattes of which contain the face alone."""
 
-    region: FaceRegion | None = None
-
-    @classmethod
-    def of(cls, rig: Rig, region: FaceRegion) -> FaceRig:
-        """The same pictures."""
-        return cls(**vars(rig), region=region)
+    seen: Seen
 
     def matte(self, view: int, frame: int) -> UInt8[np.ndarray, "h w"]:
         """See `Rig`."""
-        assert self.region is not None
-        return super().matte(view, frame) * self.region.seen(self.signals[frame], self.views[view].camera)
+        return super().matte(view, frame) * self.seen(self.signals[frame], self.views[view].camera)
 
 
 class FaceDrawer:
     """A drawer cut by the region."""
 
-    def __init__(self, drawer: Drawer, region: FaceRegion) -> None:
-        self.drawer, self.region, self.name = drawer, region, drawer.name
+    def __init__(self, drawer: Drawer, seen: Seen) -> None:
+        self.drawer, self.seen, self.name = drawer, seen, drawer.name
 
     def draw(self, signals: Signals, camera: Camera) -> Drawing:
         """See `Drawer`."""
-        drawing, seen = self.drawer.draw(signals, camera), self.region.seen(signals, camera)
+        drawing, seen = self.drawer.draw(signals, camera), self.seen(signals, camera)
         return replace(drawing, image=drawing.image * torch.from_numpy(seen)[..., None], hit=drawing.hit & seen)

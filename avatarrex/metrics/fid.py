@@ -5,33 +5,16 @@
 over the features of `inception.py`, in float64. With Σ₁ = AᵀA and Σ₂ = BᵀB, the rows of A and B being the centred features
 over √(n − 1), the last trace is the sum of the singular values of ABᵀ: small, and exact where Σ is singular.
 
-The weights are the user's file `pt_inception-2015-12-05-6726825d.pth`, by path, by AVATARREX_INCEPTION, or in torch hub's
-`checkpoints` folder. With fewer pictures than features Σ is singular and the value is biased upwards: compare only values
+With fewer pictures than features Σ is singular and the value is biased upwards: compare only values
 over the same pictures. Letters: n pictures, d features.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from jaxtyping import Float
 
 from avatarrex.errors import InputError
-from avatarrex.metrics.inception import Inception
-from avatarrex.metrics.weights import fill, find_weights, read_weights
-
-INCEPTION_FILE = "pt_inception-2015-12-05-6726825d.pth"
-
-
-def load_inception(weights: Path | None = None) -> Inception | None:
-    """The network, or None where no weights are found. Raises `InputError` for a named file that is not one."""
-    file = find_weights(INCEPTION_FILE, "AVATARREX_INCEPTION", weights)
-    if file is None:
-        return None
-    network = Inception()
-    fill(network, read_weights(file), file)
-    return network
 
 
 def frechet_distance(a: Float[np.ndarray, "n d"], b: Float[np.ndarray, "m d"]) -> float:

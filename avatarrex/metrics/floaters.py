@@ -1,9 +1,9 @@
-"""Floaters: what an avatar's shape holds apart from the person, seen from 26 sides and counted in the volume itself.
+"""Floaters: pieces of an avatar's shape apart from the person, seen from 26 sides and counted in the volume itself.
 
 Two tests, since neither sees all. *Islands*: connected pieces (8 neighbours) of the silhouette, coverage of half a pixel or
 more, besides the largest, in views along the 26 directions to a cube's faces, edges and corners. *Lumps*: connected pieces
 (6 neighbours) of the negative samples of the composed field, besides the largest, on the body lattice cut `FINE` times along
-each axis. The field is linear along the lattice's edges, so two neighbouring negative voxels are never torn apart; a lump
+each axis. The field is linear along the lattice's edges, so two neighbouring negative voxels are always connected; a lump
 inside a cavity or before the body is found, too. Parts that the composition attaches are one piece with the body.
 
 Letters: j joints. Root frame, metres; sizes of lumps in millimetres.
@@ -24,15 +24,15 @@ from scipy import ndimage
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.raycast import raycast
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.build import build_volume
 from avatarrex.volume.sdf_volume import SdfVolume, sample
 
-SIZE = 512
+SILHOUETTE_PIXELS = 512
 """Pixels a side of the silhouettes: about 4 mm each on a standing person."""
 SPECKS = 3
 """Islands of at most so many pixels are rounding at a silhouette's rim, not counted."""
@@ -82,27 +82,23 @@ class Floaters:
 
     def line(self) -> str:
         """One line for a person to read."""
-        words = [f"{self.pose}: "]
-        if self.islands:
-            sides, worst = len({island.view for island in self.islands}), self.islands[0]
-            words.append(f"{_count(self.islands, 'island')} in {sides} of {self.views} silhouettes")
-            words.append(f" (largest {worst.pixels} pixels, {worst.view}, near {worst.near})")
-        else:
-            words.append(f"{self.views} silhouettes in one piece each")
-        if self.lumps:
-            worst_lump = self.lumps[0]
-            words.append(f"; {_count(self.lumps, 'lump')} apart from the body")
-            words.append(f" (largest {worst_lump.size_mm:.0f} mm, near {worst_lump.near})")
-        else:
-            words.append("; volume in one piece")
-        return "".join(words)
+        seen, volume = f"{self.views} silhouettes in one piece each", "volume in one piece"
+        for island in self.islands[:1]:
+            sides = len({other.view for other in self.islands})
+            seen = f"{_count(self.islands, 'island')} in {sides} of {self.views} silhouettes"
+            seen += f" (largest {island.pixels} pixels, {island.view}, near {island.near})"
+        for lump in self.lumps[:1]:
+            volume = (
+                f"{_count(self.lumps, 'lump')} apart from the body (largest {lump.size_mm:.0f} mm, near {lump.near})"
+            )
+        return f"{self.pose}: {seen}; {volume}"
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists."""
         return asdict(self)
 
 
-def find_floaters(avatar: Avatar, poses: dict[str, Signals], size: int = SIZE) -> Iterator[Floaters]:
+def find_floaters(avatar: Avatar, poses: dict[str, Signals], size: int = SILHOUETTE_PIXELS) -> Iterator[Floaters]:
     """What `avatar` shows in each named pose, as the renderer makes its volume; silhouettes of `size` pixels a side."""
     settings, counters = RenderSettings(hidden=avatar.hidden), Counters()
     posed, volume = None, None
@@ -120,7 +116,7 @@ def directions() -> Float[np.ndarray, "d 3"]:
 
 
 def islands(
-    volume: SdfVolume, joints: Float[np.ndarray, "j 3"], size: int = SIZE, impl: str = "auto"
+    volume: SdfVolume, joints: Float[np.ndarray, "j 3"], size: int = SILHOUETTE_PIXELS, impl: str = "auto"
 ) -> tuple[Island, ...]:
     """Islands of more than `SPECKS` pixels in all views; `joints` in SMPL-X order name their places."""
     found = []
@@ -131,8 +127,8 @@ def islands(
         position = points.position.double().numpy()
         for label in np.flatnonzero(pixels > SPECKS) + 1:
             if label - 1 != pixels.argmax():
-                place = position[labels == label].mean(0)
-                found.append(Island(_words(direction), int(pixels[label - 1]), _place(place), _near(place, joints)))
+                place = _located(position[labels == label].mean(0), joints)
+                found.append(Island(_words(direction), int(pixels[label - 1]), *place))
     return tuple(sorted(found, key=lambda island: -island.pixels))
 
 
@@ -147,10 +143,10 @@ def lumps(volume: SdfVolume, joints: Float[np.ndarray, "j 3"]) -> tuple[Lump, ..
     for label, box in enumerate(ndimage.find_objects(labels), start=1):
         if label != samples.argmax():
             piece = np.argwhere(labels[box] == label) + [part.start for part in box]
-            place = origin + step * piece[:, ::-1].mean(0)
+            place = _located(origin + step * piece[:, ::-1].mean(0), joints)
             longest = 1e3 * step * float(np.ptp(piece, axis=0).max() + 1)
             volume_mm3 = float(samples[label] * (1e3 * step) ** 3)
-            found.append(Lump(round(longest, 1), round(volume_mm3, 1), _place(place), _near(place, joints)))
+            found.append(Lump(round(longest, 1), round(volume_mm3, 1), *place))
     return tuple(sorted(found, key=lambda lump: (-lump.size_mm, -lump.volume_mm3)))
 
 
@@ -192,7 +188,7 @@ def _cells(volume: SdfVolume) -> Bool[np.ndarray, "z y x"]:
 
 
 def _camera(volume: SdfVolume, direction: np.ndarray, size: int) -> Camera:
-    """A camera out along `direction` whose picture just holds the body grid."""
+    """A camera out along `direction` into which the body grid just fits."""
     x, y, z = direction / np.linalg.norm(direction)
     azimuth, elevation = np.degrees([np.arctan2(x, z), np.arcsin(y)])
     extent = volume.body.voxel * (np.array(volume.body.sdf.shape[::-1]) - 1.0)
@@ -208,13 +204,10 @@ def _words(direction: np.ndarray) -> str:
     return " ".join(filter(None, names))
 
 
-def _near(place: np.ndarray, joints: np.ndarray) -> str:
-    return JOINT_NAMES[int(np.linalg.norm(joints - place, axis=1).argmin())]
-
-
-def _place(place: np.ndarray) -> Place:
+def _located(place: np.ndarray, joints: np.ndarray) -> tuple[Place, str]:
+    """A place to report, and the joint nearest to it."""
     x, y, z = (round(float(value), 4) for value in place)
-    return x, y, z
+    return (x, y, z), JOINT_NAMES[int(np.linalg.norm(joints - place, axis=1).argmin())]
 
 
 def _count(items: tuple[Any, ...], noun: str) -> str:

@@ -9,7 +9,7 @@
 averaged. Only windows that lie wholly inside the picture count: the map is 10 pixels smaller on each axis.
 
 With a mask (1 inside the matte, 0 outside) the *measure* is averaged over the mask: PSNR over the squared errors of its
-pixels, SSIM over the map at its pixels (a window there may reach outside, where both pictures hold the background).
+pixels, SSIM over the map at its pixels (a window there may reach outside, where both pictures show the background).
 Letters: b images, h w pixels, c = 3 channels; sRGB-encoded values in [0, 1]. Each function returns one number per image.
 """
 
@@ -39,7 +39,7 @@ Mask = Bool[Tensor, "b h w"] | Float[Tensor, "b h w"]
 def psnr(a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
     """Peak signal to noise ratio in decibels; +inf for equal pictures, NaN where the mask is empty."""
     _agree(a, b, 1)
-    return -10 * torch.log10(_mean((a - b).square().mean(1), mask))
+    return -10 * torch.log10(masked_mean((a - b).square().mean(1), mask))
 
 
 def ssim(a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
@@ -53,7 +53,7 @@ def ssim(a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
 def ms_ssim(a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
     """Multi-scale structural similarity, 1 for equal pictures.
 
-    All five scales need 176 pixels a side. A smaller picture is compared on the scales that hold a window (128 pixels:
+    All five scales need 176 pixels a side. A smaller picture is compared on the scales that contain a window (128 pixels:
     four; at least 11 pixels: one), with their weights made to sum to one again. A negative mean cs counts as 10⁻⁶.
     The mask is averaged down with the pictures. Raises `InputError` below 11 pixels a side.
     """
@@ -82,7 +82,7 @@ class Similarity:
 
     def ssim(self, mask: Mask | None = None) -> Float[Tensor, " b"]:
         """At the finest scale."""
-        return _mean((self.luminance[0] * self.structure[0]).mean(1), _inner(mask))
+        return masked_mean((self.luminance[0] * self.structure[0]).mean(1), _inner(mask))
 
     def ms_ssim(self, mask: Mask | None = None) -> Float[Tensor, " b"]:
         """Over all scales."""
@@ -95,14 +95,14 @@ class Similarity:
             last = scale == len(used) - 1
             values = self.luminance[-1] * self.structure[-1] if last else self.structure[scale]
             inner = _inner(mask)
-            value = torch.stack([_mean(channel, inner) for channel in values.unbind(1)], 1)
+            value = torch.stack([masked_mean(channel, inner) for channel in values.unbind(1)], 1)
             # torch.where keeps the NaN of an empty mask; the power has no slope at or below zero
             product = product * torch.where(value < 1e-6, 1e-6, value) ** weight
         return product.mean(1)
 
 
 def scales(side: int) -> int:
-    """How many scales of MS-SSIM hold a whole window in a picture of that smaller side, in pixels."""
+    """How many scales of MS-SSIM contain a whole window in a picture of that smaller side, in pixels."""
     return max(k + 1 for k in range(len(SCALES)) if side >> k >= WINDOW)
 
 
@@ -117,7 +117,7 @@ def gradient_energy(a: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
     if mask is not None:
         inside = mask.to(a.dtype)
         mask = inside[:, :-1, :-1] * inside[:, :-1, 1:] * inside[:, 1:, :-1]
-    return _mean(energy, mask)
+    return masked_mean(energy, mask)
 
 
 def _similarity(a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
@@ -133,9 +133,7 @@ def _blur(values: Tensor) -> Tensor:
     place = torch.arange(WINDOW, dtype=values.dtype, device=values.device) - WINDOW // 2
     kernel = torch.exp(-0.5 * (place / SIGMA) ** 2)
     kernel = kernel / kernel.sum()
-    count = values.shape[
-        1
-    ]  # one group per channel: six times as fast on a CPU as one channel per picture, 30 backwards
+    count = values.shape[1]  # a group per channel: six times as fast on a CPU as a channel per picture, 30 backwards
     down, across = (kernel.view(shape).expand(count, 1, -1, -1) for shape in ((1, 1, -1, 1), (1, 1, 1, -1)))
     return functional.conv2d(functional.conv2d(values, down, groups=count), across, groups=count)
 
@@ -146,8 +144,8 @@ def _inner(mask: Tensor | None) -> Tensor | None:
     return None if mask is None else mask[:, edge:-edge, edge:-edge]
 
 
-def _mean(values: Tensor, mask: Tensor | None) -> Tensor:
-    """Per image: mean of `values` (b, h, w), weighted by the mask."""
+def masked_mean(values: Float[Tensor, "b h w"], mask: Tensor | None) -> Float[Tensor, " b"]:
+    """Per image: mean of `values` (b, h, w), weighted by the mask (b, h, w)."""
     if mask is None:
         return values.mean((-2, -1))
     weight = mask.to(values.dtype)

@@ -1,13 +1,16 @@
 """Inception v3 as the Fréchet inception distance uses it: the 2015 TensorFlow graph, 2048 features of a picture.
 
-The layers (Szegedy et al. 2016, fig. 5, 6, 7, 10) are a table, under the names of the weights file
-`pt_inception-2015-12-05-6726825d.pth`. Where this graph is not the published one: means do not count padding, and the
-last block takes a maximum where the paper has a mean. Letters: b images, c channels.
+The layers (Szegedy et al. 2016, fig. 5, 6, 7, 10) are a table, under the names of the weights: the user's file
+`pt_inception-2015-12-05-6726825d.pth`, by path, by AVATARREX_INCEPTION, or in torch hub's `checkpoints` folder. Where this
+graph is not the published one: means do not count padding, and the last block takes a maximum where the paper has a mean.
+Letters: b images, c channels.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import torch
 import torch.nn.functional as functional
@@ -15,62 +18,56 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from avatarrex.metrics.image import Images
+from avatarrex.metrics.weights import fill, find_weights, read_weights
 
-SIDE = 299
-"""Pixels: what the network was trained on; pictures are resized to it, bilinearly, whatever their shape."""
-FEATURES = 2048
+INCEPTION_FILE = "pt_inception-2015-12-05-6726825d.pth"
+INPUT_PIXELS = 299
+"""A side: what the network was trained on; pictures are resized to it, bilinearly, whatever their shape."""
+ONE, THREE, FIVE, WIDE, TALL = (1, 1), (3, 3), (5, 5), (1, 7), (7, 1)
 
 
 @dataclass(frozen=True)
 class Step:
-    """One convolution of a branch: its name, its output channels and its kernel."""
+    """One convolution: its name, output channels and kernel."""
 
     name: str
     channels: int
-    kernel: tuple[int, int] = (1, 1)
+    kernel: tuple[int, int] = ONE
     stride: int = 1
-
-    def layer(self, before: int) -> Convolution:
-        """Padded to keep the size, unless it strides."""
-        padding = (0, 0) if self.stride > 1 else (self.kernel[0] // 2, self.kernel[1] // 2)
-        return Convolution(before, self.channels, self.kernel, self.stride, padding)
+    padded: bool = True
+    """To keep the size; never where it strides."""
 
 
-@dataclass(frozen=True)
-class Branch:
-    """Steps one after another; the `fork`s stand side by side on the last of them."""
+Branch = tuple[str | Step | tuple[Step, ...], ...]
+"""One after another: poolings by name, convolutions, and last, maybe, convolutions side by side."""
+POOLS = {
+    "mean": partial(functional.avg_pool2d, kernel_size=3, stride=1, padding=1, count_include_pad=False),
+    "max": partial(functional.max_pool2d, kernel_size=3, stride=1, padding=1),
+    "half": partial(functional.max_pool2d, kernel_size=3, stride=2),
+}
 
-    steps: tuple[Step, ...] = ()
-    fork: tuple[Step, ...] = ()
-    pool: str = ""
-    """`mean`, `max` (same size) or `half` (maximum, stride 2) before the steps."""
 
-
-def _named(name: str, *steps: tuple[int, tuple[int, int]], last_stride: int = 1) -> tuple[Step, ...]:
+def _named(name: str, *steps: tuple[int, tuple[int, int]], last_stride: int = 1) -> Branch:
     """`name_1`, `name_2`, … of (channels, kernel); only the last may stride."""
     strides = [1] * (len(steps) - 1) + [last_stride]
     return tuple(Step(f"{name}_{k + 1}", *step, stride) for k, (step, stride) in enumerate(zip(steps, strides)))
 
 
-ONE, THREE, FIVE, WIDE, TALL = (1, 1), (3, 3), (5, 5), (1, 7), (7, 1)
-
-
 def _block_a(pooled: int) -> tuple[Branch, ...]:
     return (
-        Branch((Step("branch1x1", 64),)),
-        Branch(_named("branch5x5", (48, ONE), (64, FIVE))),
-        Branch(_named("branch3x3dbl", (64, ONE), (96, THREE), (96, THREE))),
-        Branch((Step("branch_pool", pooled),), pool="mean"),
+        (Step("branch1x1", 64),),
+        _named("branch5x5", (48, ONE), (64, FIVE)),
+        _named("branch3x3dbl", (64, ONE), (96, THREE), (96, THREE)),
+        ("mean", Step("branch_pool", pooled)),
     )
 
 
 def _block_c(inner: int) -> tuple[Branch, ...]:
-    double = ((inner, ONE), (inner, TALL), (inner, WIDE), (inner, TALL), (192, WIDE))
     return (
-        Branch((Step("branch1x1", 192),)),
-        Branch(_named("branch7x7", (inner, ONE), (inner, WIDE), (192, TALL))),
-        Branch(_named("branch7x7dbl", *double)),
-        Branch((Step("branch_pool", 192),), pool="mean"),
+        (Step("branch1x1", 192),),
+        _named("branch7x7", (inner, ONE), (inner, WIDE), (192, TALL)),
+        _named("branch7x7dbl", (inner, ONE), (inner, TALL), (inner, WIDE), (inner, TALL), (192, WIDE)),
+        ("mean", Step("branch_pool", 192)),
     )
 
 
@@ -79,50 +76,49 @@ def _block_e(pool: str) -> tuple[Branch, ...]:
         return (Step(f"{name}a", 384, (1, 3)), Step(f"{name}b", 384, (3, 1)))
 
     return (
-        Branch((Step("branch1x1", 320),)),
-        Branch((Step("branch3x3_1", 384),), fork("branch3x3_2")),
-        Branch(_named("branch3x3dbl", (448, ONE), (384, THREE)), fork("branch3x3dbl_3")),
-        Branch((Step("branch_pool", 192),), pool=pool),
+        (Step("branch1x1", 320),),
+        (Step("branch3x3_1", 384), fork("branch3x3_2")),
+        (*_named("branch3x3dbl", (448, ONE), (384, THREE)), fork("branch3x3dbl_3")),
+        (pool, Step("branch_pool", 192)),
     )
 
 
+STEM = (
+    Step("Conv2d_1a_3x3", 32, THREE, 2), Step("Conv2d_2a_3x3", 32, THREE, padded=False), Step("Conv2d_2b_3x3", 64, THREE),
+    "half", Step("Conv2d_3b_1x1", 80), Step("Conv2d_4a_3x3", 192, THREE, padded=False), "half",
+)  # fmt: skip
 BLOCKS: dict[str, tuple[Branch, ...]] = {
     "Mixed_5b": _block_a(32),
     "Mixed_5c": _block_a(64),
     "Mixed_5d": _block_a(64),
     "Mixed_6a": (
-        Branch((Step("branch3x3", 384, THREE, 2),)),
-        Branch(_named("branch3x3dbl", (64, ONE), (96, THREE), (96, THREE), last_stride=2)),
-        Branch(pool="half"),
+        (Step("branch3x3", 384, THREE, 2),),
+        _named("branch3x3dbl", (64, ONE), (96, THREE), (96, THREE), last_stride=2),
+        ("half",),
     ),
     "Mixed_6b": _block_c(128),
     "Mixed_6c": _block_c(160),
     "Mixed_6d": _block_c(160),
     "Mixed_6e": _block_c(192),
     "Mixed_7a": (
-        Branch(_named("branch3x3", (192, ONE), (320, THREE), last_stride=2)),
-        Branch(_named("branch7x7x3", (192, ONE), (192, WIDE), (192, TALL), (192, THREE), last_stride=2)),
-        Branch(pool="half"),
+        _named("branch3x3", (192, ONE), (320, THREE), last_stride=2),
+        _named("branch7x7x3", (192, ONE), (192, WIDE), (192, TALL), (192, THREE), last_stride=2),
+        ("half",),
     ),
     "Mixed_7b": _block_e("mean"),
     "Mixed_7c": _block_e("max"),
 }
-STEM = {
-    "Conv2d_1a_3x3": (3, 32, THREE, 2, 0), "Conv2d_2a_3x3": (32, 32, THREE, 1, 0), "Conv2d_2b_3x3": (32, 64, THREE, 1, 1),
-    "Conv2d_3b_1x1": (64, 80, ONE, 1, 0), "Conv2d_4a_3x3": (80, 192, THREE, 1, 0),
-}  # fmt: skip
-"""Input and output channels, kernel, stride, padding; a pooling follows 2b and 4a."""
 
 
 class Convolution(nn.Module):
     """Convolution, batch normalisation (frozen), ReLU."""
 
-    def __init__(
-        self, before: int, channels: int, kernel: tuple[int, int], stride: int, padding: int | tuple[int, int]
-    ) -> None:
+    def __init__(self, before: int, step: Step) -> None:
         super().__init__()
-        self.conv = nn.Conv2d(before, channels, kernel, stride, padding, bias=False)
-        self.bn = nn.BatchNorm2d(channels, eps=1e-3)  # as in the TensorFlow graph
+        height, width = step.kernel if step.padded and step.stride == 1 else ONE
+        padding = (height // 2, width // 2)
+        self.conv = nn.Conv2d(before, step.channels, step.kernel, step.stride, padding, bias=False)
+        self.bn = nn.BatchNorm2d(step.channels, eps=1e-3)  # as in the TensorFlow graph
 
     def forward(self, values: Tensor) -> Tensor:
         """(b, c, h, w) to (b, channels, h', w')."""
@@ -138,48 +134,53 @@ class Block(nn.Module):
         self.channels = 0
         for branch in branches:
             channels = before
-            for step in branch.steps:
-                self.add_module(step.name, step.layer(channels))
-                channels = step.channels
-            for step in branch.fork:
-                self.add_module(step.name, step.layer(channels))
-            self.channels += sum(step.channels for step in branch.fork) if branch.fork else channels
+            for steps in (_side_by_side(element) for element in branch if not isinstance(element, str)):
+                for step in steps:
+                    self.add_module(step.name, Convolution(channels, step))
+                channels = sum(step.channels for step in steps)
+            self.channels += channels
 
     def forward(self, values: Tensor) -> Tensor:
         """(b, c, h, w) to (b, channels, h', w')."""
         return torch.cat([self._along(branch, values) for branch in self.branches], 1)
 
     def _along(self, branch: Branch, values: Tensor) -> Tensor:
-        if branch.pool == "mean":
-            values = functional.avg_pool2d(values, 3, 1, 1, count_include_pad=False)
-        elif branch.pool:
-            values = functional.max_pool2d(
-                values, 3, 2 if branch.pool == "half" else 1, 0 if branch.pool == "half" else 1
-            )
-        for step in branch.steps:
-            values = self.get_submodule(step.name)(values)
-        return torch.cat([self.get_submodule(step.name)(values) for step in branch.fork], 1) if branch.fork else values
+        for element in branch:
+            if isinstance(element, str):
+                values = POOLS[element](values)
+            else:
+                values = torch.cat([self.get_submodule(step.name)(values) for step in _side_by_side(element)], 1)
+        return values
 
 
-class Inception(nn.Module):
+class Inception(Block):
     """The 2048 features before the classifier."""
 
     def __init__(self) -> None:
-        super().__init__()
-        for name, shape in STEM.items():
-            self.add_module(name, Convolution(*shape))
-        channels = 192
+        super().__init__(3, (STEM,))
         for name, branches in BLOCKS.items():
-            block = Block(channels, branches)
+            block = Block(self.channels, branches)
             self.add_module(name, block)
-            channels = block.channels
-        assert channels == FEATURES
+            self.channels = block.channels
 
     def forward(self, images: Images) -> Float[Tensor, "b 2048"]:
         """Features of pictures in [0, 1], of any size."""
-        values = 2 * functional.interpolate(images, size=(SIDE, SIDE), mode="bilinear", align_corners=False) - 1
-        for name, layer in self.named_children():
-            values = layer(values)
-            if name in ("Conv2d_2b_3x3", "Conv2d_4a_3x3"):
-                values = functional.max_pool2d(values, 3, 2)
+        size = (INPUT_PIXELS, INPUT_PIXELS)
+        values = super().forward(2 * functional.interpolate(images, size, mode="bilinear", align_corners=False) - 1)
+        for name in BLOCKS:
+            values = self.get_submodule(name)(values)
         return values.mean((-2, -1))
+
+
+def _side_by_side(element: Step | tuple[Step, ...]) -> tuple[Step, ...]:
+    return (element,) if isinstance(element, Step) else element
+
+
+def load_inception(weights: Path | None = None) -> Inception | None:
+    """The network, or None where no weights are found. Raises `InputError` for a named file that is not one."""
+    file = find_weights(INCEPTION_FILE, "AVATARREX_INCEPTION", weights)
+    if file is None:
+        return None
+    network = Inception()
+    fill(network, read_weights(file), file)
+    return network

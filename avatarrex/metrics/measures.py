@@ -25,12 +25,11 @@ import torch
 from torch import Tensor
 
 from avatarrex.metrics.drawing import Drawing, Truth
-from avatarrex.metrics.fid import INCEPTION_FILE, frechet_distance, load_inception
+from avatarrex.metrics.fid import frechet_distance
 from avatarrex.metrics.image import Similarity, gradient_energy, psnr
-from avatarrex.metrics.inception import Inception
+from avatarrex.metrics.inception import INCEPTION_FILE, Inception, load_inception
 from avatarrex.metrics.mesh import silhouette_iou
-from avatarrex.metrics.perceptual import HEADS_FILE, VGG_FILE, Lpips, find_heads, load_lpips
-from avatarrex.metrics.weights import find_weights
+from avatarrex.metrics.perceptual import Lpips, find_lpips
 
 KEYS = (
     "psnr", "psnr_matte", "ssim", "ssim_matte", "ms_ssim", "ms_ssim_matte", "lpips", "lpips_matte", "iou", "sharpness",
@@ -40,7 +39,7 @@ KEYS = (
 
 @dataclass(frozen=True, eq=False)
 class Networks:
-    """The networks whose weights were found."""
+    """The networks for which weights were found."""
 
     lpips: Lpips | None
     inception: Inception | None
@@ -50,12 +49,9 @@ class Networks:
     @classmethod
     def load(cls, vgg: Path | None = None, heads: Path | None = None, inception: Path | None = None) -> Networks:
         """Raises `InputError` for a named file that is missing, and for a broken one."""
-        files = {VGG_FILE: find_weights(VGG_FILE, "AVATARREX_VGG", vgg), HEADS_FILE: find_heads(heads)}
-        absent = ", ".join(name for name, file in files.items() if file is None)
-        first, second = files.values()
-        lpips = load_lpips(first, second) if first and second else None
+        lpips, files = find_lpips(vgg, heads)
         network = load_inception(inception)
-        missing = {**({} if lpips else {"lpips": absent}), **({} if network else {"fid": INCEPTION_FILE})}
+        missing = {**({} if lpips else {"lpips": files}), **({} if network else {"fid": INCEPTION_FILE})}
         return cls(lpips, network, missing)
 
 
@@ -78,15 +74,13 @@ def measure(drawing: Drawing, truth: Truth, networks: Networks) -> tuple[dict[st
     """Values by `KEYS`, and Inception features."""
     render, real = (_batch(image) for image in (drawing.image[..., :3], truth.image))
     inside = (truth.matte >= 0.5)[None]
-    values = {"lpips": math.nan, "lpips_matte": math.nan}
+    values: dict[str, float] = {}
     similarity = Similarity.of(render, real)
     for where, mask in (("", None), ("_matte", inside)):
         values[f"psnr{where}"] = psnr(render, real, mask).item()
         values[f"ssim{where}"] = similarity.ssim(mask).item()
         values[f"ms_ssim{where}"] = similarity.ms_ssim(mask).item()
-    if networks.lpips is not None:
-        values["lpips"] = networks.lpips(render, real).item()
-        values["lpips_matte"] = networks.lpips(render, real, inside).item()
+        values[f"lpips{where}"] = math.nan if networks.lpips is None else networks.lpips(render, real, mask).item()
     values["iou"] = silhouette_iou((drawing.image[..., 3] >= 0.5).numpy(), inside[0].numpy())
     values["sharpness"] = (gradient_energy(render, inside) / gradient_energy(real, inside)).item()
     features = None
@@ -105,8 +99,8 @@ def means(pictures: Iterable[Measured]) -> dict[str, float | None]:
         found[key] = float(np.mean(finite)) if finite else None
     features = [picture.features for picture in pictures if picture.features is not None]
     stacked = np.stack(features, 1) if len(features) > 1 else None
-    found["fid"] = None if stacked is None else frechet_distance(stacked[0], stacked[1])
-    found["fid_matte"] = None if stacked is None else frechet_distance(stacked[2], stacked[3])
+    for key, first in (("fid", 0), ("fid_matte", 2)):
+        found[key] = None if stacked is None else frechet_distance(*stacked[first : first + 2])
     return found
 
 

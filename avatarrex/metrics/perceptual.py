@@ -25,7 +25,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from avatarrex.errors import InputError
-from avatarrex.metrics.image import Images, Mask, ms_ssim
+from avatarrex.fields.placement import place_network
+from avatarrex.metrics.image import Images, Mask, masked_mean, ms_ssim
 from avatarrex.metrics.weights import fill, find_weights, read_weights
 
 log = logging.getLogger(__name__)
@@ -85,7 +86,7 @@ class Lpips(nn.Module):
         for features, head in zip(both, self.heads):
             of_a, of_b = _unit(features).chunk(2)
             distance = ((of_a - of_b).square() * head[:, None, None]).sum(1)
-            total = total + _mean(distance, mask)
+            total = total + masked_mean(distance, _pooled(mask, distance))
         return total
 
 
@@ -105,19 +106,20 @@ class Perceptual(nn.Module):
 
         Raises `InputError` for a file that was named and is missing, and for any that is broken.
         """
-        found = {VGG_FILE: find_weights(VGG_FILE, "AVATARREX_VGG", weights), HEADS_FILE: find_heads(heads)}
-        vgg, linear = found.values()
-        if vgg is None or linear is None:
-            missing = ", ".join(name for name, file in found.items() if file is None)
-            perceptual = cls(None, f"perceptual term: 1 − MS-SSIM (no weights: {missing})")
-        else:
-            perceptual = cls(load_lpips(vgg, linear), f"perceptual term: LPIPS-VGG ({vgg.name}, {linear.name})")
-        log.warning(perceptual.note) if perceptual.lpips is None else log.info(perceptual.note)
+        lpips, files = find_lpips(weights, heads)
+        note = f"LPIPS-VGG ({files})" if lpips else f"1 − MS-SSIM (no weights: {files})"
+        perceptual = cls(lpips, f"perceptual term: {note}")
+        log.log(logging.INFO if lpips else logging.WARNING, perceptual.note)
         return perceptual
 
     def forward(self, a: Images, b: Images) -> Float[Tensor, ""]:
         """Mean over the batch; gradients flow into both pictures, never into the weights."""
         return self.distance(a, b).mean()
+
+    def place(self, device: torch.device | str) -> None:
+        """Run LPIPS on `device` (fields/placement.py); 1 − MS-SSIM has no network."""
+        if self.lpips is not None:
+            place_network(self.lpips, device)
 
     def distance(self, a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
         """Per image."""
@@ -125,7 +127,7 @@ class Perceptual(nn.Module):
 
 
 def find_heads(path: Path | None = None) -> Path | None:
-    """The file of the linear heads or the wheel that holds it; None where there is none. Raises `InputError`."""
+    """The file of the linear heads or the wheel that contains it; None where there is none. Raises `InputError`."""
     if path or os.environ.get("AVATARREX_LPIPS"):
         return find_weights(Path(HEADS_FILE).name, "AVATARREX_LPIPS", path)
     package = importlib.util.find_spec("lpips")  # finds, does not import
@@ -133,6 +135,15 @@ def find_heads(path: Path | None = None) -> Path | None:
         return None
     file = Path(package.origin).parent.parent / HEADS_FILE
     return file if file.is_file() else None
+
+
+def find_lpips(vgg: Path | None = None, heads: Path | None = None) -> tuple[Lpips | None, str]:
+    """LPIPS and the names of its files; None and the names of those that are missing. Raises `InputError`."""
+    found = {VGG_FILE: find_weights(VGG_FILE, "AVATARREX_VGG", vgg), HEADS_FILE: find_heads(heads)}
+    vgg, heads = found.values()
+    if vgg is None or heads is None:
+        return None, ", ".join(name for name, file in found.items() if file is None)
+    return load_lpips(vgg, heads), f"{vgg.name}, {heads.name}"
 
 
 def load_lpips(vgg: Path, heads: Path) -> Lpips:
@@ -155,9 +166,9 @@ def _unit(features: Tensor) -> Tensor:
     return features / ((features.square().sum(1, keepdim=True) + 1e-20).sqrt() + 1e-10)
 
 
-def _mean(values: Tensor, mask: Tensor | None) -> Tensor:
+def _pooled(mask: Tensor | None, values: Tensor) -> Tensor | None:
+    """The mask's share of every cell of `values` (b, h, w)."""
     if mask is None:
-        return values.mean((-2, -1))
+        return None
     height, width = values.shape[-2:]
-    weight = functional.adaptive_avg_pool2d(mask.to(values.dtype)[:, None], (height, width))[:, 0]
-    return (values * weight).sum((-2, -1)) / weight.sum((-2, -1))
+    return functional.adaptive_avg_pool2d(mask.to(values.dtype)[:, None], (height, width))[:, 0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -26,21 +27,14 @@ INK, PAPER = (32, 32, 32), (250, 250, 250)
 
 def table(evaluation: Evaluation) -> str:
     """Means by split and subject, then surfaces, then what has no value and why."""
-    rows = [["split", "subject", "pictures", *COLUMNS.values()]]
-    for split, subjects in evaluation.grouped("split").items():
-        for number, (subject, values) in enumerate(subjects.items()):
-            cells = [_cell(values[key], DIGITS.get(key, 3)) for key in COLUMNS]
-            rows.append([split if number == 0 else "", subject, str(values["pictures"]), *cells])
-    lines = _aligned(rows)
-    surfaces = evaluation.surface_means()
-    if surfaces:
-        heads = ["mean mm", "p95 mm", "normals °"]
-        rows = [["surface", "subject", *(f"to truth {h}" for h in heads), *(f"from truth {h}" for h in heads)]]
-        for split, found in surfaces.items():
-            for number, (subject, ways) in enumerate(found.items()):
-                cells = [f"{value:.2f}" for way in ("to_truth", "from_truth") for value in ways[way].values()]
-                rows.append([split if number == 0 else "", subject, *cells])
-        lines += ["", *_aligned(rows)]
+    lines = _aligned(
+        ["split", "subject", "pictures", *COLUMNS.values()],
+        evaluation.grouped("split"),
+        lambda values: [str(values["pictures"]), *(_cell(values[key], DIGITS.get(key, 3)) for key in COLUMNS)],
+    )
+    if surfaces := evaluation.surface_means():
+        heads = [f"{way} {head}" for way in ("to truth", "from truth") for head in ("mean mm", "p95 mm", "normals °")]
+        lines += ["", *_aligned(["surface", "subject", *heads], surfaces, _distances)]
     names = {"lpips": "LPIPS", "fid": "FID"}
     lines += [f"{names[key]}: n/a (no weights: {files})" for key, files in evaluation.missing.items()]
     return "\n".join(lines)
@@ -68,13 +62,8 @@ def to_json(evaluation: Evaluation, avatar: str, capture: str, seconds: float) -
         "surface": evaluation.surface_means(),
         "surfaces": evaluation.surfaces,
         "pictures": [
-            {
-                "subject": picture.subject,
-                "view": picture.view,
-                "frame": picture.frame,
-                "split": picture.split,
-                **{key: value if math.isfinite(value) else None for key, value in picture.values.items()},
-            }
+            {key: getattr(picture, key) for key in ("subject", "view", "frame", "split")}
+            | {key: value if math.isfinite(value) else None for key, value in picture.values.items()}
             for picture in evaluation.pictures
         ],
         "seconds": seconds,
@@ -142,8 +131,16 @@ def _cell(value: float | None, digits: int) -> str:
     return "n/a" if value is None else f"{value:.{digits}f}"
 
 
-def _aligned(rows: list[list[str]]) -> list[str]:
-    """Words to the left, numbers to the right."""
+def _distances(ways: dict[str, dict[str, float]]) -> list[str]:
+    return [f"{value:.2f}" for way in ("to_truth", "from_truth") for value in ways[way].values()]
+
+
+def _aligned(head: list[str], found: Mapping[str, Mapping[str, Any]], cells: Callable[[Any], list[str]]) -> list[str]:
+    """A row for each split and subject, the split named once; words to the left, numbers to the right."""
+    rows = [head]
+    for split, subjects in found.items():
+        for number, (subject, values) in enumerate(subjects.items()):
+            rows.append(["" if number else split, subject, *cells(values)])
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return [
         "  ".join(c.ljust(w) if k < 2 else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths))).rstrip()

@@ -34,8 +34,8 @@ from avatarrex.signals.library import POSES, named_pose
 from avatarrex.signals.limits import random_signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
-from avatarrex.training.core.losses import distance_loss
-from avatarrex.training.core.warm_start import PRIOR, Draw, known_state, load_prior, module_of, supervision
+from avatarrex.training.core.supervision import Draw, supervision
+from avatarrex.training.core.warm_start import PRIOR, Fit, known_state, load_prior, module_of, read_prior
 
 CHECKPOINT_SECONDS = 60
 MINUTES = {"body": 24.0, "face": 18.0, "face_colour": 22.0}
@@ -65,11 +65,9 @@ def body_poses(rng: np.random.Generator) -> list[Signals]:
 def expressions(rng: np.random.Generator, mixtures: int) -> list[Signals]:
     """Neutral, then every coefficient alone, then sparse mixtures with eyes and, now and then, jaw turned."""
     count = len(EXPRESSION_NAMES)
-    values = [np.zeros(count), *np.eye(count)]
-    for _ in range(mixtures):
-        value = np.zeros(count)
+    values = np.concatenate([np.zeros((1, count)), np.eye(count), np.zeros((mixtures, count))])
+    for value in values[1 + count :]:
         value[rng.choice(count, rng.integers(3, 9), replace=False)] = rng.random()
-        values.append(value)
     faces = []
     for k, value in enumerate(values):
         jaw, eyes = np.zeros(3), np.zeros((2, 3))
@@ -86,7 +84,7 @@ def albedo_supervision(
     """Parameters of the face's colour networks, and what draws a step: colours about the mesh beside what its views show.
 
     A point is taken where a view shows the mesh, and moved along that view's axis: the surface that is learnt from
-    pictures lies a little before the eyeballs or behind the lids, and is to have the colours that are seen there.
+    pictures lies a little before the eyeballs or beneath the lids, and needs the colours that are seen there.
     """
     field, template = avatar.face, avatar.person.face
     near = template.v_template[template.blend_weight > 0].float()
@@ -128,46 +126,31 @@ def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int
     rate = ON_RATE if on and load_prior(avatar, part) else RATE
     avatar.body.anchor_vertex.copy_(anchors)  # those that are chosen now, not the prior's; they carry no weights
     avatar.body.place()
-    module = avatar.modules()[module_of(part)]
-    rng = np.random.default_rng([seed, 5])
-    if part == "face_colour":
-        parameters, draw = albedo_supervision(avatar, expressions(rng, COLOUR_MIXTURES), rng)
-    else:
-        poses = body_poses(rng) if part == "body" else expressions(rng, MIXTURES)
-        parameters, draw = supervision(avatar, poses, part, rng)
-    for parameter in parameters:
-        parameter.requires_grad_(True)
-    optimiser = torch.optim.Adam(parameters, lr=rate, fused=True)
+    work = _work(avatar, part, np.random.default_rng([seed, 5]))
     out.mkdir(parents=True, exist_ok=True)
-    path, seconds, steps = out / f"{part}.pt", 0.0, 0
+    path, module, seconds, steps = out / f"{part}.pt", avatar.modules()[module_of(part)], 0.0, 0
     if path.exists():
         saved = torch.load(path, weights_only=True)
         module.load_state_dict(saved["state"])
-        optimiser.load_state_dict(saved["optimiser"])
+        work.optimiser.load_state_dict(saved["optimiser"])
         seconds, steps = saved["seconds"], saved["steps"]
     rng = np.random.default_rng([seed, 6, steps])
     budget, saved_at, error = minutes * 60, time.monotonic(), 0.05
     with tqdm(total=round(budget), initial=round(seconds), unit="s", desc=part) as bar:
         while seconds < budget:
             begun = time.monotonic()
-            for group in optimiser.param_groups:
-                group["lr"] = rate * DECAY ** (seconds / budget) * min(1.0, (steps + 1) / 50)
-            predicted, truth = draw(rng)
-            loss = (predicted - truth).abs().mean() if part == "face_colour" else 20 * distance_loss(predicted, truth)
-            if not torch.isfinite(loss):
-                raise FloatingPointError(
-                    f"{part}: the loss of step {steps} is not finite; the last checkpoint is {path}"
-                )
-            optimiser.zero_grad(set_to_none=True)
-            loss.backward()
-            optimiser.step()
-            error = 0.98 * error + 0.02 * float((predicted - truth).detach().abs().mean())
+            try:
+                found = work.step(rng, rate * DECAY ** (seconds / budget) * min(1.0, (steps + 1) / 50))
+            except FloatingPointError:
+                message = f"{part}: the loss of step {steps} is not finite; the last checkpoint is {path}"
+                raise FloatingPointError(message) from None
+            error = 0.98 * error + 0.02 * found
             steps += 1
             seconds += time.monotonic() - begun
             bar.n = min(round(seconds), bar.total)
             bar.set_postfix({"step": steps, "error": f"{error:.5f}"})
             if time.monotonic() - saved_at > CHECKPOINT_SECONDS or seconds >= budget:
-                content = {"state": module.state_dict(), "optimiser": optimiser.state_dict()}
+                content = {"state": module.state_dict(), "optimiser": work.optimiser.state_dict()}
                 temporary = path.with_suffix(".tmp")
                 torch.save({**content, "seconds": seconds, "steps": steps, "on": on}, temporary)
                 os.replace(temporary, path)
@@ -175,13 +158,21 @@ def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int
     return error
 
 
+def _work(avatar: Avatar, part: str, rng: np.random.Generator) -> Fit:
+    """What fits a part."""
+    if part == "face_colour":
+        return Fit(*albedo_supervision(avatar, expressions(rng, COLOUR_MIXTURES), rng), nn.functional.l1_loss)
+    poses = body_poses(rng) if part == "body" else expressions(rng, MIXTURES)
+    return Fit(*supervision(avatar, poses, part, rng))
+
+
 def package(out: Path, target: Path, preset: str = "compact") -> None:
-    """Write what was fitted, in half precision, in place of what `target` holds of it; the whole prior where there is none.
+    """Write what was fitted, in half precision, in place of that part of `target`; the whole prior where there is none.
 
     Raises `InputError` where a part is neither there nor fitted.
     """
     vertices = len(load_person().body.v_template)
-    state, about = _packaged(target)
+    state, about = read_prior(target) if target.exists() else ({}, {})
     about |= {"preset": preset, "command": "python -m avatarrex.training.prior", "vertices": str(vertices)}
     for part in MINUTES:
         path = out / f"{part}.pt"
@@ -189,25 +180,13 @@ def package(out: Path, target: Path, preset: str = "compact") -> None:
             saved = torch.load(path, weights_only=True)
             about[part] = f"{saved['steps']} steps, {saved['seconds'] / 60:.1f} minutes on one core"
             about[part] += ", on from the prior before" if saved.get("on") else ""
-            state |= {name: _half(value) for name, value in known_state(saved["state"], part).items()}
+            known = known_state(saved["state"], part)
+            state |= {name: (v.half() if v.is_floating_point() else v).contiguous() for name, v in known.items()}
         elif part not in about:
             raise InputError(path, "", "the fitted part", "nothing there")
     target.parent.mkdir(parents=True, exist_ok=True)
     safetensors.torch.save_file(state, target, about)
     target.chmod(0o644)
-
-
-def _packaged(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Tensors and description of a prior; nothing where there is none."""
-    if not path.exists():
-        return {}, {}
-    with safetensors.safe_open(path, "pt") as file:
-        names = file.keys()
-        return {name: file.get_tensor(name) for name in names}, dict(file.metadata())
-
-
-def _half(value: Tensor) -> Tensor:
-    return value.half().contiguous() if value.is_floating_point() else value.contiguous()
 
 
 def main() -> int:

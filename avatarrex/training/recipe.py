@@ -1,21 +1,41 @@
-"""Recipes: how long and how each part is trained (paper table 'Training statistics' and appendix table).
+"""Recipes: training schedules, how long and how each part is trained (paper table 'Training statistics' and appendix table).
 
-`paper` is the paper's schedule; `quick` trains `compact` fields on two cores within the hour, `long` in two or three;
-`refine` goes on from such an avatar (`train --start`): colours are good by then, and tell the geometry more; `smoke` is
-for tests.
+    L_I  = L_rgb + 1.0 L_mask + 2.0 L_eikonal + 0.04 L_node + 0.01 L_ebd + 1e-6 L_KL     (+ our silhouette and tone terms)
+    L_II = L_rgb + 1.0 L_perceptual                                                     (+ our tone term)
+
+`RECIPES` lists those that exist. Nothing here needs torch: command line and Training tab read it.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
-
-from avatarrex.training.core.volume_rendering import Quadrature
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal, TypeVar
 
 Sampling = Literal["near", "uniform"]
+Quadrature = Literal["interval", "point"]
+PARTS = ("face", "body")
+"""Of which each is trained in two passes, in this order."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
+class LossWeights:
+    """Weight of every term of a pass (losses.py): the paper's unless a recipe says otherwise."""
+
+    rgb: float = 1.0
+    mask: float = 1.0
+    eikonal: float = 2.0
+    node: float = 0.04
+    embedding: float = 0.01
+    kl: float = 1e-6
+    perceptual: float = 1.0
+    """λ_LPIPS."""
+    silhouette: float = 0.0
+    """Ours."""
+    tone: float = 0.1
+    """Of the tone mapping's deviation from the identity; ours."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class PassOne:
     """Volume rendering on sparse pixels."""
 
@@ -40,43 +60,44 @@ class PassOne:
     geometry_rate: float = 1.0
     """Of the learning rate, for the geometry: less where it only has to settle."""
     still: int = 0
-    """Steps at first in which the geometry stands still: colours that are not yet known would move it."""
+    """Steps at first in which the geometry is frozen: colours that are not yet known would move it."""
     latent: bool = True
     """Whether frames have codes of their own and z is drawn; without, z = 0 as at test, and detail follows the pose alone."""
-    silhouette: float = 0.0
-    """Weight of the silhouette term (losses.py); the paper has none."""
     outline: int = 0
-    """Rays of the whole batch that it has besides the rendered ones, drawn about the matte's edge."""
-    node: float = 1.0
-    """Of the paper's weight of L_node, under which nodes drift by centimetres."""
+    """Rays of the whole batch for the silhouette term besides the rendered ones, drawn about the matte's edge."""
     sampling: Sampling = "near"
     quadrature: Quadrature = "interval"
+    weights: LossWeights = LossWeights()
 
     def __post_init__(self) -> None:
-        """Raises `ValueError` for a silhouette term without rays: recipes of older runs have none of their own."""
-        if (self.silhouette > 0) != (self.outline > 0):
-            raise ValueError(f"silhouette {self.silhouette} with {self.outline} rays of the outline")
+        """Raises `ValueError` for a silhouette term without rays, and for rays without the term."""
+        if (self.weights.silhouette > 0) != (self.outline > 0):
+            raise ValueError(f"silhouette {self.weights.silhouette} with {self.outline} rays of the outline")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PassTwo:
     """Surface rendering of patches, geometry frozen."""
 
     steps: int
-    patch: int
+    patch: int = 128
     """Pixels a side."""
     rate: float
     decay: float
     decay_steps: int
-    perceptual: float = 1.0
-    """λ_LPIPS."""
+    weights: LossWeights = LossWeights()
 
 
-@dataclass(frozen=True)
+Pass = TypeVar("Pass", PassOne, PassTwo)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Recipe:
     """All of a training."""
 
     name: str
+    about: str = field(default="", compare=False)
+    """One line for lists of recipes; not stored."""
     preset: str
     """Widths of the networks."""
     face: tuple[PassOne, PassTwo]
@@ -90,92 +111,82 @@ class Recipe:
 
     def steps(self) -> dict[str, int]:
         """Both passes' steps by part."""
-        return {part: sum(stage.steps for stage in getattr(self, part)) for part in ("face", "body")}
+        return {part: sum(stage.steps for stage in getattr(self, part)) for part in PARTS}
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        return asdict(self)
+        return {key: value for key, value in asdict(self).items() if key != "about"}
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Recipe:
-        """What `to_json` gave."""
-        passes = {part: (PassOne(**data[part][0]), PassTwo(**data[part][1])) for part in ("face", "body")}
+        """What `to_json` gave. Raises KeyError, TypeError or ValueError."""
+        passes = {part: (PassOne(**_weighted(data[part][0])), PassTwo(**_weighted(data[part][1]))) for part in PARTS}
         return cls(**{**data, **passes})
 
 
+def _weighted(stage: dict[str, Any]) -> dict[str, Any]:
+    """A stored pass with its table of weights; before version 0.2 they were factors on the paper's, beside the other fields."""
+    rest = dict(stage)
+    if "weights" in rest:
+        return {**rest, "weights": LossWeights(**rest["weights"])}
+    weights = LossWeights(
+        node=LossWeights.node * rest.pop("node", 1.0),
+        silhouette=rest.pop("silhouette", 0.0),
+        perceptual=rest.pop("perceptual", 1.0),
+    )
+    return {**rest, "weights": weights}
+
+
+def _lasting(stage: Pass, steps: int, decay: float, **changes: Any) -> Pass:
+    """A pass of so many steps, over all of which its learning rate falls by the factor `decay`."""
+    return replace(stage, steps=steps, decay=decay, decay_steps=steps, **changes)
+
+
+_PAPER_ONE = PassOne(
+    steps=200_000, frames=4, rays=400, samples=64, rate=5e-4, decay=0.8, decay_steps=20_000, gamma_steps=100_000,
+    warm_steps=2000,
+)  # fmt: skip
+_PAPER_TWO = PassTwo(steps=100_000, rate=1e-4, decay=0.8, decay_steps=20_000)
 PAPER = Recipe(
-    "paper",
-    "paper",
-    face=(PassOne(200_000, 4, 400, 64, 5e-4, 0.8, 20_000, 100_000, 2000), PassTwo(100_000, 128, 1e-4, 0.8, 20_000)),
-    body=(PassOne(300_000, 4, 400, 64, 5e-4, 0.8, 20_000, 100_000, 4000), PassTwo(100_000, 128, 1e-4, 0.8, 20_000)),
-    interval=2000,
-    evaluate=10_000,
+    name="paper", about="the paper's schedule and networks, for a GPU", preset="paper", interval=2000, evaluate=10_000,
+    face=(_PAPER_ONE, _PAPER_TWO), body=(replace(_PAPER_ONE, steps=300_000, warm_steps=4000), _PAPER_TWO),
 )  # fmt: skip
+_FACE = PassOne(
+    steps=400, frames=1, rays=400, samples=5, rate=1.5e-3, decay=0.05, decay_steps=400, gamma_steps=1, warm_steps=60,
+    gamma_extra=0.0, geometry_rate=0.1, still=250, outline=400, weights=LossWeights(silhouette=0.3),
+)  # fmt: skip
+_BODY = PassOne(
+    steps=1200, frames=1, rays=400, samples=5, rate=4e-3, decay=0.05, decay_steps=1200, gamma_steps=600, warm_steps=60,
+    gamma_extra=0.005, geometry_rate=0.15, latent=False, outline=2000, weights=LossWeights(silhouette=1.0, node=1.0),
+)  # fmt: skip
+"""Under the paper's L_node, a 25th of this, nodes drift by centimetres."""
+_TWO = PassTwo(steps=1000, rate=3e-3, decay=0.05, decay_steps=1000)
 QUICK = Recipe(
-    "quick",
-    "compact",
-    face=(
-        PassOne(
-            400, 1, 400, 5, 1.5e-3, 0.05, 400, 1, 60, gamma_extra=0.0, geometry_rate=0.1, still=250, silhouette=0.3,
-            outline=400,
-        ),
-        PassTwo(1000, 128, 3e-3, 0.05, 1000),
-    ),
-    body=(
-        PassOne(
-            1200, 1, 400, 5, 4e-3, 0.05, 1200, 600, 60, gamma_extra=0.005, geometry_rate=0.15, latent=False,
-            silhouette=1.0, outline=2000, node=25.0,
-        ),
-        PassTwo(2400, 128, 3e-3, 0.03, 2400),
-    ),
-    interval=200,
-    evaluate=400,
+    name="quick", about="compact networks within the hour on two cores", preset="compact", interval=200, evaluate=400,
+    face=(_FACE, _TWO), body=(_BODY, _lasting(_TWO, 2400, 0.03)),
 )  # fmt: skip
-LONG = Recipe(
-    "long",
-    "compact",
-    face=(
-        PassOne(
-            600, 1, 400, 5, 1.5e-3, 0.03, 600, 1, 60, gamma_extra=0.0, geometry_rate=0.1, still=350, silhouette=0.3,
-            outline=400,
-        ),
-        PassTwo(2500, 128, 3e-3, 0.02, 2500),
-    ),
-    body=(
-        PassOne(
-            4000, 1, 600, 5, 4e-3, 0.02, 4000, 600, 60, gamma_extra=0.005, geometry_rate=0.15, latent=False,
-            silhouette=1.0, outline=2000, node=25.0,
-        ),
-        PassTwo(4000, 128, 3e-3, 0.02, 4000),
-    ),
-    interval=200,
-    evaluate=1000,
+LONG = replace(
+    QUICK, name="long", about="a finished avatar of compact networks in two or three hours on two cores", evaluate=1000,
+    face=(_lasting(_FACE, 600, 0.03, still=350), _lasting(_TWO, 2500, 0.02)),
+    body=(_lasting(_BODY, 4000, 0.02, rays=600), _lasting(_TWO, 4000, 0.02)),
 )  # fmt: skip
-REFINE = Recipe(
-    "refine",
-    "compact",
-    face=(
-        PassOne(
-            300, 1, 400, 5, 1e-3, 0.1, 300, 1, 0, gamma_extra=0.0, geometry_rate=0.1, silhouette=0.3, outline=400,
-        ),
-        PassTwo(800, 128, 2e-3, 0.05, 800),
-    ),
-    body=(
-        PassOne(
-            1000, 1, 800, 5, 1e-3, 0.1, 1000, 1, 0, gamma_extra=0.0, geometry_rate=0.15, latent=False,
-            silhouette=1.0, outline=2000, node=25.0,
-        ),
-        PassTwo(1600, 128, 2e-3, 0.05, 1600),
-    ),
-    interval=200,
-    evaluate=400,
+_SETTLED: dict[str, Any] = {"rate": 1e-3, "gamma_steps": 1, "warm_steps": 0, "gamma_extra": 0.0, "still": 0}
+REFINE = replace(
+    QUICK, name="refine", about="goes on from an avatar of quick or long (--start): known colours tell the geometry more",
+    face=(_lasting(_FACE, 300, 0.1, **_SETTLED), _lasting(_TWO, 800, 0.05, rate=2e-3)),
+    body=(_lasting(_BODY, 1000, 0.1, rays=800, **_SETTLED), _lasting(_TWO, 1600, 0.05, rate=2e-3)),
+)  # fmt: skip
+_SMOKE_ONE = PassOne(
+    steps=6, frames=1, rays=64, samples=6, rate=2e-3, decay=0.5, decay_steps=10, gamma_steps=10, warm_steps=6,
+    outline=32, weights=LossWeights(silhouette=0.3),
+)  # fmt: skip
+_SMOKE_TWO = PassTwo(steps=3, patch=32, rate=1e-3, decay=0.5, decay_steps=10)
+_SMOKE_BODY = replace(
+    _SMOKE_ONE, steps=12, frames=2, rays=96, decay_steps=20, gamma_steps=20, warm_steps=12, outline=64,
+    weights=LossWeights(silhouette=1.0),
 )  # fmt: skip
 SMOKE = Recipe(
-    "smoke",
-    "compact",
-    face=(PassOne(6, 1, 64, 6, 2e-3, 0.5, 10, 10, 6, silhouette=0.3, outline=32), PassTwo(3, 32, 1e-3, 0.5, 10)),
-    body=(PassOne(12, 2, 96, 6, 2e-3, 0.5, 20, 20, 12, silhouette=1.0, outline=64), PassTwo(4, 32, 1e-3, 0.5, 10)),
-    interval=5,
-    evaluate=1000,
-)
+    name="smoke", about="a dozen steps, for tests", preset="compact", interval=5, evaluate=1000,
+    face=(_SMOKE_ONE, _SMOKE_TWO), body=(_SMOKE_BODY, replace(_SMOKE_TWO, steps=4)),
+)  # fmt: skip
 RECIPES = {recipe.name: recipe for recipe in (PAPER, QUICK, LONG, REFINE, SMOKE)}

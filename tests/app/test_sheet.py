@@ -213,7 +213,7 @@ def overlap(one, two):
 @needs_gl
 def test_floaters_are_told_and_written(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(sheet, "FLOATING", ())
-    monkeypatch.setattr(sheet, "SIZE", 96)
+    monkeypatch.setattr(sheet, "SILHOUETTE_PIXELS", 96)
     (tmp_path / "m.bvh").write_text(bvh())
     words = ["--only", "floaters", "--motion", str(tmp_path / "m.bvh"), "--frames", "1:2"]
     assert cli.main(["sheet", "default", str(tmp_path / "out"), *words]) == 0

@@ -51,32 +51,23 @@ def test_outputs_are_bounded_for_any_pose(network):
     assert code.embedding.abs().max() <= 1
 
 
-def test_codes_are_held_to_the_middle_of_the_poses_seen_until_released(network):
+def test_codes_are_clamped_to_the_middle_of_the_training_poses_until_unclamped(network):
     seen, far = torch.stack([rotations(seed, 0.3) for seed in range(11)]), rotations(99, angle=3.0)
     with torch.no_grad():
         free, before = network(seen), network(far)
-        network.hold(seen)
-        held, after = network(seen), network(far)
+        network.clamp_to(seen)
+        clamped, after = network(seen), network(far)
     low, high = free.embedding.sort(0).values[[2, 8]]
     assert ((after.embedding >= low - 1e-7) & (after.embedding <= high + 1e-7)).all()
     inside = (free.embedding >= low) & (free.embedding <= high)
     assert 0.5 < inside.float().mean() < 0.8
-    assert torch.equal(held.embedding[inside], free.embedding[inside]), "most of what was seen stays"
+    assert torch.equal(clamped.embedding[inside], free.embedding[inside]), "most of what was seen stays"
     assert not torch.equal(before.embedding, after.embedding), "that pose is far"
     assert (
         (after.residual - free.residual.mean(0)).abs() <= (free.residual - free.residual.mean(0)).abs().amax(0)
     ).all()
-    network.release()
+    network.unclamp()
     assert torch.equal(network(far).embedding, before.embedding)
-
-
-def test_weights_of_before_codes_were_held_are_free(network):
-    bare = {name: value for name, value in network.state_dict().items() if name not in ("least", "most")}
-    network.hold(torch.stack([rotations(seed) for seed in range(5)]))
-    assert float(network.most.max()) < 1
-    network.load_state_dict(bare)
-    assert float(network.most.min()) == 1.0
-    assert float(network.least.max()) == -1.0
 
 
 def test_losses_in_closed_form():

@@ -45,7 +45,7 @@ def test_patches_depend_on_the_embedding(network):
 
 
 def test_bilinear_is_exact_on_a_linear_image_and_clamps():
-    """A patch that holds its own texel centres returns the plane coordinate."""
+    """A patch of its own texel centres returns the plane coordinate."""
     centre = ((torch.arange(SIZE) + 0.5) * (2 / SIZE) - 1) * EXTENT
     v, u = torch.meshgrid(centre, centre, indexing="ij")
     patches = torch.stack([torch.zeros(2, SIZE, SIZE), torch.stack([u, v])])

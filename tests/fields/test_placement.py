@@ -11,6 +11,7 @@ import torch
 from avatarrex_studio.cli.main import main
 from capture.tiny_capture import TinyCapture
 from elsewhere import DEVICE, Elsewhere, There
+from tiny_recipe import TINY
 
 from avatarrex.avatar import Avatar, load_avatar, save_avatar
 from avatarrex.camera import Camera
@@ -19,7 +20,8 @@ from avatarrex.errors import InputError
 from avatarrex.fields.placement import networks
 from avatarrex.measure.bench.frame import of_a_gpu
 from avatarrex.measure.bench.session import Bench
-from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.training.core import trainer as train_module
@@ -27,7 +29,7 @@ from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.losses import weighted
 from avatarrex.training.core.pass_one import BodyPass, FacePass
 from avatarrex.training.core.trainer import Trainer
-from avatarrex.training.recipe import SMOKE, PassOne, PassTwo, Recipe
+from avatarrex.training.recipe import SMOKE
 from avatarrex.training.runs.events import EventReader
 from avatarrex.training.runs.folder import Run
 
@@ -101,7 +103,7 @@ def gradients(avatar: Avatar, rig: Rig, part: str) -> dict[str, torch.Tensor]:
     work = kind(avatar, store, getattr(SMOKE, part)[0], 0)
     for parameter in work.parameters():
         parameter.requires_grad_(True)
-    weighted(work.step(3, 0.01).terms).backward()
+    weighted(work.step(3, 0.01).terms, work.recipe.weights).backward()
     named = avatar.modules()[part].named_parameters()
     return {name: p.grad.cpu() for name, p in named if p.grad is not None}
 
@@ -118,16 +120,6 @@ def test_a_training_step_has_the_same_gradients(device: str, part: str, rig: dic
         assert (found[name] - value).abs().max() <= 0.02 * scale + 1e-9, name
 
 
-TINY = Recipe(
-    "tiny",
-    "compact",
-    face=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1, silhouette=0.3, outline=32), PassTwo(1, 32, 1e-3, 0.5, 10)),
-    body=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1, silhouette=1.0, outline=32), PassTwo(1, 32, 1e-3, 0.5, 10)),
-    interval=2,
-    evaluate=1000,
-)
-
-
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.filterwarnings(
     "ignore:.*copying from a non-meta parameter.*:UserWarning"
@@ -141,11 +133,11 @@ def test_both_passes_train_there_and_go_on_from_a_checkpoint(device: str, folder
     config = {"part": "face,body", "preset": "tiny", "capture": str(folder), "seed": 0, "steps": TINY.steps()}
     with machine(device):
         with Run.create(tmp_path / "run", config) as run:
-            trainer = Trainer(open_capture(folder), TINY, ("face", "body"), run, 0, device=device)
+            trainer = Trainer(open_capture(folder), TINY, run, device=device)
             trainer.interrupted = True
             assert not trainer.train()
         with Run.open(tmp_path / "run") as run:
-            trainer = Trainer(open_capture(folder), TINY, ("face", "body"), run, 0, device=device)
+            trainer = Trainer(open_capture(folder), TINY, run, device=device)
             assert trainer.train()
         assert all(there(module, device) for module in trainer.avatar.modules().values())
     events = EventReader(tmp_path / "run")

@@ -11,6 +11,7 @@ import pytest
 import torch
 from avatarrex_studio.cli.main import main
 from capture.tiny_capture import TinyCapture
+from tiny_recipe import TINY
 
 import avatarrex.training.core.trainer as train_module
 from avatarrex.avatar import Avatar, load_avatar, save_avatar
@@ -28,18 +29,10 @@ from avatarrex.pipeline import RenderSettings, render_frame
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
-from avatarrex.training.recipe import PAPER, QUICK, PassOne, PassTwo, Recipe
+from avatarrex.training.recipe import PAPER, QUICK, LossWeights, Recipe
 from avatarrex.training.runs.folder import read_about
 
 NETWORKS = tuple(name for name in PRESETS if name.startswith("compact/"))
-TINY = Recipe(
-    "tiny",
-    "compact",
-    face=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1, silhouette=0.3, outline=32), PassTwo(1, 32, 1e-3, 0.5, 10)),
-    body=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1, silhouette=1.0, outline=32), PassTwo(1, 32, 1e-3, 0.5, 10)),
-    interval=2,
-    evaluate=1000,
-)
 
 
 @pytest.fixture(autouse=True)
@@ -144,7 +137,7 @@ def test_each_variant_changes_what_it_says():
     assert recipe_of(VARIANTS["plain"], QUICK, "body").body == recipe_of(VARIANTS["no-pass-two"], QUICK, "body").body
     assert recipe_of(VARIANTS["no-perceptual"], QUICK, "face").face == (
         QUICK.face[0],
-        replace(QUICK.face[1], perceptual=0.0),
+        replace(QUICK.face[1], weights=LossWeights(perceptual=0.0)),
     )
     uniform = recipe_of(VARIANTS["uniform-64"], QUICK, "body").body[0]
     assert uniform == replace(longer, sampling="uniform", samples=64, quadrature="point")

@@ -1,4 +1,4 @@
-"""Baselines gathered from pictures of a template whose colours are known."""
+"""Baselines gathered from pictures of a template of known colours."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_the_texture_is_found_again(gathered):
 
 
 def test_half_a_pixel_off_is_noticed(gathered):
-    """The mutant: cameras whose pixel centres are at integers."""
+    """The mutant: cameras with pixel centres at integers."""
     drawer, seen, (textured, _) = gathered
     moved = []
     for one in seen:

@@ -16,7 +16,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.assets import SPECS
 from avatarrex.metrics.baselines import PosedMesh, baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawing, fitted, over_black
-from avatarrex.metrics.evaluate import SPLITS, _thinned, captured, evaluate, observations, split_of
+from avatarrex.metrics.evaluate import SPLITS, Choice, _thinned, captured, evaluate, observations, split_of
 from avatarrex.metrics.measures import KEYS, Measured, Networks, means, measure
 from avatarrex.metrics.report import contact_sheet, table, to_json
 from avatarrex.signals.driving import Signals
@@ -36,7 +36,7 @@ def evaluation(capture):
     """The painted mesh, and the baselines gathered from the training pictures."""
     rig = capture.rigs["body"]
     subjects = [painted(PosedMesh(capture.person)), *baselines(capture.person, observations(rig))]
-    return evaluate(capture, rig, subjects, NONE, frames=range(FRAMES), sheet=3)
+    return evaluate(capture, rig, subjects, NONE, Choice(range(FRAMES), sheet=3))
 
 
 def faults(value, rule, place="file"):
@@ -111,9 +111,9 @@ def test_baselines_do_not_see_what_is_held_out(capture):
     seen = list(observations(rig))
     assert len(seen) == 4
     assert len({(one.signals, one.camera.key()) for one in seen}) == 4
-    held = {rig.signals[HELD_FRAME]}
+    held_out = {rig.signals[HELD_FRAME]}
     back = next(view for view in rig.views if view.name == HELD_VIEW)
-    assert not any(one.signals in held or one.camera.key() == back.camera.key() for one in seen)
+    assert not any(one.signals in held_out or one.camera.key() == back.camera.key() for one in seen)
 
 
 def test_means_are_of_what_was_measured(evaluation):
@@ -166,10 +166,10 @@ def test_truth_is_premultiplied_and_averaged():
 
 def test_supersamples_are_averaged():
     """On a stand-in for the pipeline: columns of coverage 1, 0, 1, 0 … become a half."""
-    asked = []
+    drawn = []
 
     def stripes(avatar, signals, view, settings, previous):
-        asked.append((view.width, view.height, previous))
+        drawn.append((view.width, view.height, previous))
         even = (torch.arange(view.width) % 2 == 0).float().expand(view.height, -1)
         position = torch.zeros(view.height, view.width, 3)
         points = SimpleNamespace(hit=even > 0, position=position, normal=position)
@@ -180,7 +180,7 @@ def test_supersamples_are_averaged():
     small = camera(0.0, 16)
     assert set(whole.draw(Signals.rest(), small).image.unique().tolist()) == {0.0, 1.0}
     assert fine.draw(Signals.rest(), small).image.unique().tolist() == [0.5]
-    assert asked == [(16, 16, None), (32, 32, None)]
+    assert drawn == [(16, 16, None), (32, 32, None)]
 
 
 def test_a_smaller_evaluation_looks_the_same_way(capture):
@@ -245,6 +245,6 @@ def test_what_the_rig_does_not_have_is_refused(capture):
     rig = capture.rigs["body"]
     mesh = painted(PosedMesh(capture.person))
     with pytest.raises(InputError, match="frame: expected 0 to 2"):
-        evaluate(capture, rig, [mesh], NONE, frames=[7])
+        evaluate(capture, rig, [mesh], NONE, Choice(frames=[7]))
     with pytest.raises(InputError, match="at least one"):
-        evaluate(capture, rig, [mesh], NONE, views=[])
+        evaluate(capture, rig, [mesh], NONE, Choice(views=[]))

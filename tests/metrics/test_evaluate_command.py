@@ -52,7 +52,7 @@ def test_wrong_options_are_one_line(capture, capsys, words, message):
 
 
 def test_the_face_alone_is_a_part_of_the_picture(capture, capsys, tmp_path):
-    """In front of the face it is; from behind there is none, and nothing to measure."""
+    """In front of the face it is; from the back there is none, and nothing to measure."""
     rig = open_capture(capture).rigs["body"]
     cut, (drawer,) = face_alone(load_person(), rig, [AvatarDrawer(load_avatar())])
     whole, face = rig.matte(0, 0), cut.matte(0, 0)

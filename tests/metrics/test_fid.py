@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from avatarrex.errors import InputError
-from avatarrex.metrics.fid import INCEPTION_FILE, frechet_distance, frechet_reference, load_inception
-from avatarrex.metrics.inception import Inception
+from avatarrex.metrics.fid import frechet_distance, frechet_reference
+from avatarrex.metrics.inception import INCEPTION_FILE, Inception, load_inception
 
 
 def test_normals_that_differ_in_mean_and_scale():

@@ -53,7 +53,7 @@ def test_a_ball_apart_is_an_island_where_it_stands_off_the_silhouette():
     found = islands(volume(BALL, sphere(AWAY, 0.05)), JOINTS, 96)
     seen = {island.view for island in found}
     assert {"front", "back", "left", "right"} <= seen
-    assert not seen & {"above", "below"}, "there the large ball hides it, or lies behind it"
+    assert not seen & {"above", "below"}, "there the large ball hides it, or lies beyond it"
     assert len(found) == len(seen)
     front = next(island for island in found if island.view == "front")
     assert front.near == "head"

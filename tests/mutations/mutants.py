@@ -113,7 +113,7 @@ MUTANTS: dict[str, Mutant] = {
     ),
     "sharp elbow, heights over what is buried": Mutant(
         "sharp joints",
-        "avatarrex/training/core/warm_start.py",
+        "avatarrex/training/core/supervision.py",
         "known = (guess <= 0) | (winding(SearchTree.of_triangles(mesh, faces.numpy()), position) <= 0)",
         "known = guess < np.inf",
         "tests/training/test_warm_start.py::test_points_over_one_limb_and_within_another_are_left_out",

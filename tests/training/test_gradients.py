@@ -18,19 +18,19 @@ from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.presets import COMPACT
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.metrics.perceptual import Perceptual
-from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.raycast import raycast
+from avatarrex.settings import RenderSettings
 from avatarrex.templates.model import PosedTemplate, skinned_normals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.losses import weighted
-from avatarrex.training.core.pass_one import BodyPass, FacePass, _outline_loss, _render_losses
+from avatarrex.training.core.pass_one import BodyPass, FacePass
 from avatarrex.training.core.pass_two import PatchPass
 from avatarrex.training.core.pixels import PixelBatch
 from avatarrex.training.core.sampling import noise_of
 from avatarrex.training.core.trained_field import FACE, TrainedBody
-from avatarrex.training.recipe import SMOKE
+from avatarrex.training.recipe import SMOKE, LossWeights
 from avatarrex.volume.build import AvatarVolume, BuiltPart, build_volume
 
 TINY = replace(
@@ -46,7 +46,7 @@ STEP = 1e-6
 
 
 class OneFrame(FrameStore):
-    """A store that holds one frame as it was made."""
+    """A store of one frame as it was made."""
 
     def __init__(self, avatar: Avatar, rig: Rig, frame: TrainingFrame) -> None:
         self.avatar, self.rig, self.frame = avatar, rig, frame
@@ -142,18 +142,19 @@ def test_pass_one_of_the_body(tiny, monkeypatch):
     # The nodes carry the eikonal points along; their places have no gradient.
     fixed = 0.3 * torch.randn(40, 3, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
     monkeypatch.setattr(TrainedBody, "around", lambda self, count, noise: fixed)
-    stage = BodyPass(avatar, store, replace(SMOKE.body[0], silhouette=2.0, node=25.0), 0)
+    stage = BodyPass(avatar, store, replace(SMOKE.body[0], weights=LossWeights(silhouette=2.0, node=1.0)), 0)
     stage.frame_codes = torch.nn.Parameter(stage.frame_codes.double())
     camera = store.rig.views[0].camera
+    view = frame.camera(camera)
     batch = pixels(camera, frame, frame.posed.body.vertices[::900].numpy())
 
     def loss() -> torch.Tensor:
         noise = noise_of(0, 1, 2)
         field, terms = stage.field(frame, noise)
-        rendered, _ = _render_losses(stage, field, frame, camera, batch, 0.02, noise)
-        silhouette, _ = _outline_loss(stage, field, frame, camera, batch)
+        rendered, _ = stage.render_losses(field, frame, view, batch, 0.02, noise)
+        silhouette, _ = stage.outline_loss(field, frame, view, batch)
         assert float(silhouette.detach()) > 0
-        return weighted(terms | rendered | {"silhouette": silhouette})
+        return weighted(terms | rendered | {"silhouette": silhouette}, stage.recipe.weights)
 
     modules = avatar.body
     chosen = [*modules.geometry_parameters(), *modules.colour_parameters(), stage.frame_codes]
@@ -164,8 +165,9 @@ def test_pass_one_of_the_face(tiny, monkeypatch):
     avatar, frame, store = tiny
     monkeypatch.setattr("avatarrex.training.core.pass_one.SHOWN", 0.0)
     monkeypatch.setattr(FacePass, "ray_weight", lambda self, share: torch.ones_like(share[:, 0]))  # without gradient
-    stage = FacePass(avatar, store, replace(SMOKE.face[0], silhouette=2.0), 0)
+    stage = FacePass(avatar, store, replace(SMOKE.face[0], weights=LossWeights(silhouette=2.0)), 0)
     camera = store.rig.views[0].camera
+    view = frame.camera(camera)
     head = frame.posed.root_from_part("face")
     mesh = frame.posed.parts["face"][avatar.person.face.blend_weight > 0.9][::60].numpy()
     batch = pixels(camera, frame, mesh @ head[:3, :3].T + head[:3, 3])
@@ -173,10 +175,10 @@ def test_pass_one_of_the_face(tiny, monkeypatch):
     def loss() -> torch.Tensor:
         noise = noise_of(0, 1, 2)
         field, terms = stage.field(frame, noise)
-        rendered, _ = _render_losses(stage, field, frame, camera, batch, 0.02, noise)
-        silhouette, asked = _outline_loss(stage, field, frame, camera, batch)
-        assert asked > 5
-        return weighted(terms | rendered | {"silhouette": silhouette})
+        rendered, _ = stage.render_losses(field, frame, view, batch, 0.02, noise)
+        silhouette, queried = stage.outline_loss(field, frame, view, batch)
+        assert queried > 5
+        return weighted(terms | rendered | {"silhouette": silhouette}, stage.recipe.weights)
 
     check(stage.parameters(), loss, 12)
 
@@ -190,7 +192,7 @@ def test_pass_two(tiny):
     def loss() -> torch.Tensor:
         rendered, coverage = stage.shade(frame, camera)
         both = coverage[..., None].double()
-        return weighted(stage._compare(rendered * both, truth * both, both))
+        return weighted(stage._compare(rendered * both, truth * both, both), stage.recipe.weights)
 
     check(stage.parameters(), loss, 8)
 

@@ -25,7 +25,7 @@ def test_colours_alone_are_coarser_and_only_where_gradients_are_wanted():
     in_bfloat16(avatar)
     with torch.no_grad():
         assert features(avatar)[0].equal(colour)
-    assert features(avatar)[0].equal(colour), "networks that stand still are asked as they are drawn"
+    assert features(avatar)[0].equal(colour), "frozen networks are evaluated as they are drawn"
     for parameter in (*avatar.body.parameters(), *avatar.face.parameters()):
         parameter.requires_grad_(True)
     mixed, same = features(avatar)

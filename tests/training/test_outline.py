@@ -78,11 +78,11 @@ class Ball:
         return (position - torch.tensor(MIDDLE)).norm(dim=-1) - self.radius
 
     def around(self, count: int, noise: torch.Generator) -> Tensor:
-        """Not asked here."""
+        """Not evaluated here."""
         raise NotImplementedError
 
     def paint(self) -> None:
-        """Not asked here."""
+        """Not evaluated here."""
         raise NotImplementedError
 
 

@@ -18,7 +18,8 @@ from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.limits import random_signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
-from avatarrex.training.core.warm_start import distances_before, hidden_at_rest, load_prior, supervision
+from avatarrex.training.core.supervision import distances_before, hidden_at_rest, supervision
+from avatarrex.training.core.warm_start import load_prior
 
 MOST = {"body": 0.004, "face": 0.004}
 """Metres of mean error at points as far as 15 cm off; where training reads distances it is less."""
@@ -88,20 +89,20 @@ def test_parts_with_the_same_geometry_take_it_and_others_stay_as_they_are(preset
 
 
 def test_the_face_learns_distances_to_what_is_seen_and_not_to_what_lids_hide():
-    """The middle of an eyeball is inside, though its mesh is open behind."""
+    """The middle of an eyeball is inside, though its mesh is open at the back."""
     person = load_person()
     field, mesh = Avatar.create(person, "compact").face, person.face.v_template.float()
     near = person.face.blend_weight > 0
-    data = distances_before(field, mesh, near, hidden_at_rest(field, mesh), np.random.default_rng(0))
+    position, sdf = distances_before(field, mesh, near, hidden_at_rest(field, mesh), np.random.default_rng(0))
     shown = render_views(mesh, person.face.faces, mesh, field.box)[0]
     eye = mesh[person.face.model.weights[:, 2] > 0.9]
     row, column = ((project(field.box.normalise(eye.mean(0)[None]))[0, 0].flip(0) + 1) * 128).long()
     lens = shown[:3, row - 1 : row + 2, column - 1 : column + 2].reshape(3, -1).T
     assert (lens[:, 2] > eye[:, 2].max() - 0.002).all(), "the front view shows the eyeball"
-    ball = (data.position - eye.mean(0)).norm(dim=-1) < 0.5 * (eye[:, 2].max() - eye[:, 2].mean())
+    ball = (position - eye.mean(0)).norm(dim=-1) < 0.5 * (eye[:, 2].max() - eye[:, 2].mean())
     assert ball.any()
-    assert (data.sdf[ball] < 0).all(), "an eyeball is inside, whatever its back looks at"
-    assert 0.2 < float((data.sdf < 0).float().mean()) < 0.6
+    assert (sdf[ball] < 0).all(), "an eyeball is inside, whatever its back looks at"
+    assert 0.2 < float((sdf < 0).float().mean()) < 0.6
 
 
 def test_an_open_mouth_is_taught_distances_of_which_none_contradicts_another():
@@ -111,15 +112,15 @@ def test_an_open_mouth_is_taught_distances_of_which_none_contradicts_another():
     mesh = pose_person(person, signals, Counters(), None).parts["face"]
     near, field = person.face.blend_weight > 0, Avatar.create(person, "compact").face
     inner = hidden_at_rest(field, person.face.v_template.float())
-    data = distances_before(field, mesh, near, inner, np.random.default_rng(0))
-    outside = data.sdf > 0
+    position, sdf = distances_before(field, mesh, near, inner, np.random.default_rng(0))
+    outside = sdf > 0
     for here in (outside, ~outside):
-        reach = torch.cdist(data.position[here].double(), data.position[~here].double()).amin(1)
-        assert (data.sdf[here].abs() <= reach + 1e-6).all()
-    whole = closest_point(mesh, person.face.faces, data.position[outside]).sdf
-    exact = (whole - data.sdf[outside]).abs() < 1e-5
-    assert exact.float().mean() > 0.9, "the rest lies in the mouth, or behind lids"
-    assert (data.position[outside][~exact][:, 1] < mesh[near][:, 1].median()).float().mean() > 0.5
+        reach = torch.cdist(position[here].double(), position[~here].double()).amin(1)
+        assert (sdf[here].abs() <= reach + 1e-6).all()
+    whole = closest_point(mesh, person.face.faces, position[outside]).sdf
+    exact = (whole - sdf[outside]).abs() < 1e-5
+    assert exact.float().mean() > 0.9, "the rest lies in the mouth, or beneath lids"
+    assert (position[outside][~exact][:, 1] < mesh[near][:, 1].median()).float().mean() > 0.5
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tiny_recipe
 import torch
 from avatarrex_studio.cli.main import main
 from avatarrex_studio.cli.parser import parser
@@ -20,19 +21,14 @@ from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 from avatarrex.ops.rotation import matrix_from_rotvec
-from avatarrex.training.core.trainer import Diverged, Stage, Trainer
-from avatarrex.training.recipe import PassOne, PassTwo, Recipe
+from avatarrex.training.core import work
+from avatarrex.training.core.stage import Stage
+from avatarrex.training.core.trainer import Trainer
+from avatarrex.training.core.work import Diverged
 from avatarrex.training.runs.events import EventReader
 from avatarrex.training.runs.folder import Run, read_about
 
-TINY = Recipe(
-    "tiny",
-    "compact",
-    face=(PassOne(2, 1, 40, 4, 1e-3, 0.5, 10, 10, 1, silhouette=0.3, outline=32), PassTwo(1, 32, 1e-3, 0.5, 10)),
-    body=(PassOne(4, 1, 40, 4, 1e-3, 0.5, 10, 10, 1, silhouette=1.0, outline=32), PassTwo(2, 32, 1e-3, 0.5, 10)),
-    interval=2,
-    evaluate=1000,
-)
+TINY = replace(tiny_recipe.TINY, body=tuple(replace(one, steps=2 * one.steps) for one in tiny_recipe.TINY.body))
 
 
 @pytest.fixture(autouse=True)
@@ -45,7 +41,7 @@ def start(capture: Path, folder: Path, parts: tuple[str, ...] = ("body",), resum
     """A run and what trains in it."""
     config = {"part": ",".join(parts), "preset": "tiny", "capture": str(capture), "seed": 0, "steps": TINY.steps()}
     run = Run.open(folder) if resume else Run.create(folder, config)
-    return run, Trainer(open_capture(capture), TINY, parts, run, 0)
+    return run, Trainer(open_capture(capture), TINY, run)
 
 
 def losses(folder: Path) -> dict[str, dict[int, float]]:
@@ -128,14 +124,14 @@ def test_a_resumed_optimiser_steps_as_if_nothing_had_been():
     half = torch.nn.Parameter(steps(begun, optimiser, gradients[:3]))
     kept = {name: value.clone(memory_format=torch.contiguous_format) for name, value in optimiser.state[begun].items()}
     resumed = torch.optim.Adam([half], lr=1e-2, fused=True)
-    train_module._load(resumed, {**optimiser.state_dict(), "state": {0: kept}})
+    work.load(resumed, {**optimiser.state_dict(), "state": {0: kept}})
     assert steps(half, resumed, gradients[3:]).equal(steps(begun, optimiser, gradients[3:]))
 
 
 def test_a_stop_is_saved_and_gone_on_with(capture, tmp_path, monkeypatch):
     run, trainer = start(capture, tmp_path / "run")
-    asked = iter(["run", "stop"])
-    monkeypatch.setattr(Run, "control", lambda self: next(asked))
+    wishes = iter(["run", "stop"])
+    monkeypatch.setattr(Run, "control", lambda self: next(wishes))
     with run:
         assert not trainer.train()
         run.close("stopped")
@@ -205,19 +201,19 @@ def test_nothing_left_to_train_on_is_said_at_once(capture, tmp_path):
     opened = open_capture(capture)
     rig = opened.rigs["body"].holding_out(range(3), ())
     opened.rigs["body"] = rig
-    run = Run.create(tmp_path / "run", {"part": "body"})
-    trainer = Trainer(opened, TINY, ("body",), run, 0)
+    run = Run.create(tmp_path / "run", {"part": "body", "seed": 0})
+    trainer = Trainer(opened, TINY, run)
     with pytest.raises(InputError, match="not held out"), run:
         trainer.train()
 
 
 def test_a_part_without_a_rig_is_refused(capture, tmp_path):
-    run = Run.create(tmp_path / "run", {"part": "face"})
+    run = Run.create(tmp_path / "run", {"part": "face", "seed": 0})
     with pytest.raises(InputError, match="rigs of the capture"), run:
-        Trainer(open_capture(capture), TINY, ("face",), run, 0)
+        Trainer(open_capture(capture), TINY, run)
 
 
-def test_geometry_stands_still_while_colours_are_unknown(tmp_path):
+def test_geometry_is_frozen_while_colours_are_unknown(tmp_path):
     made = TinyCapture.make(("face",)).folder(tmp_path / "capture")
     run, trainer = start(made, tmp_path / "run", ("face",))
     one = replace(TINY.face[0], steps=4, still=2, geometry_rate=0.5)
@@ -254,7 +250,7 @@ def test_face_then_body(tmp_path):
     assert not avatar.hidden
 
 
-def test_codes_are_free_while_geometry_is_trained_and_then_held(capture, whole, tmp_path, monkeypatch):
+def test_codes_are_free_while_geometry_is_trained_and_then_clamped(capture, whole, tmp_path, monkeypatch):
     """To what the poses of the training have, not those held out; a run that goes on with pass I frees them."""
 
     def bounds(checkpoint: Path) -> torch.Tensor:
@@ -264,16 +260,15 @@ def test_codes_are_free_while_geometry_is_trained_and_then_held(capture, whole, 
     *_, last = sorted((whole / "checkpoints").iterdir())
     rig = open_capture(capture).rigs["body"]
     seen = [rig.signals[frame].body_pose for frame in range(rig.frames) if frame not in rig.held_out_frames]
-    held = load_avatar(last / "avatar.avatar")
     width = bounds(last)
     assert 0 < float(width.mean()) < 0.5
-    code = held.body.code_network
+    code = load_avatar(last / "avatar.avatar").body.code_network
     with torch.no_grad():
-        code.hold(matrix_from_rotvec(torch.tensor(np.stack(seen), dtype=torch.float32)))
+        code.clamp_to(matrix_from_rotvec(torch.tensor(np.stack(seen), dtype=torch.float32)))
     torch.testing.assert_close(code.most - code.least, width, atol=1e-3, rtol=0.05)
     run, _ = start(capture, tmp_path / "run")
     monkeypatch.setattr(Run, "control", lambda self: "stop")
-    trainer = Trainer(open_capture(capture), TINY, ("body",), run, 0, load_avatar(last / "avatar.avatar"))
+    trainer = Trainer(open_capture(capture), TINY, run, load_avatar(last / "avatar.avatar"))
     with run:
         assert not trainer.train()
     assert float(trainer.avatar.body.code_network.most.min()) == 1.0
@@ -284,7 +279,7 @@ def test_it_goes_on_from_an_avatar(capture, whole, tmp_path, monkeypatch):
     known = load_avatar(sorted((whole / "checkpoints").iterdir())[-1] / "avatar.avatar")
     run, _ = start(capture, tmp_path / "run")
     monkeypatch.setattr(Run, "control", lambda self: "stop")
-    trainer = Trainer(open_capture(capture), TINY, ("body",), run, 0, known)
+    trainer = Trainer(open_capture(capture), TINY, run, known)
     with run:
         assert not trainer.train()
     after, before = trainer.avatar.state(), known.state()
@@ -293,31 +288,31 @@ def test_it_goes_on_from_an_avatar(capture, whole, tmp_path, monkeypatch):
     assert trainer.avatar.meta["training"]["start"]["recipe"] == "tiny"
     assert trainer.hidden == {"face"}, "nobody has trained it"
     with pytest.raises(InputError, match="--start: preset: expected compact, found paper"):
-        Trainer(open_capture(capture), TINY, ("body",), run, 0, Avatar.create(known.person, "paper"))
+        Trainer(open_capture(capture), TINY, run, Avatar.create(known.person, "paper"))
 
 
 def test_what_goes_on_keeps_the_local_frames_it_began_with(capture, tmp_path, monkeypatch):
-    """Rest positions of another kind would move the surface that was learned: started from, resumed, saved before there was a choice."""
+    """Rest positions of another kind would move the surface that was learned: started from, and resumed."""
     monkeypatch.setattr(Run, "control", lambda self: "stop")
     opened = open_capture(capture)
     before = Avatar.create(opened.person, "compact", 0, "anchors")
     run, _ = start(capture, tmp_path / "run")
     with run:
-        assert not Trainer(opened, TINY, ("body",), run, 0, before).train()
+        assert not Trainer(opened, TINY, run, before).train()
     saved = sorted((tmp_path / "run" / "checkpoints").iterdir())[-1]
     assert load_avatar(saved / "avatar.avatar").body.local_frame == "anchors"
     run, trainer = start(capture, tmp_path / "run", resume=True)
     assert trainer.avatar.body.local_frame == "turned"
     _, state = run.latest()
-    for kept in ({}, {"local_frame": "turned"}):
-        state = {name: value for name, value in state.items() if name != "local_frame"} | kept
-        monkeypatch.setattr(run, "latest", lambda state=state: (state["step"], state))
+    for kept in ("anchors", "turned"):
+        changed = {**state, "local_frame": kept}
+        monkeypatch.setattr(run, "latest", lambda changed=changed: (changed["step"], changed))
         trainer._restore()
-        assert trainer.avatar.body.local_frame == kept.get("local_frame", "anchors")
+        assert trainer.avatar.body.local_frame == kept
     run.close()
 
 
-def asked(*words: str) -> argparse.Namespace:
+def options(*words: str) -> argparse.Namespace:
     """Options of `train`."""
     return parser().parse_args(["train", "capture", "--out", "run", *words])
 
@@ -325,14 +320,14 @@ def asked(*words: str) -> argparse.Namespace:
 def test_cameras_to_train_on_alone(capture):
     """By name or number, in place of what is held out; of the named rig only."""
     rig = open_capture(capture).rigs["body"]
-    assert held_out(rig, asked("--body-views", "c0,2")).held_out_views == {1}
-    assert held_out(rig, asked("--face-views", "0")).held_out_views == rig.held_out_views
+    assert held_out(rig, options("--body-views", "c0,2")).held_out_views == {1}
+    assert held_out(rig, options("--face-views", "0")).held_out_views == rig.held_out_views
     with pytest.raises(InputError, match="--body-views: expected cameras 0 to 2"):
-        held_out(rig, asked("--body-views", "c7"))
+        held_out(rig, options("--body-views", "c7"))
 
 
 def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
-    """Not the preset's of today; what is damaged, or asked for too late, is named."""
+    """Not that of the same name today; what is damaged, or wanted too late, is named."""
     config = {"recipe": TINY.to_json()}
     assert kept_recipe(tmp_path, config, mixed=False) == TINY
     with pytest.raises(InputError, match="--mixed: expected as the run began, without"):
@@ -344,7 +339,7 @@ def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
         kept_recipe(tmp_path, config, mixed=False)
 
 
-def test_a_run_that_is_asked_to_go_on_otherwise_is_left_as_it_is(capture, whole, capsys):
+def test_a_run_with_other_options_than_it_began_with_is_left_as_it_is(capture, whole, capsys):
     before = (whole / "run.json").read_bytes()
     assert main(["train", str(capture), "--preset", "quick", "--out", str(whole), "--resume"]) == 2
     assert "run.json: preset: expected quick, as asked for, found tiny" in capsys.readouterr().err

@@ -123,9 +123,9 @@ def test_a_ray_that_misses_by_far_is_heard_by_the_silhouette_alone():
     _, opacity = render_weights(sdf, t, 5e-4)
     (silent,) = torch.autograd.grad(mask_loss(opacity, one, one), radius, retain_graph=True)
     off = silhouette_loss(sdf.amin(1), width, one, one)
-    (heard,) = torch.autograd.grad(off, radius)
+    (slope,) = torch.autograd.grad(off, radius)
     assert abs(float(silent)) < 1e-6
-    assert float(heard) == pytest.approx(-1 / NEARBY)
+    assert float(slope) == pytest.approx(-1 / NEARBY)
     assert float(off.detach()) == pytest.approx((0.015 + 0.001) / NEARBY, rel=1e-4)  # each pixel is to be covered whole
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 import trimesh
 
-from avatarrex.training.core.warm_start import distances_around
+from avatarrex.training.core.supervision import distances_around
 
 RADIUS, APART, COUNT = 0.1, 0.12, 6000
 
@@ -17,12 +17,11 @@ def test_points_over_one_limb_and_within_another_are_left_out():
     aside = np.array([APART, 0, 0])
     both = trimesh.util.concatenate([ball, ball.copy().apply_translation(aside)])
     vertices, faces = torch.tensor(both.vertices).float(), torch.tensor(both.faces).long()
-    everywhere = torch.ones(len(vertices), dtype=torch.bool)
-    found = distances_around(vertices, faces, everywhere, COUNT, np.random.default_rng(0))
-    place = found.position.double().numpy()
+    position, sdf = distances_around(vertices, faces, COUNT, np.random.default_rng(0))
+    place = position.double().numpy()
     union = np.minimum(np.linalg.norm(place, axis=1), np.linalg.norm(place - aside, axis=1)) - RADIUS
-    wrong = (union < -0.001) & (found.sdf.numpy() > 0)
+    wrong = (union < -0.001) & (sdf.numpy() > 0)
     assert wrong.sum() == 0
-    assert 0.8 * COUNT < len(found.sdf) < COUNT
+    assert 0.8 * COUNT < len(sdf) < COUNT
     assert (union > 0.001).sum() > 0.3 * COUNT, "what is outside of both stays"
     assert (union < -0.02).sum() > 0.1 * COUNT, "and what is deep inside"

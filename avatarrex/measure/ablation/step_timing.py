@@ -19,7 +19,7 @@ from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.pass_one import BodyPass, FacePass
 from avatarrex.training.core.pass_two import PatchPass
-from avatarrex.training.core.trainer import Stage, stages
+from avatarrex.training.core.stage import Stage, stages
 from avatarrex.training.core.warm_start import warm_start
 from avatarrex.training.recipe import PassOne, Recipe
 

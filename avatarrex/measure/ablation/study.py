@@ -32,7 +32,7 @@ from avatarrex.measure.bench.clock import Times, timed
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.baselines import baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
-from avatarrex.metrics.evaluate import default_frames, evaluate, observations
+from avatarrex.metrics.evaluate import Choice, default_frames, evaluate, observations
 from avatarrex.metrics.face_region import face_alone
 from avatarrex.metrics.measures import Networks
 from avatarrex.signals.driving import Signals
@@ -154,7 +154,7 @@ class Study:
         }  # fmt: skip
         run = Run.open(folder) if exists else Run.create(folder, config)
         with run, self._effort_noted(variant, seed):
-            finished = Trainer(self.capture, recipe, (self.part,), run, seed).train()
+            finished = Trainer(self.capture, recipe, run).train()
             run.close("finished" if finished else "stopped")
         return finished
 
@@ -203,7 +203,7 @@ class Study:
         networks = Networks.load()
         frames = self._frames() if frames is None else frames
         capture = replace(self.capture, ground_truth=None)
-        found = evaluate(capture, rig, compared, networks, frames, views, progress=True)
+        found = evaluate(capture, rig, compared, networks, Choice(frames, views), progress=True)
         split = found.grouped("split")["held-out pose"]
         return {
             "subjects": {s.name: {**split[s.name], "seconds_per_picture": s.mean_seconds} for s in subjects},

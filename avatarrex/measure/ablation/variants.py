@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from avatarrex.errors import InputError
-from avatarrex.training.recipe import PassOne, PassTwo, Recipe
+from avatarrex.training.recipe import LossWeights, PassOne, PassTwo, Recipe
 
 Pass = TypeVar("Pass", PassOne, PassTwo)
 
@@ -70,7 +70,7 @@ VARIANTS = {
         Variant("no-pass-two", "pass I alone, as many steps", passes=1),
         Variant("no-patches", "both passes, no feature patches", ("body",), "no-patches"),
         Variant("plain", "pass I alone, no feature patches (the paper's baseline)", ("body",), "no-patches", passes=1),
-        Variant("no-perceptual", "both passes, squared error alone", two={"perceptual": 0.0}),
+        Variant("no-perceptual", "both passes, squared error alone", two={"weights": LossWeights(perceptual=0.0)}),
         Variant(
             "face-mlp", "both passes, an MLP on the face's coefficients in place of tri-planes; no prior", ("face",),
             "face-mlp", prior=False,

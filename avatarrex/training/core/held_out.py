@@ -1,4 +1,4 @@
-"""Held-out figures while a training runs: the avatar drawn as the renderer draws it, beside pictures it never saw."""
+"""Held-out figures while a training runs: the avatar drawn as the renderer draws it, beside held-out pictures."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import Rig
+from avatarrex.metrics.evaluate import captured
 from avatarrex.metrics.image import psnr, ssim
-from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
 from avatarrex.shading.colour import OPAQUE
-from avatarrex.training.core.pixels import on_black
+from avatarrex.training.core.pixels import pictures
 from avatarrex.training.core.trained_field import FACE
 from avatarrex.training.runs.folder import Run
 
@@ -28,7 +30,7 @@ class HeldOut:
         self.settings = RenderSettings(hidden=hidden)
         frames = sorted(rig.held_out_frames) or range(rig.frames)
         views = [view for view in range(len(rig.views)) if view not in rig.held_out_views] or range(len(rig.views))
-        pairs = [(frame, view) for frame in frames for view in views if rig.available(view, frame)]
+        pairs = pictures(rig, frames, views)
         chosen = np.linspace(0, len(pairs) - 1, PICTURES).round().astype(int)
         self.pairs = list(dict.fromkeys(pairs[k] for k in chosen)) if pairs else []
 
@@ -36,12 +38,13 @@ class HeldOut:
         """Report means and keep the pictures; PSNR inside the matte, or None where there is no picture."""
         figures: dict[str, list[float]] = {"psnr": [], "ssim": [], "iou": []}
         for frame, view in self.pairs:
-            truth, matte = on_black(self.rig, view, frame)
-            found = render_frame(self.avatar, self.rig.signals[frame], self.rig.views[view].camera, self.settings)
-            image, inside, whole = found.image, (matte > 0.5)[None], self.part == "body"
+            camera, whole = self.rig.views[view].camera, self.part == "body"
+            truth = captured(self.rig, view, frame, camera)
+            found = render_frame(self.avatar, self.rig.signals[frame], camera, self.settings)
+            image, inside = found.image, (truth.matte > 0.5)[None]
             if not whole:  # the rest of the person is not trained yet
                 inside = inside & (found.pointmap.part_weight[None, ..., FACE] > OPAQUE)
-            a, b = (picture[None].permute(0, 3, 1, 2) for picture in (image[..., :3], truth))
+            a, b = (picture[None].permute(0, 3, 1, 2) for picture in (image[..., :3], truth.image))
             if inside.any():
                 figures["psnr"].append(float(psnr(a, b, inside)))
                 figures["ssim"].append(float(ssim(a, b, inside)))
@@ -50,7 +53,7 @@ class HeldOut:
                 figures["iou"].append(float((covered & inside[0]).sum() / (covered | inside[0]).sum()))
             name = f"{self.part}/frame_{frame}_view_{view}"
             self.run.picture(step, f"{name}/render", _bytes(image[..., :3]))
-            self.run.picture(step, f"{name}/truth", _bytes(truth))
+            self.run.picture(step, f"{name}/truth", _bytes(truth.image))
         means = {key: float(np.mean(values)) for key, values in figures.items() if values}
         self.run.scalars(step, {f"{self.part}/heldout/{key}": value for key, value in means.items()})
         return means.get("psnr")

@@ -1,7 +1,4 @@
-"""The terms of both passes' losses, with the paper's weights (sec. 5.1 and the appendix's table).
-
-    L_I  = L_rgb + 1.0 L_mask + 2.0 L_eikonal + 0.04 L_node + 0.01 L_ebd + 1e-6 L_KL     (+ our silhouette term)
-    L_II = L_rgb + 1.0 L_perceptual
+"""The terms of both passes' losses (sec. 5.1 and the appendix's table); their weights are the recipe's (recipe.py).
 
 Letters: r rays, p points. Colours in [0, 1], premultiplied.
 """
@@ -13,19 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.training.core.trained_field import TrainedField
+from avatarrex.training.recipe import LossWeights
 
-WEIGHTS = {
-    "rgb": 1.0,
-    "mask": 1.0,
-    "silhouette": 1.0,
-    "eikonal": 2.0,
-    "node": 0.04,
-    "embedding": 0.01,
-    "kl": 1e-6,
-    "tone": 0.1,
-    "perceptual": 1.0,
-}
-"""The paper's; of the silhouette and of the tone mapping's deviation from the identity: ours."""
 NEARBY = 0.004
 """Metres: a silhouette that is off by as much costs as much as a missing ray."""
 PURE = 0.02
@@ -51,8 +37,8 @@ def silhouette_loss(
 
     A straight edge at s from a pixel's centre covers 1/2 − s/`width` of it. Where the matte is neither 0 nor 1 that is to
     be met; elsewhere only the wrong side counts (IDR, Yariv et al. 2020, eq. 7: rays that hit the person where the matte
-    has it tell nothing). Once γ is small the mask term does not hear of a ray that misses or enters by a few γ. NaN rays
-    (not asked) say nothing. Where hardly any ray has weight (a face whose outline is hair), hardly anything is lost.
+    has it tell nothing). Once γ is small the mask term has no gradient for a ray that misses or enters by a few γ. NaN
+    rays (not queried) count nothing. Where hardly any ray has weight (a face with an outline of hair), hardly anything is lost.
     """
     off = (0.5 - matte) * width - lowest
     off = torch.where(matte > 1 - PURE, off.clamp_max(0), torch.where(matte < PURE, off.clamp_min(0), off))
@@ -63,15 +49,16 @@ def eikonal_loss(field: TrainedField, position: Float[Tensor, "p 3"]) -> Tensor:
     """Mean (‖∇s‖ − 1)² of the trained part at points."""
     position = position.detach().requires_grad_(True)
     (slope,) = torch.autograd.grad(field.alone(position).sum(), position, create_graph=True)
-    return (slope.norm(dim=-1) - 1).square().mean()
+    loss: Tensor = (slope.norm(dim=-1) - 1).square().mean()
+    return loss
 
 
-def weighted(terms: dict[str, Tensor]) -> Tensor:
-    """The sum with the paper's weights."""
-    return torch.stack([WEIGHTS[name] * value for name, value in terms.items()]).sum()
+def weighted(terms: dict[str, Tensor], weights: LossWeights) -> Tensor:
+    """The weighted sum."""
+    return torch.stack([getattr(weights, name) * value for name, value in terms.items()]).sum()
 
 
 def distance_loss(predicted: Float[Tensor, " p"], target: Float[Tensor, " p"]) -> Tensor:
-    """Mean absolute error of clamped distances, near the surface counted more; in metres. Of supervised fits."""
+    """Mean absolute error of clamped distances, near the surface counted more; in units of 5 cm. Of supervised fits."""
     weight = 1 / (1 + target.abs() / 0.01)
-    return (weight * (predicted.clamp(-CLAMP, CLAMP) - target.clamp(-CLAMP, CLAMP)).abs()).mean()
+    return 20 * (weight * (predicted.clamp(-CLAMP, CLAMP) - target.clamp(-CLAMP, CLAMP)).abs()).mean()

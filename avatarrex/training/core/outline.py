@@ -1,4 +1,4 @@
-"""The silhouette term's rays: each is asked once, where it comes closest to the surface.
+"""The silhouette term's rays: each is evaluated once, where it is closest to the surface.
 
 Of the pixels that volume rendering draws one in ten or so lies on the matte's edge, so pass I draws more about it
 (`pixels.draw_outline`). Such a ray costs a walk over the stored volume and one distance, where a rendered one costs five
@@ -22,7 +22,7 @@ from avatarrex.training.core.trained_field import TrainedField
 from avatarrex.volume.sdf_volume import SdfVolume
 
 RIM = 0.03
-"""Metres: rays that come no closer to the stored surface, or go deeper into it, are not asked for the silhouette."""
+"""Metres: rays that get no closer to the stored surface, or go deeper into it, are not queried for the silhouette."""
 SURE = 0.008
 """Metres: nor are rays on the right side of the stored surface by as much."""
 
@@ -32,7 +32,7 @@ class Closest:
     """What silhouette_loss compares."""
 
     distance: Float[Tensor, " r"]
-    """Of the ray's lowest point, metres; NaN where that is not asked: the stored one is right, or beyond `RIM`."""
+    """Of the ray's lowest point, metres; NaN where it is not queried: the stored one is right, or beyond `RIM`."""
     width: Float[Tensor, " r"]
     """Metres a pixel spans there."""
     matte: Float[Tensor, " r"]
@@ -51,8 +51,8 @@ def closest(field: TrainedField, volume: SdfVolume, camera: Camera, pixels: Pixe
     t, stored = Walk(volume, rays).lowest
     matte = torch.where(stored.abs() < SURE, pixels.matte, (pixels.matte > 0.5).to(pixels.matte))
     right = ((matte > 1 - PURE) & (stored < -SURE)) | ((matte < PURE) & (stored > SURE))
-    asked = torch.nonzero((stored.abs() < RIM) & ~right)[:, 0]
-    found = field.composed(rays.at(t)[asked])
-    distance = torch.full_like(stored, torch.nan).index_put((asked,), found.sdf)
-    part_weight = stored.new_zeros(len(stored), 3).index_put((asked,), found.part_weight.detach())
+    queried = torch.nonzero((stored.abs() < RIM) & ~right)[:, 0]
+    found = field.composed(rays.at(t)[queried])
+    distance = torch.full_like(stored, torch.nan).index_put((queried,), found.sdf)
+    part_weight = stored.new_zeros(len(stored), 3).index_put((queried,), found.part_weight.detach())
     return Closest(distance, plane.footprint * (1 - t / rays.camera), matte, part_weight)

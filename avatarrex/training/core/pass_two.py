@@ -21,7 +21,7 @@ from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.colour import SurfaceColour
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.pass_one import StepResult, face_window
-from avatarrex.training.core.pixels import cropped, training_pairs
+from avatarrex.training.core.pixels import cropped, foreground, training_pairs
 from avatarrex.training.core.trained_field import FACE, face_alone
 from avatarrex.training.recipe import PassTwo
 from avatarrex.volume.sdf_volume import sides
@@ -52,8 +52,10 @@ class PatchPass:
         camera = self.store.rig.views[view].camera
         x, y, width, height = self._window(frame, view, camera, rng)
         rows, columns = slice(y, y + height), slice(x, x + width)
-        matte = torch.from_numpy(self.store.rig.matte(view, index)[rows, columns] / np.float32(255))
-        truth = torch.from_numpy(self.store.rig.image(view, index)[rows, columns] / np.float32(255))
+        matte, truth = (
+            torch.from_numpy(read(view, index)[rows, columns] / np.float32(255))
+            for read in (self.store.rig.matte, self.store.rig.image)
+        )
         rendered, coverage = self.shade(frame, cropped(camera, x, y, width, height))
         both = torch.minimum(coverage, matte)[..., None]
         terms = self._compare(rendered * both, truth * both, both)
@@ -62,15 +64,14 @@ class PatchPass:
 
     def shade(self, frame: TrainingFrame, camera: Camera) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w"]]:
         """Straight colours, differentiable in the colour networks, and how much of each pixel counts."""
-        view = frame.camera(camera)
-        pointmap = raycast(frame.volume.sdf, view, antialias=True)
+        view, volume = frame.camera(camera), frame.volume
+        pointmap = raycast(volume.sdf, view, antialias=True)
         counts = pointmap.coverage
         if self.part == "face":
             counts = counts * (pointmap.part_weight[..., FACE] > 0)
         seen = counts > 0
         position = pointmap.position[seen].to(self.parameters()[0].dtype)
         direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre).to(position), dim=-1)
-        volume = frame.volume
         paint = SurfaceColour(self.avatar, frame.posed, volume.body_frame, frame.states(), Counters(), sparse=True)
         image = position.new_zeros(*seen.shape, 3)
         if len(position):
@@ -85,25 +86,23 @@ class PatchPass:
         terms = {"rgb": (rendered - truth).square().sum() / (3 * both.sum().clamp_min(1.0))}
         if self.part == "body":
             terms["tone"] = self.avatar.tone.deviation()
-        if self.recipe.perceptual and min(a.shape[-2:]) >= 16:
-            terms["perceptual"] = self.recipe.perceptual * self.perceptual(a, b)
+        if self.recipe.weights.perceptual and min(a.shape[-2:]) >= 16:
+            terms["perceptual"] = self.perceptual(a, b)
         return terms
 
     def _window(
         self, frame: TrainingFrame, view: int, camera: Camera, rng: np.random.Generator
     ) -> tuple[int, int, int, int]:
         """x, y, width, height of a patch about a pixel of the person (of the face, where that is trained)."""
-        matte = self.store.rig.matte(view, frame.index)
-        height, width = matte.shape
+        width, height = camera.width, camera.height
         side_x, side_y = min(self.recipe.patch, width), min(self.recipe.patch, height)
         window = face_window(self.avatar, frame, camera) if self.part == "face" else None
-        x0, y0, x1, y1 = window or (0, 0, width, height)
-        ys, xs = np.nonzero(matte[y0:y1, x0:x1] > 127)
+        inside, (x0, y0, x1, y1) = foreground(self.store.rig, view, frame.index, window)
+        ys, xs = np.nonzero(inside)
         if len(ys):
             k = rng.integers(len(ys))
-            cx, cy = int(xs[k]) + x0, int(ys[k]) + y0
+            x, y = xs[k] + x0, ys[k] + y0
         else:
-            cx, cy = int(rng.integers(x0, x1)), int(rng.integers(y0, y1))
-        x = int(np.clip(cx - side_x // 2, 0, width - side_x))
-        y = int(np.clip(cy - side_y // 2, 0, height - side_y))
+            x, y = rng.integers(x0, x1), rng.integers(y0, y1)
+        x, y = np.clip((x - side_x // 2, y - side_y // 2), 0, (width - side_x, height - side_y)).tolist()
         return x, y, side_x, side_y

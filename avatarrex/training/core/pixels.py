@@ -5,11 +5,12 @@ Colours are sRGB-encoded in [0, 1], multiplied by the matte. Letters: r rays, h 
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from avatarrex.camera import Camera
@@ -44,27 +45,33 @@ class PixelBatch:
         return PixelBatch(*(torch.cat(pair) for pair in pairs))
 
 
+def pictures(rig: Rig, frames: Iterable[int], views: Sequence[int]) -> list[tuple[int, int]]:
+    """(frame, view) that are there, frame by frame."""
+    return [(frame, view) for frame in frames for view in views if rig.available(view, frame)]
+
+
 def training_pairs(rig: Rig) -> list[tuple[int, int]]:
     """(frame, view) that are there and not held out, frame by frame. Raises `InputError` where there are none."""
-    pairs = [
-        (frame, view)
-        for frame in range(rig.frames)
-        for view in range(len(rig.views))
-        if frame not in rig.held_out_frames and view not in rig.held_out_views and rig.available(view, frame)
-    ]
+    views = [view for view in range(len(rig.views)) if view not in rig.held_out_views]
+    pairs = pictures(rig, (frame for frame in range(rig.frames) if frame not in rig.held_out_frames), views)
     if not pairs:
         raise InputError(f"{rig.name} rig", "pictures", "at least one that is not held out", "none")
     return pairs
 
 
-def on_black(rig: Rig, view: int, frame: int) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w"]]:
-    """A whole picture: colours times matte, and the matte."""
-    matte = torch.from_numpy(rig.matte(view, frame) / np.float32(255))
-    return torch.from_numpy(rig.image(view, frame) / np.float32(255)) * matte[..., None], matte
+Box = tuple[int, int, int, int]
+"""x0, y0, x1, y1, pixels."""
+
+
+def foreground(rig: Rig, view: int, frame: int, within: Box | None) -> tuple[Bool[np.ndarray, "h w"], Box]:
+    """Pixels of the person, cut to the box `within` (the whole picture unless given), and that box."""
+    matte = rig.matte(view, frame)
+    x0, y0, x1, y1 = box = within or (0, 0, matte.shape[1], matte.shape[0])
+    return matte[y0:y1, x0:x1] > 127, box
 
 
 def draw_pixels(
-    rig: Rig, view: int, frame: int, count: int, rng: np.random.Generator, within: tuple[int, int, int, int] | None
+    rig: Rig, view: int, frame: int, count: int, rng: np.random.Generator, within: Box | None
 ) -> PixelBatch:
     """`count` pixels, most of them on the person or beside it; `within` (x0, y0, x1, y1) restricts them to a box.
 
@@ -72,8 +79,8 @@ def draw_pixels(
     """
     matte = rig.matte(view, frame)
     height, width = matte.shape
-    x0, y0, x1, y1 = within or (0, 0, width, height)
-    ys, xs = np.nonzero(matte[y0:y1, x0:x1] > 127)
+    inside, (x0, y0, x1, y1) = foreground(rig, view, frame, within)
+    ys, xs = np.nonzero(inside)
     xs, ys = xs + x0, ys + y0
     on = rng.integers(len(ys), size=round(count * FOREGROUND)) if len(ys) else np.zeros(0, int)
     places = [np.stack([xs[on], ys[on]], 1)]
@@ -93,13 +100,10 @@ def draw_pixels(
 
 
 def draw_outline(
-    rig: Rig, view: int, frame: int, count: int, rng: np.random.Generator, within: tuple[int, int, int, int] | None
+    rig: Rig, view: int, frame: int, count: int, rng: np.random.Generator, within: Box | None
 ) -> PixelBatch:
     """`count` pixels about the matte's edge; none of a picture without one."""
-    matte = rig.matte(view, frame)
-    height, width = matte.shape
-    x0, y0, x1, y1 = within or (0, 0, width, height)
-    on = matte[y0:y1, x0:x1] > 127
+    on, (x0, y0, x1, y1) = foreground(rig, view, frame, within)
     ys, xs = np.nonzero(np.diff(on, axis=0, prepend=on[:1]) | np.diff(on, axis=1, prepend=on[:, :1]))
     if not len(ys):
         none = torch.zeros(0)
@@ -119,7 +123,7 @@ def _pixels(rig: Rig, view: int, frame: int, x: np.ndarray, y: np.ndarray) -> Pi
 
 
 def cropped(camera: Camera, x: int, y: int, width: int, height: int) -> Camera:
-    """The part of a view whose top left pixel is (x, y)."""
+    """The part of a view with (x, y) as its top left pixel."""
     intrinsics = camera.intrinsics.copy()
     intrinsics[0, 2] -= x
     intrinsics[1, 2] -= y

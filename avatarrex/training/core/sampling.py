@@ -1,8 +1,8 @@
-"""Where on a ray the field is asked (docs/training.md, 'Samples').
+"""Where on a ray the field is evaluated (docs/training.md, 'Samples').
 
 `uniform` takes what the paper takes: samples spread evenly between the ray's entry into the volume and its exit. `near`
 walks the same span over the stored volume of an earlier moment of the training, which costs no network, and draws the
-few samples that are evaluated from the weights found there: none in empty space, none behind the first surface.
+few samples that are evaluated from the weights found there: none in empty space, none beyond the first surface.
 
 Letters: r rays, c candidates, s samples. Root frame, metres.
 """
@@ -26,10 +26,10 @@ BLUR = 0.004
 """Metres: the stored surface may be off by this much; the least γ that the candidates are weighed with."""
 FLOOR = 0.02
 """Weight of a candidate near the surface that seems hidden or thin: what has moved since is found again."""
-NEAR = 3.0
+NEAR_GAMMAS = 3.0
 """Candidates within so many γ of the stored surface count as near it."""
-BEHIND = 3
-"""Candidates behind the surface of which the deepest ends the samples."""
+BEYOND = 3
+"""Candidates beyond the surface of which the deepest ends the samples."""
 OPAQUE = 0.5
 """Rays that absorb more than this meet the surface; others pass it and are sampled half as densely."""
 
@@ -45,7 +45,7 @@ class RaySamples:
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """The stored volume along rays, looked at where it is first asked for."""
+    """The stored volume along rays, evaluated on first use."""
 
     volume: SdfVolume
     rays: Rays
@@ -111,7 +111,7 @@ def near_samples(walk: Walk, samples: int, gamma: float, noise: torch.Generator)
     wide = max(gamma, BLUR)
     depth = laplace_density(sdf, wide) * spacing
     weight = torch.exp(depth - torch.cumsum(depth, -1)) * -torch.expm1(-depth)
-    near = sdf.abs() < NEAR * wide + spacing
+    near = sdf.abs() < NEAR_GAMMAS * wide + spacing
     deep, enters = _inside(sdf, torch.cumsum(weight, -1))
     near &= ~enters[:, None] | (torch.arange(CANDIDATES) <= deep[:, None])
     chance = torch.cumsum((weight + FLOOR) * near, -1)
@@ -127,17 +127,17 @@ def near_samples(walk: Walk, samples: int, gamma: float, noise: torch.Generator)
     below = torch.where(cell > 0, chance.gather(1, (cell - 1).clamp_min(0)), 0.0)
     within = ((u - below) / (above - below).clamp_min(1e-9)).clamp(0, 1)
     found = entry[:, None] + spacing * (cell + within)
-    behind = walk.t.gather(1, deep[:, None])
-    found = torch.where(enters[:, None], torch.where(rank == drawn[:, None], behind, found.minimum(behind)), found)
+    end = walk.t.gather(1, deep[:, None])
+    found = torch.where(enters[:, None], torch.where(rank == drawn[:, None], end, found.minimum(end)), found)
     last = found.masked_fill(~used, -torch.inf).amax(-1, keepdim=True)
     return RaySamples(torch.where(used, found, torch.where(last.isfinite(), last, entry[:, None])), used)
 
 
 def _inside(sdf: Float[Tensor, "r c"], absorbed: Float[Tensor, "r c"]) -> tuple[Int[Tensor, " r"], Bool[Tensor, " r"]]:
-    """The deepest of the `BEHIND` candidates from the first that lies inside where a ray has absorbed half; whether one does."""
+    """The deepest of the `BEYOND` candidates from the first that lies inside where a ray has absorbed half; whether one does."""
     there = (absorbed > OPAQUE) & (sdf < 0)
     rank, first = torch.arange(CANDIDATES), there.int().argmax(-1, keepdim=True)
-    deepest = sdf.masked_fill((rank < first) | (rank >= first + BEHIND), torch.inf).argmin(-1)
+    deepest = sdf.masked_fill((rank < first) | (rank >= first + BEYOND), torch.inf).argmin(-1)
     return deepest, there.any(-1)
 
 

@@ -17,18 +17,19 @@ Letters: r rays, s samples on a ray, sorted; p points. Metres.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn.functional import pad
 
-Quadrature = Literal["interval", "point"]
+from avatarrex.training.recipe import Quadrature
+
 LINEAR = 0.2
 """Of γ: smaller differences of distance take the density in the middle (error below (0.2)²/24, 0.2 %), where the
 quotient would lose its digits in float32."""
 DEPTH_BEYOND = 2.0
-"""`interval`: behind the last sample, where it is inside, the ray is taken to run on through twice its depth."""
+"""`interval`: beyond the last sample, where it is inside, the ray is taken to run on through twice its depth."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +80,8 @@ def render_weights(
     beyond = DEPTH_BEYOND * (-sdf[:, -1:]).clamp_min(0) / gamma
     share = _shares(torch.cat([inner, beyond], -1))
     half = share[:, :-1] / 2
-    zero = torch.zeros_like(share[:, -1:])
-    return torch.cat([half, zero], -1) + torch.cat([zero, half], -1) + torch.cat(
-        [torch.zeros_like(half), share[:, -1:]], -1
-    ), share.sum(-1)
+    last = pad(share[:, -1:], (half.shape[1], 0))
+    return pad(half, (0, 1)) + pad(half, (1, 0)) + last, share.sum(-1)
 
 
 def _shares(depth: Tensor) -> Tensor:
