@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import subprocess
 import sys
 from importlib import import_module
@@ -50,7 +51,11 @@ def test_type_checkers_see_the_same_names() -> None:
 
 def test_every_name_is_documented() -> None:
     for name in ax.__all__:
-        assert len((getattr(ax, name).__doc__ or "").strip()) > 20, name
+        found = getattr(ax, name)
+        text = found.__doc__ or ""
+        assert len(text) > 60, name
+        if inspect.isfunction(found):
+            assert "Raises `" in text, f"{name} does not say what it refuses"
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
