@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from avatarrex.avatar import save_avatar as save
     from avatarrex.camera import Camera
     from avatarrex.errors import InputError
+    from avatarrex.frame import Frame
     from avatarrex.levels import level
-    from avatarrex.pipeline import Frame, RenderSettings
     from avatarrex.pipeline import render_frame as render
+    from avatarrex.settings import RenderSettings
     from avatarrex.signals.driving import Signals
     from avatarrex.signals.library import named_expression, named_hand, named_pose
     from avatarrex.signals.read import read_motion
@@ -53,9 +54,9 @@ __all__ = [
 _HOMES = {
     "Avatar": ("avatar", "Avatar"),
     "Camera": ("camera", "Camera"),
-    "Frame": ("pipeline", "Frame"),
+    "Frame": ("frame", "Frame"),
     "InputError": ("errors", "InputError"),
-    "RenderSettings": ("pipeline", "RenderSettings"),
+    "RenderSettings": ("settings", "RenderSettings"),
     "SignalSequence": ("signals.sequence", "SignalSequence"),
     "Signals": ("signals.driving", "Signals"),
     "level": ("levels", "level"),
