@@ -1,25 +1,28 @@
 # make run    set everything up and open the studio; with no display, render the default avatar to out/default.png
 # make test   set everything up, check the code, run every test
+# make test-fast   the tests that need no window, no training and no copy of the packages: under three minutes on two cores
+# make docs   the documentation's site, in out/site/; warnings are errors
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 APT := libegl1 libgl1 libgl1-mesa-dri libglx-mesa0 libegl-mesa0 xvfb xauth
+FAST := tests/test_face.py tests/test_avatar.py tests/test_rooms.py tests/gl tests/ops tests/signals tests/templates  tests/fields \
+  tests/volume tests/pointmap tests/shading
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: setup run test check bench goldens clean
+.PHONY: setup system run check test test-fast docs gallery bench goldens clean
 
 setup: $(VENV)/.ready system
 
 system:
 	@tools/system_packages.sh $(APT)
 
-$(VENV)/.ready: pyproject.toml
+$(VENV)/.ready: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "Python 3.11 or newer is needed, this is " + sys.version' 
 	@test -x $(BIN)/python || { echo "setup: making $(VENV)/"; $(PYTHON) -m venv $(VENV); } || \
 	  { echo "setup: Debian keeps venv in a package of its own: apt-get install python3-venv"; rm -rf $(VENV); exit 1; }
-	@echo "setup: installing torch 2.13.0 and the packages of pyproject.toml into $(VENV)/ (some hundred MB the first time)"
-	@$(BIN)/python -m pip install --quiet torch==2.13.0
-	@$(BIN)/python -m pip install --quiet --editable '.[dev,video]'
+	@echo "setup: installing the packages of pyproject.toml, torch as in constraints.txt, into $(VENV)/ (some hundred MB the first time)"
+	@$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev,video]'
 	@touch $@
 
 run: setup
@@ -37,6 +40,15 @@ check: setup
 test: check
 	$(BIN)/python -m pytest -q -m "not window"
 	$(BIN)/python -m pytest -q -m window tests/app/test_window.py tests/app/test_runs_window.py
+
+test-fast: setup
+	$(BIN)/python -m pytest -q -m "not window and not slow" $(FAST)
+
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
+gallery: setup
+	tools/gallery.sh $(BIN)/python
 
 bench: setup
 	$(BIN)/avatarrex-studio bench

@@ -55,7 +55,10 @@ DATA = Path(__file__).parent / "data"
 
 @dataclass
 class Avatar:
-    """A person with fields for body, hands and face."""
+    """A person with fields for body, hands and face, on which `render` draws.
+
+    `load` reads one, `Avatar.create` makes an untrained one, `save` writes it; `meta` is its `avatar.json`.
+    """
 
     person: Person
     body: BodyField
@@ -163,7 +166,11 @@ class Avatar:
 
 
 def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
-    """Read a packaged avatar by name, an avatar folder, or an `.avatar` file; its networks run on `device`. Raises `InputError`."""
+    """Read an avatar: "default" for the packaged one, an avatar folder, or an `.avatar` file.
+
+    The networks run on `device`, any that torch has ("cpu", "cuda", …). Raises `InputError` for what is not there, not an
+    avatar, of a newer format, or damaged, with file and field; and for a device that cannot be had.
+    """
     device_named(device)  # what cannot be had is said before the work
     path = DATA / "default.avatar" if str(source) == "default" else Path(source)
     text, weights = _read(path)
@@ -189,7 +196,8 @@ def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
 def save_avatar(avatar: Avatar, path: str | Path, half: bool = True) -> None:
     """Write `avatar` to a folder, or to one file when `path` ends in `.avatar`; all or nothing.
 
-    Floating-point weights are stored in half precision when `half` (the surface moves by less than 0.1 mm).
+    Floating-point weights are stored in half precision when `half` (the surface moves by less than 0.1 mm). `load` reads
+    it back. Raises `OSError` where `path` cannot be written.
     """
     path = Path(path)
     state = {

@@ -15,7 +15,11 @@ from avatarrex.errors import InputError
 
 @dataclass(frozen=True)
 class Camera:
-    """A calibrated view."""
+    """A calibrated pinhole view: OpenCV axes (x right, y down, z forward), pixel centres at +0.5, image row 0 at the top.
+
+    `Camera.orbit` makes one that looks at the person. Raises `InputError` for another shape, for numbers that are not
+    finite, and for a side beyond 1 to 16384 pixels.
+    """
 
     intrinsics: np.ndarray
     """K, (3, 3), pixels."""

@@ -20,7 +20,10 @@ from avatarrex.volume.build import AvatarVolume
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture of an avatar; the next frame reuses what has not changed since."""
+    """One picture of an avatar with its posed templates, volume, point map, times and counters.
+
+    Given to the next `render` as `previous`, what has not changed since is not computed again.
+    """
 
     signals: Signals
     camera: Camera

@@ -40,7 +40,10 @@ def dragged(settings: RenderSettings) -> RenderSettings:
 
 
 def level(name: str) -> RenderSettings:
-    """The settings of a level. Raises `InputError` for a name that is none."""
+    """The `RenderSettings` of a level: `paper`, `fast`, `balanced` (what `render` takes unless told), `fine` or `quality`.
+
+    From `fast` to `quality` errors fall and times grow (docs/accuracy.md). Raises `InputError` for a name that is none.
+    """
     if name not in LEVELS:
         raise InputError("level", "name", " or ".join(LEVELS), name)
     return LEVELS[name]

@@ -35,9 +35,12 @@ def render_frame(
     settings: RenderSettings | None = None,
     previous: Frame | None = None,
 ) -> Frame:
-    """Render `avatar` under the driving `signals` seen by `camera`, reusing what `previous` already holds.
+    """Render `avatar` under the driving `signals` seen by `camera`.
 
-    `previous` must stem from the same avatar. Raises `InputError` for signals or settings that cannot be drawn.
+    `settings` are a level's (`level("fine")`) or your own, `balanced` unless given. With `previous`, a frame of the same
+    avatar, a stage is skipped while what it depends on has not changed: `frame.counters` say what was done. The image is
+    (h, w, 4), premultiplied sRGB and coverage; depth, normals and positions are in `frame.pointmap` (metres, root frame).
+    Raises `InputError` for signals or settings that cannot be drawn.
     """
     settings = settings or RenderSettings()
     settings = replace(settings, hidden=settings.hidden | avatar.hidden)

@@ -1,7 +1,8 @@
-"""The examples run as they stand, and as their first lines say."""
+"""Every example runs, small, as its first lines say, and is shown in the gallery."""
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,54 +11,132 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from avatarrex.signals.driving import Signals
-from avatarrex.signals.library import named_pose
-from avatarrex.signals.read import write_json
-from avatarrex.signals.sequence import SignalSequence
+from avatarrex.gl.context import gl_unavailable
+from avatarrex.signals.read import read_motion
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+ROOT = Path(__file__).parents[1]
+EXAMPLES = {path.stem[:2]: path for path in sorted((ROOT / "examples").glob("*.py"))}
+MOST_LINES = 45
+"""One lesson on one page."""
 
 
-def run(name: str, *words: str) -> str:
-    """What an example prints."""
-    done = subprocess.run([sys.executable, EXAMPLES / name, *words], capture_output=True, text=True, timeout=300)
+def run(number: str, out: Path, size: int) -> str:
+    """What example `number` prints; it writes `out`."""
+    words = [sys.executable, str(EXAMPLES[number]), str(out), str(size)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
-def test_each_is_short_and_tested():
-    names = {path.name: len(path.read_text().splitlines()) for path in EXAMPLES.glob("*.py")}
-    assert set(names) == {"portrait.py", "play_motion.py"}
-    assert max(names.values()) <= 40
-
-
-@pytest.mark.slow
-def test_portrait(tmp_path):
-    said = run("portrait.py", str(tmp_path / "a.png"), "64")
-    assert "another view" in said
-    assert " 0 voxels" in said
-    with Image.open(tmp_path / "a.png") as image:
+def picture(path: Path, height: int, width: int) -> np.ndarray:
+    """Its pixels, of which each part as wide as high shows somebody."""
+    with Image.open(path) as image:
         pixels = np.asarray(image.convert("RGB"))
-    assert pixels.shape == (64, 64, 3)
-    assert 0.2 < (pixels != 255).any(-1).mean() < 0.9
-    with np.load(tmp_path / "a.npz") as arrays:
-        assert arrays["depth"].dtype == np.float32
-        assert 0.8 < arrays["depth"][arrays["depth"] > 0].min() < 1.5
+    assert pixels.shape == (height, width, 3)
+    for part in np.array_split(pixels, max(width // height, 1), axis=1):
+        assert part.std() > 10
+    return pixels
 
 
-@pytest.mark.slow
-def test_play_motion(tmp_path):
+def numbers(line: str) -> list[float]:
+    return [float(word) for word in re.findall(r"(?<![\w.])\d+(?:\.\d+)?", line)]
+
+
+def test_they_are_numbered_short_and_in_the_gallery() -> None:
+    assert list(EXAMPLES) == [f"{k:02}" for k in range(1, len(EXAMPLES) + 1)]
+    assert len(EXAMPLES) >= 8
+    page = (ROOT / "docs" / "gallery.md").read_text()
+    for path in EXAMPLES.values():
+        text = path.read_text()
+        assert len(text.splitlines()) <= MOST_LINES, path
+        assert f"python examples/{path.name} OUT" in text, path
+        assert path.name in page, f"the gallery does not show {path.name}"
+        assert list((ROOT / "docs" / "gallery").glob(f"{path.stem}.*")), f"no picture of {path.name}: tools/gallery.sh"
+
+
+def test_portrait(tmp_path: Path) -> None:
+    assert "pixels" in run("01", tmp_path / "a.png", 64)
+    assert 0.2 < (picture(tmp_path / "a.png", 64, 64) != 255).any(-1).mean() < 0.9
+
+
+def test_motion_to_video(tmp_path: Path) -> None:
     av = pytest.importorskip("av")
-    stand = Signals.rest().replace(body_pose=named_pose("stand"))
-    frames = tuple(stand.replace(translation=np.array([0.0, 0.0, 0.1 * k])) for k in range(7))
-    write_json(tmp_path / "steps.json", SignalSequence(frames, 30.0, "steps"))
-    said = run("play_motion.py", str(tmp_path / "steps.json"), str(tmp_path / "steps.mp4"), "64", "10")
-    assert "3 frames, 0.2 s" in said
-    with av.open(str(tmp_path / "steps.mp4")) as video:
+    assert "9 frames, 1.0 s" in run("02", tmp_path / "a.mp4", 64)
+    with av.open(str(tmp_path / "a.mp4")) as video:
         stream = video.streams.video[0]
-        assert float(stream.average_rate) == pytest.approx(10)
+        assert float(stream.average_rate) == pytest.approx(8)
         pictures = [frame.to_ndarray(format="rgb24") for frame in video.decode(stream)]
-    assert len(pictures) == 3
-    for picture in pictures:
-        assert picture.shape == (64, 64, 3)
-        assert picture.std() > 10, "a person, not a background"
+    assert len(pictures) == 9
+    assert all(image.shape == (64, 64, 3) and image.std() > 10 for image in pictures), "a person, not a background"
+    assert np.abs(pictures[4].astype(float) - pictures[0]).mean() > 1, "the arm moves"
+
+
+def test_expressions_and_hands(tmp_path: Path) -> None:
+    run("03", tmp_path / "a.png", 48)
+    pixels = picture(tmp_path / "a.png", 96, 192).astype(float)
+    cells = pixels.reshape(2, 48, 4, 48, 3).swapaxes(1, 2)
+    for row in cells:
+        assert all(np.abs(a - b).mean() > 0.5 for k, a in enumerate(row) for b in row[:k]), "all differ"
+
+
+def test_levels(tmp_path: Path) -> None:
+    lines = run("04", tmp_path / "a.png", 48).splitlines()
+    picture(tmp_path / "a.png", 48, 240)
+    errors = [numbers(line)[1] for line in lines[1:]]
+    assert [line.split()[0] for line in lines[1:]] == ["paper", "fast", "balanced", "fine", "quality"]
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_depth_normals_positions(tmp_path: Path) -> None:
+    run("05", tmp_path / "a.png", 64)
+    picture(tmp_path / "a.png", 64, 192)
+    with np.load(tmp_path / "a.npz") as arrays:
+        hit, depth, normal, position = (arrays[name] for name in ("hit", "depth", "normal", "position"))
+    assert 2.0 < depth[hit].min() < depth[hit].max() < 3.2
+    np.testing.assert_allclose(np.linalg.norm(normal[hit], axis=-1), 1, atol=1e-4)
+    assert abs(np.median(position[hit][:, 0]) - 0.2) < 0.15, "world metres: the person was moved there"
+
+
+def test_parts_and_patches(tmp_path: Path) -> None:
+    lines = run("06", tmp_path / "a.png", 64).splitlines()
+    body, hand, face = zip(*(numbers(line.split(": ")[1]) for line in lines))
+    assert (hand[0] > 0, hand[1], face[2]) == (True, 0, 0)
+    assert (body[3], hand[3], face[3]) == (body[0], hand[0], face[0]), "patches change colours alone"
+    cells = np.array_split(picture(tmp_path / "a.png", 64, 256), 4, axis=1)
+    assert (cells[3] != cells[0]).any()
+
+
+def test_retarget_a_motion(tmp_path: Path) -> None:
+    said = run("07", tmp_path / "a.png", 48)
+    assert "25 frames at 12 a second" in said
+    assert "centimetres" in said
+    picture(tmp_path / "a.png", 48, 240)
+    assert len(read_motion(tmp_path / "a.json")) == 25
+
+
+def test_what_is_computed_again(tmp_path: Path) -> None:
+    lines = run("08", tmp_path / "a.png", 48).splitlines()[1:]
+    work = {line[:14].strip(): [int(word) for word in line[14:].split()[1:]] for line in lines}
+    assert work["nothing"] == [0, 0, 0, 0, 0]
+    voxels, faces, hands, rays, pixels = zip(*(work[name] for name in ("camera", "expression", "a hand", "place")))
+    assert set(voxels) == {0}
+    assert [count > 0 for count in faces] == [False, True, False, False]
+    assert [count > 0 for count in hands] == [False, False, True, False]
+    assert min(rays) > 0
+    assert min(pixels) > 0
+
+
+def test_against_the_exact_frame(tmp_path: Path) -> None:
+    lines = run("09", tmp_path / "a.png", 20).splitlines()
+    paper, balanced, quality = (numbers(line)[0] for line in lines)
+    assert quality < 0.5 * min(paper, balanced)
+    assert max(paper, balanced) < 4
+    picture(tmp_path / "a.png", 40, 160)
+
+
+@pytest.mark.skipif(gl_unavailable() is not None, reason=str(gl_unavailable()))
+def test_capture_to_compare(tmp_path: Path) -> None:
+    lines = run("10", tmp_path / "a.png", 64).splitlines()
+    assert lines[0] == "4 cameras, 4 frames"
+    assert all(15 < numbers(line)[-1] < 40 for line in lines[1:])
+    picture(tmp_path / "a.png", 64, 8 * 48)

@@ -11,12 +11,13 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from avatarrex.gl.context import gl_context, per_context
+from avatarrex.gl.context import current_context, gl_context, per_context
 from avatarrex.gl.shader import draw_program
 
 SHADERS = ("templates/face_view.vert", "templates/face_view.frag")
 
 
+@current_context()
 def draw_views(
     place: Float[Tensor, "v 3"],
     albedo: Float[Tensor, "v 3"],

@@ -3,18 +3,25 @@
 Linux makes a standalone EGL context, which needs no display; where EGL is missing (Windows) a hidden GLFW window
 carries it. Inside the studio's window the window's own context is lent by `use_context`. Where none can be had,
 `NoContext` says why and the callers fall back to torch. `AVATARREX_GL` = `off`, `egl` or `glfw` forces a choice.
+
+A program may have contexts of its own: all OpenGL work here runs inside `current_context()`, which makes this context
+current and gives the thread back as it was. Threads take turns.
 """
 
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
 import moderngl
 
 from avatarrex.errors import InputError
+from avatarrex.gl.binding import Binding, current_binding, nothing_current, switch
 
 REQUIRED = 430
 """OpenGL 4.3, the first with compute shaders; Mesa llvmpipe stops at 4.5."""
@@ -23,48 +30,68 @@ DEVICES = 4
 CHOICES = ("auto", "egl", "glfw", "off")
 Made = TypeVar("Made")
 
-_made: moderngl.Context | None = None
-_reason: str | None = None
-_lent: moderngl.Context | None = None
-
 
 class NoContext(RuntimeError):
-    """No OpenGL 4.3 context can be made here; the message says what was tried."""
+    """No OpenGL 4.3 context can be made or used here; the message says what was tried."""
+
+
+@dataclass(frozen=True)
+class _Known:
+    """A context and how it becomes current."""
+
+    context: moderngl.Context
+    binding: Binding | None
+
+
+_made: _Known | None = None
+_reason: str | None = None
+_lent: _Known | None = None
+_turn = threading.RLock()
+
+
+@contextmanager
+def current_context() -> Iterator[moderngl.Context]:
+    """The context in use, current inside the `with`; what was current before (or nothing) is restored after it.
+
+    Also a decorator. Raises `NoContext` with the cause, where another thread keeps the context current, too.
+    """
+    with _turn:
+        known, before = _known(), current_binding()
+        if not switch(before, known.binding):
+            raise NoContext("the OpenGL context is current in another thread")
+        try:
+            yield known.context
+        finally:
+            switch(known.binding, before)
 
 
 def gl_context() -> moderngl.Context:
-    """The context in use: the lent one, else one made on the first call. Raises `NoContext` with the cause."""
-    global _made, _reason
-    choice = _choice()
-    if choice == "off":
-        raise NoContext("OpenGL is switched off by AVATARREX_GL=off")
-    if _lent is not None:
-        return _lent
-    if _made is None:
-        if _reason is None:
-            _made, _reason = _make(choice)
-        if _made is None:
-            raise NoContext(_reason)
-    return _made
+    """The context in use: the lent one, else one made on the first call, and current where no other is.
+
+    For who owns the process; a library's own work takes `current_context`. Raises `NoContext` with the cause.
+    """
+    known = _known()
+    if current_binding() is None:
+        switch(None, known.binding)
+    return known.context
 
 
 def use_context(context: moderngl.Context | None) -> None:
     """Lend a window's context, `moderngl.create_context(require=430)`, current in this thread; None takes it back."""
     global _lent
-    if context is None and _lent is not None and _made is not None:
-        _made.__enter__()  # current again: the window's context took its place
-    _lent = context
+    _lent = None if context is None else _Known(context, current_binding())
 
 
 def gl_unavailable() -> str | None:
     """Why there is no OpenGL here; None where there is."""
     try:
-        gl_context()
+        _known()
     except NoContext as error:
         return str(error)
     return None
 
 
+@current_context()
 def renderer_name(context: moderngl.Context) -> str:
     """GL_RENDERER, e.g. `llvmpipe (LLVM 15.0.6, 256 bits)`."""
     return str(context.info["GL_RENDERER"])
@@ -76,7 +103,25 @@ def per_context(context: moderngl.Context, key: object, make: Callable[[], Made]
         context.extra = {}
     if key not in context.extra:
         context.extra[key] = make()
-    return context.extra[key]
+    made: Made = context.extra[key]
+    return made
+
+
+def _known() -> _Known:
+    """Lent or made, current or not."""
+    global _made, _reason
+    choice = _choice()
+    if choice == "off":
+        raise NoContext("OpenGL is switched off by AVATARREX_GL=off")
+    if _lent is not None:
+        return _lent
+    with _turn:
+        if _made is None and _reason is None:
+            with nothing_current():
+                _made, _reason = _make(choice)
+    if _made is None:
+        raise NoContext(_reason)
+    return _made
 
 
 def _choice() -> str:
@@ -86,12 +131,12 @@ def _choice() -> str:
     return choice
 
 
-def _make(choice: str) -> tuple[moderngl.Context | None, str]:
+def _make(choice: str) -> tuple[_Known | None, str]:
     """A context and the causes of the attempts that failed before it."""
     causes: dict[str, None] = {}
     for attempt in _attempts(choice):
         try:
-            return attempt(), ""
+            return _Known(attempt(), current_binding()), ""
         except Exception as error:  # glcontext, ctypes and glfw raise their own kinds; each cause is kept
             causes[str(error)] = None
     return None, "no OpenGL 4.3 context: " + "; ".join(causes)

@@ -1,6 +1,6 @@
 """Tensors as 3D textures, uploaded when they change and not before.
 
-A name (`body`, `left_hand`, …) holds one texture; it is written again only when another tensor comes under that name.
+A name (`body`, `left_hand`, …) has one texture; it is written again only when another tensor is bound under that name.
 No side is a power of two (the last texel is repeated there): Mesa's llvmpipe compiles a shader anew, in half a second and
 more, whenever a texture it reads changes from such a size to another.
 """
@@ -22,7 +22,7 @@ class GridTextures:
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
-        self._held: dict[str, tuple[weakref.ref[Tensor], moderngl.Texture3D]] = {}
+        self._textures: dict[str, tuple[weakref.ref[Tensor], moderngl.Texture3D]] = {}
         self._blank = context.texture3d((3, 3, 3), 2, np.zeros(54, "f4").tobytes(), dtype="f4")
 
     def bind(self, name: str, grid: Tensor | None, unit: int) -> int:
@@ -30,7 +30,7 @@ class GridTextures:
         if grid is None:
             self._blank.use(unit)
             return 0
-        reference, texture = self._held.get(name, (None, None))
+        reference, texture = self._textures.get(name, (None, None))
         if texture is not None and reference is not None and reference() is grid:
             texture.use(unit)
             return 0
@@ -45,6 +45,6 @@ class GridTextures:
             texture.repeat_x = texture.repeat_y = texture.repeat_z = False
             texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         texture.write(data.tobytes(), alignment=1)
-        self._held[name] = (weakref.ref(grid), texture)
+        self._textures[name] = (weakref.ref(grid), texture)
         texture.use(unit)
         return data.nbytes

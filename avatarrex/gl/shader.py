@@ -44,10 +44,10 @@ class ShaderSource:
 def load_shader(name: str, constants: Mapping[str, int | float | bool] | None = None) -> ShaderSource:
     """Read `shaders/<name>` with its includes; `constants` become `#define`s ahead of the first line.
 
-    Raises `ShaderError` for a missing file, naming the line that asked for it.
+    Raises `ShaderError` for a missing file, naming the line that includes it.
     """
     seen: list[str] = []
-    body = _flatten(name, seen, asked_by="")
+    body = _flatten(name, seen, included_by="")
     defines = "".join(f"#define {key} {_literal(value)}\n" for key, value in (constants or {}).items())
     return ShaderSource(VERSION + defines + body, tuple(seen))
 
@@ -78,13 +78,13 @@ def draw_program(
         raise ShaderError(blamed.explain(str(error))) from error
 
 
-def _flatten(name: str, seen: list[str], asked_by: str) -> str:
+def _flatten(name: str, seen: list[str], included_by: str) -> str:
     number = len(seen)
     seen.append(name)
     try:
         text = files("avatarrex_shaders").joinpath(name).read_text(encoding="utf-8")
     except OSError as error:
-        raise ShaderError(f"shaders/{name}: no such shader{asked_by}") from error
+        raise ShaderError(f"shaders/{name}: no such shader{included_by}") from error
     lines = [f"#line 1 {number}"]
     for line_number, line in enumerate(text.splitlines(), start=1):
         include = _INCLUDE.match(line)

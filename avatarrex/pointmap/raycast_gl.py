@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from avatarrex.camera import Camera
-from avatarrex.gl.context import gl_context, per_context, renderer_name
+from avatarrex.gl.context import current_context, gl_context, per_context, renderer_name
 from avatarrex.gl.grids import GridTextures
 from avatarrex.gl.shader import compute_shader
 from avatarrex.pointmap.point_map import CoveredPixels, PointMap
@@ -64,6 +64,7 @@ NO_HIT = np.float32(1e9)
 """A tile that no pass visits has twice this."""
 
 
+@current_context()
 def raycast_gl(volume: SdfVolume, camera: Camera, antialias: bool, march: str = "exact") -> PointMap:
     """See `avatarrex.pointmap.raycast.raycast`."""
     return gl_caster().cast(volume, camera, antialias, march)

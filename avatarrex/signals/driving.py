@@ -37,7 +37,11 @@ one coefficient of 50 or a β of 100 is a person of many metres: its volume take
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """One frame of driving signals."""
+    """One frame of driving signals: rotation vectors in radians, metres, coefficients; immutable float64.
+
+    Start from `Signals.rest()` and `replace` fields, e.g. `body_pose=named_pose("wave")`. Raises `InputError` for another
+    shape, for numbers that are not finite, and for magnitudes beyond `LARGEST`.
+    """
 
     global_orient: np.ndarray
     translation: np.ndarray

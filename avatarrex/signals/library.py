@@ -113,12 +113,19 @@ EXPRESSIONS: dict[str, dict[str, float]] = {
 
 
 def named_pose(name: str) -> np.ndarray:
-    """θ (21, 3) of a named body pose. Raises `InputError` with the near matches."""
+    """θ (21, 3) of a named body pose: rotation vectors in radians, SMPL-X order; `avatarrex.signals.library.POSES` lists them.
+
+    Raises `InputError` with the near matches for a name that is none.
+    """
     return turned(np.zeros((21, 3)), _look_up("pose", name, POSES))
 
 
 def named_hand(name: str, side: str) -> np.ndarray:
-    """φ (15, 3) of a named hand pose for side "left" or "right"."""
+    """φ (15, 3) of a named hand pose for `side` "left" or "right": rotation vectors in radians, MANO order (index, middle,
+    pinky, ring, thumb × 3); `avatarrex.signals.library.HANDS` lists them.
+
+    Raises `InputError` with the near matches for a name that is none.
+    """
     pose = np.zeros((15, 3))
     for joint, degrees in _look_up("hand", name, HANDS).items():
         pose[HAND_JOINTS.index(joint)] = np.radians(degrees)
@@ -126,7 +133,11 @@ def named_hand(name: str, side: str) -> np.ndarray:
 
 
 def named_expression(name: str) -> np.ndarray:
-    """ψ (52,) of a named expression."""
+    """ψ (52,) of a named expression: coefficients from 0 to 1 in Apple's order; `avatarrex.signals.library.EXPRESSIONS`
+    lists them.
+
+    Raises `InputError` with the near matches for a name that is none.
+    """
     return coefficients(_look_up("expression", name, EXPRESSIONS))
 
 

@@ -18,7 +18,11 @@ FORMAT, VERSION = "avatarrex-signals", 1
 
 
 def read_motion(path: str | Path) -> SignalSequence:
-    """`.bvh`, `.npz` (SMPL-X, AMASS), `.csv` (Live Link Face) or our `.json`. Raises `InputError`."""
+    """Read a motion by its extension: `.bvh`, `.npz` (SMPL-X, AMASS), `.csv` (Live Link Face) or our `.json`.
+
+    Whatever the skeleton, the frames are our `Signals` (radians, metres, the person's feet on the floor); `notes` of the
+    sequence say what the reader decided: axes, scale, joints that were not found. Raises `InputError` with file and field.
+    """
     path = Path(path)
     readers = {".bvh": read_bvh, ".npz": read_smplx, ".csv": read_livelink, ".json": read_json}
     reader = readers.get(path.suffix.lower())
@@ -62,7 +66,10 @@ def read_json(path: str | Path) -> SignalSequence:
 
 
 def write_json(path: str | Path, sequence: SignalSequence) -> None:
-    """Write what `read_json` reads, as assets_spec/signals.json says."""
+    """Write a motion as `.json`, which `read_motion` reads back to the last bit (assets_spec/signals.json); all or nothing.
+
+    Raises `InputError` where the file cannot be written.
+    """
     data = {
         "format": FORMAT, "version": VERSION, "name": sequence.name, "fps": sequence.fps, "notes": list(sequence.notes),
         "frames": [frame.to_json() for frame in sequence],

@@ -15,7 +15,11 @@ from avatarrex.signals.driving import ROTATIONS, SHAPES, Signals
 
 @dataclass(frozen=True)
 class SignalSequence:
-    """Frames of signals, `fps` a second."""
+    """A motion: frames of `Signals`, `fps` a second.
+
+    Iterates and indexes like a tuple of frames; a slice is a sequence again. `at(seconds)` interpolates (rotations on the
+    shortest arc), `resample(fps)` changes the rate. Raises `InputError` where there is no frame, or no rate in (0, 1000].
+    """
 
     frames: tuple[Signals, ...]
     fps: float

@@ -1,5 +1,5 @@
 // One corner of a triangle of the posed subject, three to a triangle, unindexed: every fragment knows its triangle and
-// where in it it lies. Reads faces and vertices; writes clip coordinates whose first row is the picture's top.
+// where in it it lies. Reads faces and vertices; writes clip coordinates with the picture's top as the first row.
 layout(std430, binding = 0) readonly buffer Faces { uint in_face[]; };      // 3 per triangle
 layout(std430, binding = 1) readonly buffer Vertices { vec4 in_vertex[]; }; // position (m), openness; normal, fold (m)
 

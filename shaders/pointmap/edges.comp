@@ -1,5 +1,5 @@
 // Step II, between the passes: list what is covered, and the pixels along silhouettes that need sub-positions: those
-// beside a pixel that differs in being hit, and those whose ray misses the surface by less than a pixel. ANTIALIAS: whether
+// beside a pixel that differs in being hit, and those of rays that miss the surface by less than a pixel. ANTIALIAS: whether
 // there are sub-positions.
 layout(local_size_x = 64) in;
 #include "pointmap/volume.glsl"

@@ -1,7 +1,7 @@
 // The rays of a view, and the buffers between the raycast passes.
 // A ray starts on a plane through the volume, not at the camera, so that a camera a kilometre away costs no digits.
 uniform ivec2 u_image;   // width, height
-uniform vec2 u_middle;   // pixel position whose ray meets the plane in u_point
+uniform vec2 u_middle;   // pixel position of the ray that meets the plane in u_point
 uniform vec3 u_point;    // root metres
 uniform vec3 u_gaze;     // u_point minus the camera centre
 uniform vec3 u_across;   // on the plane, metres per pixel
@@ -84,7 +84,7 @@ float reach_at(Ray ray, float t) {
 }
 
 // Lists of pixels for the next pass: each an indirect dispatch of 64 (of 16 for each silhouette pixel), counted as they are
-// appended. Exact walks and what is covered come twice, for pixels whose rays miss all part boxes and for those that meet one,
+// appended. Exact walks and what is covered come twice, for pixels of rays that miss all part boxes and for those that meet one,
 // which need the slower program; traced rays and silhouettes for each set of boxes (`boxes_list`). Tiles come once, a work
 // group each.
 const int LIST_EXACT = 0, LIST_COVERED = 2, LIST_TILE = 4, LIST_TRACE = 5, LIST_EDGE = 10;
@@ -106,7 +106,7 @@ layout(std430, binding = 11) buffer Tiles { uint tiles[]; };                   /
 layout(std430, binding = 13) buffer EdgeSlots { uint edge_slots[]; };          // room for all in each list
 
 const float NO_HIT = 1e9;
-const float EMPTY = 2e9;               // of a tile whose rays meet nothing; no pass visits its pixels
+const float EMPTY = 2e9;               // of a tile without hits; no pass visits its pixels
 const uint NO_SLOT = 0xffffffffu;
 const uint GRAZES = 0x80000000u;       // the ray misses the surface by less than a pixel
 const int BOXES_SHIFT = 28;            // three bits: the part boxes that the ray meets

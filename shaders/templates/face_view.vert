@@ -1,5 +1,5 @@
 // One orthographic view of the face mesh: places in the head-frame cube [-1,1]^3 to the view's image plane.
-// Reads vertices; writes clip coordinates whose first row is the image's top, so that pixels are read back in order.
+// Reads vertices; writes clip coordinates with the image's top as the first row, so that pixels are read back in order.
 #define DEPTH_RANGE 0.25  // parts of the head behind the cube stay inside the clip volume
 
 in vec3 in_position;  // normalised head frame

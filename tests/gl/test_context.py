@@ -1,11 +1,22 @@
 """One OpenGL context, or the reason why there is none."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import moderngl
 import numpy as np
 import pytest
 
 from avatarrex.errors import InputError
-from avatarrex.gl import NoContext, gl_context, gl_unavailable, per_context, renderer_name, use_context
+from avatarrex.gl import (
+    NoContext,
+    current_context,
+    gl_context,
+    gl_unavailable,
+    per_context,
+    renderer_name,
+    use_context,
+)
+from avatarrex.gl.binding import current_binding, nothing_current
 
 
 def test_the_context_is_made_once_and_names_its_renderer():
@@ -44,19 +55,75 @@ def test_a_failure_keeps_every_cause(monkeypatch):
 
 
 def test_a_window_lends_its_context_and_takes_it_back():
-    own = gl_context()
-    held = own.buffer(np.arange(4, dtype="u4").tobytes())
-    lent = moderngl.create_context(standalone=True, backend="egl", require=430)
-    use_context(lent)
-    try:
-        assert gl_context() is lent
-        lent.buffer(np.zeros(4, dtype="u4").tobytes())
-    finally:
-        use_context(None)
-    assert gl_context() is own
-    # The own context is current again: its buffers read what was written.
-    np.testing.assert_array_equal(np.frombuffer(held.read(), "u4"), np.arange(4))
-    assert own.error == "GL_NO_ERROR"
+    with current_context() as own:
+        kept = own.buffer(np.arange(4, dtype="u4").tobytes())
+    with nothing_current():
+        lent = moderngl.create_context(standalone=True, backend="egl", require=430)
+        window = current_binding()
+        use_context(lent)
+        try:
+            with current_context() as context:
+                assert context is lent
+                assert current_binding() == window
+                lent.buffer(np.zeros(4, dtype="u4").tobytes())
+        finally:
+            use_context(None)
+        assert gl_context() is own
+        assert current_binding() == window, "the window may go on"
+        with current_context():
+            np.testing.assert_array_equal(np.frombuffer(kept.read(), "u4"), np.arange(4))
+            assert own.error == "GL_NO_ERROR"
+
+
+def test_work_goes_on_inside_another_program_and_leaves_its_context_current():
+    with nothing_current():
+        other = moderngl.create_context(standalone=True, backend="egl", require=330)
+        theirs = current_binding()
+        kept = other.buffer(b"abcd")
+        with current_context() as context:
+            assert current_binding() != theirs
+            buffer = context.buffer(b"1234")
+            with current_context():
+                pass
+            assert current_binding() != theirs, "the inner `with` gives back what the outer took"
+            assert buffer.read() == b"1234"
+            buffer.release()
+        assert current_binding() == theirs
+        assert kept.read() == b"abcd"
+        assert (other.error, context.error) == ("GL_NO_ERROR", "GL_NO_ERROR")
+        other.release()
+
+
+def test_an_error_inside_gives_the_context_back():
+    with nothing_current():
+        with pytest.raises(ZeroDivisionError), current_context():
+            raise ZeroDivisionError
+        assert current_binding() is None
+
+
+def test_threads_take_turns():
+    with nothing_current(), ThreadPoolExecutor(3) as pool:
+        read = list(pool.map(_written, range(30)))
+    assert read == list(range(30))
+
+
+def test_a_context_that_another_thread_keeps_is_an_error():
+    with nothing_current(), ThreadPoolExecutor(1) as pool:
+        gl_context()
+        kept = current_binding()
+        with pytest.raises(NoContext, match="current in another thread"):
+            pool.submit(_written, 1).result()
+        assert current_binding() == kept
+
+
+def _written(number: int) -> int:
+    """Through a buffer and back."""
+    with current_context() as context:
+        buffer = context.buffer(np.uint32(number).tobytes())
+        try:
+            return int(np.frombuffer(buffer.read(), "u4")[0])
+        finally:
+            buffer.release()
 
 
 def test_things_are_made_once_per_context():

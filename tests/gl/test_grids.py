@@ -34,7 +34,7 @@ def test_no_side_is_a_power_of_two_and_the_border_is_repeated():
     textures = GridTextures(context)
     grid = torch.rand(1, 8, 5)
     assert textures.bind("body", grid, 0) == 3 * 9 * 5 * 4
-    texture = textures._held["body"][1]
+    texture = textures._textures["body"][1]
     assert texture.size == (5, 9, 3)
     stored = torch.frombuffer(bytearray(texture.read(alignment=1)), dtype=torch.float32).reshape(3, 9, 5)
     assert torch.equal(stored[0, :8], grid[0])

@@ -26,6 +26,7 @@ ROTATION, SKINNING, TRIANGLE = (f"avatarrex/ops/{name}.py" for name in ("rotatio
 INFLUENCE, BODY, LOOPS = "avatarrex/fields/influence.py", "avatarrex/fields/body.py", "avatarrex/fields/loops.py"
 RENDERING, SAMPLING = (f"avatarrex/training/core/{name}.py" for name in ("volume_rendering", "sampling"))
 ENCODING = "avatarrex/ops/encoding.py"
+TESTS_CONTEXT = "tests/gl/test_context.py"
 TESTS_ROTATION = "tests/ops/test_rotation.py"
 TESTS_RENDERING = "tests/training/test_volume_rendering.py"
 TESTS_BODY = "tests/fields/test_body_influence.py"
@@ -439,5 +440,19 @@ MUTANTS: dict[str, Mutant] = {
         "bool((side < 0).all())",
         "bool((side < 0).any())",
         "tests/volume/test_off_screen.py::test_a_part_partly_on_screen_is_built",
+    ),
+    "inside another program's context": Mutant(
+        "contexts of others",
+        "avatarrex/gl/context.py",
+        "if not switch(before, known.binding):",
+        "if False:",
+        f"{TESTS_CONTEXT}::test_work_goes_on_inside_another_program_and_leaves_its_context_current",
+    ),
+    "keeping the thread": Mutant(
+        "contexts of others",
+        "avatarrex/gl/context.py",
+        "            switch(known.binding, before)",
+        "            pass",
+        f"{TESTS_CONTEXT}::test_work_goes_on_inside_another_program_and_leaves_its_context_current",
     ),
 }

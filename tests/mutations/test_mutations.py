@@ -21,7 +21,7 @@ TABLE = {
     "axis-angle at 0", "axis-angle at π", "blended skinning matrix", "Σw → 0", "Laplace CDF", "transmittance",
     "sliver triangles", "thin parts", "parallel rays", "far from origin", "encoding", "storage", "temporal reuse",
     "surfaces that creep", "parts off screen", "sides not searched", "sharp joints", "limbs that touch",
-    "a hand that pierces itself", "rays that share a beam", "small components",
+    "a hand that pierces itself", "rays that share a beam", "small components", "contexts of others",
 }  # fmt: skip
 """The hazards of docs/stress.md that have a remedy in the code."""
 

@@ -16,7 +16,7 @@ import moderngl
 import numpy as np
 
 from avatarrex.capture.synthetic.mesh import averaging, smoothed
-from avatarrex.gl.context import gl_context, per_context
+from avatarrex.gl.context import current_context, gl_context, per_context
 from avatarrex.gl.shader import compute_shader, draw_program
 
 LIFT_TEXELS = 1.5
@@ -30,6 +30,7 @@ SMOOTHING_ROUNDS = 2
 class Occlusion:
     """Openness of one mesh in any pose. Raises `NoContext` without OpenGL 4.3."""
 
+    @current_context()
     def __init__(self, faces: np.ndarray, vertices: int, count: int, size: int) -> None:
         """`faces` (f, 3) of `vertices` vertices; `count` directions; depth maps of `size` texels a side."""
         self.context = context = gl_context()
@@ -46,6 +47,7 @@ class Occlusion:
         self.depth.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self.target = context.framebuffer(depth_attachment=self.depth)
 
+    @current_context()
     def openness(self, vertices: np.ndarray, normals: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
         """(v,) in [0, 1]. Depth maps cover a ball of `radius` about `centre`; what lies outside it still casts shadow into
         it, but is itself taken as open where no map shows it.

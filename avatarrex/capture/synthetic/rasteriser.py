@@ -20,7 +20,7 @@ from avatarrex.capture.synthetic import shade
 from avatarrex.capture.synthetic.albedo_lattice import AlbedoLattice
 from avatarrex.capture.synthetic.subject import PosedSubject, interpolated
 from avatarrex.capture.zbuffer import visible_faces
-from avatarrex.gl.context import gl_context, per_context
+from avatarrex.gl.context import current_context, gl_context, per_context
 from avatarrex.gl.shader import compute_shader, draw_program
 
 TILE_SAMPLES = 2048
@@ -50,6 +50,7 @@ class Geometry:
 class Rasteriser:
     """Draws one subject; call `pose` for each frame, then `draw` for each camera. Raises `NoContext` without OpenGL 4.3."""
 
+    @current_context()
     def __init__(self, faces: np.ndarray, lattice: AlbedoLattice, samples: int) -> None:
         """`faces` (f, 3); `samples` along each side of a pixel."""
         self.context = context = gl_context()
@@ -65,12 +66,14 @@ class Rasteriser:
         self.position = np.zeros((0, 3))
         self._shapes = [context.vertex_array(program, []) for program in (self.lit, self.plain)]
 
+    @current_context()
     def pose(self, posed: PosedSubject, openness: np.ndarray) -> None:
         """Take the posed mesh and its openness (v,) for the pictures that follow."""
         self.position = posed.vertices
         packed = np.concatenate([posed.vertices, openness[:, None], posed.normals, posed.wrinkle[:, None]], 1)
         self.vertices.write(packed.astype(np.float32).tobytes())
 
+    @current_context()
     def draw(self, camera: Camera) -> Picture:
         """A picture from a camera with the root frame as its world; only the tiles about the subject are drawn."""
         side = TILE_SAMPLES // self.samples
@@ -82,6 +85,7 @@ class Rasteriser:
                 colour[y : y + h, x : x + w] = self._tile(camera, (x, y, w, h))
         return Picture(colour)
 
+    @current_context()
     def geometry(self, camera: Camera) -> Geometry:
         """Depth and normals from a camera with the root frame as its world."""
         h, w = camera.height, camera.width
