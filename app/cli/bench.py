@@ -1,4 +1,4 @@
-"""`avatarrex-studio bench [stage…]`: run time against error, here and now (docs/bench.md); `bench ablation`: bench_ablation.py.
+"""`avatarrex-studio bench [stage…]`: run time against error, here and now (docs/bench.md).
 
 Options are declared and checked without loading torch.
 """
@@ -12,12 +12,11 @@ import time
 from importlib.util import find_spec
 from pathlib import Path
 
+from avatarrex_studio.cli.options import add_device
+
 from avatarrex.errors import InputError
 from avatarrex.files.gate import check_writable, what_is, write_text
 from avatarrex.measure.bench.stages import STAGES, chosen
-
-ABLATION = "bench ablation"
-"""The verb that `bench ablation …` is read as: it has options of its own."""
 
 
 def add_options(bench: argparse.ArgumentParser) -> None:
@@ -37,35 +36,7 @@ def add_options(bench: argparse.ArgumentParser) -> None:
         metavar="FILE.json",
         help="exit status 1 where something is worse than the baseline",
     )
-
-
-def add_ablation_options(ablation: argparse.ArgumentParser) -> None:
-    """The options of `bench ablation`."""
-    add = ablation.add_argument
-    add("capture", help="a folder or .zip")
-    add("--out", required=True, metavar="DIR", help="the study's folder; what is finished there is not done again")
-    add("--arms", metavar="A,B,…", help="what to compare (every arm of the part)")
-    add("--seeds", default="0,1,2", metavar="N,…", help="each arm is trained with each (0,1,2)")
-    add(
-        "--preset",
-        default="quick",
-        metavar="P",
-        help="quick, long, smoke or paper: the recipe that the arms vary (quick)",
-    )
-    add("--minutes", metavar="M", help="length of every arm, instead of the recipe's steps")
-    add("--scale", metavar="F", default="1", help="times the recipe's steps and schedules, for every arm")
-    add("--parts", default="body", choices=("body", "face"), help="what is studied (body)")
-    add("--held-out-frames", metavar="A:B:S", help="frames kept from training, instead of the capture's own")
-    add("--held-out-views", metavar="NAMES", help="body cameras kept from training, instead of the capture's own")
-    add("--json", metavar="FILE.json", help="every figure")
-    add("--plot", metavar="DIR", help="PNG plots; needs matplotlib")
-
-
-def run_ablation(arguments: argparse.Namespace) -> int:
-    """Arms of the training compared."""
-    from avatarrex_studio.cli import bench_ablation
-
-    return bench_ablation.run(arguments)
+    add_device(bench)
 
 
 def run(arguments: argparse.Namespace) -> int:

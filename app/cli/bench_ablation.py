@@ -1,4 +1,4 @@
-"""`avatarrex-studio bench ablation CAPTURE --out DIR`: arms of the training compared on held-out poses (docs/ablations.md)."""
+"""`avatarrex-studio bench ablation CAPTURE --out DIR`: variants of the training compared on held-out poses (docs/ablations.md)."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from avatarrex_studio.cli.train import STOPPED, held_out
+from avatarrex_studio.cli.options import add_held_out, add_renamed, one_of
+from avatarrex_studio.cli.rigs import open_held_out
+from avatarrex_studio.cli.train import STOPPED
 
 from avatarrex.capture.fit.surface_fit import fit_surface
-from avatarrex.capture.readers.rigs import Capture, open_capture
+from avatarrex.capture.readers.rigs import Capture
 from avatarrex.errors import InputError
 from avatarrex.files.gate import write_text
 from avatarrex.measure.ablation.report import plot, rows, table, to_json
@@ -22,12 +24,28 @@ from avatarrex.measure.ablation.variants import chosen_arms, scaled
 from avatarrex.training.recipe import RECIPES
 
 
+def add_options(ablation: argparse.ArgumentParser) -> None:
+    """The options of `bench ablation`."""
+    add = ablation.add_argument
+    add("capture", help="a folder or .zip")
+    add("--out", required=True, metavar="DIR", help="the study's folder; what is finished there is not done again")
+    add_renamed(ablation, "--variants", "--arms", metavar="A,B,…", help="what to compare (every variant of the part)")
+    add("--seeds", default="0,1,2", metavar="N,…", help="each variant is trained with each (0,1,2)")
+    what = f"{', '.join(RECIPES)}: the schedule that the variants change (quick)"
+    add_renamed(ablation, "--recipe", "--preset", default="quick", metavar="R", help=what)
+    add("--minutes", metavar="M", help="length of every variant, instead of the recipe's steps")
+    add("--scale", metavar="F", default="1", help="times the recipe's steps and schedules, for every variant")
+    add("--parts", default="body", choices=("body", "face"), help="what is studied (body)")
+    add_held_out(ablation, "body cameras", "kept from training")
+    add("--json", metavar="FILE.json", help="every figure")
+    add("--plot", metavar="DIR", help="PNG plots; needs matplotlib")
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Do what is missing, print what is there. Raises `InputError` before any work for a wrong option."""
-    if arguments.preset not in RECIPES:
-        raise InputError("--preset", "", ", ".join(RECIPES), arguments.preset)
+    recipe = RECIPES[one_of("--recipe", arguments.recipe, RECIPES)]
     seeds = _seeds(arguments.seeds)
-    arms = chosen_arms(tuple(arguments.arms.split(",")) if arguments.arms else None, arguments.parts)
+    arms = chosen_arms(tuple(arguments.variants.split(",")) if arguments.variants else None, arguments.parts)
     minutes = None if arguments.minutes is None else _positive("--minutes", arguments.minutes)
     factor = _positive("--scale", arguments.scale)
     if arguments.plot and find_spec("matplotlib") is None:
@@ -35,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json and Path(arguments.json).is_dir():
         raise InputError(arguments.json, "", "a file to write", "a folder")
     capture = _opened(arguments)
-    recipe = scaled(RECIPES[arguments.preset], arguments.parts, factor)
+    recipe = scaled(recipe, arguments.parts, factor)
     study = Study(Path(arguments.out), capture, arguments.parts, recipe, minutes)
     finished = True
     for seed in seeds:
@@ -60,10 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _opened(arguments: argparse.Namespace) -> Capture:
-    capture = open_capture(arguments.capture)
-    for note in capture.notes:
-        print(note, file=sys.stderr)
-    capture = replace(capture, rigs={name: held_out(rig, arguments) for name, rig in capture.rigs.items()})
+    capture = open_held_out(arguments, sys.stderr)
     return capture if capture.person.fit is None else replace(capture, person=fit_surface(capture))
 
 

@@ -104,6 +104,19 @@ class RunView:
         return self.path / "samples" / view / kind / f"step_{chosen:08d}.png"
 
 
+def duration(seconds: float | None) -> str:
+    """`42 s`, `12 min`, `3 h 05 min`, `4 d 07 h`."""
+    if seconds is None:
+        return "–"
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    if minutes < 90:
+        return f"{minutes} min"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02} min" if hours < 48 else f"{hours // 24} d {hours % 24:02} h"
+
+
 def checkpoints_of(path: Path) -> tuple[Path, ...]:
     """Folders of the checkpoints of the run at `path`, oldest first."""
     entries = []

@@ -46,9 +46,9 @@ class TrainingProcesses:
         """The last thing to tell: a start, an end, an error."""
 
     def start(
-        self, capture: str, preset: str, out: str | Path, parts: Sequence[str] = PARTS, resume: bool = False
+        self, capture: str, recipe: str, out: str | Path, parts: Sequence[str] = PARTS, resume: bool = False
     ) -> None:
-        """Start `train CAPTURE --preset P --out OUT`. Raises `InputError` for what can be seen to be wrong before."""
+        """Start `train CAPTURE --recipe R --out OUT`. Raises `InputError` for what can be seen to be wrong before."""
         out = Path(out).absolute()
         if not capture.strip():
             raise InputError("capture", "", "a capture folder or zip", "nothing")
@@ -58,7 +58,7 @@ class TrainingProcesses:
             raise InputError(out, "", "a run that is not at work", "a training that was started here")
         if not resume and (out / "run.json").exists():
             raise InputError(out, "", "a folder without a run (resume it instead)", "run.json")
-        words = ["train", capture.strip(), "--preset", preset, "--out", str(out), "--parts", ",".join(parts)]
+        words = ["train", capture.strip(), "--recipe", recipe, "--out", str(out), "--parts", ",".join(parts)]
         words += [] if self._device == "cpu" else ["--device", self._device]
         try:
             out.mkdir(parents=True, exist_ok=True)

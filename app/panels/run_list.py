@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from avatarrex_studio.cli.runs_text import duration
-from avatarrex_studio.jobs.run_view import RunView
+from avatarrex_studio.jobs.run_view import RunView, duration
 from avatarrex_studio.panels import theme
 from avatarrex_studio.panels.curves import COLOURS
 from imgui_bundle import imgui

@@ -9,8 +9,7 @@ import time
 from collections.abc import Sequence
 
 import moderngl
-from avatarrex_studio.cli.runs_text import duration
-from avatarrex_studio.jobs.run_view import RunView, keep_avatar
+from avatarrex_studio.jobs.run_view import RunView, duration, keep_avatar
 from avatarrex_studio.jobs.training_process import PARTS, TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import curves, theme, widgets

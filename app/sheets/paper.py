@@ -47,7 +47,7 @@ def sheet_width(groups: int, tiles: int, tile: int) -> int:
 def over(image: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
     """Premultiplied RGBA (h, w, 4) in [0, 1] over the sheet's ground."""
     pixels = 255 * image[..., :3] + (1 - image[..., 3:]) * np.array(GROUND)
-    return np.rint(np.clip(pixels, 0, 255)).astype(np.uint8)
+    return np.asarray(np.rint(np.clip(pixels, 0, 255)).astype(np.uint8))
 
 
 def laid_out(heading: str, note: str, rows: list[list[Group]], width: int) -> Image.Image:

@@ -8,7 +8,7 @@ import threading
 
 import numpy as np
 import pytest
-from avatarrex_studio.cli import headless, options
+from avatarrex_studio.cli import edits, headless, options
 from avatarrex_studio.cli import main as cli
 from avatarrex_studio.session.commands import ApplyPose, SetExpression, SetJoint, SetLevel, SetShape, SetTranslation
 from avatarrex_studio.session.journal import Journal
@@ -168,14 +168,14 @@ def test_no_display_names_the_headless_verb(monkeypatch, capsys):
 
 
 def test_settings_mean_what_they_say():
-    assert options.setting("body.left_elbow=0,0,45deg") == SetJoint("left_elbow", (0.0, 0.0, math.radians(45)))
-    assert options.setting("left_hand.index1=0,0,1") == SetJoint("left_index1", (0.0, 0.0, 1.0))
-    assert options.setting("face.jawOpen=0.6") == SetExpression("jawOpen", 0.6)
-    assert options.setting("root.translation=1,2,3") == SetTranslation((1.0, 2.0, 3.0))
-    assert options.setting("shape.0=-2") == SetShape(0, -2.0)
-    assert options.background("255,0,51") == (1.0, 0.0, 0.2, 1.0)
-    assert options.background("1.0,0.5,0") == (1.0, 0.5, 0.0, 1.0)
-    assert options.background("#ff0033") == (1.0, 0.0, 0.2, 1.0)
+    assert edits.setting("body.left_elbow=0,0,45deg") == SetJoint("left_elbow", (0.0, 0.0, math.radians(45)))
+    assert edits.setting("left_hand.index1=0,0,1") == SetJoint("left_index1", (0.0, 0.0, 1.0))
+    assert edits.setting("face.jawOpen=0.6") == SetExpression("jawOpen", 0.6)
+    assert edits.setting("root.translation=1,2,3") == SetTranslation((1.0, 2.0, 3.0))
+    assert edits.setting("shape.0=-2") == SetShape(0, -2.0)
+    assert edits.background("255,0,51") == (1.0, 0.0, 0.2, 1.0)
+    assert edits.background("1.0,0.5,0") == (1.0, 0.5, 0.0, 1.0)
+    assert edits.background("#ff0033") == (1.0, 0.0, 0.2, 1.0)
     assert options.frames("-4:", 12) == (8, 9, 10, 11)
     assert options.frames("0:2,8:12:2,1:3", 12) == (0, 1, 8, 10, 2)
     assert options.size("640x480") == (640, 480)

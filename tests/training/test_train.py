@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from avatarrex_studio.cli.main import main
-from avatarrex_studio.cli.parser import parser
-from avatarrex_studio.cli.train import held_out, kept_recipe
+from avatarrex_studio.cli.main import main, parse
+from avatarrex_studio.cli.rigs import held_out
+from avatarrex_studio.cli.train import kept_recipe
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
 import avatarrex.training.core.trainer as train_module
@@ -317,18 +317,18 @@ def test_what_goes_on_keeps_the_local_frames_it_began_with(capture, tmp_path, mo
     run.close()
 
 
-def asked(*words: str) -> argparse.Namespace:
+def options(*words: str) -> argparse.Namespace:
     """Options of `train`."""
-    return parser().parse_args(["train", "capture", "--out", "run", *words])
+    return parse(["train", "capture", "--out", "run", *words])
 
 
 def test_cameras_to_train_on_alone(capture):
     """By name or number, in place of what is held out; of the named rig only."""
     rig = open_capture(capture).rigs["body"]
-    assert held_out(rig, asked("--body-views", "c0,2")).held_out_views == {1}
-    assert held_out(rig, asked("--face-views", "0")).held_out_views == rig.held_out_views
+    assert held_out(rig, options("--body-views", "c0,2")).held_out_views == {1}
+    assert held_out(rig, options("--face-views", "0")).held_out_views == rig.held_out_views
     with pytest.raises(InputError, match="--body-views: expected cameras 0 to 2"):
-        held_out(rig, asked("--body-views", "c7"))
+        held_out(rig, options("--body-views", "c7"))
 
 
 def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
@@ -346,6 +346,6 @@ def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
 
 def test_a_run_that_is_asked_to_go_on_otherwise_is_left_as_it_is(capture, whole, capsys):
     before = (whole / "run.json").read_bytes()
-    assert main(["train", str(capture), "--preset", "quick", "--out", str(whole), "--resume"]) == 2
+    assert main(["train", str(capture), "--recipe", "quick", "--out", str(whole), "--resume"]) == 2
     assert "run.json: preset: expected quick, as asked for, found tiny" in capsys.readouterr().err
     assert (whole / "run.json").read_bytes() == before
