@@ -78,7 +78,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _opened(arguments: argparse.Namespace) -> Capture:
-    capture = open_held_out(arguments, sys.stderr)
+    capture = open_held_out(arguments)
+    for note in capture.notes:
+        print(note, file=sys.stderr)
     return capture if capture.person.fit is None else replace(capture, person=fit_surface(capture))
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from avatarrex_studio.cli.rigs import rig_named
+from avatarrex_studio.cli.options import one_of
 
 from avatarrex.capture.fit.check import CaptureReport, RigReport, check_capture, compared_frames
 from avatarrex.capture.fit.overlay import contact_sheet
@@ -24,7 +25,7 @@ OPTIONAL = {"unfitted": "before fit", "mesh": "own mesh"}
 def check(path: str, rig: str | None, count: int, surface: bool, out: Path | None) -> int:
     """Check `count` frames of one rig or all, print the table, write into `out`. Raises `InputError`."""
     capture = open_capture(path)
-    rigs = (rig_named(capture, rig).name,) if rig else tuple(capture.rigs)
+    rigs = (one_of("--rig", rig, capture.rigs),) if rig else tuple(capture.rigs)
     if surface:
         note = "person: surface fitted to the mattes of the frames and views that are not held out"
         capture = replace(capture, person=fit_surface(capture), notes=(*capture.notes, note))
@@ -77,13 +78,8 @@ def _figures(rig: RigReport, view: int | None, optional: list[str]) -> str:
 
 def _ranges(numbers: tuple[int, ...]) -> str:
     """`1–4, 9`, or none."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][1] + 1:
-            runs[-1][1] = number
-        else:
-            runs.append([number, number])
-    return ", ".join(str(first) if first == last else f"{first}–{last}" for first, last in runs) or "none"
+    runs = [[number for _, number in run] for _, run in groupby(enumerate(numbers), lambda pair: pair[1] - pair[0])]
+    return ", ".join(f"{run[0]}–{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs) or "none"
 
 
 def _write(capture: Capture, report: CaptureReport, count: int, out: Path) -> Iterator[Path]:

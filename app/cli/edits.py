@@ -10,17 +10,8 @@ import math
 from argparse import Namespace
 
 from avatarrex_studio.cli.options import number
-from avatarrex_studio.session.commands import (
-    ApplyExpression,
-    ApplyPose,
-    Command,
-    SetCamera,
-    SetExpression,
-    SetHandPose,
-    SetJoint,
-    SetShape,
-    SetTranslation,
-)
+from avatarrex_studio.session import commands
+from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.state import Colour
 from PIL import ImageColor
 
@@ -43,12 +34,12 @@ UNITS = {"deg": math.pi / 180, "rad": 1.0}
 
 def edits(arguments: Namespace) -> tuple[Command, ...]:
     """Named poses first, single settings last."""
-    commands: list[Command] = [ApplyPose(name) for name in arguments.pose]
-    for text in arguments.hand:
-        commands.extend(hand(text))
-    commands.extend(ApplyExpression(name) for name in arguments.expression)
-    commands.extend(setting(text) for text in arguments.set)
-    return tuple(commands)
+    return (
+        *map(commands.ApplyPose, arguments.pose),
+        *(command for text in arguments.hand for command in hand(text)),
+        *map(commands.ApplyExpression, arguments.expression),
+        *map(setting, arguments.set),
+    )
 
 
 def camera(text: str) -> SetCamera:
@@ -83,15 +74,15 @@ def setting(text: str) -> Command:
     if group == "shape":
         if name not in tuple("0123456789"):
             raise InputError("--set", path, "shape.0 to shape.9", name)
-        return SetShape(int(name), number("--set", path, value))
+        return commands.SetShape(int(name), number("--set", path, value))
     if group not in JOINTS:
         raise InputError("--set", path, "a group: body, left_hand, right_hand, face, root, shape", group)
     if group == "face" and name in EXPRESSION_NAMES:
-        return SetExpression(name, number("--set", path, value))
+        return commands.SetExpression(name, number("--set", path, value))
     if group == "root" and name == "translation":
-        return SetTranslation(vector(path, value))
+        return commands.SetTranslation(vector(path, value))
     if name in JOINTS[group]:
-        return SetJoint(JOINTS[group][name], vector(path, value, angles=True))
+        return commands.SetJoint(JOINTS[group][name], vector(path, value, angles=True))
     if group == "root":
         raise InputError("--set", path, "root.translation or root.orientation", name)
     known = ", ".join(JOINTS[group]) + (" or a coefficient such as jawOpen" if group == "face" else "")
@@ -103,7 +94,7 @@ def hand(text: str) -> list[Command]:
     side, found, name = text.partition("=")
     if not found or side not in ("left", "right", "both"):
         raise InputError("--hand", "", "left=NAME, right=NAME or both=NAME", text)
-    return [SetHandPose(which, name) for which in (("left", "right") if side == "both" else (side,))]
+    return [commands.SetHandPose(which, name) for which in (("left", "right") if side == "both" else (side,))]
 
 
 def background(text: str) -> Colour:

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.face_only and size is not None:
         own = "the pictures' own with --face-only: its mattes are cut pixel by pixel"
         raise InputError("--size", "", own, size)
-    from avatarrex_studio.cli.rigs import cameras, held_out, rig_named
+    from avatarrex_studio.cli.rigs import cameras, held_out
 
     from avatarrex.avatar import load_avatar
     from avatarrex.capture.readers.rigs import open_capture
@@ -66,8 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     networks = Networks.load(*(Path(x) if x else None for x in (arguments.vgg, arguments.lpips, arguments.inception)))
     avatar, capture = load_avatar(arguments.avatar, arguments.device), open_capture(arguments.capture)
-    rig = rig_named(capture, arguments.rig or ("body" if "body" in capture.rigs else next(iter(capture.rigs))))
-    rig = held_out(rig, arguments, rig.name)
+    name = arguments.rig or ("body" if "body" in capture.rigs else next(iter(capture.rigs)))
+    rig = held_out(capture.rigs[options.one_of("--rig", name, capture.rigs)], arguments, name)
     frames = _frames(arguments.frames, rig.held_out_frames, rig.frames) if arguments.frames else None
     views = cameras(rig, arguments.views, "--views") if arguments.views else None
     notes = list(capture.notes)

@@ -53,17 +53,12 @@ def refuse_without_motion(arguments: argparse.Namespace, *names: str) -> None:
             raise InputError(f"--{name}", "", "--motion FILE with it", "no motion")
 
 
-def existing(source: str, expected: str) -> str:
-    """The path of a file or folder that is there."""
-    found = what_is(source)
-    if found not in ("a file", "a folder"):
-        raise InputError(source, "", expected, found)
-    return source
-
-
 def avatar(source: str) -> str:
     """`default`, or the path of an avatar."""
-    return source if source == "default" else existing(source, "an avatar folder or an .avatar file")
+    found = what_is(source)
+    if source != "default" and found not in ("a file", "a folder"):
+        raise InputError(source, "", "an avatar folder or an .avatar file", found)
+    return source
 
 
 def one_of(option: str, text: str, names: Iterable[str]) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 from avatarrex.errors import InputError
@@ -27,13 +26,6 @@ def output_folder(text: str, name: str) -> Path:
         raise InputError(text, "", "a folder to write to", found)
     check_writable(Path(text) / name)
     return Path(text)
-
-
-def plot_folder(text: str | None) -> Path | None:
-    """The folder of `--plot`, refused where nothing can draw plots."""
-    if text and find_spec("matplotlib") is None:
-        raise InputError("--plot", "", "matplotlib: pip install 'avatarrex-studio[bench]'", "none")
-    return output_folder(text, "plot.png") if text else None
 
 
 def write_json(path: str | Path, data: object) -> None:

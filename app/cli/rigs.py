@@ -5,7 +5,6 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TextIO
 
 from avatarrex_studio.cli import options
 
@@ -13,19 +12,10 @@ from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
 from avatarrex.errors import InputError
 
 
-def open_held_out(arguments: Namespace, notes: TextIO) -> Capture:
-    """The capture of a training, with what its options hold out of each rig; its notes are printed."""
+def open_held_out(arguments: Namespace) -> Capture:
+    """The capture of a training, with what its options hold out of each rig."""
     capture = open_capture(arguments.capture)
-    for note in capture.notes:
-        print(note, file=notes)
     return replace(capture, rigs={name: held_out(rig, arguments) for name, rig in capture.rigs.items()})
-
-
-def rig_named(capture: Capture, name: str) -> Rig:
-    """A rig of the capture."""
-    if name not in capture.rigs:
-        raise InputError(capture.path, "--rig", "one of " + ", ".join(capture.rigs), name)
-    return capture.rigs[name]
 
 
 def held_out(rig: Rig, arguments: Namespace, views_of: str = "body") -> Rig:

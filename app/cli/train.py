@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -57,7 +56,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     device = str(device_named(arguments.device))
     start = load_avatar(arguments.start) if arguments.start else None
-    capture = open_held_out(arguments, sys.stdout)
+    capture = open_held_out(arguments)
+    for note in capture.notes:
+        print(note)
     if start is not None:
         capture = replace(capture, person=_same_body(start, capture))
     elif capture.person.fit is not None:

@@ -10,18 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from avatarrex_studio.sheets import pages
 from avatarrex_studio.sheets.order import SheetOrder
-from avatarrex_studio.sheets.pages import (
-    Artist,
-    Page,
-    Scene,
-    body_page,
-    drawn,
-    face_page,
-    hands_page,
-    motion_page,
-    posed,
-)
+from avatarrex_studio.sheets.pages import Artist, Page, Scene
 from avatarrex_studio.sheets.paper import laid_out, write_jpeg
 from tqdm import tqdm
 
@@ -32,7 +23,7 @@ from avatarrex.metrics.drawing import AvatarDrawer
 from avatarrex.metrics.floaters import SIZE, Floaters, find_floaters
 
 FORMAT = 1
-PAGES = {"body": body_page, "face": face_page, "hands": hands_page}
+PAGES = {"body": pages.body_page, "face": pages.face_page, "hands": pages.hands_page}
 FLOATING = ("arms_up", "squat", "run", "crossed_arms")
 """Poses of the library, besides standing, in which floaters are looked for: armpits, hips and crossing limbs at their most."""
 
@@ -57,7 +48,7 @@ def run(order: SheetOrder) -> dict[str, Any]:
             floaters = _floaters(avatar, order)
         elif sheet == "motion":
             assert order.motion is not None
-            page = motion_page(avatar.person, len(among), order.motion, order.frames)
+            page = pages.motion_page(avatar.person, len(among), order.motion, order.frames)
             _draw(order, sheet, page, among, f"{Path(order.motion.path).name} · ")
         else:
             _draw(order, sheet, PAGES[sheet](avatar.person, len(artists)), artists)
@@ -77,7 +68,7 @@ def run(order: SheetOrder) -> dict[str, Any]:
 def _draw(order: SheetOrder, name: str, page: Page, artists: list[Artist], note: str = "") -> None:
     """One sheet, written and named."""
     with tqdm(total=page.pictures, desc=name, unit="picture") as bar:
-        tiles = drawn(page, artists, bar.update)
+        tiles = pages.drawn(page, artists, bar.update)
     path = order.out / f"{name}.jpg"
     note += " · ".join(artist.name for artist in artists)
     write_jpeg(path, laid_out(page.heading, note, tiles, page.width))
@@ -86,7 +77,7 @@ def _draw(order: SheetOrder, name: str, page: Page, artists: list[Artist], note:
 
 def _floaters(avatar: Avatar, order: SheetOrder) -> list[Floaters]:
     """What floats, in `FLOATING` and in the frames of the motion where there is one; printed."""
-    poses = {name: posed(name) for name in ("stand", *FLOATING)}
+    poses = {name: pages.posed(name) for name in ("stand", *FLOATING)}
     if order.motion:
         name, standing = Path(order.motion.path).name, poses["stand"]
         poses |= {f"{name} frame {frame}": order.motion.signals(frame, standing) for frame in order.frames}

@@ -109,15 +109,10 @@ def drawn(page: Page, artists: Sequence[Artist], done: Callable[[], object] = la
     return [[[tile(*order) for order in group] for group in row] for row in page.rows]
 
 
-def standing() -> Signals:
-    """At ease: what a person does who does nothing."""
-    return posed("stand")
-
-
-def posed(name: str) -> Signals:
-    """A named pose with relaxed hands."""
-    hands = {f"{side}_hand_pose": named_hand("relaxed", side) for side in ("left", "right")}
-    return Signals.rest().replace(body_pose=named_pose(name), **hands)
+def posed(name: str = "stand", hands: str = "relaxed") -> Signals:
+    """A named pose with named hands; at ease unless told."""
+    pair = {f"{side}_hand_pose": named_hand(hands, side) for side in ("left", "right")}
+    return Signals.rest().replace(body_pose=named_pose(name), **pair)
 
 
 def body_page(person: Person, artists: int) -> Page:
@@ -132,7 +127,7 @@ def body_page(person: Person, artists: int) -> Page:
             groups.append(_by_each([Scene(signals, view.camera(*size), label)], artists))
         return groups
 
-    first = [(label, standing(), azimuth) for label, azimuth in YAWS.items()]
+    first = [(label, posed(), azimuth) for label, azimuth in YAWS.items()]
     rest = [(name.replace("_", " "), posed(name), azimuth) for name, azimuth in EXTREME.items()]
     if artists == 1:
         return Page("Body", [row(first + rest[:1], 1.45, 5), row(rest[1:], 1.25, 5)])
@@ -143,14 +138,14 @@ def face_page(person: Person, artists: int) -> Page:
     """Two expressions to a row, each from the front and from three quarters."""
     width = NARROW if artists == 1 else WIDTH
     size = _size(2, 2 * artists, width, 1.16)
-    points = _head(person, standing())
+    points = _head(person, posed())
     cameras = {}
     for turn, azimuth in TURNS.items():
         view = framed(OrbitView(azimuth=azimuth, elevation=2, fov=CLOSE_FOV), points, size)
         cameras[turn] = replace(view, distance=HAIR * view.distance).camera(*size)
     groups = []
     for label, what in FACES.items():
-        signals = standing().replace(expression=_expression(what))
+        signals = posed().replace(expression=_expression(what))
         labels = [label, *list(TURNS)[1:]]
         scenes = [Scene(signals, camera, words, "face") for words, camera in zip(labels, cameras.values())]
         groups.append(_by_each(scenes, artists))
@@ -161,7 +156,7 @@ def hands_page(person: Person, artists: int) -> Page:
     """Both hands of each pose, held out: the left from the palm's side, the right from the back; all at one scale."""
     across = 2 if artists == 1 else 1
     size = _size(across, 2 * artists, NARROW, 0.74)
-    poses = [_hands(name) for name in HANDS]
+    poses = [posed("tpose", name) for name in HANDS]
     cameras: list[list[Camera]] = []
     for column, elevation in enumerate(SIDES.values()):
         view = OrbitView(elevation=elevation, fov=CLOSE_FOV)
@@ -177,7 +172,7 @@ def hands_page(person: Person, artists: int) -> Page:
 
 def motion_page(person: Person, artists: int, motion: Motion, frames: Sequence[int]) -> Page:
     """A row for each artist, a column for each frame, in bands of `COLUMNS`; one scale, going along over the ground."""
-    frame_signals = [motion.signals(frame, standing()) for frame in frames]
+    frame_signals = [motion.signals(frame, posed()) for frame in frames]
     face = _is_face(motion)
     across = min(COLUMNS, len(frames))
     size = _size(max(across, FEWEST), 1, WIDTH, 1.2 if face else 1.8)
@@ -216,12 +211,6 @@ def _expression(what: str | dict[str, float]) -> np.ndarray:
     if isinstance(what, str):
         return named_expression(what)
     return np.array([what.get(name, 0.0) for name in EXPRESSION_NAMES])
-
-
-def _hands(name: str) -> Signals:
-    """The T-pose with both hands in a named pose."""
-    hands = {f"{side}_hand_pose": named_hand(name, side) for side in ("left", "right")}
-    return Signals.rest().replace(**hands)
 
 
 def _hand(person: Person, signals: Signals, column: int) -> np.ndarray:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -165,6 +167,47 @@ def test_no_display_names_the_headless_verb(monkeypatch, capsys):
     text = capsys.readouterr().err
     assert "render" in text
     assert text.count("\n") == 1
+
+
+WRONG = (
+    "open --device warp", "render x.jpg", "replay nothing.json", "inspect nothing", "runs nothing --text",
+    "capture make x --seed -1", "capture check x --frames none", "evaluate default x --size 9", "sheet default x --samples 0",
+)  # fmt: skip
+
+
+def test_wrong_words_need_neither_torch_nor_what_measures(tmp_path):
+    """Torch takes seconds to load, and the room that measures the product is not needed to run it."""
+    code = f"""
+import sys
+from avatarrex_studio.cli.main import main
+for line in {WRONG!r}:
+    try:
+        assert main(line.split()) == 2, line
+    except SystemExit as exit:
+        assert exit.code == 2, line
+sys.exit(any(name in sys.modules for name in ("torch", "avatarrex.measure")))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("avatarrex-studio: error: ") == done.stderr.count("\n") == len(WRONG), done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("verb", cli.VERBS)
+def test_help_names_every_option(verb, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main([*verb.split(), "--help"])
+    text = capsys.readouterr().out
+    assert text.startswith(f"usage: avatarrex-studio {verb}")
+    assert "--preset" not in text
+    assert "--arms" not in text
+
+
+def test_old_spellings_are_accepted():
+    assert cli.parse(["train", "x", "--out", "y", "--preset", "smoke"]).recipe == "smoke"
+    assert cli.parse(["train", "x", "--out", "y"]).recipe == "quick"
+    old = cli.parse(["bench", "ablation", "x", "--out", "y", "--preset", "long", "--arms", "full,plain"])
+    assert (old.recipe, old.variants) == ("long", "full,plain")
 
 
 def test_settings_mean_what_they_say():
