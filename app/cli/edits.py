@@ -46,7 +46,7 @@ def camera(text: str) -> SetCamera:
     """`azimuth=30,elevation=10,distance=2.6,fov=40`; `x`, `y`, `z` place the target, `follow=0` keeps it there.
 
     What is left out stays None: the target and the distance are then framed about the person (`framing.py`). A target that
-    is given does not follow a motion unless told.
+    is given does not follow a motion unless `follow=1`.
     """
     given: dict[str, float] = {}
     for item in filter(None, text.split(",")):

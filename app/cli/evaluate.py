@@ -41,53 +41,54 @@ def add_options(verb: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate, print the table, write the files. Raises `InputError` before any work for a wrong option."""
-    size = samples = None
+    size, samples = None, 1
     if arguments.size is not None:
         size = options.whole("--size", arguments.size, 32, 8192, "32 to 8192 pixels of the longer side")
     if arguments.samples is not None:
         samples = options.whole("--samples", arguments.samples, 1, 8, "1 to 8 samples along a pixel's side")
-    if arguments.json:
+    if arguments.json is not None:
         check_writable(arguments.json)
     sheet = output_file(arguments.sheet, "OUT.png") if arguments.sheet is not None else None
     if arguments.face_only and size is not None:
         own = "the pictures' own with --face-only: its mattes are cut pixel by pixel"
         raise InputError("--size", "", own, size)
+    return _evaluate(arguments, size, samples, sheet)
+
+
+def _evaluate(arguments: argparse.Namespace, size: int | None, samples: int, sheet: Path | None) -> int:
     from avatarrex_studio.cli.rigs import cameras, held_out
 
     from avatarrex.avatar import load_avatar
     from avatarrex.capture.readers.rigs import open_capture
     from avatarrex.files.images import write_png
-    from avatarrex.metrics.baselines import baselines
-    from avatarrex.metrics.drawing import AvatarDrawer, Drawer
-    from avatarrex.metrics.evaluate import evaluate, observations
-    from avatarrex.metrics.face_region import face_alone
-    from avatarrex.metrics.measures import Networks
-    from avatarrex.metrics.report import contact_sheet, table, to_json
+    from avatarrex.metrics import baselines, drawing, evaluate, face_region, measures, report
 
-    networks = Networks.load(*(Path(x) if x else None for x in (arguments.vgg, arguments.lpips, arguments.inception)))
+    weights = (arguments.vgg, arguments.lpips, arguments.inception)
+    networks = measures.Networks.load(*(Path(path) if path else None for path in weights))
     avatar, capture = load_avatar(arguments.avatar, arguments.device), open_capture(arguments.capture)
     name = arguments.rig or ("body" if "body" in capture.rigs else next(iter(capture.rigs)))
     rig = held_out(capture.rigs[options.one_of("--rig", name, capture.rigs)], arguments, name)
     frames = _frames(arguments.frames, rig.held_out_frames, rig.frames) if arguments.frames else None
     views = cameras(rig, arguments.views, "--views") if arguments.views else None
-    notes = list(capture.notes)
-    if avatar.person.hash != capture.person.hash:
-        notes.append("avatar: made on another body than the capture's; it is posed on its own")
-    for note in notes:
+    other = avatar.person.hash != capture.person.hash
+    notes = ("avatar: made on another body than the capture's; it is posed on its own",) if other else ()
+    for note in (*capture.notes, *notes):
         print(note, file=sys.stderr)
     start = time.perf_counter()
-    subjects: list[Drawer] = [AvatarDrawer(avatar, samples or 1)]
+    subjects: list[drawing.Drawer] = [drawing.AvatarDrawer(avatar, samples)]
     if arguments.baselines:
-        subjects += baselines(capture.person, observations(rig))
+        subjects += baselines.baselines(capture.person, evaluate.observations(rig))
     if arguments.face_only:
-        rig, subjects = face_alone(capture.person, rig, subjects)
+        rig, subjects = face_region.face_alone(capture.person, rig, subjects)
         capture = replace(capture, ground_truth=None)
-    found = evaluate(capture, rig, subjects, networks, frames, views, size, SHEET if sheet else 0, progress=True)
-    print(table(found))
+    shown = SHEET if sheet else 0
+    found = evaluate.evaluate(capture, rig, subjects, networks, frames, views, size, shown, progress=True)
+    print(report.table(found))
     if arguments.json:
-        write_json(arguments.json, to_json(found, arguments.avatar, arguments.capture, time.perf_counter() - start))
+        seconds = time.perf_counter() - start
+        write_json(arguments.json, report.to_json(found, arguments.avatar, arguments.capture, seconds))
     if sheet:
-        write_png(sheet, contact_sheet(found))
+        write_png(sheet, report.contact_sheet(found))
         print(sheet)
     return 0
 

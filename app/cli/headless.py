@@ -23,7 +23,7 @@ from tqdm import tqdm
 from avatarrex.files.background import background_writer
 from avatarrex.files.gate import write_text
 from avatarrex.files.images import VideoWriter, composite, write_arrays, write_png
-from avatarrex.pipeline import Frame
+from avatarrex.frame import Frame
 
 
 def run(job: Job, engine: Engine) -> list[Path]:

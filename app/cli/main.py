@@ -54,13 +54,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"{PROGRAM}: error: {error}", file=sys.stderr)
         return 2
-    except BrokenPipeError:  # whoever read our words has left (`… | head`); nothing more can be said to them
+    except BrokenPipeError:  # the reader of our output has left (`… | head`)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141  # 128 + SIGPIPE
     except (OSError, MemoryError) as error:
         name = getattr(error, "filename", None) or "this machine"
-        said = getattr(error, "strerror", None) or "not enough memory"
-        print(f"{PROGRAM}: error: {name}: {said}", file=sys.stderr)
+        reason = getattr(error, "strerror", None) or "not enough memory"
+        print(f"{PROGRAM}: error: {name}: {reason}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"{PROGRAM}: interrupted", file=sys.stderr)

@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def no_display(instead: str) -> bool:
-    """Whether there is no display to open a window on; says so, and which words to use `instead`."""
+    """Whether there is no display for a window; if so, prints which words to use `instead`."""
     if not sys.platform.startswith("linux") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         return False
     print(f"{PROGRAM}: error: no display; without one use `{PROGRAM} {instead}`", file=sys.stderr)

@@ -11,7 +11,7 @@ from avatarrex.files.gate import check_writable, what_is, write_text
 
 
 def output_file(text: str, form: str) -> Path:
-    """A file that can be written; `form`, e.g. `OUT.png`, says its extension."""
+    """A file that can be written; `form`, e.g. `OUT.png`, gives its extension."""
     path, suffix = Path(text), Path(form).suffix
     if path.suffix.lower() != suffix:
         raise InputError(path, "", form, path.suffix or "no extension")

@@ -17,6 +17,7 @@ from avatarrex_studio.session.state import LEVELS, Colour, StudioState
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import check_writable, what_is
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import POSES, named_pose
 from avatarrex.signals.read import read_motion
@@ -58,8 +59,6 @@ def run(arguments: Namespace) -> int:
     job = read_job(arguments)
     from avatarrex_studio.cli import headless
     from avatarrex_studio.engine.engine import Engine
-
-    from avatarrex.pipeline import RenderSettings
 
     settings = RenderSettings(detail_from=job.detail)
     name_files(headless.run(job, Engine(settings=settings, device=arguments.device)))

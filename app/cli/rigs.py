@@ -13,7 +13,7 @@ from avatarrex.errors import InputError
 
 
 def open_held_out(arguments: Namespace) -> Capture:
-    """The capture of a training, with what its options hold out of each rig."""
+    """The capture of a training, with each rig's frames and views held out that the options name."""
     capture = open_capture(arguments.capture)
     return replace(capture, rigs={name: held_out(rig, arguments) for name, rig in capture.rigs.items()})
 

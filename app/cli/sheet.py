@@ -19,7 +19,7 @@ SAMPLES = 4
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
-    """Whose sheets, which, and where they go."""
+    """The avatar, which sheets, and where they go."""
     add = verb.add_argument
     add("avatar", help="name, folder or .avatar file")
     add("out", metavar="OUT_DIR", help="a folder for body.jpg, face.jpg, hands.jpg, motion.jpg and sheet.json")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from avatarrex.training.runs.folder import Run
 
 STOPPED = 130
-"""Exit status of a run that was asked to stop before its end."""
+"""Exit status of a run that was stopped before its end."""
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -97,7 +97,7 @@ def kept_recipe(path: Path, config: Mapping[str, Any], mixed: bool) -> Recipe:
 def _config(
     arguments: argparse.Namespace, capture: Capture, recipe: Recipe, parts: tuple[str, ...], seed: int
 ) -> dict[str, Any]:
-    """What a run folder says of itself."""
+    """What `run.json` records of a training."""
     return {
         "part": ",".join(parts),
         "preset": recipe.name,
@@ -114,7 +114,7 @@ def _config(
 
 
 def _open_run(arguments: argparse.Namespace, config: dict[str, Any]) -> Run:
-    """A new run, or with `--resume` the one that is there; what differs is said before that is touched."""
+    """A new run, or with `--resume` the one that is there; what differs is refused before that is touched."""
     from avatarrex.training.runs.folder import Run, read_about
 
     if not arguments.resume:

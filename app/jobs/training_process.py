@@ -23,7 +23,7 @@ COMMAND = (sys.executable, "-c", "from avatarrex_studio.cli.main import main; ra
 PRESETS = ("quick", "smoke", "paper")
 PARTS = ("face", "body")
 PATIENCE = 60.0
-"""Seconds that a training has to end after it was asked; then it gets the signal of Ctrl+C."""
+"""Seconds that a training has to end after `stop`; then it gets the signal of Ctrl+C."""
 
 
 @dataclass
@@ -92,7 +92,7 @@ class TrainingProcesses:
         return Path(out).absolute() in self._children
 
     def poll(self) -> None:
-        """See which have ended, and remind those that were asked to."""
+        """See which have ended, and send the signal to those that should have."""
         for out, child in list(self._children.items()):
             code = child.process.poll()
             if code is None:

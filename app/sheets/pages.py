@@ -50,7 +50,7 @@ PERSON_FOV, CLOSE_FOV = 22.0, 16.0
 HEAD = ("head", "jaw", "left_eye", "right_eye")
 """Joints whose skin is framed in a face's close-up."""
 HAIR = 1.14
-"""How much further back the camera stands than the bare head asks for."""
+"""How much further back the camera is than the bare head needs."""
 NAILS = 1.08
 """The same for hands: a few points of each are framed."""
 FEWEST = 4
@@ -110,7 +110,7 @@ def drawn(page: Page, artists: Sequence[Artist], done: Callable[[], object] = la
 
 
 def posed(name: str = "stand", hands: str = "relaxed") -> Signals:
-    """A named pose with named hands; at ease unless told."""
+    """A named pose with named hands; standing at ease by default."""
     pair = {f"{side}_hand_pose": named_hand(hands, side) for side in ("left", "right")}
     return Signals.rest().replace(body_pose=named_pose(name), **pair)
 
