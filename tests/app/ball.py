@@ -34,6 +34,9 @@ class BallMap:
 class BallFrame(Frame):
     """What the studio reads of a frame, and no more."""
 
+    image = pointmap = volume = None
+    """Values of its own in place of `Frame`'s properties."""
+
     def __init__(self, **values):
         for name, value in values.items():
             object.__setattr__(self, name, value)
