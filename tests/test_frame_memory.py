@@ -78,17 +78,8 @@ def test_a_frame_makes_no_dense_grid():
 @pytest.mark.slow
 def test_memory_is_flat(tmp_path):
     out = tmp_path / "memory.json"
-    words = [
-        sys.executable,
-        "avatarrex/measure/studies/memory.py",
-        "--frames",
-        "120",
-        "--warm-up",
-        "60",
-        "--json",
-        str(out),
-    ]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
+    words = ["-m", "avatarrex.measure", "memory", "--frames", "120", "--warm-up", "60", "--json", str(out)]
+    done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     growth = json.loads(out.read_text())
     assert growth["growth_mib"] < GROWTH, done.stdout

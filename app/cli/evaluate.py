@@ -11,6 +11,7 @@ from pathlib import Path
 from avatarrex_studio.cli import options
 from avatarrex_studio.cli.output import output_file, write_json
 
+from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 from avatarrex.files.gate import check_writable
 
@@ -56,8 +57,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _evaluate(arguments: argparse.Namespace, size: int | None, samples: int, sheet: Path | None) -> int:
-    from avatarrex_studio.cli.rigs import cameras, held_out
-
     from avatarrex.avatar import load_avatar
     from avatarrex.capture.readers.rigs import open_capture
     from avatarrex.files.images import write_png
@@ -67,9 +66,10 @@ def _evaluate(arguments: argparse.Namespace, size: int | None, samples: int, she
     networks = measures.Networks.load(*(Path(path) if path else None for path in weights))
     avatar, capture = load_avatar(arguments.avatar, arguments.device), open_capture(arguments.capture)
     name = arguments.rig or ("body" if "body" in capture.rigs else next(iter(capture.rigs)))
-    rig = held_out(capture.rigs[options.one_of("--rig", name, capture.rigs)], arguments, name)
+    rig = capture.rigs[options.one_of("--rig", name, capture.rigs)]
+    rig = choice.held_out(rig, arguments.held_out_frames, arguments.held_out_views)
     frames = _frames(arguments.frames, rig.held_out_frames, rig.frames) if arguments.frames else None
-    views = cameras(rig, arguments.views, "--views") if arguments.views else None
+    views = choice.cameras(rig, arguments.views, "--views") if arguments.views else None
     other = avatar.person.hash != capture.person.hash
     notes = ("avatar: made on another body than the capture's; it is posed on its own",) if other else ()
     for note in (*capture.notes, *notes):
@@ -93,6 +93,6 @@ def _evaluate(arguments: argparse.Namespace, size: int | None, samples: int, she
     return 0
 
 
-def _frames(text: str, held_out: frozenset[int], count: int) -> tuple[int, ...]:
+def _frames(text: str, kept: frozenset[int], count: int) -> tuple[int, ...]:
     """All that are held out, or as listed."""
-    return tuple(sorted(held_out)) if text == "held-out" else options.frames(text, count)
+    return tuple(sorted(kept)) if text == "held-out" else choice.frames(text, count)

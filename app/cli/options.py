@@ -112,21 +112,3 @@ def frame(text: str, count: int, option: str = "--frame") -> int:
     if not re.fullmatch(r"-?[0-9]{1,9}", text.strip()) or not -count <= int(text) < count:
         raise InputError(option, "", f"an integer from 0 to {count - 1}", text)
     return int(text) % count
-
-
-def frames(text: str, count: int, option: str = "--frames") -> tuple[int, ...]:
-    """`A:B:S` as a slice of a motion of `count` frames, B not included; several of them, comma separated."""
-    return tuple(dict.fromkeys(frame for part in text.split(",") for frame in _slice(part, count, option)))
-
-
-def _slice(text: str, count: int, option: str) -> range:
-    parts = text.split(":")
-    if not 2 <= len(parts) <= 3 or not all(re.fullmatch(r"\s*(-?[0-9]{1,9})?\s*", part) for part in parts):
-        raise InputError(option, "", "A:B or A:B:S, e.g. 0:120:4", text or "nothing")
-    start, stop, step = (int(part) if part.strip() else None for part in [*parts, ""][:3])
-    if step == 0:
-        raise InputError(option, "", "a step other than 0", text)
-    chosen = range(count)[start:stop:step]
-    if not chosen:
-        raise InputError(option, "", f"some of the {count} frames of the motion", text)
-    return chosen

@@ -15,6 +15,7 @@ from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.rules import apply
 from avatarrex_studio.session.state import LEVELS, Colour, StudioState
 
+from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 from avatarrex.files.gate import check_writable, what_is
 from avatarrex.settings import RenderSettings
@@ -121,7 +122,7 @@ def _frames(arguments: Namespace, motion: Motion | None, kind: str) -> tuple[int
         return (options.frame(arguments.frame, len(motion)),)
     if arguments.frames is None:
         return (0,) if kind == "image" else tuple(range(len(motion)))
-    chosen = options.frames(arguments.frames, len(motion))
+    chosen = choice.frames(arguments.frames, len(motion))
     if kind == "image" and len(chosen) > 1:
         raise InputError(arguments.out, "", f"a folder or OUT.mp4 for {len(chosen)} frames", "one image")
     return chosen

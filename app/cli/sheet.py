@@ -10,6 +10,7 @@ from avatarrex_studio.cli.output import output_folder, write_json
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.sheets.order import COLUMNS, MOST, SHEETS, SheetOrder
 
+from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 
 TRUTHS = {"subject": "default", "loose": "loose"}
@@ -68,7 +69,7 @@ def _frames(text: str | None, motion: Motion) -> tuple[int, ...]:
     if text is None:
         shown = min(COLUMNS, len(motion))
         return tuple(k * len(motion) // shown for k in range(shown))
-    chosen = options.frames(text, len(motion))
+    chosen = choice.frames(text, len(motion))
     if len(chosen) > MOST:
         raise InputError("--frames", "", f"at most {MOST} frames on a sheet", f"{text}, {len(chosen)} frames")
     return chosen

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from avatarrex_studio.cli import options
 
+from avatarrex.capture.readers.choice import cameras, held_out
 from avatarrex.errors import InputError
 from avatarrex.training.recipe import RECIPES, Recipe
 
 if TYPE_CHECKING:
     from avatarrex.avatar import Avatar
-    from avatarrex.capture.readers.rigs import Capture
+    from avatarrex.capture.readers.rigs import Capture, Rig
     from avatarrex.templates.person import Person
     from avatarrex.training.runs.folder import Run
 
@@ -47,18 +48,18 @@ def run(arguments: argparse.Namespace) -> int:
     recipe = replace(recipe, mixed=arguments.mixed)
     seed = options.whole("--seed", arguments.seed, 0)
     chosen = options.some_of("--parts", arguments.parts, recipe.steps()) if arguments.parts else None
-    from avatarrex_studio.cli.rigs import open_held_out
-
     from avatarrex.avatar import load_avatar
     from avatarrex.capture.fit.surface_fit import fit_surface
+    from avatarrex.capture.readers.rigs import open_capture
     from avatarrex.fields.placement import device_named
     from avatarrex.training.core.trainer import Trainer
 
     device = str(device_named(arguments.device))
     start = load_avatar(arguments.start) if arguments.start else None
-    capture = open_held_out(arguments)
+    capture = open_capture(arguments.capture)
     for note in capture.notes:
         print(note)
+    capture = replace(capture, rigs={name: trained_on(rig, arguments) for name, rig in capture.rigs.items()})
     if start is not None:
         capture = replace(capture, person=_same_body(start, capture))
     elif capture.person.fit is not None:
@@ -74,6 +75,16 @@ def run(arguments: argparse.Namespace) -> int:
         trained.close("finished" if finished else "stopped")
     print(f"{trained.path}: " + ("finished" if finished else "stopped; --resume goes on"))
     return 0 if finished else STOPPED
+
+
+def trained_on(rig: Rig, arguments: argparse.Namespace) -> Rig:
+    """The rig with the options' frames (of every rig) and views held out; or all views but those to train on."""
+    rig = held_out(rig, arguments.held_out_frames, arguments.held_out_views if rig.name == "body" else None)
+    alone = getattr(arguments, f"{rig.name}_views")
+    if not alone:
+        return rig
+    others = set(range(len(rig.views))) - set(cameras(rig, alone, f"--{rig.name}-views"))
+    return rig.holding_out(rig.held_out_frames, others)
 
 
 def _same_body(start: Avatar, capture: Capture) -> Person:

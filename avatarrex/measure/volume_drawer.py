@@ -1,7 +1,7 @@
 """Drawing an avatar by volume rendering, as most radiance-field avatars are drawn (paper sec. 4, what is avoided).
 
-Every ray takes `samples` evenly spaced over the volume's box; the trained part's networks are asked at each of them, the
-other parts are read from their stored boxes, and colours are asked for where a sample's share shows. Root frame, metres.
+Every ray takes `samples` evenly spaced over the volume's box; the trained part's networks are evaluated at each of them, the
+other parts are read from their stored boxes, and colours are evaluated where a sample's share shows. Root frame, metres.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ RAYS = 512
 
 
 class VolumeDrawer:
-    """A `Drawer`; `part` is the one whose networks are asked at every sample."""
+    """A `Drawer`; `part` is the one with networks that are evaluated at every sample."""
 
     def __init__(
         self,

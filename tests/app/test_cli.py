@@ -17,6 +17,7 @@ from avatarrex_studio.session.journal import Journal
 from ball import ball_engine, render_ball
 from PIL import Image
 
+from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 from avatarrex.files.gate import written
 from avatarrex.files.images import VideoWriter, composite
@@ -219,8 +220,8 @@ def test_settings_mean_what_they_say():
     assert edits.background("255,0,51") == (1.0, 0.0, 0.2, 1.0)
     assert edits.background("1.0,0.5,0") == (1.0, 0.5, 0.0, 1.0)
     assert edits.background("#ff0033") == (1.0, 0.0, 0.2, 1.0)
-    assert options.frames("-4:", 12) == (8, 9, 10, 11)
-    assert options.frames("0:2,8:12:2,1:3", 12) == (0, 1, 8, 10, 2)
+    assert choice.frames("-4:", 12) == (8, 9, 10, 11)
+    assert choice.frames("0:2,8:12:2,1:3", 12) == (0, 1, 8, 10, 2)
     assert options.size("640x480") == (640, 480)
 
 

@@ -1,4 +1,4 @@
-"""Ablations: what each arm changes, that its avatar trains, loads and draws, and that a study's tables are complete."""
+"""Ablations: what each variant changes, that its avatar trains, loads and draws, and that a study's tables are complete."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from avatarrex.errors import InputError
 from avatarrex.fields.presets import PRESETS
 from avatarrex.measure.ablation.report import MEASURES, answers, plot, rows, table, to_json
 from avatarrex.measure.ablation.study import Study
-from avatarrex.measure.ablation.variants import ARMS, QUESTIONS, chosen_arms, recipe_of, scaled
+from avatarrex.measure.ablation.variants import QUESTIONS, VARIANTS, chosen_variants, recipe_of, scaled
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.drawing import AvatarDrawer
 from avatarrex.pipeline import RenderSettings, render_frame
@@ -31,7 +31,7 @@ from avatarrex.templates.posed import pose_person
 from avatarrex.training.recipe import PAPER, QUICK, PassOne, PassTwo, Recipe
 from avatarrex.training.runs.folder import read_about
 
-VARIANTS = tuple(name for name in PRESETS if name.startswith("compact/"))
+NETWORKS = tuple(name for name in PRESETS if name.startswith("compact/"))
 TINY = Recipe(
     "tiny",
     "compact",
@@ -63,14 +63,14 @@ def gaze(points: torch.Tensor) -> torch.Tensor:
 def test_networks_that_the_prior_does_not_know_start_as_if_there_were_none():
     """Of `compact` alone: nothing of `paper` is known."""
     for name, part in (("face-mlp", "face"), ("one-network", "body")):
-        known, (one, _) = getattr(QUICK, part)[0], getattr(recipe_of(ARMS[name], QUICK, part), part)
+        known, (one, _) = getattr(QUICK, part)[0], getattr(recipe_of(VARIANTS[name], QUICK, part), part)
         assert (one.geometry_rate, one.still, one.rate, one.warm_steps) == (1, 0, 4e-3, 5 * known.warm_steps)
         assert known.geometry_rate < 1
-        of_paper = getattr(recipe_of(ARMS[name], PAPER, part), part)[0]
+        of_paper = getattr(recipe_of(VARIANTS[name], PAPER, part), part)[0]
         assert (of_paper.rate, of_paper.warm_steps) == (5e-4, getattr(PAPER, part)[0].warm_steps)
 
 
-@pytest.mark.parametrize("preset", VARIANTS)
+@pytest.mark.parametrize("preset", NETWORKS)
 def test_a_variant_is_stored_and_draws_the_same(preset, tmp_path):
     avatar, camera = Avatar.create(load_person(), preset, 1), Camera.orbit(10, 0, 2.5, 40, (0, -0.1, 0), 24, 32)
     save_avatar(avatar, tmp_path / "a.avatar", half=False)
@@ -82,7 +82,7 @@ def test_a_variant_is_stored_and_draws_the_same(preset, tmp_path):
     torch.testing.assert_close(pictures[0], pictures[1])
 
 
-@pytest.mark.parametrize("preset", VARIANTS)
+@pytest.mark.parametrize("preset", NETWORKS)
 def test_gradients_reach_every_parameter(preset):
     person = load_person()
     avatar = Avatar.create(person, preset, 2)
@@ -104,7 +104,7 @@ def test_gradients_reach_every_parameter(preset):
 
 
 def test_variants_differ_where_they_say_and_nowhere_else():
-    made = {preset: Avatar.create(load_person(), preset) for preset in ("compact", *VARIANTS)}
+    made = {preset: Avatar.create(load_person(), preset) for preset in ("compact", *NETWORKS)}
     full = made["compact"]
 
     def count(preset: str, part: str) -> int:
@@ -130,36 +130,36 @@ def test_the_face_without_tri_planes_sees_its_coefficients_alone():
     assert (face.sdf(planes, near) - face.sdf(torch.zeros(61), near)).abs().max() > 1e-5
 
 
-def test_each_arm_changes_what_it_says():
+def test_each_variant_changes_what_it_says():
     one, two = QUICK.body
     whole = one.steps + two.steps
-    assert recipe_of(ARMS["full"], QUICK, "body").body == QUICK.body
-    assert recipe_of(ARMS["pass-one"], QUICK, "body").body == (QUICK.body[0], replace(QUICK.body[1], steps=0))
-    longer, nothing = recipe_of(ARMS["no-pass-two"], QUICK, "body").body
+    assert recipe_of(VARIANTS["full"], QUICK, "body").body == QUICK.body
+    assert recipe_of(VARIANTS["pass-one"], QUICK, "body").body == (QUICK.body[0], replace(QUICK.body[1], steps=0))
+    longer, nothing = recipe_of(VARIANTS["no-pass-two"], QUICK, "body").body
     assert (longer.steps, nothing.steps) == (whole, 0)
     assert longer.decay_steps / longer.steps == pytest.approx(one.decay_steps / one.steps, rel=1e-3)
     assert longer.gamma_steps / longer.steps == pytest.approx(one.gamma_steps / one.steps, rel=1e-3)
-    assert recipe_of(ARMS["no-pass-two"], QUICK, "body").face == QUICK.face
-    assert recipe_of(ARMS["plain"], QUICK, "body").preset == "compact/no-patches"
-    assert recipe_of(ARMS["plain"], QUICK, "body").body == recipe_of(ARMS["no-pass-two"], QUICK, "body").body
-    assert recipe_of(ARMS["no-perceptual"], QUICK, "face").face == (
+    assert recipe_of(VARIANTS["no-pass-two"], QUICK, "body").face == QUICK.face
+    assert recipe_of(VARIANTS["plain"], QUICK, "body").preset == "compact/no-patches"
+    assert recipe_of(VARIANTS["plain"], QUICK, "body").body == recipe_of(VARIANTS["no-pass-two"], QUICK, "body").body
+    assert recipe_of(VARIANTS["no-perceptual"], QUICK, "face").face == (
         QUICK.face[0],
         replace(QUICK.face[1], perceptual=0.0),
     )
-    uniform = recipe_of(ARMS["uniform-64"], QUICK, "body").body[0]
+    uniform = recipe_of(VARIANTS["uniform-64"], QUICK, "body").body[0]
     assert uniform == replace(longer, sampling="uniform", samples=64, quadrature="point")
     assert Recipe.from_json(json.loads(json.dumps(QUICK.to_json()))) == QUICK
     half = scaled(QUICK, "body", 0.5).body
     assert (half[0].steps, half[1].steps, half[0].warm_steps) == (one.steps // 2, two.steps // 2, one.warm_steps)
-    assert all(name in ARMS for _, first, second in QUESTIONS for name in (first, second))
+    assert all(name in VARIANTS for _, first, second in QUESTIONS for name in (first, second))
 
 
-def test_arms_come_with_what_they_need_and_others_are_refused():
-    names = [arm.name for arm in chosen_arms(("uniform-64-time",), "body")]
+def test_variants_come_with_what_they_need_and_others_are_refused():
+    names = [variant.name for variant in chosen_variants(("uniform-64-time",), "body")]
     assert names == ["no-pass-two", "uniform-64", "uniform-64-time"]
-    assert "face-mlp" in {arm.name for arm in chosen_arms(None, "face")}
-    with pytest.raises(InputError, match="--arms: expected arms of the face: full"):
-        chosen_arms(("no-patches",), "face")
+    assert "face-mlp" in {variant.name for variant in chosen_variants(None, "face")}
+    with pytest.raises(InputError, match="--variants: expected variants of the face: full"):
+        chosen_variants(("no-patches",), "face")
 
 
 @pytest.mark.slow
@@ -179,12 +179,12 @@ def test_volume_rendering_draws_the_surface_where_the_rays_meet_it():
 
 @pytest.mark.slow
 def test_a_study_of_the_body_is_complete_and_not_done_twice(capture, tmp_path, monkeypatch):
-    arms, seeds = chosen_arms(("no-pass-two", "volume-test-time"), "body"), [0, 1]
+    variants, seeds = chosen_variants(("no-pass-two", "volume-test-time"), "body"), [0, 1]
     monkeypatch.setattr("avatarrex.measure.ablation.study.SLOW", (1, 1))
     study = Study(tmp_path, capture, "body", TINY)
     done = [("full", 0), ("no-pass-two", 0), ("volume-test-time", 0), ("no-pass-two", 1)]
-    assert all(study.finish(ARMS[name], seed) is not None for name, seed in done)
-    found = rows(study, arms, seeds)
+    assert all(study.finish(VARIANTS[name], seed) is not None for name, seed in done)
+    found = rows(study, variants, seeds)
     assert [row.name for row in found] == [
         "textured mesh", "mean-colour mesh", "full", "no-pass-two", "volume-test-time"
     ]  # fmt: skip
@@ -207,19 +207,19 @@ def test_a_study_of_the_body_is_complete_and_not_done_twice(capture, tmp_path, m
     assert (tmp_path / "plot.png").stat().st_size > 5000
     for folder in (tmp_path / "full" / "seed_0", tmp_path / "no-pass-two" / "seed_1"):
         about = read_about(folder)
-        assert (about["state"], about["config"]["arm"]) == ("finished", folder.parent.name)
+        assert (about["state"], about["config"]["variant"]) == ("finished", folder.parent.name)
     monkeypatch.setattr("avatarrex.measure.ablation.study.Trainer", None)
     again = Study(tmp_path, capture, "body", TINY)
-    assert all(again.finish(ARMS[name], seed) == study.evaluation(ARMS[name], seed) for name, seed in done)
+    assert all(again.finish(VARIANTS[name], seed) == study.evaluation(VARIANTS[name], seed) for name, seed in done)
     with pytest.raises(InputError, match=r"study.json: base.interval: expected 3, as asked for"):
         Study(tmp_path, capture, "body", replace(TINY, interval=3))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["face-mlp", "no-perceptual"])
-def test_arms_of_the_face_train_load_and_draw(capture, tmp_path, name):
+def test_variants_of_the_face_train_load_and_draw(capture, tmp_path, name):
     study = Study(tmp_path, capture, "face", TINY)
-    found = study.finish(ARMS[name], 0)
+    found = study.finish(VARIANTS[name], 0)
     assert found is not None
     assert found["steps"] == [2, 1]
     assert found["subjects"]["avatar"]["psnr_matte"] > 0
@@ -230,7 +230,7 @@ def test_arms_of_the_face_train_load_and_draw(capture, tmp_path, name):
 def test_uniform_samples_for_as_long(capture, tmp_path):
     """64 samples a ray cost more than 4 near the surface: the time buys fewer steps."""
     study = Study(tmp_path, capture, "body", TINY)
-    found = {name: study.finish(ARMS[name], 0) for name in ("no-pass-two", "uniform-64", "uniform-64-time")}
+    found = {name: study.finish(VARIANTS[name], 0) for name in ("no-pass-two", "uniform-64", "uniform-64-time")}
     assert found["uniform-64"]["samples_per_ray"] > 2 * found["no-pass-two"]["samples_per_ray"]
     assert found["uniform-64"]["steps"] == found["no-pass-two"]["steps"]
     ratio = found["no-pass-two"]["cpu_seconds"] / found["uniform-64"]["cpu_seconds"]
@@ -238,15 +238,15 @@ def test_uniform_samples_for_as_long(capture, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_stopped_arm_goes_on(capture, tmp_path, monkeypatch):
+def test_a_stopped_variant_goes_on(capture, tmp_path, monkeypatch):
     study = Study(tmp_path, capture, "body", TINY)
-    asked = iter(["run", "stop"])
-    monkeypatch.setattr("avatarrex.training.runs.folder.Run.control", lambda self: next(asked))
-    assert study.finish(ARMS["plain"], 0) is None
+    wishes = iter(["run", "stop"])
+    monkeypatch.setattr("avatarrex.training.runs.folder.Run.control", lambda self: next(wishes))
+    assert study.finish(VARIANTS["plain"], 0) is None
     assert read_about(tmp_path / "plain" / "seed_0")["state"] == "stopped"
-    before = study.effort(ARMS["plain"], 0)["cpu_seconds"]
+    before = study.effort(VARIANTS["plain"], 0)["cpu_seconds"]
     monkeypatch.undo()
-    found = Study(tmp_path, capture, "body", TINY).finish(ARMS["plain"], 0)
+    found = Study(tmp_path, capture, "body", TINY).finish(VARIANTS["plain"], 0)
     assert found is not None
     assert found["cpu_seconds"] > before > 0
 
@@ -259,23 +259,25 @@ def test_a_capture_without_held_out_poses_is_refused(capture, tmp_path):
 
 
 def test_minutes_scale_the_steps(capture, tmp_path, monkeypatch):
-    from avatarrex.measure.ablation.step_timing import Pace
+    from avatarrex.measure.ablation.step_timing import StepTiming
 
-    monkeypatch.setattr("avatarrex.measure.ablation.study.measure_pace", lambda *given: Pace(fixed=30.0, passes=15.0))
+    monkeypatch.setattr(
+        "avatarrex.measure.ablation.study.step_timing", lambda *given: StepTiming(fixed=30.0, passes=15.0)
+    )
     study = Study(tmp_path, capture, "body", QUICK, minutes=1.0)
-    one, two = study.recipe(ARMS["full"], 0).body
+    one, two = study.recipe(VARIANTS["full"], 0).body
     assert (one.steps, two.steps) == (2 * QUICK.body[0].steps, 2 * QUICK.body[1].steps)
-    assert Study(Path(tmp_path), capture, "body", QUICK, minutes=1.0).recipe(ARMS["full"], 7).body == (one, two)
+    assert Study(Path(tmp_path), capture, "body", QUICK, minutes=1.0).recipe(VARIANTS["full"], 7).body == (one, two)
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--arms", "face-mlp"], "--arms: expected arms of the body: full"),
+        (["--arms", "face-mlp"], "--variants: expected variants of the body: full"),
         (["--seeds", "one"], "--seeds: expected integers from 0"),
         (["--minutes", "-1"], "--minutes: expected a positive number, found -1"),
         (["--scale", "much"], "--scale: expected a positive number, found much"),
-        (["--recipe", "huge"], "--recipe: expected one of paper, quick, long, refine, smoke, found huge"),
+        (["--preset", "huge"], "--recipe: expected one of paper, quick, long, refine, smoke, found huge"),
     ],
 )
 def test_wrong_options_are_refused_before_any_work(tmp_path, capsys, options, said):

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 import torch
 from avatarrex_studio.cli.main import main, parse
-from avatarrex_studio.cli.rigs import held_out
-from avatarrex_studio.cli.train import kept_recipe
+from avatarrex_studio.cli.train import kept_recipe, trained_on
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
 import avatarrex.training.core.trainer as train_module
@@ -325,10 +324,10 @@ def options(*words: str) -> argparse.Namespace:
 def test_cameras_to_train_on_alone(capture):
     """By name or number, in place of what is held out; of the named rig only."""
     rig = open_capture(capture).rigs["body"]
-    assert held_out(rig, options("--body-views", "c0,2")).held_out_views == {1}
-    assert held_out(rig, options("--face-views", "0")).held_out_views == rig.held_out_views
+    assert trained_on(rig, options("--body-views", "c0,2")).held_out_views == {1}
+    assert trained_on(rig, options("--face-views", "0")).held_out_views == rig.held_out_views
     with pytest.raises(InputError, match="--body-views: expected cameras 0 to 2"):
-        held_out(rig, options("--body-views", "c7"))
+        trained_on(rig, options("--body-views", "c7"))
 
 
 def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):

@@ -6,16 +6,17 @@ taken seed by seed. Spec: docs/ablations.md.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from avatarrex.errors import InputError
-from avatarrex.files.gate import written
 from avatarrex.measure.ablation.study import Study
-from avatarrex.measure.ablation.variants import ARMS, QUESTIONS, Arm
+from avatarrex.measure.ablation.variants import QUESTIONS, VARIANTS, Variant
+from avatarrex.measure.plotting import axes_beside, save
+from avatarrex.measure.table import aligned
 
 MEASURES = {
     "psnr_matte": ("PSNR", 2), "ssim_matte": ("SSIM", 3), "ms_ssim_matte": ("MS-SSIM", 3), "lpips_matte": ("LPIPS", 3),
@@ -31,31 +32,27 @@ PLOTTED = ("psnr_matte", "ms_ssim_matte", "lpips_matte", "sharpness")
 
 @dataclass
 class Row:
-    """An arm or a baseline: values by measure, one per seed."""
+    """A variant or a baseline: values by measure, one per seed."""
 
     name: str
     what: str
     seeds: list[int]
-    values: dict[str, list[float]] = field(default_factory=dict)
+    values: dict[str, list[float]]
     same: dict[str, list[float]] = field(default_factory=dict)
-    """Of the arm it redraws, on the same pictures."""
+    """Of the variant it redraws, on the same pictures."""
 
 
-def rows(study: Study, arms: list[Arm], seeds: list[int]) -> list[Row]:
-    """Baselines, then every arm of which a seed is done."""
-    found = []
-    for name, means in study.baselines()["subjects"].items():
-        found.append(Row(name, "baseline", [], {key: [value] for key, value in means.items() if value is not None}))
-    for arm in arms:
-        done = {seed: data for seed in seeds if (data := study.evaluation(arm, seed)) is not None}
+def rows(study: Study, variants: list[Variant], seeds: list[int]) -> list[Row]:
+    """Baselines, then every variant of which a seed is done."""
+    baselines = study.baselines()["subjects"]
+    found = [Row(name, "baseline", [], _by_measure([means])) for name, means in baselines.items()]
+    for variant in variants:
+        done = {seed: data for seed in seeds if (data := study.evaluation(variant, seed)) is not None}
         if done:
-            row = Row(arm.name, arm.what, list(done))
-            for data in done.values():
-                *before, means = data["subjects"].values()
-                _add(row.values, {**means, **_costs(data)})
-                for other in before:
-                    _add(row.same, other)
-            found.append(row)
+            drawn = [list(data["subjects"].values()) for data in done.values()]
+            values = _by_measure({**one[-1], **_costs(data)} for one, data in zip(drawn, done.values()))
+            same = _by_measure(other for one in drawn for other in one[:-1])
+            found.append(Row(variant.name, variant.what, list(done), values, same))
     return found
 
 
@@ -69,15 +66,17 @@ def _costs(data: dict[str, Any]) -> dict[str, float | None]:
     }
 
 
-def _add(values: dict[str, list[float]], more: dict[str, float | None]) -> None:
-    for key, value in more.items():
+def _by_measure(figures: Iterable[dict[str, float | None]]) -> dict[str, list[float]]:
+    values: dict[str, list[float]] = {}
+    for key, value in (item for one in figures for item in one.items()):
         if value is not None:
             values.setdefault(key, []).append(value)
+    return values
 
 
 @dataclass(frozen=True)
 class Answer:
-    """A question, and the first arm's figures minus the second's, one per seed."""
+    """A question, and the first variant's figures minus the second's, one per seed."""
 
     question: str
     first: str
@@ -86,14 +85,14 @@ class Answer:
 
 
 def answers(found: list[Row]) -> list[Answer]:
-    """To every question whose two arms are there, over the seeds that both have."""
+    """To every question of which both variants are there, over the seeds that both have."""
     by_name, given = {row.name: row for row in found}, []
     for question, first, second in QUESTIONS:
         if first in by_name and second in by_name:
             a, b = by_name[first], by_name[second]
             both = [seed for seed in a.seeds if seed in b.seeds]
-            mine = b.same if ARMS[second].redraws == first else a.values
-            seeds = b.seeds if ARMS[second].redraws == first else a.seeds
+            mine = b.same if VARIANTS[second].redraws == first else a.values
+            seeds = b.seeds if VARIANTS[second].redraws == first else a.seeds
             differences = {
                 key: [mine[key][seeds.index(seed)] - b.values[key][b.seeds.index(seed)] for seed in both]
                 for key in MEASURES
@@ -111,7 +110,8 @@ def table(study: Study, found: list[Row]) -> str:
     for row in found:
         seeds = str(len(row.seeds)) if row.seeds else "–"
         lines.append([row.name, seeds, *(_cell(row.values.get(key), digits) for key, (_, digits) in columns.items())])
-    text = _aligned(lines)
+    figures = range(1, len(lines[0]))
+    text = aligned(lines, figures)
     given = answers(found)
     if given:
         heads = [["question", "", *(head for head, _ in MEASURES.values())]]
@@ -120,11 +120,11 @@ def table(study: Study, found: list[Row]) -> str:
              *(_cell(a.differences.get(key), digits, "+") for key, (_, digits) in MEASURES.items())]
             for a in given
         ]  # fmt: skip
-        text += ["", *_aligned([*heads, *differences])]
+        text += ["", *aligned([*heads, *differences], figures)]
     baselines = study.baselines()
     width, height = baselines["size"]
     text += ["", f"{study.part} of {study.capture.path}, recipe {study.base.name}, {study.about['minutes'] or 'its'} "
-                 f"{'minutes an arm' if study.minutes else 'steps'}; held-out frames {_listed(baselines['frames'])} from "
+                 f"{'minutes a variant' if study.minutes else 'steps'}; held-out frames {', '.join(map(str, baselines['frames']))} from "
                  f"{len(baselines['views'])} cameras at {width}x{height}, inside the matte"]  # fmt: skip
     text += [f"{name.upper()}: n/a (no weights: {files})" for name, files in baselines["missing"].items()]
     return "\n".join(text)
@@ -133,8 +133,8 @@ def table(study: Study, found: list[Row]) -> str:
 def to_json(study: Study, found: list[Row], seeds: list[int]) -> dict[str, Any]:
     """Rows with every seed's figures, answers, and what was studied."""
     evaluations = {
-        arm.name: {str(seed): data for seed in seeds if (data := study.evaluation(arm, seed)) is not None}
-        for arm in ARMS.values()
+        variant.name: {str(seed): data for seed in seeds if (data := study.evaluation(variant, seed)) is not None}
+        for variant in VARIANTS.values()
     }
     return {
         **study.about,
@@ -148,15 +148,10 @@ def to_json(study: Study, found: list[Row], seeds: list[int]) -> dict[str, Any]:
     }
 
 
-def plot(found: list[Row], path: Path, title: str) -> None:
-    """One panel a measure, one line an arm: its seeds, their mean and standard deviation; baselines in grey."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise InputError("--plot", "", "matplotlib: pip install 'avatarrex-studio[bench]'", "none") from None
+def plot(found: list[Row], path: Path, title: str) -> Path:
+    """One panel a measure, one line a variant: its seeds, their mean and standard deviation; baselines in grey."""
     shown = [key for key in PLOTTED if any(key in row.values for row in found)]
-    figure = Figure(figsize=(3.2 * len(shown) + 1.6, 0.42 * len(found) + 1.5), layout="constrained")
-    axes = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
+    axes, figure = axes_beside(len(shown), (3.2 * len(shown) + 1.6, 0.42 * len(found) + 1.5), sharey=True)
     for axis, key in zip(axes, shown):
         for place, row in enumerate(found):
             values = row.values.get(key)
@@ -170,9 +165,7 @@ def plot(found: list[Row], path: Path, title: str) -> None:
     axes[0].set_yticks(range(len(found)), [row.name for row in found])
     axes[0].set_ylim(len(found) - 0.5, -0.5)
     figure.suptitle(title, fontsize=10)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with written(path) as temporary:
-        figure.savefig(temporary, dpi=150, format="png")
+    return save(figure, path, 150)
 
 
 def _means(values: dict[str, list[float]]) -> dict[str, list[float]]:
@@ -189,16 +182,3 @@ def _cell(values: list[float] | None, digits: int, sign: str = "") -> str:
         return "n/a"
     text = f"{np.mean(values):{sign}.{digits}f}"
     return f"{text} ± {_deviation(values):.{digits}f}" if len(values) > 1 and digits else text
-
-
-def _listed(frames: list[int]) -> str:
-    return ", ".join(map(str, frames))
-
-
-def _aligned(lines: list[list[str]]) -> list[str]:
-    """Words to the left, figures to the right."""
-    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    return [
-        "  ".join(c.ljust(w) if k == 0 else c.rjust(w) for k, (c, w) in enumerate(zip(line, widths))).rstrip()
-        for line in lines
-    ]

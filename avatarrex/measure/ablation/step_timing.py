@@ -1,4 +1,4 @@
-"""How long a recipe takes here: a pilot of a few steps, for arms that are to take a given time.
+"""How long a recipe takes here: a pilot of a few steps, for variants that are to take a given time.
 
 The real warm start, then `PILOT` steps spread over each pass, twice: the second time every frame is posed already, the
 difference is what posing a frame and making its volume costs. Processor seconds.
@@ -11,13 +11,12 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import Capture
+from avatarrex.measure.stepper import Stepper
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.training.core.frames import FrameStore
-from avatarrex.training.core.losses import weighted
 from avatarrex.training.core.pass_one import BodyPass, FacePass
 from avatarrex.training.core.pass_two import PatchPass
 from avatarrex.training.core.trainer import Stage, stages
@@ -28,7 +27,7 @@ PILOT = 8
 
 
 @dataclass(frozen=True)
-class Pace:
+class StepTiming:
     """Estimated seconds of a recipe."""
 
     fixed: float
@@ -41,7 +40,7 @@ class Pace:
         return max((seconds - self.fixed) / self.passes, 0.0)
 
 
-def measure_pace(capture: Capture, recipe: Recipe, part: str, seed: int) -> Pace:
+def step_timing(capture: Capture, recipe: Recipe, part: str, seed: int) -> StepTiming:
     """Train a throw-away avatar for a few steps."""
     avatar, rig = Avatar.create(capture.person, recipe.preset, seed), capture.rigs[part]
     hidden = frozenset() if part == "face" else frozenset({"face"})
@@ -56,7 +55,7 @@ def measure_pace(capture: Capture, recipe: Recipe, part: str, seed: int) -> Pace
         store = FrameStore(avatar, rig, part, hidden, stage.name == "II")
         store.renew(0)
         passes += _seconds(avatar, store, stage, recipe.interval, seed)
-    return Pace(fixed, passes)
+    return StepTiming(fixed, passes)
 
 
 def _seconds(avatar: Avatar, store: FrameStore, stage: Stage, interval: int, seed: int) -> float:
@@ -67,25 +66,17 @@ def _seconds(avatar: Avatar, store: FrameStore, stage: Stage, interval: int, see
         work = (FacePass if stage.part == "face" else BodyPass)(avatar, store, stage.recipe, seed)
     else:
         work = PatchPass(avatar, store, stage.part, stage.recipe, Perceptual.load(), seed)
-    parameters = work.parameters()
-    for parameter in parameters:
-        parameter.requires_grad_(True)
-    optimiser = torch.optim.Adam(parameters, lr=0.0, fused=True)
+    stepper = Stepper(work, 0.0)
     chosen = np.linspace(stage.begin, stage.end - 1, PILOT).astype(int).tolist()
     times, seen, pictures = [], set(), 0
     for _ in range(2):
         begun = time.process_time()
         for step in chosen:
-            result = work.step(step, stage.gamma(step))
-            optimiser.zero_grad(set_to_none=True)
-            total = weighted(result.terms)
-            if total.requires_grad:
-                total.backward()
-                optimiser.step()
+            result, _ = stepper.step(step, stage.gamma(step))
             seen |= {frame for frame, _ in result.pictures}
             pictures = len(result.pictures)
         times.append(time.process_time() - begun)
-    for parameter in parameters:
+    for parameter in stepper.parameters:
         parameter.requires_grad_(False)
     posing = max(times[0] - times[1], 0.0) / max(len(seen), 1)
     frames, steps = store.rig.frames, stage.recipe.steps

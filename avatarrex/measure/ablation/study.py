@@ -1,8 +1,8 @@
-"""An ablation study: arms (variants.py) trained alike on one capture, and measured on poses that none of them saw.
+"""An ablation study: variants (variants.py) trained alike on one capture, and measured on poses that none of them saw.
 
-    DIR/study.json                  what is studied: capture, part, base recipe, the recipe of every arm
-    DIR/ARM/seed_0/                 an ordinary run (run.py); effort.json: how long it took; evaluation.json: its figures
-    DIR/full/seed_0/volume-test-time.json    the figures of an arm that only draws another's avatar
+    DIR/study.json                  what is studied: capture, part, base recipe, the recipe of every variant
+    DIR/VARIANT/seed_0/             an ordinary run (run.py); effort.json: how long it took; evaluation.json: its figures
+    DIR/full/seed_0/volume-test-time.json    the figures of a variant that only draws another's avatar
     DIR/baselines.json              the figures of the skinned meshes
 
 What is there is not done again. For the face everything is cut by where the template's face is seen: the rest of the
@@ -26,8 +26,9 @@ from avatarrex.avatar import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Capture
 from avatarrex.errors import InputError
-from avatarrex.measure.ablation.step_timing import measure_pace
-from avatarrex.measure.ablation.variants import ARMS, Arm, recipe_of, scaled
+from avatarrex.measure.ablation.step_timing import step_timing
+from avatarrex.measure.ablation.variants import VARIANTS, Variant, recipe_of, scaled
+from avatarrex.measure.bench.clock import Times, timed
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.baselines import baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
@@ -60,7 +61,7 @@ class Study:
     part: str
     base: Recipe
     minutes: float | None = None
-    """Of each arm; the base recipe's steps unless given."""
+    """Of each variant; the base recipe's steps unless given."""
 
     def __post_init__(self) -> None:
         """Raises `InputError` where the folder holds another study, or the capture nothing held out."""
@@ -74,10 +75,7 @@ class Study:
             "capture": str(self.capture.path),
             "part": self.part,
             "minutes": self.minutes,
-            "held_out": {
-                "frames": sorted(self.rig.held_out_frames),
-                "views": sorted(self.rig.held_out_views),
-            },
+            "held_out": {"frames": sorted(self.rig.held_out_frames), "views": sorted(self.rig.held_out_views)},
             "base": _plain(self.base),
         }
         found = read_json(self.folder / "study.json")
@@ -91,25 +89,25 @@ class Study:
         self.folder.mkdir(parents=True, exist_ok=True)
         self._note()
 
-    def run_folder(self, arm: Arm, seed: int) -> Path:
-        """Of the arm, or of the one whose avatar it draws."""
-        return self.folder / (arm.redraws or arm.name) / f"seed_{seed}"
+    def run_folder(self, variant: Variant, seed: int) -> Path:
+        """Of the variant, or of the one that it redraws."""
+        return self.folder / (variant.redraws or variant.name) / f"seed_{seed}"
 
-    def evaluation(self, arm: Arm, seed: int) -> dict[str, Any] | None:
+    def evaluation(self, variant: Variant, seed: int) -> dict[str, Any] | None:
         """What was measured, where that is done."""
-        return read_json(self._file(arm, seed))
+        return read_json(self._file(variant, seed))
 
-    def finish(self, arm: Arm, seed: int) -> dict[str, Any] | None:
+    def finish(self, variant: Variant, seed: int) -> dict[str, Any] | None:
         """Train and measure what is not done yet; None where the training was stopped. What it needs is done first."""
-        for need in arm.needs:
-            if self.finish(ARMS[need], seed) is None:
+        for need in variant.needs:
+            if self.finish(VARIANTS[need], seed) is None:
                 return None
-        found = self.evaluation(arm, seed)
+        found = self.evaluation(variant, seed)
         if found is None:
-            if not arm.redraws and not self._train(arm, seed):
+            if not variant.redraws and not self._train(variant, seed):
                 return None
-            found = self._redraw(arm, seed) if arm.redraws else self._measure(arm, seed)
-            write_json(self._file(arm, seed), found, lasting=True)
+            found = self._redraw(variant, seed) if variant.redraws else self._measure(variant, seed)
+            write_json(self._file(variant, seed), found, lasting=True)
         return found
 
     def baselines(self) -> dict[str, Any]:
@@ -121,93 +119,91 @@ class Study:
             write_json(file, found)
         return found
 
-    def recipe(self, arm: Arm, seed: int) -> Recipe:
+    def recipe(self, variant: Variant, seed: int) -> Recipe:
         """Of all its seeds: times are measured once, with the first."""
-        kept = self.about["recipes"].get(arm.name)
+        kept = self.about["recipes"].get(variant.name)
         if kept is not None:
             return Recipe.from_json(kept)
-        recipe = recipe_of(arm, self.base, self.part)
-        if arm.time_of:
-            own, other = (self.effort(ARMS[name], seed)["cpu_seconds"] for name in (arm.pace_of, arm.time_of))
-            paced = self.recipe(ARMS[arm.pace_of], seed)
-            recipe = replace(scaled(paced, self.part, other / own), name=recipe.name)
+        recipe = recipe_of(variant, self.base, self.part)
+        if variant.time_of:
+            pilot, other = VARIANTS[variant.timing_of], VARIANTS[variant.time_of]
+            factor = self.effort(other, seed)["cpu_seconds"] / self.effort(pilot, seed)["cpu_seconds"]
+            recipe = replace(scaled(self.recipe(pilot, seed), self.part, factor), name=recipe.name)
         elif self.minutes is not None:
-            factor = measure_pace(self.capture, recipe, self.part, seed).factor(60 * self.minutes)
+            factor = step_timing(self.capture, recipe, self.part, seed).factor(60 * self.minutes)
             if factor <= 0:
                 raise InputError("--minutes", "", "more than the warm start takes", self.minutes)
             recipe = scaled(recipe, self.part, factor)
-        self.about["recipes"][arm.name] = _plain(recipe)
+        self.about["recipes"][variant.name] = _plain(recipe)
         self._note()
         return recipe
 
-    def effort(self, arm: Arm, seed: int) -> dict[str, float]:
+    def effort(self, variant: Variant, seed: int) -> dict[str, float]:
         """`seconds` and `cpu_seconds` of its training so far."""
-        return read_json(self.run_folder(arm, seed) / "effort.json") or {"seconds": 0.0, "cpu_seconds": 0.0}
+        return read_json(self.run_folder(variant, seed) / "effort.json") or {"seconds": 0.0, "cpu_seconds": 0.0}
 
-    def _train(self, arm: Arm, seed: int) -> bool:
+    def _train(self, variant: Variant, seed: int) -> bool:
         """To the end of the run, from where it is; False where it was stopped."""
-        folder, recipe = self.run_folder(arm, seed), self.recipe(arm, seed)
+        folder, recipe = self.run_folder(variant, seed), self.recipe(variant, seed)
         exists = (folder / "run.json").exists()
         if exists and read_about(folder)["state"] == "finished":
             return True
         config = {
-            "part": self.part, "preset": recipe.name, "capture": str(self.capture.path), "seed": seed, "arm": arm.name,
+            "part": self.part, "preset": recipe.name, "capture": str(self.capture.path), "seed": seed, "variant": variant.name,
             "steps": {self.part: recipe.steps()[self.part]}, "recipe": _plain(recipe), "held_out": self.about["held_out"],
         }  # fmt: skip
         run = Run.open(folder) if exists else Run.create(folder, config)
-        with run, self._timed(arm, seed):
+        with run, self._effort_noted(variant, seed):
             finished = Trainer(self.capture, recipe, (self.part,), run, seed).train()
             run.close("finished" if finished else "stopped")
         return finished
 
     @contextmanager
-    def _timed(self, arm: Arm, seed: int) -> Iterator[None]:
-        before, begun = self.effort(arm, seed), (time.monotonic(), time.process_time())
+    def _effort_noted(self, variant: Variant, seed: int) -> Iterator[None]:
+        before, begun = self.effort(variant, seed), (time.monotonic(), time.process_time())
         try:
             yield
         finally:
             taken = time.monotonic() - begun[0], time.process_time() - begun[1]
             effort = {key: before[key] + more for key, more in zip(("seconds", "cpu_seconds"), taken)}
-            write_json(self.run_folder(arm, seed) / "effort.json", effort)
+            write_json(self.run_folder(variant, seed) / "effort.json", effort)
 
-    def _measure(self, arm: Arm, seed: int) -> dict[str, Any]:
-        """All figures of an arm that was trained."""
-        folder, recipe = self.run_folder(arm, seed), self.recipe(arm, seed)
-        drawer = AvatarDrawer(load_avatar(self._avatar(arm, seed)))
-        one, two = getattr(recipe, self.part)
-        field = load_avatar(self._avatar(arm, seed)).modules()[self.part]
+    def _measure(self, variant: Variant, seed: int) -> dict[str, Any]:
+        """All figures of a variant that was trained."""
+        folder, avatar = self.run_folder(variant, seed), load_avatar(self._avatar(variant, seed))
+        one, two = getattr(self.recipe(variant, seed), self.part)
         return {
-            **self._evaluated([drawer], self._views(VIEWS)),
-            "arm": arm.name,
+            **self._evaluated([AvatarDrawer(avatar)], self._views(VIEWS)),
+            "variant": variant.name,
             "seed": seed,
             "steps": [one.steps, two.steps],
-            **self.effort(arm, seed),
-            "parameters": sum(parameter.numel() for parameter in field.parameters()),
+            **self.effort(variant, seed),
+            "parameters": sum(parameter.numel() for parameter in avatar.modules()[self.part].parameters()),
             "samples_per_ray": _steady(folder, f"{self.part}/rate/samples_per_ray", one.steps),
             "device": device(),
         }
 
-    def _redraw(self, arm: Arm, seed: int) -> dict[str, Any]:
-        """Another arm's avatar drawn by volume rendering, beside the deferred renderer on the same few pictures."""
-        of = ARMS[arm.redraws]
+    def _redraw(self, variant: Variant, seed: int) -> dict[str, Any]:
+        """Another variant's avatar drawn by volume rendering, beside the deferred renderer on the same few pictures."""
+        of = VARIANTS[variant.redraws]
         avatar, one = load_avatar(self._avatar(of, seed)), getattr(self.recipe(of, seed), self.part)[0]
         slow = VolumeDrawer(avatar, self.part, quadrature=one.quadrature)
         views, frames = self._views(SLOW[1]), self._frames()[: SLOW[0]]
         found = self._evaluated([AvatarDrawer(avatar), slow], views, frames)
         trained = self.evaluation(of, seed) or self._measure(of, seed)
         kept = {key: trained[key] for key in ("seed", "steps", "seconds", "cpu_seconds", "parameters")}
-        return {**found, **kept, "arm": arm.name, "samples_per_ray": slow.samples, "device": device()}
+        return {**found, **kept, "variant": variant.name, "samples_per_ray": slow.samples, "device": device()}
 
     def _evaluated(self, drawers: list[Any], views: list[int], frames: list[int] | None = None) -> dict[str, Any]:
         """`subjects`: means on held-out poses by drawer, with the seconds that a picture took."""
         rig, subjects = self.rig, [Timed(drawer) for drawer in drawers]
-        asked: list[Drawer] = list(subjects)
+        compared: list[Drawer] = list(subjects)
         if self.part == "face":
-            rig, asked = face_alone(self.capture.person, rig, asked)
+            rig, compared = face_alone(self.capture.person, rig, compared)
         networks = Networks.load()
         frames = self._frames() if frames is None else frames
         capture = replace(self.capture, ground_truth=None)
-        found = evaluate(capture, rig, asked, networks, frames, views, progress=True)
+        found = evaluate(capture, rig, compared, networks, frames, views, progress=True)
         split = found.grouped("split")["held-out pose"]
         return {
             "subjects": {s.name: {**split[s.name], "seconds_per_picture": s.mean_seconds} for s in subjects},
@@ -225,12 +221,12 @@ class Study:
         trained = [view for view in range(len(self.rig.views)) if view not in self.rig.held_out_views]
         return [trained[k] for k in np.unique(np.linspace(0, len(trained) - 1, count).round().astype(int))]
 
-    def _avatar(self, arm: Arm, seed: int) -> Path:
+    def _avatar(self, variant: Variant, seed: int) -> Path:
         """Beside the last checkpoint of its finished run."""
-        return checkpoint.found(self.run_folder(arm, seed) / "checkpoints")[-1].path / "avatar.avatar"
+        return checkpoint.found(self.run_folder(variant, seed) / "checkpoints")[-1].path / "avatar.avatar"
 
-    def _file(self, arm: Arm, seed: int) -> Path:
-        return self.run_folder(arm, seed) / (f"{arm.name}.json" if arm.redraws else "evaluation.json")
+    def _file(self, variant: Variant, seed: int) -> Path:
+        return self.run_folder(variant, seed) / (f"{variant.name}.json" if variant.redraws else "evaluation.json")
 
     def _note(self) -> None:
         write_json(self.folder / "study.json", self.about, lasting=True)
@@ -240,19 +236,17 @@ class Timed:
     """A drawer with the time it takes."""
 
     def __init__(self, drawer: Drawer) -> None:
-        self.drawer, self.name = drawer, drawer.name
-        self.seconds: list[float] = []
+        self.drawer, self.name, self.times = drawer, drawer.name, Times()
 
     @property
     def mean_seconds(self) -> float:
         """Of a picture; a pose that is new is part of it."""
-        return float(np.mean(self.seconds))
+        return 1e-3 * float(np.mean(self.times.wall))
 
     def draw(self, signals: Signals, camera: Camera) -> Drawing:
         """See `Drawer`."""
-        begun = time.perf_counter()
-        drawing = self.drawer.draw(signals, camera)
-        self.seconds.append(time.perf_counter() - begun)
+        drawing, took = timed(self.drawer.draw, signals, camera)
+        self.times.add(took)
         return drawing
 
 

@@ -1,4 +1,4 @@
-"""Arms of the ablation: each is one recipe with one thing changed (paper sec. 5.1 and the ablation study; issue's arms).
+"""Variants of the ablation: each is one recipe with one thing changed (paper sec. 5.1 and the ablation study).
 
     full               pass I, then pass II with the perceptual term; feature patches or tri-planes
     pass-one           its pass I alone: what pass II starts from
@@ -24,15 +24,15 @@ Pass = TypeVar("Pass", PassOne, PassTwo)
 
 
 @dataclass(frozen=True)
-class Arm:
+class Variant:
     """What differs from `full`."""
 
     name: str
     what: str
     parts: tuple[str, ...] = ("body", "face")
-    """Of which it can be asked."""
-    variant: str = ""
-    """Of the networks (fields/presets.py)."""
+    """Of which it can be studied."""
+    networks: str = ""
+    """Widths of the networks, beside those of the base recipe (fields/presets.py)."""
     prior: bool = True
     """Whether the packaged prior knows its networks (`compact`)."""
     passes: int = 2
@@ -43,15 +43,15 @@ class Arm:
     two: Mapping[str, Any] = field(default_factory=dict)
     """Fields of pass II."""
     redraws: str = ""
-    """Not trained: that arm's avatar, drawn by volume rendering."""
-    pace_of: str = ""
+    """Not trained: that variant's avatar, drawn by volume rendering."""
+    timing_of: str = ""
     time_of: str = ""
-    """As many steps as take the processor time of `time_of` at the pace of `pace_of`, both measured."""
+    """As many steps as take the processor time of `time_of` at the step timing of `timing_of`, both measured."""
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Arms that have to be finished before."""
-        return tuple(filter(None, (self.redraws, self.pace_of, self.time_of)))
+        """Variants that have to be finished before."""
+        return tuple(filter(None, (self.redraws, self.timing_of, self.time_of)))
 
 
 KNOWN_PRESET = "compact"
@@ -61,31 +61,29 @@ UNKNOWN = {"geometry_rate": 1.0, "still": 0, "rate": 4e-3}
 UNKNOWN_WARM = 5
 """Times the warm start of those that it knows."""
 UNIFORM = {"sampling": "uniform", "samples": 64, "quadrature": "point"}
-ARMS = {
-    arm.name: arm
-    for arm in (
-        Arm("full", "both passes, perceptual term, feature patches or tri-planes"),
-        Arm("pass-one", "pass I of full alone", passes=1, lengthened=False),
-        Arm(
-            "plain-one", "pass I alone, no feature patches", ("body",), "no-patches", passes=1, lengthened=False,
-        ),
-        Arm("no-pass-two", "pass I alone, as many steps", passes=1),
-        Arm("no-patches", "both passes, no feature patches", ("body",), variant="no-patches"),
-        Arm("plain", "pass I alone, no feature patches (the paper's baseline)", ("body",), "no-patches", passes=1),
-        Arm("no-perceptual", "both passes, squared error alone", two={"perceptual": 0.0}),
-        Arm(
+VARIANTS = {
+    variant.name: variant
+    for variant in (
+        Variant("full", "both passes, perceptual term, feature patches or tri-planes"),
+        Variant("pass-one", "pass I of full alone", passes=1, lengthened=False),
+        Variant("plain-one", "pass I alone, no feature patches", ("body",), "no-patches", passes=1, lengthened=False),
+        Variant("no-pass-two", "pass I alone, as many steps", passes=1),
+        Variant("no-patches", "both passes, no feature patches", ("body",), "no-patches"),
+        Variant("plain", "pass I alone, no feature patches (the paper's baseline)", ("body",), "no-patches", passes=1),
+        Variant("no-perceptual", "both passes, squared error alone", two={"perceptual": 0.0}),
+        Variant(
             "face-mlp", "both passes, an MLP on the face's coefficients in place of tri-planes; no prior", ("face",),
             "face-mlp", prior=False,
         ),
-        Arm(
+        Variant(
             "one-network", "pass I alone, geometry and colour in one local network, no patches; no prior", ("body",),
             "one-network", prior=False, passes=1,
         ),
-        Arm("volume-test-time", "full, drawn by volume rendering, 64 uniform samples", redraws="full"),
-        Arm("uniform-64", "pass I alone on 64 uniform samples, as many steps", passes=1, one=UNIFORM),
-        Arm(
+        Variant("volume-test-time", "full, drawn by volume rendering, 64 uniform samples", redraws="full"),
+        Variant("uniform-64", "pass I alone on 64 uniform samples, as many steps", passes=1, one=UNIFORM),
+        Variant(
             "uniform-64-time", "pass I alone on 64 uniform samples, as long as no-pass-two", passes=1, one=UNIFORM,
-            pace_of="uniform-64", time_of="no-pass-two",
+            timing_of="uniform-64", time_of="no-pass-two",
         ),
     )
 }  # fmt: skip
@@ -103,32 +101,32 @@ QUESTIONS = (
     ("near samples against 64 uniform, same steps", "no-pass-two", "uniform-64"),
     ("near samples against 64 uniform, same time", "no-pass-two", "uniform-64-time"),
 )
-"""What is asked, and the two arms whose difference answers."""
+"""Each with the two variants: the difference of their figures answers it."""
 
 
-def chosen_arms(names: tuple[str, ...] | None, part: str) -> list[Arm]:
-    """The named arms of a part (all unless named) with those they need, in the order of tables. Raises `InputError`."""
-    known = [name for name, arm in ARMS.items() if part in arm.parts]
+def chosen_variants(names: tuple[str, ...] | None, part: str) -> list[Variant]:
+    """The named variants of a part (all unless named) with those they need, in table order. Raises `InputError`."""
+    known = [name for name, variant in VARIANTS.items() if part in variant.parts]
     wanted = set(known if names is None else names)
     for name in sorted(wanted):
         if name not in known:
-            raise InputError("--arms", "", f"arms of the {part}: " + ", ".join(known), name or "nothing")
-    while missing := {need for name in wanted for need in ARMS[name].needs} - wanted:
+            raise InputError("--variants", "", f"variants of the {part}: " + ", ".join(known), name or "nothing")
+    while missing := {need for name in wanted for need in VARIANTS[name].needs} - wanted:
         wanted |= missing
-    return [ARMS[name] for name in known if name in wanted]
+    return [VARIANTS[name] for name in known if name in wanted]
 
 
-def recipe_of(arm: Arm, base: Recipe, part: str) -> Recipe:
-    """The base recipe with the arm's change."""
+def recipe_of(variant: Variant, base: Recipe, part: str) -> Recipe:
+    """The base recipe with the variant's change."""
     one, two = getattr(base, part)
-    one, two = replace(one, **arm.one), replace(two, **arm.two)
-    if not arm.prior and base.preset == KNOWN_PRESET:
+    one, two = replace(one, **variant.one), replace(two, **variant.two)
+    if not variant.prior and base.preset == KNOWN_PRESET:
         one = replace(one, **UNKNOWN, warm_steps=UNKNOWN_WARM * one.warm_steps)
-    if arm.passes == 1:
-        one = stretched(one, (one.steps + two.steps) / one.steps) if arm.lengthened else one
+    if variant.passes == 1:
+        one = stretched(one, (one.steps + two.steps) / one.steps) if variant.lengthened else one
         two = replace(two, steps=0)
-    preset = f"{base.preset}/{arm.variant}" if arm.variant else base.preset
-    return replace(base, name=f"{base.name}/{arm.name}", preset=preset, **{part: (one, two)})  # type: ignore[arg-type]
+    preset = f"{base.preset}/{variant.networks}" if variant.networks else base.preset
+    return replace(base, name=f"{base.name}/{variant.name}", preset=preset, **{part: (one, two)})  # type: ignore[arg-type]
 
 
 def scaled(recipe: Recipe, part: str, factor: float) -> Recipe:

@@ -1,7 +1,7 @@
 """Timing contestants against each other: warm-up first, then turn by turn, so that a busy moment hits all alike.
 
 Ratios are medians of the turns' own ratios. Wall-clock time is what a user waits; processor time of all threads is what
-holds where other programs run. Milliseconds.
+remains comparable where other programs run. Milliseconds.
 """
 
 from __future__ import annotations
@@ -13,9 +13,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from statistics import median
 from types import ModuleType
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import torch
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
 
 
 @dataclass
@@ -36,16 +39,21 @@ class Times:
         """Median processor time."""
         return median(self.cpu)
 
+    def add(self, more: Times) -> None:
+        """Further turns."""
+        self.wall += more.wall
+        self.cpu += more.cpu
+
     def scaled(self, factor: float) -> Times:
         """Of `factor` times the work, where cost is proportional to it."""
         return Times([factor * t for t in self.wall], [factor * t for t in self.cpu])
 
 
-def timed(work: Callable[[], object]) -> Times:
-    """One turn."""
+def timed(work: Callable[Given, Result], *arguments: Given.args, **options: Given.kwargs) -> tuple[Result, Times]:
+    """What a call gives, and the one turn that it took."""
     wall, cpu = time.perf_counter(), time.process_time()
-    work()
-    return Times([1e3 * (time.perf_counter() - wall)], [1e3 * (time.process_time() - cpu)])
+    result = work(*arguments, **options)
+    return result, Times([1e3 * (time.perf_counter() - wall)], [1e3 * (time.process_time() - cpu)])
 
 
 def interleaved(contestants: Mapping[str, Callable[[], object]], repeats: int, warm: bool = True) -> dict[str, Times]:
@@ -53,10 +61,9 @@ def interleaved(contestants: Mapping[str, Callable[[], object]], repeats: int, w
     found = {name: Times() for name in contestants}
     for turn in range(-1 if warm else 0, repeats):
         for name, work in contestants.items():
-            took = timed(work)
+            _, took = timed(work)
             if turn >= 0:
-                found[name].wall += took.wall
-                found[name].cpu += took.cpu
+                found[name].add(took)
     return found
 
 
@@ -84,15 +91,13 @@ def one_core() -> Iterator[None]:
 
 @contextmanager
 def spent(module: ModuleType, name: str) -> Iterator[Times]:
-    """How long the calls of `module.name` took while this holds: one entry a call."""
+    """How long the calls of `module.name` take inside the block: one entry a call."""
     whole: Any = getattr(module, name)
     times = Times()
 
-    def measured(*args: Any, **named: Any) -> Any:
-        wall, cpu = time.perf_counter(), time.process_time()
-        result = whole(*args, **named)
-        times.wall.append(1e3 * (time.perf_counter() - wall))
-        times.cpu.append(1e3 * (time.process_time() - cpu))
+    def measured(*arguments: Any, **options: Any) -> Any:
+        result, took = timed(whole, *arguments, **options)
+        times.add(took)
         return result
 
     setattr(module, name, measured)

@@ -20,7 +20,7 @@ def describe(networks: str = "cpu") -> dict[str, Any]:
     return {
         "cpu": _cpu(),
         "vectors": torch.backends.cpu.get_cpu_capability(),
-        "cores": _cores(),
+        "cores": cores(),
         "threads": torch.get_num_threads(),
         "renderer": renderer_name(gl_context()) if missing is None else f"none: {missing}",
         "gpu": gpu,
@@ -32,7 +32,7 @@ def describe(networks: str = "cpu") -> dict[str, Any]:
 
 
 def device_class(device: dict[str, Any]) -> str:
-    """Machines whose ratios can be compared, as a file's name: `linux-2-cores-avx2-llvmpipe`."""
+    """Machines with comparable ratios, as a file's name: `linux-2-cores-avx2-llvmpipe`."""
     drawn = re.split(r"[ (/:]", str(device["renderer"]))[0] or "none"
     words = [device["system"], f"{device['cores']}-cores", device["vectors"], device["gpu"] or drawn]
     placed = device.get("networks", "cpu")
@@ -40,7 +40,8 @@ def device_class(device: dict[str, Any]) -> str:
     return re.sub(r"[^a-z0-9]+", "-", " ".join(words).lower()).strip("-")
 
 
-def _cores() -> int:
+def cores() -> int:
+    """Processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -15,7 +15,8 @@ from pathlib import Path
 from avatarrex.errors import InputError
 from avatarrex.measure.bench.device import device_class
 from avatarrex.measure.bench.metric import Metric
-from avatarrex.measure.bench.report import Report, aligned, figure
+from avatarrex.measure.bench.report import Report, figure
+from avatarrex.measure.table import aligned
 
 BASELINES = Path("avatarrex/measure/baselines")
 
@@ -48,7 +49,7 @@ def read_baseline(path: Path, report: Report) -> Report:
 
 
 def compare(report: Report, baseline: Report, stages: list[str]) -> list[Verdict]:
-    """A verdict on every metric of the baseline whose stage was run."""
+    """A verdict on every metric of the baseline of a stage that was run."""
     return [_verdict(old, report) for old in baseline.metrics if old.name.split(".")[0] in stages]
 
 
@@ -58,31 +59,30 @@ def table(verdicts: list[Verdict], path: Path) -> str:
     rows: list[tuple[str, ...]] = [("", "now", "baseline", "limit", "metric")]
     for v in ranked:
         now, limit = ("–" if value is None else figure(value) for value in (v.now, v.limit))
-        rows.append(
-            ("ok" if v.passed else "FAIL", now, figure(v.before), limit, v.name + (f": {v.why}" if v.why else ""))
-        )
+        what = f"{v.name}: {v.why}" if v.why else v.name
+        rows.append(("ok" if v.passed else "FAIL", now, figure(v.before), limit, what))
     failed = sum(not v.passed for v in verdicts)
     verdict = f"gate: {failed} of {len(ranked)} failed" if failed else f"gate: {len(ranked)} hold"
-    return "\n".join([*aligned(rows), f"{verdict}, against {path}"])
+    return "\n".join([*aligned(rows, right=(1,)), f"{verdict}, against {path}"])
 
 
 def limit_of(old: Metric, now: Metric) -> float | None:
     """The worst value that passes; None for a time."""
     if now.kind == "time":
         return None
-    slack = old.tolerance * abs(old.value)
-    worst = old.value + slack if old.direction == "lower" else old.value - slack
+    lower, slack = old.direction == "lower", old.tolerance * abs(old.value)
+    worst = old.value + slack if lower else old.value - slack
     if now.kind == "ratio" or now.target is None:
         return worst
-    return max(worst, now.target) if old.direction == "lower" else min(worst, now.target)
+    return (max if lower else min)(worst, now.target)
 
 
 def _verdict(old: Metric, report: Report) -> Verdict:
     now = report.named(old.name)
     if now is None:
-        if old.name.startswith("peers.") or old.kind == "time":
-            return Verdict(old.name, old.value, None, None, True)
-        return Verdict(old.name, old.value, None, None, False, report.absent.get(old.name, "not measured any more"))
+        optional = old.name.startswith("peers.") or old.kind == "time"
+        why = "" if optional else report.absent.get(old.name, "not measured any more")
+        return Verdict(old.name, old.value, None, None, optional, why)
     limit = limit_of(old, now)
     passed = limit is None or (now.value <= limit if old.direction == "lower" else now.value >= limit)
     return Verdict(old.name, old.value, now.value, limit, passed)

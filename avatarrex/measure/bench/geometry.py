@@ -2,9 +2,9 @@
 
 Both over the same moving sequence, frame by frame, the fast one with the frame before at hand. A crossing is a pair of
 neighbouring voxels with opposite signs: one that only one of the two grids has is changed. Voids that the body encloses are
-filled and crumbs (volume/small_components.py) emptied in both: what is left is what a ray from outside can meet. Where both have
+filled and small components (volume/small_components.py) emptied in both: what is left is what a ray from outside can meet. Where both have
 it, its place between the two voxels is compared. Two bounds on any band: it evaluates the corners of the cells with such
-crossings; and to find the voids, too, all voxels whose guess is no larger than that of one that it would otherwise take
+crossings; and to find the voids, too, all voxels with a guess no larger than that of one that it would otherwise take
 the wrong sign of.
 One core, processor time. Letters: z y x voxels, k (voxel, node) pairs.
 """
@@ -86,7 +86,7 @@ def compare(bench: Bench) -> Found:
     posed: PosedPerson | None = None
     volume: AvatarVolume | None = None
     with one_core():
-        for number, signals in enumerate(bench.motion(bench.count(33, 5) + 1)):
+        for number, signals in enumerate(map(bench.signals, range(bench.count(33, 5) + 1))):
             posed = pose_person(bench.avatar.person, signals, Counters(), posed)
             volume = _frame(bench, posed, volume, settings, found if number else None)
     return found
@@ -96,21 +96,20 @@ def _frame(
     bench: Bench, posed: PosedPerson, before: AvatarVolume | None, settings: RenderSettings, found: Found | None
 ) -> AvatarVolume:
     """Both grids of one frame; the first frame warms up and is not counted."""
-    counters, made = Counters(), []
+    counters, all_counters = Counters(), Counters()
     with spent(body, "find_pairs") as lists:
-        band = timed(lambda: made.append(build_volume(bench.avatar, posed, settings, counters, before)))
-    volume: AvatarVolume = made[0]
-    every, all_counters = replace(settings, everywhere=True), Counters()
-    full = timed(lambda: made.append(build_volume(bench.avatar, posed, every, all_counters, None)))
+        volume, band = timed(build_volume, bench.avatar, posed, settings, counters, before)
+    every = replace(settings, everywhere=True)
+    complete, full = timed(build_volume, bench.avatar, posed, every, all_counters, None)
     if found is not None:
         found.band.append(band)
         found.full.append(full)
         found.lists.append(sum(lists.cpu))
         found.band_pairs.append(counters["local_mlp_evaluations"])
         found.full_pairs.append(all_counters["local_mlp_evaluations"])
-        assert made[1].grid.known is not None
-        ours, truth = volume.grid.sdf.numpy(), without_small_components(made[1].grid).sdf.numpy()
-        _count_bubbles(ours, truth, made[1].grid.known, found)
+        assert complete.grid.known is not None
+        ours, truth = volume.grid.sdf.numpy(), without_small_components(complete.grid).sdf.numpy()
+        _count_bubbles(ours, truth, complete.grid.known, found)
         ours, truth = solid(ours), solid(truth)
         found.needed_pairs += _pairs_needed(bench, volume, truth)
         changed, crossings, shift = crossings_between(ours, truth, volume.grid.voxel)

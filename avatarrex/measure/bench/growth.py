@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 import torch
@@ -21,7 +21,7 @@ from avatarrex.measure.bench.clock import interleaved
 from avatarrex.measure.bench.metric import Metric
 from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
-from avatarrex.templates.posed import PART_JOINT, pose_person
+from avatarrex.templates.posed import PART_JOINT
 from avatarrex.volume.build import build_volume
 
 SIZES = (128, 256, 512, 1024)
@@ -45,7 +45,7 @@ def measure(bench: Bench) -> list[Metric]:
 
 def picture(bench: Bench) -> Callable[[float], object]:
     """A new view of somebody who stands, at a size."""
-    signals, turn = bench.motion(1)[0], itertools.count()
+    signals, turn = bench.signals(), itertools.count()
     first = render_frame(bench.avatar, signals, bench.camera(8), RenderSettings())
 
     def work(size: float) -> Frame:
@@ -57,24 +57,18 @@ def picture(bench: Bench) -> Callable[[float], object]:
 
 def grid(bench: Bench) -> Callable[[float], object]:
     """The body's grid with so many voxels to the metre."""
-    posed = pose_person(bench.avatar.person, bench.motion(1)[0], Counters(), None)
-    return lambda density: build_volume(
-        bench.avatar, posed, RenderSettings(voxel=1 / density, hidden=BODY_ONLY), Counters(), None
-    )
+    avatar, posed, coarse = bench.avatar, bench.standing, RenderSettings(hidden=BODY_ONLY)
+    return lambda density: build_volume(avatar, posed, replace(coarse, voxel=1 / density), Counters(), None)
 
 
 def nodes(bench: Bench) -> Callable[[float], object]:
     """The body's grid by so many nodes, untrained, spread over the same template."""
-    person = bench.avatar.person
-    posed = pose_person(person, bench.motion(1)[0], Counters(), None)
-    preset = PRESETS["compact"]
-    settings = RenderSettings(hidden=BODY_ONLY)
-    fields = {}
+    preset, settings, fields = PRESETS["compact"], RenderSettings(hidden=BODY_ONLY), {}
     for count in NODES:
         torch.manual_seed(SEED)
-        body = BodyField(person.body, replace(preset, body=replace(preset.body, nodes=count)), SEED)
+        body = BodyField(bench.avatar.person.body, replace(preset, body=replace(preset.body, nodes=count)), SEED)
         fields[count] = replace(bench.avatar, body=body.requires_grad_(False))
-    return lambda count: build_volume(fields[int(count)], posed, settings, Counters(), None)
+    return lambda count: build_volume(fields[int(count)], bench.standing, settings, Counters(), None)
 
 
 def avatars(bench: Bench) -> Callable[[float], object]:
@@ -84,7 +78,7 @@ def avatars(bench: Bench) -> Callable[[float], object]:
     def work(count: float) -> torch.Tensor:
         image, depth = torch.zeros(side, side, 4), torch.full((side, side), torch.inf)
         for k in range(int(count)):
-            signals = bench.motion(next(turn) % 20 + 1)[-1]
+            signals = bench.signals(next(turn) % 20)
             camera = Camera.orbit(20, 5, 2.6 + 0.2 * k, 40, (0.3 * k, -0.05, 0), side, side)
             frame = render_frame(bench.avatar, signals, camera, RenderSettings())
             seen = torch.where(frame.pointmap.hit, frame.pointmap.depth, torch.inf)
@@ -103,14 +97,8 @@ def fitted(sizes: Sequence[float], ms: Sequence[float]) -> tuple[float, float, f
 
 
 def _fit(bench: Bench, name: str, what: str, sizes: Sequence[float], work: Callable[[float], object]) -> Metric:
-    times = interleaved({str(size): (lambda s=size: work(s)) for size in sizes}, bench.count(3, 1))  # type: ignore[misc]
+    times = interleaved({str(size): partial(work, size) for size in sizes}, bench.count(3, 1))
     ms = [times[str(size)].ms for size in sizes]
     exponent, factor, deviation = fitted(sizes, ms)
-    error: dict[str, Any] = {
-        "of": what,
-        "size": list(sizes),
-        "ms": ms,
-        "factor": factor,
-        "largest_deviation": deviation,
-    }
+    error = {"of": what, "size": list(sizes), "ms": ms, "factor": factor, "largest_deviation": deviation}
     return Metric(f"growth.{name}.exponent", exponent, "exponent", error=error)

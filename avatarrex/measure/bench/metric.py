@@ -1,6 +1,6 @@
 """One measured figure: its error beside it, and what it should be (targets: docs/bench.md).
 
-A metric's unit says what a gate may hold it to: times depend on the machine, ratios were taken within one run, everything
+A metric's unit says how a gate may judge it: times depend on the machine, ratios were taken within one run, everything
 else (errors, counts, sizes) is what it is.
 """
 
@@ -15,19 +15,6 @@ FASTER, SLOWER = "× as fast", "× the time"
 RATIOS = (FASTER, SLOWER)
 TOLERANCE = 0.25
 """Relative. Ratios of two times in one run drift by this much on a shared 2-core machine."""
-
-REQUIRED = (
-    "sdf.max_error_m", "sdf.sign_errors", "sdf.vs_libigl", "sdf.vs_brute",
-    "mlp.fraction_of_peak", "mlp.vs_vmap",
-    "geometry.band_vs_full", "geometry.changed_crossings", "geometry.pairlist_share",
-    "raycast.mean_error_mm", "raycast.p99_error_mm", "raycast.missed_plus_false", "raycast.vs_quarter_march",
-    "raycast.vs_sphere",
-    "volume.mib", "volume.dense_difference_m",
-    "frame.new_pose_512_ms", "frame.view_256_fps", "frame.drag_fps", "frame.idle_work", "frame.vs_volume_rendering",
-    "frame.vs_paper_level",
-    "training.samples_per_ray",
-)  # fmt: skip
-"""Names that every run of all stages measures, or says why not."""
 
 
 @dataclass(frozen=True)
@@ -61,20 +48,3 @@ class Metric:
         if self.target is None:
             return None
         return self.value <= self.target if self.direction == "lower" else self.value >= self.target
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return {
-            "name": self.name,
-            "value": self.value,
-            "unit": self.unit,
-            "direction": self.direction,
-            "error": self.error,
-            "target": self.target,
-            "tolerance": self.tolerance,
-        }
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> Metric:
-        """What `to_json` gave."""
-        return cls(**data)

@@ -5,14 +5,16 @@ All take equal numbers of rows per node, which favours those that cannot take ot
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor
+
+from avatarrex.measure.bench.peer import Peers
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,47 +39,33 @@ class Networks:
         """Multiplications and additions of the products; activations come on top."""
         return 2 * self.rows.shape[0] * self.rows.shape[1] * sum(w.shape[1] * w.shape[2] for w in self.weights)
 
+    def through(
+        self, rows: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor], layer: Callable[..., Tensor]
+    ) -> Tensor:
+        """The rows after all layers, each a `layer(rows, weight, bias)` with the activation after all but the last."""
+        for k, (weight, bias) in enumerate(zip(weights, biases)):
+            rows = layer(rows, weight, bias)
+            rows = self.act(rows) if k + 1 < len(weights) else rows
+        return rows
+
 
 def vmap(net: Networks) -> Callable[[], Tensor]:
     """`torch.func.vmap` over the nodes."""
-
-    def one(rows: Tensor, weights: list[Tensor], biases: list[Tensor]) -> Tensor:
-        for layer, (weight, bias) in enumerate(zip(weights, biases)):
-            rows = F.linear(rows, weight.T, bias)
-            rows = net.act(rows) if layer + 1 < len(weights) else rows
-        return rows
-
-    together = torch.func.vmap(one)
+    together = torch.func.vmap(partial(net.through, layer=lambda rows, weight, bias: F.linear(rows, weight.T, bias)))
     return lambda: together(net.rows, net.weights, net.biases)
 
 
 def batched(net: Networks) -> Callable[[], Tensor]:
     """`torch.baddbmm`, a layer at once."""
-
-    def run() -> Tensor:
-        h = net.rows
-        for layer, (weight, bias) in enumerate(zip(net.weights, net.biases)):
-            h = torch.baddbmm(bias[:, None], h, weight)
-            h = net.act(h) if layer + 1 < len(net.weights) else h
-        return h
-
-    return run
+    biases = [bias[:, None] for bias in net.biases]
+    return lambda: net.through(net.rows, net.weights, biases, lambda rows, w, bias: torch.baddbmm(bias, rows, w))
 
 
 def per_node(net: Networks) -> Callable[[], Tensor]:
     """What a list of `nn.Sequential` does."""
-    layers = [[(w[i].T.contiguous(), b[i]) for w, b in zip(net.weights, net.biases)] for i in range(len(net.rows))]
-
-    def run() -> Tensor:
-        out = []
-        for rows, layer in zip(net.rows, layers):
-            for k, (weight, bias) in enumerate(layer):
-                rows = F.linear(rows, weight, bias)
-                rows = net.act(rows) if k + 1 < len(layer) else rows
-            out.append(rows)
-        return torch.stack(out)
-
-    return run
+    weights = [[w[i].T.contiguous() for w in net.weights] for i in range(len(net.rows))]
+    biases = list(zip(*net.biases))
+    return lambda: torch.stack([net.through(*node, F.linear) for node in zip(net.rows, weights, biases)])
 
 
 def onnx_runtime(net: Networks) -> Callable[[], np.ndarray]:
@@ -109,10 +97,9 @@ def onnx_runtime(net: Networks) -> Callable[[], np.ndarray]:
     return lambda: np.asarray(session.run(None, {"x": rows})[0])
 
 
-PEERS: dict[str, tuple[str | tuple[str, ...], Callable[[Networks], Callable[[], Tensor | np.ndarray]]]] = {
+PEERS: Peers = {
     "vmap": ((), vmap),
     "batched": ((), batched),
     "per_node": ((), per_node),
     "onnxruntime": (("onnxruntime", "onnx"), onnx_runtime),
 }
-"""Modules that each needs."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any
 
 from avatarrex.measure.bench.clock import Times, ratio
-from avatarrex.measure.bench.metric import FASTER, Metric
+from avatarrex.measure.bench.metric import FASTER, SLOWER, Metric
 
 
 @dataclass(frozen=True)
@@ -44,51 +44,62 @@ class Contest:
     def advantage(self, name: str) -> float | None:
         """How many times as long `name` takes as ours; None where it did not take part."""
         entry = self.named(name)
-        return None if entry is None else self.against(entry)
-
-    def against(self, entry: Contestant) -> float:
-        """How many times as long `entry` takes as ours."""
-        return ratio(entry.times, self.best.times, self.cpu)
+        return None if entry is None else ratio(entry.times, self.best.times, self.cpu)
 
     def metrics(self) -> list[Metric]:
         """Everybody's time, its error beside it."""
         clock = "processor" if self.cpu else "wall"
+        times = {entry.name: entry.times.cpu_ms if self.cpu else entry.times.ms for entry in self.entries}
         return [
-            Metric(
-                f"{self.case}.{entry.name}.ms",
-                entry.times.cpu_ms if self.cpu else entry.times.ms,
-                "ms",
-                error={**entry.error, "clock": clock},
-            )
+            Metric(f"{self.case}.{entry.name}.ms", times[entry.name], "ms", error={**entry.error, "clock": clock})
             for entry in self.entries
         ]
 
     def comparison(self) -> list[Metric]:
         """Ours against everybody else."""
-        mine = self.best
         return [
             Metric(
-                f"peers.{self.case}.{entry.name}",
-                self.against(entry),
-                FASTER,
-                "higher",
-                error={"ours": mine.error, "theirs": entry.error},
+                f"peers.{self.case}.{entry.name}", ratio(entry.times, self.best.times, self.cpu), FASTER, "higher",
+                {"ours": self.best.error, "theirs": entry.error},
             )
             for entry in self.entries
             if not entry.ours
-        ]
+        ]  # fmt: skip
 
 
-def installed(
-    peers: Mapping[str, tuple[str | tuple[str, ...], Callable[..., Callable[[], Any]]]], *work: Any
-) -> tuple[dict[str, Callable[[], Any]], dict[str, str]]:
-    """What is ready to run on `work`, and why the rest is not; `peers`: the modules that each needs, and what sets it up."""
-    ready, absent = {}, {}
-    for name, (needed, set_up) in peers.items():
-        modules = (needed,) if isinstance(needed, str) else needed
+@dataclass(frozen=True)
+class Goal:
+    """How far ours is to be ahead of a peer in every contest of a stage."""
+
+    name: str
+    """Of the metric."""
+    peer: str
+    unit: str
+    """`FASTER` or `SLOWER`."""
+    target: float
+
+    def metric(self, contests: Sequence[Contest], by: str, error: dict[str, Any]) -> Metric | None:
+        """The worst contest's ratio, those of all under `by` in its error; None where the peer took part in none."""
+        slower = self.unit == SLOWER
+        found = {one.case: ahead for one in contests if (ahead := one.advantage(self.peer)) is not None}
+        found = {case: 1 / ahead if slower else ahead for case, ahead in found.items()}
+        if not found:
+            return None
+        worst, direction = (max, "lower") if slower else (min, "higher")
+        return Metric(self.name, worst(found.values()), self.unit, direction, {by: found, **error}, self.target)
+
+
+Peers = Mapping[str, tuple[tuple[str, ...], Callable[..., Callable[[], Any]]]]
+"""By name the modules that it needs, and what sets it up for some work."""
+
+
+def installed(peers: Peers, absent: dict[str, str], case: str, *work: Any) -> dict[str, Callable[[], Any]]:
+    """The peers that are ready to run on the `work` of a case; why the others are not is noted in `absent`."""
+    ready = {}
+    for name, (modules, set_up) in peers.items():
         missing = [module for module in modules if find_spec(module) is None]
         if missing:
-            absent[name] = f"not installed: {', '.join(missing)}"
-            continue
-        ready[name] = set_up(*work)
-    return ready, absent
+            absent[f"peers.{case}.{name}"] = f"not installed: {', '.join(missing)}"
+        else:
+            ready[name] = set_up(*work)
+    return ready

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from avatarrex.errors import InputError
-from avatarrex.files.gate import written
 from avatarrex.measure.bench.metric import Metric
+from avatarrex.measure.plotting import Axes, axes_beside, save
 
-Axes = Any
-"""`matplotlib.axes.Axes`: an optional package is not imported for its names."""
-
+Entry = tuple[str, float, float, str]
+"""Contestant, milliseconds, error, and its name in `ERRORS`."""
 ERRORS = {
     "max_error_m": "largest error, m", "max_error": "largest difference", "mean_error_mm": "mean error, mm",
     "depth_mean_mm": "mean depth error, mm", "changed_crossings": "changed crossings",
@@ -30,34 +27,31 @@ def plot(metrics: list[Metric], folder: Path) -> list[Path]:
     """Write what the metrics allow. Raises `InputError` without matplotlib or where the folder cannot be written."""
     made = []
     for case, entries in pareto(metrics).items():
-        axis, figure = _axes(1)
+        axis, figure = axes_beside(1, (5.2, 4.0))
         _pareto(axis[0], case, entries)
-        made.append(_save(figure, folder / f"{case.replace('.', '_')}.png"))
+        made.append(save(figure, folder / f"{case.replace('.', '_')}.png"))
     growth = [metric for metric in metrics if metric.name.startswith("growth.")]
     if growth:
-        axes, figure = _axes(len(growth))
+        axes, figure = axes_beside(len(growth), (5.2 if len(growth) == 1 else 4.0 * len(growth), 4.0))
         for axis, metric in zip(axes, growth):
             _growth(axis, metric)
-        made.append(_save(figure, folder / "growth.png"))
+        made.append(save(figure, folder / "growth.png"))
     return made
 
 
-def pareto(metrics: list[Metric]) -> dict[str, list[tuple[str, float, float, str]]]:
-    """Contestant, milliseconds, error and its name of every case with at least two of them."""
-    found: dict[str, list[tuple[str, float, float, str]]] = defaultdict(list)
+def pareto(metrics: list[Metric]) -> dict[str, list[Entry]]:
+    """Every case with at least two contestants."""
+    found: dict[str, list[Entry]] = defaultdict(list)
     for metric in metrics:
-        case, _, last = metric.name.rpartition(".")
-        if last != "ms":
-            continue
-        case, _, contestant = case.rpartition(".")
+        *case, contestant, unit = metric.name.rsplit(".", 2)
         error = metric.error or {}
         kind = next((key for key in ERRORS if key in error), None)
-        if kind is not None:
-            found[case].append((contestant, metric.value, float(error[kind]), kind))
+        if unit == "ms" and kind is not None:
+            found["".join(case)].append((contestant, metric.value, float(error[kind]), kind))
     return {case: entries for case, entries in found.items() if len(entries) > 1}
 
 
-def front(entries: list[tuple[str, float, float, str]]) -> list[tuple[float, float]]:
+def front(entries: list[Entry]) -> list[tuple[float, float]]:
     """(ms, error) of those that nobody beats in both, from the quickest on."""
     kept: list[tuple[float, float]] = []
     for _, ms, error, _ in sorted(entries, key=lambda entry: (entry[1], entry[2])):
@@ -66,16 +60,7 @@ def front(entries: list[tuple[str, float, float, str]]) -> list[tuple[float, flo
     return kept
 
 
-def _axes(count: int) -> tuple[list[Axes], Any]:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise InputError("--plot", "", "matplotlib: pip install 'avatarrex-studio[bench]'", "none") from None
-    figure = Figure(figsize=(5.2 * count if count == 1 else 4.0 * count, 4.0), layout="constrained")
-    return list(figure.subplots(1, count, squeeze=False)[0]), figure
-
-
-def _pareto(axis: Axes, case: str, entries: list[tuple[str, float, float, str]]) -> None:
+def _pareto(axis: Axes, case: str, entries: list[Entry]) -> None:
     best = front(entries)
     axis.step([ms for ms, _ in best], [max(error, FLOOR) for _, error in best], where="post", color="0.7", lw=1)
     for name, ms, error, _ in entries:
@@ -109,9 +94,3 @@ def _ticks(axis: Axes) -> None:
             line.set_major_locator(LogLocator(subs=(1, 2, 5)))
             line.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.grid(alpha=0.3)
-
-
-def _save(figure: Any, path: Path) -> Path:
-    with written(path) as temporary:
-        figure.savefig(temporary, dpi=130, format="png")
-    return path

@@ -7,7 +7,6 @@ of their own (shaders/pointmap/plain.comp) on the same textures. In software the
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import torch
@@ -18,19 +17,22 @@ from avatarrex.gl.context import gl_context, gl_unavailable, renderer_name
 from avatarrex.measure.bench.clock import interleaved
 from avatarrex.measure.bench.metric import FASTER, SLOWER, Metric
 from avatarrex.measure.bench.mitsuba_peer import add_mitsuba
-from avatarrex.measure.bench.peer import Contest, Contestant
+from avatarrex.measure.bench.peer import Contest, Contestant, Goal
 from avatarrex.measure.bench.ray_truth import ray_error, truth
 from avatarrex.measure.bench.session import Bench
 from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.raycast_gl import BOXES, EXACT_LIST, TILE_LIST, TRACE_LIST, GlCaster, gl_caster
 from avatarrex.pointmap.raycast_torch import raycast_torch
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
-from avatarrex.templates.posed import pose_person
 from avatarrex.volume.build import build_volume
 from avatarrex.volume.sdf_volume import SdfVolume
 
 VIEWS = ((20, 10, 2.6, 40), (75, -20, 2.2, 45), (200, 35, 3.0, 40))
 """Azimuth, elevation, distance, field of view."""
+GOALS = (
+    Goal("raycast.vs_quarter_march", "quarter_march", FASTER, 10.0),
+    Goal("raycast.vs_sphere", "sphere_tracing", SLOWER, 1.2),
+)
 Passes = list[tuple[str, int | None, dict[str, int]]]
 
 
@@ -47,18 +49,13 @@ def measure(bench: Bench) -> list[Metric]:
         Metric("raycast.p99_error_mm", p99, "mm", target=1e-2, error=by_view),
         Metric("raycast.missed_plus_false", wrong / hits, "of hits", target=1e-5, error={"rays": wrong, "hits": hits}),
     ]
-    for name, peer, target in (("vs_quarter_march", "quarter_march", 10.0), ("vs_sphere", "sphere_tracing", 1.2)):
-        ratios = {contest.case: value for contest in found if (value := contest.advantage(peer)) is not None}
-        if not ratios:
-            bench.absent[f"raycast.{name}"] = f"no OpenGL: {gl_unavailable()}"
-            continue
-        least = min(ratios.values())
-        error = {"by_view": ratios, "ours": by_view, "theirs": {c.case: _error(c, peer) for c in found}}
-        if name == "vs_sphere":
-            error["by_view"] = {case: 1 / value for case, value in ratios.items()}
-            metrics.append(Metric("raycast.vs_sphere", 1 / least, SLOWER, "lower", error, target))
+    for goal in GOALS:
+        theirs = {contest.case: peer.error for contest in found if (peer := contest.named(goal.peer)) is not None}
+        metric = goal.metric(found, "by_view", {"ours": by_view, "theirs": theirs})
+        if metric is None:
+            bench.absent[goal.name] = f"no OpenGL: {gl_unavailable()}"
         else:
-            metrics.append(Metric(f"raycast.{name}", least, FASTER, "higher", error, target))
+            metrics.append(metric)
     return metrics + [metric for contest in found for metric in contest.metrics()]
 
 
@@ -73,14 +70,8 @@ def contests(bench: Bench) -> list[Contest]:
 
 def stored_volume(bench: Bench) -> SdfVolume:
     """Of the avatar as it stands, at the settings of everyday use."""
-    avatar = bench.avatar
-    posed = pose_person(avatar.person, bench.motion(1)[0], Counters(), None)
-    return build_volume(avatar, posed, RenderSettings(hidden=avatar.hidden), Counters(), None).sdf
-
-
-def _error(contest: Contest, name: str) -> dict[str, Any]:
-    entry = contest.named(name)
-    return {} if entry is None else entry.error
+    settings = RenderSettings(hidden=bench.avatar.hidden)
+    return build_volume(bench.avatar, bench.standing, settings, Counters(), None).sdf
 
 
 def _contest(bench: Bench, volume: SdfVolume, number: int, camera: Camera) -> Contest:

@@ -6,8 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.gate import read_json
 from avatarrex.measure.bench.device import describe
 from avatarrex.measure.bench.metric import Metric
+from avatarrex.measure.table import aligned
 
 HEADS = ("metric", "value", "unit", "target", "", "error")
 SHOWN = ("max_error_m", "sign_errors", "max_error", "mean_error_mm", "p99_error_mm", "missed", "false", "depth_mean_mm",
@@ -43,15 +43,14 @@ class Report:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        metrics = [metric.to_json() for metric in self.metrics]
-        return {"device": self.device, "mode": self.mode, "metrics": metrics, "absent": self.absent}
+        return asdict(self)
 
     @staticmethod
     def read(path: str | Path) -> Report:
         """What `bench --json` wrote. Raises `InputError`."""
         data = read_json(path, "what `bench --record` wrote")
         try:
-            metrics = [Metric.from_json(one) for one in data["metrics"]]
+            metrics = [Metric(**one) for one in data["metrics"]]
             return Report(dict(data["device"]), str(data["mode"]), metrics, dict(data.get("absent", {})))
         except (KeyError, TypeError, ValueError, ArithmeticError) as error:
             raise InputError(path, "", "what `bench --record` wrote", f"{type(error).__name__}: {error}") from None
@@ -60,20 +59,10 @@ class Report:
         """Everything, aligned; then what could not be measured."""
         rows = [HEADS, *(_row(metric) for metric in self.metrics)]
         lines = [f"{key}: {value}" for key, value in self.device.items()]
-        lines += ["", *aligned(rows)]
+        lines += ["", *aligned(rows, right=(1,))]
         if self.absent:
             lines += ["", "not measured", *aligned([(name, why) for name, why in sorted(self.absent.items())])]
         return "\n".join(lines)
-
-
-def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Columns as wide as their widest word; the second to the right where it is a figure."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    figures = len(widths) > 2
-    return [
-        "  ".join(word.rjust(width) if figures and k == 1 else word.ljust(width) for k, (word, width) in enumerate(zip(row, widths))).rstrip()
-        for row in rows
-    ]  # fmt: skip
 
 
 def figure(value: float) -> str:

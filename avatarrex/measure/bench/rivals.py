@@ -1,6 +1,6 @@
 """What else could draw the person: volume rendering of the same avatar, and the template with a texture.
 
-Volume rendering takes 64 samples per ray between the near and the far side of the body's box, asks the nodes in reach of each
+Volume rendering takes 64 samples per ray between the near and the far side of the body's box, queries the nodes within reach of each
 sample by the same kernels, and colours where a sample's share shows. It is measured on fewer rays of the same picture and
 scaled up; posing and its box are not counted. The mesh's texture comes from pictures of the subject in other poses.
 """
@@ -68,7 +68,7 @@ def textured_mesh(bench: Bench, size: int) -> list[Metric]:
     camera, turn = bench.camera(size), iter(range(1000))
 
     def moved(draw: Callable[[Signals], object]) -> Callable[[], object]:
-        return lambda: draw(bench.motion(UNSEEN + 1 + next(turn))[-1])
+        return lambda: draw(bench.signals(UNSEEN + next(turn)))
 
     avatar = AvatarDrawer(bench.avatar)
     drawers = {"avatar": avatar.draw, "textured_mesh": mesh.draw}
@@ -84,7 +84,7 @@ def paper_avatar(bench: Bench) -> Avatar:
     """Networks as wide as the paper's, fitted to the template for some steps so that there is a person to draw."""
     avatar = Avatar.create(bench.avatar.person, "paper", SEED)
     avatar.meta["untrained"] = sorted({"face", *bench.avatar.hidden})
-    motion = SignalSequence(tuple(bench.motion(16)), 24.0)
+    motion = SignalSequence(tuple(map(bench.signals, range(16))), 24.0)
     warm_start(avatar, motion, "body", bench.count(60, 20), SEED)
     avatar.measure_clothing_offset()
     return avatar
@@ -95,7 +95,7 @@ def unseen(bench: Bench) -> tuple[Signals, np.ndarray] | None:
     drawer = bench.once(subject_drawer)
     if drawer is None:
         return None
-    signals, size = bench.motion(UNSEEN + 1)[-1], bench.side(192, 96)
+    signals, size = bench.signals(UNSEEN), bench.side(192, 96)
     return signals, drawer.draw(signals, bench.camera(size))
 
 
@@ -111,7 +111,7 @@ def mesh_drawer(bench: Bench) -> MeshDrawer | None:
         return None
     seen = []
     for frame in SEEN[:1] if bench.quick else SEEN:
-        signals = bench.motion(frame + 1)[-1]
+        signals = bench.signals(frame)
         for azimuth in AROUND:
             camera = bench.camera(size, azimuth)
             picture = drawer.draw(signals, camera)
@@ -135,18 +135,15 @@ def _against(bench: Bench, avatar: Avatar, size: int) -> dict[str, Any]:
     camera, fewer = bench.camera(size), bench.camera(few)
     drawer = VolumeDrawer(avatar, "body", SAMPLES)
     deferred, marched = Times(), Times()
-    previous = None
+    previous: Frame | None = None
     for k in range(bench.count(3, 1) + 1):
-        signals = bench.motion(2 * k + 1)[-1]
-        frames: list[Frame] = []
-        ours = timed(lambda s=signals, p=previous, f=frames: f.append(render_frame(avatar, s, camera, None, p)))  # type: ignore[misc]
-        previous = frames[0]
+        signals = bench.signals(2 * k)
+        previous, ours = timed(render_frame, avatar, signals, camera, None, previous)
         drawer.draw(signals, fewer)  # poses; what follows only marches
-        theirs = timed(lambda s=signals: drawer.draw(s, fewer)).scaled((size / few) ** 2)  # type: ignore[misc]
+        _, theirs = timed(drawer.draw, signals, fewer)
         if k:
-            for total, one in ((deferred, ours), (marched, theirs)):
-                total.wall += one.wall
-                total.cpu += one.cpu
+            deferred.add(ours)
+            marched.add(theirs.scaled((size / few) ** 2))
     return {
         "times_as_fast": ratio(marched, deferred),
         "ms": deferred.ms,

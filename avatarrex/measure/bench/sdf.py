@@ -16,19 +16,20 @@ from scipy.spatial import cKDTree
 
 from avatarrex.measure.bench.clock import interleaved, one_core, timed
 from avatarrex.measure.bench.metric import FASTER, SLOWER, Metric
-from avatarrex.measure.bench.peer import Contest, Contestant, installed
+from avatarrex.measure.bench.peer import Contest, Contestant, Goal, installed
 from avatarrex.measure.bench.sdf_peers import BOUND, PEERS, SLOW, Measured, libigl, ours
 from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.pseudonormal import winding_number
 from avatarrex.templates.model import TemplateModel
 
-REACH = 0.075
+POINTS_WITHIN = 0.075
 """Metres around the mesh's vertices in which points lie: the band and what a culling may skip beyond it."""
-SIGNED = 1e-6
+SIGNED_FROM = 1e-6
 """Metres: nearer to the surface a sign says nothing."""
 SLIVER = 1e-4
 """Width over length of the sliver mesh's triangles."""
+GOALS = Goal("sdf.vs_libigl", "libigl", SLOWER, 1.0), Goal("sdf.vs_brute", "brute_force", FASTER, 30.0)
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Case:
         wrong = np.abs(counted) if not np.isnan(counted).any() else np.array([np.inf])
         error: dict[str, Any] = {"max_error_m": float(wrong.max()), "points": int(inside.sum())}
         if signed:
-            clear = inside & (np.abs(truth) > SIGNED)
+            clear = inside & (np.abs(truth) > SIGNED_FROM)
             error["sign_errors"] = int(np.sum((found[clear] < 0) != (truth[clear] < 0)))
         return error
 
@@ -65,23 +66,12 @@ def measure(bench: Bench) -> list[Metric]:
         Metric("sdf.max_error_m", worst, "m", target=1e-6, error=mine),
         Metric("sdf.sign_errors", sum(error["sign_errors"] for error in mine.values()), "points", target=0, error=mine),
     ]
-    for name, peer, unit, target in (
-        ("sdf.vs_libigl", "libigl", SLOWER, 1.0),
-        ("sdf.vs_brute", "brute_force", FASTER, 30.0),
-    ):
-        ratios = {contest.case: contest.advantage(peer) for contest in found}
-        known = {case: value for case, value in ratios.items() if value is not None}
-        if not known:
-            bench.absent[name] = f"not installed: {peer}"
-            continue
-        least = min(known.values())
-        lower = unit == SLOWER
-        metrics.append(
-            Metric(
-                name, 1 / least if lower else least, unit, "lower" if lower else "higher", target=target,
-                error={"by_mesh": {k: 1 / v if lower else v for k, v in known.items()}, "max_error_m": worst, "cores": 1},
-            )
-        )  # fmt: skip
+    for goal in GOALS:
+        metric = goal.metric(found, "by_mesh", {"max_error_m": worst, "cores": 1})
+        if metric is None:
+            bench.absent[goal.name] = f"not installed: {goal.peer}"
+        else:
+            metrics.append(metric)
     return metrics + [metric for contest in found for metric in contest.metrics()]
 
 
@@ -129,21 +119,21 @@ def _skin(model: TemplateModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _around(vertices: np.ndarray, count: int) -> np.ndarray:
-    """About `count` points of a jittered lattice, in its order, within `REACH` of the vertices."""
+    """About `count` points of a jittered lattice, in its order, within `POINTS_WITHIN` of the vertices."""
     rng, tree = np.random.default_rng(SEED), cKDTree(vertices)
-    low, high = vertices.min(0) - REACH, vertices.max(0) + REACH
+    low, high = vertices.min(0) - POINTS_WITHIN, vertices.max(0) + POINTS_WITHIN
     spacing = float(np.prod(high - low) / count) ** (1 / 3)
     for _ in range(3):
         axes = [np.arange(a, b, spacing) for a, b in zip(low, high)]
         lattice = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-        points = lattice[tree.query(lattice)[0] < REACH]
+        points = lattice[tree.query(lattice)[0] < POINTS_WITHIN]
         spacing *= (len(points) / count) ** (1 / 3)
     return np.asarray(points + rng.uniform(-0.3, 0.3, points.shape) * spacing)
 
 
 def _case(bench: Bench, name: str, vertices: np.ndarray, faces: np.ndarray, count: int) -> Case:
     points = _around(vertices, count)
-    # Float32, so that every contestant is asked the same question.
+    # Float32, so that every contestant gets the same query.
     vertices, points = (array.astype(np.float32).astype(np.float64) for array in (vertices, points))
     if find_spec("igl") is not None:
         import igl
@@ -162,24 +152,21 @@ def _case(bench: Bench, name: str, vertices: np.ndarray, faces: np.ndarray, coun
 
 
 def _contest(bench: Bench, case: Case) -> Contest:
-    work = case.vertices, case.faces, case.points
-    ready, absent = installed(PEERS, *work)
+    name, work = f"sdf.{case.name}", (case.vertices, case.faces, case.points)
+    ready = installed(PEERS, bench.absent, name, *work)
     runners: dict[str, Measured] = {"ours": ours(*work), "bricks": ours(*work, impl="torch"), **ready}
     if "libigl" in ready:
         runners["ours_by_libigl"] = ours(*work, impl="igl")
     times = interleaved(runners, bench.count(5, 2))
     entries = [
-        Contestant(name, times[name], {**case.error(run()), "oracle": case.oracle}, ours=name == "ours")
-        for name, run in runners.items()
+        Contestant(who, times[who], {**case.error(run()), "oracle": case.oracle}, ours=who == "ours")
+        for who, run in runners.items()
     ]
     stride = max(1, len(case.points) // bench.count(2000, 600))
     some = case.points[::stride]
-    ready, gone = installed(SLOW, case.vertices, case.faces, some)
-    for name, run in ready.items():
-        found: list[np.ndarray] = []
-        took = timed(lambda run=run, found=found: found.append(run()))  # type: ignore[misc]
+    for who, run in installed(SLOW, bench.absent, name, case.vertices, case.faces, some).items():
+        found, took = timed(run)
         note = {"measured_points": len(some), "scaled_to": len(case.points)}
-        error = case.error(found[0], stride, signed=name != "brute_force")
-        entries.append(Contestant(name, took.scaled(len(case.points) / len(some)), {**error, **note}))
-    bench.absent.update({f"peers.sdf.{case.name}.{name}": why for name, why in {**absent, **gone}.items()})
-    return Contest(f"sdf.{case.name}", tuple(entries), cpu=True)
+        error = case.error(found, stride, signed=who != "brute_force")
+        entries.append(Contestant(who, took.scaled(len(case.points) / len(some)), {**error, **note}))
+    return Contest(name, tuple(entries), cpu=True)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from avatarrex.measure.bench.peer import Peers
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.triangle import closest_on_triangle
 
@@ -107,14 +108,6 @@ def brute(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> Measur
     return measure
 
 
-PEERS: dict[str, tuple[str | tuple[str, ...], Callable[..., Measured]]] = {
-    "libigl": ("igl", libigl),
-    "warp": ("warp", warp),
-    "open3d": ("open3d", open3d),
-}
-"""Modules that each needs."""
-SLOW: dict[str, tuple[str | tuple[str, ...], Callable[..., Measured]]] = {
-    "trimesh": (("trimesh", "rtree"), trimesh),
-    "brute_force": ((), brute),
-}
+PEERS: Peers = {"libigl": (("igl",), libigl), "warp": (("warp",), warp), "open3d": (("open3d",), open3d)}
+SLOW: Peers = {"trimesh": (("trimesh", "rtree"), trimesh), "brute_force": ((), brute)}
 """Measured once, on some of the points; the cost of both is proportional to their number."""

@@ -8,14 +8,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.synthetic.subject import Subject, load_subject
+from avatarrex.counters import Counters
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
 from avatarrex.signals.sequence import interpolate
+from avatarrex.templates.posed import PosedPerson, pose_person
 
 Made = TypeVar("Made")
 SEED = 7
@@ -74,21 +74,17 @@ class Bench:
         """Who the packaged avatar was fitted to."""
         return load_subject()
 
-    def motion(self, frames: int) -> list[Signals]:
-        """Consecutive frames of somebody who moves, from standing on; the root rests."""
-        return [self._at(k) for k in range(frames)]
-
-    def _at(self, frame: int) -> Signals:
+    def signals(self, frame: int = 0) -> Signals:
+        """A frame of the motion of a person who stands at first; the root rests."""
         place, step = divmod(frame, STEPS)
-        here, there = (WAY[(place + k) % len(WAY)] for k in (0, 1))
-        pose = [Signals.rest().replace(body_pose=named_pose(name)) for name in (here, there)]
-        return interpolate(pose[0], pose[1], step / STEPS)
+        poses = (named_pose(WAY[(place + k) % len(WAY)]) for k in (0, 1))
+        return interpolate(*(Signals.rest().replace(body_pose=pose) for pose in poses), step / STEPS)
+
+    @cached_property
+    def standing(self) -> PosedPerson:
+        """The avatar's person in the first frame."""
+        return pose_person(self.avatar.person, self.signals(), Counters(), None)
 
     def camera(self, size: int, azimuth: float = 20.0) -> Camera:
         """Of the whole person, from the front."""
         return Camera.orbit(azimuth, 5, 2.6, 40, (0, -0.05, 0), size, size)
-
-    @cached_property
-    def rng(self) -> np.random.Generator:
-        """Seeded."""
-        return np.random.default_rng(SEED)

@@ -17,7 +17,6 @@ from avatarrex.measure.bench.peer import Contest, Contestant
 from avatarrex.measure.bench.session import Bench
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.ops.skinning import blend, joint_transforms, skin, skinning_matrices
-from avatarrex.signals.driving import Signals
 from avatarrex.templates.hand import pose_hand
 from avatarrex.templates.model import TemplateModel, pose_template, shape_template
 
@@ -37,8 +36,8 @@ def measure(bench: Bench) -> list[Metric]:
 
 def contests(bench: Bench) -> Contest:
     """All forms."""
-    person, signals = bench.avatar.person, bench.motion(6)[-1]
-    model, pose = person.body, _pose(signals)
+    person, signals = bench.avatar.person, bench.signals(5)
+    model, pose = person.body, torch.tensor(signals.full_pose()).float()
     shape, expression = torch.zeros(10), torch.zeros(model.expression_dirs.shape[2])
     node = bench.avatar.body.node_vertex
     hands = {name: torch.tensor(getattr(signals, f"{name}_pose")).float() for name in ("left_hand", "right_hand")}
@@ -52,11 +51,7 @@ def contests(bench: Bench) -> Contest:
         times = interleaved(runners, bench.count(40, 15))
     exact = pose_template(model.double(), pose.double(), shape.double(), expression.double())
     onto = blend(exact.skinning, model.weights.double()[node])
-    truth = {
-        "body": exact.vertices,
-        "dense": exact.vertices,
-        "nodes": skin(onto, model.v_template.double()[node]),
-    }
+    truth = {"body": exact.vertices, "dense": exact.vertices, "nodes": skin(onto, model.v_template.double()[node])}
     entries = []
     for name, run in runners.items():
         error = {} if name not in truth else {"max_error_m": float((run().double() - truth[name]).abs().max())}
@@ -90,9 +85,3 @@ def nodes(model: TemplateModel, pose: Tensor, shape: Tensor, chosen: Tensor) -> 
     _, joints = shape_template(model, shape, torch.zeros(0))
     moved = skinning_matrices(joint_transforms(matrix_from_rotvec(pose), joints, model.parents), joints)
     return skin(blend(moved, model.weights[chosen]), model.v_template[chosen])
-
-
-def _pose(signals: Signals) -> Tensor:
-    pose = torch.zeros(55, 3)
-    pose[1:22] = torch.tensor(signals.body_pose)
-    return pose

@@ -11,8 +11,6 @@ from pathlib import Path
 from statistics import mean, median
 from tempfile import TemporaryDirectory
 
-import torch
-
 from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.capture.synthetic.make import make_capture
@@ -21,8 +19,8 @@ from avatarrex.gl.context import gl_unavailable
 from avatarrex.measure.bench.clock import Times, timed
 from avatarrex.measure.bench.metric import Metric
 from avatarrex.measure.bench.session import SEED, Bench
+from avatarrex.measure.stepper import Stepper
 from avatarrex.training.core.frames import FrameStore
-from avatarrex.training.core.losses import weighted
 from avatarrex.training.core.pass_one import BodyPass
 from avatarrex.training.core.volume_rendering import Gamma
 from avatarrex.training.core.warm_start import warm_start
@@ -59,30 +57,17 @@ def _steps(bench: Bench, path: Path) -> list[Metric]:
     recipe = replace(full, rays=bench.count(full.rays, 200), outline=bench.count(full.outline, 1000))
     store = FrameStore(avatar, rig, "body", avatar.hidden)
     store.renew(0)
-    work = BodyPass(avatar, store, recipe, SEED)
-    parameters = work.parameters()
-    for parameter in parameters:
-        parameter.requires_grad_(True)
-    optimiser = torch.optim.Adam(parameters, lr=recipe.rate * recipe.geometry_rate, fused=True)
+    stepper = Stepper(BodyPass(avatar, store, recipe, SEED), recipe.rate * recipe.geometry_rate)
     gamma = Gamma(extra=recipe.gamma_extra, steps=recipe.gamma_steps).at(SETTLED)
-    samples: list[float] = []
-    losses: list[float] = []
-    outlines: list[int] = []
-
-    def step(number: int) -> None:
-        result = work.step(number, gamma)
-        loss = weighted(result.terms)
-        optimiser.zero_grad(set_to_none=True)
-        loss.backward()
-        optimiser.step()
-        samples.append(result.samples_per_ray)
-        outlines.append(result.silhouette_rays)
-        losses.append(float(loss.detach()))
-
-    took = [timed(lambda k=k: step(k)) for k in range(bench.count(30, 8))]  # type: ignore[misc]
+    times, results, losses = Times(), [], []
+    for number in range(bench.count(30, 8)):
+        (result, loss), took = timed(stepper.step, number, gamma)
+        times.add(took)
+        results.append(result)
+        losses.append(loss)
+    samples = [result.samples_per_ray for result in results]
     spread = {"least": min(samples), "most": max(samples), "steps": len(samples), "loss": median(losses)}
-    spread["silhouette_rays"] = mean(outlines)
-    times = Times([t.wall[0] for t in took], [t.cpu[0] for t in took])
+    spread["silhouette_rays"] = mean(result.silhouette_rays for result in results)
     return [
         Metric("training.samples_per_ray", mean(samples), "samples", error=spread, target=6.0),
         Metric("training.step_ms", times.ms, "ms", error={"rays": recipe.rays, "loss": median(losses)}),

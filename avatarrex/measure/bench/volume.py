@@ -18,7 +18,6 @@ from avatarrex.levels import LEVELS
 from avatarrex.measure.bench.metric import Metric
 from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.ops.trilinear import trilinear
-from avatarrex.templates.posed import pose_person
 from avatarrex.volume.build import build_volume
 from avatarrex.volume.narrow_band import between
 from avatarrex.volume.sdf_volume import SdfVolume
@@ -44,8 +43,7 @@ def measure(bench: Bench) -> list[Metric]:
 
 def of_levels(bench: Bench) -> dict[str, SdfVolume]:
     """Of the avatar as it stands, by level."""
-    avatar = bench.avatar
-    posed = pose_person(avatar.person, bench.motion(1)[0], Counters(), None)
+    avatar, posed = bench.avatar, bench.standing
     return {name: build_volume(avatar, posed, level, Counters(), None).sdf for name, level in LEVELS.items()}
 
 

@@ -1,4 +1,4 @@
-"""The kernel of the warp peer. Its types are given by hand: as annotations they would be read by type checkers, too."""
+"""The kernel of the warp peer. Its types are given when it is compiled: as annotations, type checkers would read them, too."""
 
 import inspect
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 
-def _distance(mesh, points, reach, out):
+def _distance(mesh: Any, points: Any, reach: Any, out: Any) -> None:
     """Signed distance of each point, `reach` beyond it."""
     i = wp.tid()
     found = wp.mesh_query_point_sign_normal(mesh, points[i], reach)

@@ -20,7 +20,7 @@ from avatarrex.measure.stress.findings import Finding, Findings
 
 FORMAT = 1
 MOST_ROWS = 100_000
-"""Rows of an array whose length is free."""
+"""Rows of an array of free length."""
 Inputs = dict[str, np.ndarray]
 
 
@@ -47,7 +47,7 @@ class Kind:
     simpler: tuple[str, ...] = ()
     """Inputs that may be zeroed, as a whole or row by row, and halved."""
     fewer: tuple[str, ...] = ()
-    """Inputs whose rows may be left out."""
+    """Inputs of which rows may be left out."""
 
 
 def examine(kind: Kind, inputs: Inputs, repeated: bool) -> list[Finding]:
@@ -76,14 +76,13 @@ def to_json(kind: Kind, inputs: Inputs, finding: Finding) -> dict[str, Any]:
         "figure": float(finding.figure).hex(),
         "tolerance": float(finding.tolerance).hex(),
         "note": finding.note,
-        "inputs": {
-            name: {
-                "shape": list(value.shape),
-                "values": [float(x).hex() if entry.bounds is None else int(x) for x in value.ravel()],
-            }
-            for (name, entry), value in ((item, inputs[item[0]]) for item in kind.entries.items())
-        },
+        "inputs": {name: _plain(entry, inputs[name]) for name, entry in kind.entries.items()},
     }
+
+
+def _plain(entry: Entry, value: np.ndarray) -> dict[str, Any]:
+    numbers = [float(x).hex() if entry.bounds is None else int(x) for x in value.ravel()]
+    return {"shape": list(value.shape), "values": numbers}
 
 
 def from_json(data: Any, kinds: Mapping[str, Kind], source: str) -> tuple[Kind, Inputs, str]:
@@ -110,15 +109,10 @@ def _array(source: str, name: str, entry: Entry, given: Any) -> np.ndarray:
     if not isinstance(given, dict) or not isinstance(given.get("values"), list):
         raise InputError(source, field, "shape and values", given)
     shape, values = given.get("shape"), given["values"]
-    if (
-        not isinstance(shape, list)
-        or len(shape) != len(entry.shape)
-        or any(
-            type(n) is not int or not (0 <= n <= MOST_ROWS if want < 0 else n == want)
-            for n, want in zip(shape, entry.shape)
-        )
-        or math.prod(shape) != len(values)
-    ):
+    known = isinstance(shape, list) and len(shape) == len(entry.shape)
+    free = (range(MOST_ROWS + 1) if want < 0 else (want,) for want in entry.shape)
+    fits = known and all(type(n) is int and n in allowed for n, allowed in zip(shape, free))
+    if not fits or math.prod(shape) != len(values):
         raise InputError(source, field, f"shape {entry.shape} and as many values", f"{shape}, {len(values)} values")
     if entry.bounds is None:
         return np.array([_float(source, field, value) for value in values], dtype=np.float64).reshape(shape)

@@ -6,8 +6,6 @@ Half turns, no turns, nearly both, opposed twists, hundreds of radians; shapes o
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from avatarrex.measure.stress.case import Entry, Inputs
@@ -17,15 +15,14 @@ from avatarrex.signals.limits import random_signals
 ENTRIES = {name: Entry(shape) for name, shape in SHAPES.items()}
 JOINTS = 55
 ALONG_X = (13, 14, 16, 17, 18, 19, 20, 21, *range(25, 55))
-"""Joints whose bone runs along x in the T-pose: arms and fingers. All others: along y."""
+"""Joints with a bone along x in the T-pose: arms and fingers. All others: along y."""
 
 
 def draw_signals(rng: np.random.Generator, number: int) -> Signals:
-    """Signals of the family whose turn it is."""
-    pose = list(FAMILIES.values())[number % len(FAMILIES)](rng)
-    return Signals.from_full_pose(
-        pose, expression=_expression(rng), shape=_shape(rng), translation=rng.normal(size=3) * _far(rng)
-    )
+    """Signals of the family of that number."""
+    pose = FAMILIES[number % len(FAMILIES)](rng)
+    expression, shape = _expression(rng), _shape(rng)
+    return Signals.from_full_pose(pose, expression=expression, shape=shape, translation=rng.normal(size=3) * _far(rng))
 
 
 def inputs_of(signals: Signals) -> Inputs:
@@ -38,13 +35,14 @@ def signals_of(inputs: Inputs) -> Signals:
     return Signals(**{name: inputs[name] for name in SHAPES})
 
 
-def _axes(rng: np.random.Generator) -> np.ndarray:
-    axis = rng.normal(size=(JOINTS, 3))
-    return np.asarray(axis / np.linalg.norm(axis, axis=1, keepdims=True))
+def directions(rng: np.random.Generator, count: int = JOINTS) -> np.ndarray:
+    """Random unit vectors (count, 3)."""
+    vector = rng.normal(size=(count, 3))
+    return np.asarray(vector / np.linalg.norm(vector, axis=1, keepdims=True))
 
 
 def _anything(rng: np.random.Generator) -> np.ndarray:
-    return _axes(rng) * rng.uniform(0, np.pi, (JOINTS, 1))
+    return directions(rng) * rng.uniform(0, np.pi, (JOINTS, 1))
 
 
 def _half_turns(rng: np.random.Generator) -> np.ndarray:
@@ -64,11 +62,11 @@ def _limits(rng: np.random.Generator) -> np.ndarray:
 def _nothing(rng: np.random.Generator) -> np.ndarray:
     """0, −0, subnormal numbers, and angles about the series' limits (0.1 in float32, 3e-3 in float64)."""
     angle = rng.choice([0.0, -0.0, 1e-320, 1e-44, 1e-30, 1e-12, 1e-7, 3e-3, 3.2e-3, 0.0999999, 0.1000001], (JOINTS, 1))
-    return np.asarray(_axes(rng) * angle)
+    return np.asarray(directions(rng) * angle)
 
 
 def _nearly_half_turns(rng: np.random.Generator) -> np.ndarray:
-    return _axes(rng) * np.pi * (1 + rng.choice([-1, 1], (JOINTS, 1)) * 10.0 ** rng.uniform(-16, -1, (JOINTS, 1)))
+    return directions(rng) * np.pi * (1 + rng.choice([-1, 1], (JOINTS, 1)) * 10.0 ** rng.uniform(-16, -1, (JOINTS, 1)))
 
 
 def _twists(rng: np.random.Generator) -> np.ndarray:
@@ -82,22 +80,14 @@ def _twists(rng: np.random.Generator) -> np.ndarray:
 
 
 def _many_turns(rng: np.random.Generator) -> np.ndarray:
-    return _axes(rng) * LARGEST["body_pose"] * rng.uniform(0, 1, (JOINTS, 1))
+    return directions(rng) * LARGEST["body_pose"] * rng.uniform(0, 1, (JOINTS, 1))
 
 
-FAMILIES: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
-    "anything": _anything,
-    "half turns": _half_turns,
-    "limits": _limits,
-    "nothing": _nothing,
-    "nearly half turns": _nearly_half_turns,
-    "twists": _twists,
-    "many turns": _many_turns,
-}
+FAMILIES = (_anything, _half_turns, _limits, _nothing, _nearly_half_turns, _twists, _many_turns)
 
 
 def _expression(rng: np.random.Generator) -> np.ndarray:
-    """Neutral, sparse, everything at once, or at the limits of what signals may hold."""
+    """Neutral, sparse, everything at once, or at the limits of what signals may have."""
     largest = LARGEST["expression"]
     which = rng.random()
     if which < 0.3:

@@ -1,4 +1,4 @@
-"""What the checks of a case found: a figure for each, held against its tolerance; and a digest of every number seen.
+"""What the checks of a case found: a figure for each, compared with its tolerance; and a digest of every number seen.
 
 The digest tells whether the same case gave the same bits again. A figure that is not a number fails any tolerance.
 """
@@ -22,6 +22,11 @@ class Finding:
     figure: float
     tolerance: float
     note: str = ""
+
+    @property
+    def excess(self) -> float:
+        """By how much the figure exceeds the tolerance."""
+        return self.figure - self.tolerance
 
     @property
     def failed(self) -> bool:

@@ -13,10 +13,12 @@ from avatarrex.measure.stress.findings import Findings
 from avatarrex.ops.closest_point import available, closest_point
 from avatarrex.ops.pseudonormal import pseudonormals, winding_number
 
+Mesh = tuple[np.ndarray, np.ndarray]
+"""Vertices and faces."""
 BOUND = (-0.02, 0.025)
-SLIVER = 1e-9
+SLIVER_ERROR = 1e-9
 """Metres that implementations may differ by beside triangles 1e-12 as wide as long; 6e-11 was seen of libigl."""
-CLOSE = 1e-7
+SIGNED_FROM = 1e-7
 """Metres within which a sign is a matter of rounding (dirty faces lie that near the clean ones)."""
 
 
@@ -40,22 +42,22 @@ def check(inputs: Inputs, found: Findings) -> None:
     want = closest_point(vertices, faces, points, impl="reference")
     found.finite("distances finite", want.sdf, want.barycentric)
     inside = winding_number(vertices, faces[pseudonormals(vertices, faces).kept], points) > 0.5
-    wrong = ((want.sdf < 0) != inside) & (want.sdf.abs() > CLOSE)
+    wrong = ((want.sdf < 0) != inside) & (want.sdf.abs() > SIGNED_FROM)
     found.at_most("sign unlike the winding number", wrong.double(), 0)
     for impl in available():
         have = closest_point(vertices, faces, points, impl=impl)
         found.finite(f"{impl}: distances finite", have.sdf, have.barycentric)
-        found.at_most(f"{impl}: distance off brute force (m)", (have.sdf.abs() - want.sdf.abs()).abs(), SLIVER)
-        flips = (have.sdf * want.sdf < 0) & (want.sdf.abs() > CLOSE)
+        found.at_most(f"{impl}: distance off brute force (m)", (have.sdf.abs() - want.sdf.abs()).abs(), SLIVER_ERROR)
+        flips = (have.sdf * want.sdf < 0) & (want.sdf.abs() > SIGNED_FROM)
         found.at_most(f"{impl}: sign off brute force", flips.double(), 0)
         found.within(f"{impl}: barycentrics in 0 to 1", have.barycentric, 0, 1, 1e-15)
         bounded = closest_point(vertices, faces, points, BOUND, impl=impl).sdf
         off = (bounded - want.sdf.clamp(*BOUND)).abs()
-        found.at_most(f"{impl}: bounded distance off (m)", off[want.sdf.abs() > CLOSE], 1e-12)
+        found.at_most(f"{impl}: bounded distance off (m)", off[want.sdf.abs() > SIGNED_FROM], 1e-12)
 
 
-def _ball(rounds: int) -> tuple[np.ndarray, np.ndarray]:
-    """An octahedron whose faces are split in four `rounds` times, on the unit sphere."""
+def _ball(rounds: int) -> Mesh:
+    """An octahedron with faces split in four `rounds` times, on the unit sphere."""
     vertices = np.concatenate([np.eye(3), -np.eye(3)])
     faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
     for _ in range(rounds):
@@ -68,9 +70,7 @@ def _ball(rounds: int) -> tuple[np.ndarray, np.ndarray]:
     return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces
 
 
-def _split(
-    vertices: np.ndarray, faces: np.ndarray, face: int, share: float, both: bool
-) -> tuple[np.ndarray, np.ndarray]:
+def _split(vertices: np.ndarray, faces: np.ndarray, face: int, share: float, both: bool) -> Mesh:
     """A new vertex on the first edge of `face`, at `share`; its neighbour is split, too, or gets a face of no area."""
     a, b, c = faces[face]
     new = len(vertices)
@@ -87,15 +87,15 @@ def _split(
     return vertices, np.concatenate([np.delete(faces, gone, 0), np.array(added)])
 
 
-def _sliver(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sliver(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> Mesh:
     return _split(vertices, faces, int(rng.integers(len(faces))), 10.0 ** rng.uniform(-12, -2), True)
 
 
-def _no_area(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _no_area(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> Mesh:
     return _split(vertices, faces, int(rng.integers(len(faces))), float(rng.choice([0.0, 1e-9, 0.5, 1.0])), False)
 
 
-def _doubled_vertex(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _doubled_vertex(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> Mesh:
     """One face gets its own copy of a corner."""
     faces, face = faces.copy(), rng.integers(len(faces))
     corner = rng.integers(3)
@@ -104,18 +104,12 @@ def _doubled_vertex(rng: np.random.Generator, vertices: np.ndarray, faces: np.nd
     return vertices, faces
 
 
-def _doubled_face(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _doubled_face(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) -> Mesh:
     """A face twice, turned, and one with a corner twice."""
     face = np.roll(faces[rng.integers(len(faces))], rng.integers(3))
     return vertices, np.concatenate([faces, face[None], face[None, [0, 0, 1]]])
 
 
 DIRT = (_sliver, _no_area, _doubled_vertex, _doubled_face)
-KIND = Kind(
-    "mesh",
-    {"vertices": Entry((-1, 3)), "faces": Entry((-1, 3), (0, MOST_ROWS)), "points": Entry((-1, 3))},
-    draw,
-    check,
-    repeat=20,
-    fewer=("points",),
-)
+ENTRIES = {"vertices": Entry((-1, 3)), "faces": Entry((-1, 3), (0, MOST_ROWS)), "points": Entry((-1, 3))}
+KIND = Kind("mesh", ENTRIES, draw, check, repeat=20, fewer=("points",))

@@ -25,11 +25,11 @@ SIDE = 64
 COARSE = RenderSettings(voxel=0.03, part_voxel=0.01)
 FINE_EVERY = 10
 ASIDE, CROSSING = 1e-4, 3e-4
-"""Metres before and behind a hit at which the field is asked, and what it may be there on the wrong side: a steep field."""
-FAR_VOXELS = 40_000
-"""Of those farther than `FAR`, evenly taken: a search among the template's vertices takes long far from them."""
-FAR = 3.0
-"""Voxels: beyond, nearly all is a fill, guessed from the nearest template vertex; nearer, the field's own value."""
+"""Metres before and beyond a hit at which the field is evaluated, and what it may be there on the wrong side: a steep field."""
+FAR_VOXELS = 3.0
+"""Beyond, nearly all is a fill, guessed from the nearest template vertex; nearer, the field's own value."""
+MOST_FAR = 40_000
+"""Of the voxels farther than that, evenly taken: a search among the template's vertices takes long far from them."""
 
 
 def draw(rng: np.random.Generator, number: int) -> Inputs:
@@ -55,9 +55,8 @@ def check(inputs: Inputs, found: Findings) -> None:
     found.finite("image finite", frame.image)
     covered = points.coverage > 0
     found.within("coverage in 0 to 1", points.coverage, 0, 1)
-    found.within(
-        "colour in 0 to coverage", frame.image[..., :3] / points.coverage[..., None].clamp_min(1e-9), 0, 1, 1e-6
-    )
+    straight = frame.image[..., :3] / points.coverage[..., None].clamp_min(1e-9)
+    found.within("colour in 0 to coverage", straight, 0, 1, 1e-6)
     found.unit("normal of unit length", points.normal[covered], 1e-5)
     found.within("part weights in 0 to 1", points.part_weight.sum(-1), 0, 1, 1e-5)
     behind = torch.where(points.hit, -points.depth, -torch.inf)
@@ -74,8 +73,8 @@ def _check_surface(frame: Frame, found: Findings) -> None:
     outside, inside = (sample(volume, hit + side * ASIDE * gaze).composed.sdf for side in (-1, 1))
     found.at_most("hit no crossing, p99 (m)", _p99(torch.maximum(-outside, inside)), CROSSING)
     grid = volume.body
-    far = np.argwhere((grid.sdf.abs() > FAR * grid.voxel).numpy())
-    far = far[:: len(far) // FAR_VOXELS + 1]
+    far = np.argwhere((grid.sdf.abs() > FAR_VOXELS * grid.voxel).numpy())
+    far = far[:: len(far) // MOST_FAR + 1]
     value, point = grid.sdf.numpy()[tuple(far.T)], grid.origin + grid.voxel * far[:, ::-1]
     body, vertices = frame.volume.body, frame.volume.body.skin.vertices
     away, here = cKDTree(vertices).query(point)[0], body.skin.query(point)
@@ -83,7 +82,7 @@ def _check_surface(frame: Frame, found: Findings) -> None:
     for own, _ in body.touched:
         sunk = (value < 0) & (here.weight > 0) & own[here.nearest]
         away[sunk] = cKDTree(vertices[~own]).query(point[sunk])[0]
-    # A guess differs from the distance to the nearest vertex by what is worn, an evaluated voxel by MAX_DEVIATION more.
+    # A guess differs from the distance to the nearest vertex by the clothing offset, an evaluated voxel by MAX_DEVIATION more.
     beyond = np.abs(value) - away
     found.at_most("far voxels beyond the template (m)", beyond, MAX_CLOTHING_OFFSET + MAX_DEVIATION)
 
@@ -92,11 +91,5 @@ def _p99(values: torch.Tensor) -> float:
     return float(values.quantile(0.99)) if len(values) else 0.0
 
 
-KIND = Kind(
-    "picture",
-    {**driving.ENTRIES, **views.ENTRIES, "fine": Entry((1,), (0, 1))},
-    draw,
-    check,
-    repeat=20,
-    simpler=tuple(driving.ENTRIES),
-)
+ENTRIES = {**driving.ENTRIES, **views.ENTRIES, "fine": Entry((1,), (0, 1))}
+KIND = Kind("picture", ENTRIES, draw, check, repeat=20, simpler=tuple(driving.ENTRIES))

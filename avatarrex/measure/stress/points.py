@@ -1,6 +1,6 @@
 """Case `points`: a driving signal through the templates, the nodes and the fields at 2 000 points each.
 
-The body is always asked; left hand, right hand and face take turns. Points lie about the posed meshes, on them, on the
+The body is always queried; left hand, right hand and face take turns. Points lie about the posed meshes, on them, on the
 nodes, and far away. Tolerances beside the checks.
 """
 
@@ -27,15 +27,15 @@ from avatarrex.volume.build import body_frame
 COUNT = 2000
 PARTS = ("left_hand", "right_hand", "face")
 SPREADS = (0.0, 0.0005, 0.0075, 0.075)
-"""Noise about mesh vertices, in units of `FAR`."""
-FAR, PART_FAR = 4.0, 0.4
+"""Noise about mesh vertices, as shares of the extent."""
+BODY_EXTENT, PART_EXTENT = 4.0, 0.4
 """Metres about the middle that the farthest points fill. Sparse points far from a hand are the slowest to search."""
 TALLEST = 10.0
 """Metres from the root that no vertex may reach: shapes of ±5 σ at half turns come to 6."""
 
 
 def draw(rng: np.random.Generator, number: int) -> Inputs:
-    """Signals, the part whose turn it is, and where the points come from."""
+    """Signals, the part of that number, and where the points come from."""
     return {
         **driving.inputs_of(driving.draw_signals(rng, number)),
         "part": np.array([number % len(PARTS)]),
@@ -58,22 +58,22 @@ def check(inputs: Inputs, found: Findings) -> None:
     _check_nodes(frame, found)
     generator = torch.Generator().manual_seed(int(inputs["point_seed"][0]))
     rows = torch.as_tensor(inputs["point_row"])
-    point = _points(posed.body.vertices, frame.node_position, FAR, generator)[rows]
+    point = _points(posed.body.vertices, frame.node_position, BODY_EXTENT, generator)[rows]
     gaze = normalize(torch.randn(COUNT, 3, generator=generator), dim=-1)[rows]
     _check_body(frame, posed, point, gaze, found)
     name = PARTS[int(inputs["part"][0])]
-    point = _points(posed.parts[name], posed.parts[name][:1], PART_FAR, generator)[rows]
+    point = _points(posed.parts[name], posed.parts[name][:1], PART_EXTENT, generator)[rows]
     (_check_face if name == "face" else _check_hand)(name, posed, point, gaze, found)
 
 
-def _points(vertices: Tensor, nodes: Tensor, far: float, generator: torch.Generator) -> Tensor:
-    """(COUNT, 3): most about the vertices, a tenth on the nodes, a tenth within `far` metres of the middle."""
+def _points(vertices: Tensor, nodes: Tensor, extent: float, generator: torch.Generator) -> Tensor:
+    """(COUNT, 3): most about the vertices, a tenth on the nodes, a tenth within `extent` metres of the middle."""
     near = vertices[torch.randint(len(vertices), (COUNT,), generator=generator)]
-    spread = far * torch.tensor(SPREADS)[torch.randint(len(SPREADS), (COUNT,), generator=generator)]
+    spread = extent * torch.tensor(SPREADS)[torch.randint(len(SPREADS), (COUNT,), generator=generator)]
     point = near + spread[:, None] * torch.randn(COUNT, 3, generator=generator)
     tenth = COUNT // 10
     point[:tenth] = nodes[torch.randint(len(nodes), (tenth,), generator=generator)]
-    point[tenth : 2 * tenth] = far * (2 * torch.rand(tenth, 3, generator=generator) - 1)
+    point[tenth : 2 * tenth] = extent * (2 * torch.rand(tenth, 3, generator=generator) - 1)
     return point
 
 
@@ -125,17 +125,10 @@ def _check_face(name: str, posed: PosedPerson, point: Tensor, gaze: Tensor, foun
     found.within("face colour in 0 to 1", colour, 0, 1)
 
 
-KIND = Kind(
-    "points",
-    {
-        **driving.ENTRIES,
-        "part": Entry((1,), (0, len(PARTS) - 1)),
-        "point_seed": Entry((1,), (0, 2**31 - 1)),
-        "point_row": Entry((-1,), (0, COUNT - 1)),
-    },
-    draw,
-    check,
-    repeat=50,
-    simpler=tuple(driving.ENTRIES),
-    fewer=("point_row",),
-)
+ENTRIES = {
+    **driving.ENTRIES,
+    "part": Entry((1,), (0, len(PARTS) - 1)),
+    "point_seed": Entry((1,), (0, 2**31 - 1)),
+    "point_row": Entry((-1,), (0, COUNT - 1)),
+}
+KIND = Kind("points", ENTRIES, draw, check, repeat=50, simpler=tuple(driving.ENTRIES), fewer=("point_row",))

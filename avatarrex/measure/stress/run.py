@@ -6,7 +6,6 @@ A case is made from the run's seed, its kind and its number alone, so that any o
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 import time
 from collections.abc import Generator
@@ -39,6 +38,11 @@ class Outcome:
     number: int
     findings: list[Finding]
     cpu_seconds: float
+
+    @property
+    def failures(self) -> list[Finding]:
+        """Checks that failed."""
+        return [finding for finding in self.findings if finding.failed]
 
 
 def plan(count: int) -> list[tuple[str, int]]:
@@ -86,8 +90,3 @@ def _start() -> None:
     """Of a process: one thread, and Ctrl+C is the parent's business."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     torch.set_num_threads(1)
-
-
-def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

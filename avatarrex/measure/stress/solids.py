@@ -1,6 +1,6 @@
 """Case `rays`: thin and touching solids in a small volume under hostile cameras; every ray caster against the float64 walk.
 
-At silhouettes a ray may fall either way: only pixels whose neighbours agree about being hit are held to it.
+At silhouettes a ray may fall either way: only pixels with neighbours that agree about being hit are judged.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from avatarrex.measure.stress import views
+from avatarrex.measure.stress import driving, views
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
 from avatarrex.measure.stress.findings import Findings
 from avatarrex.pointmap.point_map import PointMap
@@ -19,7 +19,7 @@ from avatarrex.volume.sdf_volume import SdfVolume
 SIDE = 24
 GRID = ((0.0, 0.0, 0.0), 0.02, (31, 31, 31))
 BOX_SIDE, BOX_VOXEL = 0.16, 0.005
-CLOSE = 1e-5
+MOST_OFF = 1e-5
 """Metres: what a ray caster may be off (design: performance, target 4)."""
 
 
@@ -33,7 +33,7 @@ def draw(rng: np.random.Generator, number: int) -> Inputs:
     solids = np.concatenate([ends.reshape(count, 6), radius[:, None]], 1)
     share = rng.random((200, 1))
     rows = rng.integers(count, size=200)
-    skin = ends[rows, 0] * share + ends[rows, 1] * (1 - share) + radius[rows, None] * _directions(rng, 200)
+    skin = ends[rows, 0] * share + ends[rows, 1] * (1 - share) + radius[rows, None] * driving.directions(rng, 200)
     camera = views.draw_view(rng, int(rng.integers(8)), skin, SIDE)
     box = np.array([float(number % 2), *rng.uniform(-90, 90, 2)])
     return {"solids": solids, "box": box, **views.inputs_of(camera)}
@@ -52,7 +52,7 @@ def check(inputs: Inputs, found: Findings) -> None:
         both = one.hit & truth.hit & inner
         apart = (one.position.double() - truth.position.double())[both].norm(dim=-1)
         # Of a few dozen pixels one or two see a second surface edge-on: their share is bounded, not their error.
-        found.at_most(f"{impl}: share of positions off", (apart > CLOSE).double().mean() if len(apart) else 0.0, 0.1)
+        found.at_most(f"{impl}: share of positions off", (apart > MOST_OFF).double().mean() if len(apart) else 0.0, 0.1)
 
 
 def _volume(inputs: Inputs) -> SdfVolume:
@@ -65,28 +65,16 @@ def _volume(inputs: Inputs) -> SdfVolume:
     place[:3, :3] = rotation(1, first) @ rotation(2, second)
     place[:3, 3] = inputs["solids"][0, :3] - place[:3, :3] @ np.full(3, BOX_SIDE / 2)
     shape = (round(BOX_SIDE / BOX_VOXEL) + 1,) * 3
-    return SdfVolume(
-        body, (part_box("face", union(*solids), lambda p: torch.ones_like(p[:, 0]), place, BOX_VOXEL, shape),)
-    )
+    box = part_box("face", union(*solids), lambda p: torch.ones_like(p[:, 0]), place, BOX_VOXEL, shape)
+    return SdfVolume(body, (box,))
 
 
 def _inner(truth: PointMap) -> torch.Tensor:
-    """Pixels all of whose neighbours are hit as they are."""
+    """Pixels with neighbours that are all hit as they are."""
     hit = truth.hit[None, None].float()
     pool = torch.nn.functional.max_pool2d
     return (pool(hit, 3, 1, 1) + pool(-hit, 3, 1, 1) == 0)[0, 0]
 
 
-def _directions(rng: np.random.Generator, count: int) -> np.ndarray:
-    vector = rng.normal(size=(count, 3))
-    return np.asarray(vector / np.linalg.norm(vector, axis=1, keepdims=True))
-
-
-KIND = Kind(
-    "rays",
-    {"solids": Entry((-1, 7)), "box": Entry((3,)), **views.ENTRIES},
-    draw,
-    check,
-    repeat=20,
-    fewer=("solids",),
-)
+ENTRIES = {"solids": Entry((-1, 7)), "box": Entry((3,)), **views.ENTRIES}
+KIND = Kind("rays", ENTRIES, draw, check, repeat=20, fewer=("solids",))

@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from avatarrex.measure.stress.findings import Finding
+from avatarrex.measure.table import aligned
+
+HEADS = ("case", "check", "cases", "worst", "tolerance", "failures")
 
 
 @dataclass
 class Row:
     """One check of one kind of case."""
 
-    tolerance: float
+    case: str
+    check: str
     cases: int = 0
-    failures: int = 0
     worst: float = -math.inf
     worst_case: int = 0
+    tolerance: float = 0.0
+    failures: int = 0
+
+    def add(self, number: int, finding: Finding) -> None:
+        """What one more case gave."""
+        self.cases += 1
+        self.failures += finding.failed
+        if finding.figure > self.worst or self.cases == 1:
+            self.tolerance = finding.tolerance
+        if finding.figure > self.worst:
+            self.worst, self.worst_case = finding.figure, number
 
 
 @dataclass
@@ -34,15 +48,11 @@ class Tally:
         self.cpu_seconds[kind] = self.cpu_seconds.get(kind, 0.0) + cpu_seconds
         worst: dict[str, Finding] = {}
         for finding in findings:
-            if finding.check not in worst or _excess(finding) > _excess(worst[finding.check]):
+            known = worst.setdefault(finding.check, finding)
+            if finding.excess > known.excess:
                 worst[finding.check] = finding
-        for finding in worst.values():
-            row = self.rows.setdefault((kind, finding.check), Row(finding.tolerance))
-            row.cases += 1
-            row.failures += finding.failed
-            if finding.figure > row.worst:
-                row.worst, row.worst_case = finding.figure, number
-                row.tolerance = finding.tolerance
+        for check, finding in worst.items():
+            self.rows.setdefault((kind, check), Row(kind, check)).add(number, finding)
 
     @property
     def failures(self) -> int:
@@ -51,33 +61,16 @@ class Tally:
 
     def text(self) -> str:
         """The table, and what the cases cost."""
-        wide = max((len(check) for _, check in self.rows), default=5)
-        lines = [f"{'case':9}  {'check':{wide}}  {'cases':>6}  {'worst':>9}  {'tolerance':>9}  {'failures':>8}"]
-        for (kind, check), row in self.rows.items():
-            figures = f"{row.cases:6d}  {row.worst:9.3g}  {row.tolerance:9.3g}  {row.failures or '':>8}"
-            lines.append(f"{kind:9}  {check:{wide}}  {figures}")
-        cost = (
-            f"{count} {kind} ({1000 * self.cpu_seconds[kind] / count:.0f} s per 1000)"
-            for kind, count in self.cases.items()
+        rows = (
+            (row.case, row.check, str(row.cases), f"{row.worst:.3g}", f"{row.tolerance:.3g}", str(row.failures or ""))
+            for row in self.rows.values()
         )
-        return "\n".join([*lines, "", "processor time: " + ", ".join(cost)])
+        cost = (f"{n} {kind} ({1000 * self.cpu_seconds[kind] / n:.0f} s per 1000)" for kind, n in self.cases.items())
+        return "\n".join([*aligned([HEADS, *rows], range(2, 6)), "", "processor time: " + ", ".join(cost)])
 
     def to_json(self) -> dict[str, Any]:
         """The same as plain values; a figure that is no number is null."""
         checks = [
-            {
-                "case": kind,
-                "check": check,
-                "cases": row.cases,
-                "worst": row.worst if math.isfinite(row.worst) else None,
-                "worst_case": row.worst_case,
-                "tolerance": row.tolerance,
-                "failures": row.failures,
-            }
-            for (kind, check), row in self.rows.items()
+            asdict(row) | {"worst": row.worst if math.isfinite(row.worst) else None} for row in self.rows.values()
         ]
         return {"cases": self.cases, "cpu_seconds": self.cpu_seconds, "checks": checks, "failures": self.failures}
-
-
-def _excess(finding: Finding) -> float:
-    return finding.figure - finding.tolerance

@@ -12,7 +12,7 @@ KINDS = ("about", "inside", "grazing", "1 cm", "1 km", "far focus", "wide", "ste
 
 
 def draw_view(rng: np.random.Generator, number: int, surface: np.ndarray, side: int) -> Camera:
-    """A camera of the kind whose turn it is, `side` pixels square, of a person with the `surface` points (v, 3), world."""
+    """A camera of the kind of that number, `side` pixels square, of a person with the `surface` points (v, 3), world."""
     kind = KINDS[number % len(KINDS)]
     azimuth, elevation = rng.uniform(-180, 180), rng.uniform(-60, 60)
     middle, spot = surface.mean(0), surface[rng.integers(len(surface))]
@@ -47,6 +47,6 @@ def camera_of(inputs: Inputs, side: int) -> Camera:
 
 
 def _at(eye: np.ndarray, azimuth: float, elevation: float, fov: float, side: int) -> Camera:
-    """A camera whose centre is `eye`."""
+    """A camera at `eye`."""
     there = Camera.orbit(azimuth, elevation, 1.0, fov, (0.0, 0.0, 0.0), side, side)
     return Camera.orbit(azimuth, elevation, 1.0, fov, eye - there.centre, side, side)

@@ -1,10 +1,8 @@
-"""Do sharply bent joints hold together? An avatar of the packaged subject beside the subject's own mesh.
+"""Do sharply bent joints have holes? An avatar of the packaged subject beside the subject's own mesh.
 
 Close views of elbows and hips, bent farther than in the training's poses too: depth error where both are seen, and of 1000
 pixels of the subject how many are a hole (nothing, or more than 1 cm too deep) and how many a fringe (what the
 subject does not have, or more than 1 cm before it).
-
-    python avatarrex/measure/studies/bent_joints.py [AVATAR] [--size 180] [--sheet bent.png]
 """
 
 from __future__ import annotations
@@ -19,14 +17,15 @@ from avatarrex.camera import Camera
 from avatarrex.capture.synthetic.subject import load_subject
 from avatarrex.capture.synthetic.subject_drawer import SubjectDrawer
 from avatarrex.counters import Counters
+from avatarrex.measure.table import printed
 from avatarrex.pipeline import render_frame
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.library import named_pose
 from avatarrex.templates.posed import pose_person
 
-OFF = 0.01
-"""Metres."""
+DEPTH_OFF = 0.01
+"""Metres from which a pixel is wrong."""
 VIEWS = ((0, 0), (60, 10), (-60, 10), (180, 0), (0, -35))
 """Azimuth and elevation, degrees."""
 NAMED = {
@@ -35,8 +34,8 @@ NAMED = {
     "pelvis": ("squat", "run", "star", "sit"),
 }
 """Poses by the joint that is looked at."""
-RIM = 2
-"""Pixels of the picture's own rim that are not judged."""
+RIM_PIXELS = 2
+"""Of the picture's own rim, which are not judged."""
 
 
 def cases() -> dict[str, tuple[Signals, str]]:
@@ -61,7 +60,7 @@ def measure(
     posed = pose_person(avatar.person, signals, Counters(), None)
     x, y, z = map(float, posed.body.joints[JOINT_NAMES.index(joint)])
     at = x, y - (0.08 if joint == "pelvis" else 0.0), z
-    inner = np.s_[RIM:-RIM, RIM:-RIM]
+    inner = np.s_[RIM_PIXELS:-RIM_PIXELS, RIM_PIXELS:-RIM_PIXELS]
     pictures, error, holes, fringes, met, both = [], 0.0, 0, 0, 0, 0
     for azimuth, elevation in VIEWS:
         camera = Camera.orbit(azimuth, elevation, 0.9, 28, at, side, side)
@@ -69,34 +68,32 @@ def measure(
         there = truth.depth(signals, camera)[inner]
         here = (frame.pointmap.depth * frame.pointmap.hit).numpy()[inner]
         seen, drawn = there > 0, here > 0
-        holes += (seen & (~drawn | (here > there + OFF))).sum()
-        fringes += (drawn & (~seen | (here < there - OFF))).sum()
-        close = seen & drawn & (np.abs(here - there) < 3 * OFF)
+        holes += (seen & (~drawn | (here > there + DEPTH_OFF))).sum()
+        fringes += (drawn & (~seen | (here < there - DEPTH_OFF))).sum()
+        close = seen & drawn & (np.abs(here - there) < 3 * DEPTH_OFF)
         error, both, met = error + np.abs(here - there)[close].sum(), both + close.sum(), met + seen.sum()
         pictures.append(np.concatenate([truth.draw(signals, camera)[..., :3], frame.image.numpy()[..., :3]]))
     return np.array([1000 * error / both, 1000 * holes / met, 1000 * fringes / met]), pictures
 
 
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("avatar", nargs="?", help="file (default: the packaged avatar)")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Whom, and how large."""
+    parser.add_argument("avatar", nargs="?", default="default", help="name or file (the packaged avatar)")
     parser.add_argument("--size", type=int, default=180, help="pixels a side")
     parser.add_argument("--sheet", help="PNG with all views, the subject over the avatar")
-    options = parser.parse_args()
-    avatar, truth = load_avatar(options.avatar or "default"), SubjectDrawer(load_subject())
-    print(f"{'pose':<16} {'depth mm':>9} {'holes':>7} {'fringes':>8}   of 1000 pixels")
-    figures, rows = [], []
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print the table, draw the sheet."""
+    avatar, truth = load_avatar(options.avatar), SubjectDrawer(load_subject())
+    row = printed("of 1000 pixels", "depth mm", "holes", "fringes")
+    figures, sheet = [], []
     for name, (signals, joint) in cases().items():
         found, pictures = measure(avatar, truth, signals, joint, options.size)
-        print(f"{name:<16} {found[0]:>9.2f} {found[1]:>7.1f} {found[2]:>8.1f}", flush=True)
+        row(name, f"{found[0]:.2f}", f"{found[1]:.1f}", f"{found[2]:.1f}")
         figures.append(found)
-        rows.append(np.concatenate(pictures, 1))
+        sheet.append(np.concatenate(pictures, 1))
     mean = np.mean(figures, 0)
-    print(f"{'mean':<16} {mean[0]:>9.2f} {mean[1]:>7.1f} {mean[2]:>8.1f}")
+    row("mean", f"{mean[0]:.2f}", f"{mean[1]:.1f}", f"{mean[2]:.1f}")
     if options.sheet:
-        Image.fromarray((255 * np.concatenate(rows).clip(0, 1)).astype(np.uint8)).save(options.sheet)
-
-
-if __name__ == "__main__":
-    main()
+        Image.fromarray((255 * np.concatenate(sheet).clip(0, 1)).astype(np.uint8)).save(options.sheet)

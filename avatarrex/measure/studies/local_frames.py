@@ -7,7 +7,7 @@ ceiling of everything learned on top. Lost: of points that are more than 3 mm in
 about the skin, the largest step of p̄, p99 of the walks: where it jumps, so does what is learned. Cost:
 `BodyField.localise` (p̄, local coordinates and weights of all pairs).
 
-    python avatarrex/measure/studies/local_frames.py [--poses 4] [--points 4000] [--seed 0]
+    python -m avatarrex.measure local-frames [--poses 4] [--points 4000] [--seed 0]
 """
 
 from __future__ import annotations
@@ -45,12 +45,15 @@ BESIDE = 0.002
 """Metres off the skin at which it is asked whether another limb is there."""
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """How many poses and points."""
     parser.add_argument("--poses", type=int, default=4, help="poses per scale")
     parser.add_argument("--points", type=int, default=4000, help="surface points per pose")
     parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args()
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print the table."""
     model = load_person().body
     print(
         f"{options.poses} poses each at half / full joint limits, {options.points} points per pose, seed {options.seed}"
@@ -180,7 +183,3 @@ def cost(field: BodyField, seed: int) -> float:
         field.localise(frame, points, pairs)
         best = min(best, time.perf_counter() - start)
     return 1000 * best
-
-
-if __name__ == "__main__":
-    main()

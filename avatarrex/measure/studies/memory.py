@@ -1,7 +1,5 @@
 """Memory over many frames: the process' resident MiB and the OpenGL objects that live, after a warm-up.
 
-    python avatarrex/measure/studies/memory.py --frames 2000 [--json FILE]
-
 Small changes of pose (every third frame), hand, expression and view at 64², coarse voxels, bricks in every other view.
 Printed once per 50 frames; growth is the median of the last quarter less that of the first quarter after the warm-up.
 """
@@ -19,6 +17,7 @@ import numpy as np
 
 from avatarrex.avatar import load_avatar
 from avatarrex.camera import Camera
+from avatarrex.files.gate import write_text
 from avatarrex.gl.context import gl_context, gl_unavailable
 from avatarrex.pipeline import RenderSettings, render_frame
 from avatarrex.signals.driving import Signals
@@ -32,7 +31,7 @@ PAGE = 4096
 
 @dataclass(frozen=True)
 class Growth:
-    """What many frames left behind."""
+    """What many frames leave in memory."""
 
     frames: int
     resident_mib: float
@@ -44,7 +43,7 @@ class Growth:
     """The same at the end."""
 
 
-def measure(frames: int, warm_up: int, report: bool = False) -> Growth:
+def measure(frames: int, warm_up: int) -> Growth:
     """Render `frames` frames after `warm_up` others."""
     rng, avatar, frame = np.random.default_rng(0), load_avatar(), None
     signals, resident, objects = Signals.rest(), [], None
@@ -56,7 +55,7 @@ def measure(frames: int, warm_up: int, report: bool = False) -> Growth:
             objects = gl_objects()
         if number >= warm_up:
             resident.append(resident_mib())
-        if report and number % 50 == 0:
+        if number % 50 == 0:
             print(f"{number:6d} frames  {resident_mib():8.1f} MiB  textures, buffers {gl_objects()}", flush=True)
     quarter = max(frames // 4, 1)
     growth = statistics.median(resident[-quarter:]) - statistics.median(resident[:quarter])
@@ -74,13 +73,13 @@ def changed(signals: Signals, rng: np.random.Generator, number: int) -> Signals:
 
 
 def resident_mib() -> float:
-    """Resident memory of this process, after the allocator has given back what it holds free."""
+    """Resident memory of this process, after the allocator has given back what is free."""
     ctypes.CDLL("libc.so.6").malloc_trim(0)
     return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 2**20
 
 
 def gl_objects() -> tuple[int, int] | None:
-    """Textures and buffers that OpenGL holds, by asking it for every name given so far; None without OpenGL."""
+    """Living textures and buffers of OpenGL, counted over every name given so far; None without OpenGL."""
     if gl_unavailable() is not None:
         return None
     context, library = gl_context(), ctypes.CDLL("libGL.so.1")
@@ -93,18 +92,16 @@ def gl_objects() -> tuple[int, int] | None:
     return sum(map(library.glIsTexture, textures)), sum(map(library.glIsBuffer, buffers))
 
 
-def main() -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """How many frames, and where to."""
+    parser.add_argument("--frames", type=int, default=2000)
+    parser.add_argument("--warm-up", type=int, default=100)
+    parser.add_argument("--json")
+
+
+def run(options: argparse.Namespace) -> None:
     """Measure and print."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--frames", type=int, default=2000)
-    options.add_argument("--warm-up", type=int, default=100)
-    options.add_argument("--json", type=Path)
-    chosen = options.parse_args()
-    growth = asdict(measure(chosen.frames, chosen.warm_up, report=True))
-    print(json.dumps(growth))
-    if chosen.json:
-        chosen.json.write_text(json.dumps(growth) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+    growth = json.dumps(asdict(measure(options.frames, options.warm_up)))
+    print(growth)
+    if options.json:
+        write_text(options.json, growth + "\n")

@@ -1,7 +1,5 @@
 """Errors of every level against the exact frame; what polish repairs and costs; the seams at wrists and neck; flicker.
 
-    python avatarrex/measure/studies/oracle.py [levels] [density] [seams] [cost] [flicker] [--size 96] [--pictures DIR]
-
 `levels`: 3 poses × 2 views, every level of avatarrex.levels without and with 1 and 2 steps of polish. `density`: the
 oracle against itself with four times the samples. `seams`: close-ups of a wrist and the neck, errors within 2 cm of
 0 < ω < 1, with pictures of the point map's own surface. `cost`: processor milliseconds of polish and shading at 512².
@@ -11,11 +9,11 @@ oracle against itself with four times the samples. `seams`: close-ups of a wrist
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from statistics import mean
 
 import numpy as np
 import torch
@@ -23,10 +21,12 @@ from PIL import Image
 from torch import Tensor
 from tqdm import tqdm
 
-from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.levels import LEVELS
+from avatarrex.measure.bench.clock import Times, interleaved, timed
+from avatarrex.measure.bench.session import Bench
+from avatarrex.measure.table import printed
 from avatarrex.pipeline import Frame, RenderSettings, render_frame
 from avatarrex.pointmap.point_map import PointMap
 from avatarrex.pointmap.polish import polish
@@ -39,73 +39,69 @@ from avatarrex.volume.composed_field import composed_field
 
 POSES = {
     "walk": Signals.rest().replace(
-        body_pose=named_pose("walk"),
-        left_hand_pose=named_hand("point", "left"),
-        expression=named_expression("laugh"),
+        body_pose=named_pose("walk"), left_hand_pose=named_hand("point", "left"), expression=named_expression("laugh")
     ),
     "squat": Signals.rest().replace(body_pose=named_pose("squat"), right_hand_pose=named_hand("fist", "right")),
     "wave": Signals.rest().replace(body_pose=named_pose("wave"), expression=named_expression("jaw_open")),
 }
 AZIMUTHS = (20.0, 160.0)
 SEAMS = {"wrist": (20, 115.0, (0, 1)), "neck": (12, 60.0, (2,))}
-"""Joint that the close-up looks at, and the azimuth, and the columns of ω whose bands are the seam."""
+"""Joint that the close-up looks at, the azimuth, and the columns of ω with bands that are the seam."""
 ORBIT = tuple(20.0 + 0.5 * k for k in range(10))
 """Azimuths of the slow orbit, degrees."""
 REPEATS = 3
 HEADS = ("px", "depth mean", "p50", "p99", "max mm", "normal mean", "p95 °", "flips %", "PSNR dB")
 
 
-def main() -> None:
-    """Print the tables asked for; `levels` unless told."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "what", nargs="*", default=["levels"], choices=["levels", "density", "seams", "cost", "flicker"]
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Which tables, of which avatar."""
+    parser.add_argument("what", nargs="*", default=["levels"], choices=list(TABLES))
     parser.add_argument("--avatar", default="default")
     parser.add_argument("--size", type=int, default=96)
     parser.add_argument("--pictures", type=Path)
-    options = parser.parse_args()
-    avatar = load_avatar(options.avatar)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Print the chosen tables; `levels` unless told."""
+    bench = Bench(source=options.avatar)
     for what in options.what:
-        {"levels": levels, "density": density, "seams": seams, "cost": cost, "flicker": flicker}[what](avatar, options)
+        TABLES[what](bench, options)
 
 
-def levels(avatar: Avatar, options: argparse.Namespace) -> None:
+def levels(bench: Bench, options: argparse.Namespace) -> None:
     """One line per level and number of polish steps."""
-    print(f"{'level':<12}{'polish':>7}" + "".join(f"{head:>12}" for head in HEADS))
+    row = printed("level", "polish", *HEADS)
     errors: dict[tuple[str, int], list[PixelErrors]] = {}
-    for signals, camera in tqdm(list(views(options.size)), leave=False):
-        oracle = render_oracle(avatar, signals, camera)
+    for signals, camera in views(bench, options.size):
+        oracle = render_oracle(bench.avatar, signals, camera)
         for name, settings in LEVELS.items():
             frame = None
             for steps in (0, 1, 2):
-                frame = render_frame(avatar, signals, camera, replace(settings, polish=steps), frame)
+                frame = render_frame(bench.avatar, signals, camera, replace(settings, polish=steps), frame)
                 errors.setdefault((name, steps), []).append(pixel_errors(frame, oracle))
     for (name, steps), found in errors.items():
-        print(f"{name:<12}{steps:>7}" + line(Accuracy.of(found)), flush=True)
+        row(name, steps, *cells(Accuracy.of(found)))
 
 
-def density(avatar: Avatar, options: argparse.Namespace) -> None:
+def density(bench: Bench, options: argparse.Namespace) -> None:
     """Pixels that four times the samples change."""
-    flips, moved, hits, seconds = 0, 0.0, 0, 0.0
-    for signals, camera in tqdm(list(views(options.size)), leave=False):
-        start = time.process_time()
-        oracle = render_oracle(avatar, signals, camera)
-        seconds += time.process_time() - start
+    flips, moved, hits, times = 0, 0.0, 0, Times()
+    for signals, camera in views(bench, options.size):
+        oracle, took = timed(render_oracle, bench.avatar, signals, camera)
+        times.add(took)
         finer = cast(oracle.field, oracle.camera, STEP / 4)
         both = finer.hit & oracle.pointmap.hit
         flips += int((finer.hit != oracle.pointmap.hit).sum())
         hits += int(both.sum())
         moved = max(moved, float((finer.depth - oracle.pointmap.depth)[both].abs().max()))
-    print(
-        f"{hits} hits, {flips} flips, depth moved by {1e3 * moved:.5f} mm at most; oracle {seconds / 6:.0f} s a frame"
-    )
+    seconds = 1e-3 * mean(times.cpu)
+    print(f"{hits} hits, {flips} flips, depth moved by {1e3 * moved:.5f} mm at most; oracle {seconds:.0f} s a frame")
 
 
-def seams(avatar: Avatar, options: argparse.Namespace) -> None:
+def seams(bench: Bench, options: argparse.Namespace) -> None:
     """Close-ups; the three settings without and with polish."""
-    print(f"{'seam':<7}{'part voxel':>11}{'polish':>7}" + "".join(f"{head:>12}" for head in HEADS))
-    signals = POSES["walk"]
+    row = printed("seam", "part voxel", "polish", *HEADS)
+    avatar, signals = bench.avatar, POSES["walk"]
     for name, (joint, azimuth, columns) in SEAMS.items():
         frame = render_frame(avatar, signals, Camera.orbit(), RenderSettings())
         target = frame.posed.body.joints[joint].numpy()
@@ -116,8 +112,7 @@ def seams(avatar: Avatar, options: argparse.Namespace) -> None:
             for steps in (0, 1, 2):
                 settings = RenderSettings(part_voxel=part_voxel, antialias=False, polish=steps)
                 frame = render_frame(avatar, signals, camera, settings)
-                accuracy = depth_report(frame, oracle, among)
-                print(f"{name:<7}{1e3 * part_voxel:>8.1f} mm{steps:>7}" + line(accuracy), flush=True)
+                row(name, f"{1e3 * part_voxel:.1f} mm", steps, *cells(depth_report(frame, oracle, among)))
                 if options.pictures:
                     large = render_frame(avatar, signals, camera.resized(512, 512), settings)
                     picture(relief(large.pointmap, large), options.pictures / f"{name}_{part_voxel}_{steps}.png")
@@ -125,9 +120,9 @@ def seams(avatar: Avatar, options: argparse.Namespace) -> None:
             picture(relief(oracle.pointmap, frame), options.pictures / f"{name}_oracle.png")
 
 
-def cost(avatar: Avatar, options: argparse.Namespace) -> None:
+def cost(bench: Bench, options: argparse.Namespace) -> None:
     """Processor milliseconds at 512², the least of three, body and parts apart."""
-    signals, camera = POSES["walk"], Camera.orbit(20, 5, 2.6, 40, (0, -0.05, 0), 512, 512)
+    avatar, signals, camera = bench.avatar, POSES["walk"], bench.camera(512)
     frame = render_frame(avatar, signals, camera, RenderSettings(antialias=False))
     view, volume = camera.seen_from(frame.world_from_root), frame.volume
     weight = frame.pointmap.part_weight.sum(-1)
@@ -144,18 +139,18 @@ def cost(avatar: Avatar, options: argparse.Namespace) -> None:
         print(f"shading, {name}: {spent:.0f} ms")
 
 
-def flicker(avatar: Avatar, options: argparse.Namespace) -> None:
+def flicker(bench: Bench, options: argparse.Namespace) -> None:
     """Mean |I(t−1) − 2 I(t) + I(t+1)| of pixels that all sequences cover, in 1/255, and its ratio to the oracle's."""
     sequences: dict[str, list[Tensor]] = {"oracle": [], **{name: [] for name in LEVELS}}
     covered, last = [], dict.fromkeys(LEVELS)
     for azimuth in tqdm(ORBIT, leave=False):
-        camera = Camera.orbit(azimuth, 5, 2.6, 40, (0, -0.05, 0), options.size, options.size)
-        oracle = render_oracle(avatar, POSES["walk"], camera)
+        camera = bench.camera(options.size, azimuth)
+        oracle = render_oracle(bench.avatar, POSES["walk"], camera)
         sequences["oracle"].append(oracle.image[..., :3].float())
         hits = [oracle.pointmap.hit]
         for name, settings in LEVELS.items():
             plain = replace(settings, antialias=False)
-            last[name] = frame = render_frame(avatar, POSES["walk"], camera, plain, last[name])
+            last[name] = frame = render_frame(bench.avatar, POSES["walk"], camera, plain, last[name])
             sequences[name].append(frame.image[..., :3])
             hits.append(frame.pointmap.hit)
         covered.append(torch.stack(hits).all(0))
@@ -171,21 +166,17 @@ def flicker(avatar: Avatar, options: argparse.Namespace) -> None:
         print(f"{name:<12}mean {uneven.mean():.3f}  p95 {uneven.quantile(0.95):.2f}  {ratio:.3f} of the oracle's")
 
 
-def views(size: int) -> Iterator[tuple[Signals, Camera]]:
-    """The 3 poses × 2 views."""
-    for signals in POSES.values():
-        for azimuth in AZIMUTHS:
-            yield signals, Camera.orbit(azimuth, 5, 2.6, 40, (0, -0.05, 0), size, size)
+def views(bench: Bench, size: int) -> Iterable[tuple[Signals, Camera]]:
+    """The 3 poses × 2 views, with a bar that shows how far they are."""
+    pairs = [(signals, bench.camera(size, azimuth)) for signals in POSES.values() for azimuth in AZIMUTHS]
+    return tqdm(pairs, leave=False)
 
 
-def line(accuracy: Accuracy) -> str:
+def cells(a: Accuracy) -> list[str]:
     """The figures under `HEADS`."""
-    a = accuracy
-    depth = "".join(f"{value:>12.4f}" for value in (a.depth_mean_mm, a.depth_median_mm, a.depth_p99_mm, a.depth_max_mm))
-    rest = "".join(
-        f"{value:>12.2f}" for value in (a.normal_mean_deg, a.normal_p95_deg, 100 * a.flips, a.colour_psnr_db)
-    )
-    return f"{a.pixels:>12}" + depth + rest
+    depth = (a.depth_mean_mm, a.depth_median_mm, a.depth_p99_mm, a.depth_max_mm)
+    rest = (a.normal_mean_deg, a.normal_p95_deg, 100 * a.flips, a.colour_psnr_db)
+    return [str(a.pixels), *(f"{value:.4f}" for value in depth), *(f"{value:.2f}" for value in rest)]
 
 
 def relief(pointmap: PointMap, frame: Frame) -> np.ndarray:
@@ -209,15 +200,9 @@ def picture(pixels: np.ndarray, path: Path) -> None:
     Image.fromarray(pixels).resize((512, 512), Image.Resampling.NEAREST).save(path)
 
 
-def least(run: Callable[[], object]) -> float:
+def least(work: Callable[[], object]) -> float:
     """Least processor milliseconds of `REPEATS` calls."""
-    times = []
-    for _ in range(REPEATS):
-        start = time.process_time()
-        run()
-        times.append(time.process_time() - start)
-    return 1e3 * min(times)
+    return min(interleaved({"work": work}, REPEATS, warm=False)["work"].cpu)
 
 
-if __name__ == "__main__":
-    main()
+TABLES = {"levels": levels, "density": density, "seams": seams, "cost": cost, "flicker": flicker}

@@ -1,0 +1,74 @@
+"""The front door of all that measures the product: `python -m avatarrex.measure NAME …`, `NAME --help` for its options.
+
+`avatarrex-studio bench`, `bench ablation` and `stress` are the tools of these names. Nothing that runs the product imports
+this package. A tool is a module with `add_options(parser)` and `run(options) -> int | None`, an exit status.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import NoReturn
+
+from avatarrex.errors import InputError
+
+PROGRAM = "python -m avatarrex.measure"
+TOOLS = {
+    "bench": ("bench.command", "run time against error, stage by stage (docs/bench.md)"),
+    "ablation": ("ablation.command", "what feature patches, pass II, sampling … are worth, trained for real (docs/ablations.md)"),
+    "stress": ("stress.command", "hostile inputs through every stage (docs/stress.md)"),
+    "accuracy": ("studies.accuracy", "how near an avatar is to the subject that it was fitted to"),
+    "oracle": ("studies.oracle", "errors of every level against the exact frame; polish, seams, flicker"),
+    "bent-joints": ("studies.bent_joints", "whether sharply bent joints have holes"),
+    "drag": ("studies.drag", "voxels and tolerance of a dragged limb: error against time"),
+    "local-frames": ("studies.local_frames", "error and cost of every local frame"),
+    "loops": ("studies.loops", "compiled loops of the body's colour beside torch"),
+    "memory": ("studies.memory", "memory and OpenGL objects over many frames"),
+}  # fmt: skip
+"""Module of each tool, and what it measures."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Refuses wrong words in one line."""
+
+    program = PROGRAM
+
+    def error(self, message: str) -> NoReturn:
+        """Exit status 2."""
+        self.exit(2, f"{self.program}: error: {message.splitlines()[0]}\n")
+
+
+def run(words: Sequence[str], program: str = PROGRAM) -> int:
+    """Run the tool that the first word names; `bench ablation` is `ablation`, too. Raises `InputError` for wrong options."""
+    spelled = 2 if list(words[:2]) == ["bench", "ablation"] else 1
+    name = "".join(words[spelled - 1 : spelled])
+    if name not in TOOLS:
+        raise InputError("measure", "", ", ".join(TOOLS), name or "nothing")
+    tool = import_module(f"avatarrex.measure.{TOOLS[name][0]}")
+    parser = Parser(
+        " ".join([program, *words[:spelled]]), description=tool.__doc__, allow_abbrev=False,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    parser.program = program
+    tool.add_options(parser)
+    return tool.run(parser.parse_args(words[spelled:])) or 0
+
+
+def main(words: Sequence[str]) -> int:
+    """Run a tool; wrong input is one line and status 2, Ctrl+C status 130."""
+    if not words or words[0] in ("-h", "--help"):
+        print(f"usage: {PROGRAM} NAME …\n", *(f"  {name:14}{what}" for name, (_, what) in TOOLS.items()), sep="\n")
+        return 0
+    try:
+        return run(words)
+    except InputError as error:
+        print(f"{PROGRAM}: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,80 @@
+"""Run time against error, here and now: stages of measurement as a table, JSON, plots, and a gate (docs/bench.md)."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+from avatarrex.errors import InputError
+from avatarrex.files.gate import check_writable, what_is, write_text
+from avatarrex.measure.bench.stages import STAGES, chosen, measure
+from avatarrex.measure.plotting import require_matplotlib
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What to measure, of what, and where to."""
+    add, file = parser.add_argument, "FILE.json"
+    add("stages", nargs="*", metavar="stage", help=", ".join(STAGES) + " (all); or `bench ablation CAPTURE --out DIR`")
+    add("--quick", action="store_true", help="two minutes in place of ten")
+    add("--avatar", default="default", metavar="A", help="name, folder or .avatar file")
+    add("--device", default="cpu", metavar="D", help="where the networks of frames run: cpu, cuda, mps, xpu … (cpu)")
+    add("--capture", metavar="C", help="what `training` steps on; a small one is drawn unless given")
+    add("--json", metavar=file, help="every figure")
+    add("--plot", metavar="DIR", help="PNG plots of time against error; needs matplotlib")
+    add("--record", nargs="?", const="", metavar=file, help="write the baseline of this class of machine")
+    add("--gate", nargs="?", const="", metavar=file, help="exit status 1 where something is worse than the baseline")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure, print, write what the options say; 1 where the gate fails. Raises `InputError` before any work."""
+    stages = chosen(options.stages)
+    _check(options)
+    from avatarrex.fields.placement import device_named  # torch: wrong words are refused before it is loaded
+    from avatarrex.measure.bench import gate, plots
+    from avatarrex.measure.bench.report import Report
+    from avatarrex.measure.bench.session import Bench
+
+    capture = Path(options.capture) if options.capture else None
+    device = str(device_named(options.device))
+    bench = Bench(quick=options.quick, source=options.avatar, capture=capture, device=device)
+    if options.gate is not None:  # a baseline that is missing is reported now, not in ten minutes
+        empty = Report.of([], {}, options.quick, device)
+        path = Path(options.gate or gate.baseline_path(empty))
+        baseline = gate.read_baseline(path, empty)
+    metrics = []
+    for name in stages:
+        began = time.monotonic()
+        metrics += measure(name, bench)
+        print(f"{name}: {STAGES[name]}, {time.monotonic() - began:.0f} s", file=sys.stderr)
+    report = Report.of(metrics, bench.absent, options.quick, device)
+    print(report.table())
+    written = [Path(options.json)] if options.json else []
+    if options.record is not None:
+        written.append(Path(options.record or gate.baseline_path(report)))
+    for out in written:
+        write_text(out, json.dumps(report.to_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+        print(out)
+    for out in plots.plot(metrics, Path(options.plot)) if options.plot else ():
+        print(out)
+    if options.gate is None:
+        return 0
+    verdicts = gate.compare(report, baseline, stages)
+    print(gate.table(verdicts, path))
+    return 0 if all(verdict.passed for verdict in verdicts) else 1
+
+
+def _check(options: argparse.Namespace) -> None:
+    """What would otherwise be noticed after the measurement."""
+    for path in filter(None, (options.json, options.record)):
+        check_writable(path)
+    if options.plot:
+        require_matplotlib()
+        if what_is(options.plot) not in ("a folder", "nothing there"):
+            raise InputError("--plot", "", "a folder", what_is(options.plot))
+    if options.json == "":
+        raise InputError("--json", "", "a file", "nothing")
+    if options.capture is not None and what_is(options.capture) not in ("a file", "a folder"):
+        raise InputError(options.capture or "--capture", "", "a capture's folder or .zip", what_is(options.capture))
