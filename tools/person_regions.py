@@ -18,31 +18,23 @@ PAINTED = {
     "lips": "lips", "fingernails": "fingernails", "toenails": "toenails", "eyelids": "eyelids", "ears": "ears",
     "face": "face", "mouth_inside": "inside-mouth", "areolae": "aureolae",
 }  # fmt: skip
-REACH = 3
+MASK_TEXELS = 3
 """Texels: nails are as small as the mesh's triangles, so a vertex takes the brightest texel this near."""
 BROW = (0.020, 0.0045, 0.021, 0.005)
 """Metres: height above the eye's centre, half thickness, half length, and how much the ends sink."""
 HAIR_LINE = (
-    (-0.12, -0.075),
-    (-0.06, -0.060),
-    (-0.035, -0.02),
-    (-0.012, 0.0),
-    (0.012, 0.012),
-    (0.03, 0.045),
-    (0.05, 0.062),
+    (-0.12, -0.075), (-0.06, -0.060), (-0.035, -0.02), (-0.012, 0.0), (0.012, 0.012), (0.03, 0.045), (0.05, 0.062),
     (0.11, 0.068),
-)
+)  # fmt: skip
 """Where hair begins: (z − z of the head joint, y − y of the eyes), from the nape over the temples to the forehead."""
 SOFT = 0.004
 """Metres over which brows and scalp fade."""
 
 
 def region_masks(
-    folder: Path, vt: np.ndarray, f: np.ndarray, ft: np.ndarray, skin: np.ndarray, v_template: np.ndarray, joints: dict
+    folder: Path, place: np.ndarray, skin: np.ndarray, v_template: np.ndarray, joints: dict[str, np.ndarray]
 ) -> tuple[np.ndarray, list[str]]:
-    """The masks (v, m) and their names; zero off the `skin` (v,) bool."""
-    place = np.zeros((len(v_template), 2))
-    place[f.ravel()] = vt[ft.ravel()]
+    """The masks (v, m) and their names, from texture coordinates `place` (v, 2); zero off the `skin` (v,) bool."""
     painted = [read_mask(folder / f"mpfb_{name}.jpg", place) for name in PAINTED.values()]
     masks = np.stack([*painted, brows(v_template, joints), scalp(v_template, joints)], 1)
     masks[:, -1] *= 1 - masks[:, list(PAINTED).index("ears")]
@@ -52,7 +44,7 @@ def region_masks(
 
 def read_mask(path: Path, place: np.ndarray) -> np.ndarray:
     """A grey image, 0 to 1, at texture coordinates (v, 2), v up."""
-    image = maximum_filter(np.asarray(Image.open(path).convert("L")), 2 * REACH + 1) / 255.0
+    image = maximum_filter(np.asarray(Image.open(path).convert("L")), 2 * MASK_TEXELS + 1) / 255.0
     height, width = image.shape
     column = np.clip((place[:, 0] * width).astype(int), 0, width - 1)
     row = np.clip(((1 - place[:, 1]) * height).astype(int), 0, height - 1)

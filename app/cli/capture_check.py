@@ -84,7 +84,7 @@ def _ranges(numbers: tuple[int, ...]) -> str:
 
 def _write(capture: Capture, report: CaptureReport, count: int, out: Path) -> Iterator[Path]:
     for name in (rig.rig for rig in report.rigs):
-        sheet = contact_sheet(capture, name, compared_frames(capture.rigs[name], count))
+        sheet = contact_sheet(capture, name, compared_frames(capture.rigs[name].frames, count))
         opaque = np.dstack([sheet, np.full(sheet.shape[:2], 255, np.uint8)])
         write_png(out / f"{name}.png", opaque)
         yield out / f"{name}.png"

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from avatarrex_studio.cli.job import Job
 from avatarrex_studio.engine.engine import Engine
-from avatarrex_studio.session.framing import backed_off, framed
+from avatarrex_studio.engine.framing import backed_off, framed
 from avatarrex_studio.session.state import StudioState
 from torch import Tensor
 from tqdm import tqdm

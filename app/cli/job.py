@@ -8,7 +8,6 @@ from pathlib import Path
 
 from avatarrex_studio.session.commands import Command
 from avatarrex_studio.session.motion import Motion
-from avatarrex_studio.session.rules import apply
 from avatarrex_studio.session.state import StudioState
 
 from avatarrex.signals.driving import Signals
@@ -50,10 +49,10 @@ class Job:
         for number in self.frames:
             state = self.start
             if self.motion:
-                state = apply(state, self.motion.loaded(state.signals))
-                state = apply(state, self.motion.at(number, state.signals))
+                state = self.motion.loaded(state.signals).apply(state)
+                state = self.motion.at(number, state.signals).apply(state)
             for command in self.edits:
-                state = apply(state, command)
+                state = command.apply(state)
             yield number, state
 
     def image_path(self, number: int) -> Path:

@@ -12,7 +12,6 @@ from avatarrex_studio.cli.job import DEFAULT_SIZE, Job
 from avatarrex_studio.cli.output import name_files, output_file
 from avatarrex_studio.session.commands import SetBackground, SetCamera
 from avatarrex_studio.session.motion import Motion
-from avatarrex_studio.session.rules import apply
 from avatarrex_studio.session.state import LEVELS, Colour, StudioState
 
 from avatarrex.capture.readers import choice
@@ -83,7 +82,7 @@ def read_job(arguments: Namespace) -> Job:
     check_writable(out / "frame_000000.png" if kind == "folder" else out)
     level = options.one_of("--level", arguments.level, LEVELS)
     state = StudioState(avatar=arguments.avatar, limit_joints=False, level=level)
-    state = apply(apply(state, view), SetBackground(background))
+    state = SetBackground(background).apply(view.apply(state))
     framing = FRAMING[view.target is None, view.distance is None]
     job = Job(out, kind, state, motion, frames, commands, size, aovs, stats, _detail(arguments.detail_from), framing)
     next(job.states())  # an edit that cannot be applied is refused now

@@ -10,11 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
-from avatarrex_studio.engine.resolution import Motion
+from avatarrex_studio.engine.resolution import Activity
 
-ORDER = ("fast", "balanced", "fine", "quality")
+from avatarrex.levels import LEVELS
+
+ORDER = tuple(name for name in LEVELS if name != "paper")
 """From the quickest to the most exact; `paper` is slower and less exact than all of them."""
-BUDGET = {Motion.MOVING: 100.0, Motion.STILL: 500.0, Motion.FULL: 2000.0}
+PICTURE_MS = {Activity.MOVING: 100.0, Activity.STILL: 500.0, Activity.FULL: 2000.0}
 """Milliseconds that a picture may take: of a drag, when the hand stops, and of the one that stays."""
 SHARE = 0.3
 """Weight of the newest picture in the average."""
@@ -74,12 +76,12 @@ class AutoLevel:
         known = self._costs.get((level, change))
         return known.of(pixels) if known else None
 
-    def choose(self, current: str, change: Change, motion: Motion, pixels: int) -> str:
+    def choose(self, current: str, change: Change, motion: Activity, pixels: int) -> str:
         """The level of the next picture of `pixels`, after one at `current`."""
         if current not in ORDER:
             current = ORDER[0]
-        rank, budget = ORDER.index(current), BUDGET[motion]
-        if motion is Motion.MOVING:
+        rank, budget = ORDER.index(current), PICTURE_MS[motion]
+        if motion is Activity.MOVING:
             for name in reversed(ORDER[: rank + 1]):
                 cost = self.cost(name, change, pixels)
                 if cost is None or cost <= budget:
@@ -90,5 +92,5 @@ class AutoLevel:
             if cost is not None and cost <= budget:
                 return name
         above = ORDER[rank + 1 : rank + 2]
-        untried = motion is Motion.FULL and above and self.cost(above[0], Change.LEVEL, pixels) is None
+        untried = motion is Activity.FULL and above and self.cost(above[0], Change.LEVEL, pixels) is None
         return above[0] if untried else current

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from avatarrex_studio.engine.auto_level import ORDER
-from avatarrex_studio.session.framing import Outline
+from avatarrex_studio.engine.framing import Outline
 from avatarrex_studio.session.state import AUTO, StudioState
 
 from avatarrex import levels
@@ -39,7 +39,7 @@ class Shot:
 class Engine:
     """Renders states. `avatar` is a loaded one; without it each state's own is read by name or path.
 
-    `settings` says how rays are cast and whose patches are decoded; the rest comes from each state's level. Networks of
+    `settings` says how rays are cast and which pose's patches are decoded; the rest comes from each state's level. Networks of
     avatars that it reads run on `device`.
     """
 

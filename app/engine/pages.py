@@ -1,6 +1,6 @@
 """Memory that a frame has freed stays with the program for the next one.
 
-The C library gives large arrays back to the system at once and asks for fresh pages for the next: a frame's arrays are the
+The C library gives large arrays back to the system at once and gets fresh pages for the next: a frame's arrays are the
 same ones again, and faulting their pages in takes a tenth to a fifth of shading.
 """
 
@@ -15,7 +15,7 @@ LARGE, LARGEST_ONCE = 1 << 30, 1 << 25
 
 
 def keep_pages() -> bool:
-    """Ask the C library for it; False where it does not know."""
+    """Set the C library so; False where it cannot be set."""
     try:
         mallopt = ctypes.CDLL(None).mallopt
     except (OSError, AttributeError, TypeError):  # musl, macOS; Windows

@@ -18,7 +18,7 @@ FLOOR = 128
 """Pixels of the smaller side below which a face is no longer one."""
 
 
-class Motion(Enum):
+class Activity(Enum):
     """What the user is doing."""
 
     MOVING = "moving"
@@ -26,7 +26,7 @@ class Motion(Enum):
     FULL = "full"
 
 
-BUDGET = {Motion.MOVING: 1 / 12, Motion.STILL: 0.3}
+PIXEL_SECONDS = {Activity.MOVING: 1 / 12, Activity.STILL: 0.3}
 """Seconds that the pixels of a frame may take."""
 
 
@@ -34,7 +34,7 @@ BUDGET = {Motion.MOVING: 1 / 12, Motion.STILL: 0.3}
 class Resolution:
     """Chooses the raster of each frame from what the last ones cost."""
 
-    state: Motion = Motion.FULL
+    state: Activity = Activity.FULL
     seconds_per_pixel: float = 1e-6
     """Of the level in use."""
     _level: str = ""
@@ -47,40 +47,40 @@ class Resolution:
         self._others[self._level] = self.seconds_per_pixel
         self._level, self.seconds_per_pixel = level, self._others.get(level, self.seconds_per_pixel)
 
-    def tick(self, now: float, changed: bool) -> Motion:
+    def tick(self, now: float, changed: bool) -> Activity:
         """The state at `now`, given whether the picture's inputs changed since the last tick."""
         if changed:
             self._changed_at = now
-            self.state = Motion.MOVING
+            self.state = Activity.MOVING
         elif now - self._changed_at >= FULL_AFTER:
-            self.state = Motion.FULL
-        elif self.state is Motion.MOVING:
-            self.state = Motion.STILL
+            self.state = Activity.FULL
+        elif self.state is Activity.MOVING:
+            self.state = Activity.STILL
         return self.state
 
     def wait(self, now: float) -> float | None:
         """Seconds until the state will change by itself; None at rest."""
-        return None if self.state is Motion.FULL else max(FULL_AFTER - (now - self._changed_at), 0.0)
+        return None if self.state is Activity.FULL else max(FULL_AFTER - (now - self._changed_at), 0.0)
 
     def measured(self, now: float, pixels: int, seconds: float) -> None:
         """What the pixel-dependent stages of a frame cost, smoothed since one frame is a noisy measure.
 
         The rest begins at `now`, when the frame is there to be seen: a slow frame must not count as rest.
         """
-        if self.state is Motion.MOVING:
+        if self.state is Activity.MOVING:
             self._changed_at = now
         if pixels and seconds > 0:
             self.seconds_per_pixel = 0.5 * self.seconds_per_pixel + 0.5 * seconds / pixels
 
     def size(self, full: tuple[int, int]) -> tuple[int, int]:
         """Width and height for a view whose full raster is `full`; even, never larger than `full`."""
-        if self.state is Motion.FULL:
+        if self.state is Activity.FULL:
             return full
         width, height = full
-        affordable = BUDGET[self.state] / self.seconds_per_pixel
+        affordable = PIXEL_SECONDS[self.state] / self.seconds_per_pixel
         lowest = min(FLOOR / min(full), 1.0)
         wanted = min(max(math.sqrt(affordable / (width * height)), lowest), 1.0)
-        if self.state is Motion.STILL:
+        if self.state is Activity.STILL:
             return _scaled(full, max(wanted, self._scale))
         if not (1 - HYSTERESIS) * self._scale <= wanted <= (1 + HYSTERESIS) * self._scale:
             self._scale = wanted

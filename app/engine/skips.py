@@ -1,4 +1,4 @@
-"""What a picture did not need, and why: a counter that reads zero, and the key of avatarrex/pipeline.py that held.
+"""What a picture did not need, and why: a counter that reads zero, and the pipeline's stage that did not run.
 
 The pipeline does a work whenever its key changes and the part is drawn, but for what a drag hardly moves at `fast`; so the
 counters, the hidden parts and whether the picture lags tell the reason.
@@ -32,13 +32,13 @@ def _reason(name: str, work: Work) -> str:
     if name in ("face", "U-Nets") and (absent := _absence("face", work)):
         return f"face {absent}: no box"
     cast, shaded = work.counters["rays"], work.counters["pixels_shaded"]
-    if work.lags and name in _HARDLY and (name == "body" or cast):
-        return _HARDLY[name]
+    if work.lags and name in _WITHIN_TOLERANCE and (name == "body" or cast):
+        return _WITHIN_TOLERANCE[name]
     if name == "colour" and cast:
         return "no pixel is covered"
     if name == "patches" and cast and not work.counters["body_pixels"]:
         return "no pixel of the body in view" if shaded else "no pixel is covered"
-    return _HELD[name]
+    return _UNCHANGED[name]
 
 
 def _absent_hands(work: Work) -> str:
@@ -55,7 +55,7 @@ def _absence(part: str, work: Work) -> str:
     return "hidden" if part in work.hidden else "out of sight" if part in work.unseen else ""
 
 
-_HELD = {
+_UNCHANGED = {
     "templates": "poses and shape unchanged: meshes kept",
     "body": "body pose unchanged: body voxels kept",
     "hands": "hand poses unchanged: boxes kept",
@@ -66,7 +66,7 @@ _HELD = {
     "colour": "point map unchanged: colours kept",
 }
 
-_HARDLY = {
+_WITHIN_TOLERANCE = {
     "body": "moved by less than a millimetre: body voxels kept",
     "patches": "hardly another pose here: feature patches kept",
     "colour": "nothing in sight moved: colours kept",

@@ -11,9 +11,9 @@ from avatarrex_studio.session.state import StudioState
 from jaxtyping import Float32
 from torch import Tensor
 
-SECONDS = 0.15
+STRIP_SECONDS = 0.15
 """What one strip may take: the interface answers in between."""
-MARGIN = 1
+OVERLAP_ROWS = 1
 """Rows rendered beyond a strip on each side: antialiasing looks at the neighbours."""
 
 
@@ -29,12 +29,12 @@ class Strips:
         seconds_per_pixel: float,
         dragged: bool = False,
     ) -> None:
-        """`draft`, an image of any raster, is shown enlarged where no strip has come yet. `dragged`: see `Engine.render`."""
+        """`draft`, an image of any raster, is shown enlarged where no strip is rendered yet. `dragged`: see `Engine.render`."""
         self.engine, self.state, self.size, self.dragged = engine, state, size, dragged
         width, height = size
         enlarged = torch.nn.functional.interpolate(draft.permute(2, 0, 1)[None], (height, width), mode="bilinear")
         self.image = enlarged[0].permute(1, 2, 0).contiguous()
-        self.rows = max(8, int(SECONDS / (seconds_per_pixel * width)))
+        self.rows = max(8, int(STRIP_SECONDS / (seconds_per_pixel * width)))
         self.done = 0
 
     @property
@@ -43,9 +43,9 @@ class Strips:
         return self.done >= self.size[1]
 
     def step(self) -> Shot:
-        """Render the next strip into `image`; the shot holds that strip alone."""
+        """Render the next strip into `image`; the shot contains that strip alone."""
         first, last = self.done, min(self.done + self.rows, self.size[1])
-        low, high = max(first - MARGIN, 0), min(last + MARGIN, self.size[1])
+        low, high = max(first - OVERLAP_ROWS, 0), min(last + OVERLAP_ROWS, self.size[1])
         shot = self.engine.render(self.state, self.size, (low, high), self.dragged)
         if shot.frame is not None and shot.error is None:
             self.image[first:last] = shot.frame.image[first - low : last - low]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from avatarrex.levels import LEVELS
 from avatarrex.pipeline import Frame
@@ -23,7 +23,7 @@ class Work:
     hidden: frozenset[str]
     """Parts that were not drawn with their own fields."""
     unseen: frozenset[str] = frozenset()
-    """Parts that are drawn, but were not built: off screen, or behind the body."""
+    """Parts that are drawn, but were not built: off screen, or occluded by the body."""
     lags: bool = False
     """Whether what a drag hardly moved was kept from the picture before."""
     rough: bool = False
@@ -42,4 +42,4 @@ class Work:
         ms = {name: value + frame.ms[name] for name, value in self.ms.items()}
         counters = {name: count + frame.counters[name] for name, count in self.counters.items()}
         unseen = self.unseen - frozenset(frame.volume.parts)
-        return Work(ms, counters, frame.notes, self.device, self.level, self.hidden, unseen, self.lags, self.rough)
+        return replace(self, ms=ms, counters=counters, notes=frame.notes, unseen=unseen)

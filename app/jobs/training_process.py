@@ -20,10 +20,21 @@ from avatarrex.training.runs.control import request
 
 log = logging.getLogger(__name__)
 COMMAND = (sys.executable, "-c", "from avatarrex_studio.cli.main import main; raise SystemExit(main())")
-PRESETS = ("quick", "smoke", "paper")
 PARTS = ("face", "body")
 PATIENCE = 60.0
-"""Seconds that a training has to end after `stop`; then it gets the signal of Ctrl+C."""
+"""Seconds that a training has to end by itself; then it gets the signal of Ctrl+C."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """A training to start."""
+
+    capture: str
+    """A folder or zip."""
+    recipe: str
+    """One of `RECIPES`."""
+    out: Path
+    parts: Sequence[str] = PARTS
 
 
 @dataclass
@@ -45,20 +56,18 @@ class TrainingProcesses:
         self.message = ""
         """The last thing to tell: a start, an end, an error."""
 
-    def start(
-        self, capture: str, recipe: str, out: str | Path, parts: Sequence[str] = PARTS, resume: bool = False
-    ) -> None:
-        """Start `train CAPTURE --recipe R --out OUT`. Raises `InputError` for what can be seen to be wrong before."""
-        out = Path(out).absolute()
-        if not capture.strip():
+    def start(self, order: Order, resume: bool = False) -> None:
+        """Start what `train` starts with that order. Raises `InputError` for what can be seen to be wrong before."""
+        capture, out = order.capture.strip(), Path(order.out).absolute()
+        if not capture:
             raise InputError("capture", "", "a capture folder or zip", "nothing")
-        if not parts:
+        if not order.parts:
             raise InputError("parts", "", " or ".join(PARTS), "none")
         if out in self._children:
             raise InputError(out, "", "a run that is not at work", "a training that was started here")
         if not resume and (out / "run.json").exists():
             raise InputError(out, "", "a folder without a run (resume it instead)", "run.json")
-        words = ["train", capture.strip(), "--recipe", recipe, "--out", str(out), "--parts", ",".join(parts)]
+        words = ["train", capture, "--recipe", order.recipe, "--out", str(out), "--parts", ",".join(order.parts)]
         words += [] if self._device == "cpu" else ["--device", self._device]
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -72,16 +81,8 @@ class TrainingProcesses:
         self._children[out] = _Child(process)
         self.message = f"{out.name}: training started"
 
-    def pause(self, out: Path) -> None:
-        """Ask a run, whoever started it, to wait after its step."""
-        request(out, "pause")
-
-    def go_on(self, out: Path) -> None:
-        """Ask a paused run to go on."""
-        request(out, "run")
-
     def stop(self, out: Path) -> None:
-        """Ask a run to save and end; one that was started here gets the signal of Ctrl+C where it does not."""
+        """A run saves and ends; one that was started here gets the signal of Ctrl+C where it does not."""
         request(out, "stop")
         child = self._children.get(Path(out).absolute())
         if child is not None:
@@ -92,7 +93,7 @@ class TrainingProcesses:
         return Path(out).absolute() in self._children
 
     def poll(self) -> None:
-        """See which have ended, and send the signal to those that should have."""
+        """See which have ended, and interrupt those that do not stop."""
         for out, child in list(self._children.items()):
             code = child.process.poll()
             if code is None:

@@ -14,14 +14,14 @@ from jaxtyping import UInt8
 from PIL import Image
 
 log = logging.getLogger(__name__)
-SECONDS = 0.5
+POLL_SECONDS = 0.5
 """Between two looks."""
 PICTURES = 48
 """Decoded pictures that are kept."""
 
 
 class Watcher(threading.Thread):
-    """Reads the runs below a folder, and pictures that are asked for, until closed."""
+    """Reads the runs below a folder, and pictures on request, until closed."""
 
     def __init__(self, folder: str | Path) -> None:
         super().__init__(name="watcher", daemon=True)
@@ -30,7 +30,7 @@ class Watcher(threading.Thread):
         """The runs as they were last read; replaced, never changed."""
         self._wake, self._closed = threading.Event(), False
         self._pictures: OrderedDict[tuple[Path, int], UInt8[np.ndarray, "h w 3"] | None] = OrderedDict()
-        self._asked: list[tuple[Path, int]] = []
+        self._requested: list[tuple[Path, int]] = []
 
     def run(self) -> None:
         """Read until closed."""
@@ -40,13 +40,13 @@ class Watcher(threading.Thread):
                 runs = Runs(self.folder)
             waiting = runs.poll()
             self.views = runs.views
-            while self._asked and not self._closed:
-                key = self._asked.pop()
+            while self._requested and not self._closed:
+                key = self._requested.pop()
                 self._pictures[key] = _decoded(key[0])
                 while len(self._pictures) > PICTURES:
                     self._pictures.popitem(last=False)
             if not waiting:
-                self._wake.wait(SECONDS)
+                self._wake.wait(POLL_SECONDS)
             self._wake.clear()
 
     def picture(self, path: Path) -> UInt8[np.ndarray, "h w 3"] | None:
@@ -58,8 +58,8 @@ class Watcher(threading.Thread):
         found = self._pictures.get(key, key)
         if not isinstance(found, tuple):
             return found
-        if key not in self._asked:
-            self._asked.append(key)
+        if key not in self._requested:
+            self._requested.append(key)
             self._wake.set()
         return None
 

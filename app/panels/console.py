@@ -6,7 +6,7 @@ import logging
 import time
 from collections import deque
 
-from avatarrex_studio.panels import theme
+from avatarrex_studio.panels import theme, widgets
 from imgui_bundle import imgui
 
 LINES = 500
@@ -28,11 +28,9 @@ class ConsolePanel(logging.Handler):
         self._count += 1
 
     def draw(self) -> None:
-        """Draw the lines and stay at the end while new ones come."""
+        """Draw the lines and scroll to a new one."""
         for level, line in self.lines:
-            imgui.push_style_color(imgui.Col_.text, theme.vec4(COLOURS.get(level, theme.MUTED)))
-            imgui.text_wrapped(line)
-            imgui.pop_style_color()
+            widgets.paragraph(line, COLOURS.get(level, theme.MUTED))
         if self._shown != self._count:
             imgui.set_scroll_here_y(1.0)
             self._shown = self._count

@@ -1,4 +1,4 @@
-"""Curves of runs: one plot per number or group of numbers, by step or by time, smoothed, with their values at the cursor.
+"""Curves of runs: a plot for each number or group of numbers, by step or by time, smoothed, with their values at the cursor.
 
 Smoothing is the exponential mean of TensorBoard, free of the bias of its start: y_k = Σ s^i x_{k−i} / Σ s^i.
 """
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from avatarrex_studio.panels import theme
+from avatarrex_studio.panels import theme, widgets
 from imgui_bundle import imgui, implot
 from jaxtyping import Float64
 from scipy.signal import lfilter
@@ -30,8 +30,22 @@ class Line:
     """What one curve shows."""
 
     label: str
-    colour: tuple[float, float, float]
+    colour: theme.Rgb
     series: Series
+
+
+@dataclass(frozen=True)
+class Chart:
+    """How one plot is drawn."""
+
+    title: str
+    form: str = "%.4g"
+    log: bool = False
+    """Whether the axis is logarithmic; values ≤ 0 are not on it."""
+    named: bool = False
+    """Whether the lines' names are beside the title, else their last values."""
+    smooth: bool = False
+    """Whether smoothed values are drawn over the values as they were."""
 
 
 class Curves:
@@ -47,7 +61,7 @@ class Curves:
     def options(self) -> None:
         """The row of settings over the plots."""
         imgui.align_text_to_frame_padding()
-        imgui.text_colored(theme.vec4(theme.MUTED), "Smoothing")
+        widgets.caption("Smoothing")
         imgui.same_line()
         imgui.set_next_item_width(110)
         _, self.smoothing = imgui.slider_float("##smoothing", self.smoothing, 0.0, 0.99, "%.2f")
@@ -55,33 +69,27 @@ class Curves:
         _, self.by_time = imgui.checkbox("By time", self.by_time)
         imgui.same_line(0, 14)
         _, self.following = imgui.checkbox("Follow", self.following)
-        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("Axes go along with new values; wheel or drag a plot to look closer")
+        widgets.tooltip("Axes go along with new values; wheel or drag a plot to look closer")
 
-    def plot(
-        self, title: str, lines: Sequence[Line], size: tuple[float, float], log: bool = False, form: str = "%.4g",
-        named: bool = False, smooth: bool = False,
-    ) -> None:  # fmt: skip
-        """A titled plot of `lines` of `size` points, with their names or else their last values beside the title.
-
-        `log`: a logarithmic axis, which values ≤ 0 are not on; `smooth`: smoothed, over the values as they were.
-        """
+    def plot(self, chart: Chart, lines: Sequence[Line], size: tuple[float, float]) -> None:
+        """A titled plot of `lines`, `size` points large."""
         context()
         imgui.begin_group()
-        imgui.text_colored(theme.vec4(theme.TEXT), title)
-        _names(lines, size[0]) if named else _values(lines, form, size[0])
+        widgets.caption(chart.title, theme.TEXT)
+        _names(lines, size[0]) if chart.named else _values(lines, chart.form, size[0])
         flags = implot.Flags_.no_title | implot.Flags_.no_legend | implot.Flags_.no_menus
         flags |= implot.Flags_.no_mouse_text | implot.Flags_.no_box_select
         height = size[1] - imgui.get_text_line_height_with_spacing()
-        if implot.begin_plot(f"##{title}", imgui.ImVec2(size[0], height), flags):
-            self._content(lines, log, form, smooth and self.smoothing > 0)
+        if implot.begin_plot(f"##{chart.title}", (size[0], height), flags):
+            self._content(chart, lines)
             implot.end_plot()
         imgui.end_group()
 
-    def _content(self, lines: Sequence[Line], log: bool, form: str, smooth: bool) -> None:
-        raw = [(line, self._x(line.series), _shown(line.series.values, log)) for line in lines]
-        drawn = [(line, x, self._y(line.series, log)) for line, x, _ in raw] if smooth else raw
-        self._axes([x for _, x, _ in raw], [y for *_, y in (*raw, *drawn)], log)
+    def _content(self, chart: Chart, lines: Sequence[Line]) -> None:
+        smooth = chart.smooth and self.smoothing > 0
+        raw = [(line, self._x(line.series), _shown(line.series.values, chart.log)) for line in lines]
+        drawn = [(line, x, _shown(self._smoothed(line.series), chart.log)) for line, x, _ in raw] if smooth else raw
+        self._axes([x for _, x, _ in raw], [y for *_, y in (*raw, *drawn)], chart.log)
         for line, x, y in raw if smooth else ():
             _draw(f"##raw {line.label}", x, y, (*line.colour, 0.22), 1.0)
         for line, x, y in drawn:
@@ -92,7 +100,7 @@ class Curves:
             self.following = False
         if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
             self.following = True
-        self._tip(drawn, form)
+        self._tip(drawn, chart.form)
 
     def _axes(self, xs: Sequence[np.ndarray], ys: Sequence[np.ndarray], log: bool) -> None:
         """Both axes around all values while they are followed, else where the user left them."""
@@ -113,11 +121,11 @@ class Curves:
         """The values at the cursor."""
         place = implot.get_plot_mouse_pos().x
         imgui.begin_tooltip()
-        imgui.text_colored(theme.vec4(theme.MUTED), f"{place:.1f} min" if self.by_time else f"step {place:,.0f}")
+        widgets.caption(f"{place:.1f} min" if self.by_time else f"step {place:,.0f}")
         for line, x, y in drawn:
             if len(x):
                 nearest = int(np.abs(x - place).argmin())
-                imgui.text_colored(theme.vec4(line.colour), line.label)
+                widgets.caption(line.label, line.colour)
                 imgui.same_line(0, 12)
                 imgui.text(form % y[nearest])
         imgui.end_tooltip()
@@ -125,14 +133,14 @@ class Curves:
     def _x(self, series: Series) -> Float64[np.ndarray, "p"]:
         return (series.times - series.times[:1]) / 60 if self.by_time else series.steps.astype(np.float64)
 
-    def _y(self, series: Series, log: bool) -> Float64[np.ndarray, "p"]:
+    def _smoothed(self, series: Series) -> Float64[np.ndarray, "p"]:
         known, amount, values = self._cache.get(id(series), (None, 0.0, series.values))
         if known is not series or amount != self.smoothing:
             if len(self._cache) > 512:
                 self._cache.clear()
             values = smoothed(series.values, self.smoothing)
             self._cache[id(series)] = series, self.smoothing, values
-        return _shown(values, log)
+        return values
 
 
 def span(values: Sequence[Float64[np.ndarray, "_"]], share: float, log: bool) -> tuple[float, float]:
@@ -233,7 +241,7 @@ def _values(lines: Sequence[Line], form: str, width: float) -> None:
     space = width - title - sum(imgui.calc_text_size(text).x for text, _ in texts) - gap * (len(texts) - 1)
     for text, colour in texts:
         imgui.same_line(0, space)
-        imgui.text_colored(theme.vec4(colour), text)
+        widgets.caption(text, colour)
         space = gap
 
 
@@ -244,6 +252,6 @@ def _names(lines: Sequence[Line], width: float) -> None:
         used += imgui.calc_text_size(line.label).x + 12
         imgui.same_line(0, 12)
         if used > width:
-            imgui.text_colored(theme.vec4(theme.MUTED), "…")
+            widgets.caption("…")
             break
-        imgui.text_colored(theme.vec4(line.colour), line.label)
+        widgets.caption(line.label, line.colour)

@@ -19,14 +19,10 @@ class FileDialogs:
     def __init__(self) -> None:
         self._waiting: dict[str, Callable[[str], None]] = {}
 
-    def open(self, kind: str, title: str, then: Callable[[str], None]) -> None:
-        """Ask for an existing file."""
-        im_file_dialog.FileDialog.instance().open(kind, title, FILTERS[kind])
-        self._waiting[kind] = then
-
-    def save(self, kind: str, title: str, then: Callable[[str], None]) -> None:
-        """Ask for a name to write."""
-        im_file_dialog.FileDialog.instance().save(kind, title, FILTERS[kind])
+    def open(self, kind: str, title: str, then: Callable[[str], None], save: bool = False) -> None:
+        """Choose an existing file, or with `save` a name to write; `then` gets its path."""
+        dialog = im_file_dialog.FileDialog.instance()
+        (dialog.save if save else dialog.open)(kind, title, FILTERS[kind])
         self._waiting[kind] = then
 
     def draw(self) -> None:

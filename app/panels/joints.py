@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.commands import Command, ResetGroup, SetJoint, SetLimits, SetTranslation
-from avatarrex_studio.session.state import StudioState
-from imgui_bundle import icons_fontawesome_6 as icons
+from avatarrex_studio.session.state import StudioState, vector
 from imgui_bundle import imgui
 
 from avatarrex.signals.joints import BODY_GROUPS, FINGERS, JOINT_NAMES
@@ -19,8 +19,12 @@ LABEL = 84.0
 TURN = 180.0
 
 
-class JointsPanel:
-    """Sliders for the joints of `groups`: titles with joint names."""
+class SignalPanel:
+    """Sliders in `groups` (names by title) under a search box; what a row is, subclasses say."""
+
+    hint = "Search joints"
+    spare = 0.0
+    """Points that are left free beside the search box."""
 
     def __init__(self, key: str, groups: dict[str, tuple[str, ...]]) -> None:
         self.key, self.groups = key, groups
@@ -28,81 +32,100 @@ class JointsPanel:
 
     def draw(self, state: StudioState) -> list[Command]:
         """Draw the tab; the commands of this frame."""
-        commands: list[Command] = []
-        width = imgui.get_content_region_avail().x
-        imgui.set_next_item_width(width - 92)
-        _, self.search = imgui.input_text_with_hint(
-            f"##search.{self.key}", f"{icons.ICON_FA_MAGNIFYING_GLASS}  Search joints", self.search
-        )
-        imgui.same_line()
-        toggled, limited = imgui.checkbox(f"Limits##{self.key}", state.limit_joints)
-        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("Keep joints within what a body can do")
-        if toggled:
-            commands.append(SetLimits(limited))
+        self.search = widgets.search(self.key, self.hint, self.search, self.spare)
+        commands = self._options(state)
         words = self.search.lower().split()
-        for title, names in self.groups.items():
-            shown = [
-                name for name in names if all(word in f"{title} {name}".lower().replace("_", " ") for word in words)
-            ]
-            if shown:
-                commands += self._group(state, title, names, shown, bool(words))
+        for group, names in self.groups.items():
+            shown = [name for name in names if all(word in self._text(group, name).lower() for word in words)]
+            if not shown:
+                continue
+            if words:
+                imgui.set_next_item_open(True)
+            changed = [name for name in names if posing.changed(state.signals, name)]
+            is_open, pressed = widgets.group(self._title(group), f"{self.key}.{group}", bool(changed))
+            if pressed:
+                commands += self._reset(group, changed)
+            if is_open:
+                for name in shown:
+                    commands += self._row(state, name, group)
         return commands
 
-    def _group(
-        self, state: StudioState, title: str, names: tuple[str, ...], shown: list[str], searching: bool
-    ) -> list[Command]:
-        commands: list[Command] = []
-        marked = any(posing.changed(state.signals, name) for name in names)
-        if searching:
-            imgui.set_next_item_open(True)
-        is_open, pressed = widgets.group(title.capitalize(), f"{self.key}.{title}", marked)
-        if pressed:
-            commands += [ResetGroup(name) for name in names if posing.changed(state.signals, name)]
-        if is_open:
-            for name in shown:
-                commands += translation_row(state) if name == "translation" else joint_row(state, name, title)
-        return commands
+    def _options(self, state: StudioState) -> list[Command]:
+        """What is beside the search box."""
+        return []
+
+    def _title(self, group: str) -> str:
+        return group.capitalize()
+
+    def _text(self, group: str, name: str) -> str:
+        """What a search looks in."""
+        return f"{group} {name}".replace("_", " ")
+
+    def _reset(self, group: str, changed: list[str]) -> list[Command]:
+        return [ResetGroup(name) for name in changed]
+
+    def _row(self, state: StudioState, name: str, group: str) -> list[Command]:
+        return joint_row(state, name, group)
+
+
+class JointsPanel(SignalPanel):
+    """Joints and the place, within their limits unless told."""
+
+    spare = 92.0
+
+    def _options(self, state: StudioState) -> list[Command]:
+        imgui.same_line()
+        toggled, limited = imgui.checkbox(f"Limits##{self.key}", state.limit_joints)
+        widgets.tooltip("Keep joints within what a body can do")
+        return [SetLimits(limited)] if toggled else []
+
+    def _row(self, state: StudioState, name: str, group: str) -> list[Command]:
+        return translation_row(state) if name == "translation" else joint_row(state, name, group)
 
 
 def joint_row(state: StudioState, name: str, group: str) -> list[Command]:
     """One joint: label and three sliders, ids `##joint.x` and so on."""
     rotation = posing.joint(state.signals, name)
-    limits = np.degrees(LIMITS[JOINT_NAMES.index(name)]) if state.limit_joints and name != "pelvis" else None
-    widgets.label(_title(name, group), any(rotation), LABEL)
-    width = _third()
-    commands: list[Command] = []
-    for axis, letter in enumerate("xyz"):
-        low, high = limits[axis] if limits is not None else (-TURN, TURN)
-        if axis:
-            imgui.same_line(0, 4)
-        imgui.begin_disabled(bool(low == high))
-        tip = f"{name} {letter}: {low:.0f}° to {high:.0f}°"
-        new = widgets.slider(f"{name}.{letter}", math.degrees(rotation[axis]), low, high, "%.0f°", width, tip=tip)
-        imgui.end_disabled()
-        widgets.axis_mark(axis)
-        if new is not None:
-            x, y, z = (math.radians(new) if axis == other else value for other, value in enumerate(rotation))
-            commands.append(SetJoint(name, (x, y, z)))
-    return commands
+    limited = state.limit_joints and name != "pelvis"
+    bounds = np.degrees(LIMITS[JOINT_NAMES.index(name)]) if limited else np.tile([-TURN, TURN], (3, 1))
+    degrees = tuple(map(math.degrees, rotation))
+    moved = _vector_row(_joint_title(name, group), name, degrees, [(low, high) for low, high in bounds], "%.0f°")
+    if moved is None:
+        return []
+    turned = np.array(rotation)
+    turned[moved[0]] = math.radians(moved[1])
+    return [SetJoint(name, vector(turned))]
 
 
 def translation_row(state: StudioState) -> list[Command]:
     """The root's place, metres."""
-    place = state.signals.translation
-    widgets.label("Place", bool(place.any()), LABEL)
-    width = _third()
-    commands: list[Command] = []
+    place = state.signals.translation.copy()
+    moved = _vector_row("Place", "translation", vector(place), [(-3.0, 3.0)] * 3, "%.2f m")
+    if moved is None:
+        return []
+    place[moved[0]] = moved[1]
+    return [SetTranslation(vector(place))]
+
+
+def _vector_row(
+    title: str, name: str, values: tuple[float, ...], bounds: Sequence[tuple[float, float]], form: str
+) -> tuple[int, float] | None:
+    """A label and three sliders, x y z; the axis that was moved and its value."""
+    widgets.label(title, any(values), LABEL)
+    width = max((widgets.room() - 8) / 3, 40)
+    moved = None
     for axis, letter in enumerate("xyz"):
+        low, high = bounds[axis]
         if axis:
             imgui.same_line(0, 4)
-        new = widgets.slider(f"translation.{letter}", float(place[axis]), -3, 3, "%.2f m", width)
+        imgui.begin_disabled(bool(low == high))
+        new = widgets.slider(f"{name}.{letter}", values[axis], (low, high), form, width)
+        imgui.end_disabled()
+        widgets.tooltip(f"{name} {letter}: {form % low} to {form % high}")
         widgets.axis_mark(axis)
         if new is not None:
-            moved = place.copy()
-            moved[axis] = new
-            commands.append(SetTranslation((float(moved[0]), float(moved[1]), float(moved[2]))))
-    return commands
+            moved = axis, new
+    return moved
 
 
 def body_panel() -> JointsPanel:
@@ -117,18 +140,14 @@ def hand_panel(side: str) -> JointsPanel:
     return JointsPanel(side, {finger: tuple(f"{side}_{finger}{k}" for k in (1, 2, 3)) for finger in order})
 
 
-def _third() -> float:
-    return max((imgui.get_content_region_avail().x - 8) / 3, 40)
-
-
 _KNUCKLES = {"1": "Knuckle", "2": "Middle", "3": "Tip"}
 _THUMB = {"1": "Base", "2": "Middle", "3": "Tip"}
 
 
-def _title(name: str, group: str) -> str:
+def _joint_title(name: str, group: str) -> str:
     if name == "pelvis":
         return "Turn"
     if group in FINGERS:
         return (_THUMB if group == "thumb" else _KNUCKLES)[name[-1]]
-    side, _, rest = name.partition("_")
-    return (rest if side in group and rest else name).replace("_", " ").capitalize()
+    side, _, joint = name.partition("_")
+    return (joint if side in group and joint else name).replace("_", " ").capitalize()

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from avatarrex_studio.panels import keys
 from avatarrex_studio.session.actions import Action, menu
-from avatarrex_studio.window.studio import Studio
+from avatarrex_studio.session.journal import Journal
 from imgui_bundle import imgui
 
 MENUS = ("File", "Edit", "Pose", "View", "Motion", "Help")
 
 
-def draw(studio: Studio) -> Action | None:
+def draw(journal: Journal) -> Action | None:
     """Draw the menus; the action that was chosen."""
     chosen = None
     for title in MENUS:
@@ -18,7 +17,7 @@ def draw(studio: Studio) -> Action | None:
             for entry in menu(title):
                 if entry.separator:
                     imgui.separator()
-                if imgui.menu_item(entry.title, keys.shown(entry.shortcut), False, entry.enabled(studio))[0]:
+                if imgui.menu_item(entry.title, entry.shortcut, False, entry.enabled(journal))[0]:
                     chosen = entry
             imgui.end_menu()
     return chosen

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from avatarrex_studio.panels import keys, theme
+from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.session.actions import ACTIONS, Action, find
-from avatarrex_studio.window.studio import Studio
+from avatarrex_studio.session.journal import Journal
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
@@ -31,7 +31,7 @@ class Palette:
         """Show the shortcuts at the next frame."""
         self._open_sheet = True
 
-    def draw(self, studio: Studio) -> Action | None:
+    def draw(self, journal: Journal) -> Action | None:
         """Draw what is open; the action that was chosen."""
         self._sheet()
         if self._open_palette:
@@ -39,18 +39,17 @@ class Palette:
             self._open_palette = False
         screen = imgui.get_main_viewport()
         width = min(520.0, screen.size.x - 40)
-        place = imgui.ImVec2(screen.pos.x + (screen.size.x - width) / 2, screen.pos.y + 0.16 * screen.size.y)
-        imgui.set_next_window_pos(place)
-        imgui.set_next_window_size(imgui.ImVec2(width, 0))
+        imgui.set_next_window_pos((screen.pos.x + (screen.size.x - width) / 2, screen.pos.y + 0.16 * screen.size.y))
+        imgui.set_next_window_size((width, 0))
         if not imgui.begin_popup("palette"):
             return None
-        chosen = self._content(studio)
+        chosen = self._content(journal)
         if chosen:
             imgui.close_current_popup()
         imgui.end_popup()
         return chosen
 
-    def _content(self, studio: Studio) -> Action | None:
+    def _content(self, journal: Journal) -> Action | None:
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
@@ -58,21 +57,20 @@ class Palette:
         entered, self.text = imgui.input_text_with_hint(
             "##palette", "Type a command", self.text, imgui.InputTextFlags_.enter_returns_true
         )
-        found = [entry for entry in find(self.text) if entry.enabled(studio)]
+        found = [entry for entry in find(self.text) if entry.enabled(journal)]
         step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
         self.chosen = min(max(self.chosen + step, 0), len(found) - 1) if before == self.text else 0
         first = max(0, min(self.chosen - ROWS // 2, len(found) - ROWS))
         picked = None
-        right = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
+        right = imgui.get_cursor_pos_x() + widgets.room()
         for number, entry in list(enumerate(found))[first : first + ROWS]:
             if imgui.selectable(f"{entry.title}##{entry.id}", number == self.chosen)[0]:
                 picked = entry
             if entry.shortcut:
-                text = keys.shown(entry.shortcut)
-                imgui.same_line(right - imgui.calc_text_size(text).x)
-                imgui.text_colored(theme.vec4(theme.MUTED), text)
+                imgui.same_line(right - imgui.calc_text_size(entry.shortcut).x)
+                widgets.caption(entry.shortcut)
         if not found:
-            imgui.text_colored(theme.vec4(theme.MUTED), "Nothing by that name")
+            widgets.caption("Nothing by that name")
         return found[self.chosen] if entered and found else picked
 
     def _sheet(self) -> None:
@@ -84,7 +82,7 @@ class Palette:
         shown, _ = imgui.begin_popup_modal("Keyboard and mouse", None, imgui.WindowFlags_.always_auto_resize)
         if not shown:
             return
-        rows = [(keys.shown(entry.shortcut), entry.title.rstrip("…")) for entry in ACTIONS if entry.shortcut]
+        rows = [(entry.shortcut, entry.title.rstrip("…")) for entry in ACTIONS if entry.shortcut]
         half = (len(rows) + 1) // 2
         for number, part in enumerate((rows[:half], rows[half:])):
             if number:
@@ -93,9 +91,7 @@ class Palette:
         imgui.separator()
         _table("mouse", list(MOUSE))
         imgui.spacing()
-        if imgui.button(f"{icons.ICON_FA_CHECK}  Close", imgui.ImVec2(110, 0)) or imgui.is_key_pressed(
-            imgui.Key.escape
-        ):
+        if imgui.button(f"{icons.ICON_FA_CHECK}  Close", (110, 0)) or imgui.is_key_pressed(imgui.Key.escape):
             imgui.close_current_popup()
         imgui.end_popup()
 
@@ -105,7 +101,7 @@ def _table(name: str, rows: list[tuple[str, str]]) -> None:
         for key, title in rows:
             imgui.table_next_row()
             imgui.table_next_column()
-            imgui.text_colored(theme.vec4(theme.ACCENT), key)
+            widgets.caption(key, theme.ACCENT)
             imgui.table_next_column()
             imgui.text(title)
         imgui.end_table()

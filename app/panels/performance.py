@@ -8,11 +8,11 @@ from __future__ import annotations
 from statistics import median
 
 from avatarrex_studio.engine.skips import WORK, skipped
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.engine.work import Work
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.session.commands import Command, SetLevel
 from avatarrex_studio.session.state import AUTO, LEVELS
-from avatarrex_studio.window.studio import Studio
 from imgui_bundle import imgui
 
 from avatarrex.pipeline import Frame
@@ -76,22 +76,15 @@ def error_text(name: str) -> str:
 
 
 def _level(studio: Studio) -> list[Command]:
-    commands: list[Command] = []
     current = studio.state.level
     widgets.label("Level", False, LABEL)
-    imgui.set_next_item_width(imgui.get_content_region_avail().x)
+    widgets.fill()
     shown = f"{AUTO}: {studio.level}" if current == AUTO else current
-    if imgui.begin_combo("##level", shown):
-        for name in LEVELS:
-            if imgui.selectable(name, name == current)[0]:
-                commands.append(SetLevel(name))
-            if imgui.is_item_hovered():
-                imgui.set_tooltip(LEVEL_TEXT[name])
-        imgui.end_combo()
-    _wrapped(LEVEL_TEXT[current])
+    picked = widgets.choice("##level", LEVELS, shown, current, LEVEL_TEXT)
+    widgets.paragraph(LEVEL_TEXT[current])
     widgets.label("Depth error", False, LABEL)
     imgui.text(error_text(studio.level if current == AUTO else current))
-    return commands
+    return [SetLevel(picked)] if picked else []
 
 
 def _times(studio: Studio, work: Work) -> None:
@@ -105,7 +98,7 @@ def _times(studio: Studio, work: Work) -> None:
     widgets.caption(f"{width} × {height}, {work.level}")
     middle = {name: median(ms[name] for ms in studio.history or (work.ms,)) for name in (*STAGES, "total")}
     longest = max(1e-6, *(max(work.ms[name], middle[name]) for name in STAGES))
-    right = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
+    right = imgui.get_cursor_pos_x() + widgets.room()
     _figures(("last", f"median {len(studio.history)}"), right, theme.MUTED)
     for name in STAGES:
         widgets.label(name.capitalize(), False, LABEL)
@@ -129,11 +122,11 @@ def _bar(share: float, mark: float, width: float) -> None:
     imgui.same_line()
 
 
-def _figures(texts: tuple[str, ...], right: float, tint: tuple[float, float, float] = theme.TEXT) -> None:
+def _figures(texts: tuple[str, ...], right: float, colour: theme.Rgb = theme.TEXT) -> None:
     """Texts that end at the right edge, a column each."""
     for number, text in enumerate(texts, 1 - len(texts)):
         imgui.set_cursor_pos_x(right + number * COLUMN - imgui.calc_text_size(text).x)
-        imgui.text_colored(theme.vec4(tint), text)
+        widgets.caption(text, colour)
         if number:
             imgui.same_line()
 
@@ -155,28 +148,19 @@ def _work(work: Work) -> None:
 def _row(title: str, count: int, reason: str | None) -> None:
     imgui.table_next_row()
     imgui.table_next_column()
-    imgui.text_colored(theme.vec4(theme.TEXT if count else theme.MUTED), title)
+    colour = theme.TEXT if count else theme.MUTED
+    widgets.caption(title, colour)
     imgui.table_next_column()
     if reason:
-        _wrapped(reason)
+        widgets.paragraph(reason)
     else:
-        imgui.text_colored(theme.vec4(theme.TEXT if count else theme.MUTED), f"{count:,}".replace(",", " "))
+        widgets.caption(f"{count:,}".replace(",", " "), colour)
 
 
 def _memory(frame: Frame) -> None:
     imgui.separator_text("Volume")
     memory = memory_of(frame.volume.sdf)
-    for title, size in (
-        ("Body grid", memory.body),
-        ("Bricks", memory.bricks),
-        ("Part boxes", memory.parts),
-        ("Together", memory.total),
-    ):
+    sizes = {"Body grid": memory.body, "Bricks": memory.bricks, "Part boxes": memory.parts, "Together": memory.total}
+    for title, size in sizes.items():
         widgets.label(title, False, LABEL)
         imgui.text(f"{size / 2**20:.2f} MiB")
-
-
-def _wrapped(text: str) -> None:
-    imgui.push_style_color(imgui.Col_.text, theme.vec4(theme.MUTED))
-    imgui.text_wrapped(text)
-    imgui.pop_style_color()

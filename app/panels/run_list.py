@@ -1,4 +1,4 @@
-"""The list of runs: which are drawn, which one is chosen, and how far each has come."""
+"""The list of runs: which are drawn, which one is chosen, and the progress of each."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from avatarrex_studio.jobs.run_view import RunView, duration
-from avatarrex_studio.panels import theme
+from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.panels.curves import COLOURS
-from imgui_bundle import imgui
+from imgui_bundle import imgui, imgui_ctx
 
 STATE_COLOURS = {
     "running": (0.47, 0.79, 0.50), "paused": theme.WARNING, "finished": theme.ACCENT, "stopped": theme.MUTED,
     "failed": theme.ERROR, "dead": theme.ERROR,
 }  # fmt: skip
+
+PAD = 6.0
+"""Points around what an entry says."""
 
 
 class RunList:
@@ -21,8 +24,8 @@ class RunList:
 
     def __init__(self) -> None:
         self.chosen: Path | None = None
-        """The run whose details, buttons and terms are shown."""
-        self.colours: dict[Path, tuple[float, float, float]] = {}
+        """The run that details, buttons and terms are shown of."""
+        self.colours: dict[Path, theme.Rgb] = {}
         self._hidden: set[Path] = set()
 
     def follow(self, views: Sequence[RunView]) -> RunView | None:
@@ -35,7 +38,7 @@ class RunList:
         return chosen
 
     def ticked(self, views: Sequence[RunView]) -> list[RunView]:
-        """Those whose curves are drawn."""
+        """Those with their curves drawn."""
         return [view for view in views if view.path not in self._hidden]
 
     def draw(self, views: Sequence[RunView]) -> None:
@@ -45,43 +48,42 @@ class RunList:
 
     def _entry(self, view: RunView) -> None:
         """One run of the list: tick box, name, state, progress."""
-        imgui.push_id(str(view.path))
-        colour, state = self.colours[view.path], STATE_COLOURS.get(view.state, theme.MUTED)
-        imgui.push_style_color(imgui.Col_.check_mark, theme.vec4(colour))
-        toggled, _ = imgui.checkbox("##shown", view.path not in self._hidden)
-        imgui.pop_style_color()
-        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("Draw its curves")
-        if toggled:
-            self._hidden ^= {view.path}
-        imgui.same_line()
-        start, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
-        line = imgui.get_text_line_height()
-        size = imgui.ImVec2(width, 2 * line + 16)
-        if imgui.selectable("##choose", view.path == self.chosen, 0, size)[0]:
-            self.chosen = view.path
-        canvas, pad = imgui.get_window_draw_list(), 6.0
+        with imgui_ctx.push_id(str(view.path)):
+            colour, ticked = self.colours[view.path], view.path not in self._hidden
+            with imgui_ctx.push_style_color(imgui.Col_.check_mark, theme.vec4(colour)):
+                toggled, _ = imgui.checkbox("##shown", ticked)
+            widgets.tooltip("Draw its curves")
+            if toggled:
+                self._hidden ^= {view.path}
+            imgui.same_line()
+            start, size = imgui.get_cursor_screen_pos(), (widgets.room(), 2 * imgui.get_text_line_height() + 16)
+            if imgui.selectable("##choose", view.path == self.chosen, 0, size)[0]:
+                self.chosen = view.path
+            _write(view, start, size, colour, theme.TEXT if ticked else theme.MUTED)
 
-        def write(x: float, y: float, text: str, rgb: tuple[float, float, float]) -> None:
-            canvas.add_text(imgui.ImVec2(start.x + x, start.y + y), theme.colour(rgb), text)
 
-        end = imgui.calc_text_size(view.state).x
-        dot = imgui.ImVec2(start.x + width - end - pad - 9, start.y + 2 + line / 2)
-        canvas.push_clip_rect(start, imgui.ImVec2(dot.x - 8, start.y + size.y), True)
-        write(pad, 2, view.name, theme.TEXT if view.path not in self._hidden else theme.MUTED)
-        canvas.pop_clip_rect()
-        canvas.add_circle_filled(dot, 3, theme.colour(state))
-        write(width - end - pad, 2, view.state, state)
-        canvas.push_clip_rect(start, imgui.ImVec2(start.x + width, start.y + size.y), True)
-        write(pad, line + 5, _progress(view), theme.MUTED)
-        canvas.pop_clip_rect()
-        low = imgui.ImVec2(start.x + pad, start.y + size.y - 6)
-        high = imgui.ImVec2(start.x + width - pad, low.y + 3)
-        canvas.add_rect_filled(low, high, theme.colour(theme.TEXT, 0.08), 1.5)
-        if view.progress:
-            high = imgui.ImVec2(low.x + view.progress * (high.x - low.x), high.y)
-            canvas.add_rect_filled(low, high, theme.colour(colour, 0.9), 1.5)
-        imgui.pop_id()
+def _write(view: RunView, start: imgui.ImVec2, size: tuple[float, float], colour: theme.Rgb, tint: theme.Rgb) -> None:
+    """Name (in `tint`), state, progress in words and as a bar (in `colour`), over the entry at `start`."""
+    canvas, line, state = (
+        imgui.get_window_draw_list(),
+        imgui.get_text_line_height(),
+        STATE_COLOURS.get(view.state, theme.MUTED),
+    )
+    left, right, bottom = start.x + PAD, start.x + size[0] - PAD, start.y + size[1]
+    word = right - imgui.calc_text_size(view.state).x
+    dot = (word - 9, start.y + 2 + line / 2)
+    canvas.push_clip_rect(start, (dot[0] - 8, bottom), True)
+    canvas.add_text((left, start.y + 2), theme.colour(tint), view.name)
+    canvas.pop_clip_rect()
+    canvas.add_circle_filled(dot, 3, theme.colour(state))
+    canvas.add_text((word, start.y + 2), theme.colour(state), view.state)
+    canvas.push_clip_rect(start, (right + PAD, bottom), True)
+    canvas.add_text((left, start.y + line + 5), theme.colour(theme.MUTED), _progress(view))
+    canvas.pop_clip_rect()
+    canvas.add_rect_filled((left, bottom - 6), (right, bottom - 3), theme.colour(theme.TEXT, 0.08), 1.5)
+    if view.progress:
+        reached = left + view.progress * (right - left)
+        canvas.add_rect_filled((left, bottom - 6), (reached, bottom - 3), theme.colour(colour, 0.9), 1.5)
 
 
 def _progress(view: RunView) -> str:

@@ -12,8 +12,9 @@ import moderngl
 import numpy as np
 from avatarrex_studio.jobs.run_view import RunView
 from avatarrex_studio.jobs.watcher import Watcher
-from avatarrex_studio.panels import theme
-from imgui_bundle import imgui
+from avatarrex_studio.panels import theme, widgets
+from avatarrex_studio.panels.texture import uploaded
+from imgui_bundle import imgui, imgui_ctx
 from jaxtyping import UInt8
 
 HEAT = np.array([(0, 0, 0), (70, 20, 110), (190, 55, 85), (245, 145, 35), (255, 250, 220)], np.float64)
@@ -36,26 +37,25 @@ class Samples:
         self._wanted: dict[str, tuple[object, UInt8[np.ndarray, "h w 3"]]] = {}
         self._textures: dict[str, tuple[object, moderngl.Texture]] = {}
 
-    def draw(self, runs: Sequence[tuple[RunView, tuple[float, float, float]]], watcher: Watcher, part: str) -> None:
-        """Draw the newest pictures of `runs`, each with its colour, of the views whose names begin with `part`."""
+    def draw(self, runs: Sequence[tuple[RunView, theme.Rgb]], watcher: Watcher, part: str) -> None:
+        """Draw the newest pictures of `runs`, each with its colour, of the views that belong to `part`."""
         names = sorted({name for run, _ in runs for name in run.samples if not part or name.startswith(f"{part}/")})
         self._wanted = {}
         if not names:
-            imgui.text_colored(theme.vec4(theme.MUTED), "No sample pictures yet")
+            widgets.caption("No sample pictures yet")
             return
         if self.view not in names:
             self.view, self.step = names[0], None
         having = [(run, colour) for run, colour in runs if self.view in run.samples][:ROWS]
         newest = self._options(names, having)
-        width = imgui.get_content_region_avail().x
+        width = widgets.room()
         highest = HIGHEST if len(having) == 1 else 0.6 * HIGHEST
         used = 0.0
         for run, colour in having:
-            imgui.begin_group()
-            if len(having) > 1:
-                imgui.text_colored(theme.vec4(colour), run.name)
-            self._row(run, watcher, newest if self.step is None else self.step, width, highest)
-            imgui.end_group()
+            with imgui_ctx.begin_group():
+                if len(having) > 1:
+                    widgets.caption(run.name, colour)
+                self._row(run, watcher, newest if self.step is None else self.step, width, highest)
             row = imgui.get_item_rect_size().x + 3 * GAP
             used += row
             if run is not having[-1][0] and used + row < width:
@@ -66,18 +66,9 @@ class Samples:
     def upload(self, context: moderngl.Context) -> None:
         """Bring what was drawn into textures. Before the interface's frame, in the window's context."""
         for slot, (version, pixels) in self._wanted.items():
-            known = self._textures.get(slot)
-            if known and known[0] == version:
-                continue
-            size = (pixels.shape[1], pixels.shape[0])
-            texture = known[1] if known and known[1].size == size else None
-            if texture is None:
-                if known:
-                    known[1].release()
-                texture = context.texture(size, 3, alignment=1)
-                texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-            texture.write(np.ascontiguousarray(pixels).tobytes())
-            self._textures[slot] = version, texture
+            known, texture = self._textures.get(slot, (None, None))
+            if known != version:
+                self._textures[slot] = version, uploaded(context, pixels, texture)
 
     def close(self) -> None:
         """Give the textures back."""
@@ -87,63 +78,58 @@ class Samples:
 
     def _options(self, names: Sequence[str], having: Sequence[tuple[RunView, object]]) -> int:
         """View, step and gain; the newest step there is."""
-        steps = sorted({step for run, _ in having for kind, at in run.samples[self.view].items() if kind != "truth"
-                        for step in at} or {0})  # fmt: skip
-        room = imgui.get_content_region_avail().x
-        imgui.set_next_item_width(min(200.0, 0.36 * room))
-        if imgui.begin_combo("##view", self.view.partition("/")[2] or self.view):
-            for name in names:
-                if imgui.selectable(name, name == self.view)[0]:
-                    self.view, self.step = name, None
-            imgui.end_combo()
+        rendered = [at for run, _ in having for kind, at in run.samples[self.view].items() if kind != "truth"]
+        steps = sorted({step for at in rendered for step in at} or {0})
+        wide = 0.36 * widgets.room()
+        imgui.set_next_item_width(min(200.0, wide))
+        picked = widgets.choice("##view", names, self.view.partition("/")[2] or self.view, self.view)
+        if picked:
+            self.view, self.step = picked, None
         imgui.same_line()
-        at = len(steps) - 1 if self.step is None else int(np.searchsorted(steps, self.step))
-        at = min(at, len(steps) - 1)
-        imgui.set_next_item_width(min(260.0, 0.36 * room))
+        at = len(steps) - 1 if self.step is None else min(int(np.searchsorted(steps, self.step)), len(steps) - 1)
+        imgui.set_next_item_width(min(260.0, wide))
         moved, at = imgui.slider_int("##step", at, 0, len(steps) - 1, f"step {steps[at]:,}")
         if moved:
             self.step = None if at == len(steps) - 1 else steps[at]
         imgui.same_line()
-        imgui.set_next_item_width(min(110.0, imgui.get_content_region_avail().x))
+        imgui.set_next_item_width(min(110.0, widgets.room()))
         _, self.gain = imgui.slider_float("##gain", self.gain, 1.0, 16.0, "diff × %.0f")
         return steps[-1]
 
     def _row(self, run: RunView, watcher: Watcher, step: int, width: float, highest: float) -> None:
-        paths = {kind: run.picture(self.view, kind, step) for kind in ("truth", "render")}
-        lone = [kind for kind in run.samples[self.view] if kind not in paths]
-        paths |= {kind: run.picture(self.view, kind, step) for kind in lone}
-        pictures = {kind: watcher.picture(path) for kind, path in paths.items() if path}
+        kinds = dict.fromkeys([*KINDS, *run.samples[self.view]])
+        paths = {kind: path for kind in kinds if (path := run.picture(self.view, kind, step))}
+        pictures = {kind: watcher.picture(path) for kind, path in paths.items()}
         shown = {kind: pixels for kind, pixels in pictures.items() if pixels is not None}
         truth, render = shown.get("truth"), shown.get("render")
         if truth is not None and render is not None and truth.shape == render.shape:
             shown["difference"] = difference(truth, render, self.gain)
-        kinds = [kind for kind in (*KINDS, *lone) if kind in paths or kind == "difference"]
-        side = (width - GAP * (len(kinds) - 1)) / max(len(kinds), 1)
+        side = (width - GAP * (len(kinds) - 1)) / len(kinds)
         if shown:
             side = min(side, min(highest * pixels.shape[1] / pixels.shape[0] for pixels in shown.values()))
         for number, kind in enumerate(kinds):
             if number:
                 imgui.same_line(0, GAP)
-            imgui.begin_group()
-            imgui.text_colored(theme.vec4(theme.MUTED), TITLES.get(kind, kind))
-            version = (paths.get("truth"), paths.get("render"), self.gain) if kind == "difference" else paths[kind]
-            self._picture(f"{run.path}:{kind}", version, shown.get(kind), side)
-            imgui.end_group()
+            with imgui_ctx.begin_group():
+                widgets.caption(TITLES.get(kind, kind))
+                version = (
+                    (paths.get("truth"), paths.get("render"), self.gain) if kind == "difference" else paths.get(kind)
+                )
+                self._picture(f"{run.path}:{kind}", version, shown.get(kind), side)
 
     def _picture(self, slot: str, version: object, pixels: UInt8[np.ndarray, "h w 3"] | None, side: float) -> None:
         """One picture `side` points wide, as far as it is there."""
-        known = self._textures.get(slot)
         if pixels is not None:
             self._wanted[slot] = version, pixels
-        elif known is None:
-            imgui.dummy(imgui.ImVec2(side, side))
-            return
-        shape = pixels.shape if pixels is not None else (known[1].height, known[1].width) if known else (1, 1)
-        size = imgui.ImVec2(side, side * shape[0] / shape[1])
-        if known is None:
+        _, texture = self._textures.get(slot, (None, None))
+        height, width = (
+            pixels.shape[:2] if pixels is not None else (texture.height, texture.width) if texture else (1, 1)
+        )
+        size = (side, side * height / width)
+        if texture is None:
             imgui.dummy(size)
         else:
-            imgui.image(imgui.ImTextureRef(known[1].glo), size)
+            imgui.image(imgui.ImTextureRef(texture.glo), size)
 
 
 def difference(truth: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "h w 3"], gain: float

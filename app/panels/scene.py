@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.session.commands import Command, SetHidden, SetShape
-from avatarrex_studio.session.state import PARTS, StudioState
+from avatarrex_studio.session.state import StudioState
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
+
+from avatarrex.templates.parts import PARTS
 
 LABEL = 78.0
 
@@ -23,10 +25,10 @@ def draw(state: StudioState) -> list[Command]:
         )
         if toggled:
             commands.append(SetHidden(part, not shown))
-    if widgets.group("Shape", "scene.shape", False, opened=False)[0]:
+    if widgets.group("Shape", "scene.shape", opened=False)[0]:
         for index, value in enumerate(state.signals.shape):
             widgets.label(f"Shape {index}", bool(value), LABEL)
-            new = widgets.slider(f"shape.{index}", float(value), -3, 3, "%.2f", imgui.get_content_region_avail().x)
+            new = widgets.slider(f"shape.{index}", float(value), (-3, 3), "%.2f")
             if new is not None:
                 commands.append(SetShape(index, new))
     return commands

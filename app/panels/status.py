@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from avatarrex_studio.engine.skips import skipped
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.engine.work import Work
-from avatarrex_studio.panels import theme
-from avatarrex_studio.window.studio import Studio
+from avatarrex_studio.panels import theme, widgets
 from imgui_bundle import hello_imgui, imgui
 
 
@@ -33,7 +33,7 @@ def draw(studio: Studio, renderer: str) -> None:
             imgui.same_line(0, 10)
             imgui.text_colored(theme.vec4(theme.MUTED, 0.5), "|")
             imgui.same_line(0, 10)
-        imgui.text_colored(theme.vec4(theme.TEXT if number < 4 else theme.MUTED), item)
+        widgets.caption(item, theme.TEXT if number < 4 else theme.MUTED)
     if work is not None and imgui.is_item_hovered():
         stages = "   ".join(f"{name} {value:.1f} ms" for name, value in work.ms.items())
         imgui.set_tooltip(stages + "\n" + "\n".join(f"{name}: {count:,}" for name, count in work.counters.items()))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import hello_imgui, imgui
 
+Rgb = tuple[float, float, float]
 ACCENT = (0.31, 0.63, 0.98)
 AXES = ((0.87, 0.38, 0.38), (0.47, 0.75, 0.42), (0.38, 0.56, 0.92))
 """x, y, z."""
@@ -47,7 +48,7 @@ def apply_style() -> None:
 
 
 def _colours() -> dict[str, tuple[float, float, float, float]]:
-    def over(colour: tuple[float, float, float], alpha: float = 1.0) -> tuple[float, float, float, float]:
+    def over(colour: Rgb, alpha: float = 1.0) -> tuple[float, float, float, float]:
         return (*colour, alpha)
 
     return {
@@ -72,11 +73,11 @@ def _colours() -> dict[str, tuple[float, float, float, float]]:
     }  # fmt: skip
 
 
-def colour(rgb: tuple[float, float, float], alpha: float = 1.0) -> int:
+def colour(rgb: Rgb, alpha: float = 1.0) -> int:
     """Packed colour for draw lists."""
     return imgui.get_color_u32(imgui.ImVec4(*rgb, alpha))
 
 
-def vec4(rgb: tuple[float, float, float], alpha: float = 1.0) -> imgui.ImVec4:
+def vec4(rgb: Rgb, alpha: float = 1.0) -> imgui.ImVec4:
     """The same for style and text calls."""
     return imgui.ImVec4(*rgb, alpha)

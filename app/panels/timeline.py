@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from avatarrex_studio.panels import theme
-from avatarrex_studio.window.studio import Studio
+from avatarrex_studio.engine.studio import Studio
+from avatarrex_studio.panels import widgets
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
@@ -20,15 +20,13 @@ class TimelinePanel:
         wanted = self._transport(studio) if motion else None
         if motion is None:
             imgui.align_text_to_frame_padding()
-            imgui.text_colored(
-                theme.vec4(theme.MUTED), "No motion: open a .bvh, SMPL-X .npz, Live Link .csv or .json file"
-            )
-        imgui.set_next_item_width(max(imgui.get_content_region_avail().x - 92, 80))
+            widgets.caption("No motion: open a .bvh, SMPL-X .npz, Live Link .csv or .json file")
+        imgui.set_next_item_width(max(widgets.room() - 92, 80))
         entered, self.path = imgui.input_text_with_hint(
             "##motion.path", "Path of a motion file", self.path, imgui.InputTextFlags_.enter_returns_true
         )
         imgui.same_line()
-        if (imgui.button(f"{icons.ICON_FA_FOLDER_OPEN}  Load##motion", imgui.ImVec2(-1, 0)) or entered) and self.path:
+        if (imgui.button(f"{icons.ICON_FA_FOLDER_OPEN}  Load##motion", (-1, 0)) or entered) and self.path:
             studio.open_motion(self.path.strip())
         return wanted
 
@@ -36,7 +34,7 @@ class TimelinePanel:
         motion = studio.state.motion
         assert motion is not None
         wanted = None
-        square = imgui.ImVec2(32, 0)
+        square = (32, 0)
         if imgui.button(f"{icons.ICON_FA_BACKWARD_STEP}##back", square):
             wanted = motion.frame - 1
         imgui.same_line(0, 4)
@@ -49,8 +47,8 @@ class TimelinePanel:
         _, studio.playback.loop = imgui.checkbox("Loop", studio.playback.loop)
         imgui.same_line()
         seconds = f"{motion.frame / motion.fps:.2f} / {(motion.frames - 1) / motion.fps:.2f} s   {motion.fps:g} fps"
-        imgui.set_next_item_width(max(imgui.get_content_region_avail().x - imgui.calc_text_size(seconds).x - 12, 60))
+        imgui.set_next_item_width(max(widgets.room() - imgui.calc_text_size(seconds).x - 12, 60))
         moved, frame = imgui.slider_int("##frame", motion.frame, 0, motion.frames - 1)
         imgui.same_line()
-        imgui.text_colored(theme.vec4(theme.MUTED), seconds)
+        widgets.caption(seconds)
         return frame if moved else wanted

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import theme
 from avatarrex_studio.session.commands import Command, OrbitBy, PanBy, SetCamera, ZoomBy
-from avatarrex_studio.session.state import OrbitView
-from avatarrex_studio.window.studio import Studio
+from avatarrex_studio.session.state import OrbitView, Vector, vector
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
@@ -65,7 +65,8 @@ class ViewportPanel:
         return self._mouse(studio, low, high)
 
     def _mouse(self, studio: Studio, low: imgui.ImVec2, high: imgui.ImVec2) -> list[Command]:
-        io, commands = imgui.get_io(), []
+        io = imgui.get_io()
+        commands: list[Command] = []
         height = max(high.y - low.y, 1)
         hovered = imgui.is_item_hovered()
         if hovered:
@@ -93,7 +94,7 @@ def _fit(origin: imgui.ImVec2, room: imgui.ImVec2, picture: Picture | None) -> t
     return low, imgui.ImVec2(low.x + width, low.y + height)
 
 
-def _target(studio: Studio, mouse: imgui.ImVec2, low: imgui.ImVec2, high: imgui.ImVec2) -> tuple[float, float, float]:
+def _target(studio: Studio, mouse: imgui.ImVec2, low: imgui.ImVec2, high: imgui.ImVec2) -> Vector:
     """The surface point under the cursor in the world, else the person's middle."""
     frame = studio.shot.frame
     if frame is not None:
@@ -101,10 +102,9 @@ def _target(studio: Studio, mouse: imgui.ImVec2, low: imgui.ImVec2, high: imgui.
         column = min(max(int((mouse.x - low.x) / (high.x - low.x) * columns), 0), columns - 1)
         row = min(max(int((mouse.y - low.y) / (high.y - low.y) * rows), 0), rows - 1)
         if frame.pointmap.hit[row, column]:
-            x, y, z = (frame.world_from_root @ np.append(frame.pointmap.position[row, column].double().cpu(), 1))[:3]
-            return (float(x), float(y), float(z))
-    x, y, z = studio.state.signals.translation + np.array(OrbitView().target)
-    return (float(x), float(y), float(z))
+            position = np.append(frame.pointmap.position[row, column].double().cpu(), 1)
+            return vector((frame.world_from_root @ position)[:3])
+    return OrbitView().moved(studio.state.signals.translation).target
 
 
 def _checkers(canvas: imgui.ImDrawList, origin: imgui.ImVec2, room: imgui.ImVec2, side: float = 16) -> None:

@@ -1,34 +1,68 @@
-"""The few widgets that all panels share: a slider that resets, a group header with its reset, a marked label."""
+"""The few widgets that all panels share: a slider that resets, lists and buttons, a group header with its reset, labels."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+
 from avatarrex_studio.panels import theme
 from imgui_bundle import icons_fontawesome_6 as icons
-from imgui_bundle import imgui
+from imgui_bundle import imgui, imgui_ctx
+
+
+def room() -> float:
+    """Points from the cursor to the right edge."""
+    return imgui.get_content_region_avail().x
+
+
+def fill(spare: float = 0.0) -> None:
+    """The next item is as wide as there is room, but for `spare` points."""
+    imgui.set_next_item_width(room() - spare)
 
 
 def slider(
-    name: str, value: float, low: float, high: float, form: str, width: float, rest: float = 0.0, tip: str = ""
+    name: str, value: float, bounds: tuple[float, float], form: str, width: float | None = None, rest: float = 0.0
 ) -> float | None:
     """The new value while it is dragged or typed (Ctrl+click); a double click gives `rest`; else None."""
-    imgui.set_next_item_width(width)
+    imgui.set_next_item_width(room() if width is None else width)
     zero = float((form.partition("f")[0] + "f") % value) == 0  # never "-0"
-    shown = 0.0 if zero else value
-    moved, new = imgui.slider_float(f"##{name}", shown, low, high, form)
+    moved, new = imgui.slider_float(f"##{name}", 0.0 if zero else value, *bounds, form)
     if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
-        imgui.internal.clear_active_id()  # else the held button drags it to the cursor again
+        imgui.internal.clear_active_id()  # else the pressed button drags it to the cursor again
         return rest
-    if tip and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-        imgui.set_tooltip(tip)
     return new if moved else None
+
+
+def choice(
+    label: str, names: Iterable[str], shown: str, current: str, tips: Mapping[str, str] | None = None
+) -> str | None:
+    """A list that drops down, `shown` while it is closed; the name that was picked. `tips`: a tooltip for each name."""
+    picked = None
+    if imgui.begin_combo(label, shown):
+        for name in names:
+            if imgui.selectable(name, name == current)[0]:
+                picked = name
+            if tips and imgui.is_item_hovered():
+                imgui.set_tooltip(tips[name])
+        imgui.end_combo()
+    return picked
+
+
+def search(key: str, hint: str, text: str, spare: float = 0.0) -> str:
+    """A search box; its text."""
+    fill(spare)
+    return imgui.input_text_with_hint(f"##search.{key}", f"{icons.ICON_FA_MAGNIFYING_GLASS}  {hint}", text)[1]
+
+
+def tooltip(text: str) -> None:
+    """Shown where the mouse rests on the last item."""
+    if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+        imgui.set_tooltip(text)
 
 
 def axis_mark(axis: int) -> None:
     """A thin coloured bar at the left of the last item: red x, green y, blue z."""
     low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
-    imgui.get_window_draw_list().add_rect_filled(
-        low, imgui.ImVec2(low.x + 2, high.y), theme.colour(theme.AXES[axis], 0.85), 1
-    )
+    imgui.get_window_draw_list().add_rect_filled(low, (low.x + 2, high.y), theme.colour(theme.AXES[axis], 0.85), 1)
 
 
 def label(text: str, marked: bool, width: float) -> None:
@@ -37,50 +71,50 @@ def label(text: str, marked: bool, width: float) -> None:
     imgui.align_text_to_frame_padding()
     if marked:
         place = imgui.get_cursor_screen_pos()
-        height = imgui.get_frame_height()
-        centre = imgui.ImVec2(place.x + 2, place.y + height / 2)
+        centre = (place.x + 2, place.y + imgui.get_frame_height() / 2)
         imgui.get_window_draw_list().add_circle_filled(centre, 2.5, theme.colour(theme.ACCENT))
     imgui.set_cursor_pos_x(start + 9)
-    imgui.push_style_color(imgui.Col_.text, theme.vec4(theme.TEXT if marked else theme.MUTED))
-    imgui.text(text)
-    imgui.pop_style_color()
+    caption(text, theme.TEXT if marked else theme.MUTED)
     imgui.same_line(start + width)
 
 
-def group(title: str, key: str, marked: bool, opened: bool = True) -> tuple[bool, bool]:
-    """A collapsible group; returns whether it is open and whether its reset was pressed."""
-    right = imgui.get_cursor_pos_x() + imgui.get_content_region_avail().x
+def group(title: str, key: str, marked: bool = False, opened: bool = True) -> tuple[bool, bool]:
+    """A collapsible group; whether it is open, and whether its reset was pressed (there is one where it is `marked`)."""
+    right = imgui.get_cursor_pos_x() + room()
     imgui.set_next_item_allow_overlap()
     flags = imgui.TreeNodeFlags_.default_open if opened else 0
     is_open = imgui.collapsing_header(f"{title}###{key}", flags | imgui.TreeNodeFlags_.allow_overlap)
     pressed = False
     if marked:
-        width = imgui.calc_text_size(icons.ICON_FA_ROTATE_LEFT).x + 12
-        imgui.same_line(right - width)
-        imgui.push_style_color(imgui.Col_.button, theme.vec4(theme.ACCENT, 0.0))
-        pressed = imgui.small_button(f"{icons.ICON_FA_ROTATE_LEFT}##reset.{key}")
-        imgui.pop_style_color()
+        imgui.same_line(right - imgui.calc_text_size(icons.ICON_FA_ROTATE_LEFT).x - 12)
+        with imgui_ctx.push_style_color(imgui.Col_.button, theme.vec4(theme.ACCENT, 0.0)):
+            pressed = imgui.small_button(f"{icons.ICON_FA_ROTATE_LEFT}##reset.{key}")
         if imgui.is_item_hovered():
             imgui.set_tooltip(f"Reset {title.lower()}")
     return is_open, pressed
 
 
-def caption(text: str) -> None:
-    """A small muted heading."""
-    imgui.push_style_color(imgui.Col_.text, theme.vec4(theme.MUTED))
-    imgui.text(text)
-    imgui.pop_style_color()
+def caption(text: str, colour: theme.Rgb = theme.MUTED) -> None:
+    """A line of text, muted unless told."""
+    with imgui_ctx.push_style_color(imgui.Col_.text, theme.vec4(colour)):
+        imgui.text(text)
 
 
-def button_grid(names: list[tuple[str, str]], minimum: float) -> str | None:
-    """Buttons of equal width in as many columns as fit, (id, title) each; the id that was pressed."""
-    available, gap = imgui.get_content_region_avail().x, imgui.get_style().item_spacing.x
-    columns = max(1, int((available + gap) / (minimum + gap)))
-    width = (available - gap * (columns - 1)) / columns
+def paragraph(text: str, colour: theme.Rgb = theme.MUTED) -> None:
+    """Text over as many lines as it takes, muted unless told."""
+    with imgui_ctx.push_style_color(imgui.Col_.text, theme.vec4(colour)):
+        imgui.text_wrapped(text)
+
+
+def button_grid(titles: Mapping[str, str], minimum: float, key: str = "") -> str | None:
+    """Buttons of equal width in as many columns as fit, titles by name; the name that was pressed. `key` begins their ids."""
+    gap = imgui.get_style().item_spacing.x
+    columns = max(1, int((room() + gap) / (minimum + gap)))
+    width = (room() - gap * (columns - 1)) / columns
     pressed = None
-    for number, (key, title) in enumerate(names):
+    for number, (name, title) in enumerate(titles.items()):
         if number % columns:
             imgui.same_line()
-        if imgui.button(f"{title}##{key}", imgui.ImVec2(width, 0)):
-            pressed = key
+        if imgui.button(f"{title}##{key}{name}", (width, 0)):
+            pressed = name
     return pressed

@@ -8,22 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from avatarrex_studio.session.commands import (
-    ApplyExpression,
-    ApplyPose,
-    CloseMotion,
-    Command,
-    Mirror,
-    OrbitBy,
-    Reset,
-    ResetGroup,
-    SetCamera,
-    SetHandPose,
-    SetHidden,
-    SetLevel,
-)
-from avatarrex_studio.session.state import AUTO, LEVELS, StudioState
-from avatarrex_studio.window.studio import Studio
+from avatarrex_studio.session import commands
+from avatarrex_studio.session.commands import Command
+from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.state import AUTO, LEVELS, OrbitView, StudioState
 
 from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
 
@@ -33,6 +21,10 @@ EFFECTS = (
 )  # fmt: skip
 
 
+HEAD = OrbitView(target=(0.0, 0.72, 0.03))
+"""Before the face of a person at rest."""
+
+
 @dataclass(frozen=True)
 class Action:
     """One thing a user can do."""
@@ -40,36 +32,31 @@ class Action:
     id: str
     title: str
     menu: str = ""
-    """Menu it stands in; the palette has all."""
+    """Menu it is in; the palette has all."""
     shortcut: str = ""
     """e.g. `Ctrl+Shift+Z`."""
     command: Callable[[StudioState], Command] | None = None
     effect: str | None = None
     """One of `EFFECTS` where there is no command."""
-    enabled: Callable[[Studio], bool] = lambda studio: True
+    enabled: Callable[[Journal], bool] = lambda journal: True
     separator: bool = False
-    """Whether a line stands above it in its menu."""
+    """Whether a line separates it from the entry above."""
 
 
-def _has_motion(studio: Studio) -> bool:
-    return studio.state.motion is not None
+def _has_motion(journal: Journal) -> bool:
+    return journal.state.motion is not None
 
 
 def _view(azimuth: float, elevation: float) -> Callable[[StudioState], Command]:
-    return lambda state: SetCamera(azimuth=azimuth, elevation=elevation)
+    return lambda state: commands.SetCamera(azimuth=azimuth, elevation=elevation)
 
 
 def _face(state: StudioState) -> Command:
-    return SetCamera(distance=0.75, target=_place(state, (0.0, 0.72, 0.03)))
-
-
-def _place(state: StudioState, offset: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = (float(a + b) for a, b in zip(state.signals.translation, offset))
-    return (x, y, z)
+    return commands.SetCamera(distance=0.75, target=HEAD.moved(state.signals.translation).target)
 
 
 def _toggle(part: str) -> Callable[[StudioState], Command]:
-    return lambda state: SetHidden(part, part not in state.hidden)
+    return lambda state: commands.SetHidden(part, part not in state.hidden)
 
 
 def _fixed(command: Command) -> Callable[[StudioState], Command]:
@@ -83,22 +70,22 @@ def _named(kind: str, name: str, command: Command) -> Action:
 
 ACTIONS: tuple[Action, ...] = (
     Action("motion.open", "Open motion…", "File", "Ctrl+O", effect="open_motion"),
-    Action("motion.close", "Close motion", "File", command=_fixed(CloseMotion()), enabled=_has_motion),
+    Action("motion.close", "Close motion", "File", command=_fixed(commands.CloseMotion()), enabled=_has_motion),
     Action("session.open", "Open session…", "File", "Ctrl+Shift+O", effect="open_session", separator=True),
     Action("session.save", "Save session…", "File", "Ctrl+S", effect="save_session"),
     Action("screenshot", "Screenshot", "File", "F12", effect="screenshot", separator=True),
     Action("quit", "Quit", "File", "Ctrl+Q", effect="quit", separator=True),
-    Action("undo", "Undo", "Edit", "Ctrl+Z", effect="undo", enabled=lambda studio: bool(studio.journal.steps)),
-    Action("redo", "Redo", "Edit", "Ctrl+Shift+Z", effect="redo", enabled=lambda studio: bool(studio.journal.undone)),
+    Action("undo", "Undo", "Edit", "Ctrl+Z", effect="undo", enabled=lambda journal: bool(journal.steps)),
+    Action("redo", "Redo", "Edit", "Ctrl+Shift+Z", effect="redo", enabled=lambda journal: bool(journal.undone)),
     Action("pose.copy", "Copy pose", "Edit", "Ctrl+C", effect="copy_pose", separator=True),
     Action("pose.paste", "Paste pose", "Edit", "Ctrl+V", effect="paste_pose"),
-    Action("pose.mirror", "Mirror pose", "Pose", "M", command=_fixed(Mirror())),
-    Action("pose.reset", "Reset everything", "Pose", "Ctrl+R", command=_fixed(Reset())),
-    Action("pose.reset_body", "Reset body", "Pose", command=_fixed(ResetGroup("body")), separator=True),
-    Action("pose.reset_left_hand", "Reset left hand", "Pose", command=_fixed(ResetGroup("left_hand"))),
-    Action("pose.reset_right_hand", "Reset right hand", "Pose", command=_fixed(ResetGroup("right_hand"))),
-    Action("pose.reset_face", "Reset face", "Pose", command=_fixed(ResetGroup("face"))),
-    Action("pose.reset_root", "Reset place", "Pose", command=_fixed(ResetGroup("root"))),
+    Action("pose.mirror", "Mirror pose", "Pose", "M", command=_fixed(commands.Mirror())),
+    Action("pose.reset", "Reset everything", "Pose", "Ctrl+R", command=_fixed(commands.Reset())),
+    Action("pose.reset_body", "Reset body", "Pose", command=_fixed(commands.ResetGroup("body")), separator=True),
+    Action("pose.reset_left_hand", "Reset left hand", "Pose", command=_fixed(commands.ResetGroup("left_hand"))),
+    Action("pose.reset_right_hand", "Reset right hand", "Pose", command=_fixed(commands.ResetGroup("right_hand"))),
+    Action("pose.reset_face", "Reset face", "Pose", command=_fixed(commands.ResetGroup("face"))),
+    Action("pose.reset_root", "Reset place", "Pose", command=_fixed(commands.ResetGroup("root"))),
     Action("view.front", "Front view", "View", "1", command=_view(0.0, 0.0)),
     Action("view.right", "Right view", "View", "3", command=_view(-90.0, 0.0)),
     Action("view.top", "Top view", "View", "7", command=_view(0.0, 89.0)),
@@ -106,24 +93,24 @@ ACTIONS: tuple[Action, ...] = (
     Action("view.left", "Left view", "View", "Ctrl+3", command=_view(90.0, 0.0)),
     Action("view.home", "Whole person", "View", "Home", effect="whole_person", separator=True),
     Action("view.face", "Frame the face", "View", "F", command=_face),
-    Action("view.orbit_left", "Turn left", "", "4", command=_fixed(OrbitBy(-15.0, 0.0))),
-    Action("view.orbit_right", "Turn right", "", "6", command=_fixed(OrbitBy(15.0, 0.0))),
+    Action("view.orbit_left", "Turn left", "", "4", command=_fixed(commands.OrbitBy(-15.0, 0.0))),
+    Action("view.orbit_right", "Turn right", "", "6", command=_fixed(commands.OrbitBy(15.0, 0.0))),
     Action("part.left_hand", "Show or hide the left hand", "View", command=_toggle("left_hand"), separator=True),
     Action("part.right_hand", "Show or hide the right hand", "View", command=_toggle("right_hand")),
     Action("part.face", "Show or hide the face", "View", command=_toggle("face")),
     *(
-        Action(f"level.{name}", f"Level: {name}", "View", command=_fixed(SetLevel(name)), separator=name == AUTO)
+        Action(f"level.{name}", f"Level: {name}", "View", command=_fixed(commands.SetLevel(name)), separator=name == AUTO)
         for name in LEVELS
     ),
     Action("layout.reset", "Reset layout", "View", effect="reset_layout", separator=True),
     Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_has_motion),
-    Action("step.back", "Previous frame", "Motion", "LeftArrow", effect="step_back", enabled=_has_motion),
-    Action("step.on", "Next frame", "Motion", "RightArrow", effect="step_on", enabled=_has_motion),
+    Action("step.back", "Previous frame", "Motion", "Left", effect="step_back", enabled=_has_motion),
+    Action("step.on", "Next frame", "Motion", "Right", effect="step_on", enabled=_has_motion),
     Action("palette", "Command palette", "Help", "Ctrl+P", effect="palette"),
     Action("shortcuts", "Keyboard shortcuts", "Help", "F1", effect="shortcuts"),
-    *(_named("pose", name, ApplyPose(name)) for name in POSES),
-    *(_named("expression", name, ApplyExpression(name)) for name in EXPRESSIONS),
-    *(_named(f"{side} hand", name, SetHandPose(side, name)) for side in ("left", "right") for name in HANDS),
+    *(_named("pose", name, commands.ApplyPose(name)) for name in POSES),
+    *(_named("expression", name, commands.ApplyExpression(name)) for name in EXPRESSIONS),
+    *(_named(f"{side} hand", name, commands.SetHandPose(side, name)) for side in ("left", "right") for name in HANDS),
 )  # fmt: skip
 
 
@@ -138,7 +125,7 @@ def menu(name: str) -> tuple[Action, ...]:
 
 
 def find(text: str) -> tuple[Action, ...]:
-    """Actions whose titles hold every word of `text`, those that begin with it first."""
+    """Actions with every word of `text` in their titles, those that begin with it first."""
     words = text.lower().split()
     found = [entry for entry in ACTIONS if all(word in entry.title.lower() for word in words)]
     return tuple(sorted(found, key=lambda entry: not entry.title.lower().startswith(text.lower())))

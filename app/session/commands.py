@@ -1,55 +1,86 @@
-"""One frozen dataclass per user action; what each does to a state: rules.py.
+"""What a user does: one frozen dataclass per action, with its rule, the pure `apply(state) -> state`.
 
-Commands carry values, never files or tensors, so a journal of them replays anywhere. `merge` folds the commands of one
-gesture (a drag, a playing motion) together. Angles in degrees for the camera, radians for joints; metres.
+Commands carry values, never files or tensors, so a journal of them replays anywhere. Angles in degrees for the camera,
+radians for joints; metres.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
-from typing import Any
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
 
-from avatarrex_studio.session.state import Colour
+import numpy as np
+from avatarrex_studio.session import posing
+from avatarrex_studio.session.state import Colour, MotionState, SizePolicy, StudioState, Vector
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
-
-Vector = tuple[float, float, float]
+from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
+from avatarrex.signals.limits import random_signals
 
 
 @dataclass(frozen=True)
-class Command:
+class Command(ABC):
     """A user action."""
 
+    @abstractmethod
+    def apply(self, state: StudioState) -> StudioState:
+        """The state after this command. Raises `InputError` for a value that cannot be set."""
+
+
+class Setting(Command):
+    """Of several in one gesture the last alone decides."""
+
 
 @dataclass(frozen=True)
-class SetJoint(Command):
+class SetJoint(Setting):
     joint: str
     rotation: Vector
 
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(signals=posing.set_joint(state.signals, self.joint, self.rotation, state.limit_joints))
+
 
 @dataclass(frozen=True)
-class SetTranslation(Command):
+class SetTranslation(Setting):
     translation: Vector
 
+    def apply(self, state: StudioState) -> StudioState:
+        return state.pose(translation=np.array(self.translation))
+
 
 @dataclass(frozen=True)
-class SetExpression(Command):
+class SetExpression(Setting):
     name: str
     value: float
 
+    def apply(self, state: StudioState) -> StudioState:
+        value = float(np.clip(self.value, 0, 1)) if state.limit_joints else self.value
+        return state.change(signals=posing.set_expression(state.signals, self.name, value))
+
 
 @dataclass(frozen=True)
-class SetShape(Command):
+class SetShape(Setting):
     index: int
     value: float
+
+    def apply(self, state: StudioState) -> StudioState:
+        shape = state.signals.shape.copy()
+        if not 0 <= self.index < len(shape):
+            raise InputError("shape", "", f"a coefficient from 0 to {len(shape) - 1}", self.index)
+        shape[self.index] = self.value
+        return state.pose(shape=shape)
 
 
 @dataclass(frozen=True)
 class SetHandPose(Command):
     side: str
     name: str
+
+    def apply(self, state: StudioState) -> StudioState:
+        if self.side not in ("left", "right"):
+            raise InputError("hand", "", "left or right", self.side)
+        return state.pose(**{f"{self.side}_hand_pose": named_hand(self.name, self.side)})
 
 
 @dataclass(frozen=True)
@@ -58,17 +89,26 @@ class ApplyPose(Command):
 
     name: str
 
+    def apply(self, state: StudioState) -> StudioState:
+        return state.pose(body_pose=named_pose(self.name))
+
 
 @dataclass(frozen=True)
 class ApplyExpression(Command):
     name: str
 
+    def apply(self, state: StudioState) -> StudioState:
+        return state.pose(expression=named_expression(self.name))
+
 
 @dataclass(frozen=True)
-class SetSignals(Command):
+class SetSignals(Setting):
     """All signals at once: a pasted pose, a file."""
 
     signals: Signals
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(signals=self.signals)
 
 
 @dataclass(frozen=True)
@@ -79,31 +119,52 @@ class Randomise(Command):
     strength: float
     seed: int
 
+    def apply(self, state: StudioState) -> StudioState:
+        drawn = random_signals(np.random.default_rng(self.seed), self.strength)
+        return state.change(signals=posing.copy_group(state.signals, drawn, self.group))
+
 
 @dataclass(frozen=True)
 class Mirror(Command):
     """Left and right exchanged; the place stays."""
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(signals=mirror(state.signals).replace(translation=state.signals.translation))
 
 
 @dataclass(frozen=True)
 class Reset(Command):
     """Pose, hands, face, shape and place at rest."""
 
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(signals=Signals.rest())
+
 
 @dataclass(frozen=True)
 class ResetGroup(Command):
     group: str
 
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(signals=posing.reset(state.signals, self.group))
+
 
 @dataclass(frozen=True)
-class SetLimits(Command):
+class SetLimits(Setting):
     limited: bool
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(limit_joints=self.limited)
 
 
 @dataclass(frozen=True)
 class OrbitBy(Command):
     azimuth: float
     elevation: float
+
+    def apply(self, state: StudioState) -> StudioState:
+        azimuth = (state.view.azimuth + self.azimuth + 180) % 360 - 180
+        elevation = float(np.clip(state.view.elevation + self.elevation, -89, 89))
+        return state.change(view=replace(state.view, azimuth=azimuth, elevation=elevation))
 
 
 @dataclass(frozen=True)
@@ -113,12 +174,24 @@ class PanBy(Command):
     right: float
     up: float
 
+    def apply(self, state: StudioState) -> StudioState:
+        view = state.view
+        azimuth, elevation = np.radians([view.azimuth, view.elevation])
+        right = np.array([np.cos(azimuth), 0, -np.sin(azimuth)])
+        up = np.array([-np.sin(azimuth) * np.sin(elevation), np.cos(elevation), -np.cos(azimuth) * np.sin(elevation)])
+        height = 2 * view.distance * np.tan(np.radians(view.fov) / 2)
+        return state.change(view=view.moved(height * (self.right * right + self.up * up)))
+
 
 @dataclass(frozen=True)
 class ZoomBy(Command):
     """Multiplies the distance."""
 
     factor: float
+
+    def apply(self, state: StudioState) -> StudioState:
+        distance = float(np.clip(state.view.distance * self.factor, 0.3, 50))
+        return state.change(view=replace(state.view, distance=distance))
 
 
 @dataclass(frozen=True)
@@ -132,16 +205,26 @@ class SetCamera(Command):
     target: Vector | None = None
     follow: bool | None = None
 
+    def apply(self, state: StudioState) -> StudioState:
+        named = {name: value for name, value in vars(self).items() if value is not None}
+        return state.change(view=replace(state.view, **named))
+
 
 @dataclass(frozen=True)
-class SetBackground(Command):
+class SetBackground(Setting):
     colour: Colour
 
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(background=self.colour)
+
 
 @dataclass(frozen=True)
-class SetSize(Command):
+class SetSize(Setting):
     scale: float = 1.0
     fixed: tuple[int, int] | None = None
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(size=SizePolicy(self.scale, self.fixed))
 
 
 @dataclass(frozen=True)
@@ -149,22 +232,32 @@ class SetHidden(Command):
     part: str
     hidden: bool
 
+    def apply(self, state: StudioState) -> StudioState:
+        part = {self.part}
+        return state.change(hidden=state.hidden | part if self.hidden else state.hidden - part)
+
 
 @dataclass(frozen=True)
-class SetLevel(Command):
+class SetLevel(Setting):
     """Run time against error: one of `state.LEVELS`."""
 
     level: str
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(level=self.level)
 
 
 @dataclass(frozen=True)
 class OpenAvatar(Command):
     avatar: str
 
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(avatar=self.avatar)
+
 
 @dataclass(frozen=True)
 class LoadMotion(Command):
-    """A motion was read; its first frame comes with it."""
+    """A motion was read; `signals` are its first frame's."""
 
     path: str
     name: str
@@ -172,55 +265,24 @@ class LoadMotion(Command):
     fps: float
     signals: Signals
 
+    def apply(self, state: StudioState) -> StudioState:
+        return state.play(MotionState(self.path, self.name, self.frames, self.fps), self.signals)
+
 
 @dataclass(frozen=True)
-class SetFrame(Command):
-    """The motion stands at `frame`, whose signals come along: a journal needs no motion file."""
+class SetFrame(Setting):
+    """The motion goes to `frame`, with that frame's `signals`: a journal needs no motion file."""
 
     frame: int
     signals: Signals
 
+    def apply(self, state: StudioState) -> StudioState:
+        if state.motion is None:
+            raise InputError("frame", "", "a motion to be loaded first", self.frame)
+        return state.play(replace(state.motion, frame=self.frame), self.signals)
+
 
 @dataclass(frozen=True)
 class CloseMotion(Command):
-    pass
-
-
-def merge(earlier: Command, later: Command) -> Command | None:
-    """`later`, where it makes `earlier` of no effect; else None."""
-    same_target = all(getattr(earlier, name, None) == getattr(later, name, None) for name in ("joint", "name", "index"))
-    return later if type(earlier) is type(later) and isinstance(later, _ABSOLUTE) and same_target else None
-
-
-_ABSOLUTE = (
-    SetJoint, SetTranslation, SetExpression, SetShape, SetSignals, SetBackground, SetSize, SetLevel, SetFrame, SetLimits
-)  # fmt: skip
-"""Commands of which the last alone decides."""
-
-
-def to_json(command: Command) -> dict[str, Any]:
-    """`{"command": name, …}`."""
-    content = {item.name: getattr(command, item.name) for item in dataclasses.fields(command)}
-    return {
-        "command": type(command).__name__,
-        **{name: value.to_json() if isinstance(value, Signals) else value for name, value in content.items()},
-    }
-
-
-def from_json(data: Any, source: str = "session") -> Command:
-    """The command that `to_json` wrote. Raises `InputError`."""
-    kinds = {kind.__name__: kind for kind in Command.__subclasses__()}
-    name = data.get("command") if isinstance(data, dict) else None
-    if name not in kinds:
-        raise InputError(source, "command", "the name of a command", name)
-    content: dict[str, Any] = {key: _read(key, value, source) for key, value in data.items() if key != "command"}
-    try:
-        return kinds[name](**content)
-    except TypeError as error:
-        raise InputError(source, name, "the fields of that command", error) from None
-
-
-def _read(key: str, value: Any, source: str) -> Any:
-    if key == "signals":
-        return Signals.from_json(value, source)
-    return tuple(value) if isinstance(value, list) else value
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(motion=None)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from avatarrex_studio.session.commands import Command, from_json, merge, to_json
-from avatarrex_studio.session.rules import apply
+from avatarrex_studio.session.command_json import from_json, to_json
+from avatarrex_studio.session.commands import Command, Setting
 from avatarrex_studio.session.state import StudioState
 
 from avatarrex.errors import InputError
@@ -45,14 +45,13 @@ class Journal:
 
     def do(self, command: Command, gesture: object = None) -> StudioState:
         """Apply `command`; commands that share a `gesture` (not None) are undone together. Raises `InputError`."""
-        state = apply(self.state, command)
+        state = command.apply(self.state)
         if state == self.state:
             return state
         last = self.steps[-1] if self.steps else None
         if last and gesture is not None and last.gesture == gesture:
-            merged = merge(last.commands[-1], command)
-            if merged is not None:
-                last.commands[-1] = merged
+            if supersedes(command, last.commands[-1]):
+                last.commands[-1] = command
                 state = _after(last.before, last.commands)  # what a replay will do, to the last bit
             else:
                 last.commands.append(command)
@@ -125,7 +124,13 @@ class Journal:
         return cls.from_json(read_json(path, "a session file"), str(path))
 
 
+def supersedes(later: Command, earlier: Command) -> bool:
+    """Whether `earlier` has no effect before `later`: a setting of the same joint, coefficient or field."""
+    same = all(getattr(earlier, name, None) == getattr(later, name, None) for name in ("joint", "name", "index"))
+    return isinstance(later, Setting) and type(earlier) is type(later) and same
+
+
 def _after(state: StudioState, commands: list[Command]) -> StudioState:
     for command in commands:
-        state = apply(state, command)
+        state = command.apply(state)
     return state

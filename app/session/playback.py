@@ -14,14 +14,14 @@ log = logging.getLogger(__name__)
 
 
 class Playback:
-    """Plays one motion; the frame it stands at belongs to the state."""
+    """Plays one motion; the present frame belongs to the state."""
 
     def __init__(self) -> None:
         self.playing = False
         self.loop = True
         self.motion: Motion | None = None
         self._started = (0.0, 0)
-        """When it stood at which frame."""
+        """The time of the start and the frame then."""
         self._plays = 0
 
     @property
@@ -40,7 +40,7 @@ class Playback:
         self.playing, self.motion = False, None
 
     def toggle(self, state: StudioState, now: float) -> None:
-        """Start, from the first frame where it stands at the last, or stop."""
+        """Start, again from the first frame after the last, or stop."""
         if self._current(state) is None or state.motion is None:
             return
         self.playing = not self.playing
@@ -54,7 +54,7 @@ class Playback:
         return None if motion is None else motion.at(min(max(frame, 0), len(motion) - 1), state.signals)
 
     def due(self, state: StudioState, now: float) -> int | None:
-        """The frame to go to, where it is not the one that the state stands at."""
+        """The frame to go to, where it is not the state's own."""
         motion = self._current(state) if self.playing else None
         if motion is None:
             self.playing = False

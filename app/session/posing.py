@@ -6,13 +6,13 @@ Joint names are those of `avatarrex.signals.joints`; rotation vectors in radians
 from __future__ import annotations
 
 import numpy as np
+from avatarrex_studio.session.state import Vector, vector
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import BODY_GROUPS, BODY_JOINTS, EXPRESSION_NAMES, HAND_JOINTS, JOINT_NAMES
 from avatarrex.signals.limits import LIMITS
 
-Vector = tuple[float, float, float]
 FACE_GROUPS: dict[str, tuple[str, ...]] = {
     group: tuple(name for name in EXPRESSION_NAMES if name.startswith(group))
     for group in ("brow", "eye", "jaw", "mouth", "cheek", "nose", "tongue")
@@ -48,8 +48,7 @@ def with_pose(signals: Signals, pose: np.ndarray) -> Signals:
 
 def joint(signals: Signals, name: str) -> Vector:
     """Rotation vector of a joint."""
-    x, y, z = signals.full_pose()[joint_index(name)]
-    return float(x), float(y), float(z)
+    return vector(signals.full_pose()[joint_index(name)])
 
 
 def set_joint(signals: Signals, name: str, rotation: Vector, limited: bool = False) -> Signals:
@@ -70,31 +69,26 @@ def set_expression(signals: Signals, name: str, value: float) -> Signals:
 
 
 def reset(signals: Signals, group: str) -> Signals:
-    """One of `GROUPS`, or a single joint or coefficient, at rest again."""
+    """One of `GROUPS`, or a single joint or coefficient, at rest again. Raises `InputError` for another name."""
     names = GROUPS.get(group, (group,))
-    pose, expression = signals.full_pose(), signals.expression.copy()
-    for name in names:
-        if name in JOINT_NAMES:
-            pose[JOINT_NAMES.index(name)] = 0
-        elif name in EXPRESSION_NAMES:
-            expression[EXPRESSION_NAMES.index(name)] = 0
-        elif name not in ("translation", "shape"):
-            raise InputError("reset", "", "a group, a joint or a coefficient", group)
-    signals = with_pose(signals, pose).replace(expression=expression)
+    if not set(names) <= set(GROUPS["all"]):
+        raise InputError("reset", "", "a group, a joint or a coefficient", group)
     cleared = {name: np.zeros_like(getattr(signals, name)) for name in ("translation", "shape") if name in names}
-    return signals.replace(**cleared)
+    return _copied(signals, Signals.rest(), names).replace(**cleared)
 
 
 def copy_group(signals: Signals, source: Signals, group: str) -> Signals:
-    """`signals` with the joints and coefficients of `group` taken from `source`."""
+    """`signals` with the joints and coefficients of `group` taken from `source`. Raises `InputError`."""
     if group not in GROUPS:
         raise InputError("group", "", "one of " + ", ".join(GROUPS), group)
+    return _copied(signals, source, GROUPS[group])
+
+
+def _copied(signals: Signals, source: Signals, names: tuple[str, ...]) -> Signals:
+    joints = [JOINT_NAMES.index(name) for name in names if name in JOINT_NAMES]
+    coefficients = [EXPRESSION_NAMES.index(name) for name in names if name in EXPRESSION_NAMES]
     pose, expression = signals.full_pose(), signals.expression.copy()
-    for name in GROUPS[group]:
-        if name in JOINT_NAMES:
-            pose[JOINT_NAMES.index(name)] = source.full_pose()[JOINT_NAMES.index(name)]
-        elif name in EXPRESSION_NAMES:
-            expression[EXPRESSION_NAMES.index(name)] = source.expression[EXPRESSION_NAMES.index(name)]
+    pose[joints], expression[coefficients] = source.full_pose()[joints], source.expression[coefficients]
     return with_pose(signals, pose).replace(expression=expression)
 
 

@@ -7,26 +7,29 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any
+from typing import Any, SupportsFloat
 
+import numpy as np
+
+from avatarrex import levels
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
+from avatarrex.templates.parts import PARTS
 
 FORMAT = 1
 """Version of the JSON form; a reader refuses a newer one by name."""
-PARTS = ("left_hand", "right_hand", "face")
-"""Parts that can be hidden."""
 AUTO = "auto"
 """The level that is chosen by measured cost."""
-LEVELS = (AUTO, "paper", "fast", "balanced", "fine", "quality")
-"""`auto`, and the names of avatarrex/levels.py, which needs torch."""
+LEVELS = (AUTO, *levels.LEVELS)
 SIZES = (16, 8192)
 """Smallest and largest side of an image, pixels."""
 BACKGROUND = (0.145, 0.157, 0.176, 1.0)
 """A dark neutral grey."""
 Colour = tuple[float, float, float, float]
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ class OrbitView:
     elevation: float = 0.0
     distance: float = 3.0
     fov: float = 40.0
-    target: tuple[float, float, float] = (0.0, -0.05, 0.0)
+    target: Vector = (0.0, -0.05, 0.0)
     follow: bool = True
     """Whether a motion's steps over the ground carry the target along."""
 
@@ -58,6 +61,10 @@ class OrbitView:
     def camera(self, width: int, height: int) -> Camera:
         """This view on a `width` × `height` raster."""
         return Camera.orbit(self.azimuth, self.elevation, self.distance, self.fov, self.target, width, height)
+
+    def moved(self, step: np.ndarray) -> OrbitView:
+        """The same view `step` (3,) further on."""
+        return replace(self, target=vector(np.asarray(self.target) + step))
 
 
 @dataclass(frozen=True)
@@ -87,7 +94,7 @@ class SizePolicy:
 
 @dataclass(frozen=True)
 class MotionState:
-    """Which motion is loaded and where it stands."""
+    """The loaded motion and its present frame."""
 
     path: str
     name: str
@@ -131,19 +138,27 @@ class StudioState:
         """A copy with some fields changed, validated."""
         return replace(self, **changes)
 
+    def pose(self, **changes: Any) -> StudioState:
+        """A copy with some fields of the signals changed, validated."""
+        return self.change(signals=self.signals.replace(**changes))
+
+    def play(self, motion: MotionState, signals: Signals) -> StudioState:
+        """A copy at a frame of `motion`: its signals, the avatar's own shape; a view that follows moves along the ground."""
+        step = (signals.translation - self.signals.translation) * (1, 0, 1)
+        view = self.view.moved(step) if self.view.follow else self.view
+        return self.change(motion=motion, signals=signals.replace(shape=self.signals.shape), view=view)
+
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers."""
         return {
             "format": FORMAT,
-            "avatar": self.avatar,
+            **vars(self),
             "signals": self.signals.to_json(),
             "view": asdict(self.view),
             "size": asdict(self.size),
             "background": list(self.background),
             "motion": asdict(self.motion) if self.motion else None,
             "hidden": sorted(self.hidden),
-            "limit_joints": self.limit_joints,
-            "level": self.level,
         }
 
     @classmethod
@@ -167,6 +182,12 @@ class StudioState:
             return cls(**{name: _READERS[name](value, source) for name, value in data.items()})
         except (TypeError, KeyError, AttributeError) as error:
             raise InputError(source, "", "a state of the studio", error) from None
+
+
+def vector(values: Iterable[SupportsFloat]) -> Vector:
+    """Three numbers of an array as plain ones."""
+    x, y, z = values
+    return float(x), float(y), float(z)
 
 
 def _number(value: object) -> bool:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from avatarrex_studio.session.framing import EVERY, Outline, framed
+from avatarrex_studio.engine.framing import EVERY, Outline, framed
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import OrbitView
 from avatarrex_studio.sheets.order import COLUMNS
@@ -185,8 +185,7 @@ def motion_page(person: Person, artists: int, motion: Motion, frames: Sequence[i
     view = replace(view, distance=HAIR * view.distance) if face else view
     scenes = []
     for frame, signals, step in zip(frames, frame_signals, steps):
-        x, y, z = np.array(view.target) + step
-        camera = replace(view, target=(float(x), float(y), float(z))).camera(*size)
+        camera = view.moved(step).camera(*size)
         scenes.append(Scene(signals, camera, f"frame {frame}", "face" if face else "body"))
     width = sheet_width(across, 1, size[0])
     bands = _rows(scenes, across)

@@ -1,4 +1,4 @@
-"""Where the panels of the window stand until the user moves them."""
+"""Where the panels of the window are until the user moves them."""
 
 from __future__ import annotations
 

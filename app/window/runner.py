@@ -1,4 +1,4 @@
-"""What every window of the program asks of its toolkit."""
+"""What every window of the program sets of its toolkit."""
 
 from __future__ import annotations
 

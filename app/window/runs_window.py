@@ -7,9 +7,10 @@ from pathlib import Path
 
 import moderngl
 from avatarrex_studio.jobs.watcher import Watcher
+from avatarrex_studio.panels import widgets
 from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.window.runner import runner_params
-from imgui_bundle import hello_imgui, imgui, immapp
+from imgui_bundle import hello_imgui, imgui, imgui_ctx, immapp
 
 from avatarrex.errors import InputError
 
@@ -39,9 +40,8 @@ class RunsWindow:
 
     def _draw(self) -> None:
         imgui.set_cursor_pos(imgui.ImVec2(14, 12))
-        imgui.begin_child("##runs", imgui.ImVec2(imgui.get_content_region_avail().x - 8, 0))
-        self.panel.draw()
-        imgui.end_child()
+        with imgui_ctx.begin_child("##runs", (widgets.room() - 8, 0)):
+            self.panel.draw()
 
     def _upload(self) -> None:
         if self._context is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 import moderngl
-import numpy as np
+from avatarrex_studio.panels.texture import uploaded
 from avatarrex_studio.panels.viewport import Picture
 from avatarrex_studio.session.state import Colour
 from jaxtyping import Float
@@ -36,15 +36,8 @@ class Screen:
         """The image over the background into the texture, where either is new."""
         if image is None or (self._shown and self._shown[0] is image and self._shown[1] == background):
             return
-        pixels = composite(image, background)
-        height, width = pixels.shape[:2]
-        if self._texture is None or self._texture.size != (width, height):
-            if self._texture:
-                self._texture.release()
-            self._texture = self.open().texture((width, height), 4)
-            self._texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self._texture.write(np.ascontiguousarray(pixels).tobytes())
-        self.picture = Picture(self._texture.glo, width, height)
+        self._texture = uploaded(self.open(), composite(image, background), self._texture)
+        self.picture = Picture(self._texture.glo, *self._texture.size)
         self._shown = (image, background)
 
     def close(self) -> None:

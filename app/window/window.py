@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.studio import Studio, refusals_logged
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status
@@ -33,7 +34,6 @@ from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.window.docking import docking
 from avatarrex_studio.window.runner import runner_params
 from avatarrex_studio.window.screen import Screen
-from avatarrex_studio.window.studio import Studio
 from imgui_bundle import hello_imgui, imgui, immapp
 
 from avatarrex.errors import InputError
@@ -43,7 +43,7 @@ from avatarrex.signals.library import named_hand, named_pose
 
 log = logging.getLogger(__name__)
 WARM_UP = 3
-"""Interface frames before the first render, so that the window stands before the avatar is computed."""
+"""Interface frames before the first render, so that the window is there before the avatar is computed."""
 WHEEL_PAUSE = 0.5
 """Seconds between wheel notches that end one undo step."""
 
@@ -52,7 +52,7 @@ class Window:
     """The loop's callbacks."""
 
     def __init__(self, studio: Studio, runs: str | Path = "runs", device: str = "cpu") -> None:
-        """`runs`: the folder whose trainings the Training tab shows; it trains on `device`."""
+        """`runs`: the folder of the trainings that the Training tab shows; it trains on `device`."""
         self.studio = studio
         self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
         self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
@@ -67,7 +67,7 @@ class Window:
             "step_back": lambda: studio.step_by(-1), "step_on": lambda: studio.step_by(1),
             "open_motion": lambda: self.files.open("motion", "Open a motion", studio.open_motion),
             "open_session": lambda: self.files.open("session", "Open a session", studio.open_session),
-            "save_session": lambda: self.files.save("session", "Save the session", studio.save_session),
+            "save_session": lambda: self.files.open("session", "Save the session", studio.save_session, save=True),
             "copy_pose": self._copy, "paste_pose": self._paste, "screenshot": self._screenshot,
             "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
@@ -92,7 +92,7 @@ class Window:
         calls.setup_imgui_config = _configure
         calls.pre_new_frame = self._render
         calls.show_gui = self._over
-        calls.show_menus = lambda: self._run(menu.draw(self.studio))
+        calls.show_menus = lambda: self._run(menu.draw(self.studio.journal))
         calls.show_status = self._status
         calls.before_exit = self._close
         params.docking_params = docking(self._panels())
@@ -138,7 +138,7 @@ class Window:
         self._collect(draw())
 
     def _collect(self, commands: Sequence[Command | Action] | None) -> None:
-        """Do what a panel asked for; a drag is one undo step, and so is a turn of the wheel."""
+        """Apply a panel's commands; a drag is one undo step, and so is a turn of the wheel."""
         for command in commands or ():
             if isinstance(command, Action):
                 self._run(command)
@@ -163,11 +163,11 @@ class Window:
 
     def _over(self) -> None:
         """What lies over the panels, and the keys."""
-        self._run(self.palette.draw(self.studio))
+        self._run(self.palette.draw(self.studio.journal))
         self.files.draw()
         if not imgui.get_io().want_text_input:
             for chord, entry in self._chords:
-                if imgui.is_key_chord_pressed(chord) and entry.enabled(self.studio):
+                if imgui.is_key_chord_pressed(chord) and entry.enabled(self.studio.journal):
                     self._run(entry)
         if not (imgui.is_any_item_active() or imgui.is_any_mouse_down()):
             self._gesture += 1
@@ -185,8 +185,7 @@ class Window:
         context = self.screen.open()
         self._frames += 1
         if self._frames > WARM_UP:
-            held = any(imgui.get_io().mouse_down[button] for button in range(3))
-            self.studio.tick(self.viewport.size, held)
+            self.studio.tick(self.viewport.size, any(imgui.get_io().mouse_down[button] for button in range(3)))
             self.screen.show(self.studio.image, self.studio.state.background)
         self.training.upload(context)
         moving = self.studio.moving or self._frames <= WARM_UP + 1
@@ -198,10 +197,8 @@ class Window:
         imgui.set_clipboard_text(json.dumps(self.studio.state.signals.to_json()))
 
     def _paste(self) -> None:
-        try:
+        with refusals_logged():
             self.studio.do(SetSignals(Signals.from_json(imgui.get_clipboard_text(), "clipboard")))
-        except InputError as error:
-            log.error("%s", error)
 
     def _screenshot(self) -> None:
         path = Path.cwd() / time.strftime("avatarrex-%Y%m%d-%H%M%S.png")

@@ -29,11 +29,9 @@ from avatarrex.fields.influence import EPSILON, GATE, RADIUS, SIGMA, Pairs, find
 from avatarrex.fields.light import Light
 from avatarrex.fields.local_frame import (
     LOCAL_FRAMES,
-    NEIGHBOURS,
     SPREAD,
     Neighbours,
     Samples,
-    blended_rest_position,
     take,
 )
 from avatarrex.fields.local_networks import LocalNetworks, mlp
@@ -42,7 +40,7 @@ from avatarrex.fields.patches import NoPatches, PatchNetwork, patch_features
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
 from avatarrex.ops import native
 from avatarrex.ops.encoding import Encoding, channels, encode
-from avatarrex.ops.skinning import blend, blend_rotations, invert_affine, skin
+from avatarrex.ops.skinning import blend, blend_rotations, invert_affine
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.model import PosedTemplate, TemplateModel
 
@@ -70,8 +68,8 @@ class BodyFrame:
     node_rest: Float[Tensor, "n 3"]
     """n̄_i + Δn_i."""
     node_from_rest: Float[Tensor, "n 3 4"]
-    samples: Samples | None
-    """Anchors or vertices of the local frame; None where the nodes themselves serve."""
+    samples: Samples
+    """Anchors of the local frame."""
     cover: Float[Tensor, ""]
     """No point of the surface is farther from its nearest node, metres."""
 
@@ -148,7 +146,7 @@ class BodyField(nn.Module):
         model, vertex = self.template, self.node_vertex.cpu()
         like = self.clothing_offset
         normal = node_normals(model, vertex)
-        sampled = torch.arange(len(model.v_template)) if self.local_frame == "vertex" else self.anchor_vertex.cpu()
+        sampled = self.anchor_vertex.cpu()
         sampled = sampled[~self.replaced.cpu()[sampled]]
         rest = model.v_template
         derived = {
@@ -212,20 +210,17 @@ class BodyField(nn.Module):
         node_from_rest = self._onto(posed, self.node_weights, self.node_rest, self.node_vertex)
         node_rest = self.node_rest + code.residual
         position = (node_from_rest[:, :, :3] @ node_rest[:, :, None])[:, :, 0] + node_from_rest[:, :, 3]
-        samples = None
-        if self.local_frame in ("anchors", "turned", "vertex"):
-            vertex = self.sample_vertex
-            onto = self._onto(posed, self.sample_weights, self.sample_rest, vertex)
-            outward = F.normalize((onto[:, :, :3] @ self.sample_normal[:, :, None])[:, :, 0], dim=-1)
-            samples = Samples(
-                self.sample_rest,
-                posed.vertices[vertex] + outward * self.clothing_offset[vertex, None],
-                outward,
-                invert_affine(onto),
-                self.sample_owner,
-                1 if self.local_frame == "vertex" else NEIGHBOURS,
-                SPREAD * (2048 / len(vertex)) ** 0.5,
-            )
+        vertex = self.sample_vertex
+        onto = self._onto(posed, self.sample_weights, self.sample_rest, vertex)
+        outward = F.normalize((onto[:, :, :3] @ self.sample_normal[:, :, None])[:, :, 0], dim=-1)
+        samples = Samples(
+            self.sample_rest,
+            posed.vertices[vertex] + outward * self.clothing_offset[vertex, None],
+            outward,
+            invert_affine(onto),
+            self.sample_owner,
+            SPREAD * (2048 / len(vertex)) ** 0.5,
+        )
         cover = covering_radius(posed.vertices.detach(), position.detach()) + CLOTH
         return BodyFrame(code, position, node_rest, node_from_rest, samples, cover)
 
@@ -259,25 +254,13 @@ class BodyField(nn.Module):
         """
         if among is not None:
             pairs = pairs.keep(among[pairs.node])
-        if (
-            impl == "auto"
-            and frame.samples is not None
-            and native.serves(position, frame.node_position, frame.node_rest)
-        ):
-            samples = frame.samples if among is None else frame.samples.among(among)
-            return _localised(frame, position, samples.rest_position(position, beside), pairs, cutoff)
+        samples = frame.samples if among is None else frame.samples.among(among)
+        rest = samples.rest_position(position, beside)
+        if impl == "auto" and native.serves(position, frame.node_position, frame.node_rest):
+            return _localised(frame, position, rest, pairs, cutoff)
         point = take(position, pairs.point)
         squared = (point - take(frame.node_position, pairs.node)).square().sum(0)
-        if self.local_frame == "node":
-            inverse = invert_affine(frame.node_from_rest)
-            rest = skin(inverse.index_select(0, pairs.node), point.T).T
-        elif frame.samples is not None:
-            samples = frame.samples if among is None else frame.samples.among(among)
-            rest = take(samples.rest_position(position, beside), pairs.point)
-        else:
-            blended = blended_rest_position(position, pairs, squared, frame.node_from_rest, frame.node_rest)
-            rest = take(blended, pairs.point)
-        local = rest - take(frame.node_rest, pairs.node)
+        local = take(rest, pairs.point) - take(frame.node_rest, pairs.node)
         weight = influence(squared) * gate(local.square().sum(0))
         kept = weight > 0
         if cutoff:
@@ -336,23 +319,21 @@ class BodyField(nn.Module):
         among: Bool[Tensor, " n"] | None = None,
     ) -> Float[Tensor, "p 3"]:
         """sRGB in [0, 1] of surface points seen along unit `view_direction` (root frame, from the eye); in the `light` that
-        falls on them, above 1 where it is bright, or as the networks say (for fields without anchors, too).
+        falls on them, above 1 where it is bright, or as the networks say.
 
         `patches` None decodes those of the nodes in reach of the points, for this call alone. `among` restricts nodes and
         anchors to those of the limb whose surface the points are on.
         Where no node reaches, the colour of zero features: no such point lies on a surface.
         """
         pairs = self.pairs(frame, position) if pairs is None else pairs
-        samples = frame.samples if frame.samples is None or among is None else frame.samples.among(among)
-        beside = None if samples is None else samples.neighbours_of(position)
+        samples = frame.samples if among is None else frame.samples.among(among)
+        beside = samples.neighbours_of(position)
         pairs, local, weight = self.localise(frame, position, pairs, among, self.widths.colour_cutoff, beside)
         feature = self._colour_features(frame, patches, pairs, local, impl)
         mean, _ = weighted_mean(feature, weight, pairs, len(position))
         direction = encode(view_direction, DIRECTION_OCTAVES)
         colour = torch.sigmoid(self.colour_blend(torch.cat([F.relu(mean), direction], -1)))
-        if light is None or samples is None or beside is None:
-            return colour
-        return colour * light(samples.facing(beside))
+        return colour if light is None else colour * light(samples.facing(beside))
 
     def _colour_features(
         self, frame: BodyFrame, patches: Tensor | None, pairs: Pairs, local: Float[Tensor, "k 3"], impl: str
@@ -377,11 +358,12 @@ def _localised(
     """`BodyField.localise` by compiled loops."""
     count = len(pairs.point)
     local, weight, keep = torch.empty(3, count), torch.empty(count), torch.empty(count, dtype=torch.int64)
-    tables = [table.contiguous().numpy() for table in (position, rest, frame.node_position, frame.node_rest)]
-    point, node, total = pairs.point.numpy(), pairs.node.numpy(), np.zeros(len(position), np.float32)
-    numbers = map(np.float32, (RADIUS, SIGMA, EPSILON, *GATE))
-    native.spread(loops.localise, count, point, node, *tables, *numbers, local.numpy(), weight.numpy())
-    kept = loops.keep_heard(point, weight.numpy(), np.float32(cutoff), total, keep.numpy())
+    tables = (pairs.point, pairs.node, position, rest, frame.node_position, frame.node_rest)
+    arrays = loops.NodePairs(*(table.contiguous().numpy() for table in tables))
+    support = loops.Support(*map(np.float32, (RADIUS, SIGMA, EPSILON, *GATE)))
+    native.spread(loops.localise, count, arrays, support, local.numpy(), weight.numpy())
+    total = np.zeros(len(position), np.float32)
+    kept = loops.keep_supported(arrays.point, weight.numpy(), np.float32(cutoff), total, keep.numpy())
     if kept == count:
         return pairs, local.T, weight
     keep = keep[:kept]

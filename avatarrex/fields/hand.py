@@ -1,6 +1,6 @@
 """Hand field: the exact signed distance to the posed hand mesh, and a colour MLP on it (paper sec. 3.2, eq. 8 to 10).
 
-Where fingers pass into each other or the palm, the closest feature may be skin that lies in another finger's flesh, whose outer
+Where fingers pass into each other or the palm, the closest feature may be skin within another finger's flesh, and its outer
 side is not outside: there the winding number says what is (a fist had holes along its contacts).
 
 Everything lives in the wrist frame, metres, and depends on φ (and shape) alone. Letters: p points, v vertices, f faces.
@@ -19,11 +19,11 @@ from torch.nn.functional import normalize
 from avatarrex.fields.composition import BAND
 from avatarrex.fields.presets import COORDINATE_OCTAVES, Preset
 from avatarrex.ops.closest_point import Impl, closest_point
-from avatarrex.ops.closest_tree import TriangleTree
 from avatarrex.ops.crossings import winding
 from avatarrex.ops.encoding import encode
 from avatarrex.ops.pseudonormal import Pseudonormals, pseudonormals, winding_number
 from avatarrex.ops.rotation import matrix_from_rotvec
+from avatarrex.ops.search_tree import SearchTree
 from avatarrex.templates.hand import HandTemplate
 from avatarrex.templates.mesh import vertex_normals
 
@@ -52,7 +52,7 @@ class HandQuery:
         """As seen along unit `gaze` (from the eye): a normal that turns away from the eye is mirrored towards it.
 
         What is seen faces the eye; but where a finger dips into the palm, the skin that is closest may be buried, and bright
-        with the light of a side that nobody sees.
+        with the light of a side that is out of sight.
         """
         away = (self.normal * gaze).sum(-1, keepdim=True).clamp_min(0)
         return replace(self, normal=self.normal - 2 * away * gaze)
@@ -65,11 +65,11 @@ class HandSurface:
     vertices: Float[Tensor, "v 3"]
     normals: Float[Tensor, "v 3"]
     pseudonormals: Pseudonormals
-    tree: TriangleTree | None
+    tree: SearchTree | None
     """On a CPU."""
     buried: Bool[Tensor, " f"] | None
-    """Faces of whose skin some lies in another finger's flesh or the palm's, or is turned inside out, and those around a
-    corner that does; None where there are none."""
+    """Faces that lie, in part, in another finger's flesh or the palm's, or are turned inside out, and those around a corner that
+    does; None where there are none."""
 
     @classmethod
     def of(cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], impl: Impl = "auto") -> HandSurface:
@@ -78,7 +78,11 @@ class HandSurface:
         exact, compiled = mesh.double(), mesh.device.type == "cpu" and impl != "reference"
         outward = pseudonormals(exact, faces)
         surface = cls(
-            mesh, vertex_normals(mesh, faces), outward, TriangleTree.of(mesh, faces) if compiled else None, None
+            mesh,
+            vertex_normals(mesh, faces),
+            outward,
+            SearchTree.of_triangles(mesh.numpy(), faces.numpy()) if compiled else None,
+            None,
         )
         if impl == "reference":
             return replace(surface, buried=torch.ones(len(faces), dtype=torch.bool))
@@ -90,7 +94,7 @@ class HandSurface:
     def _pierced(
         self, faces: Int[Tensor, "f 3"], corners: Float[Tensor, "f 3 3"], normal: Float[Tensor, "f 3"]
     ) -> Bool[Tensor, " f"]:
-        """Faces that other flesh holds between their corners: just outside of one there is flesh, or just inside none."""
+        """Faces that other flesh contains between their corners: just outside of one there is flesh, or just inside none."""
         side = (corners - corners.roll(1, 1)).norm(dim=-1).amax(1)
         steps = (side / SPACING).ceil().long().clamp(2, MOST_STEPS)
         found = torch.zeros(len(faces), dtype=torch.bool, device=faces.device)
@@ -105,7 +109,7 @@ class HandSurface:
     def wrapped(self, faces: Int[Tensor, "f 3"], position: Float[Tensor, "p 3"]) -> Bool[Tensor, " p"]:
         """Whether the mesh winds about points."""
         if self.tree is not None:
-            return winding(self.tree, position) > 0
+            return torch.from_numpy(winding(self.tree, position.detach().numpy())) > 0
         return winding_number(self.vertices.double(), faces, position.double()) > 0.5
 
 

@@ -1,10 +1,10 @@
-"""How much each node says about a point (paper eq. 5), and which nodes reach which points.
+"""How much weight each node has at a point (paper eq. 5), and which nodes reach which points.
 
     w_i = max(exp(−‖p − n_i‖²/2σ²) − ε, 0),   σ = 0.05 m, ε = 0.001
 
 written ε·expm1((r² − ‖p − n_i‖²)/2σ²) with r = σ√(2 ln 1/ε), which keeps its digits near the rim, and multiplied by a
-gate on the rest-pose distance ‖p̄ − n̄_i‖: a hand near a thigh hears its own nodes only (paper.md, 'influence across
-limbs').
+gate on the rest-pose distance ‖p̄ − n̄_i‖: a hand near a thigh is in the support of its own nodes only (paper.md,
+'influence across limbs').
 
 Letters: n nodes, p points, k (point, node) pairs sorted by node. Root frame, metres.
 """
@@ -28,8 +28,8 @@ RADIUS = SIGMA * math.sqrt(2 * math.log(1 / EPSILON))
 """Where the influence ends, 0.1858 m."""
 GATE = (1.2 * RADIUS, 1.6 * RADIUS)
 """Rest distances where the gate starts to close and where it is shut; a bent joint stretches distances by less."""
-BLOCK = 4_000_000
-"""Distances held at once while pairs are listed (16 MB)."""
+MAX_DISTANCES = 4_000_000
+"""Computed at once while pairs are listed (16 MB)."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def find_pairs(
     position, node_position = position.detach(), node_position.detach()
     if impl == "auto" and native.serves(position, node_position):
         return _listed(position, node_position, nodes)
-    step = max(1, BLOCK // max(len(position), 1))
+    step = max(1, MAX_DISTANCES // max(len(position), 1))
     points, owners = [nodes.new_zeros(0)], [nodes.new_zeros(0)]
     for block in nodes.split(step):
         centre = node_position[block].mean(0)  # small numbers: |p|² + |n|² − 2 p·n loses no digits that matter here

@@ -1,41 +1,38 @@
 """Which rest position p̄ does a posed point p have? (paper sec. 3.1, p_i = T⁻¹p − (n̄_i + Δn_i): T has no subscript.)
 
-Five readings, chosen by the setting `local_frame` that an avatar stores (avatarrex/measure/studies/local_frames.py: error and cost):
+T⁻¹ = Σ_a g_a T_a⁻¹ / Σ g_a over the nearest skinned samples of the template (anchors), g Gaussian in the posed distance and gated
+by the rest distance to the anchor that the point's limb has there, so that another limb's anchors do not mix in. An avatar stores which
+T_a it was trained with (`local_frame`):
 
-    node     T = T_i, the node's own skinning matrix: one p̄ per pair
-    blend    T = Σ w_i T_i / Σ w_i, gated by the rest distance that the strongest node sees
-    vertex   T of the nearest template vertex
-    anchors  T⁻¹ = Σ_a g_a T_a⁻¹ / Σ g_a over the nearest skinned anchors, g Gaussian in the posed distance and gated
-             by the rest distance to the one whose limb the point is in, so that another limb's anchors do not mix in
-    turned   as anchors, but T_a turns by the blended rotation: a blended matrix shrinks a limb that is bent by θ by
-             cos θ/2, and its inverse takes a point 1 cm off a sharp elbow to 3 cm
+    turned   rotations blended: the default. A blended matrix shrinks a limb that is bent by θ by cos θ/2, and its inverse takes a
+             point 1 cm off a sharp elbow to 3 cm
+    anchors  the linear part of the blended skinning matrix: of older avatars
 
-A sample's T maps its rest position onto its vertex of the posed template, whatever moved it there (skinning, shape,
-pose blend shapes), with the linear part of its blended skinning matrix (or its rotation).
+A sample's T maps its rest position onto its vertex of the posed template, whatever moved it there (skinning, shape, pose blend
+shapes). Other readings of the paper are compared in avatarrex/measure/studies/local_frames.py.
 
-Letters: a samples (anchors or vertices), n nodes, p points, k (point, node) pairs. Root frame, metres.
+Letters: a samples (anchors), n nodes, p points, k neighbours. Root frame, metres.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avatarrex.fields import loops
-from avatarrex.fields.influence import Pairs, gate, influence
 from avatarrex.ops import native
-from avatarrex.ops.search import workers
-from avatarrex.ops.skinning import invert_affine, skin
+from avatarrex.ops.closest_vertex import closest_vertices
+from avatarrex.ops.search_tree import SearchTree
+from avatarrex.ops.skinning import skin
 
-LOCAL_FRAMES = ("anchors", "blend", "node", "turned", "vertex")
+LOCAL_FRAMES = ("anchors", "turned")
 UNSAID = "anchors"
-"""Of avatars and checkpoints from before there was a choice."""
+"""Of avatars and checkpoints that do not name one: from before there was a choice."""
 NEIGHBOURS = 5
 """Anchors searched per point. The farthest one's weight is subtracted from all: a neighbour enters with weight 0, and p̄
 does not jump (avatarrex/measure/studies/local_frames.py: step)."""
@@ -45,11 +42,9 @@ SPREAD = 0.015
 """σ of the anchors' Gaussian at 2048 anchors, metres; it grows with their spacing, 0.021 at 1024 (performance.md)."""
 ASIDE = 0.3
 """Share of the distance along the skin where limbs touch: the point belongs to the one that it is deepest inside, as in a
-union of solids, or else to the one whose surface it is on, though a sample of the other may be nearer (they are 3 cm apart)."""
+union of solids, or else to the one with the surface that it is on, though a sample of the other may be nearer (they are 3 cm apart)."""
 OPEN, SHUT = 4.0, 6.0
 """Rest distance to that anchor, in σ, where an anchor's gate starts to close and where it is shut."""
-CHUNK = 16384
-"""Points per block of the all-distances search (128 MB against 2048 anchors)."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +59,12 @@ class Samples:
     rest_from_posed: Float[Tensor, "a 3 4"]
     owner: Int[Tensor, " a"]
     """The node nearest at rest: `among` nodes, only the samples they own are searched."""
-    neighbours: int
     spread: float
 
     @cached_property
-    def tree(self) -> cKDTree:
+    def tree(self) -> SearchTree:
         """Search tree over the posed positions."""
-        return cKDTree(self.position.detach().cpu().numpy())
+        return SearchTree.of_vertices(self.position.detach().numpy())
 
     @cached_property
     def grid(self) -> loops.AnchorGrid:
@@ -78,40 +72,23 @@ class Samples:
         return loops.AnchorGrid.of(self.position.detach().numpy())
 
     def nearest(self, position: Float[Tensor, "p 3"], impl: str = "auto") -> Int[Tensor, "p k"]:
-        """Indices of the nearest samples, nearest first; not differentiable. `impl`: `auto`, `torch`."""
-        count = min(self.neighbours, len(self.rest))
-        if impl == "auto" and count > 1 and native.serves(position.detach(), self.position.detach()):
-            point, grid, out = (
-                position.detach().contiguous().numpy(),
-                self.grid,
-                np.empty((len(position), count), np.int64),
-            )
-            native.spread(
-                loops.nearest, len(point), point, grid.position, grid.anchor, grid.start, grid.origin, grid.cells, out
-            )
-            return torch.from_numpy(out)
-        if position.device.type == "cpu":
-            ranks = list(range(1, count + 1))
-            index = self.tree.query(position.detach().numpy(), ranks, workers=workers(len(position)))[1]
-            return torch.from_numpy(index).long()
-        blocks = [
-            torch.topk(torch.cdist(block, self.position), count, largest=False).indices
-            for block in position.detach().split(CHUNK)
-        ]
-        return torch.cat(blocks) if blocks else torch.zeros(0, count, dtype=torch.int64, device=position.device)
+        """Indices of the nearest samples, nearest first; not differentiable. `impl`: `auto` (cells, for float32), `torch` (a tree)."""
+        count = min(NEIGHBOURS, len(self.rest))
+        if not count:
+            return torch.zeros(len(position), 0, dtype=torch.int64)
+        point = position.detach().contiguous()
+        if impl == "auto" and count > 1 and native.serves(point, self.position.detach()):
+            out = np.empty((len(position), count), np.int64)
+            native.spread(loops.nearest, len(point), point.numpy(), self.grid, out)
+        else:
+            out = closest_vertices(self.tree, point.numpy(), count)[1]
+        return torch.from_numpy(out)
 
     def among(self, nodes: Tensor) -> Samples:
         """Only the samples that the nodes of the mask (n,) own."""
         keep = nodes[self.owner]
-        return Samples(
-            self.rest[keep],
-            self.position[keep],
-            self.outward[keep],
-            self.rest_from_posed[keep],
-            self.owner[keep],
-            self.neighbours,
-            self.spread,
-        )
+        rows = ("rest", "position", "outward", "rest_from_posed", "owner")
+        return replace(self, **{name: getattr(self, name)[keep] for name in rows})
 
     def neighbours_of(self, position: Float[Tensor, "p 3"], impl: str = "auto") -> Neighbours:
         """The samples that carry every point, and their weights; differentiable in the point. `impl`: `auto`, `torch`."""
@@ -135,22 +112,30 @@ class Samples:
 
     def _weights(self, position: Tensor, index: Tensor) -> Tensor:
         """Those of `neighbours_of` by compiled loops."""
-        tables = [table.contiguous().numpy() for table in (position, index, self.position, self.rest, self.outward)]
-        numbers = map(np.float32, (self.spread, ASIDE, OPEN, SHUT, NEVER_ZERO))
+        tables = (table.contiguous().numpy() for table in (self.position, self.rest, self.outward))
+        constants = map(np.float32, (self.spread, ASIDE, OPEN, SHUT, NEVER_ZERO))
+        arguments = (
+            position.contiguous().numpy(),
+            index.numpy(),
+            loops.Anchors(*tables),
+            loops.AnchorWeights(*constants),
+        )
         weight = np.empty(index.shape, np.float32)
-        native.spread(loops.weigh_neighbours, len(position), *tables, *numbers, weight)
+        native.spread(loops.weigh_neighbours, len(position), *arguments, weight)
         return torch.from_numpy(weight)
 
-    def rest_position(self, position: Float[Tensor, "p 3"], beside: Neighbours | None = None) -> Float[Tensor, "p 3"]:
+    def rest_position(
+        self, position: Float[Tensor, "p 3"], neighbours: Neighbours | None = None
+    ) -> Float[Tensor, "p 3"]:
         """p̄ of every point; differentiable in the point and in the pose where the neighbours do not change."""
-        if not len(self.rest):  # no node is left that could ask
+        if not len(self.rest):  # no node is left that needs it
             return position
-        beside = self.neighbours_of(position) if beside is None else beside
-        return skin(beside.mean(self.rest_from_posed.reshape(-1, 12)).reshape(-1, 3, 4), position)
+        neighbours = self.neighbours_of(position) if neighbours is None else neighbours
+        return skin(neighbours.mean(self.rest_from_posed.reshape(-1, 12)).reshape(-1, 3, 4), position)
 
-    def facing(self, beside: Neighbours) -> Float[Tensor, "p 3"]:
-        """Which way the surface is turned beside each point: unit, smooth, turning with the limb."""
-        return torch.nn.functional.normalize(beside.mean(self.outward), dim=-1)
+    def facing(self, neighbours: Neighbours) -> Float[Tensor, "p 3"]:
+        """Which way the surface next to each point is turned: unit, smooth, turning with the limb."""
+        return torch.nn.functional.normalize(neighbours.mean(self.outward), dim=-1)
 
 
 @dataclass(frozen=True)
@@ -163,8 +148,6 @@ class Neighbours:
 
     def mean(self, values: Float[Tensor, "a c"]) -> Float[Tensor, "p c"]:
         """Weighted means of the samples' `values`."""
-        if self.index.shape[1] == 1:
-            return values[self.index[:, 0]]
         if (
             self.weight.requires_grad or values.requires_grad
         ):  # the eikonal term differentiates twice; embedding_bag, once
@@ -175,27 +158,3 @@ class Neighbours:
 def take(values: Float[Tensor, "p c"], index: Int[Tensor, " k"]) -> Float[Tensor, "c k"]:
     """Rows `index` of `values`, channels first: adjacent values of one channel make every later step faster."""
     return values.T.contiguous().index_select(1, index)
-
-
-def blended_rest_position(
-    position: Float[Tensor, "p 3"],
-    pairs: Pairs,
-    squared_distance: Float[Tensor, " k"],
-    node_from_rest: Float[Tensor, "n 3 4"],
-    node_rest: Float[Tensor, "n 3"],
-) -> Float[Tensor, "p 3"]:
-    """p̄ by the influence-weighted blend of the nodes' own matrices (`local_frame="blend"`), one round of gating."""
-    points = len(position)
-    weight = influence(squared_distance)
-    strongest = weight.new_zeros(points).scatter_reduce(0, pairs.point, weight.detach(), "amax")
-    leader = torch.zeros(points, dtype=torch.int64, device=position.device)
-    wins = weight.detach() == strongest[pairs.point]
-    leader[pairs.point[wins]] = pairs.node[wins]
-    guess = skin(invert_affine(node_from_rest)[leader], position)
-    weight = weight * gate((guess[pairs.point] - node_rest[pairs.node]).square().sum(-1))
-    total = weight.new_zeros(points).index_add(0, pairs.point, weight)
-    table = node_from_rest.reshape(-1, 12)
-    summed = table.new_zeros(points, 12).index_add(0, pairs.point, weight[:, None] * table[pairs.node])
-    reached = (total > 0)[:, None]
-    matrix = torch.where(reached, summed / torch.where(reached, total[:, None], 1.0), table[leader])
-    return skin(invert_affine(matrix.reshape(-1, 3, 4)), position)

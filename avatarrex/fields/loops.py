@@ -1,6 +1,6 @@
 """The body field's compiled loops (ops/native.py): pairs, neighbours among the anchors, weights, means, patch features.
 
-What each computes is said where its torch operations stand: influence.py, local_frame.py, patches.py. Pieces of the rows
+What each computes is said where its torch operations are: influence.py, local_frame.py, patches.py. Pieces of the rows
 `begin : end` run on several threads; no result depends on where they are cut. Arrays are float32 and int64.
 
 Letters: n nodes, a anchors, p points, k pairs, c channels.
@@ -8,25 +8,91 @@ Letters: n nodes, a anchors, p points, k pairs, c channels.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Shaped
 
-from avatarrex.ops.native import native
+from avatarrex.ops.native import borrowing, native
 
 Array = Shaped[np.ndarray, "..."]
+Point = tuple[np.float32, np.float32, np.float32]
 
-CELL = np.float32(0.06)
+CELL_SIZE = np.float32(0.06)
 """Side of the grid that anchors are sorted into, metres: the fifth nearest is 3 to 6 cm off."""
-FAR = np.float32(0.15)
-"""Bound from which the search begins anew: so many cells take longer."""
+WIDE_REACH = np.float32(0.15)
+"""Metres: from such a bound on the search starts anew, for so many cells take longer."""
 LARGER = np.float32(1.00001)
-"""On the bound of that distance: an anchor at the bound itself is found."""
-BLOCK = 32
-"""Points, adjacent ones, of which a node is asked at once whether it may reach them."""
+"""Factor on the bound of that distance: an anchor at the bound itself is found."""
+BLOCK_POINTS = 32
+"""Adjacent points whose common box is tested against each node first."""
 ONE, TWO, THREE, HALF = np.float32(1), np.float32(2), np.float32(3), np.float32(0.5)
 """numba takes a plain number together with a float32 as float64."""
+
+
+class AnchorGrid(NamedTuple):
+    """Anchors sorted into cells."""
+
+    position: Array
+    """(a, 3) in the order of the cells."""
+    anchor: Array
+    """(a,) the number of each anchor before it was sorted."""
+    start: Array
+    """(cells + 1,)."""
+    origin: Array
+    """(3,)."""
+    cells: Array
+    """(3,) cells along each axis."""
+
+    @classmethod
+    def of(cls, position: Array) -> AnchorGrid:
+        """Of positions (a, 3)."""
+        origin = position.min(0) if len(position) else np.zeros(3, np.float32)
+        cell = ((position - origin) / CELL_SIZE).astype(np.int64)
+        cells = cell.max(0, initial=0) + 1
+        flat = np.ravel_multi_index(tuple(cell.T), tuple(cells))
+        order = np.argsort(flat, kind="stable")
+        start = np.searchsorted(flat[order], np.arange(cells.prod() + 1))
+        return cls(np.ascontiguousarray(position[order]), order, start, origin, cells)
+
+
+class Anchors(NamedTuple):
+    """(a, 3) each: where samples are posed and at rest, and their unit normals (local_frame.py)."""
+
+    position: Array
+    rest: Array
+    outward: Array
+
+
+class AnchorWeights(NamedTuple):
+    """The constants of local_frame.py, float32."""
+
+    spread: np.float32
+    aside: np.float32
+    open: np.float32
+    shut: np.float32
+    never_zero: np.float32
+
+
+class NodePairs(NamedTuple):
+    """(point, node) pairs (k,), the points (p, 3) and nodes (n, 3), posed and at rest."""
+
+    point: Array
+    node: Array
+    position: Array
+    rest: Array
+    node_position: Array
+    node_rest: Array
+
+
+class Support(NamedTuple):
+    """The constants of influence.py, float32."""
+
+    radius: np.float32
+    sigma: np.float32
+    epsilon: np.float32
+    open: np.float32
+    shut: np.float32
 
 
 @native
@@ -57,8 +123,8 @@ def list_pairs(begin: int, end: int, point: Array, node: Array, radius: np.float
     """
     x, y, z = point[0], point[1], point[2]
     reached = np.empty(len(node), np.int64)
-    for block in range(begin, end, BLOCK):
-        last = min(block + BLOCK, end)
+    for block in range(begin, end, BLOCK_POINTS):
+        last = min(block + BLOCK_POINTS, end)
         for r in range(_reached(block, last, point, node, radius, reached)):
             i = reached[r]
             k, nx, ny, nz = place[i], node[i, 0], node[i, 1], node[i, 2]
@@ -75,38 +141,10 @@ def list_pairs(begin: int, end: int, point: Array, node: Array, radius: np.float
             place[i] = k
 
 
-@dataclass(frozen=True)
-class AnchorGrid:
-    """Anchors sorted into cells."""
-
-    position: Array
-    """(a, 3) in the order of the cells."""
-    anchor: Array
-    """(a,) which is which."""
-    start: Array
-    """(cells + 1,)."""
-    origin: Array
-    """(3,)."""
-    cells: Array
-    """(3,) cells along each axis."""
-
-    @classmethod
-    def of(cls, position: Array) -> AnchorGrid:
-        """Of positions (a, 3)."""
-        origin = position.min(0) if len(position) else np.zeros(3, np.float32)
-        cell = ((position - origin) / CELL).astype(np.int64)
-        cells = cell.max(0, initial=0) + 1
-        flat = np.ravel_multi_index(tuple(cell.T), tuple(cells))
-        order = np.argsort(flat, kind="stable")
-        start = np.searchsorted(flat[order], np.arange(cells.prod() + 1))
-        return cls(np.ascontiguousarray(position[order]), order, start, origin, cells)
-
-
-@native
-def _ask(
-    first: int, last: int, x: np.float32, y: np.float32, z: np.float32, position: Array, best: Array, who: Array
-) -> None:
-    """Put those of the anchors `first : last` that are nearer than the farthest of `best` there."""
+@borrowing
+def _insert(first: int, last: int, point: Point, position: Array, best: Array, found: Array) -> None:
+    """Put those of the anchors `first : last` that are nearer than the farthest of `best` (m,) there and in `found` (m,)."""
+    x, y, z = point
     farthest = len(best) - 1
     for s in range(first, last):
         dx, dy, dz = x - position[s, 0], y - position[s, 1], z - position[s, 2]
@@ -115,79 +153,76 @@ def _ask(
             continue
         m = farthest
         while m > 0 and best[m - 1] > squared:
-            best[m], who[m] = best[m - 1], who[m - 1]
+            best[m], found[m] = best[m - 1], found[m - 1]
             m -= 1
-        best[m], who[m] = squared, s
+        best[m], found[m] = squared, s
 
 
-@native
-def _beside(at: int, x: np.float32, low: np.float32) -> np.float32:
+@borrowing
+def _cell_gap(at: int, x: np.float32, low: np.float32) -> np.float32:
     """Squared distance along an axis from x to the cell `at`."""
-    edge = low + np.float32(at) * CELL
-    off = max(edge - x, x - edge - CELL, np.float32(0))
+    edge = low + np.float32(at) * CELL_SIZE
+    off = max(edge - x, x - edge - CELL_SIZE, np.float32(0))
     return off * off
 
 
-@native
-def _ask_cells(
-    reach: np.float32, x: np.float32, y: np.float32, z: np.float32, position: Array, start: Array, origin: Array,
-    cells: Array, best: Array, who: Array,
-) -> None:  # fmt: skip
-    """Ask the anchors of all cells within `reach` of a point."""
+@borrowing
+def _span(x: np.float32, reach: np.float32, origin: np.float32, cells: int) -> tuple[int, int]:
+    """First and last + 1 of the cells along an axis that an interval meets."""
+    return max(int((x - reach - origin) / CELL_SIZE), 0), min(int((x + reach - origin) / CELL_SIZE) + 1, cells)
+
+
+@borrowing
+def _search_cells(reach: np.float32, point: Point, grid: AnchorGrid, best: Array, found: Array) -> None:
+    """`_insert` the anchors of all cells within `reach` of a point."""
+    x, y, z = point
+    origin, cells = grid.origin, grid.cells
     low, high = _span(z, reach, origin[2], cells[2])
     left, right = _span(x, reach, origin[0], cells[0])
     near, far = _span(y, reach, origin[1], cells[1])
     for i in range(left, right):
-        across = _beside(i, x, origin[0])
+        across = _cell_gap(i, x, origin[0])
         for j in range(near, far):
-            if low < high and across + _beside(j, y, origin[1]) < best[-1]:
+            if low < high and across + _cell_gap(j, y, origin[1]) < best[-1]:
                 row = (i * cells[1] + j) * cells[2]
-                _ask(start[row + low], start[row + high], x, y, z, position, best, who)
+                _insert(grid.start[row + low], grid.start[row + high], point, grid.position, best, found)
 
 
 @native
-def _span(x: np.float32, reach: np.float32, origin: np.float32, cells: int) -> tuple[int, int]:
-    """First and last + 1 of the cells along an axis that an interval meets."""
-    return max(int((x - reach - origin) / CELL), 0), min(int((x + reach - origin) / CELL) + 1, cells)
+def nearest(begin: int, end: int, point: Array, grid: AnchorGrid, out: Array) -> None:
+    """out (p, m): the m nearest anchors of the points (p, 3), nearest first; there are at least m.
 
-
-@native
-def nearest(
-    begin: int, end: int, point: Array, position: Array, anchor: Array, start: Array, origin: Array, cells: Array,
-    out: Array,
-) -> None:  # fmt: skip
-    """out (p, m): the m nearest anchors of the points (p, 3), nearest first.
-
-    Those of the point before say how far they can be; where that is far, ever more cells are asked. There are m anchors.
+    Those of the point before bound how far they can be; where that bound is large, the search widens from one cell on.
     """
-    wanted = out.shape[1]
-    best, who = np.empty(wanted, np.float32), np.zeros(wanted, np.int64)
+    wanted, position, anchor = out.shape[1], grid.position, grid.anchor
+    best, found = np.empty(wanted, np.float32), np.zeros(wanted, np.int64)
     for p in range(begin, end):
-        x, y, z = point[p, 0], point[p, 1], point[p, 2]
+        at = x, y, z = point[p, 0], point[p, 1], point[p, 2]
         bound = np.float32(0 if p > begin else np.inf)
         for m in range(wanted):
-            s = who[m]
+            s = found[m]
             dx, dy, dz = x - position[s, 0], y - position[s, 1], z - position[s, 2]
             bound = max(bound, dx * dx + dy * dy + dz * dz)
-        reach, known = np.sqrt(bound) * LARGER, bound <= FAR * FAR
+        reach, known = np.sqrt(bound) * LARGER, bound <= WIDE_REACH * WIDE_REACH
         best[:] = reach * reach if known else np.float32(np.inf)
         if not known:
-            reach = CELL
-        _ask_cells(reach, x, y, z, position, start, origin, cells, best, who)
+            reach = CELL_SIZE
+        _search_cells(reach, at, grid, best, found)
         while not (known or best[-1] <= reach * reach):
             best[:] = np.inf
             reach *= TWO
-            _ask_cells(reach, x, y, z, position, start, origin, cells, best, who)
+            _search_cells(reach, at, grid, best, found)
         for m in range(wanted):
-            out[p, m] = anchor[who[m]]
+            out[p, m] = anchor[found[m]]
 
 
 @native
 def weigh_neighbours(
-    begin: int, end: int, point: Array, index: Array, position: Array, rest: Array, outward: Array, spread: np.float32,
-    aside: np.float32, open_at: np.float32, shut_at: np.float32, never_zero: np.float32, weight: Array,
-) -> None:  # fmt: skip
-    """weight (p, m) of the anchors `index` (p, m): see `Samples.neighbours_of`."""
+    begin: int, end: int, point: Array, index: Array, anchors: Anchors, constants: AnchorWeights, weight: Array
+) -> None:
+    """weight (p, m) of the anchors `index` (p, m) of the points (p, 3): see `Samples.neighbours_of`."""
+    position, rest, outward = anchors
+    spread, aside, open_at, shut_at, never_zero = constants
     count = index.shape[1]
     squared = np.empty(count, np.float32)
     for p in range(begin, end):
@@ -214,7 +249,7 @@ def weigh_neighbours(
             weight[p, m] /= total
 
 
-@native
+@borrowing
 def _expm1(x: np.float32) -> np.float32:
     """e^x − 1 of x ≥ 0 to 3e-7 of it; the library's takes three times as long."""
     if x > HALF:
@@ -225,30 +260,30 @@ def _expm1(x: np.float32) -> np.float32:
     return total * x
 
 
-@native
-def localise(
-    begin: int, end: int, pair_point: Array, pair_node: Array, point: Array, rest: Array, node: Array, node_rest: Array,
-    radius: np.float32, sigma: np.float32, epsilon: np.float32, opens: np.float32, shut: np.float32, local: Array, weight: Array,
-) -> None:  # fmt: skip
+@borrowing
+def localise(begin: int, end: int, pairs: NodePairs, constants: Support, local: Array, weight: Array) -> None:
     """local (3, k) and weight (k,) of the pairs: equation 5 and the gate, see influence.py."""
+    radius, sigma, epsilon, open_at, shut_at = constants
     for k in range(begin, end):
-        p, i = pair_point[k], pair_node[k]
-        dx, dy, dz = point[p, 0] - node[i, 0], point[p, 1] - node[i, 1], point[p, 2] - node[i, 2]
+        p, i = pairs.point[k], pairs.node[k]
+        position, node = pairs.position[p], pairs.node_position[i]
+        rest, node_rest = pairs.rest[p], pairs.node_rest[i]
+        dx, dy, dz = position[0] - node[0], position[1] - node[1], position[2] - node[2]
         squared = dx * dx + dy * dy + dz * dz
-        x, y, z = rest[p, 0] - node_rest[i, 0], rest[p, 1] - node_rest[i, 1], rest[p, 2] - node_rest[i, 2]
+        x, y, z = rest[0] - node_rest[0], rest[1] - node_rest[1], rest[2] - node_rest[2]
         apart = x * x + y * y + z * z
         local[0, k], local[1, k], local[2, k] = x, y, z
-        if squared >= radius * radius or apart >= shut * shut:
+        if squared >= radius * radius or apart >= shut_at * shut_at:
             weight[k] = 0
             continue
-        t = min((shut * shut - apart) / (shut * shut - opens * opens), ONE)
-        heard = epsilon * _expm1((radius * radius - squared) / (TWO * sigma * sigma))
-        weight[k] = heard * t * t * (THREE - TWO * t)
+        t = min((shut_at * shut_at - apart) / (shut_at * shut_at - open_at * open_at), ONE)
+        influence = epsilon * _expm1((radius * radius - squared) / (TWO * sigma * sigma))
+        weight[k] = influence * t * t * (THREE - TWO * t)
 
 
-@native
-def keep_heard(pair_point: Array, weight: Array, cutoff: np.float32, total: Array, keep: Array) -> int:
-    """keep (k,): the pairs that have `cutoff` of their point's weight and more than none, first in it; their number."""
+@borrowing
+def keep_supported(pair_point: Array, weight: Array, cutoff: np.float32, total: Array, keep: Array) -> int:
+    """keep (k,): the pairs with weight, and with `cutoff` of their point's, are written first in it; their number."""
     for k in range(len(weight)):
         total[pair_point[k]] += weight[k]
     found = 0

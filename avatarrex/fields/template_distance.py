@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from avatarrex.fields.composition import emptied
-from avatarrex.ops.closest_vertex import VertexTree
+from avatarrex.ops.closest_vertex import closest_vertex, closest_vertices
+from avatarrex.ops.search_tree import SearchTree
 
 FLAT = 0.012
 """Metres around a vertex in which the skin counts as its tangent plane: about the spacing of the body's vertices."""
@@ -70,7 +71,7 @@ class TemplateDistance:
     """Metres aside of a vertex, beyond `FLAT`, over which its cloth and the field's deviation fade out."""
     closed: bool
     """Whether the skin has no rim that a point could be past: then the core of a chest is inside, too."""
-    closest: VertexTree
+    closest: SearchTree
     changing: np.ndarray
     """(v,) whether ω is not the same at all the vertices around."""
 
@@ -82,13 +83,13 @@ class TemplateDistance:
         clothing_offset: np.ndarray,
         rim: float = RIM,
         closed: bool = False,
-        tree: VertexTree | None = None,
+        tree: SearchTree | None = None,
     ) -> TemplateDistance:
         """(v, 3) vertices and normals, (v,) painted weight ω, (v,) metres of cloth; `tree`: of the same vertices in another pose."""
-        tree = VertexTree.of(vertices) if tree is None else tree.moved(vertices)
+        tree = SearchTree.of_vertices(vertices) if tree is None else tree.moved(vertices)
         changing = (weight > 0) & (weight < 1)
         if changing.any():
-            ring = tree.several(vertices[changing], min(4 * BLENDED, len(vertices)))[1]
+            ring = closest_vertices(tree, vertices[changing], min(4 * BLENDED, len(vertices)))[1]
             changing[ring] = True
         return TemplateDistance(vertices, normals, weight, clothing_offset, rim, closed, tree, changing)
 
@@ -99,7 +100,7 @@ class TemplateDistance:
 
     def query(self, position: np.ndarray) -> NearestSkin:
         """`position` (p, 3)."""
-        distance, nearest = self.closest.nearest(position)
+        distance, nearest = closest_vertex(self.closest, position)
         height = np.einsum("pc,pc->p", position - self.vertices[nearest], self.normals[nearest])
         aside = np.maximum(np.sqrt(np.maximum(distance**2 - height**2, 0)) - FLAT, 0)
         inside = (-height > STEEP * aside) & (self.closed | (aside < self.rim))
@@ -114,7 +115,7 @@ class TemplateDistance:
         rows = np.flatnonzero(self.changing[nearest])
         if len(rows):
             count = min(BLENDED + 1, len(self.vertices))
-            distance, around = self.closest.several(position[rows], count)
+            distance, around = closest_vertices(self.closest, position[rows], count)
             share = np.square(distance[:, -1:] ** 2 - distance**2) + np.finfo(float).tiny
             weight[rows] = (share * self.weight[around]).sum(1) / share.sum(1)
         return weight

@@ -14,8 +14,8 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.metrics.drawing import Drawing
-from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres
+from avatarrex.settings import RenderSettings
 from avatarrex.shading.colour import SurfaceColour
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.posed import PosedPerson, pose_person
@@ -60,7 +60,7 @@ class VolumeDrawer:
         rays = RayPlane.of(view, volume.sdf.middle).rays(pixel_centres(view))
         entry, length = Walk(volume.sdf, rays).span
         image, position = torch.zeros(len(entry), 4), torch.zeros(len(entry), 3)
-        for rows in torch.nonzero(length > 0)[:, 0].split(RAYS):
+        for rows in torch.split(torch.nonzero(length > 0)[:, 0], RAYS):
             image[rows], position[rows] = self._march(field, paint, rays[rows], entry[rows], length[rows])
         size = camera.height, camera.width
         hit = (image[:, 3] > 0.5).reshape(size).numpy()

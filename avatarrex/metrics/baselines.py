@@ -23,7 +23,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from avatarrex.camera import Camera
-from avatarrex.capture.synthetic.preview import visible_faces
+from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import InputError
 from avatarrex.metrics.drawing import Drawing
 from avatarrex.metrics.mesh import Surface

@@ -3,7 +3,7 @@
 Both surfaces are what the cameras see of them: points under the pixels' centres. Avatar to truth: from sampled points of
 the avatar to the nearest point of the true mesh. Truth to avatar: from sampled points of the true mesh to the nearest
 point of the avatar's depth maps, triangulated. A normal angle is between the normals at both ends of such a distance.
-Distances to triangles are exact (`ops/closest_tree.py`).
+Distances to triangles are exact (`ops/closest_triangle.py`).
 
 Letters: p points, v vertices, f faces, h w pixels. World metres.
 """
@@ -17,8 +17,9 @@ import torch
 from jaxtyping import Bool, Float, Int
 
 from avatarrex.camera import Camera
-from avatarrex.capture.synthetic.preview import visible_faces
-from avatarrex.ops.closest_tree import TriangleTree
+from avatarrex.capture.zbuffer import visible_faces
+from avatarrex.ops.closest_triangle import closest_triangle
+from avatarrex.ops.search_tree import SearchTree
 from avatarrex.templates.mesh import vertex_normals
 
 SAMPLES = 20_000
@@ -92,9 +93,7 @@ def distances(points: Float[np.ndarray, "p 3"], normals: Float[np.ndarray, "p 3"
 
 def nearest(points: np.ndarray, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     """The triangle nearest to each point, and the barycentrics (p, 3) of the point on it."""
-    mesh, query, faces = (torch.from_numpy(np.ascontiguousarray(x)) for x in (surface.vertices, points, surface.faces))
-    face, weight = TriangleTree.of(mesh, faces).closest(query)
-    return face.numpy(), weight.numpy()
+    return closest_triangle(SearchTree.of_triangles(surface.vertices, surface.faces), points)
 
 
 def depth_surface(

@@ -11,7 +11,7 @@ derivatives by points and vertices are exact.
 from __future__ import annotations
 
 import importlib.util
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -19,12 +19,12 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from avatarrex.errors import InputError
-from avatarrex.ops.closest_bricks import search_bricks
-from avatarrex.ops.closest_tree import TriangleTree
+from avatarrex.ops.closest_triangle import closest_triangle, signed_closest
 from avatarrex.ops.pseudonormal import Pseudonormals, pseudonormals, winding_number
+from avatarrex.ops.search_tree import SearchTree
 from avatarrex.ops.triangle import closest_on_triangle
 
-Impl = Literal["auto", "native", "torch", "tree", "reference", "igl"]
+Impl = Literal["auto", "tree", "reference", "igl"]
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ClosestPoint:
 
 def available() -> tuple[Impl, ...]:
     """The implementations that this machine can run."""
-    return ("native", "torch", "tree", "reference", *(("igl",) if importlib.util.find_spec("igl") else ()))  # type: ignore[return-value]
+    return ("tree", "reference", "igl") if importlib.util.find_spec("igl") else ("tree", "reference")
 
 
 def closest_point(
@@ -50,16 +50,15 @@ def closest_point(
     bound: tuple[float, float] | None = None,
     impl: Impl = "auto",
     normals: Pseudonormals | None = None,
-    tree: TriangleTree | None = None,
+    tree: SearchTree | None = None,
 ) -> ClosestPoint:
-    """Exact signed distance of `points` to the mesh; differentiable in points and vertices.
+    """Exact signed distance of `points` to the mesh, on a CPU; differentiable in points and vertices.
 
     `normals` (float64) and `tree` are the mesh's own, where they are known: several searches in one mesh share them.
 
     With `bound` = (low, high), low < 0 < high, values beyond it saturate, and their search may be skipped.
-    `native` walks a tree of triangles in compiled loops: the fastest on a CPU, which `auto` takes there. `torch` culls bricks
-    of points (any device) or, where points are few or sparse, does not; `tree` always does. `reference` is brute
-    force in float64. `igl` calls libigl. All find the same.
+    `tree`, which `auto` takes, walks a tree of triangles in compiled loops. `reference` is brute force in float64. `igl` calls
+    libigl. All find the same.
     """
     if not len(faces):
         raise InputError("closest_point", "faces", "at least one triangle", 0)
@@ -69,25 +68,17 @@ def closest_point(
         if not (torch.isfinite(mesh).all() and torch.isfinite(query).all()):
             raise InputError("closest_point", "vertices, points", "finite numbers", "NaN or Inf")
         normals = pseudonormals(mesh, faces) if normals is None else normals
-        if impl == "native" or (impl == "auto" and points.device.type == "cpu"):
-            tree = TriangleTree.of(mesh, faces) if tree is None else tree
+        if impl in ("auto", "tree"):
+            tree = SearchTree.of_triangles(mesh.numpy(), faces.numpy()) if tree is None else tree
             if not differentiable:
                 return _compiled(mesh, faces, points, bound, normals, tree)
-            face, barycentric = tree.closest(query)
-            skipped = torch.zeros(len(query), dtype=mesh.dtype)
+            face, barycentric = map(torch.from_numpy, closest_triangle(tree, query.numpy()))
         elif impl == "igl":
-            face, barycentric, skipped = _search_igl(mesh, faces, query)
-        elif impl == "reference":
-            face, barycentric, skipped = _search_reference(mesh, faces, query)
+            face, barycentric = _search_igl(mesh, faces, query)
         else:
-            reach = None if bound is None else (-bound[0], bound[1])
-            face, barycentric, skipped = search_bricks(mesh, faces, query, normals, reach, culled=impl == "tree")
-    found = signed(vertices, faces, points, face, barycentric, normals, skipped)
-    if bound is None:
-        return found
-    low, high = (found.sdf.new_tensor(end) for end in bound)
-    sdf = torch.where(skipped == 0, found.sdf, torch.where(skipped > 0, high, low)).clamp(*bound)
-    return ClosestPoint(sdf, face, found.barycentric)
+            face, barycentric = _search_reference(mesh, faces, query)
+    found = signed(vertices, faces, points, face, barycentric, normals)
+    return found if bound is None else replace(found, sdf=found.sdf.clamp(*bound))
 
 
 def _compiled(
@@ -96,11 +87,12 @@ def _compiled(
     points: Tensor,
     bound: tuple[float, float] | None,
     normals: Pseudonormals,
-    tree: TriangleTree,
+    tree: SearchTree,
 ) -> ClosestPoint:
     """What the search of a tree and `signed` find, from compiled loops: without gradient."""
     query = points.detach().double()
-    sdf, face, barycentric, unsure = tree.signed(query, faces, normals, bound)
+    found = signed_closest(tree, query.numpy(), faces.numpy(), normals, bound)
+    sdf, face, barycentric, unsure = map(torch.from_numpy, found)
     if unsure.any():
         inside = winding_number(mesh, faces[normals.kept], query[unsure]) > 0.5
         sdf[unsure] = torch.where(inside, -1.0, 1.0).to(sdf) * sdf[unsure].abs()
@@ -115,23 +107,17 @@ def signed(
     face: Int[Tensor, " p"],
     barycentric: Float[Tensor, "p 3"],
     normals: Pseudonormals,
-    skipped: Float[Tensor, " p"] | None = None,
 ) -> ClosestPoint:
-    """Distance and sign of `points` whose closest face and barycentrics (float64) are known; differentiable.
-
-    `skipped` names the side (±1) of points whose closest face was not searched, 0 for all others.
-    """
+    """Distance and sign of `points` whose closest face and barycentrics (float64) are known; differentiable."""
     with torch.no_grad():
         mesh, query = vertices.detach().double(), points.detach().double()
-        skipped = torch.zeros_like(query[:, 0]) if skipped is None else skipped
         nearest = (mesh[faces[face]] * barycentric[..., None]).sum(1)
         outward = normals.at(faces, face, barycentric)
         sign = torch.where(((query - nearest) * outward).sum(-1) >= 0, 1.0, -1.0)
-        unsure = normals.unsure(faces, face, barycentric) & (skipped == 0)
+        unsure = normals.unsure(faces, face, barycentric)
         if unsure.any():
             inside = winding_number(mesh, faces[normals.kept], query[unsure]) > 0.5
             sign[unsure] = torch.where(inside, -1.0, 1.0).to(sign.dtype)
-        sign = torch.where(skipped == 0, sign, skipped)
     sdf = _signed_distance(vertices, faces, points, face, barycentric, sign, outward)
     return ClosestPoint(sdf, face, barycentric.to(points.dtype))
 
@@ -150,7 +136,7 @@ def _signed_distance(
     return torch.where(on_surface, along, sign.to(dtype) * distance)
 
 
-def _search_reference(mesh: Tensor, faces: Tensor, query: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def _search_reference(mesh: Tensor, faces: Tensor, query: Tensor) -> tuple[Tensor, Tensor]:
     """Every point against every triangle, float64."""
     corner = mesh[faces].unbind(1)
     face = torch.zeros(len(query), dtype=torch.long)
@@ -161,14 +147,14 @@ def _search_reference(mesh: Tensor, faces: Tensor, query: Tensor) -> tuple[Tenso
         square, weight = closest_on_triangle(query[rows, None], *corner)
         face[rows] = square.argmin(1)
         barycentric[rows] = weight[torch.arange(len(square)), face[rows]]
-    return face, barycentric, torch.zeros(len(query), dtype=mesh.dtype)
+    return face, barycentric
 
 
-def _search_igl(mesh: Tensor, faces: Tensor, query: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def _search_igl(mesh: Tensor, faces: Tensor, query: Tensor) -> tuple[Tensor, Tensor]:
     """libigl's AABB tree (CPU, float64) for the closest face; optional extra `sdf`."""
     import igl
 
     _, face, _ = igl.point_mesh_squared_distance(query.cpu().numpy(), mesh.cpu().numpy(), faces.cpu().numpy())
     face = torch.as_tensor(face, dtype=torch.long)
     _, barycentric = closest_on_triangle(query, *mesh[faces[face]].unbind(1))
-    return face, barycentric, torch.zeros(len(query), dtype=mesh.dtype)
+    return face, barycentric

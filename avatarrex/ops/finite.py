@@ -11,7 +11,7 @@ from avatarrex.errors import InputError
 
 
 def require_finite(source: str, **tensors: Tensor) -> None:
-    """Raise `InputError` naming the first of `tensors` that holds NaN or Inf. One pass: a sum hands both on."""
+    """Raise `InputError` naming the first of `tensors` that contains NaN or Inf. One pass: a sum hands both on."""
     for name, value in tensors.items():
         if not math.isfinite(value.detach().sum(dtype=torch.float64)):
             raise InputError(source, name, "finite numbers", "NaN or Inf")

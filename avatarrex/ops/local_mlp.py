@@ -145,7 +145,7 @@ def _native(
     biases: Sequence[Tensor],
     activation: str,
 ) -> Tensor:
-    """`loop` in compiled loops, without gradient: 2 to 8 times as fast as either for what a frame asks of two cores."""
+    """`loop` in compiled loops, without gradient: 2 to 8 times as fast as either for the work of a frame on two cores."""
     plain = [block for block in blocks if isinstance(block, Tensor)]
     rows = torch.cat(plain, -1) if plain else torch.empty(len(blocks[0].x), 0)  # type: ignore[union-attr]
     encoded = blocks[0] if isinstance(blocks[0], Encoding) else Encoding(rows.new_empty(len(rows), 0), 0)
@@ -158,7 +158,7 @@ def _native(
     for weight, bias, below in zip(weights, biases, (width, *(bias.shape[1] for bias in biases))):
         if weight.shape != (len(weights[0]), below, bias.shape[1]) or len(bias) != len(weight):
             raise ValueError(f"weights {tuple(weight.shape)} and biases {tuple(bias.shape)} above {below} channels")
-    flat, apart = zip(*(_flat(weight.detach()) for weight in weights))
+    flat, stride = zip(*(_flat(weight.detach()) for weight in weights))
     chunk = chunks(offsets.numpy(), max(weight.shape[1] * weight.shape[2] for weight in weights))
     out = np.empty((len(rows), biases[-1].shape[1]), np.float32)
     spread(
@@ -170,7 +170,7 @@ def _native(
         np.float32(encoded.limit),
         rows.contiguous().numpy(),
         flat,
-        np.array(apart),
+        np.array(stride),
         tuple(bias.detach().contiguous().numpy() for bias in biases),
         activation == "elu",
         out,
@@ -180,11 +180,11 @@ def _native(
 
 
 def _flat(weight: Tensor) -> tuple[np.ndarray, int]:
-    """(n, c, o) as one row of numbers, and how far apart in it the nodes' are: `fold` leaves gaps, and nothing is copied."""
+    """(n, c, o) as one row of numbers, and the distance from one node's to the next: `fold` leaves gaps, and nothing is copied."""
     if weight.stride()[1:] != (weight.shape[2], 1):
         weight = weight.contiguous()
-    apart, each = weight.stride(0), weight.shape[1] * weight.shape[2]
-    return weight.as_strided((apart * (len(weight) - 1) + each,), (1,)).numpy(), apart
+    stride, each = weight.stride(0), weight.shape[1] * weight.shape[2]
+    return weight.as_strided((stride * (len(weight) - 1) + each,), (1,)).numpy(), stride
 
 
 def _tracked(*tensors: Sequence[Tensor]) -> bool:

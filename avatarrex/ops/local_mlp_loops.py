@@ -53,7 +53,7 @@ def forward(
     limit: np.float32,
     plain: Array,
     weights: tuple[Array, ...],
-    apart: Array,
+    stride: Array,
     biases: tuple[Array, ...],
     elu: bool,
     out: Array,
@@ -61,7 +61,7 @@ def forward(
     """out (k, o) of the chunks (m, 3) in `begin : end`.
 
     Inputs are γ of `coordinate` (0 or 3, k), then the channels of `plain` (k, ·). Biases are (n, o), weights (c, o) of node i
-    lie from `i * apart` on.
+    lie from `i * stride` on.
     """
     encoded = len(coordinate) * (1 + 2 * octaves)
     channels = encoded + plain.shape[1]
@@ -79,7 +79,7 @@ def forward(
                 for row in range(rows):
                     x[encoded + c, row] = plain[first + row, c]
         for layer in range(len(weights)):
-            bias, of_node, given = biases[layer][node], node * apart[layer], channels
+            bias, of_node, given = biases[layer][node], node * stride[layer], channels
             if layer:
                 given = biases[layer - 1].shape[1]
             weight = weights[layer][of_node : of_node + given * len(bias)].reshape(given, len(bias))

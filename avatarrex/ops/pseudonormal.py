@@ -79,11 +79,11 @@ def pseudonormals(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> 
             raise IndexError(f"faces name vertices {int(faces.min())} to {int(faces.max())} of {len(vertices)}")
         found = gathered(vertices.detach().contiguous().numpy(), faces.long().contiguous().numpy())
         return Pseudonormals(*map(torch.from_numpy, found))
-    return pseudonormals_in_torch(vertices, faces)
+    return pseudonormals_reference(vertices, faces)
 
 
-def pseudonormals_in_torch(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> Pseudonormals:
-    """The same of any dtype, on any device."""
+def pseudonormals_reference(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> Pseudonormals:
+    """The same in torch operations: of any dtype, differentiable."""
     place, welded = torch.unique(vertices, dim=0, return_inverse=True)
     joined = welded[faces]
     kept = _first_of_repeats(joined, len(place))
@@ -140,4 +140,5 @@ def _first_of_repeats(faces: Tensor, count: int) -> Tensor:
     number = torch.unique(pair * count + turned[:, 2], return_inverse=True)[1]
     order = torch.arange(len(faces), device=faces.device)
     earliest = torch.full((len(faces),), len(faces), device=faces.device).scatter_reduce(0, number, order, "amin")
-    return earliest[number] == order
+    kept: Tensor = earliest[number] == order
+    return kept

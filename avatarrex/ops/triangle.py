@@ -12,7 +12,7 @@ from torch import Tensor
 
 THIN = 1e-10
 """Height over longest edge below which a triangle is its three segments: the error is then below 1e-10 of its size.
-Compiled into closest_tree.py and pseudonormal_loops.py (ops/native.py)."""
+Compiled into closest_triangle.py and pseudonormal_loops.py (ops/native.py)."""
 Vector = tuple[Tensor, Tensor, Tensor]
 
 

@@ -24,6 +24,10 @@ SHAPES: dict[str, tuple[int, ...]] = {
     "expression": (52,),
     "shape": (10,),
 }
+ROTATIONS = ("global_orient", "body_pose", "jaw_pose", "eye_pose", "left_hand_pose", "right_hand_pose")
+"""The rotation vectors, in SMPL-X order."""
+_ROWS = np.cumsum([np.prod(SHAPES[name]) // 3 for name in ROTATIONS])[:-1]
+"""Where in the 55 rotation vectors the second and later of them begin."""
 LARGEST = {
     **dict.fromkeys(SHAPES, 1e3), "translation": 1e6, "expression": 5.0, "shape": 10.0
 }  # fmt: skip
@@ -67,24 +71,12 @@ class Signals:
         pose = np.asarray(pose, dtype=np.float64)
         if pose.shape != (55, 3):
             raise InputError("signals", "full pose", "shape (55, 3)", pose.shape)
-        parts = {
-            "global_orient": pose[0], "body_pose": pose[1:22], "jaw_pose": pose[22], "eye_pose": pose[23:25],
-            "left_hand_pose": pose[25:40], "right_hand_pose": pose[40:55],
-        }  # fmt: skip
+        parts = {name: rows.reshape(SHAPES[name]) for name, rows in zip(ROTATIONS, np.split(pose, _ROWS))}
         return cls.rest().replace(**parts, **others)
 
     def full_pose(self) -> np.ndarray:
         """(55, 3) rotation vectors in SMPL-X order."""
-        return np.concatenate(
-            [
-                self.global_orient[None],
-                self.body_pose,
-                self.jaw_pose[None],
-                self.eye_pose,
-                self.left_hand_pose,
-                self.right_hand_pose,
-            ]
-        )
+        return np.concatenate([getattr(self, name).reshape(-1, 3) for name in ROTATIONS])
 
     def replace(self, **changes: Any) -> Signals:
         """A copy with some fields changed, validated."""

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.signals.rest_skeleton import rest_skeleton
 
 _THICKNESS = {"pelvis": 0.11, "knee": 0.06, "elbow": 0.04, "wrist": 0.03, "head": 0.05}
 """Metres of flesh below a joint that may rest on the floor: sitting, kneeling, crawling."""
@@ -21,14 +22,13 @@ _SOLE = 0.012
 
 def floor_height() -> float:
     """y of the floor in metres: the lowest vertex of the T-pose."""
-    from avatarrex.templates.person import load_person  # needs torch: a wrong file is refused without it
-
-    return float(load_person().body.v_template[:, 1].min())
+    return float(rest_skeleton().vertices[:, 1].min())
 
 
 def lowest(pose: np.ndarray, translation: np.ndarray) -> np.ndarray:
     """(t,) height of the lowest point of (t, 55, 3) rotation vectors and (t, 3) translations above the floor."""
-    points, joint, thickness, parents, rest = _skeleton()
+    points, joint, thickness = _low_points()
+    rest, parents = rest_skeleton().joints, rest_skeleton().parents
     turned = Rotation.from_rotvec(pose.reshape(-1, 3)).as_matrix().reshape(len(pose), 55, 3, 3)
     places = np.zeros((len(pose), 55, 3))
     places[:, 0] = rest[0]
@@ -49,25 +49,18 @@ def grounded(pose: np.ndarray, translation: np.ndarray, each: bool = False) -> t
 
 
 @lru_cache(maxsize=1)
-def _skeleton() -> tuple[np.ndarray, np.ndarray, np.ndarray, list[int], np.ndarray]:
-    """Points (p, 3) at rest, the joint each moves with, thickness below it; parents and joints of the person."""
-    from avatarrex.templates.person import load_person
-
-    body = load_person().body
-    vertices, rest = body.v_template.double().numpy(), body.joint_template.double().numpy()
-    owner = body.weights.argmax(1).numpy()
-    points, joint, thickness = [], [], []
+def _low_points() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (p, 3) at rest, the joint (p,) that each moves with, thickness (p,) of the flesh below it."""
+    person = rest_skeleton()
+    low = person.vertices[:, 1] < floor_height() + _SOLE
+    found: list[tuple[np.ndarray, int, float]] = []
     for name in ("left_ankle", "right_ankle", "left_foot", "right_foot"):
         j = JOINT_NAMES.index(name)
-        sole = vertices[(owner == j) & (vertices[:, 1] < floor_height() + _SOLE)]
-        for axis in (0, 2):
-            for end in (sole[:, axis].argmin(), sole[:, axis].argmax()):
-                points.append(sole[end])
-                joint.append(j)
-                thickness.append(0.0)
+        sole = person.vertices[(person.owner == j) & low]
+        ends = (end for axis in (0, 2) for end in (sole[:, axis].argmin(), sole[:, axis].argmax()))
+        found += [(sole[end], j, 0.0) for end in ends]
     for name, below in _THICKNESS.items():
-        for full in [name] if name in JOINT_NAMES else [f"left_{name}", f"right_{name}"]:
-            points.append(rest[JOINT_NAMES.index(full)])
-            joint.append(JOINT_NAMES.index(full))
-            thickness.append(below)
-    return np.array(points), np.array(joint), np.array(thickness), [int(p) for p in body.parents], rest
+        joints = [JOINT_NAMES.index(full) for full in (name, f"left_{name}", f"right_{name}") if full in JOINT_NAMES]
+        found += [(person.joints[j], j, below) for j in joints]
+    points, joint, thickness = map(np.array, zip(*found))
+    return points, joint, thickness

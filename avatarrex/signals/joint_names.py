@@ -89,13 +89,14 @@ def _chest(found: dict[str, int], parents: np.ndarray) -> None:
     """The joint that both arms hang from is our chest, however many spine joints lie below it."""
     if "left_shoulder" not in found or "right_shoulder" not in found:
         return
-    left, right = (_ancestors(found[f"{side}_shoulder"], parents) for side in ("left", "right"))
+    left, right = (ancestors(found[f"{side}_shoulder"], parents) for side in ("left", "right"))
     common = next((k for k in left if k in right), -1)
     if common >= 0 and common not in found.values():
         found["spine3"] = common
 
 
-def _ancestors(k: int, parents: np.ndarray) -> list[int]:
+def ancestors(k: int, parents: np.ndarray) -> list[int]:
+    """The joints that k hangs from, the nearest first."""
     chain = []
     while parents[k] >= 0:
         k = int(parents[k])

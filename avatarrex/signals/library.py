@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping
+from typing import TypeVar
 
 import numpy as np
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.joints import EXPRESSION_NAMES, HAND_JOINTS, JOINT_NAMES
+from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, HAND_JOINTS, JOINT_NAMES
 
-_Pose = dict[str, tuple[float, float, float]]
+Turn = tuple[float, float, float]
+"""A rotation vector in degrees."""
+_Pose = dict[str, Turn]
+_T = TypeVar("_T")
 _MIRROR = np.array([1.0, -1.0, -1.0])
 _ARMS_DOWN: _Pose = {"both_shoulder": (0, 0, -72), "both_elbow": (0, -12, 0)}
 POSES: dict[str, _Pose] = {
@@ -58,39 +63,21 @@ POSES: dict[str, _Pose] = {
     "bow": {**_ARMS_DOWN, "spine1": (28, 0, 0), "spine2": (18, 0, 0), "both_hip": (-22, 0, 0), "head": (15, 0, 0)},
 }  # fmt: skip
 _FIST: _Pose = {
-    "index1": (14, 36, -81),
-    "index2": (13, 16, -75),
-    "index3": (4, 5, -23),
-    "middle1": (-13, 1, -94),
-    "middle2": (-10, 4, -71),
-    "middle3": (-7, 3, -47),
-    "ring1": (-30, -3, -84),
-    "ring2": (-26, 5, -72),
-    "ring3": (-15, 3, -42),
-    "pinky1": (-39, -28, -81),
-    "pinky2": (-28, -6, -59),
-    "pinky3": (-17, -3, -35),
-}
+    "index1": (14, 36, -81), "index2": (13, 16, -75), "index3": (4, 5, -23),
+    "middle1": (-13, 1, -94), "middle2": (-10, 4, -71), "middle3": (-7, 3, -47),
+    "ring1": (-30, -3, -84), "ring2": (-26, 5, -72), "ring3": (-15, 3, -42),
+    "pinky1": (-39, -28, -81), "pinky2": (-28, -6, -59), "pinky3": (-17, -3, -35),
+}  # fmt: skip
 _RELAXED: _Pose = {
-    "index1": (2, 3, -13),
-    "index2": (4, 5, -21),
-    "index3": (2, 2, -12),
-    "middle1": (-2, 1, -17),
-    "middle2": (-3, 1, -24),
-    "middle3": (-2, 1, -13),
-    "ring1": (-6, 3, -18),
-    "ring2": (-8, 2, -23),
-    "ring3": (-4, 1, -12),
-    "pinky1": (-9, 1, -18),
-    "pinky2": (-11, -2, -23),
-    "pinky3": (-6, -1, -12),
-    "thumb1": (4, 10, -6),
-    "thumb2": (4, 7, 0),
-    "thumb3": (5, 8, 0),
-}
+    "index1": (2, 3, -13), "index2": (4, 5, -21), "index3": (2, 2, -12),
+    "middle1": (-2, 1, -17), "middle2": (-3, 1, -24), "middle3": (-2, 1, -13),
+    "ring1": (-6, 3, -18), "ring2": (-8, 2, -23), "ring3": (-4, 1, -12),
+    "pinky1": (-9, 1, -18), "pinky2": (-11, -2, -23), "pinky3": (-6, -1, -12),
+    "thumb1": (4, 10, -6), "thumb2": (4, 7, 0), "thumb3": (5, 8, 0),
+}  # fmt: skip
 
 
-def _but(base: _Pose, *open_fingers: str, **others: tuple[float, float, float]) -> _Pose:
+def _but(base: _Pose, *open_fingers: str, **others: Turn) -> _Pose:
     """`base` without some fingers, with some joints of their own."""
     return {**{joint: turn for joint, turn in base.items() if joint[:-1] not in open_fingers}, **others}
 
@@ -127,13 +114,7 @@ EXPRESSIONS: dict[str, dict[str, float]] = {
 
 def named_pose(name: str) -> np.ndarray:
     """θ (21, 3) of a named body pose. Raises `InputError` with the near matches."""
-    pose = np.zeros((55, 3))
-    for joint, degrees in _look_up("pose", name, POSES).items():
-        sides = ("left", "right") if joint.startswith("both_") else ("",)
-        for side in sides:
-            full = joint.replace("both", side) if side else joint
-            pose[JOINT_NAMES.index(full)] = np.radians(degrees) * (_MIRROR if side == "right" else 1.0)
-    return pose[1:22]
+    return turned(np.zeros((21, 3)), _look_up("pose", name, POSES))
 
 
 def named_hand(name: str, side: str) -> np.ndarray:
@@ -146,10 +127,25 @@ def named_hand(name: str, side: str) -> np.ndarray:
 
 def named_expression(name: str) -> np.ndarray:
     """ψ (52,) of a named expression."""
+    return coefficients(_look_up("expression", name, EXPRESSIONS))
+
+
+def turned(base: np.ndarray, joints: Mapping[str, Turn]) -> np.ndarray:
+    """θ (21, 3): `base` with some joints' rotations in degrees; `both_…` is the left one and, mirrored, the right."""
+    pose = base.copy()
+    for joint, degrees in joints.items():
+        for side in ("left", "right") if joint.startswith("both_") else ("both",):
+            turn = np.radians(degrees) * (_MIRROR if side == "right" else 1.0)
+            pose[BODY_JOINTS.index(joint.replace("both", side))] = turn
+    return pose
+
+
+def coefficients(units: Mapping[str, float]) -> np.ndarray:
+    """ψ (52,) of some face units by name; `…*` is the left one and the right."""
     value = np.zeros(52)
-    for unit, amount in _look_up("expression", name, EXPRESSIONS).items():
-        for full in [unit.replace("*", side) for side in ("Left", "Right")] if "*" in unit else [unit]:
-            value[EXPRESSION_NAMES.index(full)] = amount
+    for unit, amount in units.items():
+        for side in ("Left", "Right"):
+            value[EXPRESSION_NAMES.index(unit.replace("*", side))] = amount
     return value
 
 
@@ -173,7 +169,7 @@ def _other_side(name: str) -> str:
     return name
 
 
-def _look_up(kind: str, name: str, table: dict[str, dict]) -> dict:
+def _look_up(kind: str, name: str, table: Mapping[str, _T]) -> _T:
     if name not in table:
         near = difflib.get_close_matches(name, table, 3, 0.4) or list(table)
         raise InputError(kind, name, "one of " + ", ".join(near), "an unknown name")

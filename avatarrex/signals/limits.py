@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.joints import HAND_JOINTS, JOINT_NAMES
+from avatarrex.signals.joints import JOINT_NAMES
 
 _DEGREES: dict[str, tuple[tuple[int, int], ...]] = {
     "hip": ((-115, 25), (-35, 35), (-15, 40)),
@@ -77,12 +77,8 @@ def clamp(signals: Signals) -> Signals:
     """The nearest signals within the joint limits (the root is free; coefficients 0 to 1)."""
     pose = signals.full_pose()
     pose[1:] = np.clip(pose[1:], LIMITS[1:, :, 0], LIMITS[1:, :, 1])
-    clamped = Signals.from_full_pose(pose)
-    return signals.replace(
-        body_pose=clamped.body_pose, jaw_pose=clamped.jaw_pose, eye_pose=clamped.eye_pose,
-        left_hand_pose=clamped.left_hand_pose, right_hand_pose=clamped.right_hand_pose,
-        expression=np.clip(signals.expression, 0, 1),
-    )  # fmt: skip
+    expression = np.clip(signals.expression, 0, 1)
+    return Signals.from_full_pose(pose, translation=signals.translation, expression=expression, shape=signals.shape)
 
 
 def violations(signals: Signals) -> tuple[str, ...]:
@@ -98,5 +94,4 @@ def random_signals(rng: np.random.Generator, scale: float = 0.5) -> Signals:
     pose = rng.uniform(low, high)
     pose[0] = 0
     expression = rng.random(52) * (rng.random(52) < 0.15) * scale
-    assert len(HAND_JOINTS) == 15
     return Signals.from_full_pose(pose, expression=expression)

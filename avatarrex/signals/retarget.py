@@ -17,12 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
 from avatarrex.signals.ground import grounded
-from avatarrex.signals.joint_names import NEEDED, find
+from avatarrex.signals.joint_names import NEEDED, ancestors, find
 from avatarrex.signals.joints import FINGERS, JOINT_NAMES
+from avatarrex.signals.rest_skeleton import rest_skeleton
 from avatarrex.signals.sequence import SignalSequence, stack
 
-_LIMBS = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
-_KNUCKLES = tuple((f"{finger}{k}", f"{finger}{k + 1}") for finger in FINGERS for k in (1, 2))
+_LIMBS = (("", "hip", "knee"), ("hip", "knee", "ankle"), ("", "shoulder", "elbow"), ("shoulder", "elbow", "wrist"))
+"""Joint before, joint and joint after it."""
 _INDEX = {name: j for j, name in enumerate(JOINT_NAMES)}
 _STILL = np.radians(0.01)
 """A joint that never turns by more than this is at rest: exporters write 1e-5 degrees where nothing moves."""
@@ -59,13 +60,10 @@ def retarget(path: Path, source: SourceMotion, fps: float) -> SignalSequence:
     axes = _axes(path, rest, found)
     rest, places = rest @ axes.T, source.places @ axes.T
     turned = np.einsum("ab,tjbc,dc->tjad", axes, source.turned, axes)
-    from avatarrex.templates.person import load_person  # needs torch: a wrong file is refused without it
-
-    body = load_person().body
-    ours, parents = body.joint_template.double().numpy(), [int(parent) for parent in body.parents]
-    globals_ = _globals(turned, _alignments(rest, ours, found, source), found, parents)
-    _straighten(globals_, places, ours, parents, found)
-    pose = _locals(globals_, parents)
+    ours = rest_skeleton().joints
+    globals_ = _globals(turned, _alignments(rest, found, source), found)
+    _straighten(globals_, places, found)
+    pose = _locals(globals_)
     leg = [name for name in ("left_hip", "left_knee", "left_ankle") if name in found]
     scale = _length(ours, [_INDEX[name] for name in leg]) / max(_length(rest, [found[name] for name in leg]), 1e-12)
     hips = (places[:, found["left_hip"]] + places[:, found["right_hip"]]) / 2
@@ -92,55 +90,39 @@ def _length(joints: np.ndarray, chain: list[int]) -> float:
     return float(np.linalg.norm(np.diff(joints[chain], axis=0), axis=1).sum())
 
 
-def _alignments(rest: np.ndarray, ours: np.ndarray, found: dict[str, int], source: SourceMotion) -> np.ndarray:
+def _alignments(rest: np.ndarray, found: dict[str, int], source: SourceMotion) -> np.ndarray:
     """(55, 3, 3): A of each joint."""
-    align = np.tile(np.eye(3), (55, 1, 1))
+    ours = dict(zip(JOINT_NAMES, rest_skeleton().joints))
+    theirs = {name: rest[k] for name, k in found.items()}
+    align = dict.fromkeys(JOINT_NAMES, np.eye(3))
+
+    def towards(start: np.ndarray, joint: str, child: str) -> np.ndarray:
+        """`start`, turned the least so that our bone joint-child has the file's rest direction."""
+        if joint not in theirs or child not in theirs:
+            return start
+        return _smallest(start @ (ours[child] - ours[joint]), theirs[child] - theirs[joint]) @ start
+
+    def palm(forearm: np.ndarray, side: str) -> np.ndarray:
+        """A of a wrist: the palm's frame; without fingers the hand's direction; without either the forearm's."""
+        wrist, index, middle, pinky = corners = [f"{side}_{part}" for part in ("wrist", "index1", "middle1", "pinky1")]
+        if wrist not in theirs:
+            return forearm
+        if all(name in theirs for name in (index, middle, pinky)):
+            return _frame(*(theirs[name] for name in corners)) @ _frame(*(ours[name] for name in corners)).T
+        far = [k for k in range(len(rest)) if found[wrist] in ancestors(k, source.parents)]
+        tip = max(far, key=lambda k: float(np.linalg.norm(rest[k] - theirs[wrist])), default=found[wrist])
+        return _smallest(forearm @ (ours[middle] - ours[wrist]), rest[tip] - theirs[wrist]) @ forearm
+
     for side in ("left", "right"):
-        name = {part: f"{side}_{part}" for pair in (*_LIMBS, *_KNUCKLES) for part in pair}
-        for parent, (part, child) in zip((None, "hip", None, "shoulder"), _LIMBS):
-            start = align[_INDEX[name[parent]]] if parent else np.eye(3)
-            align[_INDEX[name[part]]] = _towards(start, rest, ours, found, name[part], name[child])
-        wrist, forearm = _INDEX[name["wrist"]], align[_INDEX[name["elbow"]]]
-        align[wrist] = _palm(forearm, rest, ours, found, side, source)
-        for part, child in _KNUCKLES:
-            if part.endswith("1"):
-                align[_INDEX[name[part]]] = align[wrist]
-            k = _INDEX[name[part]]
-            align[k] = _towards(align[k], rest, ours, found, name[part], name[child])
-            align[_INDEX[name[child]]] = align[k]
+        for before, part, after in _LIMBS:
+            start = align[f"{side}_{before}"] if before else np.eye(3)
+            align[f"{side}_{part}"] = towards(start, f"{side}_{part}", f"{side}_{after}")
+        align[f"{side}_wrist"] = palm(align[f"{side}_elbow"], side)
         for finger in FINGERS:
-            for k in (1, 2, 3):
-                joint = f"{side}_{finger}{k}"
-                if joint not in found:
-                    align[_INDEX[joint]] = align[wrist if k == 1 else _INDEX[f"{side}_{finger}{k - 1}"]]
-    return align
-
-
-def _towards(
-    start: np.ndarray, rest: np.ndarray, ours: np.ndarray, found: dict[str, int], joint: str, child: str
-) -> np.ndarray:
-    """`start`, turned the least so that our bone joint-child has the file's rest direction."""
-    if joint not in found or child not in found:
-        return start
-    return (
-        _smallest(start @ (ours[_INDEX[child]] - ours[_INDEX[joint]]), rest[found[child]] - rest[found[joint]]) @ start
-    )
-
-
-def _palm(
-    forearm: np.ndarray, rest: np.ndarray, ours: np.ndarray, found: dict[str, int], side: str, source: SourceMotion
-) -> np.ndarray:
-    """A of a wrist: the palm's frame; without fingers the hand's direction; without either the forearm's."""
-    wrist, index, middle, pinky = (f"{side}_{part}" for part in ("wrist", "index1", "middle1", "pinky1"))
-    if wrist not in found:
-        return forearm
-    if all(name in found for name in (index, middle, pinky)):
-        theirs = _frame(*(rest[found[name]] for name in (wrist, index, middle, pinky)))
-        return theirs @ _frame(*(ours[_INDEX[name]] for name in (wrist, index, middle, pinky))).T
-    far = [k for k in range(len(rest)) if found[wrist] in _chain(k, source.parents)]
-    tip = max(far, key=lambda k: float(np.linalg.norm(rest[k] - rest[found[wrist]])), default=found[wrist])
-    direction = rest[tip] - rest[found[wrist]]
-    return _smallest(forearm @ (ours[_INDEX[middle]] - ours[_INDEX[wrist]]), direction) @ forearm
+            first, second, third = (f"{side}_{finger}{k}" for k in (1, 2, 3))
+            align[first] = towards(align[f"{side}_wrist"], first, second)
+            align[second] = align[third] = towards(align[first], second, third)
+    return np.stack(list(align.values()))
 
 
 def _frame(wrist: np.ndarray, index: np.ndarray, middle: np.ndarray, pinky: np.ndarray) -> np.ndarray:
@@ -166,34 +148,23 @@ def _smallest(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return Rotation.from_rotvec((unit * angle).reshape(-1, 3)).as_matrix().reshape(*a.shape, 3)
 
 
-def _chain(k: int, parents: np.ndarray) -> list[int]:
-    """Ancestors of k."""
-    chain = []
-    while parents[k] >= 0:
-        k = int(parents[k])
-        chain.append(k)
-    return chain
-
-
-def _globals(turned: np.ndarray, align: np.ndarray, found: dict[str, int], parents: list[int]) -> np.ndarray:
+def _globals(turned: np.ndarray, align: np.ndarray, found: dict[str, int]) -> np.ndarray:
     """(t, 55, 3, 3): ours; a joint that the file lacks follows its parent."""
     globals_ = np.zeros((len(turned), 55, 3, 3))
-    for j, name in enumerate(JOINT_NAMES):
+    for j, (name, parent) in enumerate(zip(JOINT_NAMES, rest_skeleton().parents)):
         if name in found:
             globals_[:, j] = turned[:, found[name]] @ align[j]
         else:
-            globals_[:, j] = globals_[:, parents[j]] @ (align[parents[j]].T @ align[j])
+            globals_[:, j] = globals_[:, parent] @ (align[parent].T @ align[j])
     return globals_
 
 
-def _straighten(
-    globals_: np.ndarray, places: np.ndarray, ours: np.ndarray, parents: list[int], found: dict[str, int]
-) -> None:
+def _straighten(globals_: np.ndarray, places: np.ndarray, found: dict[str, int]) -> None:
     """Turn the spine until hips to neck points where the file's does: spines differ in curve and in where they bend."""
     if "neck" not in found:
         return
+    ours, parents = rest_skeleton().joints, rest_skeleton().parents
     wanted = places[:, found["neck"]] - (places[:, found["left_hip"]] + places[:, found["right_hip"]]) / 2
-    spine = [_INDEX[name] for name in ("spine1", "spine2", "spine3")]
     chain = [_INDEX[name] for name in ("spine1", "spine2", "spine3", "neck")]
     hips = (ours[_INDEX["left_hip"]] + ours[_INDEX["right_hip"]]) / 2 - ours[0]
     # the pelvis' own share does not turn: three rounds leave less than 0.1 degrees
@@ -201,14 +172,13 @@ def _straighten(
         have = -globals_[:, 0] @ hips
         for j in chain:
             have = have + globals_[:, parents[j]] @ (ours[j] - ours[parents[j]])
-        globals_[:, spine] = _smallest(have, wanted)[:, None] @ globals_[:, spine]
+        globals_[:, chain[:3]] = _smallest(have, wanted)[:, None] @ globals_[:, chain[:3]]
 
 
-def _locals(globals_: np.ndarray, parents: list[int]) -> np.ndarray:
+def _locals(globals_: np.ndarray) -> np.ndarray:
     """(t, 55, 3) rotation vectors relative to the parents."""
     local = globals_.copy()
-    for j in range(1, 55):
-        local[:, j] = np.swapaxes(globals_[:, parents[j]], 1, 2) @ globals_[:, j]
+    local[:, 1:] = np.swapaxes(globals_[:, rest_skeleton().parents[1:]], 2, 3) @ globals_[:, 1:]
     pose = Rotation.from_matrix(local.reshape(-1, 3, 3)).as_rotvec().reshape(-1, 55, 3)
     pose[:, np.linalg.norm(pose, axis=2).max(0) < _STILL] = 0
     return pose

@@ -10,9 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
-from avatarrex.signals.driving import SHAPES, Signals
-
-ROTATIONS = ("global_orient", "body_pose", "jaw_pose", "eye_pose", "left_hand_pose", "right_hand_pose")
+from avatarrex.signals.driving import ROTATIONS, SHAPES, Signals
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.errors import InputError
@@ -20,6 +20,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.templates.albedo import inside_mouth, paint_albedo
 from avatarrex.templates.blend_weight import smooth_ramp
 from avatarrex.templates.model import TemplateModel, pose_template
+from avatarrex.templates.submodel import submodel
 
 NECK, HEAD, JAW, LEFT_EYE, RIGHT_EYE = 12, 15, 22, 23, 24
 HAIR_LINE = (0.068, 0.028)
@@ -32,7 +33,7 @@ parts the head's rigid mesh from the body; higher, the open jaw does. Measured o
 the distance between the two is at most 7 mm with neck and head bent 29° each, or the jaw fully open."""
 JAW_PLANE = (0.0, 0.8, 0.6)
 """The plane's normal, up and to the front: it sinks 37° towards the front, as the jaw does from ear to chin."""
-MARGIN = 0.03
+THROAT_MARGIN = 0.03
 """Metres of throat in the mesh beyond the place where ω has reached 0."""
 
 
@@ -85,9 +86,7 @@ def pose_face(
 
 def cut_face(body: TemplateModel) -> FaceTemplate:
     """Cut the head from a body template in SMPL-X joint order. Raises `InputError` where there is no head."""
-    columns = [HEAD, JAW, LEFT_EYE, RIGHT_EYE]
-    on_head = body.weights[:, [NECK, *columns]].sum(-1) > 0.5
-    kept = on_head & (above_jaw_line(body) > THROAT[0] - MARGIN)
+    kept = _on_head(body) & (above_jaw_line(body) > THROAT[0] - THROAT_MARGIN)
     faces = body.faces[kept[body.faces].all(1)]
     if not len(faces):
         raise InputError("template", "weights", "vertices skinned to the head", "none")
@@ -95,7 +94,7 @@ def cut_face(body: TemplateModel) -> FaceTemplate:
     index = torch.full((len(kept),), -1)
     index[ids] = torch.arange(len(ids))
     groups = {name: index[rows][index[rows] >= 0] for name, rows in body.groups.items()}
-    model = _submodel(body, columns, ids, faces, groups)
+    model = submodel(body, [HEAD, JAW, LEFT_EYE, RIGHT_EYE], lambda values: values[ids], faces, groups)
     albedo = paint_albedo(model.v_template, model.joint_template[2:], groups)
     return FaceTemplate(model, paint_face(body)[ids], albedo, ids)
 
@@ -106,8 +105,7 @@ def paint_face(body: TemplateModel) -> Float[Tensor, " v"]:
     _, up, front = (body.v_template - eyes.mean(0)).unbind(-1)
     jaw = above_jaw_line(body)
     omega = smooth_ramp(-up, -HAIR_LINE[0], -HAIR_LINE[1]) * smooth_ramp(front, *EARS) * smooth_ramp(jaw, *THROAT)
-    head = body.weights[:, [NECK, HEAD, JAW, LEFT_EYE, RIGHT_EYE]].sum(-1) > 0.5
-    omega = torch.where(head, omega, torch.zeros_like(omega))
+    omega = torch.where(_on_head(body), omega, torch.zeros_like(omega))
     omega[inside_mouth(body.v_template, body.groups)] = 1
     for name in ("left_eye", "right_eye"):
         if name in body.groups:
@@ -130,34 +128,6 @@ def above_jaw_line(body: TemplateModel) -> Float[Tensor, " v"]:
     return (local - chin) @ local.new_tensor(JAW_PLANE)
 
 
-def _submodel(
-    body: TemplateModel, columns: list[int], ids: Tensor, faces: Tensor, groups: dict[str, Tensor]
-) -> TemplateModel:
-    """The arrays of the vertices `ids` about the head joint, with the joints `columns`, the head first."""
-    head, first = columns[0], columns[1]
-    moving = body.weights[ids][:, columns[1:]]
-    posedirs, pose_columns = None, None
-    if body.posedirs is not None:
-        entry = torch.arange(body.posedirs.shape[2]) if body.pose_columns is None else body.pose_columns
-        own = (entry >= 9 * (first - 1)) & (entry < 9 * columns[-1])
-        posedirs, pose_columns = body.posedirs[ids][..., own], entry[own] - 9 * (first - 1)
-    follows = body.joint_expression_dirs
-    expression_dirs = body.expression_dirs[ids]
-    if follows is not None:
-        expression_dirs, follows = expression_dirs - follows[head], follows[columns] - follows[head]
-    return TemplateModel(
-        v_template=body.v_template[ids] - body.joint_template[head],
-        faces=faces,
-        shapedirs=body.shapedirs[ids] - body.joint_shapedirs[head],
-        expression_dirs=expression_dirs,
-        weights=torch.cat([1 - moving.sum(-1, keepdim=True), moving], 1),
-        joint_template=body.joint_template[columns] - body.joint_template[head],
-        joint_shapedirs=body.joint_shapedirs[columns] - body.joint_shapedirs[head],
-        parents=(-1, 0, 0, 0),
-        joint_names=tuple(body.joint_names[c] for c in columns) if body.joint_names else (),
-        expression_names=body.expression_names,
-        posedirs=posedirs,
-        pose_columns=pose_columns,
-        groups=groups,
-        joint_expression_dirs=follows,
-    )
+def _on_head(body: TemplateModel) -> Bool[Tensor, " v"]:
+    """What neck, head, jaw and eyes move more than the rest of the body does."""
+    return body.weights[:, [NECK, HEAD, JAW, LEFT_EYE, RIGHT_EYE]].sum(-1) > 0.5

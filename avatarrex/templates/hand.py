@@ -8,7 +8,7 @@ Letters: v vertices, f faces, j joints. Metres.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -21,6 +21,7 @@ from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.blend_weight import smooth_ramp
 from avatarrex.templates.model import TemplateModel, pose_template
+from avatarrex.templates.submodel import submodel
 
 ELBOW = {"left": 18, "right": 19}
 WRIST = {"left": 20, "right": 21}
@@ -84,7 +85,15 @@ def cut_hand(body: TemplateModel, side: str) -> HandTemplate:
     rim = _open_loop(faces, side)
     cap = np.stack([rim, np.full(len(rim), len(ids)), np.roll(rim, -1)], 1)
     kept = torch.from_numpy(ids)
-    model = _submodel(body, columns, kept, torch.from_numpy(rim), torch.from_numpy(np.concatenate([faces, cap])))
+
+    def closed(values: Tensor) -> Tensor:
+        """Of the kept vertices, and of one more: the middle of the rim."""
+        return torch.cat([values[kept], values[kept[rim]].mean(0, keepdim=True)])
+
+    still = replace(
+        body, expression_dirs=body.expression_dirs[..., :0], expression_names=(), joint_expression_dirs=None
+    )
+    model = submodel(still, columns, closed, torch.from_numpy(np.concatenate([faces, cap])), {})
     blend_weight = torch.cat([paint_hand(body, side)[kept], torch.zeros(1)])
     return HandTemplate(side, model, blend_weight, torch.cat([kept, torch.tensor([-1])]))
 
@@ -100,35 +109,6 @@ def paint_hand(body: TemplateModel, side: str) -> Float[Tensor, " v"]:
     omega = smooth_ramp((body.v_template - body.joint_template[wrist]) @ uphill, *RAMP)
     on_hand = body.weights[:, [ELBOW[side], wrist, *range(first, first + 15)]].sum(-1) > 0.5
     return torch.where(on_hand, omega, torch.zeros_like(omega))
-
-
-def _submodel(body: TemplateModel, columns: list[int], kept: Tensor, rim: Tensor, faces: Tensor) -> TemplateModel:
-    """The arrays of the kept vertices about the wrist, and of one more vertex: the middle of the rim."""
-
-    def closed(values: Tensor) -> Tensor:
-        return torch.cat([values[kept], values[kept[rim]].mean(0, keepdim=True)])
-
-    wrist = columns[0]
-    fingers = body.weights[:, columns[1:]]
-    weights = torch.cat([1 - fingers.sum(-1, keepdim=True), fingers], 1)
-    posedirs, pose_columns = None, None
-    if body.posedirs is not None:
-        entry = torch.arange(body.posedirs.shape[2]) if body.pose_columns is None else body.pose_columns
-        own = (entry >= 9 * (columns[1] - 1)) & (entry < 9 * columns[-1])
-        posedirs, pose_columns = closed(body.posedirs[..., own]), entry[own] - 9 * (columns[1] - 1)
-    return TemplateModel(
-        v_template=closed(body.v_template - body.joint_template[wrist]),
-        faces=faces,
-        shapedirs=closed(body.shapedirs - body.joint_shapedirs[wrist]),
-        expression_dirs=body.v_template.new_zeros(len(kept) + 1, 3, 0),
-        weights=closed(weights),
-        joint_template=body.joint_template[columns] - body.joint_template[wrist],
-        joint_shapedirs=body.joint_shapedirs[columns] - body.joint_shapedirs[wrist],
-        parents=(-1, *(0 if k % 3 == 0 else k for k in range(15))),
-        joint_names=tuple(body.joint_names[c] for c in columns) if body.joint_names else (),
-        posedirs=posedirs,
-        pose_columns=pose_columns,
-    )
 
 
 def _largest_component(faces: np.ndarray) -> np.ndarray:

@@ -21,10 +21,10 @@ from torch import Tensor
 
 from avatarrex.errors import InputError
 from avatarrex.files.assets import DATA, check_arrays, read_npz, read_spec
-from avatarrex.templates.blend_weight import scatter_to_body
 from avatarrex.templates.face import FaceTemplate, cut_face
 from avatarrex.templates.hand import HandTemplate, cut_hand
 from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person_fit import PersonFit
 
 POSING = (
@@ -92,7 +92,11 @@ def resize_person(person: Person, fit: PersonFit) -> Person:
 def _cut(body: TemplateModel, name: str, hash: str) -> Person:
     """The person of a body: hands and face are cut out of it."""
     left, right, face = cut_hand(body, "left"), cut_hand(body, "right"), cut_face(body)
-    painted = scatter_to_body(len(body.v_template), left, right, face)
+    painted = body.v_template.new_zeros(len(body.v_template), len(PARTS))
+    parts: tuple[HandTemplate | FaceTemplate, ...] = (left, right, face)
+    for column, part in enumerate(parts):
+        on_body = part.body_vertex_ids >= 0
+        painted[part.body_vertex_ids[on_body], column] = part.blend_weight[on_body]
     return Person(body, left, right, face, painted, name, hash)
 
 

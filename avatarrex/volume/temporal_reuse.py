@@ -21,7 +21,8 @@ from torch import Tensor
 from avatarrex.fields.body import MAX_CLOTHING_OFFSET, BodyFrame
 from avatarrex.fields.code import BodyCode
 from avatarrex.fields.influence import RADIUS
-from avatarrex.ops.closest_vertex import VertexTree
+from avatarrex.ops.closest_vertex import closest_vertex
+from avatarrex.ops.search_tree import SearchTree
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.sdf_volume import BodyGrid
 
@@ -40,9 +41,9 @@ class ChangedRegion:
     """Where a body frame differs from the frame `since`."""
 
     since: BodyFrame
-    nodes: VertexTree | None
+    nodes: SearchTree | None
     """Of the places of the nodes that changed, before and now."""
-    skin: VertexTree | None
+    skin: SearchTree | None
     """Of the samples and vertices that changed, before and now."""
 
     def touches(self, position: Float[np.ndarray, "p 3"], radius: float = 0.0) -> Bool[np.ndarray, " p"]:
@@ -51,7 +52,7 @@ class ChangedRegion:
         for places, reach in ((self.nodes, RADIUS), (self.skin, SKIN)):
             if places is not None:
                 rest = np.flatnonzero(~touched)
-                touched[rest] = np.isfinite(places.nearest(position[rest], reach + radius)[0])
+                touched[rest] = np.isfinite(closest_vertex(places, position[rest], reach + radius)[0])
         return touched
 
 
@@ -86,18 +87,17 @@ def reuse_unchanged(now: ReusableBody, before: ReusableBody, tolerance: float, e
     )
     skin = _moved_vertices(now, before) > tolerance
     places = [now.vertices[skin], before.vertices[skin]]
-    if new.samples is not None and old.samples is not None:
-        turned = _moved_samples(frame, old) > tolerance
-        frame = replace(
-            frame,
-            samples=replace(
-                new.samples,
-                position=_mixed(turned, new.samples.position, old.samples.position),
-                outward=_mixed(turned, new.samples.outward, old.samples.outward),
-                rest_from_posed=_mixed(turned, new.samples.rest_from_posed, old.samples.rest_from_posed),
-            ),
-        )
-        places += [samples.position[turned].double().numpy() for samples in (new.samples, old.samples)]
+    turned = _moved_samples(frame, old) > tolerance
+    frame = replace(
+        frame,
+        samples=replace(
+            new.samples,
+            position=_mixed(turned, new.samples.position, old.samples.position),
+            outward=_mixed(turned, new.samples.outward, old.samples.outward),
+            rest_from_posed=_mixed(turned, new.samples.rest_from_posed, old.samples.rest_from_posed),
+        ),
+    )
+    places += [samples.position[turned].double().numpy() for samples in (new.samples, old.samples)]
     return ReusableBody(
         frame,
         np.where(skin[:, None], now.vertices, before.vertices),
@@ -138,9 +138,9 @@ class PreviousGrid:
         return stays
 
 
-def _tree(places: list[np.ndarray]) -> VertexTree | None:
+def _tree(places: list[np.ndarray]) -> SearchTree | None:
     joined = np.concatenate(places)
-    return VertexTree.of(joined) if len(joined) else None
+    return SearchTree.of_vertices(joined) if len(joined) else None
 
 
 def _mixed(moved: Tensor, new: Tensor, old: Tensor) -> Tensor:
@@ -150,15 +150,11 @@ def _mixed(moved: Tensor, new: Tensor, old: Tensor) -> Tensor:
 def _moved_nodes(new: BodyFrame, old: BodyFrame, effect: float) -> Float[Tensor, " n"]:
     """Metres by which the change of each node may move the surface."""
     shift = (new.node_position - old.node_position).norm(dim=-1) + (new.node_rest - old.node_rest).norm(dim=-1)
-    if new.samples is None:
-        shift = shift + RADIUS * (new.node_from_rest - old.node_from_rest)[:, :, :3].flatten(1).norm(dim=-1)
     return shift + effect * (new.code.embedding - old.code.embedding).abs().amax(-1)
 
 
 def _moved_samples(new: BodyFrame, old: BodyFrame) -> Float[Tensor, " a"]:
     """Metres by which the change of each sample moves the rest positions of points around it."""
-    assert new.samples is not None
-    assert old.samples is not None
     turn = new.samples.rest_from_posed - old.samples.rest_from_posed
     here = (turn[:, :, :3] @ old.samples.position[:, :, None])[:, :, 0] + turn[:, :, 3]
     apart = (new.samples.position - old.samples.position).norm(dim=-1)

@@ -9,7 +9,7 @@ import subprocess
 import time
 
 import pytest
-from avatarrex_studio.window.studio import Studio
+from avatarrex_studio.engine.studio import Studio
 from ball import ball_engine
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from avatarrex_studio.engine.auto_level import BUDGET, MEMORY, ORDER, AutoLevel, Change
-from avatarrex_studio.engine.resolution import Motion
+from avatarrex_studio.engine.auto_level import MEMORY, ORDER, PICTURE_MS, AutoLevel, Change
+from avatarrex_studio.engine.resolution import Activity
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.session.commands import SetExpression, SetLevel
-from avatarrex_studio.window.studio import Studio
 from ball import ball_engine, render_ball
 
 from avatarrex.levels import level
@@ -25,7 +25,7 @@ def known(**costs):
     return auto
 
 
-def climb(auto, current, motion=Motion.FULL):
+def climb(auto, current, motion=Activity.FULL):
     """Where the choices end, one picture after the other."""
     seen = [current]
     while (following := auto.choose(seen[-1], Change.VIEW, motion, PIXELS)) != seen[-1]:
@@ -36,8 +36,8 @@ def climb(auto, current, motion=Motion.FULL):
 
 def test_nothing_known_starts_at_fast_and_tries_a_level_at_a_time_at_rest():
     assert climb(AutoLevel(), "fast") == ["fast", "balanced", "fine", "quality"]
-    assert climb(AutoLevel(), "fast", Motion.STILL) == ["fast"]
-    assert climb(AutoLevel(), "fast", Motion.MOVING) == ["fast"]
+    assert climb(AutoLevel(), "fast", Activity.STILL) == ["fast"]
+    assert climb(AutoLevel(), "fast", Activity.MOVING) == ["fast"]
     assert climb(AutoLevel(), "paper") == ["paper", "balanced", "fine", "quality"]
 
 
@@ -55,16 +55,16 @@ def test_rest_ends_at_the_most_exact_level_within_the_idle_budget():
 
 def test_a_still_takes_what_fits_its_smaller_budget():
     auto = known(fast=(50, 50), balanced=(200, 400), fine=(400, 900), quality=(900, 1900))
-    assert auto.choose("fast", Change.VIEW, Motion.STILL, PIXELS) == "balanced"
-    assert BUDGET[Motion.MOVING] < BUDGET[Motion.STILL] < BUDGET[Motion.FULL]
+    assert auto.choose("fast", Change.VIEW, Activity.STILL, PIXELS) == "balanced"
+    assert PICTURE_MS[Activity.MOVING] < PICTURE_MS[Activity.STILL] < PICTURE_MS[Activity.FULL]
 
 
 @pytest.mark.parametrize(("costs", "expected"), [((40, 60, 80, 90), "quality"), ((40, 60, 80, 110), "fine"), ((40, 60, 105, 110), "balanced"),
                                                  ((40, 110, 110, 110), "fast"), ((110, 120, 125, 130), "fast")])  # fmt: skip
 def test_a_drag_falls_to_the_first_level_within_its_budget(costs, expected):
     auto = known(**{name: (cost, 300) for name, cost in zip(ORDER, costs)})
-    assert auto.choose("quality", Change.POSE, Motion.MOVING, PIXELS) == expected
-    assert auto.choose("fast", Change.POSE, Motion.MOVING, PIXELS) == "fast", "a drag does not climb"
+    assert auto.choose("quality", Change.POSE, Activity.MOVING, PIXELS) == expected
+    assert auto.choose("fast", Change.POSE, Activity.MOVING, PIXELS) == "fast", "a drag does not climb"
 
 
 def test_a_cost_grows_with_the_raster_and_follows_the_newest_pictures():
@@ -73,8 +73,8 @@ def test_a_cost_grows_with_the_raster_and_follows_the_newest_pictures():
     auto.measured("balanced", Change.VIEW, PIXELS, 20, 60)
     assert auto.cost("balanced", Change.VIEW, PIXELS) == pytest.approx(80)
     assert auto.cost("balanced", Change.VIEW, 2 * PIXELS) == pytest.approx(140)
-    assert auto.choose("balanced", Change.VIEW, Motion.MOVING, PIXELS) == "balanced"
-    assert auto.choose("balanced", Change.VIEW, Motion.MOVING, 2 * PIXELS) == "fast"
+    assert auto.choose("balanced", Change.VIEW, Activity.MOVING, PIXELS) == "balanced"
+    assert auto.choose("balanced", Change.VIEW, Activity.MOVING, 2 * PIXELS) == "fast"
     for _ in range(20):
         auto.measured("balanced", Change.VIEW, PIXELS, 200, 60)
     assert auto.cost("balanced", Change.VIEW, PIXELS) == pytest.approx(260, rel=0.01)
@@ -86,10 +86,10 @@ def test_a_first_picture_does_not_count_and_old_figures_are_forgotten():
     assert auto.cost("quality", Change.LEVEL, PIXELS) is None
     auto.measured("quality", Change.LEVEL, PIXELS, 9000, 0)
     auto.measured("fast", Change.POSE, PIXELS, 1, 0)
-    assert auto.choose("fine", Change.VIEW, Motion.FULL, PIXELS) == "fine"
+    assert auto.choose("fine", Change.VIEW, Activity.FULL, PIXELS) == "fine"
     for _ in range(MEMORY + 1):
         auto.measured("fast", Change.POSE, PIXELS, 1, 0)
-    assert auto.choose("fine", Change.VIEW, Motion.FULL, PIXELS) == "quality"
+    assert auto.choose("fine", Change.VIEW, Activity.FULL, PIXELS) == "quality"
 
 
 MS = {"fast": 10.0, "balanced": 150.0, "fine": 300.0, "quality": 700.0}
@@ -120,7 +120,7 @@ def settle(studio, clock):
         studio.tick((64, 48))
         if not studio.moving:
             return
-    raise AssertionError("the studio never came to rest")
+    raise AssertionError("the picture never became final")
 
 
 def test_the_studio_drags_fast_and_rests_at_quality(levels, clock):

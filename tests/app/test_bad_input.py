@@ -22,8 +22,8 @@ import pytest
 from avatarrex_studio.cli import headless as _headless  # it must know the true engine before that is replaced
 from avatarrex_studio.cli import main as cli
 from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.session.commands import SetBackground, SetExpression
-from avatarrex_studio.window.studio import Studio
 from bad_files import AVATARS, MOTIONS, SESSIONS, Payload, bvh, csv
 from ball import ball_engine, render_ball
 from PIL import Image

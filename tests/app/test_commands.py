@@ -7,37 +7,9 @@ import math
 
 import numpy as np
 import pytest
-from avatarrex_studio.session import posing
-from avatarrex_studio.session.commands import (
-    ApplyExpression,
-    ApplyPose,
-    CloseMotion,
-    Command,
-    LoadMotion,
-    Mirror,
-    OpenAvatar,
-    OrbitBy,
-    PanBy,
-    Randomise,
-    Reset,
-    ResetGroup,
-    SetBackground,
-    SetCamera,
-    SetExpression,
-    SetFrame,
-    SetHandPose,
-    SetHidden,
-    SetJoint,
-    SetLevel,
-    SetLimits,
-    SetShape,
-    SetSignals,
-    SetSize,
-    SetTranslation,
-    ZoomBy,
-)
+from avatarrex_studio.session import commands, posing
+from avatarrex_studio.session.command_json import KINDS
 from avatarrex_studio.session.journal import Journal
-from avatarrex_studio.session.rules import apply
 from avatarrex_studio.session.state import OrbitView, StudioState
 
 from avatarrex.errors import InputError
@@ -48,42 +20,42 @@ from avatarrex.signals.limits import LIMITS
 
 STEPPING = Signals.rest().replace(translation=np.array([0.5, 0.2, 1.0]), body_pose=named_pose("walk"))
 EVERY = (
-    SetJoint("left_elbow", (0.0, -0.5, 0.0)),
-    SetTranslation((0.1, 0.2, 0.3)),
-    SetExpression("jawOpen", 0.6),
-    SetShape(2, 1.5),
-    SetHandPose("left", "fist"),
-    ApplyPose("wave"),
-    ApplyExpression("smile"),
-    Randomise("body", 0.5, 7),
-    Mirror(),
-    ResetGroup("left arm"),
-    SetLimits(False),
-    OrbitBy(30.0, 10.0),
-    PanBy(0.1, -0.2),
-    ZoomBy(0.8),
-    SetCamera(fov=25.0, target=(0.0, 0.5, 0.0)),
-    SetBackground((1.0, 1.0, 1.0, 1.0)),
-    SetSize(fixed=(64, 48)),
-    SetHidden("face", True),
-    SetLevel("quality"),
-    OpenAvatar("other"),
-    SetSignals(STEPPING),
-    LoadMotion("walk.bvh", "walk.bvh", 5, 30.0, STEPPING),
-    SetFrame(3, STEPPING.replace(translation=np.array([1.0, 0.0, 2.0]))),
-    CloseMotion(),
-    Reset(),
+    commands.SetJoint("left_elbow", (0.0, -0.5, 0.0)),
+    commands.SetTranslation((0.1, 0.2, 0.3)),
+    commands.SetExpression("jawOpen", 0.6),
+    commands.SetShape(2, 1.5),
+    commands.SetHandPose("left", "fist"),
+    commands.ApplyPose("wave"),
+    commands.ApplyExpression("smile"),
+    commands.Randomise("body", 0.5, 7),
+    commands.Mirror(),
+    commands.ResetGroup("left arm"),
+    commands.SetLimits(False),
+    commands.OrbitBy(30.0, 10.0),
+    commands.PanBy(0.1, -0.2),
+    commands.ZoomBy(0.8),
+    commands.SetCamera(fov=25.0, target=(0.0, 0.5, 0.0)),
+    commands.SetBackground((1.0, 1.0, 1.0, 1.0)),
+    commands.SetSize(fixed=(64, 48)),
+    commands.SetHidden("face", True),
+    commands.SetLevel("quality"),
+    commands.OpenAvatar("other"),
+    commands.SetSignals(STEPPING),
+    commands.LoadMotion("walk.bvh", "walk.bvh", 5, 30.0, STEPPING),
+    commands.SetFrame(3, STEPPING.replace(translation=np.array([1.0, 0.0, 2.0]))),
+    commands.CloseMotion(),
+    commands.Reset(),
 )
 
 
 def test_every_command_is_pure_and_tested():
-    assert {type(command) for command in EVERY} == set(Command.__subclasses__())
+    assert {type(command) for command in EVERY} == set(KINDS.values())
     state = StudioState()
     for command in EVERY:
         before = state.to_json()
-        after = apply(state, command)
+        after = command.apply(state)
         assert state.to_json() == before, command
-        assert after == apply(state, command), command
+        assert after == command.apply(state), command
         state = after
 
 
@@ -103,10 +75,10 @@ def test_undo_and_redo_come_back_exactly():
 def test_a_drag_is_one_step_and_its_moves_are_folded():
     journal = Journal()
     for degrees in range(1, 31):
-        journal.do(SetJoint("left_elbow", (0.0, -math.radians(degrees), 0.0)), gesture="drag 1")
+        journal.do(commands.SetJoint("left_elbow", (0.0, -math.radians(degrees), 0.0)), gesture="drag 1")
     assert len(journal.steps) == 1
     assert len(journal.steps[0].commands) == 1
-    journal.do(SetJoint("left_knee", (0.5, 0.0, 0.0)), gesture="drag 2")
+    journal.do(commands.SetJoint("left_knee", (0.5, 0.0, 0.0)), gesture="drag 2")
     assert len(journal.steps) == 2
     journal.undo()
     assert posing.joint(journal.state.signals, "left_elbow")[1] == -math.radians(30)
@@ -119,8 +91,8 @@ def test_a_saved_session_replays_to_the_same_state(tmp_path):
         journal.do(command, gesture=number // 3)
     for frame in range(1, 5):
         place = np.array([0.1 * frame, 0.0, 0.3 * frame])
-        journal.do(LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING))
-        journal.do(SetFrame(frame, STEPPING.replace(translation=place)), gesture="play")
+        journal.do(commands.LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING))
+        journal.do(commands.SetFrame(frame, STEPPING.replace(translation=place)), gesture="play")
     journal.save(tmp_path / "session.json")
     again = Journal.load(tmp_path / "session.json")
     assert again.state == journal.state
@@ -131,7 +103,7 @@ def test_a_saved_session_replays_to_the_same_state(tmp_path):
 def test_the_state_survives_json():
     state = StudioState()
     for command in EVERY[:-2]:
-        state = apply(state, command)
+        state = command.apply(state)
     assert StudioState.from_json(json.dumps(state.to_json())) == state
 
 
@@ -172,9 +144,9 @@ def test_a_bad_session_is_refused(step):
 
 def test_limits_hold_a_joint_and_can_be_lifted():
     high = LIMITS[posing.joint_index("left_knee"), 0, 1]
-    state = apply(StudioState(), SetJoint("left_knee", (9.0, 0.0, 0.0)))
+    state = commands.SetJoint("left_knee", (9.0, 0.0, 0.0)).apply(StudioState())
     assert posing.joint(state.signals, "left_knee")[0] == high
-    state = apply(apply(state, SetLimits(False)), SetJoint("left_knee", (9.0, 0.0, 0.0)))
+    state = commands.SetJoint("left_knee", (9.0, 0.0, 0.0)).apply(commands.SetLimits(False).apply(state))
     assert posing.joint(state.signals, "left_knee")[0] == 9.0
 
 
@@ -186,25 +158,25 @@ def test_groups_cover_every_joint_and_coefficient_once():
 
 
 def test_reset_of_a_group_leaves_the_rest():
-    state = apply(apply(StudioState(), ApplyPose("run")), ApplyExpression("smile"))
+    state = commands.ApplyExpression("smile").apply(commands.ApplyPose("run").apply(StudioState()))
     assert posing.changed(state.signals, "left arm")
-    reset = apply(state, ResetGroup("left arm"))
+    reset = commands.ResetGroup("left arm").apply(state)
     assert not posing.changed(reset.signals, "left arm")
     assert posing.changed(reset.signals, "right arm")
     assert np.array_equal(reset.signals.expression, state.signals.expression)
 
 
 def test_mirror_twice_is_nothing_and_once_swaps_sides():
-    state = apply(StudioState(), Randomise("all", 1.0, 3))
-    once = apply(state, Mirror())
+    state = commands.Randomise("all", 1.0, 3).apply(StudioState())
+    once = commands.Mirror().apply(state)
     assert not np.array_equal(once.signals.body_pose, state.signals.body_pose)
     x, y, z = posing.joint(state.signals, "left_elbow")
     assert posing.joint(once.signals, "right_elbow") == (x, -y, -z)
-    assert apply(once, Mirror()).signals == state.signals
+    assert commands.Mirror().apply(once).signals == state.signals
 
 
 def test_pan_moves_the_picture_by_its_share_of_the_height():
-    state = apply(StudioState(view=OrbitView(azimuth=40.0, elevation=25.0)), PanBy(0.25, -0.125))
+    state = commands.PanBy(0.25, -0.125).apply(StudioState(view=OrbitView(azimuth=40.0, elevation=25.0)))
     before = StudioState(view=OrbitView(azimuth=40.0, elevation=25.0)).view
     camera = state.view.camera(200, 200)
     x, y, z = camera.camera_from_world[:3, :3] @ np.array(before.target) + camera.camera_from_world[:3, 3]
@@ -213,7 +185,7 @@ def test_pan_moves_the_picture_by_its_share_of_the_height():
 
 
 def test_a_motion_carries_the_view_over_the_ground_only():
-    state = apply(StudioState(), LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING))
+    state = commands.LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING).apply(StudioState())
     assert state.view.target == pytest.approx((0.5, -0.05, 1.0))
     still = StudioState(view=OrbitView(follow=False))
-    assert apply(still, LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING)).view == still.view
+    assert commands.LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING).apply(still).view == still.view

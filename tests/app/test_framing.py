@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 from avatarrex_studio.cli import main as cli
-from avatarrex_studio.session.framing import MARGIN, Outline, backed_off, framed
+from avatarrex_studio.engine.framing import FREE_SHARE, Outline, backed_off, framed
 from avatarrex_studio.session.state import OrbitView, StudioState
 from ball import ball_engine
 from PIL import Image
@@ -37,14 +37,14 @@ def test_all_points_lie_inside_and_the_outermost_on_the_margin(size, angles):
     points = np.random.default_rng(3).normal(size=(200, 3)) * (0.3, 0.8, 0.5) + (4.0, -2.0, 7.0)
     view = framed(OrbitView(*angles, fov=35.0), points, size)
     high, low = reach(view, points, size)
-    assert high.max() == pytest.approx(1 - MARGIN)
+    assert high.max() == pytest.approx(1 - FREE_SHARE)
     axis = high.argmax()
     assert low[axis] == pytest.approx(-high[axis]), "the tight axis is centred"
-    assert low.min() >= -(1 - MARGIN) - 1e-9
+    assert low.min() >= -(1 - FREE_SHARE) - 1e-9
     about = backed_off(view, points, size)
     assert about.distance == pytest.approx(view.distance), "no nearer camera about the same target sees them all"
     aside = backed_off(OrbitView(*angles, target=(4.5, -2.0, 7.0)), points, size)
-    assert max(*np.abs(reach(aside, points, size)).ravel()) == pytest.approx(1 - MARGIN)
+    assert max(*np.abs(reach(aside, points, size)).ravel()) == pytest.approx(1 - FREE_SHARE)
 
 
 def test_the_outline_is_the_posed_body():
@@ -85,7 +85,7 @@ def test_home_frames_the_person_as_it_stands(studio):
     studio.do(SetCamera(azimuth=50.0, distance=0.5))
     studio.frame_person((400, 300))
     high, low = reach(studio.state.view, studio.engine.outline(studio.state), (400, 300))
-    assert max(*high, *-low) == pytest.approx(1 - MARGIN)
+    assert max(*high, *-low) == pytest.approx(1 - FREE_SHARE)
     assert studio.state.view.azimuth == 0
     studio.undo()
     assert studio.state.view.distance == 0.5
@@ -115,7 +115,7 @@ def test_a_rendered_motion_keeps_the_person_in_every_frame(camera, follows, monk
         assert state.view.follow == follows
     assert len(reached) == 5
     assert len(distances) == 1, "the scale stays"
-    assert max(reached) == pytest.approx(1 - MARGIN)
+    assert max(reached) == pytest.approx(1 - FREE_SHARE)
 
 
 def test_what_the_user_gives_stays(monkeypatch, tmp_path):

@@ -14,7 +14,6 @@ from avatarrex_studio.panels.viewport import ViewportPanel
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.actions import ACTIONS
 from avatarrex_studio.session.commands import OrbitBy, PanBy, ResetGroup, SetExpression, SetJoint, ZoomBy
-from avatarrex_studio.session.rules import apply
 from avatarrex_studio.session.state import StudioState
 from imgui_bundle import imgui
 
@@ -100,7 +99,7 @@ def test_a_slider_that_is_dragged_sets_its_joint_in_radians(screen):
 def test_a_double_click_resets_a_slider(screen):
     panel = FacePanel()
     panel.search = "jaw open"
-    state = apply(StudioState(), SetExpression("jawOpen", 0.7))
+    state = SetExpression("jawOpen", 0.7).apply(StudioState())
     commands = find(screen, lambda: panel.draw(state), lambda command: isinstance(command, SetExpression))
     assert commands[-1].name == "jawOpen"
     place = tuple(screen.io.mouse_pos)
@@ -171,11 +170,11 @@ def test_the_viewport_mouse(screen, studio):
 
 
 def test_a_changed_group_offers_its_reset(screen, monkeypatch):
-    state = apply(StudioState(), SetJoint("left_elbow", (0.0, -0.5, 0.0)))
+    state = SetJoint("left_elbow", (0.0, -0.5, 0.0)).apply(StudioState())
     monkeypatch.setattr(imgui, "small_button", lambda label: label.endswith("body.left arm"))
     panel = body_panel()
     assert screen.frame(lambda: panel.draw(state)) == [ResetGroup("left_elbow")]
-    assert not posing.changed(apply(state, ResetGroup("left_elbow")).signals, "all")
+    assert not posing.changed(ResetGroup("left_elbow").apply(state).signals, "all")
 
 
 def test_every_shortcut_is_a_key_of_the_toolkit():

@@ -17,7 +17,7 @@ from avatarrex_studio.cli.main import main
 from avatarrex_studio.cli.runs import table
 from avatarrex_studio.jobs.run_view import RunView, duration, keep_avatar
 from avatarrex_studio.jobs.runs import Runs, Watched
-from avatarrex_studio.jobs.training_process import TrainingProcesses, last_words
+from avatarrex_studio.jobs.training_process import Order, TrainingProcesses, last_words
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels.curves import log_ticks, smoothed, span, thinned
 from avatarrex_studio.panels.samples import HEAT, difference
@@ -217,17 +217,17 @@ def test_an_avatar_is_found_though_what_was_listed_has_gone(tmp_path):
 def test_a_training_is_started_paused_resumed_and_stopped(tmp_path):
     processes = TrainingProcesses([*TINY, "--steps", "100000", "--seconds", "0.01"])
     out = tmp_path / "run"
-    processes.start("a capture", "smoke", out, ["body"])
+    processes.start(Order("a capture", "smoke", out, ["body"]))
     try:
         with pytest.raises(InputError, match="started here"):
-            processes.start("a capture", "smoke", out)
+            processes.start(Order("a capture", "smoke", out))
         until(lambda: look(tmp_path).get("run") and look(tmp_path)["run"].step > 3)
-        processes.pause(out)
+        request(out, "pause")
         until(lambda: look(tmp_path)["run"].state == "paused")
         step = look(tmp_path)["run"].step
         time.sleep(0.3)
         assert look(tmp_path)["run"].step == step
-        processes.go_on(out)
+        request(out, "run")
         until(lambda: look(tmp_path)["run"].step > step)
         processes.stop(out)
         until(lambda: processes.poll() or not processes.working(out))
@@ -243,7 +243,7 @@ def test_a_training_is_started_paused_resumed_and_stopped(tmp_path):
 def test_a_training_that_does_not_listen_gets_the_signal(tmp_path, clock):
     deaf = "import signal, time, sys\nprint('deaf', flush=True)\ntime.sleep(60)"
     processes = TrainingProcesses([sys.executable, "-c", deaf], clock)
-    processes.start("a capture", "smoke", tmp_path / "run")
+    processes.start(Order("a capture", "smoke", tmp_path / "run"))
     until(lambda: last_words(tmp_path / "run/train.log") == "deaf")
     processes.stop(tmp_path / "run")
     processes.poll()
@@ -257,7 +257,7 @@ def test_a_training_that_does_not_listen_gets_the_signal(tmp_path, clock):
 def test_a_training_runs_where_the_window_does(tmp_path, device, said):
     echo = "import sys; words = sys.argv[sys.argv.index('--parts') + 2 :]; raise SystemExit(' '.join(['told', *words]))"
     processes = TrainingProcesses([sys.executable, "-c", echo], device=device)
-    processes.start("a capture", "smoke", tmp_path / "run", resume=True)
+    processes.start(Order("a capture", "smoke", tmp_path / "run"), resume=True)
     until(lambda: processes.poll() or not processes.working(tmp_path / "run"))
     assert processes.message == "run: " + " ".join(["told", *said, "--resume"])
 
@@ -265,17 +265,17 @@ def test_a_training_runs_where_the_window_does(tmp_path, device, said):
 def test_a_training_that_cannot_start_says_why(tmp_path):
     words = "print('12%|##', end='\\r'); raise SystemExit('avatarrex-studio: error: no such capture')"
     processes = TrainingProcesses([sys.executable, "-c", words])
-    processes.start("nothing", "smoke", tmp_path / "run")
+    processes.start(Order("nothing", "smoke", tmp_path / "run"))
     until(lambda: processes.poll() or not processes.working(tmp_path / "run"))
     assert processes.message == "run: avatarrex-studio: error: no such capture"
     for capture, parts, match in (("", ["body"], "capture"), ("x", [], "parts")):
         with pytest.raises(InputError, match=match):
-            processes.start(capture, "smoke", tmp_path / "other", parts)
+            processes.start(Order(capture, "smoke", tmp_path / "other", parts))
     Run.create(tmp_path / "old", {}).close()
     with pytest.raises(InputError, match="without a run"):
-        processes.start("x", "smoke", tmp_path / "old")
+        processes.start(Order("x", "smoke", tmp_path / "old"))
     with pytest.raises(InputError, match="a folder to train in"):
-        processes.start("x", "smoke", tmp_path / "old/run.json/below")
+        processes.start(Order("x", "smoke", tmp_path / "old/run.json/below"))
 
 
 def test_ctrl_c_ends_a_training_as_stopped(tmp_path):

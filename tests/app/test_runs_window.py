@@ -9,10 +9,10 @@ import time
 from pathlib import Path
 
 import pytest
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.window.runs_window import RunsWindow
-from avatarrex_studio.window.studio import Studio
 from avatarrex_studio.window.window import Window, start
 from ball import ball_engine
 from driving import drive
@@ -86,7 +86,7 @@ def test_the_training_tab_starts_pauses_resumes_stops_and_shows(display, tmp_pat
 
     def press(test, wanted):
         """A button of the run, by its id."""
-        title = dict(panel._buttons(views(panel)["one"]))[wanted]
+        title = panel._buttons(views(panel)["one"])[wanted]
         test.item_click(f"**/{title}##{wanted}")
 
     def scenario(test):
@@ -94,7 +94,7 @@ def test_the_training_tab_starts_pauses_resumes_stops_and_shows(display, tmp_pat
         test.window_focus("//Training")
         test.yield_(3)
         form = panel.form
-        form.capture, form.out, form.preset = "captures/me.zip", str(tmp_path / "runs/one"), "smoke"
+        form.capture, form.out, form.recipe = "captures/me.zip", str(tmp_path / "runs/one"), "smoke"
         test.item_click(f"**/{icons.ICON_FA_PLAY}  Start training")
         wait(test, lambda: state() == "running")
         press(test, "pause")

@@ -17,18 +17,7 @@ import pytest
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.skips import WORK, skipped
 from avatarrex_studio.engine.work import Work
-from avatarrex_studio.session.commands import (
-    ApplyExpression,
-    ApplyPose,
-    OrbitBy,
-    SetBackground,
-    SetCamera,
-    SetHandPose,
-    SetHidden,
-    SetJoint,
-    SetLevel,
-    SetTranslation,
-)
+from avatarrex_studio.session import commands
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import LEVELS, StudioState
 
@@ -44,29 +33,29 @@ BODY = {"templates", "body", "patches"}
 FACE = {"templates", "face", "U-Nets"}
 HAND = {"templates", "hands"}
 STEPS = {
-    "start": (SetLevel("fast"), BODY | FACE | HAND | CAST),
+    "start": (commands.SetLevel("fast"), BODY | FACE | HAND | CAST),
     "idle": (None, set()),
-    "body": (ApplyPose("wave"), BODY | CAST),
-    "one joint": (SetJoint("left_knee", (0.4, 0.0, 0.0)), BODY | CAST),
-    "expression": (ApplyExpression("jaw_open"), FACE | CAST),
-    "raised hand": (SetHandPose("right", "point"), HAND | CAST),
-    "hand at the thigh": (SetHandPose("left", "fist"), HAND | CAST | {"body"}),
-    "view": (OrbitBy(40.0, 10.0), CAST),
-    "root": (SetTranslation((0.1, 0.0, 0.2)), CAST),
-    "turned": (SetJoint("pelvis", (0.0, 0.5, 0.0)), CAST),
-    "background": (SetBackground((1.0, 1.0, 1.0, 1.0)), set()),
-    "hidden hand": (SetHidden("left_hand", True), CAST),
-    "a hidden hand's pose": (SetHandPose("left", "spread"), {"templates"}),
-    "hidden face": (SetHidden("face", True), CAST),
-    "a hidden face's expression": (ApplyExpression("smile"), {"templates"}),
+    "body": (commands.ApplyPose("wave"), BODY | CAST),
+    "one joint": (commands.SetJoint("left_knee", (0.4, 0.0, 0.0)), BODY | CAST),
+    "expression": (commands.ApplyExpression("jaw_open"), FACE | CAST),
+    "raised hand": (commands.SetHandPose("right", "point"), HAND | CAST),
+    "hand at the thigh": (commands.SetHandPose("left", "fist"), HAND | CAST | {"body"}),
+    "view": (commands.OrbitBy(40.0, 10.0), CAST),
+    "root": (commands.SetTranslation((0.1, 0.0, 0.2)), CAST),
+    "turned": (commands.SetJoint("pelvis", (0.0, 0.5, 0.0)), CAST),
+    "background": (commands.SetBackground((1.0, 1.0, 1.0, 1.0)), set()),
+    "hidden hand": (commands.SetHidden("left_hand", True), CAST),
+    "a hidden hand's pose": (commands.SetHandPose("left", "spread"), {"templates"}),
+    "hidden face": (commands.SetHidden("face", True), CAST),
+    "a hidden face's expression": (commands.ApplyExpression("smile"), {"templates"}),
     "idle again": (None, set()),
-    "shown again": (SetHidden("face", False), FACE - {"templates"} | CAST),
-    "close to a foot": (SetCamera(distance=0.5, target=(0.1, -0.9, 0.3)), CAST),
-    "off screen": (ApplyExpression("jaw_open"), {"templates"} | CAST),
-    "an expression off screen": (ApplyExpression("neutral"), {"templates"}),
-    "a hand off screen": (SetHandPose("right", "fist"), {"templates"} | CAST),
+    "shown again": (commands.SetHidden("face", False), FACE - {"templates"} | CAST),
+    "close to a foot": (commands.SetCamera(distance=0.5, target=(0.1, -0.9, 0.3)), CAST),
+    "off screen": (commands.ApplyExpression("jaw_open"), {"templates"} | CAST),
+    "an expression off screen": (commands.ApplyExpression("neutral"), {"templates"}),
+    "a hand off screen": (commands.SetHandPose("right", "fist"), {"templates"} | CAST),
     "idle off screen": (None, set()),
-    "all in view": (SetCamera(distance=3.5, target=(0.1, 0.0, 0.2)), FACE - {"templates"} | {"hands"} | CAST),
+    "all in view": (commands.SetCamera(distance=3.5, target=(0.1, 0.0, 0.2)), FACE - {"templates"} | {"hands"} | CAST),
 }
 """Step → command, and the names of `skips.WORK` whose counters then do not read zero."""
 SIGHT = ("view", "root", "turned", "all in view")

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from avatarrex_studio.engine.resolution import FLOOR, FULL_AFTER, Resolution
-from avatarrex_studio.engine.resolution import Motion as Moving
+from avatarrex_studio.engine.resolution import FLOOR, FULL_AFTER, Activity, Resolution
 from avatarrex_studio.engine.strips import Strips
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.session.actions import ACTIONS, EFFECTS, action, find
 from avatarrex_studio.session.commands import OrbitBy, SetBackground, SetExpression, SetJoint, SetLevel
 from avatarrex_studio.session.motion import Motion
-from avatarrex_studio.session.rules import apply
 from avatarrex_studio.session.state import StudioState
-from avatarrex_studio.window.studio import Studio
 from ball import ball_engine, render_ball
 
 from avatarrex.errors import InputError
@@ -33,19 +31,19 @@ def settle(studio, clock):
         pictures += studio.tick(VIEWPORT)
         if not studio.moving:
             return pictures
-    raise AssertionError("the studio never came to rest")
+    raise AssertionError("the picture never became final")
 
 
 def test_resolution_drops_while_moving_and_returns_at_rest():
     resolution, full = Resolution(seconds_per_pixel=2e-6), (800, 600)
     resolution.tick(0.0, True)
     moving = resolution.size(full)
-    assert resolution.state is Moving.MOVING
+    assert resolution.state is Activity.MOVING
     resolution.tick(0.01, False)
     still = resolution.size(full)
-    assert resolution.state is Moving.STILL
+    assert resolution.state is Activity.STILL
     resolution.tick(FULL_AFTER, False)
-    assert resolution.state is Moving.FULL
+    assert resolution.state is Activity.FULL
     assert moving[0] < still[0] < resolution.size(full)[0] == 800
     assert moving[0] * moving[1] == pytest.approx(1 / 12 / 2e-6, rel=0.02)
     assert moving[0] / moving[1] == pytest.approx(4 / 3, rel=0.02)
@@ -67,15 +65,15 @@ def test_a_slow_frame_does_not_count_as_rest():
     resolution = Resolution()
     resolution.tick(0.0, True)
     resolution.measured(3.0, 1000, 3.0)
-    assert resolution.tick(3.01, False) is Moving.STILL
+    assert resolution.tick(3.01, False) is Activity.STILL
 
 
 def test_a_dragged_picture_may_lag_and_be_rough_and_the_one_that_stays_may_not(clock):
-    asked = []
+    rendered = []
 
     def render(avatar, signals, camera, settings, previous=None):
         frame = render_ball(avatar, signals, camera, settings, previous)
-        asked.append((settings.reuse_tolerance, settings.voxel))
+        rendered.append((settings.reuse_tolerance, settings.voxel))
         frame.volume.changed = "some of it" if settings.reuse_tolerance else None
         return frame
 
@@ -84,15 +82,15 @@ def test_a_dragged_picture_may_lag_and_be_rough_and_the_one_that_stays_may_not(c
     for name, first in (("fast", coarse), ("balanced", exact)):
         studio.do(SetLevel(name))
         settle(studio, clock)
-        asked.clear()
+        rendered.clear()
         studio.do(SetJoint("left_shoulder", (0, 0, 0.1 + first[0])))
         clock.now += 0.01
         studio.tick((32, 24))  # so small that a drag has every pixel
-        assert asked == [first]
+        assert rendered == [first]
         for _ in range(100):
             clock.now += 0.05
             studio.tick((32, 24))
-        assert asked == ([coarse, exact] if name == "fast" else [exact])
+        assert rendered == ([coarse, exact] if name == "fast" else [exact])
         assert not studio.work.lags
         assert not studio.work.rough
 
@@ -208,12 +206,12 @@ def test_actions_are_named_once_and_all_can_be_done(studio, motion_file):
     assert len({entry.id for entry in ACTIONS}) == len(ACTIONS)
     shortcuts = [entry.shortcut for entry in ACTIONS if entry.shortcut]
     assert len(set(shortcuts)) == len(shortcuts)
-    assert not action("play").enabled(studio)
+    assert not action("play").enabled(studio.journal)
     studio.open_motion(str(motion_file))
     for entry in ACTIONS:
         assert (entry.command is None) != (entry.effect is None), entry.id
         if entry.command:
-            apply(studio.state, entry.command(studio.state))
+            entry.command(studio.state).apply(studio.state)
         else:
             assert entry.effect in EFFECTS
     assert find("pose wave")[0].title == "Pose: wave"

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import torch
 from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import performance
 from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.session.journal import Journal
-from avatarrex_studio.window.studio import Studio
 from avatarrex_studio.window.window import Window, start
 from ball import ball_engine
 from imgui_bundle import imgui
@@ -38,7 +38,7 @@ def drive(engine, scenario, size=(1280, 800)):
 
 
 def rest(test, window, seconds=60):
-    """Let the window draw until the picture has come to rest."""
+    """Let the window draw until the picture is final."""
     until = time.monotonic() + seconds
     test.yield_(6)
     while window.studio.moving and time.monotonic() < until:

@@ -7,7 +7,6 @@ import pytest
 import trimesh
 
 from avatarrex.capture.synthetic.solid_distance import SolidUnion
-from avatarrex.capture.synthetic.winding import RayWinding
 from avatarrex.errors import InputError
 
 igl = pytest.importorskip("igl")
@@ -58,7 +57,7 @@ def test_winding_counts_overlaps_and_agrees_with_libigl(rng: np.random.Generator
     turn = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
     vertices = vertices @ turn.T
     points = rng.uniform(-0.2, 0.2, (5000, 3))
-    found = RayWinding(vertices, faces)(points)
+    found = SolidUnion(vertices, faces).winding(points)
     np.testing.assert_array_equal(found, np.round(igl.winding_number(vertices, faces, points)))
     assert set(found) == {0, 1, 2}
 
@@ -68,7 +67,7 @@ def test_rays_through_edges_and_vertices_count_once() -> None:
     vertices, faces = boxes(((0, 0, 0), 0.125), rounds=2)
     grid = np.linspace(-0.125, 0.125, 9)[1:-1]
     points = np.stack([*np.meshgrid(grid, grid, [-0.3, 0.0, 0.3])], -1).reshape(-1, 3)
-    np.testing.assert_array_equal(RayWinding(vertices, faces)(points), (points[:, 2] == 0).astype(int))
+    np.testing.assert_array_equal(SolidUnion(vertices, faces).winding(points), (points[:, 2] == 0).astype(int))
 
 
 def test_the_order_of_solids_does_not_matter(rng: np.random.Generator) -> None:

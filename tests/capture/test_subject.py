@@ -10,8 +10,9 @@ import torch
 import trimesh
 
 from avatarrex.camera import Camera
-from avatarrex.capture.synthetic.preview import preview, visible_faces
+from avatarrex.capture.synthetic.rasteriser import draw_reference
 from avatarrex.capture.synthetic.subject import PosedSubject, Subject, load_subject
+from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.model import pose_template
@@ -37,6 +38,13 @@ def crouched() -> PosedSubject:
             left_shoulder=(0, 20, -60), right_shoulder=(0, 0, 70), left_elbow=(0, -100, 0), left_index1=(0, 0, -60),
         )
     )  # fmt: skip
+
+
+def near(posed: PosedSubject, count: int, rng: np.random.Generator, spread: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points at Gaussian `spread` metres off the outer surface along its normal, and their distance."""
+    position, normal = posed.at(*posed.sample(count, rng))
+    points = position + normal * rng.normal(0, spread, (count, 1))
+    return points, posed.signed_distance(points)
 
 
 @pytest.fixture
@@ -79,7 +87,7 @@ def test_cloth_stands_off_the_skin_and_the_skin_below_is_hidden(subject: Subject
 
 def test_distance_sign_and_gradient(rng: np.random.Generator) -> None:
     posed = crouched()
-    points, distance = posed.near_samples(400, rng, 0.01)
+    points, distance = near(posed, 400, rng, 0.01)
     inside = igl.winding_number(posed.vertices, posed.faces, points) > 0.5
     np.testing.assert_array_equal(inside, distance < 0)
     on, _ = posed.at(*posed.sample(1000, rng))
@@ -92,7 +100,8 @@ def test_distance_sign_and_gradient(rng: np.random.Generator) -> None:
 
 def test_no_sample_is_buried(rng: np.random.Generator) -> None:
     posed = crouched()
-    position, _, colour = posed.surface_samples(2000, rng)
+    face, bary = posed.sample(2000, rng)
+    position, colour = posed.at(face, bary)[0], posed.colour_at(face, bary)
     far = posed.signed_distance(position)
     assert np.abs(far).max() < 1e-9
     face, bary = posed.sample(150, rng, "trousers")
@@ -131,7 +140,7 @@ def test_colour_has_an_iris_a_print_and_stripes(subject: Subject) -> None:
 def test_part_labels(subject: Subject) -> None:
     rest = subject.pose(Signals.rest())
     points = np.array([[0.85, 0.45, 0.2], [-0.85, 0.45, 0.2], [0, 0.69, 0.4], [0, 0.2, 0.5], [0.14, -0.4, 0.4]])
-    found = [subject.parts[k] for k in rest.part_label(points)]
+    found = [subject.parts[k] for k in subject.part_of_face[rest.closest(points)[0]]]
     assert found == ["left_hand", "right_hand", "face", "shirt", "trousers"]
     with pytest.raises(InputError, match="one of skin"):
         subject.faces_of("wings")
@@ -178,7 +187,7 @@ def test_extreme_poses_stay_finite(subject: Subject, rng: np.random.Generator) -
         pose = rng.uniform(-np.pi, np.pi, (55, 3)) if k else np.full((55, 3), np.pi)
         posed = subject.pose(Signals.from_full_pose(pose, expression=rng.random(52)))
         assert np.isfinite(posed.vertices).all()
-        points, distance = posed.near_samples(200, rng, 0.02)
+        points, distance = near(posed, 200, rng, 0.02)
         assert np.isfinite(distance).all()
         assert np.isfinite(posed.colour(points)).all()
 
@@ -188,12 +197,14 @@ def test_root_motion_is_left_out(subject: Subject) -> None:
     np.testing.assert_array_equal(subject.pose(moved).vertices, subject.pose(Signals.rest()).vertices)
 
 
-def test_preview_shows_the_person(subject: Subject) -> None:
+def test_the_reference_picture_shows_the_person(subject: Subject) -> None:
     """You should see a person in a striped shirt: shirt, skin and background where they belong."""
-    picture = preview(subject.pose(Signals.rest()), Camera.orbit(0.0, 0.0, 2.9, 40.0, (0.0, -0.05, 0.0), 64, 64))
-    assert picture.shape == (64, 64, 3)
-    assert (picture[0, 0] == 237).all()
-    assert (picture.reshape(-1, 3).std(1) > 8).sum() > 150
+    camera = Camera.orbit(0.0, 0.0, 2.9, 40.0, (0.0, -0.05, 0.0), 64, 64)
+    picture = draw_reference(subject.pose(Signals.rest()), subject.openness, camera, 2).colour
+    assert picture.shape == (64, 64, 4)
+    assert (picture[0, 0] == 0).all()
+    solid = picture[picture[..., 3] == 1, :3]
+    assert (solid.std(1) > 0.03).sum() > 150
 
 
 def test_a_subject_of_another_person_is_refused(tmp_path) -> None:  # type: ignore[no-untyped-def]

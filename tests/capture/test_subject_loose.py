@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from avatarrex.capture.synthetic.motions import body_motion
 from avatarrex.capture.synthetic.plan import GIRTH
+from avatarrex.capture.synthetic.solid_distance import SolidUnion
 from avatarrex.capture.synthetic.subject import Subject, load_subject
-from avatarrex.capture.synthetic.winding import RayWinding
 from avatarrex.signals.driving import Signals
 
 
@@ -45,7 +45,7 @@ def test_the_tunic_stands_off_the_body_and_bridges_the_legs(loose: Subject) -> N
     between = np.array([[0.0, -0.22, 0.0], [0.0, -0.30, 0.0]])
     assert cKDTree(skin).query(between)[0].min() > 0.02  # air between the template's thighs
     tunic_faces = loose.faces[loose.solid_of_face == loose.names.index("tunic")]
-    assert (RayWinding(loose.vertices, tunic_faces)(between) > 0).all()
+    assert (SolidUnion(loose.vertices, tunic_faces).winding(between) > 0).all()
 
 
 def test_bare_hands_are_the_templates_hands(loose: Subject) -> None:

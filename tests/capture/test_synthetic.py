@@ -21,8 +21,8 @@ from avatarrex.capture.synthetic import make as synthetic
 from avatarrex.capture.synthetic import plan as plans
 from avatarrex.capture.synthetic.make import make_capture
 from avatarrex.capture.synthetic.plan import RigSize, Size, plan
-from avatarrex.capture.synthetic.preview import visible_faces
 from avatarrex.capture.synthetic.subject import load_subject
+from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import InputError
 from avatarrex.gl.context import gl_unavailable
 

@@ -228,7 +228,5 @@ def test_cutoff_changes_colours_by_less_than_it_drops():
 
 
 def test_unknown_local_frame_is_refused():
-    with pytest.raises(
-        InputError, match="local_frame: expected anchors or blend or node or turned or vertex, found linear"
-    ):
+    with pytest.raises(InputError, match="local_frame: expected anchors or turned, found linear"):
         BodyField(arm_model(), TINY, 0, "linear")

@@ -64,7 +64,7 @@ def test_pairs_are_listed_in_the_same_order(posed, spread, restricted):
 
 
 @pytest.mark.parametrize("cutoff", [0.0, 0.01])
-def test_what_a_pair_hears_is_the_same(posed, cutoff):
+def test_places_and_weights_of_pairs_are_the_same(posed, cutoff):
     field, frame = posed
     points = around(frame, 0.03)
     pairs = field.pairs(frame, points)
@@ -78,7 +78,7 @@ def test_what_a_pair_hears_is_the_same(posed, cutoff):
     torch.testing.assert_close(weight, share, atol=1e-9, rtol=2e-4)
 
 
-def test_means_are_the_same_and_zero_where_nobody_is_heard(posed):
+def test_means_are_the_same_and_zero_where_no_node_reaches(posed):
     field, frame = posed
     points = torch.cat([around(frame, 0.01), torch.full((5, 3), 9.0)])
     pairs, _, weight = field.localise(frame, points, field.pairs(frame, points))

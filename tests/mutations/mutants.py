@@ -114,7 +114,7 @@ MUTANTS: dict[str, Mutant] = {
     "sharp elbow, heights over what is buried": Mutant(
         "sharp joints",
         "avatarrex/training/core/warm_start.py",
-        "known = (guess <= 0) | (RayWinding(mesh, faces.numpy())(position) <= 0)",
+        "known = (guess <= 0) | (winding(SearchTree.of_triangles(mesh, faces.numpy()), position) <= 0)",
         "known = guess < np.inf",
         "tests/training/test_warm_start.py::test_points_over_one_limb_and_within_another_are_left_out",
     ),
@@ -177,7 +177,7 @@ MUTANTS: dict[str, Mutant] = {
     "a ray through a corner": Mutant(
         "a hand that pierces itself",
         "avatarrex/ops/crossings.py",
-        "return (side >= 0) != turned",
+        "return bool((side >= 0) != turned)",
         "return (side <= 0) if turned else (side >= 0)",
         "tests/ops/test_crossings.py::test_rays_through_corners_and_along_walls_are_counted_once",
     ),
@@ -246,10 +246,10 @@ MUTANTS: dict[str, Mutant] = {
     ),
     "one segment of three, compiled": Mutant(
         "sliver triangles",
-        "avatarrex/ops/closest_tree.py",
+        "avatarrex/ops/closest_triangle.py",
         "best = min(square_ab, square_ac, square_bc)",
         "best = square_ab",
-        "tests/ops/test_closest_tree.py::test_a_needle_is_its_longest_side",
+        "tests/ops/test_closest_triangle.py::test_a_needle_is_its_longest_side",
     ),
     "faces without a normal": Mutant(
         "sliver triangles",
@@ -270,21 +270,21 @@ MUTANTS: dict[str, Mutant] = {
         "avatarrex/ops/pseudonormal_loops.py",
         "joined[v] = table[slot]",
         "joined[v] = v",
-        "tests/ops/test_closest_tree.py::test_compiled_pseudonormals_are_those_in_torch",
+        "tests/ops/test_closest_triangle.py::test_compiled_pseudonormals_are_those_in_torch",
     ),
     "a row of points that nears the surface": Mutant(
         "sides not searched",
-        "avatarrex/ops/closest_tree.py",
+        "avatarrex/ops/closest_triangle.py",
         "        if p > begin:\n            clear -=",
         "        if p < begin:\n            clear -=",
-        "tests/ops/test_closest_tree.py::test_a_row_of_points_that_leaves_the_bound_and_comes_back",
+        "tests/ops/test_closest_triangle.py::test_a_row_of_points_that_leaves_the_bound_and_comes_back",
     ),
     "vertices at one place": Mutant(
         "sliver triangles",
         "avatarrex/ops/pseudonormal.py",
         "place, welded = torch.unique(vertices, dim=0, return_inverse=True)",
         "place, welded = vertices, torch.arange(len(vertices))",
-        "tests/ops/test_closest_tree.py::test_compiled_pseudonormals_are_those_in_torch",
+        "tests/ops/test_closest_triangle.py::test_compiled_pseudonormals_are_those_in_torch",
     ),
     "one raycast pass, torch": Mutant(
         "thin parts",
@@ -387,8 +387,8 @@ MUTANTS: dict[str, Mutant] = {
     "encoding of unscaled places": Mutant(
         "encoding",
         BODY,
-        "local = rest - take(frame.node_rest, pairs.node)",
-        "local = rest",
+        "local = take(rest, pairs.point) - take(frame.node_rest, pairs.node)",
+        "local = take(rest, pairs.point)",
         "tests/fields/test_body.py::test_local_frames_agree_at_rest",
     ),
     "bf16 storage": Mutant(

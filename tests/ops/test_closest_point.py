@@ -6,7 +6,6 @@ import torch
 import trimesh
 from torch.nn.functional import normalize
 
-import avatarrex.ops.closest_bricks as closest_bricks
 from avatarrex.errors import InputError
 from avatarrex.ops.closest_point import available, closest_point
 from avatarrex.ops.pseudonormal import pseudonormals, winding_number
@@ -124,26 +123,14 @@ def test_interpolated_normal_fails_where_the_pseudonormal_does_not() -> None:
 
 @pytest.mark.parametrize("bound", [None, (-0.01, 0.02)])
 @pytest.mark.parametrize("half", [0.06, 1.0])
-@pytest.mark.parametrize("impl", ["torch", "tree"])
-def test_tree_and_rows_find_the_same(impl: str, half: float, bound: tuple[float, float] | None, monkeypatch) -> None:
-    """However dense the points, whichever way they are searched."""
-    monkeypatch.setattr(closest_bricks, "FEW", 10_000)
+def test_points_in_no_order_find_the_same(half: float, bound: tuple[float, float] | None) -> None:
+    """However dense the points, with gradients and without."""
     vertices, faces = sliver_sphere()
     point = cloud(1500, half)
-    levels = closest_bricks._tree(point, None if impl == "tree" else 1e9)
-    assert (len(levels) == 1) == (impl == "torch")
-    assert sorted(levels[0].members[levels[0].members >= 0].tolist()) == list(range(1500))
-    found = closest_point(vertices, faces, point, bound, impl=impl)
     want = closest_point(vertices, faces, point, bound, impl="reference").sdf
-    torch.testing.assert_close(found.sdf, want, atol=1e-12, rtol=0)
-
-
-@pytest.mark.parametrize(
-    ("count", "half", "flat"), [(400, 0.1, True), (900, 0.1, False), (900, 1.0, True), (6000, 1.0, False)]
-)
-def test_few_and_sparse_points_need_no_tree(count: int, half: float, flat: bool) -> None:
-    """Sparse: more than 4 cm apart. Many are culled even so."""
-    assert (len(closest_bricks._tree(cloud(count, half), 0.04)) == 1) == flat
+    for differentiable in (False, True):
+        found = closest_point(vertices, faces, point.clone().requires_grad_(differentiable), bound)
+        torch.testing.assert_close(found.sdf.detach(), want, atol=1e-12, rtol=0)
 
 
 def test_normals_that_are_known_are_not_made_again(monkeypatch) -> None:
@@ -176,8 +163,8 @@ def test_a_sliver_mesh_is_a_sphere_still() -> None:
     height = closest_heights(vertices, faces)
     assert height.min() < 2e-4, "the mesh has slivers"
     point = cloud(1500, 0.1)
-    found = closest_point(vertices, faces, point, impl="torch")
-    smooth = closest_point(*tensors(trimesh.creation.icosphere(subdivisions=3, radius=0.05)), point, impl="torch")
+    found = closest_point(vertices, faces, point, impl="tree")
+    smooth = closest_point(*tensors(trimesh.creation.icosphere(subdivisions=3, radius=0.05)), point, impl="tree")
     torch.testing.assert_close(found.sdf, smooth.sdf, atol=1e-10, rtol=0)
 
 
@@ -204,7 +191,7 @@ def test_repeated_and_degenerate_triangles_change_nothing(impl: str) -> None:
     torch.testing.assert_close(found.sdf, want, atol=1e-12, rtol=0)
 
 
-@pytest.mark.parametrize("impl", ["torch", "native"])
+@pytest.mark.parametrize("impl", ["reference", "tree"])
 def test_without_the_remedies_dirty_meshes_turn_inside_out(impl: str) -> None:
     """The ridge's face of no area has no normal: its pseudonormal is half, and the sign near the ridge is a guess."""
     vertices, faces = wedge()
@@ -284,7 +271,7 @@ def test_gradient_has_unit_length_on_the_surface_too() -> None:
 def test_odd_sizes(count: int) -> None:
     vertices, faces = box()
     point = cloud(count, 0.3)
-    found = closest_point(vertices, faces, point, impl="torch")
+    found = closest_point(vertices, faces, point, impl="tree")
     assert found.face.shape == (count,)
     torch.testing.assert_close(found.sdf, box_distance(point), atol=1e-12, rtol=0)
 
@@ -292,7 +279,7 @@ def test_odd_sizes(count: int) -> None:
 def test_repeated_points_and_one_triangle() -> None:
     vertices = torch.tensor([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype=torch.float64)
     point = torch.tensor([[0.25, 0.25, 0.5]], dtype=torch.float64).expand(300, 3)
-    found = closest_point(vertices, torch.tensor([[0, 1, 2]]), point, impl="torch")
+    found = closest_point(vertices, torch.tensor([[0, 1, 2]]), point, impl="tree")
     torch.testing.assert_close(found.sdf, torch.full((300,), 0.5, dtype=torch.float64))
 
 
@@ -330,7 +317,7 @@ def test_64k_points_against_libigl(name: str) -> None:
     mesh = vertices.double().numpy(), faces.numpy()
     truth = igl.signed_distance(point.double().numpy(), *mesh, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL)[0]
     truth = torch.from_numpy(np.asarray(truth))
-    have = closest_point(vertices, faces, point, BAND, impl="torch").sdf.double()
+    have = closest_point(vertices, faces, point, BAND, impl="tree").sdf.double()
     error = (have - truth.clamp(*BAND)).abs().max().item()
     flips = ((have * truth < 0) & (truth.abs() > 1e-7)).sum().item()
     print(f"{name}: {len(point)} points, max error {error:.1e} m, sign errors {flips}")

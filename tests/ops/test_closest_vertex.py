@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from avatarrex.ops.closest_vertex import VertexTree
+from avatarrex.ops.closest_vertex import closest_vertex, closest_vertices
+from avatarrex.ops.search_tree import SearchTree
 
 RNG = np.random.default_rng(4)
 CLOUDS = {
@@ -21,7 +22,7 @@ def test_it_finds_what_every_vertex_finds(name: str) -> None:
     """And of equals the first, wherever the search began."""
     cloud = CLOUDS[name]
     points = np.concatenate([RNG.normal(size=(300, 3)), np.round(2 * RNG.normal(size=(300, 3))) / 2 + 3, cloud])
-    distance, vertex = VertexTree.of(cloud).nearest(points)
+    distance, vertex = closest_vertex(SearchTree.of_vertices(cloud), points)
     square = ((points[:, None] - cloud) ** 2).sum(-1)
     np.testing.assert_array_equal(vertex, square.argmin(1))
     np.testing.assert_allclose(distance, cdist(points, cloud).min(1), atol=1e-12)
@@ -33,7 +34,7 @@ def test_several_are_those_of_every_vertex(name: str, wanted: int) -> None:
     cloud = CLOUDS[name]
     wanted = min(wanted, len(cloud))
     points = np.concatenate([RNG.normal(size=(300, 3)), cloud])
-    distance, vertex = VertexTree.of(cloud).several(points, wanted)
+    distance, vertex = closest_vertices(SearchTree.of_vertices(cloud), points, wanted)
     every = cdist(points, cloud)
     np.testing.assert_allclose(distance, np.sort(every, 1)[:, :wanted], atol=1e-12)
     np.testing.assert_allclose(np.take_along_axis(every, vertex, 1), distance, atol=1e-12)
@@ -43,16 +44,16 @@ def test_several_are_those_of_every_vertex(name: str, wanted: int) -> None:
 def test_more_than_there_are_is_refused() -> None:
     for count in (0, 4):
         with pytest.raises(ValueError, match=f"{count} of 3 vertices"):
-            VertexTree.of(np.eye(3)).several(np.zeros((1, 3)), count)
+            closest_vertices(SearchTree.of_vertices(np.eye(3)), np.zeros((1, 3)), count)
 
 
-def test_none_is_found_beyond_the_reach_that_was_asked_for() -> None:
+def test_none_is_found_beyond_the_given_reach() -> None:
     """On the way from one cluster to another the vertex before is too far, and comes back."""
     cloud = CLOUDS["scattered"]
     points = np.linspace(-14, 14, 3000)[:, None] * np.ones(3) / np.sqrt(3)
-    free, first = VertexTree.of(cloud).nearest(points)
+    free, first = closest_vertex(SearchTree.of_vertices(cloud), points)
     for within in (0.3, 1.0, 4.0):
-        distance, vertex = VertexTree.of(cloud).nearest(points, within)
+        distance, vertex = closest_vertex(SearchTree.of_vertices(cloud), points, within)
         near = free < within
         assert 0 < near.sum() < len(points)
         np.testing.assert_array_equal(distance, np.where(near, free, np.inf))
@@ -62,10 +63,10 @@ def test_none_is_found_beyond_the_reach_that_was_asked_for() -> None:
 def test_what_is_not_finite_is_refused() -> None:
     """As scipy's tree does: a broken vertex is not one that nothing is near to."""
     with pytest.raises(ValueError, match="finite"):
-        VertexTree.of(np.full((3, 3), np.nan))
+        SearchTree.of_vertices(np.full((3, 3), np.nan))
     with pytest.raises(ValueError, match="finite"):
-        VertexTree.of(np.zeros((3, 3))).nearest(np.full((1, 3), np.inf))
+        closest_vertex(SearchTree.of_vertices(np.zeros((3, 3))), np.full((1, 3), np.inf))
 
 
 def test_no_point() -> None:
-    assert VertexTree.of(np.zeros((3, 3))).nearest(np.zeros((0, 3)))[0].shape == (0,)
+    assert closest_vertex(SearchTree.of_vertices(np.zeros((3, 3))), np.zeros((0, 3)))[0].shape == (0,)

@@ -18,15 +18,15 @@ from tqdm import tqdm
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.person_fit import height
 from avatarrex.capture.readers.rigs import Capture, Rig
-from avatarrex.capture.synthetic.preview import visible_faces
+from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.model import pose_template
+from avatarrex.templates.model import PosedTemplate, pose_template
 from avatarrex.templates.person import Person, load_person
 from avatarrex.templates.transform import world_from_root
 
 FOREGROUND = 128
 """A matte's value above which a pixel is the person (formats.md)."""
-RASTER = 768
+SILHOUETTE_PIXELS = 768
 """Pixels of the longer side at most, for silhouettes: at 1500×2048 the IoU differs by under 0.001 and costs 7 times more."""
 
 
@@ -93,16 +93,22 @@ def check_capture(capture: Capture, rigs: tuple[str, ...] | None = None, frames:
     return CaptureReport(str(capture.path), height(capture.person), reports, capture.notes)
 
 
-def template_surface(person: Person, signals: Signals) -> tuple[np.ndarray, np.ndarray]:
-    """The whole template with hands and face as `signals` say: vertices (v, 3) and joints (55, 3), world metres."""
-    pose = torch.from_numpy(signals.full_pose().astype(np.float32))
+def posed_in_world(person: Person, signals: Signals) -> tuple[PosedTemplate, np.ndarray]:
+    """The whole template with hands and face as `signals` say, in the root frame, and `world_from_root` (4, 4)."""
+    pose = signals.full_pose()
     pose[0] = 0
-    shape = torch.from_numpy(signals.shape.astype(np.float32))
-    expression = torch.from_numpy(signals.expression.astype(np.float32))
-    posed = pose_template(person.body, pose, shape, expression)
-    joints = posed.joints.double().numpy()
-    world = world_from_root(signals.global_orient, signals.translation, joints[0])
-    vertices, joints = (points @ world[:3, :3].T + world[:3, 3] for points in (posed.vertices.double().numpy(), joints))
+    values = (torch.from_numpy(v.astype(np.float32)) for v in (pose, signals.shape, signals.expression))
+    posed = pose_template(person.body, *values)
+    pelvis = posed.joints[0].double().numpy()
+    return posed, world_from_root(signals.global_orient, signals.translation, pelvis)
+
+
+def template_surface(person: Person, signals: Signals) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (v, 3) and joints (55, 3) of the posed template, world metres."""
+    posed, world = posed_in_world(person, signals)
+    vertices, joints = (
+        points.double().numpy() @ world[:3, :3].T + world[:3, 3] for points in (posed.vertices, posed.joints)
+    )
     return vertices, joints
 
 
@@ -117,28 +123,27 @@ def iou(one: np.ndarray, other: np.ndarray) -> float:
     return float((one & other).sum() / union) if union else 1.0
 
 
-def compared_frames(rig: Rig, count: int) -> tuple[int, ...]:
-    """At most `count` frames, evenly spread."""
-    return tuple(np.unique(np.linspace(0, rig.frames - 1, min(count, rig.frames)).round().astype(int)).tolist())
+def compared_frames(frames: int, count: int) -> tuple[int, ...]:
+    """At most `count` of the first `frames` numbers, evenly spread."""
+    return tuple(np.unique(np.linspace(0, frames - 1, min(count, frames)).round().astype(int)).tolist())
 
 
 def _check_rig(capture: Capture, rig: Rig, count: int) -> RigReport:
-    unfitted = load_person(capture.person.name) if capture.person.fit is not None else None
+    persons = {"template": capture.person}
+    if capture.person.fit is not None:
+        persons["unfitted"] = load_person(capture.person.name)
     silhouettes = []
-    for frame in tqdm(compared_frames(rig, count), desc=f"check {rig.name}", unit="frame", leave=False):
+    for frame in tqdm(compared_frames(rig.frames, count), desc=f"check {rig.name}", unit="frame", leave=False):
         meshes = {
-            "template": (template_surface(capture.person, rig.signals[frame])[0], capture.person.body.faces.numpy())
+            name: (template_surface(person, rig.signals[frame])[0], person.body.faces.numpy())
+            for name, person in persons.items()
         }
-        if unfitted is not None:
-            meshes["unfitted"] = (template_surface(unfitted, rig.signals[frame])[0], unfitted.body.faces.numpy())
         if capture.ground_truth is not None and rig.name in capture.ground_truth.rigs:
             meshes["mesh"] = (capture.ground_truth.vertices(rig.name, frame), capture.ground_truth.faces)
-        for view in range(len(rig.views)):
-            if rig.available(view, frame):
-                silhouettes.append(_compare(rig, view, frame, meshes))
-    pelvis = np.stack(
-        [template_surface(capture.person, signals)[1][0] for signals in rig.signals[:: max(rig.frames // 8, 1)]]
-    )
+        available = (view for view in range(len(rig.views)) if rig.available(view, frame))
+        silhouettes += [_compare(rig, view, frame, meshes) for view in available]
+    some = rig.signals[:: max(rig.frames // 8, 1)]
+    pelvis = np.stack([template_surface(capture.person, signals)[1][0] for signals in some])
     centres = [view.camera.centre for view in rig.views]
     return RigReport(
         rig=rig.name,
@@ -160,12 +165,11 @@ def _compare(rig: Rig, view: int, frame: int, meshes: dict[str, tuple[np.ndarray
     matte = rig.matte(view, frame)
     inside = np.array(Image.fromarray(matte).resize((camera.width, camera.height), Image.Resampling.BOX)) > FOREGROUND
     found = {name: iou(silhouette(*mesh, camera), inside) for name, mesh in meshes.items()}
-    return Silhouette(
-        view, frame, float((matte > FOREGROUND).mean()), found["template"], found.get("unfitted"), found.get("mesh")
-    )
+    coverage = float((matte > FOREGROUND).mean())
+    return Silhouette(view, frame, coverage, found["template"], found.get("unfitted"), found.get("mesh"))
 
 
-def reduced(camera: Camera, side: int = RASTER) -> Camera:
+def reduced(camera: Camera, side: int = SILHOUETTE_PIXELS) -> Camera:
     """The same view with its longer side at most `side` pixels."""
     factor = min(1.0, side / max(camera.width, camera.height))
     return camera.resized(round(camera.width * factor), round(camera.height * factor))

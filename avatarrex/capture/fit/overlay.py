@@ -14,11 +14,12 @@ from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import FOREGROUND, iou, silhouette, template_surface
 from avatarrex.capture.readers.rigs import Capture, Rig
 
-TILE = 320
-"""Pixels of a tile's sides; fewer where many cameras would make the sheet longer than `TALLEST`."""
-TALLEST = 4800
-GAP = 2
-MARGIN = 0.06
+TILE_PIXELS = 320
+"""Pixels of a tile's sides; fewer where many cameras would make the sheet longer than `TALLEST_PIXELS`."""
+TALLEST_PIXELS = 4800
+GAP_PIXELS = 2
+"""Between tiles."""
+TILE_MARGIN = 0.06
 """Of a tile's side, free about the person."""
 GREEN, RED, BLUE = (40, 255, 90), (255, 60, 50), (60, 120, 255)
 TINT = 0.55
@@ -29,15 +30,15 @@ LEGEND = "green: the template's outline   red: template only   blue: matte only"
 def contact_sheet(capture: Capture, rig_name: str, frames: tuple[int, ...]) -> np.ndarray:
     """(h, w, 3) uint8 sheet of one rig. Raises `InputError` for a picture that cannot be decoded."""
     rig = capture.rigs[rig_name]
-    side = int(np.clip(TALLEST // len(rig.views), 96, TILE))
+    side = int(np.clip(TALLEST_PIXELS // len(rig.views), 96, TILE_PIXELS))
     faces = capture.person.body.faces.numpy()
     surfaces = [template_surface(capture.person, rig.signals[frame])[0] for frame in frames]
-    pitch = side + GAP
-    strip = _labelled(np.full((side // 12 + 8, pitch * len(frames) - GAP, 3), 40, np.uint8), LEGEND, side)
+    pitch = side + GAP_PIXELS
+    strip = _labelled(np.full((side // 12 + 8, pitch * len(frames) - GAP_PIXELS, 3), 40, np.uint8), LEGEND, side)
     sheet = np.full((len(strip) + pitch * len(rig.views), strip.shape[1], 3), 255, np.uint8)
     sheet[: len(strip)] = strip
     for view in range(len(rig.views)):
-        top = len(strip) + GAP + view * pitch
+        top = len(strip) + GAP_PIXELS + view * pitch
         for column, (frame, vertices) in enumerate(zip(frames, surfaces)):
             tile = _tile(rig, view, frame, vertices, faces, side)
             sheet[top : top + side, column * pitch : column * pitch + side] = tile
@@ -68,7 +69,7 @@ def _box(matte: np.ndarray, vertices: np.ndarray, camera: Camera) -> tuple[float
         points = np.array([[0.0, 0.0], [camera.width, camera.height]])
     low, high = points.min(0), points.max(0)
     size = np.array([camera.width, camera.height])
-    half = min(max((high - low).max() * (0.5 + MARGIN), 16), size.max() / 2)
+    half = min(max((high - low).max() * (0.5 + TILE_MARGIN), 16), size.max() / 2)
     x, y = np.where(size > 2 * half, np.clip((low + high) / 2, half, np.maximum(size - half, half)), size / 2)
     return x - half, y - half, x + half, y + half
 

@@ -16,36 +16,32 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from scipy.ndimage import map_coordinates
 from scipy.sparse import hstack
 from scipy.spatial import cKDTree
 from tqdm import tqdm
 
 from avatarrex.camera import Camera
-from avatarrex.capture.fit.check import FOREGROUND, reduced, silhouette
+from avatarrex.capture.fit.check import FOREGROUND, compared_frames, posed_in_world, reduced, silhouette
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.ops.skinning import blend
-from avatarrex.signals.driving import Signals
-from avatarrex.templates.model import pose_template
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
-from avatarrex.templates.transform import world_from_root
 
 NODES = 320
 """Six centimetres apart on an adult; finer than that, 20 outlines of 512 pixels say little."""
-REACH = 0.06
+EDGE_SEARCH = 0.06
 """Metres to look for the matte's edge."""
 OUTLIERS = (0.06, 0.04, 0.03, 0.02)
 """Metres, by round, at which an outline's weight has fallen to ¼ (Geman–McClure)."""
-NOISE, BEND, FAR = 0.005, 0.02, 0.06
+OUTLINE_SIGMA, NEIGHBOUR_SIGMA, OFFSET_SIGMA = 0.005, 0.02, 0.06
 """σ_s of an outline, σ_d between neighbours, σ_0 altogether, metres. Found on person_f001 (`docs/capture.md`): σ_d of 8 mm
 leaves 5.6 mm between template and mesh, 15 mm 4.9, 20 mm 4.8."""
-SHARE = 0.3
+EDGE_SHARE = 0.3
 """Neighbouring outline edges repeat each other: this share of them counts."""
-RASTER = 512
+OUTLINE_PIXELS = 512
 """Pixels of the longer side of the template's silhouette."""
-ON_THE_RIM = 1.6
+RIM_PIXELS = 1.6
 """Pixels of that silhouette within which an edge belongs to its rim; others are folds inside."""
 
 
@@ -77,17 +73,15 @@ def fit_surface(
     field = _Field(base)
     offsets = np.zeros((len(field.nodes), 3))
     person = capture.person
-    bar = tqdm(total=len(OUTLIERS) * len(chosen), desc="fit surface", unit="frame", leave=False)
-    for outlier in OUTLIERS:
-        found: list[Outline] = []
-        for rig, frame, seen in chosen:
-            found += _outlines(person, rig, frame, seen)
-            bar.update()
-        offsets = field.solve(found, offsets, outlier)
-        person = resize_person(
-            base, PersonFit(fit.shape, fit.joint_offsets, SurfaceOffsets(tuple(field.nodes.tolist()), offsets))
-        )
-    bar.close()
+    with tqdm(total=len(OUTLIERS) * len(chosen), desc="fit surface", unit="frame", leave=False) as bar:
+        for outlier in OUTLIERS:
+            found: list[Outline] = []
+            for rig, frame, seen in chosen:
+                found += _outlines(person, rig, frame, seen)
+                bar.update()
+            offsets = field.solve(found, offsets, outlier)
+            surface = SurfaceOffsets(tuple(field.nodes.tolist()), offsets)
+            person = resize_person(base, PersonFit(fit.shape, fit.joint_offsets, surface))
     return person
 
 
@@ -99,8 +93,7 @@ def _pictures(
     for name, rig in capture.rigs.items():
         allowed = sorted(set(frames.get(name, range(rig.frames))) - rig.held_out_frames)
         seen = sorted(set(views.get(name, range(len(rig.views)))) - rig.held_out_views)
-        for place in np.unique(np.linspace(0, len(allowed) - 1, min(count, len(allowed))).round().astype(int)):
-            frame = allowed[place]
+        for frame in (allowed[place] for place in compared_frames(len(allowed), count)):
             chosen.append((rig, frame, tuple(view for view in seen if rig.available(view, frame))))
     return chosen
 
@@ -116,7 +109,7 @@ class _Field:
         graph = np.zeros((NODES, NODES))
         graph[near[:, :1], near[:, 1:]] = 1
         graph = np.maximum(graph, graph.T)
-        self.stiffness = (np.diag(graph.sum(1)) - graph) / BEND**2 + np.eye(NODES) / FAR**2
+        self.stiffness = (np.diag(graph.sum(1)) - graph) / NEIGHBOUR_SIGMA**2 + np.eye(NODES) / OFFSET_SIGMA**2
 
     def solve(self, outlines: list[Outline], old: np.ndarray, outlier: float) -> np.ndarray:
         """(n, 3) offsets for constraints measured with offsets `old`."""
@@ -127,7 +120,7 @@ class _Field:
         distance = np.concatenate([item.distance for item in outlines])
         weights = (self.weights[ends[:, 0]] + self.weights[ends[:, 1]]) * 0.5
         rows = hstack([weights.multiply(direction[:, axis, None]) for axis in range(3)]).tocsr()  # x of all nodes, y, z
-        robust = (1 + (distance / outlier) ** 2) ** -2 * SHARE / NOISE**2
+        robust = (1 + (distance / outlier) ** 2) ** -2 * EDGE_SHARE / OUTLINE_SIGMA**2
         matrix = (rows.T @ rows.multiply(robust[:, None])).toarray()
         right = rows.T @ (robust * (rows @ old.T.ravel() + distance))
         matrix += np.kron(np.eye(3), self.stiffness)
@@ -145,14 +138,15 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def _outlines(person: Person, rig: Rig, frame: int, views: tuple[int, ...]) -> list[Outline]:
-    vertices, turn = _posed(person, rig.signals[frame])
+    posed, world = posed_in_world(person, rig.signals[frame])
+    vertices = posed.vertices.double().numpy() @ world[:3, :3].T + world[:3, 3]
+    turn = world[:3, :3] @ blend(posed.skinning, person.body.weights)[:, :3, :3].double().numpy()
     faces = person.body.faces.numpy()
     edges, sides = _edges(faces)
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     face_normal = np.cross(b - a, c - a)
     normal = np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(normal, faces[:, k], face_normal)
+    np.add.at(normal, faces.T, face_normal)
     found = []
     for view in views:
         camera = rig.views[view].camera
@@ -168,31 +162,16 @@ def _outlines(person: Person, rig: Rig, frame: int, views: tuple[int, ...]) -> l
         pixel, tip = _project(point, camera), _project(point + 1e-3 * outward, camera)
         scale = np.linalg.norm(tip - pixel, axis=1) / 1e-3
         along = (tip - pixel) / (1e-3 * scale[:, None] + 1e-12)
-        small = reduced(camera, RASTER)
+        small = reduced(camera, OUTLINE_PIXELS)
         factor = small.width / camera.width
-        mask = np.where(silhouette(vertices, faces, small), np.float32(255), np.float32(0))
+        mask = 255 * silhouette(vertices, faces, small).astype(np.float32)
         own = _to_edge(mask, pixel * factor, along, scale * factor)
         distance = _to_edge(rig.matte(view, frame), pixel, along, scale) - own
         inside = ((pixel > 2) & (pixel < np.array([camera.width, camera.height]) - 2)).all(1)
-        keep = inside & np.isfinite(distance) & (np.abs(own) * scale * factor < ON_THE_RIM)
+        keep = inside & np.isfinite(distance) & (np.abs(own) * scale * factor < RIM_PIXELS)
         direction = np.einsum("kcd,kc->kd", turn[ends[keep]].mean(1), outward[keep])
         found.append(Outline(ends[keep], direction, distance[keep]))
     return found
-
-
-def _posed(person: Person, signals: Signals) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) in the world and what turns their rest offsets into it (v, 3, 3)."""
-    pose = torch.from_numpy(signals.full_pose().astype(np.float32))
-    pose[0] = 0
-    posed = pose_template(
-        person.body,
-        pose,
-        torch.from_numpy(signals.shape.astype(np.float32)),
-        torch.from_numpy(signals.expression.astype(np.float32)),
-    )
-    world = world_from_root(signals.global_orient, signals.translation, posed.joints[0].double().numpy())
-    linear = blend(posed.skinning, person.body.weights)[:, :3, :3].double().numpy()
-    return posed.vertices.double().numpy() @ world[:3, :3].T + world[:3, 3], world[:3, :3] @ linear
 
 
 def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -210,16 +189,12 @@ def _project(points: np.ndarray, camera: Camera) -> np.ndarray:
     return seen[:, :2] / seen[:, 2:]
 
 
-def _sample(image: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-    """Bilinear, zero beyond the edge."""
-    return map_coordinates(image, np.moveaxis(pixel[..., ::-1], -1, 0) - 0.5, order=1)
-
-
 def _to_edge(matte: np.ndarray, pixel: np.ndarray, along: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Metres along the outward direction to the nearest place where the matte ends; NaN within `REACH` of none."""
-    steps = np.linspace(-REACH, REACH, 121)
+    """Metres along the outward direction to the nearest place where the matte ends; NaN within `EDGE_SEARCH` of none."""
+    steps = np.linspace(-EDGE_SEARCH, EDGE_SEARCH, 121)
     places = pixel[:, None] + along[:, None] * (steps[None, :, None] * scale[:, None, None])
-    value = _sample(matte.astype(np.float32), places) - FOREGROUND
+    bilinear = map_coordinates(matte.astype(np.float32), np.moveaxis(places[..., ::-1], -1, 0) - 0.5, order=1)
+    value = bilinear - FOREGROUND  # zero beyond the picture's edge
     leaves = (value[:, :-1] > 0) & (value[:, 1:] <= 0)
     nearest = np.where(leaves, np.abs(steps[:-1] + steps[1:]), np.inf)
     best = nearest.argmin(1)

@@ -10,7 +10,7 @@ Letters: t frames, k keys. Radians and metres; degrees in the tables.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -18,15 +18,18 @@ from scipy.interpolate import PchipInterpolator
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.ground import grounded
 from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, JOINT_NAMES
-from avatarrex.signals.library import HANDS, named_expression, named_hand, named_pose
+from avatarrex.signals.library import HANDS, Turn, coefficients, named_expression, named_hand, named_pose, turned
 from avatarrex.signals.limits import clamp
 from avatarrex.signals.sequence import SignalSequence
 
-Pose = dict[str, tuple[float, float, float]]
 BODY_KEY, FACE_KEY = 1.2, 0.25
 """Seconds between keys."""
-_MIRROR = np.array([1.0, -1.0, -1.0])
-_DOWN: Pose = {"both_shoulder": (0, 0, -66), "both_elbow": (0, -16, 0), "left_hip": (0, 6, 2), "right_hip": (0, -6, -2)}
+_DOWN: dict[str, Turn] = {
+    "both_shoulder": (0, 0, -66),
+    "both_elbow": (0, -16, 0),
+    "left_hip": (0, 6, 2),
+    "right_hip": (0, -6, -2),
+}
 
 
 @dataclass(frozen=True)
@@ -34,15 +37,15 @@ class BodyKey:
     """A named library pose, or joints over the standing pose, at one moment."""
 
     pose: str = "stand"
-    joints: tuple[tuple[str, tuple[float, float, float]], ...] = ()
+    joints: dict[str, Turn] = field(default_factory=dict)
     yaw: float = 0.0
     """Degrees that the whole person has turned."""
     hands: str = ""
     """Hand pose where the moment asks for one; else drawn by the seed."""
 
 
-def _key(pose: str = "stand", yaw: float = 0.0, hands: str = "", **joints: tuple[float, float, float]) -> BodyKey:
-    return BodyKey(pose, tuple(joints.items()), yaw, hands)
+def _key(pose: str = "stand", yaw: float = 0.0, hands: str = "", **joints: Turn) -> BodyKey:
+    return BodyKey(pose, joints, yaw, hands)
 
 
 BODY_KEYS: tuple[BodyKey, ...] = (
@@ -189,23 +192,11 @@ def _rate(at: np.ndarray) -> float:
 
 def _body_pose(key: BodyKey, amplitude: float, girth: float) -> np.ndarray:
     """(21, 3): the library pose with the key's joints, the latter scaled about the standing pose."""
-    pose = named_pose(key.pose)
-    if key.pose == "stand":
-        pose = _joints(tuple(_DOWN.items()), np.zeros((21, 3)))
-    changed = _joints(key.joints, pose)
-    pose = pose + amplitude * (changed - pose)
+    pose = turned(np.zeros((21, 3)), _DOWN) if key.pose == "stand" else named_pose(key.pose)
+    pose = pose + amplitude * (turned(pose, key.joints) - pose)
     if key.pose == "hands_on_hips":
         for joint, side in (("left_shoulder", 1), ("right_shoulder", -1)):
             pose[BODY_JOINTS.index(joint), 2] += side * np.radians(girth)
-    return pose
-
-
-def _joints(joints: tuple[tuple[str, tuple[float, float, float]], ...], base: np.ndarray) -> np.ndarray:
-    pose = base.copy()
-    for joint, degrees in joints:
-        for side in ("left", "right") if joint.startswith("both_") else ("",):
-            row = BODY_JOINTS.index(joint.replace("both", side) if side else joint)
-            pose[row] = np.radians(degrees) * (_MIRROR if side == "right" else 1)
     return pose
 
 
@@ -250,7 +241,8 @@ def _face_track(at: np.ndarray, rng: np.random.Generator) -> np.ndarray:
             keys += [0.6 * value, value, mixed, 0.4 * mixed]
         smile = rng.uniform(0, 0.4) * named_expression("smile")
         keys += [
-            np.maximum(rng.uniform(0.8, 1.1) * viseme(name), smile * (name not in ("oo", "oh"))) for name in SENTENCE
+            np.maximum(rng.uniform(0.8, 1.1) * coefficients(VISEMES[name]), smile * (name not in ("oo", "oh")))
+            for name in SENTENCE
         ]
     track = PchipInterpolator(np.arange(len(keys)) * FACE_KEY, np.stack(keys))(at)
     for side in ("Left", "Right"):
@@ -261,12 +253,3 @@ def _face_track(at: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         row = EXPRESSION_NAMES.index(name)
         track[:, row] = np.maximum(track[:, row], 0.3 * brow[:, column])
     return np.clip(track, 0, 1)
-
-
-def viseme(name: str) -> np.ndarray:
-    """ψ (52,) of a speech sound."""
-    value = np.zeros(52)
-    for unit, amount in VISEMES[name].items():
-        for full in [unit.replace("*", side) for side in ("Left", "Right")] if "*" in unit else [unit]:
-            value[EXPRESSION_NAMES.index(full)] = amount
-    return value

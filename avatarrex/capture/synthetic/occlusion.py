@@ -15,7 +15,7 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 
-from avatarrex.capture.synthetic.smoothing import averaging
+from avatarrex.capture.synthetic.mesh import averaging, smoothed
 from avatarrex.gl.context import gl_context, per_context
 from avatarrex.gl.shader import compute_shader, draw_program
 
@@ -35,12 +35,9 @@ class Occlusion:
         self.context = context = gl_context()
         self.towards, self.size, self.count = sphere_directions(count), size, vertices
         self.mean = averaging(faces, vertices)
-        self.draw = per_context(
-            context, "capture/shadow", lambda: draw_program(context, "capture/shadow.vert", "capture/shadow.frag")
-        )
-        self.gather = per_context(
-            context, "capture/openness.comp", lambda: compute_shader(context, "capture/openness.comp")
-        )
+        shaders, gather = ("capture/shadow.vert", "capture/shadow.frag"), "capture/openness.comp"
+        self.draw = per_context(context, "capture/shadow", lambda: draw_program(context, *shaders))
+        self.gather = per_context(context, gather, lambda: compute_shader(context, gather))
         self.position, self.pairs, self.sums = (context.buffer(reserve=n * vertices) for n in (12, 32, 8))
         index = context.buffer(faces.astype(np.uint32).tobytes())
         self.mesh = context.vertex_array(self.draw, [(self.position, "3f", "in_position")], index)
@@ -54,9 +51,8 @@ class Occlusion:
         it, but is itself taken as open where no map shows it.
         """
         self.position.write(vertices.astype(np.float32).tobytes())
-        self.pairs.write(
-            np.insert(np.concatenate([vertices, normals], 1), [3, 6], 0, axis=1).astype(np.float32).tobytes()
-        )
+        padded = np.insert(np.concatenate([vertices, normals], 1), [3, 6], 0, axis=1)
+        self.pairs.write(padded.astype(np.float32).tobytes())
         self.sums.write(bytes(self.sums.size))
         reach = float(np.linalg.norm(vertices - centre, axis=1).max()) + 0.01
         texel = 2 * radius / self.size
@@ -64,9 +60,7 @@ class Occlusion:
             self._add(towards, clip_along(towards, centre, radius, reach), LIFT * texel, BIAS * texel / (2 * reach))
         visible, possible = np.frombuffer(self.sums.read(), np.float32).reshape(-1, 2).T.astype(np.float64)
         openness = visible / np.maximum(possible, 1e-9)
-        for _ in range(ROUNDS):
-            openness = 0.5 * openness + 0.5 * (self.mean @ openness)
-        return np.clip(openness, 0, 1)
+        return np.clip(smoothed(self.mean, openness, ROUNDS), 0, 1)
 
     def _add(self, towards: np.ndarray, clip: np.ndarray, lift: float, bias: float) -> None:
         matrix = tuple(clip.T.ravel().tolist())
@@ -78,12 +72,8 @@ class Occlusion:
         self.mesh.render(moderngl.TRIANGLES)
         self.context.disable(moderngl.DEPTH_TEST)
         self.gather["u_clip_from_root"] = matrix
-        for name, value in (
-            ("towards", tuple(towards.tolist())),
-            ("lift", lift),
-            ("bias", bias),
-            ("count", self.count),
-        ):
+        uniforms = {"towards": tuple(towards.tolist()), "lift": lift, "bias": bias, "count": self.count}
+        for name, value in uniforms.items():
             self.gather[f"u_{name}"] = value
         self.depth.use(0)
         self.pairs.bind_to_storage_buffer(0)

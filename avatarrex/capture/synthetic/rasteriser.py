@@ -2,7 +2,7 @@
 
 A picture is the box-filtered mean of `samples`² colours per pixel, drawn in tiles; its coverage is the exact share of those
 samples that meet the subject. Depth and normals are those of the triangle under the pixel's centre. Colours are averaged
-sRGB-encoded, as avatars are composited. `draw_reference` does the same in NumPy, by another route: `preview.visible_faces`,
+sRGB-encoded, as avatars are composited. `draw_reference` does the same in NumPy, by another route: `zbuffer.visible_faces`,
 the texture itself and `studio_light`.
 
 Letters: h w pixels, v vertices, f faces. Root frame, metres, OpenCV camera; pixel centres at +0.5.
@@ -18,8 +18,8 @@ import numpy as np
 from avatarrex.camera import Camera
 from avatarrex.capture.synthetic import shade
 from avatarrex.capture.synthetic.albedo_lattice import AlbedoLattice
-from avatarrex.capture.synthetic.preview import visible_faces
-from avatarrex.capture.synthetic.subject import PosedSubject
+from avatarrex.capture.synthetic.subject import PosedSubject, interpolated
+from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.gl.context import gl_context, per_context
 from avatarrex.gl.shader import compute_shader, draw_program
 
@@ -151,7 +151,7 @@ def draw_reference(posed: PosedSubject, openness: np.ndarray, camera: Camera, sa
     hit = face >= 0
     face, bary = face[hit], bary[hit]
     corners = posed.faces[face]
-    at = [np.einsum("pk,pk->p", bary, value[corners]) for value in (openness, posed.wrinkle)]
+    at = [interpolated(bary, value[corners]) for value in (openness, posed.wrinkle)]
     colour = np.zeros((*hit.shape, 4))
     colour[hit, :3] = shade.studio_light(posed.subject.albedo(face, bary), posed.at(face, bary)[1], *at)
     colour[hit, 3] = 1

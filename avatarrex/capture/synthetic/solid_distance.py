@@ -1,6 +1,6 @@
 """Exact signed distance to the outer surface of a union of closed solids (default_person.md, 'The clothed subject').
 
-Inside means winding number > ½ over all solids together (winding.py): pseudonormals are wrong inside self-
+Inside means winding number > ½ over all solids together (ops/crossings.py): pseudonormals are wrong inside self-
 intersections and between layers. Outside, the nearest point of *any* triangle is on the outer surface, for a segment
 that ended on a buried one would have met the outer surface before: the distance is exact. Inside, buried triangles
 must not count. A triangle is buried when its three corners, lifted 0.2 mm along their normals, lie inside the union;
@@ -14,17 +14,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from avatarrex.capture.synthetic.winding import RayWinding
 from avatarrex.errors import InputError
+from avatarrex.ops.crossings import winding
+from avatarrex.ops.search_tree import SearchTree
 
-PROBE = 2e-4
-"""Metres that a probe is lifted off the surface: far above rounding, far below any cloth's thickness."""
+LIFT = 2e-4
+"""Metres that a point is lifted off the surface to see whether it is buried: far above rounding, far below any cloth's thickness."""
 
 
-def libigl():  # type: ignore[no-untyped-def]
+def libigl() -> Any:
     """The libigl module, or an `InputError` that names the extra."""
     try:
         import igl
@@ -45,9 +47,12 @@ class SolidUnion:
     """(f, 3) int64, outward."""
 
     @cached_property
-    def winding(self) -> RayWinding:
-        """Winding number of points: `union.winding(points) -> (p,)` integers."""
-        return RayWinding(self.vertices, self.faces)
+    def _triangles(self) -> SearchTree:
+        return SearchTree.of_triangles(self.vertices, self.faces)
+
+    def winding(self, points: np.ndarray) -> np.ndarray:
+        """(p,) how many of the solids contain each point: an integer, however they overlap."""
+        return winding(self._triangles, points)
 
     @cached_property
     def outer(self) -> np.ndarray:
@@ -57,12 +62,12 @@ class SolidUnion:
         area = np.linalg.norm(normal, axis=1)
         flat = self.faces.ravel()
         lift = np.stack([np.bincount(flat, np.repeat(normal[:, k], 3), len(self.vertices)) for k in range(3)], 1)
-        lift *= PROBE / np.maximum(np.linalg.norm(lift, axis=1, keepdims=True), 1e-20)
+        lift *= LIFT / np.maximum(np.linalg.norm(lift, axis=1, keepdims=True), 1e-20)
         showing = self.winding(self.vertices + lift) < 0.5
         return np.flatnonzero(showing[self.faces].any(1) & (area > 1e-14))
 
     @cached_property
-    def _tree(self):  # type: ignore[no-untyped-def]
+    def _tree(self) -> tuple[Any, np.ndarray]:
         outer_faces = np.ascontiguousarray(self.faces[self.outer])
         tree = libigl().AABB()
         tree.init(self.vertices, outer_faces)
@@ -78,7 +83,8 @@ class SolidUnion:
     def signed_distance(self, points: np.ndarray) -> np.ndarray:
         """(p,) metres to the outer surface, negative inside the union."""
         points = _points(points)
-        return self.closest(points)[0] * np.where(self.winding(points) > 0, -1.0, 1.0)
+        distance, _, _ = self.closest(points)
+        return np.where(self.winding(points) > 0, -distance, distance)
 
     def sample(self, count: int, rng: np.random.Generator, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Area-uniform points of triangles `ids` on the outer surface: face (count,), barycentrics (count, 3)."""
@@ -92,7 +98,7 @@ class SolidUnion:
             pick = rng.choice(len(ids), count, p=area / area.sum())
             root, v = np.sqrt(rng.random(count)), rng.random(count)
             bary = np.stack([1 - root, root * (1 - v), root * v], 1)
-            lifted = np.einsum("pk,pkc->pc", bary, corners[pick]) + PROBE * normal[pick] / area[pick, None]
+            lifted = np.einsum("pk,pkc->pc", bary, corners[pick]) + LIFT * normal[pick] / area[pick, None]
             shows = self.winding(lifted) < 1
             faces, weights = np.r_[faces, ids[pick[shows]]], np.r_[weights, bary[shows]]
             if len(faces) >= count:
@@ -110,8 +116,9 @@ def barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     wu, wv = (w * u).sum(1), (w * v).sum(1)
     area = np.maximum(uu * vv - uv * uv, 1e-30)
     second, third = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
-    weights = np.clip(np.stack([1 - second - third, second, third], 1), 0, 1)
-    return weights / weights.sum(1, keepdims=True)
+    weights: np.ndarray = np.clip(np.stack([1 - second - third, second, third], 1), 0, 1)
+    weights /= weights.sum(1, keepdims=True)
+    return weights
 
 
 def _points(points: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from avatarrex.capture.synthetic.mesh import vertex_normals
 from avatarrex.capture.synthetic.shade import studio_light
 from avatarrex.capture.synthetic.solid_distance import SolidUnion
 from avatarrex.capture.synthetic.texture import albedo
@@ -27,6 +28,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.assets import DATA, read_arrays, require
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.model import TemplateModel, pose_template
+from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import Person, load_person
 
 PACKAGED = {"default": "subject.npz", "loose": "subject_loose.npz"}
@@ -84,9 +86,8 @@ class Subject:
     def albedo(self, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
         """(p, 3) unlit sRGB colour of surface points."""
         corners = self.faces[face]
-        rest = np.einsum("pk,pkc->pc", bary, self.vertices[corners])
-        normal = np.einsum("pk,pkc->pc", bary, self.normals[corners])
-        masks = {name: np.einsum("pk,pk->p", bary, mask[corners]) for name, mask in self.masks.items()}
+        rest, normal = interpolated(bary, self.vertices[corners]), interpolated(bary, self.normals[corners])
+        masks = {name: interpolated(bary, mask[corners]) for name, mask in self.masks.items()}
         return albedo([self.names[k] for k in self.solid_of_face[face]], rest, normal, masks)
 
     def faces_of(self, *parts: str) -> np.ndarray:
@@ -95,7 +96,7 @@ class Subject:
         if "face" in wanted:
             wanted |= set(FACE_SOLIDS)
         if "body" in wanted:
-            wanted |= {"skin", "left_hand", "right_hand", "face"}
+            wanted |= {"skin", *PARTS}
         unknown = wanted - set(self.parts) - {"body"}
         if unknown:
             raise InputError("subject", "part", "one of " + ", ".join(self.parts), ", ".join(sorted(unknown)))
@@ -147,24 +148,9 @@ class PosedSubject:
     def at(self, face: np.ndarray, bary: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (p, 3) and unit smooth normals (p, 3) of surface points."""
         corners = self.faces[face]
-        normal = np.einsum("pk,pkc->pc", bary, self.normals[corners])
+        normal = interpolated(bary, self.normals[corners])
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-        return np.einsum("pk,pkc->pc", bary, self.vertices[corners]), normal
-
-    def surface_samples(
-        self, count: int, rng: np.random.Generator, part: str | tuple[str, ...] | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Area-uniform outer surface: positions, unit normals, colours, each (count, 3)."""
-        face, bary = self.sample(count, rng, part)
-        return *self.at(face, bary), self.colour_at(face, bary)
-
-    def near_samples(
-        self, count: int, rng: np.random.Generator, spread: float, part: str | tuple[str, ...] | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Points (count, 3) at Gaussian `spread` metres off the outer surface along its normal; exact distance."""
-        position, normal = self.at(*self.sample(count, rng, part))
-        points = position + normal * rng.normal(0, spread, (count, 1))
-        return points, self.signed_distance(points)
+        return interpolated(bary, self.vertices[corners]), normal
 
     def colour(self, points: np.ndarray) -> np.ndarray:
         """(p, 3) sRGB in [0, 1] of the outer surface nearest to each point, lit."""
@@ -174,21 +160,13 @@ class PosedSubject:
         """(p, 3) sRGB in [0, 1] of surface points under the studio light of the root frame."""
         _, normal = self.at(face, bary)
         corners = self.faces[face]
-        openness = np.einsum("pk,pk->p", bary, self.subject.openness[corners])
-        wrinkle = np.einsum("pk,pk->p", bary, self.wrinkle[corners])
+        openness, wrinkle = (interpolated(bary, values[corners]) for values in (self.subject.openness, self.wrinkle))
         return studio_light(self.subject.albedo(face, bary), normal, openness, wrinkle)
 
-    def part_label(self, points: np.ndarray) -> np.ndarray:
-        """(p,) index into `subject.parts` of the outer surface nearest to each point."""
-        return self.subject.part_of_face[self.closest(points)[0]]
 
-
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit area-weighted vertex normals (v, 3)."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    face = np.cross(b - a, c - a)
-    normal = np.stack([np.bincount(faces.ravel(), np.repeat(face[:, k], 3), len(vertices)) for k in range(3)], 1)
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-20)
+def interpolated(bary: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(p, …) of the triangles' corners (p, 3, …) by barycentrics (p, 3)."""
+    return np.einsum("pk,pk...->p...", bary, corners)
 
 
 @lru_cache(maxsize=2)
@@ -266,7 +244,7 @@ def _parts(
     person: Person, names: tuple[str, ...], solid_of_face: np.ndarray, faces: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
     """Part names and each face's part: the body is split by the painted weights of hands and face."""
-    parts = ("skin", "left_hand", "right_hand", "face", *names[1:])
+    parts = ("skin", *PARTS, *names[1:])
     label = solid_of_face + 3
     body = np.flatnonzero(solid_of_face == 0)
     painted = person.blend_weight.numpy()[faces[body]].mean(1)

@@ -14,13 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from avatarrex.frame import Frame
 from avatarrex.levels import LEVELS, dragged, level
 from avatarrex.measure.bench.metric import FASTER, Metric
 from avatarrex.measure.bench.rivals import textured_mesh, volume_rendering
 from avatarrex.measure.bench.session import Bench
-from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
 from avatarrex.reference.error_report import depth_report
 from avatarrex.reference.oracle import render_oracle
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 
 JUDGED = 5

@@ -23,8 +23,9 @@ from avatarrex.fields import body
 from avatarrex.measure.bench.clock import Times, one_core, spent, timed
 from avatarrex.measure.bench.metric import SLOWER, Metric
 from avatarrex.measure.bench.session import Bench
-from avatarrex.pipeline import RenderSettings
-from avatarrex.templates.posed import PART_JOINT, PosedPerson, pose_person
+from avatarrex.settings import RenderSettings
+from avatarrex.templates.parts import PART_JOINT
+from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.volume.build import AvatarVolume, build_volume
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import unsettled

@@ -17,11 +17,13 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyField
 from avatarrex.fields.presets import PRESETS
+from avatarrex.frame import Frame
 from avatarrex.measure.bench.clock import interleaved
 from avatarrex.measure.bench.metric import Metric
 from avatarrex.measure.bench.session import SEED, Bench
-from avatarrex.pipeline import Frame, RenderSettings, render_frame
-from avatarrex.templates.posed import PART_JOINT
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
+from avatarrex.templates.parts import PART_JOINT
 from avatarrex.volume.build import build_volume
 
 SIZES = (128, 256, 512, 1024)

@@ -107,7 +107,7 @@ def _contest(bench: Bench, case: Case) -> Contest:
 
     def run(impl: str) -> Callable[[], Tensor]:
         given = [x], offsets, net.weights, net.biases, net.activation, impl
-        return lambda: local_mlp(*given).unflatten(0, net.rows.shape[:2])
+        return lambda: local_mlp(*given).reshape(*net.rows.shape[:2], -1)
 
     ready = installed(PEERS, bench.absent, f"mlp.{case.name}", net)
     runners = {"ours": run("auto"), "ours_bucket": run("bucket"), **ready}
@@ -127,4 +127,4 @@ def _truth(net: Networks) -> np.ndarray:
     offsets = torch.arange(len(rows) + 1) * rows.shape[1]
     weights, biases = [w.double() for w in net.weights], [b.double() for b in net.biases]
     y = local_mlp([rows.flatten(0, 1)], offsets, weights, biases, net.activation, "reference")
-    return np.asarray(y.unflatten(0, rows.shape[:2]))
+    return np.asarray(y.reshape(*rows.shape[:2], -1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, Literal
 
 from avatarrex.measure.bench.clock import Times, ratio
 from avatarrex.measure.bench.metric import FASTER, SLOWER, Metric
@@ -81,12 +81,13 @@ class Goal:
     def metric(self, contests: Sequence[Contest], by: str, error: dict[str, Any]) -> Metric | None:
         """The worst contest's ratio, those of all under `by` in its error; None where the peer took part in none."""
         slower = self.unit == SLOWER
+        direction: Literal["lower", "higher"] = "lower" if slower else "higher"
         found = {one.case: ahead for one in contests if (ahead := one.advantage(self.peer)) is not None}
         found = {case: 1 / ahead if slower else ahead for case, ahead in found.items()}
         if not found:
             return None
-        worst, direction = (max, "lower") if slower else (min, "higher")
-        return Metric(self.name, worst(found.values()), self.unit, direction, {by: found, **error}, self.target)
+        worst = (max if slower else min)(found.values())
+        return Metric(self.name, worst, self.unit, direction, {by: found, **error}, self.target)
 
 
 Peers = Mapping[str, tuple[tuple[str, ...], Callable[..., Callable[[], Any]]]]

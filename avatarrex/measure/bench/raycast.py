@@ -20,10 +20,10 @@ from avatarrex.measure.bench.mitsuba_peer import add_mitsuba
 from avatarrex.measure.bench.peer import Contest, Contestant, Goal
 from avatarrex.measure.bench.ray_truth import ray_error, truth
 from avatarrex.measure.bench.session import Bench
-from avatarrex.pipeline import RenderSettings
 from avatarrex.pointmap.raycast_gl import BOXES, EXACT_LIST, TILE_LIST, TRACE_LIST, GlCaster, gl_caster
 from avatarrex.pointmap.raycast_torch import raycast_torch
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
+from avatarrex.settings import RenderSettings
 from avatarrex.volume.build import build_volume
 from avatarrex.volume.sdf_volume import SdfVolume
 

@@ -7,7 +7,7 @@ scaled up; posing and its box are not counted. The mesh's texture comes from pic
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ import torch
 
 from avatarrex.avatar import Avatar
 from avatarrex.capture.synthetic.subject_drawer import SubjectDrawer
+from avatarrex.frame import Frame
 from avatarrex.gl.context import gl_unavailable
 from avatarrex.measure.bench.clock import Times, interleaved, ratio, timed
 from avatarrex.measure.bench.metric import FASTER, Metric
@@ -22,7 +23,7 @@ from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.baselines import MeshDrawer, Observation, baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
-from avatarrex.pipeline import Frame, render_frame
+from avatarrex.pipeline import render_frame
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.training.core.warm_start import warm_start
@@ -67,13 +68,12 @@ def textured_mesh(bench: Bench, size: int) -> list[Metric]:
     signals, picture = truth
     camera, turn = bench.camera(size), iter(range(1000))
 
-    def moved(draw: Callable[[Signals], object]) -> Callable[[], object]:
-        return lambda: draw(bench.signals(UNSEEN + next(turn)))
+    def moved(drawer: Drawer) -> None:
+        drawer.draw(bench.signals(UNSEEN + next(turn)), camera)
 
-    avatar = AvatarDrawer(bench.avatar)
-    drawers = {"avatar": avatar.draw, "textured_mesh": mesh.draw}
-    times = interleaved({name: moved(lambda s, d=d: d(s, camera)) for name, d in drawers.items()}, bench.count(5, 2))  # type: ignore[misc]
-    found = {name: psnr(draw(signals, bench.camera(len(picture))), picture) for name, draw in drawers.items()}
+    drawers: dict[str, Drawer] = {"avatar": AvatarDrawer(bench.avatar), "textured_mesh": mesh}
+    times = interleaved({name: partial(moved, drawer) for name, drawer in drawers.items()}, bench.count(5, 2))
+    found = {name: psnr(one.draw(signals, bench.camera(len(picture))), picture) for name, one in drawers.items()}
     return [
         Metric(f"frame.rival.{name}.ms", times[name].ms, "ms", error={"psnr_db": found[name], "pose": "not seen"})
         for name in drawers

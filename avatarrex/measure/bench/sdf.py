@@ -154,7 +154,7 @@ def _case(bench: Bench, name: str, vertices: np.ndarray, faces: np.ndarray, coun
 def _contest(bench: Bench, case: Case) -> Contest:
     name, work = f"sdf.{case.name}", (case.vertices, case.faces, case.points)
     ready = installed(PEERS, bench.absent, name, *work)
-    runners: dict[str, Measured] = {"ours": ours(*work), "bricks": ours(*work, impl="torch"), **ready}
+    runners: dict[str, Measured] = {"ours": ours(*work), **ready}
     if "libigl" in ready:
         runners["ours_by_libigl"] = ours(*work, impl="igl")
     times = interleaved(runners, bench.count(5, 2))

@@ -90,7 +90,8 @@ def trimesh(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> Meas
     import trimesh as tm
 
     def measure() -> np.ndarray:
-        return -np.asarray(tm.proximity.signed_distance(tm.Trimesh(vertices, faces, process=False), points))
+        mesh = tm.Trimesh(vertices, faces, process=False)
+        return -np.asarray(tm.proximity.signed_distance(mesh, points))  # type: ignore[no-untyped-call]
 
     return measure
 
@@ -102,7 +103,7 @@ def brute(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> Measur
 
     def measure() -> np.ndarray:
         step = max(1, 1_000_000 // len(faces))
-        squares = [closest_on_triangle(some[:, None], *corner)[0].amin(1) for some in query.split(step)]
+        squares = [closest_on_triangle(some[:, None], *corner)[0].amin(1) for some in torch.split(query, step)]
         return torch.cat(squares).sqrt().numpy()
 
     return measure

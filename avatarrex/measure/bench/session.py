@@ -77,8 +77,8 @@ class Bench:
     def signals(self, frame: int = 0) -> Signals:
         """A frame of the motion of a person who stands at first; the root rests."""
         place, step = divmod(frame, STEPS)
-        poses = (named_pose(WAY[(place + k) % len(WAY)]) for k in (0, 1))
-        return interpolate(*(Signals.rest().replace(body_pose=pose) for pose in poses), step / STEPS)
+        here, there = (Signals.rest().replace(body_pose=named_pose(WAY[(place + k) % len(WAY)])) for k in (0, 1))
+        return interpolate(here, there, step / STEPS)
 
     @cached_property
     def standing(self) -> PosedPerson:

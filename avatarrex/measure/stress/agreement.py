@@ -113,7 +113,8 @@ def _posed(model: TemplateModel, rotvec: Tensor, inputs: Inputs) -> PosedTemplat
 def _double(part: str) -> TemplateModel:
     """A template of the subject in float64."""
     template = getattr(subject().person, part)
-    return (template if part == "body" else template.model).double()
+    model: TemplateModel = template if part == "body" else template.model
+    return model.double()
 
 
 ENTRIES = {**driving.ENTRIES, "seed": Entry((1,), (0, 2**31 - 1))}

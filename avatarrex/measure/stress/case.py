@@ -108,7 +108,8 @@ def _array(source: str, name: str, entry: Entry, given: Any) -> np.ndarray:
     field = f"inputs: {name}"
     if not isinstance(given, dict) or not isinstance(given.get("values"), list):
         raise InputError(source, field, "shape and values", given)
-    shape, values = given.get("shape"), given["values"]
+    shape: Any = given.get("shape")
+    values = given["values"]
     known = isinstance(shape, list) and len(shape) == len(entry.shape)
     free = (range(MOST_ROWS + 1) if want < 0 else (want,) for want in entry.shape)
     fits = known and all(type(n) is int and n in allowed for n, allowed in zip(shape, free))

@@ -12,12 +12,14 @@ from scipy.spatial import cKDTree
 from avatarrex.counters import Counters
 from avatarrex.fields.body import MAX_CLOTHING_OFFSET
 from avatarrex.fields.template_distance import MAX_DEVIATION
+from avatarrex.frame import Frame
 from avatarrex.levels import LEVELS
 from avatarrex.measure.stress import driving, views
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
 from avatarrex.measure.stress.findings import Findings
 from avatarrex.measure.stress.subject import subject
-from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.sdf_volume import sample
 

@@ -14,7 +14,7 @@ from torch.nn.functional import normalize
 from avatarrex.counters import Counters
 from avatarrex.fields.body import CLOTH, LEAST, BodyFrame
 from avatarrex.fields.code import RESIDUAL
-from avatarrex.fields.hand import BAND
+from avatarrex.fields.composition import BAND
 from avatarrex.fields.influence import RADIUS
 from avatarrex.measure.stress import driving
 from avatarrex.measure.stress.case import Entry, Inputs, Kind

@@ -16,11 +16,13 @@ import torch
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
+from avatarrex.frame import Frame
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
 from avatarrex.measure.stress.findings import Findings
 from avatarrex.measure.stress.subject import subject
-from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
 from avatarrex.pointmap.raycast import raycast
+from avatarrex.settings import RenderSettings
 from avatarrex.shading.shade import shade
 from avatarrex.signals.driving import SHAPES, Signals
 from avatarrex.templates.parts import PARTS

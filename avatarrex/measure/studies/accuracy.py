@@ -22,13 +22,14 @@ from tqdm import tqdm
 
 from avatarrex.avatar import Avatar, load_avatar
 from avatarrex.camera import Camera
-from avatarrex.capture.synthetic.preview import visible_faces
 from avatarrex.capture.synthetic.subject import PosedSubject, Subject, load_subject
+from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.fields.local_frame import LOCAL_FRAMES
 from avatarrex.files.gate import write_text
 from avatarrex.measure.table import printed
-from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
 from avatarrex.pointmap.raycast import raycast
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.limits import random_signals
 from avatarrex.signals.read import read_motion
@@ -113,14 +114,16 @@ def measure(avatar: Avatar, subject: Subject, signals: Signals) -> dict[str, Any
 def exact_volume(volume: SdfVolume, target: PosedSubject) -> SdfVolume:
     """The same lattices with the subject's signed distance around the surface."""
     grid = volume.body
-    body = exact(grid.sdf, Lattice(grid.origin, grid.voxel, tuple(grid.sdf.shape)), np.eye(4), target)
+    z, y, x = grid.sdf.shape
+    body = exact(grid.sdf, Lattice(grid.origin, grid.voxel, (z, y, x)), np.eye(4), target)
     return SdfVolume(replace(grid, sdf=body), tuple(exact_part(part, target) for part in volume.parts))
 
 
 def exact_part(part: PartBox, target: PosedSubject) -> PartBox:
     """A box of the subject's distance, all its own where the part's surface is."""
-    lattice = Lattice(np.zeros(3), part.voxel, tuple(part.field.shape[:3]))
     field = part.field.clone()
+    z, y, x = field.shape[:3]
+    lattice = Lattice(np.zeros(3), part.voxel, (z, y, x))
     field[..., 0] = exact(part.field[..., 0], lattice, np.linalg.inv(part.box_from_root), target)
     return replace(part, field=field, contact=None)
 

@@ -19,7 +19,8 @@ from avatarrex.avatar import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.files.gate import write_text
 from avatarrex.gl.context import gl_context, gl_unavailable
-from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.limits import random_signals
 

@@ -9,7 +9,7 @@ oracle against itself with four times the samples. `seams`: close-ups of a wrist
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,15 +23,17 @@ from tqdm import tqdm
 
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
+from avatarrex.frame import Frame
 from avatarrex.levels import LEVELS
 from avatarrex.measure.bench.clock import Times, interleaved, timed
 from avatarrex.measure.bench.session import Bench
 from avatarrex.measure.table import printed
-from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
 from avatarrex.pointmap.point_map import PointMap
 from avatarrex.pointmap.polish import polish
 from avatarrex.reference.error_report import Accuracy, PixelErrors, depth_report, pixel_errors
 from avatarrex.reference.oracle import STEP, cast, near_seam, render_oracle
+from avatarrex.settings import RenderSettings
 from avatarrex.shading.shade import shade
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_hand, named_pose
@@ -166,10 +168,10 @@ def flicker(bench: Bench, options: argparse.Namespace) -> None:
         print(f"{name:<12}mean {uneven.mean():.3f}  p95 {uneven.quantile(0.95):.2f}  {ratio:.3f} of the oracle's")
 
 
-def views(bench: Bench, size: int) -> Iterable[tuple[Signals, Camera]]:
+def views(bench: Bench, size: int) -> Iterator[tuple[Signals, Camera]]:
     """The 3 poses × 2 views, with a bar that shows how far they are."""
     pairs = [(signals, bench.camera(size, azimuth)) for signals in POSES.values() for azimuth in AZIMUTHS]
-    return tqdm(pairs, leave=False)
+    yield from tqdm(pairs, leave=False)
 
 
 def cells(a: Accuracy) -> list[str]:

@@ -19,14 +19,15 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from avatarrex.avatar import DATA, Avatar
-from avatarrex.capture.synthetic.winding import RayWinding
 from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.orthographic import AXES, SIZE, before, render_places, render_views, seen
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.ops.closest_point import closest_point
+from avatarrex.ops.crossings import winding
 from avatarrex.ops.pseudonormal import pseudonormals
 from avatarrex.ops.rotation import matrix_from_rotvec
+from avatarrex.ops.search_tree import SearchTree
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.mesh import vertex_normals
@@ -87,7 +88,7 @@ def distances_around(vertices: Tensor, faces: Tensor, near: Tensor, count: int, 
     mesh, nothing = vertices.double().numpy(), np.zeros(len(vertices))
     skin = TemplateDistance.of(mesh, vertex_normals(vertices, faces).double().numpy(), nothing, nothing)
     guess = skin.query(position).guess
-    known = (guess <= 0) | (RayWinding(mesh, faces.numpy())(position) <= 0)
+    known = (guess <= 0) | (winding(SearchTree.of_triangles(mesh, faces.numpy()), position) <= 0)
     return Distances(*(torch.as_tensor(values[known], dtype=torch.float32) for values in (position, guess)))
 
 

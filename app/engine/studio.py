@@ -1,4 +1,4 @@
-"""The studio behind the window: the journal, the engine, the resolution and the playback. No window library here.
+"""The studio without its window: the journal, the engine, the resolution and the playback.
 
 `tick` renders when something changed and says whether there is a new picture; everything a user does goes through `do`.
 """
@@ -8,16 +8,17 @@ from __future__ import annotations
 import logging
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from avatarrex_studio.engine.auto_level import ORDER, AutoLevel, Change
 from avatarrex_studio.engine.engine import Engine, Shot
-from avatarrex_studio.engine.resolution import Motion, Resolution
-from avatarrex_studio.engine.strips import SECONDS, Strips
+from avatarrex_studio.engine.framing import framed
+from avatarrex_studio.engine.resolution import Activity, Resolution
+from avatarrex_studio.engine.strips import STRIP_SECONDS, Strips
 from avatarrex_studio.engine.work import Work
 from avatarrex_studio.session.commands import Command, SetCamera
-from avatarrex_studio.session.framing import framed
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.state import AUTO, OrbitView, StudioState
@@ -32,8 +33,17 @@ KEPT = 60
 """Pictures whose times are kept."""
 
 
+@contextmanager
+def refusals_logged() -> Iterator[None]:
+    """An `InputError` ends the block and becomes a line of the console."""
+    try:
+        yield
+    except InputError as error:
+        log.error("%s", error)
+
+
 class Studio:
-    """Everything about an open session but its pixels on the screen."""
+    """An open session without its window: state, engine, playback and the picture as far as it is rendered."""
 
     def __init__(
         self, engine: Engine, journal: Journal | None = None, clock: Callable[[], float] = time.monotonic
@@ -63,15 +73,13 @@ class Studio:
 
     @property
     def state(self) -> StudioState:
-        """The state as it stands."""
+        """The present state."""
         return self.journal.state
 
     def do(self, command: Command, gesture: object = None) -> None:
         """Apply a command; a value that cannot be set is said in the console and changes nothing."""
-        try:
+        with refusals_logged():
             self.journal.do(command, gesture)
-        except InputError as error:
-            log.error("%s", error)
 
     def undo(self) -> None:
         """Back over the last step."""
@@ -82,10 +90,10 @@ class Studio:
         """Forward again."""
         self.journal.redo()
 
-    def tick(self, viewport: tuple[int, int], held: bool = False) -> bool:
+    def tick(self, viewport: tuple[int, int], pressed: bool = False) -> bool:
         """Advance the motion, render what changed; True where the picture is new.
 
-        `held`: a mouse button is down, so that the picture is about to change again.
+        `pressed`: a mouse button is down, so that the picture is about to change again.
         """
         now = self._clock()
         due = self.playback.due(self.state, now)
@@ -94,12 +102,12 @@ class Studio:
         state = self.state
         full = state.size.pixels(viewport)
         key = (state.avatar, state.signals, state.hidden, state.view, state.level, full)
-        self.resolution.tick(now, key != self._seen or (held and self._seen is not None and self.moving))
+        self.resolution.tick(now, key != self._seen or (pressed and self._seen is not None and self.moving))
         self._seen = key
         if key == self._failed:
             return False
         size, level = self._raster(key, full)
-        dragged = self.resolution.state is not Motion.FULL
+        dragged = self.resolution.state is not Activity.FULL
         same = (key, size, level) == self._rendered
         caught_up = same and not dragged and self.work is not None and (self.work.lags or self.work.rough)
         if same and not caught_up:
@@ -108,7 +116,7 @@ class Studio:
         self._change = None if caught_up else self._what_changes(key, level)
         self._rendered, self._strips, self._failed, self.level = (key, size, level), None, None, level
         state = state.change(level=level)
-        if enlarged and size[0] * size[1] * self.resolution.seconds_per_pixel > 2 * SECONDS:
+        if enlarged and size[0] * size[1] * self.resolution.seconds_per_pixel > 2 * STRIP_SECONDS:
             assert self.image is not None
             cost = self.resolution.seconds_per_pixel
             self._strips = Strips(self.engine, state, size, self.image, cost, dragged)
@@ -131,7 +139,7 @@ class Studio:
         size = self.resolution.size(full)
         if chosen == AUTO:
             same = self._rendered is not None and self._rendered[0] == key
-            kept = same and (self._strips is not None or self.resolution.state is Motion.MOVING)
+            kept = same and (self._strips is not None or self.resolution.state is Activity.MOVING)
             chosen = self.level if kept else self._best(key, size)
             self.resolution.at(chosen)
         return size, chosen
@@ -190,7 +198,7 @@ class Studio:
 
     @property
     def moving(self) -> bool:
-        """Whether something has not come to rest yet."""
+        """Whether the picture will still change by itself."""
         if self.playback.playing or self._strips is not None or self.resolution.wait(self._clock()) is not None:
             return True
         if self.state.level != AUTO or self._rendered is None or self._failed is not None:
@@ -198,32 +206,26 @@ class Studio:
         return self._best(self._rendered[0], self.size) != self.level
 
     def frame_person(self, viewport: tuple[int, int]) -> None:
-        """The front view that holds the person as it stands."""
-        try:
+        """The front view with the whole person in it."""
+        with refusals_logged():
             view = framed(OrbitView(), self.engine.outline(self.state), self.state.size.pixels(viewport))
-        except InputError as error:
-            log.error("%s", error)
-            return
-        self.do(SetCamera(view.azimuth, view.elevation, view.distance, view.fov, view.target))
+            self.do(SetCamera(view.azimuth, view.elevation, view.distance, view.fov, view.target))
 
     def open_motion(self, path: str) -> None:
-        """Load a motion file and stand at its first frame."""
-        try:
+        """Load a motion file and go to its first frame."""
+        with refusals_logged():
             motion = self.playback.open(path)
-        except InputError as error:
-            log.error("%s", error)
-            return
-        self.do(motion.loaded(self.state.signals))
-        for note in motion.sequence.notes:
-            log.info("%s: %s", Path(path).name, note)
-        log.info("%s: %d frames, %g a second", Path(path).name, len(motion), motion.sequence.fps)
+            self.do(motion.loaded(self.state.signals))
+            for note in motion.sequence.notes:
+                log.info("%s: %s", Path(path).name, note)
+            log.info("%s: %d frames, %g a second", Path(path).name, len(motion), motion.sequence.fps)
 
     def toggle_play(self) -> None:
         """Start or stop the motion."""
         self.playback.toggle(self.state, self._clock())
 
     def go_to(self, frame: int, gesture: object = None) -> None:
-        """Stand at a frame of the motion; beyond its ends at the nearest."""
+        """Go to a frame of the motion; beyond its ends to the nearest."""
         command = self.playback.at(self.state, frame)
         if command is not None:
             self.do(command, gesture)
@@ -236,23 +238,18 @@ class Studio:
 
     def save_session(self, path: str) -> None:
         """Write the journal."""
-        try:
+        with refusals_logged():
             self.journal.save(path)
             log.info("saved %s", path)
-        except InputError as error:
-            log.error("%s", error)
 
     def open_session(self, path: str) -> None:
         """Go on from a saved journal."""
-        try:
+        with refusals_logged():
             journal = Journal.load(path)
-            self.engine.avatar(journal.state.avatar)  # a session whose avatar is lost does not replace this one
-        except InputError as error:
-            log.error("%s", error)
-            return
-        self.journal = journal
-        self.playback.close()
-        log.info("opened %s", path)
+            self.engine.avatar(journal.state.avatar)  # a session without its avatar does not replace this one
+            self.journal = journal
+            self.playback.close()
+            log.info("opened %s", path)
 
     def save_image(self, path: str | Path, viewport: tuple[int, int]) -> None:
         """Render the state at its full raster and write it as PNG."""
@@ -260,8 +257,6 @@ class Studio:
         if shot.error or shot.frame is None:
             log.error("no picture: %s", shot.error)
             return
-        try:
+        with refusals_logged():
             write_png(path, composite(shot.frame.image, self.state.background))
             log.info("wrote %s", path)
-        except InputError as error:
-            log.error("%s", error)

@@ -18,7 +18,7 @@ import igl
 import numpy as np
 import scipy.ndimage as ndi
 
-from avatarrex.capture.synthetic.smoothing import averaging
+from avatarrex.capture.synthetic.mesh import averaging, vertex_normals
 
 Field = Callable[[np.ndarray], np.ndarray]
 DIRECTIONS = 72
@@ -106,7 +106,6 @@ def extract(
     field: Field, low: np.ndarray, high: np.ndarray, step: float, rounds: int = 12
 ) -> tuple[np.ndarray, np.ndarray]:
     """Zero level of `field` in a box: vertices and outward faces, evenly spread by tangential relaxation."""
-    low, high = np.asarray(low, float), np.asarray(high, float)
     count = np.ceil((high - low) / step).astype(int) + 1
     axes = [low[k] + step * np.arange(count[k]) for k in range(3)]
     z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
@@ -119,7 +118,7 @@ def extract(
     def sample(p: np.ndarray) -> np.ndarray:
         return ndi.map_coordinates(lattice, ((p - low) / step).T[::-1], order=2, prefilter=False, mode="nearest")
 
-    if signed_volume(vertices, faces) < 0:
+    if np.linalg.det(vertices[faces]).sum() < 0:  # six times the volume inside
         faces = faces[:, ::-1]
     mean = averaging(faces, len(vertices))
     for _ in range(rounds):
@@ -127,7 +126,7 @@ def extract(
         normal = vertex_normals(vertices, faces)
         vertices = vertices + 0.6 * (move - normal * (move * normal).sum(1, keepdims=True))
         for _ in range(2):
-            gradient = np.stack([sample(vertices + e) - sample(vertices - e) for e in np.eye(3) * step / 2], 1) / step
+            gradient = _gradient(sample, vertices, step / 2)
             slope = np.maximum((gradient**2).sum(1), 0.05)
             vertices = vertices - gradient * (sample(vertices) / slope)[:, None]
     return vertices, np.ascontiguousarray(faces)
@@ -136,7 +135,7 @@ def extract(
 def cut(vertices: np.ndarray, faces: np.ndarray, level: Field, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Keep where `level` < 0, with clean edges: vertices nearer than 0.3 `step` are first moved onto the cut."""
     value = level(vertices)
-    slope = np.stack([level(vertices + e) - level(vertices - e) for e in np.eye(3) * 1e-4], 1) / 2e-4
+    slope = _gradient(level, vertices, 1e-4)
     near = np.abs(value) < 0.3 * step
     pull = value[:, None] * slope / np.maximum((slope**2).sum(1, keepdims=True), 1e-6)
     vertices = np.where(near[:, None], vertices - pull, vertices)
@@ -168,8 +167,7 @@ def cut(vertices: np.ndarray, faces: np.ndarray, level: Field, step: float) -> t
 
 def loops(faces: np.ndarray) -> list[np.ndarray]:
     """Open edge loops as vertex indices, each in the direction of its faces' half-edges."""
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    have = set(map(tuple, edges.tolist()))
+    have = set(map(tuple, faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).tolist()))
     step = {a: b for a, b in have if (b, a) not in have}
     found = []
     while step:
@@ -191,7 +189,7 @@ def close_hems(
     for ring in loops(faces):
         edge = vertices[ring]
         centre = edge.mean(0)
-        slope = np.stack([level(edge + e) - level(edge - e) for e in np.eye(3) * 1e-4], 1) / 2e-4
+        slope = _gradient(level, edge, 1e-4)
         out = _along(normal[ring], 4)
         out /= np.linalg.norm(out, axis=1, keepdims=True)
         up = -_along(slope - out * (out * slope).sum(1, keepdims=True), 4)
@@ -212,18 +210,9 @@ def close_hems(
     return np.concatenate(pieces), np.concatenate(triangles)
 
 
-def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit area-weighted vertex normals (v, 3)."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    face = np.cross(b - a, c - a)
-    normal = np.stack([np.bincount(faces.ravel(), np.repeat(face[:, k], 3), len(vertices)) for k in range(3)], 1)
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-20)
-
-
-def signed_volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """m³, positive for outward faces."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return float((np.cross(a, b) * c).sum() / 6)
+def _gradient(field: Field, points: np.ndarray, step: float) -> np.ndarray:
+    """(p, 3) central differences, `step` metres to either side."""
+    return np.stack([field(points + e) - field(points - e) for e in np.eye(3) * step], 1) / (2 * step)
 
 
 def _angles() -> np.ndarray:

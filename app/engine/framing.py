@@ -1,4 +1,4 @@
-"""The view that holds a person: target and distance from points of the posed body, in closed form.
+"""The view with a whole person in it: target and distance from points of the posed body, in closed form.
 
 In camera axes (x right, y down, z forward) a camera at c sees a point p where |p_x − c_x| ≤ t (p_z − c_z), with t the tangent
 of half the angle of view; y alike. So c_x is the middle of A = max(p_x − t p_z) and B = min(p_x + t p_z) at any depth, and
@@ -11,14 +11,14 @@ from dataclasses import fields, replace
 
 import numpy as np
 import torch
-from avatarrex_studio.session.state import OrbitView
+from avatarrex_studio.session.state import OrbitView, vector
 
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.model import TemplateModel, pose_template
 from avatarrex.templates.transform import world_from_root
 
-MARGIN = 0.08
-"""Share of the half picture that stays free at each side: hair and cloth stand up to 4 cm off the template."""
+FREE_SHARE = 0.08
+"""Share of the half picture that stays free at each side: hair and cloth are up to 4 cm off the template."""
 EVERY = 8
 """Every eighth vertex, without pose blend shapes: within 3 cm of the body's extremes, and posed in 7 ms (one core)."""
 
@@ -42,21 +42,22 @@ class Outline:
         shape = torch.as_tensor(np.array(signals.shape), dtype=torch.float32)
         posed = pose_template(self._thin, pose, shape, torch.zeros(self._thin.expression_dirs.shape[2]))
         root = world_from_root(signals.global_orient, signals.translation, posed.joints[0].double().numpy())
-        return posed.vertices.double().numpy() @ root[:3, :3].T + root[:3, 3]
+        vertices: np.ndarray = posed.vertices.double().numpy()
+        return vertices @ root[:3, :3].T + root[:3, 3]
 
 
 def framed(view: OrbitView, points: np.ndarray, size: tuple[int, int]) -> OrbitView:
-    """`view` with the target and the least distance that hold all `points` (p, 3) on a (width, height) raster."""
+    """`view` with the target and the least distance for which all `points` (p, 3) are on a (width, height) raster."""
     rotation, tangents, seen = _seen(view, points, size)
     low, high = (seen[:, :2] - tangents * seen[:, 2:]).max(0), (seen[:, :2] + tangents * seen[:, 2:]).min(0)
     middle = (seen[:, 2].min() + seen[:, 2].max()) / 2
-    x, y, z = rotation.T @ np.array([*((low + high) / 2), middle])
+    target = vector(rotation.T @ np.array([*((low + high) / 2), middle]))
     nearest = ((high - low) / (2 * tangents)).min()
-    return replace(view, target=(float(x), float(y), float(z)), distance=float(middle - nearest))
+    return replace(view, target=target, distance=float(middle - nearest))
 
 
 def backed_off(view: OrbitView, points: np.ndarray, size: tuple[int, int]) -> OrbitView:
-    """`view` about its own target, at the least distance that holds all `points` (p, 3)."""
+    """`view` about its own target, at the least distance for which all `points` (p, 3) are in the picture."""
     _, tangents, seen = _seen(view, points - np.array(view.target), size)
     distance = (np.abs(seen[:, :2]) / tangents - seen[:, 2:]).max()
     return replace(view, distance=float(max(distance, 0.05)))
@@ -66,5 +67,5 @@ def _seen(view: OrbitView, points: np.ndarray, size: tuple[int, int]) -> tuple[n
     """Camera axes (3, 3), usable tangents (2,) of x and y, and the points (p, 3) in those axes."""
     camera = view.camera(*size)
     rotation = camera.camera_from_world[:3, :3]
-    tangents = (1 - MARGIN) * np.array(size) / (2 * np.diag(camera.intrinsics)[:2])
+    tangents = (1 - FREE_SHARE) * np.array(size) / (2 * np.diag(camera.intrinsics)[:2])
     return rotation, tangents, points @ rotation.T
