@@ -1,115 +1,99 @@
-"""`avatarrex-studio evaluate`: an avatar against a capture, as a table, JSON and a contact sheet."""
+"""`avatarrex-studio evaluate AVATAR CAPTURE`: an avatar against a capture, as a table, JSON and a contact sheet."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 from avatarrex_studio.cli import options
+from avatarrex_studio.cli.output import output_file, write_json
 
-from avatarrex.avatar import Avatar, load_avatar
-from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
+from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
-from avatarrex.files.gate import write_text
-from avatarrex.files.images import write_png
-from avatarrex.metrics.baselines import baselines
-from avatarrex.metrics.drawing import AvatarDrawer, Drawer
-from avatarrex.metrics.evaluate import Choice, evaluate, observations
-from avatarrex.metrics.face_region import face_alone
-from avatarrex.metrics.measures import Networks
-from avatarrex.metrics.report import contact_sheet, table, to_json
+from avatarrex.files.gate import check_writable
 
 SHEET = 8
 """Pictures on a contact sheet."""
 
 
+def add_options(verb: argparse.ArgumentParser) -> None:
+    """What is compared, and where the figures go."""
+    add = verb.add_argument
+    add("avatar", help="name, folder or .avatar file")
+    add("capture", help="a folder or .zip")
+    add("--rig", choices=("body", "face"), help="body, where there is one")
+    add("--frames", metavar="A:B:S,…", help="frames A to B (not included) in steps of S, or held-out (4 of each split)")
+    add("--views", metavar="NAMES", help="cameras by name or number, comma separated (all)")
+    options.add_held_out(verb, "cameras", "that were not trained on")
+    add("--size", metavar="N", help="pixels of the longer side at most (the capture's)")
+    add("--samples", metavar="N", help="samples averaged along each side of a pixel (1, what the window shows)")
+    add("--baselines", action="store_true", help="the skinned textured and mean-colour template beside it")
+    add("--face-only", action="store_true", help="everything cut by where the template's face is seen")
+    add("--json", metavar="FILE.json", help="every figure")
+    add("--sheet", metavar="OUT.png", help="a contact sheet: ground truth, avatar, difference")
+    add("--vgg", metavar="FILE", help="vgg16-397923af.pth, for LPIPS (or AVATARREX_VGG, or torch hub's folder)")
+    add("--lpips", metavar="FILE", help="the linear heads: lpips' vgg.pth or its wheel (or AVATARREX_LPIPS)")
+    add("--inception", metavar="FILE", help="pt_inception-2015-12-05-6726825d.pth, for FID (or AVATARREX_INCEPTION)")
+    options.add_device(verb)
+
+
 def run(arguments: argparse.Namespace) -> int:
-    """Evaluate, print the table, write what was asked for. Raises `InputError` before any work for a wrong option."""
-    size, samples = _whole("--size", arguments.size, 32, 8192, "pixels of the longer side"), arguments.samples
-    samples = _whole("--samples", samples, 1, 8, "samples along a pixel's side") or 1
-    for path in (arguments.json, arguments.sheet):
-        if path is not None and Path(path).is_dir():
-            raise InputError(path, "", "a file to write", "a folder")
-    if arguments.sheet is not None and Path(arguments.sheet).suffix.lower() != ".png":
-        raise InputError(arguments.sheet, "", "OUT.png", Path(arguments.sheet).suffix or "no extension")
-    networks = Networks.load(*(Path(x) if x else None for x in (arguments.vgg, arguments.lpips, arguments.inception)))
+    """Evaluate, print the table, write the files. Raises `InputError` before any work for a wrong option."""
+    size, samples = None, 1
+    if arguments.size is not None:
+        size = options.whole("--size", arguments.size, 32, 8192, "32 to 8192 pixels of the longer side")
+    if arguments.samples is not None:
+        samples = options.whole("--samples", arguments.samples, 1, 8, "1 to 8 samples along a pixel's side")
+    if arguments.json is not None:
+        check_writable(arguments.json)
+    sheet = output_file(arguments.sheet, "OUT.png") if arguments.sheet is not None else None
+    if arguments.face_only and size is not None:
+        own = "the pictures' own with --face-only: its mattes are cut pixel by pixel"
+        raise InputError("--size", "", own, size)
+    return _evaluate(arguments, size, samples, sheet)
+
+
+def _evaluate(arguments: argparse.Namespace, size: int | None, samples: int, sheet: Path | None) -> int:
+    from avatarrex.avatar import load_avatar
+    from avatarrex.capture.readers.rigs import open_capture
+    from avatarrex.files.images import write_png
+    from avatarrex.metrics import baselines, drawing, evaluate, face_region, measures, report
+
+    weights = (arguments.vgg, arguments.lpips, arguments.inception)
+    networks = measures.Networks.load(*(Path(path) if path else None for path in weights))
     avatar, capture = load_avatar(arguments.avatar, arguments.device), open_capture(arguments.capture)
-    rig = held_out(capture, arguments)
-    frames = _frames(arguments.frames, rig) if arguments.frames else None
-    views = views_of(rig, arguments.views, "--views") if arguments.views else None
-    for note in (*capture.notes, *_other_body(avatar, capture)):
+    name = arguments.rig or ("body" if "body" in capture.rigs else next(iter(capture.rigs)))
+    rig = capture.rigs[options.one_of("--rig", name, capture.rigs)]
+    rig = choice.held_out(rig, arguments.held_out_frames, arguments.held_out_views)
+    frames = _frames(arguments.frames, rig.held_out_frames, rig.frames) if arguments.frames else None
+    views = choice.cameras(rig, arguments.views, "--views") if arguments.views else None
+    other = avatar.person.hash != capture.person.hash
+    notes = ("avatar: made on another body than the capture's; it is posed on its own",) if other else ()
+    for note in (*capture.notes, *notes):
         print(note, file=sys.stderr)
     start = time.perf_counter()
-    subjects: list[Drawer] = [AvatarDrawer(avatar, samples)]
+    subjects: list[drawing.Drawer] = [drawing.AvatarDrawer(avatar, samples)]
     if arguments.baselines:
-        subjects += baselines(capture.person, observations(rig))
+        subjects += baselines.baselines(capture.person, evaluate.observations(rig))
     if arguments.face_only:
-        if size is not None:
-            raise InputError(
-                "--size", "", "the pictures' own with --face-only: its mattes are cut pixel by pixel", size
-            )
-        rig, subjects = face_alone(capture.person, rig, subjects)
+        rig, subjects = face_region.face_alone(capture.person, rig, subjects)
         capture = replace(capture, ground_truth=None)
-    sheet = SHEET if arguments.sheet else 0
-    found = evaluate(capture, rig, subjects, networks, Choice(frames, views, size, sheet), progress=True)
-    print(table(found))
+    shown = SHEET if sheet else 0
+    chosen = evaluate.Choice(frames, views, size, shown)
+    found = evaluate.evaluate(capture, rig, subjects, networks, chosen, progress=True)
+    print(report.table(found))
     if arguments.json:
-        data = to_json(found, arguments.avatar, str(arguments.capture), time.perf_counter() - start)
-        write_text(arguments.json, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
-        print(arguments.json)
-    if arguments.sheet:
-        write_png(arguments.sheet, contact_sheet(found))
-        print(arguments.sheet)
+        seconds = time.perf_counter() - start
+        write_json(arguments.json, report.to_json(found, arguments.avatar, arguments.capture, seconds))
+    if sheet:
+        write_png(sheet, report.contact_sheet(found))
+        print(sheet)
     return 0
 
 
-def _frames(text: str, rig: Rig) -> tuple[int, ...]:
+def _frames(text: str, kept: frozenset[int], count: int) -> tuple[int, ...]:
     """All that are held out, or as listed."""
-    return tuple(sorted(rig.held_out_frames)) if text == "held-out" else options.frames(text, rig.frames)
-
-
-def held_out(capture: Capture, arguments: argparse.Namespace) -> Rig:
-    """The rig that is asked for, with the options' frames and views held out where they say so."""
-    name = arguments.rig or ("body" if "body" in capture.rigs else next(iter(capture.rigs)))
-    if name not in capture.rigs:
-        raise InputError(capture.path, "--rig", "one of " + ", ".join(capture.rigs), name)
-    rig = capture.rigs[name]
-    frames: Iterable[int] = rig.held_out_frames
-    views: Iterable[int] = rig.held_out_views
-    if arguments.held_out_frames:
-        frames = options.frames(arguments.held_out_frames, rig.frames)
-    if arguments.held_out_views:
-        views = views_of(rig, arguments.held_out_views, "--held-out-views")
-    return rig.holding_out(frames, views)
-
-
-def views_of(rig: Rig, text: str, option: str) -> list[int]:
-    """Cameras by name or number, comma separated; a name goes before a number."""
-    names = {view.name: index for index, view in enumerate(rig.views)}
-    found = []
-    for word in (part.strip() for part in text.split(",")):
-        number = int(word) if word.isdecimal() else -1
-        if word not in names and not 0 <= number < len(rig.views):
-            known = f"cameras 0 to {len(rig.views) - 1} or their names, {', '.join(list(names)[:4])} …"
-            raise InputError(option, "", known, word or "nothing")
-        found.append(names.get(word, number))
-    return found
-
-
-def _whole(option: str, text: str | None, low: int, high: int, what: str) -> int | None:
-    if text is None:
-        return None
-    if not text.isdecimal() or not low <= int(text) <= high:
-        raise InputError(option, "", f"{low} to {high} {what}", text or "nothing")
-    return int(text)
-
-
-def _other_body(avatar: Avatar, capture: Capture) -> list[str]:
-    if avatar.person.hash == capture.person.hash:
-        return []
-    return ["avatar: made on another body than the capture's; it is posed on its own"]
+    return tuple(sorted(kept)) if text == "held-out" else choice.frames(text, count)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -22,38 +23,38 @@ from tqdm import tqdm
 from avatarrex.files.background import background_writer
 from avatarrex.files.gate import write_text
 from avatarrex.files.images import VideoWriter, composite, write_arrays, write_png
-from avatarrex.pipeline import Frame
+from avatarrex.frame import Frame
 
 
-def run(order: Job, engine: Engine) -> list[Path]:
+def run(job: Job, engine: Engine) -> list[Path]:
     """Render and write every frame; returns what was written."""
     written: list[Path] = []
     statistics: list[dict[str, object]] = []
-    width, height = order.size
-    video = VideoWriter(order.out, width, height, order.fps) if order.kind == "video" else None
-    engine.avatar(order.start.avatar)
-    order = with_view(order, engine)
-    if order.motion:
-        for note in order.motion.sequence.notes:
-            print(f"{Path(order.motion.path).name}: {note}", file=sys.stderr)
-    bar = tqdm(total=len(order.frames), unit="frame", disable=len(order.frames) == 1)
+    width, height = job.size
+    video = VideoWriter(job.out, width, height, job.fps) if job.kind == "video" else None
+    engine.avatar(job.start.avatar)
+    job = with_view(job, engine)
+    if job.motion:
+        for note in job.motion.sequence.notes:
+            print(f"{Path(job.motion.path).name}: {note}", file=sys.stderr)
+    bar = tqdm(total=len(job.frames), unit="frame", disable=len(job.frames) == 1)
     with bar, video or nullcontext(), background_writer() as do:
-        for number, state in order.states():
+        for number, state in job.states():
             frame = engine.frame(state, state.view.camera(width, height))
             if not statistics:
                 tqdm.write(", ".join(frame.notes), file=sys.stderr)
-            arrays = passes(frame, order.aovs) if order.aovs else {}
-            do(_keep, order.image_path(number), state, frame.image, arrays, video)
-            path = order.image_path(number)
+            arrays = passes(frame, job.aovs) if job.aovs else {}
+            path = job.image_path(number)
+            do(_keep, path, state, frame.image, arrays, video)
             written += [] if video else [path]
-            written += [path.with_suffix(".npz")] if order.aovs else []
+            written += [path.with_suffix(".npz")] if job.aovs else []
             statistics.append({"frame": number, "ms": frame.ms, "counters": frame.counters})
             bar.update()
     if video:
-        written.append(order.out)
-    if order.stats:
-        write_text(order.stats, json.dumps(statistics, indent=1) + "\n")
-        written.append(order.stats)
+        written.append(job.out)
+    if job.stats:
+        write_text(job.stats, json.dumps(statistics, indent=1) + "\n")
+        written.append(job.stats)
     return written
 
 
@@ -70,20 +71,20 @@ def _keep(
         write_arrays(path.with_suffix(".npz"), arrays)
 
 
-def with_view(order: Job, engine: Engine) -> Job:
-    """The order with the view that its `framing` asks for; it goes along with the target of each frame."""
-    if not order.framing:
-        return order
-    start = order.start.view
-    steps = [(np.subtract(state.view.target, start.target), state) for _, state in order.states()]
+def with_view(job: Job, engine: Engine) -> Job:
+    """The job with the view that its `framing` names; it goes along with the target of each frame."""
+    if not job.framing:
+        return job
+    start = job.start.view
+    steps = [(np.subtract(state.view.target, start.target), state) for _, state in job.states()]
     points = np.concatenate([engine.outline(state) - step for step, state in steps])
-    if order.framing == "distance":
-        view = backed_off(start, points, order.size)
+    if job.framing == "distance":
+        view = backed_off(start, points, job.size)
     else:
-        view = framed(start, points, order.size)
-        if order.framing == "target":
+        view = framed(start, points, job.size)
+        if job.framing == "target":
             view = replace(view, distance=start.distance)
-    return replace(order, start=order.start.change(view=view), framing="")
+    return replace(job, start=job.start.change(view=view), framing="")
 
 
 def passes(frame: Frame, names: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -94,10 +95,14 @@ def passes(frame: Frame, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     points, world = frame.pointmap, frame.world_from_root
     hit = points.hit.cpu().numpy()
     rotation, translation = world[:3, :3], world[:3, 3]
-    made = {
-        "depth": lambda: points.depth.double().cpu().numpy() * hit,
-        "normal": lambda: points.normal.double().cpu().numpy() @ rotation.T * hit[..., None],
-        "position": lambda: (points.position.double().cpu().numpy() @ rotation.T + translation) * hit[..., None],
-        "mask": lambda: points.coverage.cpu().numpy(),
+
+    def seen(values: Tensor) -> np.ndarray:
+        return values.double().cpu().numpy()
+
+    made: dict[str, Callable[[], np.ndarray]] = {
+        "depth": lambda: seen(points.depth) * hit,
+        "normal": lambda: seen(points.normal) @ rotation.T * hit[..., None],
+        "position": lambda: (seen(points.position) @ rotation.T + translation) * hit[..., None],
+        "mask": lambda: seen(points.coverage),
     }
     return {**{name: made[name]().astype(np.float32) for name in names}, "hit": hit}

@@ -1,4 +1,4 @@
-"""`avatarrex-studio train CAPTURE --preset P --out RUN`: train an avatar from a capture."""
+"""`avatarrex-studio train CAPTURE --recipe R --out RUN`: train an avatar from a capture."""
 
 from __future__ import annotations
 
@@ -6,49 +6,67 @@ import argparse
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from avatarrex_studio.cli import options
-from avatarrex_studio.cli.evaluate import views_of
 
-from avatarrex.avatar import Avatar, load_avatar
-from avatarrex.capture.fit.surface_fit import fit_surface
-from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
+from avatarrex.capture.readers.choice import cameras, held_out
 from avatarrex.errors import InputError
-from avatarrex.fields.placement import device_named
-from avatarrex.templates.person import Person
-from avatarrex.training.core.trainer import Trainer
-from avatarrex.training.recipe import PARTS, RECIPES, Recipe
-from avatarrex.training.runs.folder import Run, read_about
+from avatarrex.training.recipe import RECIPES, Recipe
+
+if TYPE_CHECKING:
+    from avatarrex.avatar import Avatar
+    from avatarrex.capture.readers.rigs import Capture, Rig
+    from avatarrex.templates.person import Person
+    from avatarrex.training.runs.folder import Run
 
 STOPPED = 130
-"""Exit status of a run that was asked to stop before its end."""
+"""Exit status of a run that was stopped before its end."""
+
+
+def add_options(verb: argparse.ArgumentParser) -> None:
+    """What is trained, how, and where it goes."""
+    add = verb.add_argument
+    add("capture", help="a folder or .zip")
+    add("--out", required=True, metavar="RUN", help="a new folder for the run, or with --resume the one to go on with")
+    recipes = ", ".join(RECIPES)
+    options.add_renamed(verb, "--recipe", "--preset", default="quick", metavar="R", help=f"{recipes} (quick)")
+    add("--parts", metavar="PARTS", help="face, body or face,body (what the capture has)")
+    add("--resume", action="store_true", help="go on from the run's last checkpoint")
+    add("--seed", default="0", metavar="N", help="of everything random (0)")
+    options.add_held_out(verb, "body cameras", "kept from training")
+    add("--start", metavar="AVATAR", help="an avatar to go on from (with --recipe refine), in place of the template")
+    add("--mixed", action="store_true", help="colours in bfloat16 while training: for a processor with units for it")
+    options.add_device(verb)
+    for part in ("body", "face"):
+        add(f"--{part}-views", metavar="NAMES", help=f"{part} cameras to train on alone")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Train, or go on with a training. Raises `InputError` before any work for a wrong option."""
-    if arguments.preset not in RECIPES:
-        raise InputError("--preset", "", ", ".join(RECIPES), arguments.preset)
-    if not arguments.seed.isdigit():
-        raise InputError("--seed", "", "an integer from 0", arguments.seed or "nothing")
-    seed = int(arguments.seed)
-    device = device_named(arguments.device)
-    chosen = tuple(arguments.parts.split(",")) if arguments.parts else None
-    for part in chosen or ():
-        if part not in PARTS:
-            raise InputError("--parts", "", "face, body or face,body", part or "nothing")
+    recipe = RECIPES[options.one_of("--recipe", arguments.recipe, RECIPES)]
+    recipe = replace(recipe, mixed=arguments.mixed)
+    seed = options.whole("--seed", arguments.seed, 0)
+    chosen = options.some_of("--parts", arguments.parts, recipe.steps()) if arguments.parts else None
+    from avatarrex.avatar import load_avatar
+    from avatarrex.capture.fit.surface_fit import fit_surface
+    from avatarrex.capture.readers.rigs import open_capture
+    from avatarrex.fields.placement import device_named
+    from avatarrex.training.core.trainer import Trainer
+
+    device = str(device_named(arguments.device))
     start = load_avatar(arguments.start) if arguments.start else None
     capture = open_capture(arguments.capture)
     for note in capture.notes:
         print(note)
-    capture = replace(capture, rigs={name: held_out(rig, arguments) for name, rig in capture.rigs.items()})
-    if capture.person.fit is not None and start is None:
-        print("person: fitting the template's skin to the mattes")
-        capture = replace(capture, person=fit_surface(capture))
+    capture = replace(capture, rigs={name: trained_on(rig, arguments) for name, rig in capture.rigs.items()})
     if start is not None:
         capture = replace(capture, person=_same_body(start, capture))
-    parts = tuple(part for part in PARTS if part in (chosen or capture.rigs))
-    trained = _open_run(arguments, capture, parts, seed)
+    elif capture.person.fit is not None:
+        print("person: fitting the template's skin to the mattes")
+        capture = replace(capture, person=fit_surface(capture))
+    parts = tuple(part for part in recipe.steps() if part in (chosen or capture.rigs))
+    trained = _open_run(arguments, _config(arguments, capture, recipe, parts, seed))
     with trained:
         recipe = kept_recipe(trained.path, trained.config, arguments.mixed)
         trainer = Trainer(capture, recipe, trained, start, str(device))
@@ -59,28 +77,25 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if finished else STOPPED
 
 
-def held_out(rig: Rig, arguments: argparse.Namespace) -> Rig:
+def trained_on(rig: Rig, arguments: argparse.Namespace) -> Rig:
     """The rig with the options' frames (of every rig) and views held out; or all views but those to train on."""
-    frames, views = rig.held_out_frames, rig.held_out_views
-    if arguments.held_out_frames:
-        frames = frozenset(options.frames(arguments.held_out_frames, rig.frames))
-    if arguments.held_out_views and rig.name == "body":
-        views = frozenset(views_of(rig, arguments.held_out_views, "--held-out-views"))
-    only = getattr(arguments, f"{rig.name}_views", None)
-    if only:
-        views = frozenset(range(len(rig.views))) - frozenset(views_of(rig, only, f"--{rig.name}-views"))
-    return rig.holding_out(frames, views)
+    rig = held_out(rig, arguments.held_out_frames, arguments.held_out_views if rig.name == "body" else None)
+    alone = getattr(arguments, f"{rig.name}_views")
+    if not alone:
+        return rig
+    others = set(range(len(rig.views))) - set(cameras(rig, alone, f"--{rig.name}-views"))
+    return rig.holding_out(rig.held_out_frames, others)
 
 
 def _same_body(start: Avatar, capture: Capture) -> Person:
-    """The start's body, whose size and skin were fitted before; `InputError` where it is a modelled person's, but another."""
+    """The start's body, fitted before in size and skin; `InputError` where it is a modelled person's, but another."""
     if (capture.person.fit is None) != (start.person.fit is None):
         raise InputError("--start", "body", capture.person.name, start.person.name)
     return start.person
 
 
 def kept_recipe(path: Path, config: Mapping[str, Any], mixed: bool) -> Recipe:
-    """The one that the run began with, whatever the preset is by now. Raises `InputError`."""
+    """The one that the run began with, whatever `RECIPES` has under its name by now. Raises `InputError`."""
     try:
         recipe = Recipe.from_json(config["recipe"])
     except (KeyError, TypeError, IndexError, ValueError) as error:
@@ -90,12 +105,14 @@ def kept_recipe(path: Path, config: Mapping[str, Any], mixed: bool) -> Recipe:
     return recipe
 
 
-def _open_run(arguments: argparse.Namespace, capture: Capture, parts: tuple[str, ...], seed: int) -> Run:
-    recipe = replace(RECIPES[arguments.preset], mixed=arguments.mixed)
-    config = {
+def _config(
+    arguments: argparse.Namespace, capture: Capture, recipe: Recipe, parts: tuple[str, ...], seed: int
+) -> dict[str, Any]:
+    """What `run.json` records of a training."""
+    return {
         "part": ",".join(parts),
         "preset": recipe.name,
-        "capture": str(arguments.capture),
+        "capture": arguments.capture,
         "seed": seed,
         "start": arguments.start,
         "steps": {part: steps for part, steps in recipe.steps().items() if part in parts},
@@ -105,9 +122,15 @@ def _open_run(arguments: argparse.Namespace, capture: Capture, parts: tuple[str,
             for name, rig in capture.rigs.items()
         },
     }
+
+
+def _open_run(arguments: argparse.Namespace, config: dict[str, Any]) -> Run:
+    """A new run, or with `--resume` the one that is there; what differs is refused before that is touched."""
+    from avatarrex.training.runs.folder import Run, read_about
+
     if not arguments.resume:
         return Run.create(arguments.out, config)
-    begun = read_about(Path(arguments.out))["config"]  # what is wrong is said before the run is touched
+    begun = read_about(Path(arguments.out))["config"]
     for key in ("part", "preset", "seed", "start", "held_out"):
         if begun.get(key) != config[key]:
             raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as asked for", begun.get(key))

@@ -67,7 +67,7 @@ class TrainingProcesses:
             raise InputError(out, "", "a run that is not at work", "a training that was started here")
         if not resume and (out / "run.json").exists():
             raise InputError(out, "", "a folder without a run (resume it instead)", "run.json")
-        words = ["train", capture, "--preset", order.recipe, "--out", str(out), "--parts", ",".join(order.parts)]
+        words = ["train", capture, "--recipe", order.recipe, "--out", str(out), "--parts", ",".join(order.parts)]
         words += [] if self._device == "cpu" else ["--device", self._device]
         try:
             out.mkdir(parents=True, exist_ok=True)

@@ -1,21 +1,23 @@
 """What the contact sheets show: poses, cameras and their order on the page; every subject of a page in the same views.
 
-A page is rows of groups of orders: who draws (an index into the artists), what and from where. Degrees and metres, world
-space; sizes in pixels.
+A page is rows of groups of orders: who draws (an index into the artists) which scene. Degrees and metres, world space;
+sizes in pixels.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
-from avatarrex_studio.cli.sheet_order import COLUMNS
 from avatarrex_studio.engine.framing import EVERY, Outline, framed
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import OrbitView
+from avatarrex_studio.sheets.order import COLUMNS
 from avatarrex_studio.sheets.paper import Tile, over, sheet_width, tile_width
 from scipy.spatial.transform import Rotation
+from torch import Tensor
 
 from avatarrex.camera import Camera
 from avatarrex.signals.driving import Signals
@@ -48,12 +50,14 @@ PERSON_FOV, CLOSE_FOV = 22.0, 16.0
 HEAD = ("head", "jaw", "left_eye", "right_eye")
 """Joints whose skin is framed in a face's close-up."""
 HAIR = 1.14
-"""How much further back the camera stands than the bare head asks for."""
+"""How much further back the camera is than the bare head needs."""
 NAILS = 1.08
 """The same for hands: a few points of each are framed."""
 FEWEST = 4
 """Frames that fill the width; a sheet of fewer is narrower."""
 TURN_HEAD = ("neck", "head")
+"""Joints that a face recording may move."""
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -67,12 +71,16 @@ class Scene:
     """`face` where the picture is a face's close-up."""
 
 
+Group = list[tuple[int, Scene]]
+"""Pictures side by side, and who draws each."""
+
+
 @dataclass(frozen=True)
 class Page:
     """A sheet to be drawn."""
 
     heading: str
-    rows: list[list[list[tuple[int, Scene]]]]
+    rows: list[list[Group]]
     width: int = WIDTH
 
     @property
@@ -101,33 +109,26 @@ def drawn(page: Page, artists: Sequence[Artist], done: Callable[[], object] = la
     return [[[tile(*order) for order in group] for group in row] for row in page.rows]
 
 
-def standing() -> Signals:
-    """At ease: what a person does who does nothing."""
-    return posed("stand")
-
-
-def posed(name: str) -> Signals:
-    """A named pose with relaxed hands."""
-    hands = {f"{side}_hand_pose": named_hand("relaxed", side) for side in ("left", "right")}
-    return Signals.rest().replace(body_pose=named_pose(name), **hands)
+def posed(name: str = "stand", hands: str = "relaxed") -> Signals:
+    """A named pose with named hands; standing at ease by default."""
+    pair = {f"{side}_hand_pose": named_hand(hands, side) for side in ("left", "right")}
+    return Signals.rest().replace(body_pose=named_pose(name), **pair)
 
 
 def body_page(person: Person, artists: int) -> Page:
     """Four sides of the standing person, then the extreme poses."""
     outline = Outline(person.body)
-    turns, poses = list(YAWS.items()), list(EXTREME.items())
 
-    def row(orders: Sequence[tuple[str, Signals, float]], aspect: float, across: int) -> list[list[tuple[int, Scene]]]:
+    def row(orders: Sequence[tuple[str, Signals, float]], aspect: float, across: int) -> list[Group]:
         size = _size(across, artists, WIDTH, aspect)
-        views = [
-            framed(OrbitView(azimuth=azimuth, elevation=4, fov=PERSON_FOV), outline.points(signals), size)
-            for _, signals, azimuth in orders
-        ]
-        scenes = [Scene(order[1], view.camera(*size), order[0]) for order, view in zip(orders, views)]
-        return [[(who, scene) for who in range(artists)] for scene in scenes]
+        groups = []
+        for label, signals, azimuth in orders:
+            view = framed(OrbitView(azimuth=azimuth, elevation=4, fov=PERSON_FOV), outline.points(signals), size)
+            groups.append(_by_each([Scene(signals, view.camera(*size), label)], artists))
+        return groups
 
-    first = [(label, standing(), azimuth) for label, azimuth in turns]
-    rest = [(name.replace("_", " "), posed(name), azimuth) for name, azimuth in poses]
+    first = [(label, posed(), azimuth) for label, azimuth in YAWS.items()]
+    rest = [(name.replace("_", " "), posed(name), azimuth) for name, azimuth in EXTREME.items()]
     if artists == 1:
         return Page("Body", [row(first + rest[:1], 1.45, 5), row(rest[1:], 1.25, 5)])
     return Page("Body", [row(first, 2.0, 4), row(rest[:3], 1.35, 3), row(rest[3:], 1.2, 3)])
@@ -137,44 +138,41 @@ def face_page(person: Person, artists: int) -> Page:
     """Two expressions to a row, each from the front and from three quarters."""
     width = NARROW if artists == 1 else WIDTH
     size = _size(2, 2 * artists, width, 1.16)
-    points = _head(person, standing())
-    rows: list[list[list[tuple[int, Scene]]]] = []
-    for number, (label, what) in enumerate(FACES.items()):
-        signals = standing().replace(expression=_expression(what))
-        group = []
-        for turn, azimuth in TURNS.items():
-            view = framed(OrbitView(azimuth=azimuth, elevation=2, fov=CLOSE_FOV), points, size)
-            camera = replace(view, distance=HAIR * view.distance).camera(*size)
-            scene = Scene(signals, camera, label if turn == "front" else turn, "face")
-            group += [(who, scene) for who in range(artists)]
-        if number % 2 == 0:
-            rows.append([])
-        rows[-1].append(group)
-    return Page("Face", rows, width)
+    points = _head(person, posed())
+    cameras = {}
+    for turn, azimuth in TURNS.items():
+        view = framed(OrbitView(azimuth=azimuth, elevation=2, fov=CLOSE_FOV), points, size)
+        cameras[turn] = replace(view, distance=HAIR * view.distance).camera(*size)
+    groups = []
+    for label, what in FACES.items():
+        signals = posed().replace(expression=_expression(what))
+        labels = [label, *list(TURNS)[1:]]
+        scenes = [Scene(signals, camera, words, "face") for words, camera in zip(labels, cameras.values())]
+        groups.append(_by_each(scenes, artists))
+    return Page("Face", _rows(groups, 2), width)
 
 
 def hands_page(person: Person, artists: int) -> Page:
     """Both hands of each pose, held out: the left from the palm's side, the right from the back; all at one scale."""
     across = 2 if artists == 1 else 1
     size = _size(across, 2 * artists, NARROW, 0.74)
-    poses = {name: _hands(name) for name in HANDS}
-    cameras: dict[tuple[str, str], Camera] = {}
-    for column, (words, elevation) in enumerate(SIDES.items()):
+    poses = [posed("tpose", name) for name in HANDS]
+    cameras: list[list[Camera]] = []
+    for column, elevation in enumerate(SIDES.values()):
         view = OrbitView(elevation=elevation, fov=CLOSE_FOV)
-        views = {name: framed(view, _hand(person, signals, column), size) for name, signals in poses.items()}
-        distance = NAILS * max(view.distance for view in views.values())
-        cameras |= {(name, words): replace(own, distance=distance).camera(*size) for name, own in views.items()}
+        views = [framed(view, _hand(person, signals, column), size) for signals in poses]
+        distance = NAILS * max(view.distance for view in views)
+        cameras.append([replace(view, distance=distance).camera(*size) for view in views])
     groups = []
-    for name, signals in poses.items():
-        pair = [Scene(signals, cameras[name, words], f"{name}: {words}") for words in SIDES]
-        groups.append([(who, scene) for scene in pair for who in range(artists)])
-    rows = [groups[k : k + across] for k in range(0, len(groups), across)]
-    return Page("Hands", rows, NARROW)
+    for name, signals, *pair in zip(HANDS, poses, *cameras):
+        scenes = [Scene(signals, camera, f"{name}: {words}") for words, camera in zip(SIDES, pair)]
+        groups.append(_by_each(scenes, artists))
+    return Page("Hands", _rows(groups, across), NARROW)
 
 
 def motion_page(person: Person, artists: int, motion: Motion, frames: Sequence[int]) -> Page:
     """A row for each artist, a column for each frame, in bands of `COLUMNS`; one scale, going along over the ground."""
-    frame_signals = [motion.signals(frame, standing()) for frame in frames]
+    frame_signals = [motion.signals(frame, posed()) for frame in frames]
     face = _is_face(motion)
     across = min(COLUMNS, len(frames))
     size = _size(max(across, FEWEST), 1, WIDTH, 1.2 if face else 1.8)
@@ -187,12 +185,20 @@ def motion_page(person: Person, artists: int, motion: Motion, frames: Sequence[i
     view = replace(view, distance=HAIR * view.distance) if face else view
     scenes = []
     for frame, signals, step in zip(frames, frame_signals, steps):
-        x, y, z = np.array(view.target) + step
-        camera = replace(view, target=(float(x), float(y), float(z))).camera(*size)
+        camera = view.moved(step).camera(*size)
         scenes.append(Scene(signals, camera, f"frame {frame}", "face" if face else "body"))
     width = sheet_width(across, 1, size[0])
-    bands = [scenes[k : k + across] for k in range(0, len(scenes), across)]
+    bands = _rows(scenes, across)
     return Page("Motion", [[[(who, scene)] for scene in band] for band in bands for who in range(artists)], width)
+
+
+def _by_each(scenes: Sequence[Scene], artists: int) -> Group:
+    """Each scene by every artist, side by side."""
+    return [(who, scene) for scene in scenes for who in range(artists)]
+
+
+def _rows(items: list[Item], across: int) -> list[list[Item]]:
+    return [items[k : k + across] for k in range(0, len(items), across)]
 
 
 def _size(groups: int, tiles: int, width: int, aspect: float) -> tuple[int, int]:
@@ -206,22 +212,20 @@ def _expression(what: str | dict[str, float]) -> np.ndarray:
     return np.array([what.get(name, 0.0) for name in EXPRESSION_NAMES])
 
 
-def _hands(name: str) -> Signals:
-    """The T-pose with both hands in a named pose."""
-    hands = {f"{side}_hand_pose": named_hand(name, side) for side in ("left", "right")}
-    return Signals.rest().replace(**hands)
-
-
 def _hand(person: Person, signals: Signals, column: int) -> np.ndarray:
     """(p, 3) world metres: points of the left hand (0) or the right (1)."""
-    own = person.blend_weight[::EVERY, column].numpy() > 0.5
-    return Outline(person.body).points(signals)[own]
+    return _points(person, signals, person.blend_weight[:, column])
 
 
 def _head(person: Person, signals: Signals) -> np.ndarray:
     """(p, 3) world metres: points of the head."""
-    own = person.body.weights[::EVERY, [JOINT_NAMES.index(name) for name in HEAD]].sum(1).numpy() > 0.5
-    return Outline(person.body).points(signals)[own]
+    return _points(person, signals, person.body.weights[:, [JOINT_NAMES.index(name) for name in HEAD]].sum(1))
+
+
+def _points(person: Person, signals: Signals, weight: Tensor) -> np.ndarray:
+    """(p, 3) world metres: of the outline's points those of a `weight` (v,) above a half."""
+    own: np.ndarray = (weight[::EVERY] > 0.5).numpy()
+    return np.asarray(Outline(person.body).points(signals)[own])
 
 
 def _heading(frames: Sequence[Signals]) -> float:
@@ -232,6 +236,5 @@ def _heading(frames: Sequence[Signals]) -> float:
 
 def _is_face(motion: Motion) -> bool:
     """Whether a motion drives the face and no limb, as face recordings do."""
-    moved = motion.masks["body_pose"].any(-1)
-    limbs = any(moved[k] for k, name in enumerate(BODY_JOINTS) if name not in TURN_HEAD)
-    return bool(motion.masks["expression"].any()) and not limbs
+    limbs = [name not in TURN_HEAD for name in BODY_JOINTS]
+    return bool(motion.masks["expression"].any()) and not motion.masks["body_pose"][limbs].any()

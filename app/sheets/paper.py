@@ -17,7 +17,7 @@ LARGEST = 700_000
 EDGE, GROUPS, TILES, LINE, HEADING = 24, 18, 4, 30, 78
 """Margin, space between groups and between a group's tiles, height of a label and of the heading."""
 INK, FAINT, PAPER, GROUND = (40, 42, 46), (120, 124, 130), (252, 252, 251), (233, 234, 236)
-"""Text, lesser text, paper, and what stands behind the figures."""
+"""Text, lesser text, paper, and the background of the figures."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Tile:
     picture: UInt8[np.ndarray, "h w 3"]
     label: str
     note: str = ""
-    """Fainter words behind the label."""
+    """Fainter words after the label."""
 
 
 Group = list[Tile]
@@ -47,7 +47,7 @@ def sheet_width(groups: int, tiles: int, tile: int) -> int:
 def over(image: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
     """Premultiplied RGBA (h, w, 4) in [0, 1] over the sheet's ground."""
     pixels = 255 * image[..., :3] + (1 - image[..., 3:]) * np.array(GROUND)
-    return np.rint(np.clip(pixels, 0, 255)).astype(np.uint8)
+    return np.asarray(np.rint(np.clip(pixels, 0, 255)).astype(np.uint8))
 
 
 def laid_out(heading: str, note: str, rows: list[list[Group]], width: int) -> Image.Image:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 import threading
 
 import numpy as np
 import pytest
-from avatarrex_studio.cli import headless, options
+from avatarrex_studio.cli import edits, headless, options
 from avatarrex_studio.cli import main as cli
 from avatarrex_studio.session.commands import ApplyPose, SetExpression, SetJoint, SetLevel, SetShape, SetTranslation
 from avatarrex_studio.session.journal import Journal
 from ball import ball_engine, render_ball
 from PIL import Image
 
+from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 from avatarrex.files.gate import written
 from avatarrex.files.images import VideoWriter, composite
@@ -167,17 +170,58 @@ def test_no_display_names_the_headless_verb(monkeypatch, capsys):
     assert text.count("\n") == 1
 
 
+WRONG = (
+    "open --device warp", "render x.jpg", "replay nothing.json", "inspect nothing", "runs nothing --text",
+    "capture make x --seed -1", "capture check x --frames none", "evaluate default x --size 9", "sheet default x --samples 0",
+)  # fmt: skip
+
+
+def test_wrong_words_need_neither_torch_nor_what_measures(tmp_path):
+    """Torch takes seconds to load, and the room that measures the product is not needed to run it."""
+    code = f"""
+import sys
+from avatarrex_studio.cli.main import main
+for line in {WRONG!r}:
+    try:
+        assert main(line.split()) == 2, line
+    except SystemExit as exit:
+        assert exit.code == 2, line
+sys.exit(any(name in sys.modules for name in ("torch", "avatarrex.measure")))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("avatarrex-studio: error: ") == done.stderr.count("\n") == len(WRONG), done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("verb", cli.VERBS)
+def test_help_names_every_option(verb, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main([*verb.split(), "--help"])
+    text = capsys.readouterr().out
+    assert text.startswith(f"usage: avatarrex-studio {verb}")
+    assert "--preset" not in text
+    assert "--arms" not in text
+
+
+def test_old_spellings_are_accepted():
+    assert cli.parse(["train", "x", "--out", "y", "--preset", "smoke"]).recipe == "smoke"
+    assert cli.parse(["train", "x", "--out", "y"]).recipe == "quick"
+    old = cli.parse(["bench", "ablation", "x", "--out", "y", "--preset", "long", "--arms", "full,plain"])
+    assert (old.recipe, old.variants) == ("long", "full,plain")
+
+
 def test_settings_mean_what_they_say():
-    assert options.setting("body.left_elbow=0,0,45deg") == SetJoint("left_elbow", (0.0, 0.0, math.radians(45)))
-    assert options.setting("left_hand.index1=0,0,1") == SetJoint("left_index1", (0.0, 0.0, 1.0))
-    assert options.setting("face.jawOpen=0.6") == SetExpression("jawOpen", 0.6)
-    assert options.setting("root.translation=1,2,3") == SetTranslation((1.0, 2.0, 3.0))
-    assert options.setting("shape.0=-2") == SetShape(0, -2.0)
-    assert options.background("255,0,51") == (1.0, 0.0, 0.2, 1.0)
-    assert options.background("1.0,0.5,0") == (1.0, 0.5, 0.0, 1.0)
-    assert options.background("#ff0033") == (1.0, 0.0, 0.2, 1.0)
-    assert options.frames("-4:", 12) == (8, 9, 10, 11)
-    assert options.frames("0:2,8:12:2,1:3", 12) == (0, 1, 8, 10, 2)
+    assert edits.setting("body.left_elbow=0,0,45deg") == SetJoint("left_elbow", (0.0, 0.0, math.radians(45)))
+    assert edits.setting("left_hand.index1=0,0,1") == SetJoint("left_index1", (0.0, 0.0, 1.0))
+    assert edits.setting("face.jawOpen=0.6") == SetExpression("jawOpen", 0.6)
+    assert edits.setting("root.translation=1,2,3") == SetTranslation((1.0, 2.0, 3.0))
+    assert edits.setting("shape.0=-2") == SetShape(0, -2.0)
+    assert edits.background("255,0,51") == (1.0, 0.0, 0.2, 1.0)
+    assert edits.background("1.0,0.5,0") == (1.0, 0.5, 0.0, 1.0)
+    assert edits.background("#ff0033") == (1.0, 0.0, 0.2, 1.0)
+    assert choice.frames("-4:", 12) == (8, 9, 10, 11)
+    assert choice.frames("0:2,8:12:2,1:3", 12) == (0, 1, 8, 10, 2)
     assert options.size("640x480") == (640, 480)
 
 

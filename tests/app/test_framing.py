@@ -96,7 +96,7 @@ def test_home_frames_the_person_as_it_stands(studio):
     [("", True), ("azimuth=20,elevation=5", True), ("azimuth=70,follow=0", False), ("x=1,y=0.5,z=0", False)],
 )
 def test_a_rendered_motion_keeps_the_person_in_every_frame(camera, follows, monkeypatch, tmp_path):
-    """A walk of nine metres: the view that each picture was made with holds the body of its frame."""
+    """A walk of nine metres: the view that each picture was made with contains the body of its frame."""
     frames = tuple(
         Signals.rest().replace(
             body_pose=named_pose("arms_up" if k == 2 else "stand"), translation=np.array([k, 0, 2 * k])

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from avatarrex_studio.cli.main import main
-from avatarrex_studio.cli.runs_text import table
+from avatarrex_studio.cli.runs import table
 from avatarrex_studio.jobs.run_view import RunView, duration, keep_avatar
 from avatarrex_studio.jobs.runs import Runs, Watched
 from avatarrex_studio.jobs.training_process import Order, TrainingProcesses, last_words
@@ -124,7 +124,7 @@ def test_no_display_is_said_in_one_line(tmp_path, monkeypatch, capsys):
 
 
 def test_a_table_needs_no_torch(tmp_path):
-    code = "import sys, avatarrex_studio.cli.runs_text; print('torch' in sys.modules)"
+    code = "import sys, avatarrex_studio.cli.runs; print('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"
 
 

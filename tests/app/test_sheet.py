@@ -8,12 +8,12 @@ import re
 import numpy as np
 import pytest
 from avatarrex_studio.cli import main as cli
-from avatarrex_studio.cli import sheet
-from avatarrex_studio.cli.parser import parser
-from avatarrex_studio.cli.sheet_order import COLUMNS, read_order
+from avatarrex_studio.cli.sheet import read_order
 from avatarrex_studio.session.motion import Motion
+from avatarrex_studio.sheets import draw
 from avatarrex_studio.sheets import pages as sheet_pages
 from avatarrex_studio.sheets import paper as sheet_paper
+from avatarrex_studio.sheets.order import COLUMNS
 from avatarrex_studio.sheets.pages import Artist, body_page, drawn, face_page, hands_page, motion_page
 from avatarrex_studio.sheets.paper import HEADING, LINE, Tile, laid_out, over, tile_width, write_jpeg
 from bad_files import bvh, csv
@@ -212,8 +212,8 @@ def overlap(one, two):
 
 @needs_gl
 def test_floaters_are_told_and_written(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(sheet, "FLOATING", ())
-    monkeypatch.setattr(sheet, "SILHOUETTE_PIXELS", 96)
+    monkeypatch.setattr(draw, "FLOATING", ())
+    monkeypatch.setattr(draw, "SILHOUETTE_PIXELS", 96)
     (tmp_path / "m.bvh").write_text(bvh())
     words = ["--only", "floaters", "--motion", str(tmp_path / "m.bvh"), "--frames", "1:2"]
     assert cli.main(["sheet", "default", str(tmp_path / "out"), *words]) == 0
@@ -227,7 +227,7 @@ def test_floaters_are_told_and_written(monkeypatch, tmp_path, capsys):
 
 
 def test_frames_unless_asked_for():
-    arguments = parser().parse_args(["sheet", "default", "/tmp/nowhere"])
+    arguments = cli.parse(["sheet", "default", "/tmp/nowhere"])
     assert read_order(arguments).only == ("body", "face", "hands", "floaters"), "no motion sheet without a motion"
 
 
@@ -235,7 +235,7 @@ def test_frames_unless_asked_for():
 def test_default_frames_are_spread(tmp_path, count):
     (tmp_path / "m.bvh").write_text(bvh(count))
     words = ["sheet", "default", str(tmp_path / "out"), "--motion", str(tmp_path / "m.bvh")]
-    chosen = read_order(parser().parse_args(words)).frames
+    chosen = read_order(cli.parse(words)).frames
     assert len(chosen) == min(count, COLUMNS)
     steps = np.diff([*chosen, count])
     assert chosen[0] == 0
@@ -269,7 +269,7 @@ REFUSED = {
 @pytest.mark.parametrize("line", REFUSED)
 def test_bad_input(line, monkeypatch, tmp_path, capsys):
     """One line, exit code 2, before an avatar is loaded; nothing written."""
-    monkeypatch.setattr(sheet, "run", lambda order: pytest.fail("this was to be refused before"))
+    monkeypatch.setattr(draw, "run", lambda order: pytest.fail("this was to be refused before"))
     (tmp_path / "flat").write_text("kept")
     (tmp_path / "m.bvh").write_text(bvh(40))
     names = {"out": tmp_path / "out", "file": tmp_path / "flat", "motion": tmp_path / "m.bvh"}

@@ -270,7 +270,7 @@ def test_minutes_scale_the_steps(capture, tmp_path, monkeypatch):
         (["--seeds", "one"], "--seeds: expected integers from 0"),
         (["--minutes", "-1"], "--minutes: expected a positive number, found -1"),
         (["--scale", "much"], "--scale: expected a positive number, found much"),
-        (["--preset", "huge"], "--preset: expected paper, quick, long, refine, smoke, found huge"),
+        (["--preset", "huge"], "--recipe: expected one of paper, quick, long, refine, smoke, found huge"),
     ],
 )
 def test_wrong_options_are_refused_before_any_work(tmp_path, capsys, options, said):

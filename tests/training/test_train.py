@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 import tiny_recipe
 import torch
-from avatarrex_studio.cli.main import main
-from avatarrex_studio.cli.parser import parser
-from avatarrex_studio.cli.train import held_out, kept_recipe
+from avatarrex_studio.cli.main import main, parse
+from avatarrex_studio.cli.train import kept_recipe, trained_on
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
 import avatarrex.training.core.trainer as train_module
@@ -314,16 +313,16 @@ def test_what_goes_on_keeps_the_local_frames_it_began_with(capture, tmp_path, mo
 
 def options(*words: str) -> argparse.Namespace:
     """Options of `train`."""
-    return parser().parse_args(["train", "capture", "--out", "run", *words])
+    return parse(["train", "capture", "--out", "run", *words])
 
 
 def test_cameras_to_train_on_alone(capture):
     """By name or number, in place of what is held out; of the named rig only."""
     rig = open_capture(capture).rigs["body"]
-    assert held_out(rig, options("--body-views", "c0,2")).held_out_views == {1}
-    assert held_out(rig, options("--face-views", "0")).held_out_views == rig.held_out_views
+    assert trained_on(rig, options("--body-views", "c0,2")).held_out_views == {1}
+    assert trained_on(rig, options("--face-views", "0")).held_out_views == rig.held_out_views
     with pytest.raises(InputError, match="--body-views: expected cameras 0 to 2"):
-        held_out(rig, options("--body-views", "c7"))
+        trained_on(rig, options("--body-views", "c7"))
 
 
 def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
@@ -341,6 +340,6 @@ def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
 
 def test_a_run_with_other_options_than_it_began_with_is_left_as_it_is(capture, whole, capsys):
     before = (whole / "run.json").read_bytes()
-    assert main(["train", str(capture), "--preset", "quick", "--out", str(whole), "--resume"]) == 2
+    assert main(["train", str(capture), "--recipe", "quick", "--out", str(whole), "--resume"]) == 2
     assert "run.json: preset: expected quick, as asked for, found tiny" in capsys.readouterr().err
     assert (whole / "run.json").read_bytes() == before

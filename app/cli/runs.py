@@ -1,13 +1,15 @@
-"""Runs as a table of text, one line each, for a terminal without a display. Plain, or live until Ctrl+C."""
+"""`avatarrex-studio runs [FOLDER]`: trainings watched in a window, or as a table of text, one line each. Needs no torch."""
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from avatarrex_studio.cli.open import no_display
 from avatarrex_studio.jobs.run_view import RunView, duration
 from avatarrex_studio.jobs.runs import Runs
 
@@ -19,6 +21,24 @@ HEADS = ("RUN", "STATE", "PART", "PASS", "STEP", "STEPS/S", "PSNR", "SSIM", "ETA
 RIGHT = ("STEP", "STEPS/S", "PSNR", "SSIM", "ETA")
 COLOURS = {"running": 32, "paused": 33, "finished": 36, "failed": 31, "dead": 31}
 """ANSI colours of the states."""
+
+
+def add_options(verb: argparse.ArgumentParser) -> None:
+    """What is watched, and how."""
+    verb.add_argument("folder", nargs="?", default="runs", help="a run, or a folder of runs (runs)")
+    verb.add_argument("--text", action="store_true", help="a live table in the terminal; needs no display")
+    verb.add_argument("--once", action="store_true", help="print the table once and end")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Watch until the window is closed or Ctrl+C, or print the table once. Raises `InputError`."""
+    if arguments.text or arguments.once:
+        return show(arguments.folder, arguments.once)
+    if no_display(f"runs {arguments.folder} --text"):
+        return 2
+    from avatarrex_studio.window.runs_window import run_window
+
+    return run_window(arguments.folder)
 
 
 def show(folder: str | Path, once: bool = False) -> int:
@@ -44,14 +64,17 @@ def show(folder: str | Path, once: bool = False) -> int:
 
 def table(views: Sequence[RunView], width: int | None = None, colour: bool = False) -> list[str]:
     """Head and one line per run, cut to `width` columns."""
-    rows = [dict(zip(HEADS, row(view))) for view in views]
-    widths = {head: max([len(head), *(len(entry[head]) for entry in rows)]) for head in HEADS}
-    lines = [_line(dict(zip(HEADS, HEADS)), widths)[:width].rstrip()]
-    for view, entry in zip(views, rows):
-        line = _line(entry, widths)[:width].rstrip()
+    rows = [HEADS, *map(row, views)]
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    lines = []
+    for words in rows:
+        columns = zip(HEADS, words, widths)
+        cells = [word.rjust(room) if head in RIGHT else word.ljust(room) for head, word, room in columns]
+        lines.append("  ".join(cells)[:width].rstrip())
+    for number, view in enumerate(views, 1):
         if colour and view.state in COLOURS:
-            line = line.replace(f" {view.state} ", f" \x1b[{COLOURS[view.state]}m{view.state}\x1b[0m ", 1)
-        lines.append(line)
+            painted = f" \x1b[{COLOURS[view.state]}m{view.state}\x1b[0m "
+            lines[number] = lines[number].replace(f" {view.state} ", painted, 1)
     return lines
 
 
@@ -71,10 +94,4 @@ def row(view: RunView) -> tuple[str, ...]:
         "–" if ssim is None else f"{ssim:.4f}",
         duration(view.eta),
         view.note or "  ".join(f"{name} {losses[name]:.3g}" for name in terms) or "–",
-    )
-
-
-def _line(entry: dict[str, str], widths: dict[str, int]) -> str:
-    return "  ".join(
-        entry[head].rjust(widths[head]) if head in RIGHT else entry[head].ljust(widths[head]) for head in HEADS
     )

@@ -1,0 +1,59 @@
+"""`avatarrex-studio capture make|check`: the synthetic capture, and how well any capture fits together."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from avatarrex_studio.cli import options
+from avatarrex_studio.cli.output import output_folder
+
+from avatarrex.errors import InputError
+
+FORMATS = ("folder", "zip")
+MOST = 1000
+"""Frames that `check` compares."""
+
+
+def add_options(verb: argparse.ArgumentParser) -> None:
+    """Both acts with theirs."""
+    acts = verb.add_subparsers(dest="act", metavar="ACT", required=True)
+    make = acts.add_parser("make", help="a synthetic capture of the default subject", allow_abbrev=False)
+    make.add_argument("out", help="a new folder, or one to go on with; OUT.zip with --format zip")
+    make.add_argument("--size", default="small", metavar="S", help="smoke, small or paper (small)")
+    make.add_argument("--seed", default="0", metavar="N", help="varies motions, hands and expressions (0)")
+    make.add_argument("--garment", default="printed", metavar="G", help="printed or loose (printed)")
+    make.add_argument("--format", default="folder", metavar="F", help="folder or zip (folder)")
+    what = "how well a capture's pictures, cameras and parameters fit"
+    check = acts.add_parser("check", help=what, allow_abbrev=False)
+    check.add_argument("capture", help="a folder or .zip")
+    sheets = "contact sheets with the template drawn over the images, and check.json"
+    check.add_argument("--out", metavar="DIR", help=sheets)
+    check.add_argument("--surface", action="store_true", help="fit the template's skin to the mattes first (a minute)")
+    check.add_argument("--rig", choices=("body", "face"), help="one rig alone")
+    check.add_argument("--frames", default="4", metavar="N", help="how many frames to compare (4)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make a capture, or check one. Raises `InputError`."""
+    return {"make": _make, "check": _check}[arguments.act](arguments)
+
+
+def _make(arguments: argparse.Namespace) -> int:
+    out, seed = Path(arguments.out), options.whole("--seed", arguments.seed, 0)
+    options.one_of("--format", arguments.format, FORMATS)
+    archive = arguments.format == "zip"
+    if (out.suffix.lower() == ".zip") != archive:
+        raise InputError(out, "", "a name that ends in .zip with --format zip, and only then", arguments.format)
+    from avatarrex.capture.synthetic.make import make_capture
+
+    print(make_capture(out, arguments.size, seed, arguments.garment, archive))
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    count = options.whole("--frames", arguments.frames, 1, MOST, f"1 to {MOST} frames")
+    out = None if arguments.out is None else output_folder(arguments.out, "check.json")
+    from avatarrex_studio.cli.capture_check import check
+
+    return check(arguments.capture, arguments.rig, count, arguments.surface, out)

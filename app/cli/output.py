@@ -1,0 +1,42 @@
+"""Where results go: checked before any work, written whole, named on the terminal. Raises `InputError`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from avatarrex.errors import InputError
+from avatarrex.files.gate import check_writable, what_is, write_text
+
+
+def output_file(text: str, form: str) -> Path:
+    """A file that can be written; `form`, e.g. `OUT.png`, gives its extension."""
+    path, suffix = Path(text), Path(form).suffix
+    if path.suffix.lower() != suffix:
+        raise InputError(path, "", form, path.suffix or "no extension")
+    check_writable(path)
+    return path
+
+
+def output_folder(text: str, name: str) -> Path:
+    """A folder, there already or not, where a file called `name` can be written."""
+    found = what_is(text)
+    if found not in ("a folder", "nothing there"):
+        raise InputError(text, "", "a folder to write to", found)
+    check_writable(Path(text) / name)
+    return Path(text)
+
+
+def write_json(path: str | Path, data: object) -> None:
+    """Write figures as JSON and name the file."""
+    write_text(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    print(path)
+
+
+def name_files(written: Sequence[Path]) -> None:
+    """Print the names of files that were written: all of a few, the first and last of many."""
+    if len(written) > 6:
+        print(f"{written[0]} … {written[-1]} ({len(written)} files)")
+    else:
+        print("\n".join(map(str, written)))

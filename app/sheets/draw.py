@@ -1,0 +1,112 @@
+"""Draws the contact sheets by which an avatar is judged, and looks for what floats about it.
+
+Every sheet appears whole or not at all, as soon as it is drawn.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from avatarrex_studio.sheets import pages
+from avatarrex_studio.sheets.order import SheetOrder
+from avatarrex_studio.sheets.pages import Artist, Page, Scene
+from avatarrex_studio.sheets.paper import laid_out, write_jpeg
+from tqdm import tqdm
+
+from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.errors import InputError
+from avatarrex.gl.context import NoContext
+from avatarrex.metrics.drawing import AvatarDrawer
+from avatarrex.metrics.floaters import SILHOUETTE_PIXELS, Floaters, find_floaters
+
+FORMAT = 1
+PAGES = {"body": pages.body_page, "face": pages.face_page, "hands": pages.hands_page}
+FLOATING = ("arms_up", "squat", "run", "crossed_arms")
+"""Poses of the library, besides standing, in which floaters are looked for: armpits, hips and crossing limbs at their most."""
+
+
+def run(order: SheetOrder) -> dict[str, Any]:
+    """Draw what the order names, print what floats; returns the report for `sheet.json`. Raises `InputError`."""
+    avatar = load_avatar(order.avatar)
+    name = _name(order.avatar)
+    artists = [_avatar_artist(name, avatar, order.samples)]
+    if order.truth and set(order.only) - {"floaters"}:
+        artists.insert(0, _truth_artist(order.truth))
+    among = list(artists)
+    if order.other:
+        other = _name(order.other)
+        label = other if other != name else f"{other} (2)"
+        among.append(_avatar_artist(label, load_avatar(order.other), order.samples))
+    seconds: dict[str, float] = {}
+    floaters: list[Floaters] | None = None
+    for sheet in order.only:
+        start = time.perf_counter()
+        if sheet == "floaters":
+            floaters = _floaters(avatar, order)
+        elif sheet == "motion":
+            assert order.motion is not None
+            page = pages.motion_page(avatar.person, len(among), order.motion, order.frames)
+            _draw(order, sheet, page, among, f"{Path(order.motion.path).name} · ")
+        else:
+            _draw(order, sheet, PAGES[sheet](avatar.person, len(artists)), artists)
+        seconds[sheet] = round(time.perf_counter() - start, 1)
+    return {
+        "format": FORMAT,
+        "avatar": order.avatar,
+        "other": order.other,
+        "truth": order.truth,
+        "motion": order.motion and {"file": order.motion.path, "frames": list(order.frames)},
+        "sheets": [f"{name}.jpg" for name in order.only if name != "floaters"],
+        "floaters": None if floaters is None else [one.to_json() for one in floaters],
+        "seconds": seconds,
+    }
+
+
+def _draw(order: SheetOrder, name: str, page: Page, artists: list[Artist], note: str = "") -> None:
+    """One sheet, written and named."""
+    with tqdm(total=page.pictures, desc=name, unit="picture") as bar:
+        tiles = pages.drawn(page, artists, bar.update)
+    path = order.out / f"{name}.jpg"
+    note += " · ".join(artist.name for artist in artists)
+    write_jpeg(path, laid_out(page.heading, note, tiles, page.width))
+    print(path, flush=True)
+
+
+def _floaters(avatar: Avatar, order: SheetOrder) -> list[Floaters]:
+    """What floats, in `FLOATING` and in the frames of the motion where there is one; printed."""
+    poses = {name: pages.posed(name) for name in ("stand", *FLOATING)}
+    if order.motion:
+        name, standing = Path(order.motion.path).name, poses["stand"]
+        poses |= {f"{name} frame {frame}": order.motion.signals(frame, standing) for frame in order.frames}
+    found = list(tqdm(find_floaters(avatar, poses, SILHOUETTE_PIXELS), total=len(poses), desc="floaters", unit="pose"))
+    for one in found:
+        print(one.line())
+    return found
+
+
+def _name(source: str) -> str:
+    """What an avatar is called on paper."""
+    return "default avatar" if source == "default" else Path(source).stem
+
+
+def _avatar_artist(name: str, avatar: Avatar, samples: int) -> Artist:
+    drawer = AvatarDrawer(avatar, samples)
+
+    def draw(scene: Scene) -> np.ndarray:
+        return drawer.draw(scene.signals, scene.camera).image.numpy()
+
+    return Artist(name, draw)
+
+
+def _truth_artist(subject: str) -> Artist:
+    from avatarrex.capture.synthetic.subject import load_subject
+    from avatarrex.capture.synthetic.subject_drawer import SubjectDrawer
+
+    try:
+        drawer = SubjectDrawer(load_subject(subject))
+    except NoContext as error:
+        raise InputError("--truth", "", "OpenGL 4.3 (Mesa's llvmpipe will do)", error) from None
+    return Artist("ground truth", lambda scene: drawer.draw(scene.signals, scene.camera, scene.rig))

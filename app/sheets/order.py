@@ -1,0 +1,29 @@
+"""What contact sheets are to be drawn, of whom and where to. Needs no torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from avatarrex_studio.session.motion import Motion
+
+SHEETS = ("body", "face", "hands", "motion", "floaters")
+"""In their order; `floaters` is a list, the others are pictures."""
+COLUMNS, MOST = 8, 24
+"""Frames of a motion in one band of its sheet, and unless others are named; and the most that a sheet has room for."""
+
+
+@dataclass(frozen=True)
+class SheetOrder:
+    """A checked order."""
+
+    avatar: str
+    out: Path
+    only: tuple[str, ...]
+    """Of `SHEETS`, in their order; `motion` only where there is one."""
+    truth: str | None
+    """The name of a packaged subject."""
+    other: str | None
+    motion: Motion | None
+    frames: tuple[int, ...]
+    samples: int
