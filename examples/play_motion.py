@@ -7,7 +7,7 @@ import sys
 
 from tqdm import tqdm
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.files.images import VideoWriter, composite
 from avatarrex.pipeline import render_frame

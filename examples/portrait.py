@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.files.images import composite, write_arrays, write_png
 from avatarrex.pipeline import render_frame

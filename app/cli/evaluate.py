@@ -12,7 +12,8 @@ from pathlib import Path
 
 from avatarrex_studio.cli import options
 
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
 from avatarrex.errors import InputError
 from avatarrex.files.gate import write_text

@@ -8,7 +8,8 @@ from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import read_json, what_is
+from avatarrex.files.gate import what_is
+from avatarrex.files.json_text import read_json
 
 
 def describe(path: str) -> list[str]:
@@ -25,7 +26,7 @@ def describe(path: str) -> list[str]:
 
 
 def _avatar(path: str) -> list[str]:
-    from avatarrex.avatar import load_avatar  # torch: a wrong file is refused without it
+    from avatarrex.avatar_file import load_avatar  # torch: a wrong file is refused without it
 
     avatar = load_avatar(path)
     counts = {

@@ -26,7 +26,8 @@ from avatarrex_studio.sheets.pages import (
 from avatarrex_studio.sheets.paper import laid_out, write_jpeg
 from tqdm import tqdm
 
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.errors import InputError
 from avatarrex.files.gate import write_text
 from avatarrex.gl.context import NoContext

@@ -11,7 +11,8 @@ from typing import Any
 from avatarrex_studio.cli import options
 from avatarrex_studio.cli.evaluate import views_of
 
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.capture.fit.surface_fit import fit_surface
 from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
 from avatarrex.errors import InputError

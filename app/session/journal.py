@@ -15,7 +15,8 @@ from avatarrex_studio.session.commands import Command, Setting
 from avatarrex_studio.session.state import StudioState
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import read_json, write_text
+from avatarrex.files.gate import write_text
+from avatarrex.files.json_text import read_json
 
 FORMAT = 1
 STEPS = 200

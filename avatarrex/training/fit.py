@@ -26,7 +26,8 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from avatarrex.avatar import Avatar, save_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import save_avatar
 from avatarrex.capture.synthetic.subject import FACE_SOLIDS, PosedSubject, Subject, load_subject
 from avatarrex.counters import Counters
 from avatarrex.fields.hand import HandQuery

@@ -14,7 +14,7 @@ import numpy as np
 import safetensors.torch
 import torch
 
-from avatarrex.avatar import DATA
+from avatarrex.files.assets import DATA
 from avatarrex.signals.joints import EXPRESSION_NAMES
 
 Bad = dict[str, tuple[str, Callable[[Path], object], str]]

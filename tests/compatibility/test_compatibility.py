@@ -19,7 +19,7 @@ from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import OrbitView, StudioState
 from PIL import Image
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.files.images import composite
 from avatarrex.gl.context import NoContext, gl_context, renderer_name

@@ -13,7 +13,8 @@ from avatarrex_studio.cli.main import main
 from capture.tiny_capture import TinyCapture
 
 import avatarrex.training.core.trainer as train_module
-from avatarrex.avatar import Avatar, load_avatar, save_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.counters import Counters

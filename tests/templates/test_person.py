@@ -12,7 +12,8 @@ import torch
 from official import random_official
 
 from avatarrex.errors import InputError
-from avatarrex.files.assets import DATA, SPECS, check_arrays, read_arrays, read_npz, read_spec
+from avatarrex.files.arrays import read_arrays
+from avatarrex.files.assets import DATA, SPECS, check_arrays, read_npz, read_spec
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.templates.person import hash_arrays, load_person, read_model
 

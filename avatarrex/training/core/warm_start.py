@@ -18,11 +18,12 @@ from scipy.spatial import cKDTree
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from avatarrex.avatar import DATA, Avatar
+from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.orthographic import AXES, SIZE, before, render_places, render_views, seen
 from avatarrex.fields.template_distance import TemplateDistance
+from avatarrex.files.assets import DATA
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.crossings import winding
 from avatarrex.ops.pseudonormal import pseudonormals

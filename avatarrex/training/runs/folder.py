@@ -30,7 +30,8 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image
 
-from avatarrex.avatar import Avatar, save_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import save_avatar
 from avatarrex.errors import InputError
 from avatarrex.training.runs import checkpoint
 from avatarrex.training.runs.control import (
