@@ -57,7 +57,7 @@ def array_names(source: str | Path | bytes, place: str = "") -> tuple[str, ...]:
 
 def _opened(source: str | Path | bytes, place: str) -> zipfile.ZipFile:
     if not isinstance(source, bytes):
-        return open_zip(source, "an .npz file")
+        return open_zip(source, "a complete .npz file")
     check_directory(io.BytesIO(source), place)
     return zipfile.ZipFile(io.BytesIO(source))
 

@@ -87,6 +87,8 @@ def open_member(
     archive: zipfile.ZipFile, info: zipfile.ZipInfo, source: object, field: str
 ) -> Iterator[zipfile.ZipExtFile]:
     """A member to be read in blocks. Raises `InputError` where it is packed in another way than deflate."""
+    if info.flag_bits & 1:
+        raise InputError(source, field, "a member without a password", "an encrypted one")
     if info.compress_type not in _METHODS:
         raise InputError(source, field, "a member that is stored or deflated", f"method {info.compress_type}")
     with archive.open(info) as member:
