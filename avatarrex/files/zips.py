@@ -11,8 +11,8 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedIOBase
 from pathlib import Path
-from typing import BinaryIO
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import check_bytes, what_is
@@ -52,7 +52,7 @@ def refusing(source: object, field: str, expected: str) -> Iterator[None]:
         raise InputError(source, field, expected, str(error) or type(error).__name__) from None
 
 
-def check_directory(file: BinaryIO, source: object) -> None:
+def check_directory(file: BufferedIOBase, source: object) -> None:
     """Raise `InputError` where the list of names of the zip in `file` is larger than `DIRECTORY`."""
     size = file.seek(0, 2)
     file.seek(max(size - _TAIL, 0))

@@ -175,7 +175,8 @@ MOTIONS: Bad = {
     "json: Latin-1": ("m.json", _bytes('{"name": "é"}'.encode("latin-1")), "byte 10: expected a JSON file in UTF-8"),
     "json: NaN": ("m.json", _text(str, '{"jaw_pose": [0, 0, NaN]}'), "jaw_pose: expected finite numbers, found NaN or Inf"),
     "json: too large": ("m.json", _text(str, '{"translation": [0, 0, 1e300]}'), "translation: expected numbers up to"),
-    "json: endless integer": ("m.json", _text(str, '{"jaw_pose": [0, 0, 1' + "0" * 400 + "]}"), "jaw_pose: expected finite numbers, found NaN or Inf"),
+    "json: endless integer": (
+        "m.json", _text(str, '{"jaw_pose": [0, 0, 1' + "0" * 400 + "]}"), "jaw_pose: expected finite numbers, found NaN or Inf"),
     "json: wrong length": ("m.json", _text(str, '{"jaw_pose": [0, 0]}'), r"jaw_pose: expected shape \(3,\), found \(2,\)"),
     "json: ragged": ("m.json", _text(str, '{"body_pose": [[0, 0, 0], [0]]}'), r"body_pose: expected numbers of shape \(21, 3\)"),
     "json: text": ("m.json", _text(str, '{"jaw_pose": ["1", "2", "3"]}'), "jaw_pose: expected numbers"),

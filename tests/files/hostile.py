@@ -387,7 +387,7 @@ CASES: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path], str]] =
         lambda d: claims(d / "p.npz", "v_template.npy", 2**32 - 2),
         "v_template: expected arrays of at most 2048 MiB, found 4095 MiB",
     ),
-    "person: a pipe": (load_person, lambda d: pipe(d / "p.npz"), "an .npz file, found no plain file"),
+    "person: a pipe": (load_person, lambda d: pipe(d / "p.npz"), "a complete .npz file, found no plain file"),
     "capture: a pipe": (
         open_capture,
         lambda d: pipe(d / "c.zip"),

@@ -10,12 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hostile import CASES, HERE, run
+from avatarrex_studio.cli.runs_text import table
+from avatarrex_studio.jobs.runs import Runs
+from hostile import CASES, HERE, rows, run
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import written
 from avatarrex.files.json_text import parse_json
 from avatarrex.signals.read import read_motion
+from avatarrex.training.runs.events import EventWriter
 from avatarrex.training.runs.folder import Run
 
 SECONDS, MIB = 10.0, 128
@@ -58,8 +61,6 @@ def test_a_run_goes_on_from_the_checkpoint_before(tmp_path: Path) -> None:
 
 def test_no_control_characters_reach_a_terminal(tmp_path: Path) -> None:
     """Escape codes in a column's name, in notes and in a name."""
-    from hostile import EXPRESSION_NAMES, rows
-
     lines = rows(1 / 60, 4).split("\n")
     lines = [lines[0] + ",\x1b[31mred\x07", *(line + ",0" for line in lines[1:])]
     (tmp_path / "m.csv").write_text("\n".join(lines))
@@ -68,7 +69,29 @@ def test_no_control_characters_reach_a_terminal(tmp_path: Path) -> None:
         motion = read_motion(tmp_path / name)
         assert motion.name.isprintable()
         assert all(note.isprintable() for note in motion.notes)
-    assert len(EXPRESSION_NAMES) == 52
+
+
+def test_a_run_shows_no_control_characters(tmp_path: Path) -> None:
+    """Escape codes in run.json, in a heartbeat and in the names of numbers."""
+    code = "\x1b[2J"
+
+    def spoil(folder: Path) -> None:
+        about = json.loads((folder / "run.json").read_text())
+        about |= {"part": f"body{code}", "note": f"{code}\n", "started": "yesterday", "config": {"parts": [code]}}
+        (folder / "run.json").write_text(json.dumps(about))
+        beat = json.loads((folder / "heartbeat.json").read_text())
+        (folder / "heartbeat.json").write_text(json.dumps({**beat, "pass_name": code}))
+        events = EventWriter(folder)
+        events.scalars(9, {f"body{code}/loss/total": 1.0})
+        events.close()
+
+    runs = Runs(run(tmp_path / "run", spoil))
+    while runs.poll():
+        pass
+    assert all(line.isprintable() for line in table(runs.views))
+    (view,) = runs.views
+    assert "started" not in view.about
+    assert "\\x1b" not in repr(view)
 
 
 def test_sane_numbers_pass_the_gate() -> None:

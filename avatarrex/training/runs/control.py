@@ -57,8 +57,9 @@ class Heartbeat:
                 return None
             if not all(isinstance(entry, str) for entry in words):
                 return None
-            spoken = {name: plain(getattr(beat, name)) for name in ("host", "part", "pass_name")}
-            return replace(beat, time=max(float(beat.time), file.stat().st_mtime), **spoken)
+            host, part, pass_name = map(plain, words)
+            latest = max(float(beat.time), file.stat().st_mtime)
+            return replace(beat, time=latest, host=host, part=part, pass_name=pass_name)
         except (TypeError, ValueError, OSError):
             return None
 
