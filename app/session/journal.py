@@ -119,7 +119,7 @@ class Journal:
         for entry in entries:
             with _placed(source, place):
                 command = from_json(entry, source)
-                state = apply(self.state, command)
+                state = command.apply(self.state)
             if state != self.state:
                 step.commands.append(command)
                 self.state = state
