@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from avatarrex.avatar import Avatar
-    from avatarrex.avatar import load_avatar as load
-    from avatarrex.avatar import save_avatar as save
+    from avatarrex.avatar_file import load_avatar as load
+    from avatarrex.avatar_file import save_avatar as save
     from avatarrex.camera import Camera
     from avatarrex.errors import InputError
     from avatarrex.frame import Frame
@@ -60,13 +60,13 @@ _HOMES = {
     "SignalSequence": ("signals.sequence", "SignalSequence"),
     "Signals": ("signals.driving", "Signals"),
     "level": ("levels", "level"),
-    "load": ("avatar", "load_avatar"),
+    "load": ("avatar_file", "load_avatar"),
     "named_expression": ("signals.library", "named_expression"),
     "named_hand": ("signals.library", "named_hand"),
     "named_pose": ("signals.library", "named_pose"),
     "read_motion": ("signals.read", "read_motion"),
     "render": ("pipeline", "render_frame"),
-    "save": ("avatar", "save_avatar"),
+    "save": ("avatar_file", "save_avatar"),
     "write_motion": ("signals.read", "write_json"),
 }
 """Module and name there. A test holds it to the imports above."""

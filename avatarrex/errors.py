@@ -13,7 +13,7 @@ class InputError(ValueError):
     def __init__(self, source: object, field: str, expected: str, found: object) -> None:
         self.source, self.field, self.expected, self.found = str(source), field, expected, _short(str(found))
         place = f"{source}: {field}" if field else str(source)
-        super().__init__(_plain(f"{place}: expected {expected}, found {self.found}"))
+        super().__init__(plain(f"{place}: expected {expected}, found {self.found}"))
 
 
 def _short(text: str) -> str:
@@ -21,6 +21,6 @@ def _short(text: str) -> str:
     return text if len(text) <= 300 else text[:300] + "…"
 
 
-def _plain(text: str) -> str:
-    """One line without control characters: what a file holds must not reach the terminal as commands."""
+def plain(text: str) -> str:
+    """One line without control characters: what a file contains must not reach a terminal or window as commands."""
     return "".join(letter if letter.isprintable() else " " if letter.isspace() else "�" for letter in text)

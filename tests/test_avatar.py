@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from avatarrex.avatar import DATA, load_avatar, save_avatar
+from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.errors import InputError
+from avatarrex.files.assets import DATA
 
 
 def test_the_packaged_avatar_says_what_it_is() -> None:

@@ -12,7 +12,7 @@ import pytest
 import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.levels import LEVELS
 from avatarrex.pipeline import render_frame
@@ -27,7 +27,7 @@ GROWTH = 8.0
 TINY = """
 import sys
 import avatarrex.pipeline as pipeline
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.signals.driving import Signals
 settings = pipeline.RenderSettings(voxel=0.04, part_voxel=0.0125)

@@ -13,7 +13,8 @@ from subject_body import Body, X, Y
 from subject_garments import Piece
 
 from avatarrex.capture.synthetic.mesh import vertex_normals
-from avatarrex.files.assets import DATA, read_arrays
+from avatarrex.files.arrays import read_arrays
+from avatarrex.files.assets import DATA
 from avatarrex.signals.joints import FINGERS
 
 

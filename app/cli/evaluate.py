@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _evaluate(arguments: argparse.Namespace, size: int | None, samples: int, sheet: Path | None) -> int:
-    from avatarrex.avatar import load_avatar
+    from avatarrex.avatar_file import load_avatar
     from avatarrex.capture.readers.rigs import open_capture
     from avatarrex.files.images import write_png
     from avatarrex.metrics import baselines, drawing, evaluate, face_region, measures, report

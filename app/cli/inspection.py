@@ -7,12 +7,17 @@ from pathlib import Path
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
 
-from avatarrex.errors import InputError
-from avatarrex.files.gate import read_json, what_is
+from avatarrex.errors import InputError, plain
+from avatarrex.files.gate import what_is
+from avatarrex.files.json_text import read_json
 
 
 def describe(path: str) -> list[str]:
-    """Lines about the file at `path`. Raises `InputError` for what cannot be read."""
+    """Lines about the file at `path`, without control characters. Raises `InputError` for what cannot be read."""
+    return [plain(line) for line in _lines(path)]
+
+
+def _lines(path: str) -> list[str]:
     file = Path(path)
     found = "a file" if path == "default" else what_is(path)
     if found not in ("a file", "a folder"):
@@ -25,7 +30,7 @@ def describe(path: str) -> list[str]:
 
 
 def _avatar(path: str) -> list[str]:
-    from avatarrex.avatar import load_avatar  # torch: a wrong file is refused without it
+    from avatarrex.avatar_file import load_avatar  # torch: a wrong file is refused without it
 
     avatar = load_avatar(path)
     counts = {

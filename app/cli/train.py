@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     recipe = replace(recipe, mixed=arguments.mixed)
     seed = options.whole("--seed", arguments.seed, 0)
     chosen = options.some_of("--parts", arguments.parts, recipe.steps()) if arguments.parts else None
-    from avatarrex.avatar import load_avatar
+    from avatarrex.avatar_file import load_avatar
     from avatarrex.capture.fit.surface_fit import fit_surface
     from avatarrex.capture.readers.rigs import open_capture
     from avatarrex.fields.placement import device_named

@@ -18,7 +18,8 @@ from avatarrex_studio.engine.framing import Outline
 from avatarrex_studio.session.state import AUTO, StudioState
 
 from avatarrex import levels
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.frame import Frame

@@ -7,9 +7,11 @@ import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from avatarrex_studio.jobs.run_view import RunView, checkpoints_of, newest_avatar
 
+from avatarrex.errors import plain
 from avatarrex.training.runs.control import Heartbeat, read_json
 from avatarrex.training.runs.events import EventReader
 
@@ -18,6 +20,12 @@ DEPTH = 3
 """Folders below the one that is watched in which runs are looked for."""
 SLOW_SECONDS = 2.0
 """Between two listings of folders."""
+Json = dict | list | str | int | float | bool | None
+KINDS: dict[str, Any] = {
+    "config": dict, "state": str, "started": int | float, "resumed": list,
+    **dict.fromkeys(("part", "preset", "capture", "note"), str | None),
+}  # fmt: skip
+"""Kinds of value in run.json."""
 ENDED = ("finished", "stopped", "failed")
 
 
@@ -45,9 +53,9 @@ class Watched:
         return waiting
 
     def _look(self) -> RunView:
-        about, beat = read_json(self.path / "run.json"), Heartbeat.read(self.path)
+        about, beat = _about(read_json(self.path / "run.json")), Heartbeat.read(self.path)
         series = {tag: self.reader.series(tag) for tag in self.reader.tags}
-        if about is None or not isinstance(about.get("config"), dict):
+        if "config" not in about:
             return RunView(self.path, self.name, "dead", "run.json cannot be read", series=series)
         state, note = str(about.get("state")), str(about.get("note") or "")
         if state not in ENDED and not (beat and beat.alive()):
@@ -95,7 +103,7 @@ class Runs:
         return tuple(entry.view for entry in self._watched.values())
 
     def _name(self, path: Path) -> str:
-        return path.absolute().name if path == self.folder else path.relative_to(self.folder).as_posix()
+        return plain(path.absolute().name if path == self.folder else path.relative_to(self.folder).as_posix())
 
 
 def run_folders(folder: Path, depth: int = DEPTH) -> Iterator[Path]:
@@ -115,7 +123,20 @@ def run_folders(folder: Path, depth: int = DEPTH) -> Iterator[Path]:
 def _planned(steps: object, part: str) -> int:
     if isinstance(steps, dict):
         steps = steps.get(part)
-    return steps if isinstance(steps, int) and not isinstance(steps, bool) else 0
+    return steps if type(steps) is int and 0 <= steps < 2**31 else 0
+
+
+def _about(data: dict[str, Any] | None) -> dict[str, Any]:
+    """What run.json says where it is of the right kind, its texts without control characters."""
+    return {name: _plain(value) for name, value in (data or {}).items() if isinstance(value, KINDS.get(name, Json))}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {plain(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_plain(entry) for entry in value]
+    return plain(value) if isinstance(value, str) else value
 
 
 def _samples(path: Path) -> dict[str, dict[str, tuple[int, ...]]]:
@@ -123,7 +144,7 @@ def _samples(path: Path) -> dict[str, dict[str, tuple[int, ...]]]:
     top = path / "samples"
     for folder, _, names in os.walk(top):
         digits = [name[5:-4] for name in names if name.startswith("step_") and name.endswith(".png")]
-        steps = tuple(sorted(int(text) for text in digits if text.isdigit()))
+        steps = tuple(sorted(int(text) for text in digits if text.isdecimal()))
         if steps:
             place = Path(folder).relative_to(top)
             found.setdefault(place.parent.as_posix(), {})[place.name] = steps

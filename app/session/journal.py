@@ -6,6 +6,8 @@ A step is one gesture: a whole drag, a whole playback. `replay` of the saved fil
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,9 +17,14 @@ from avatarrex_studio.session.commands import Command, Setting
 from avatarrex_studio.session.state import StudioState
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import read_json, write_text
+from avatarrex.files.gate import write_text
+from avatarrex.files.json_text import read_json
 
 FORMAT = 1
+LARGEST = 2**26
+"""Bytes of a file: ten thousand frames of a motion that was played."""
+COMMANDS = 100_000
+"""Of a file, in all its steps: an hour of one gesture at 30 a second; as many are applied in seconds."""
 STEPS = 200
 """Undo steps that are kept; older ones become part of the start."""
 
@@ -56,12 +63,9 @@ class Journal:
             else:
                 last.commands.append(command)
         else:
-            self.steps.append(Step(self.state, [command], gesture))
+            self._add(Step(self.state, [command], gesture))
         self.undone.clear()
         self.state = state
-        if len(self.steps) > STEPS:
-            del self.steps[0]
-            self.start = self.steps[0].before
         return state
 
     def undo(self) -> StudioState:
@@ -98,21 +102,36 @@ class Journal:
             raise InputError(source, "format", f"at most {FORMAT} (update the studio)", data.get("format"))
         if not isinstance(data.get("start"), dict):
             raise InputError(source, "start", "an object", type(data.get("start")).__name__)
-        journal = cls(StudioState.from_json(data["start"], f"{source}: start"))
+        with _placed(source, "start"):
+            journal = cls(StudioState.from_json(data["start"], f"{source}: start"))
         for number, entries in enumerate(data["steps"]):
             if not isinstance(entries, list):
                 raise InputError(source, f"steps[{number}]", "a list of commands", type(entries).__name__)
-            for entry in entries:
-                try:
-                    journal.do(from_json(entry, source), gesture=("read", number))
-                except InputError as error:
-                    if error.source.startswith(source):
-                        raise
-                    where = f"{source}: steps[{number}]: {error.source}"
-                    raise InputError(where, error.field, error.expected, error.found) from None
-                except (TypeError, ValueError, AttributeError, OverflowError) as error:
-                    raise InputError(source, f"steps[{number}]", "values of the right kind", error) from None
+        if (count := sum(map(len, data["steps"]))) > COMMANDS:
+            raise InputError(source, "steps", f"at most {COMMANDS:,} commands", f"{count:,}")
+        for number, entries in enumerate(data["steps"]):
+            journal._read(entries, source, f"steps[{number}]")
         return journal
+
+    def _read(self, entries: list[Any], source: str, place: str) -> None:
+        """Do the commands of one step of a file."""
+        step = Step(self.state, [])
+        for entry in entries:
+            with _placed(source, place):
+                command = from_json(entry, source)
+                state = command.apply(self.state)
+            if state != self.state:
+                step.commands.append(command)
+                self.state = state
+        if step.commands:
+            self._add(step)
+
+    def _add(self, step: Step) -> None:
+        """One more step; the first becomes part of the start where there are too many."""
+        self.steps.append(step)
+        if len(self.steps) > STEPS:
+            del self.steps[0]
+            self.start = self.steps[0].before
 
     def save(self, path: str | Path) -> None:
         """Write the session, all or nothing. Raises `InputError`."""
@@ -121,7 +140,20 @@ class Journal:
     @classmethod
     def load(cls, path: str | Path) -> Journal:
         """Read a session file. Raises `InputError`."""
-        return cls.from_json(read_json(path, "a session file"), str(path))
+        return cls.from_json(read_json(path, "a session file", LARGEST), str(path))
+
+
+@contextmanager
+def _placed(source: str, place: str) -> Iterator[None]:
+    """Errors over what a file says name the file and the place in it."""
+    try:
+        yield
+    except InputError as error:
+        if error.source.startswith(source):
+            raise
+        raise InputError(f"{source}: {place}: {error.source}", error.field, error.expected, error.found) from None
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise InputError(source, place, "values of the right kind", error) from None
 
 
 def supersedes(later: Command, earlier: Command) -> bool:

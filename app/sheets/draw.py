@@ -16,7 +16,8 @@ from avatarrex_studio.sheets.pages import Artist, Page, Scene
 from avatarrex_studio.sheets.paper import laid_out, write_jpeg
 from tqdm import tqdm
 
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.errors import InputError
 from avatarrex.gl.context import NoContext
 from avatarrex.metrics.drawing import AvatarDrawer

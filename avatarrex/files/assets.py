@@ -7,10 +7,6 @@ does not name is not read.
 from __future__ import annotations
 
 import json
-import struct
-import zipfile
-import zlib
-from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,12 +14,10 @@ from typing import Any
 import numpy as np
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import what_is
+from avatarrex.files.arrays import read_arrays
 
 DATA = Path(__file__).parents[1] / "data"
 SPECS = Path(__file__).parents[1] / "assets_spec"
-LARGEST = 2**31
-"""Bytes that the arrays of one file may unpack to: a few MB of zip can claim any number."""
 KINDS = {"float": "f", "integer": "iu", "text": "U"}
 
 
@@ -36,33 +30,6 @@ def read_npz(path: str | Path, spec_name: str) -> dict[str, np.ndarray]:
     arrays = read_arrays(path, spec["arrays"])
     check_arrays(arrays, path, spec)
     return arrays
-
-
-def read_arrays(path: str | Path, only: Iterable[str] | None = None) -> dict[str, np.ndarray]:
-    """Every array of an `.npz` file, or those of `only` that it has. Raises `InputError` if it is missing or broken."""
-    path = Path(path)
-    found = what_is(path)
-    if found != "a file":
-        raise InputError(path, "", "an .npz file", found)
-    name, arrays, total = "", {}, 0
-    try:
-        with zipfile.ZipFile(path) as members, np.load(path, allow_pickle=False) as archive:
-            for name in archive.files if only is None else [key for key in only if key in archive.files]:
-                entry = name if name in members.namelist() else name + ".npy"
-                total += members.getinfo(entry).file_size
-                if total > LARGEST:
-                    raise InputError(path, name, f"arrays of at most {LARGEST >> 30} GiB", f"{total >> 20} MiB")
-                arrays[name] = archive[name]
-                if not isinstance(arrays[name], np.ndarray):
-                    raise InputError(path, name, "a plain array (no pickled objects)", "other bytes")
-            return arrays
-    # RuntimeError: an encrypted archive; KeyError: a directory that does not fit its entries
-    except (OSError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError, MemoryError, KeyError) as error:
-        raise InputError(path, name, "a complete .npz file", error) from None
-    except InputError:
-        raise
-    except (ValueError, OverflowError, struct.error) as error:
-        raise InputError(path, name, "a plain array (no pickled objects)", error) from None
 
 
 @lru_cache(maxsize=16)

@@ -1,23 +1,25 @@
-"""Files as a whole: text and JSON read with one clear error, and writing that leaves a whole file or none.
+"""The gate for every file: what may be read, judged before memory is taken, and writing that leaves a whole file or none.
 
-Nothing here needs torch, so that a wrong file or option is refused before torch is loaded.
+Read is a regular file of at most so many bytes: no pipe, no device, no socket. What a file contains is judged by its kind: text
+here, JSON in `json_text.py`, zips in `zips.py`, arrays in `arrays.py`. Every refusal is one `InputError` that states the limit and
+what was found. Nothing here needs torch, so that a wrong file or option is refused before torch is loaded.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from avatarrex.errors import InputError
 
 LARGEST = 2**29
 """Bytes of the largest text file that is read: ten hours of BVH at 30 frames a second."""
+LINE = 2**20
+"""Letters of the longest line: fifty times what a frame of a hundred joints takes."""
 
 
 def what_is(path: str | Path) -> str:
@@ -31,35 +33,62 @@ def what_is(path: str | Path) -> str:
     return "a file" if stat.S_ISREG(mode) else "a folder" if stat.S_ISDIR(mode) else "no plain file"
 
 
-def read_text(path: str | Path, expected: str, errors: str = "strict") -> str:
-    """A UTF-8 text file, with or without a byte order mark. Raises `InputError`: `expected` says what it should be."""
+def check_file(path: str | Path, expected: str, largest: int, field: str = "") -> None:
+    """Raise `InputError` unless `path` is a regular file of at most `largest` bytes; `expected` says what it should be."""
     found = what_is(path)
     if found != "a file":
-        raise InputError(path, "", expected, found)
+        raise InputError(path, field, expected, found)
+    check_bytes(os.stat(path).st_size, path, field, expected, largest)
+
+
+def check_bytes(size: int, source: object, field: str, expected: str, largest: int) -> None:
+    """Raise `InputError` where `size` bytes are more than `largest`."""
+    if size > largest:
+        raise InputError(source, field, f"{expected} of at most {_bytes(largest)}", _bytes(size))
+
+
+def read_bytes(path: str | Path, expected: str, largest: int = LARGEST, field: str = "") -> bytes:
+    """The content of a file. Raises `InputError`."""
+    check_file(path, expected, largest, field)
     try:
-        size = os.path.getsize(path)
-        if size > LARGEST:
-            raise InputError(path, "", f"{expected} of at most {LARGEST >> 20} MiB", f"{size >> 20} MiB")
-        return Path(path).read_text(encoding="utf-8-sig", errors=errors)
+        return Path(path).read_bytes()
+    except (OSError, MemoryError) as error:
+        raise InputError(path, field, expected, getattr(error, "strerror", None) or "too little memory") from None
+
+
+def read_text(path: str | Path, expected: str, errors: str = "strict", largest: int = LARGEST) -> str:
+    """A UTF-8 text file, with or without a byte order mark. Raises `InputError`: `expected` says what it should be."""
+    return decode(read_bytes(path, expected, largest), path, expected, errors)
+
+
+def decode(content: bytes, source: object, expected: str, errors: str = "strict") -> str:
+    """Bytes in UTF-8 as text with `\\n` at its line ends. Raises `InputError`."""
+    try:
+        return content.decode("utf-8-sig", errors).replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as error:
+        raise InputError(source, f"byte {error.start}", f"{expected} in UTF-8", "another encoding") from None
+
+
+def read_lines(path: str | Path, expected: str, errors: str = "strict") -> Iterator[str]:
+    """The lines of a text file one after the other, without their ends: no more than one is in memory. Raises `InputError`."""
+    check_file(path, expected, LARGEST)
+    number = 1
+    try:
+        with open(path, encoding="utf-8-sig", errors=errors) as file:
+            while line := file.readline(LINE):
+                if len(line) == LINE:
+                    raise InputError(path, f"line {number}", f"lines of less than {LINE:,} letters", "a longer one")
+                yield line.removesuffix("\n")
+                number += 1
     except OSError as error:
         raise InputError(path, "", expected, error.strerror or error) from None
-    except UnicodeDecodeError as error:
-        raise InputError(path, f"byte {error.start}", f"{expected} in UTF-8", "another encoding") from None
+    except UnicodeDecodeError:
+        raise InputError(path, f"line {number}", f"{expected} in UTF-8", "another encoding") from None
 
 
-def read_json(path: str | Path, expected: str = "a JSON file") -> Any:
-    """What a JSON file holds. Raises `InputError`."""
-    return parse_json(read_text(path, expected), path, "", expected)
-
-
-def parse_json(text: str, source: str | Path, field: str = "", expected: str = "JSON") -> Any:
-    """What a JSON text holds. Raises `InputError`."""
-    try:
-        return json.loads(text)
-    except ValueError as error:
-        raise InputError(source, field, expected, error) from None
-    except RecursionError:
-        raise InputError(source, field, expected, "brackets nested too deeply") from None
+def _bytes(size: int) -> str:
+    """`512 MiB`; below one, `300 kB`."""
+    return f"{size >> 20} MiB" if size >= 1 << 20 else f"{max(size // 1000, 1)} kB"
 
 
 def check_writable(path: str | Path) -> None:

@@ -7,7 +7,6 @@ its torch-hub name in torch hub's `checkpoints` folder. `.safetensors`, and `.pt
 from __future__ import annotations
 
 import os
-import pickle
 import zipfile
 from collections.abc import Mapping
 from io import BytesIO
@@ -19,6 +18,13 @@ import torch
 from torch import Tensor, nn
 
 from avatarrex.errors import InputError
+from avatarrex.files.gate import check_bytes, check_file, what_is
+from avatarrex.files.zips import open_zip, unpack
+
+LARGEST = 2**31
+"""Bytes of a file and of what it unpacks to; the largest that is read, Inception-v3, has 95 MB."""
+LARGEST_WEIGHT = 1e9
+"""No weight of a trained network comes near; its square is still finite in single precision."""
 
 
 def find_weights(name: str, variable: str, path: Path | None = None) -> Path | None:
@@ -30,8 +36,9 @@ def find_weights(name: str, variable: str, path: Path | None = None) -> Path | N
     if given:
         file = Path(given)
         file = file / name if file.is_dir() else file
-        if not file.is_file():
-            raise InputError(source, "", f"a weights file such as {name}", f"nothing at {file}")
+        if (there := what_is(file)) != "a file":
+            found = f"nothing at {file}" if there == "nothing there" else f"{there}: {file}"
+            raise InputError(source, "", f"a weights file such as {name}", found)
         return file
     file = Path(torch.hub.get_dir()) / "checkpoints" / name
     return file if file.is_file() else None
@@ -39,21 +46,31 @@ def find_weights(name: str, variable: str, path: Path | None = None) -> Path | N
 
 def read_weights(file: Path, member: str | None = None) -> dict[str, Tensor]:
     """Tensors by name; with `member`, of that file inside a `.whl` or `.zip`. Raises `InputError`."""
+    check_file(file, "a weights file", LARGEST)
     try:
         if file.suffix == ".safetensors":
             return safetensors.torch.load_file(file)
-        source: Path | BytesIO = file
-        if member and file.suffix in (".whl", ".zip"):
-            with zipfile.ZipFile(file) as archive:
-                source = BytesIO(archive.read(member))
-        values = torch.load(source, map_location="cpu", weights_only=True)
-    except (OSError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, pickle.UnpicklingError) as error:
-        raise InputError(file, member or "", "a file of tensors (.pth or .safetensors)", _line(error)) from None
+        values = torch.load(_content(file, member), map_location="cpu", weights_only=True)
+    except InputError:
+        raise
     except safetensors.SafetensorError as error:
         raise InputError(file, "", "a complete .safetensors file", _line(error)) from None
+    except Exception as error:  # what `torch.load` raises over strange bytes has no common name
+        raise InputError(file, member or "", "a file of tensors (.pth or .safetensors)", _line(error)) from None
     if not isinstance(values, Mapping) or not all(isinstance(value, Tensor) for value in values.values()):
         raise InputError(file, member or "", "tensors by name", type(values).__name__)
     return dict(values)
+
+
+def _content(file: Path, member: str | None) -> Path | BytesIO:
+    """What torch is to read: the file, or that member of it, once what it unpacks to is judged."""
+    if not zipfile.is_zipfile(file):
+        return file
+    with open_zip(file, "a weights file") as archive:
+        if member and file.suffix in (".whl", ".zip"):
+            return BytesIO(unpack(archive, member, LARGEST, file, member))
+        check_bytes(sum(info.file_size for info in archive.infolist()), file, "", "tensors", LARGEST)
+    return file
 
 
 def fill(network: nn.Module, tensors: Mapping[str, Tensor], source: Path) -> None:
@@ -67,6 +84,9 @@ def fill(network: nn.Module, tensors: Mapping[str, Tensor], source: Path) -> Non
         found = tensors[name]
         if found.shape != value.shape or not torch.isfinite(found).all():
             raise InputError(source, name, f"{tuple(value.shape)} finite numbers", tuple(found.shape))
+        largest = float(found.abs().max()) if found.numel() else 0.0
+        if largest > LARGEST_WEIGHT:
+            raise InputError(source, name, f"numbers up to {LARGEST_WEIGHT:g}", f"{largest:.4g}")
         own[name] = found.to(value.dtype)
     network.load_state_dict(own)
     network.requires_grad_(False).eval()

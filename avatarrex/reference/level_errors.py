@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import read_json
+from avatarrex.files.json_text import SMALL, read_json
 
 PATH = Path(__file__).parents[1] / "data" / "level_errors.json"
 
@@ -33,7 +33,7 @@ class LevelError:
 @cache
 def level_errors(path: Path = PATH) -> dict[str, LevelError | None]:
     """The error of every level by name; None where it was not measured. Raises `InputError`."""
-    data = read_json(path, "the errors of the levels")
+    data = read_json(path, "the errors of the levels", SMALL)
     if not isinstance(data, dict):
         raise InputError(path, "", "an object", type(data).__name__)
     return {name: None if entry is None else _read(path, name, entry) for name, entry in data.items()}

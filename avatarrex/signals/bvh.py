@@ -8,14 +8,18 @@ bone of a chain points.
 from __future__ import annotations
 
 import re
+from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import read_text
+from avatarrex.files.gate import read_lines
+from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.retarget import SourceMotion, retarget
 from avatarrex.signals.sequence import SignalSequence
 
@@ -23,6 +27,14 @@ END = " end"
 """Suffix of the name that an end site gets from its joint; no joint's name ends so, as names are stripped."""
 LARGEST = 1e9
 """Largest number in a file: 1000 km in millimetres, or as many turns as nobody makes."""
+JOINTS = 1000
+"""Ten times a body with hands, face and helpers."""
+NAME = 200
+"""Letters of the line that names a joint."""
+ROTATIONS = 4_000_000
+"""Frames times joints, of ours where they are more: ten minutes at 120 frames a second, 40 at 30; 2 GB of memory while it is read."""
+Lines = Iterator[tuple[int, str]]
+"""Lines with their numbers, from 1."""
 
 
 @dataclass
@@ -34,25 +46,26 @@ class _Joint:
 
 
 def read_bvh(path: str | Path) -> SignalSequence:
-    """Read and retarget a BVH file. Raises `InputError` naming the line."""
+    """Read and retarget a BVH file, line by line. Raises `InputError` naming the line."""
     path = Path(path)
-    lines = read_text(path, "a BVH file", errors="replace").splitlines()
-    joints, start = _hierarchy(path, lines)
-    fps, values = _motion(path, lines, start, sum(len(j.channels) for j in joints))
+    lines = enumerate(read_lines(path, "a BVH file", errors="replace"), start=1)
+    joints = _hierarchy(path, lines)
+    fps, values = _motion(path, lines, joints)
     offsets = np.stack([joint.offset for joint in joints])
     turned, places = _forward(joints, values)
     names, parents = tuple(joint.name for joint in joints), np.array([joint.parent for joint in joints])
     return retarget(path, SourceMotion(names, parents, offsets, turned, places), fps)
 
 
-def _hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
-    """The joints, and the index of the line after MOTION."""
-    if not lines or lines[0].strip() != "HIERARCHY":
-        raise InputError(path, "line 1", "HIERARCHY", lines[0][:40] if lines else "an empty file")
+def _hierarchy(path: Path, lines: Lines) -> list[_Joint]:
+    """The joints; `lines` then stands behind MOTION."""
+    first = next(lines, (1, "an empty file"))[1]
+    if first.strip() != "HIERARCHY":
+        raise InputError(path, "line 1", "HIERARCHY", first[:40])
     joints: list[_Joint] = []
     open_: list[int] = []
     pending = False
-    for number, line in enumerate(lines[1:], start=2):
+    for number, line in lines:
         words = line.split()
         if not words:
             continue
@@ -60,13 +73,9 @@ def _hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
             if open_ or not joints:
                 wanted = f"'}}' closing {joints[open_[-1]].name}" if open_ else "a ROOT"
                 raise InputError(path, f"line {number}", wanted, "MOTION")
-            return joints, number
+            return joints
         if words[0] in ("ROOT", "JOINT", "End"):
-            parent = open_[-1] if open_ else -1
-            if (parent < 0) != (words[0] == "ROOT") or len(words) < 2:
-                wanted = "a joint's name" if len(words) < 2 else "ROOT outermost and nowhere else"
-                raise InputError(path, f"line {number}", wanted, line.strip())
-            joints.append(_Joint(joints[parent].name + END if words[0] == "End" else " ".join(words[1:]), parent))
+            joints.append(_joint(path, number, line, joints, open_[-1] if open_ else -1))
             pending = True
         elif words[0] == "{":
             if not pending:
@@ -80,41 +89,68 @@ def _hierarchy(path: Path, lines: list[str]) -> tuple[list[_Joint], int]:
         elif words[0] == "OFFSET" and open_:
             joints[open_[-1]].offset = np.array(_numbers(path, number, words[1:], 3))
         elif words[0] == "CHANNELS" and open_:
-            joints[open_[-1]].channels = words[2:]
-            if len(words) < 2 or words[1] != str(len(words) - 2):
-                raise InputError(path, f"line {number}", "as many channels as announced", line.strip())
-            for word in words[2:]:
-                if not re.fullmatch("[XYZ](position|rotation)", word):
-                    raise InputError(path, f"line {number}", "Xposition … Zrotation", word)
-            if len(set(words[2:])) != len(words[2:]):
-                raise InputError(path, f"line {number}", "each channel once", line.strip())
+            joints[open_[-1]].channels = _channels(path, number, line)
         else:
             raise InputError(path, f"line {number}", "a line of the hierarchy", line.strip()[:40])
     raise InputError(path, "MOTION", "a MOTION section", "the end of the file")
 
 
-def _motion(path: Path, lines: list[str], start: int, width: int) -> tuple[float, np.ndarray]:
+def _joint(path: Path, number: int, line: str, joints: list[_Joint], parent: int) -> _Joint:
+    """The joint or end site that a line opens below joint `parent`, or -1."""
+    words = line.split()
+    if (parent < 0) != (words[0] == "ROOT") or len(words) < 2:
+        wanted = "a joint's name" if len(words) < 2 else "ROOT outermost and nowhere else"
+        raise InputError(path, f"line {number}", wanted, line.strip())
+    if len(line) > NAME:
+        raise InputError(path, f"line {number}", f"a joint's name of at most {NAME} letters", len(line))
+    if parent >= 0 and joints[parent].name.endswith(END):
+        raise InputError(path, f"line {number}", "an OFFSET alone in an End Site", line.strip())
+    if len(joints) == JOINTS:
+        raise InputError(path, f"line {number}", f"at most {JOINTS} joints", f"another: {line.strip()}")
+    return _Joint(joints[parent].name + END if words[0] == "End" else " ".join(words[1:]), parent)
+
+
+def _channels(path: Path, number: int, line: str) -> list[str]:
+    """The channels that a line lists."""
+    count, *channels = line.split()[1:] or [""]
+    if count != str(len(channels)):
+        raise InputError(path, f"line {number}", "as many channels as announced", line.strip())
+    for word in channels:
+        if not re.fullmatch("[XYZ](position|rotation)", word):
+            raise InputError(path, f"line {number}", "Xposition … Zrotation", word)
+    if len(set(channels)) != len(channels):
+        raise InputError(path, f"line {number}", "each channel once", line.strip())
+    return channels
+
+
+def _motion(path: Path, lines: Lines, joints: list[_Joint]) -> tuple[float, np.ndarray]:
     """Frames a second and (t, channels)."""
 
-    def header(number: int, key: str) -> float:
-        text = lines[number].strip() if number < len(lines) else "the end of the file"
-        if not text.startswith(key):
-            raise InputError(path, f"line {number + 1}", key, text[:40])
-        return _numbers(path, number + 1, [text.split(":", 1)[1]], 1)[0]
+    def header(key: str) -> float:
+        number, text = next(lines, (0, "the end of the file"))
+        if not text.strip().startswith(key):
+            raise InputError(path, f"line {number}" if number else "MOTION", key, text.strip()[:40])
+        return _numbers(path, number, [text.partition(":")[2]], 1)[0]
 
-    announced, interval = header(start, "Frames:"), header(start + 1, "Frame Time:")
+    announced, interval = header("Frames:"), header("Frame Time:")
     count = int(announced)
     if count != announced or count < 1:
         raise InputError(path, "Frames", "a whole number above 0", announced)
     if not 1e-3 <= interval <= 1e3:
         raise InputError(path, "Frame Time", "a frame time above 0: seconds, 0.001 to 1000", interval)
-    rows = [(n, line.split()) for n, line in enumerate(lines[start + 2 :], start=start + 3) if line.strip()]
-    if len(rows) < count:
-        raise InputError(path, "Frames", f"{count} lines of motion", len(rows))
-    values = np.array([_numbers(path, n, words, width) for n, words in rows[:count]])
+    width, most = sum(len(joint.channels) for joint in joints), ROTATIONS // max(len(joints), len(JOINT_NAMES))
+    rows = ((number, words) for number, line in lines if (words := line.split()))
+    values, found = array("d"), 0
+    for found, (number, words) in enumerate(islice(rows, count), start=1):
+        if found > most:
+            raise InputError(path, "Frames", f"at most {most:,} frames of {len(joints)} joints", f"{count:,}")
+        values.extend(_numbers(path, number, words, width))
+    if found < count:
+        raise InputError(path, "Frames", f"{count} lines of motion", found)
     rate = 1 / interval
     # frame times are written with few digits: .03333 and 0.041667 mean 30 and 24; 29.97 is farther from 30 than this
-    return (float(round(rate)) if abs(rate - round(rate)) < 5e-4 * rate else rate), values
+    rate = float(round(rate)) if abs(rate - round(rate)) < 5e-4 * rate else rate
+    return rate, np.frombuffer(values).reshape(count, width)
 
 
 def _numbers(path: Path, line: int, words: list[str], count: int) -> list[float]:

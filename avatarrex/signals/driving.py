@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import parse_json
+from avatarrex.files.json_text import parse_json
 
 SHAPES: dict[str, tuple[int, ...]] = {
     "global_orient": (3,),

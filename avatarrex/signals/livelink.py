@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import csv
 import re
+from array import array
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import read_text
+from avatarrex.files.gate import read_lines
 from avatarrex.signals.joints import EXPRESSION_NAMES
-from avatarrex.signals.sequence import SignalSequence, stack
+from avatarrex.signals.sequence import SignalSequence, check_frames, stack
 
 FPS = 60.0
 RATES = (24.0, 25.0, 30.0, 50.0, 60.0, 120.0)
@@ -29,27 +30,24 @@ LARGEST = 100.0
 """Coefficients are at most 1, angles at most 2π: beyond this it is another file."""
 GAP = 10.0
 """Seconds between rows that are still one recording."""
-_IGNORED = {"timecode", "blendshapecount", *(name.lower() for name in ANGLES[3:])}
+SPARSE = 0.25
+"""Seconds between rows, on average: what is sparser is no recording of a face, and would be filled with sixty times its rows."""
+WANTED = (*EXPRESSION_NAMES, *HEAD)
+_KNOWN = {"timecode", "blendshapecount", *(name.lower() for name in (*WANTED, *ANGLES[3:]))}
 
 
 def read_livelink(path: str | Path) -> SignalSequence:
     """Read a Live Link Face recording; the head's turn is shared by neck and head. Raises `InputError`."""
     path = Path(path)
-    try:
-        rows = [row for row in csv.reader(read_text(path, "a CSV file", errors="replace").splitlines()) if row]
-    except csv.Error as error:
-        raise InputError(path, "", "a readable CSV file", error) from None
-    if len(rows) < 2:
-        raise InputError(path, "rows", "a header and at least one frame", len(rows))
-    columns = {name.strip().lstrip("\ufeff").lower(): k for k, name in enumerate(rows[0])}
-    values, notes = _values(path, rows, columns)
+    values, timecodes, notes = _rows(path)
     # about +Y to the person's left, about +X down, about +Z towards the right shoulder
     turns = Rotation.from_euler("YXZ", values[:, 52:])
     weights = values[:, :52]
-    times, fps, note = _times(path, rows, columns)
+    times, fps, note = _times(path, timecodes)
     if times is not None and np.abs(np.diff(times) * fps - 1).max(initial=0) > 1e-3:
-        even = times[0] + np.arange(int((times[-1] - times[0]) * fps + 1.5)) / fps
-        even = np.clip(even, times[0], times[-1])
+        count = int((times[-1] - times[0]) * fps + 1.5)
+        check_frames(count, path, "Timecode")
+        even = np.clip(times[0] + np.arange(count) / fps, times[0], times[-1])
         weights = np.stack([np.interp(even, times, column) for column in weights.T], 1)
         turns = Slerp(times, turns)(even)
         note += f"; uneven frame times: {len(times)} rows resampled to {len(even)}"
@@ -62,45 +60,58 @@ def read_livelink(path: str | Path) -> SignalSequence:
     return SignalSequence(frames, fps, path.name, tuple(notes))
 
 
-def _values(path: Path, rows: list[list[str]], columns: dict[str, int]) -> tuple[np.ndarray, list[str]]:
-    """(t, 55): 52 coefficients and the head's three angles; notes on columns."""
-    wanted = (*EXPRESSION_NAMES, *HEAD)
-    missing = [name for name in wanted if name.lower() not in columns]
-    for name in missing:
-        if name not in OPTIONAL:
-            raise InputError(path, "header", f"a column {name}", f"{len(columns)} columns")
-    known = {name.lower() for name in wanted} | _IGNORED
-    extra = [name for name in rows[0] if name.strip().lstrip("\ufeff").lower() not in known]
+def _rows(path: Path) -> tuple[np.ndarray, list[str], list[str]]:
+    """(t, 55): 52 coefficients and the head's three angles; timecodes, none where there is no such column; notes on columns."""
+    reader = csv.reader(read_lines(path, "a CSV file", errors="replace"))
+    try:
+        rows = enumerate((row for row in reader if row), start=1)
+        head = next(rows, (0, []))[1]
+        names = [name.strip().lstrip("\ufeff").lower() for name in head]
+        columns, timecode = _columns(path, names) if head else ([], -1)
+        values, timecodes = array("d"), list[str]()
+        for number, row in rows:
+            check_frames(number - 1, path, "rows")
+            if len(row) != len(head):
+                raise InputError(path, f"line {number}", f"{len(head)} values", len(row))
+            values.extend(_number(path, number, name, row[k]) if k >= 0 else 0.0 for name, k in zip(WANTED, columns))
+            if timecode >= 0:
+                timecodes.append(row[timecode].strip())
+    except csv.Error as error:
+        raise InputError(path, "", "a readable CSV file", error) from None
+    if not values:
+        raise InputError(path, "rows", "a header and at least one frame", 1 if head else 0)
+    missing = [name for name, k in zip(WANTED, columns) if k < 0]
+    extra = [name for name, known in zip(head, names) if known not in _KNOWN]
     notes = [f"not in the file, at rest: {', '.join(missing)}"] if missing else []
     notes += [f"columns not read: {', '.join(extra)[:120]}"] if extra else []
-    values = np.zeros((len(rows) - 1, len(wanted)))
-    for number, row in enumerate(rows[1:], start=2):
-        if len(row) != len(rows[0]):
-            raise InputError(path, f"line {number}", f"{len(rows[0])} values", len(row))
-        for k, name in enumerate(wanted):
-            if name in missing:
-                continue
-            text = row[columns[name.lower()]]
-            try:
-                values[number - 2, k] = float(text)
-            except ValueError:
-                raise InputError(path, f"line {number}: {name}", "a number", text) from None
-    # not in range is also true of NaN
-    wrong = np.argwhere(~(np.abs(values) <= LARGEST))
-    if len(wrong):
-        row, column = wrong[0]
-        expected = f"a finite number up to {LARGEST:g}"
-        raise InputError(path, f"line {row + 2}: {wanted[column]}", expected, values[row, column])
-    return values, notes
+    return np.frombuffer(values).reshape(-1, len(WANTED)), timecodes, notes
 
 
-def _times(path: Path, rows: list[list[str]], columns: dict[str, int]) -> tuple[np.ndarray | None, float, str]:
+def _columns(path: Path, names: list[str]) -> tuple[list[int], int]:
+    """The column of each of `WANTED`, -1 for one that older recordings lack, and the timecode's."""
+    places = {name: k for k, name in enumerate(names)}
+    for name in WANTED:
+        if name.lower() not in places and name not in OPTIONAL:
+            raise InputError(path, "header", f"a column {name}", f"{len(places)} columns")
+    return [places.get(name.lower(), -1) for name in WANTED], places.get("timecode", -1)
+
+
+def _number(path: Path, line: int, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(path, f"line {line}: {name}", "a number", text) from None
+    if not abs(value) <= LARGEST:  # also true of NaN
+        raise InputError(path, f"line {line}: {name}", f"a finite number up to {LARGEST:g}", value)
+    return value
+
+
+def _times(path: Path, timecodes: list[str]) -> tuple[np.ndarray | None, float, str]:
     """Seconds of each row from its timecode `hh:mm:ss:ff.fraction`, the rate it counts in, and a note."""
-    if "timecode" not in columns:
+    if not timecodes:
         return None, FPS, f"no timecode: taken as {FPS:g} frames a second"
     parts = []
-    for number, row in enumerate(rows[1:], start=2):
-        text = row[columns["timecode"]].strip()
+    for number, text in enumerate(timecodes, start=2):
         match = re.fullmatch(r"(\d{1,3})[:;](\d{1,3})[:;](\d{1,3})[:;](\d{1,3}(?:\.\d+)?)", text)
         if match is None:
             raise InputError(path, f"line {number}: Timecode", "hh:mm:ss:ff.fraction", text)
@@ -116,4 +127,6 @@ def _times(path: Path, rows: list[list[str]], columns: dict[str, int]) -> tuple[
     if len(back):
         what = "stands or turns back" if steps[back[0]] <= 0 else f"jumps by {steps[back[0]]:.0f} s"
         return None, rate, f"the timecode {what} at line {back[0] + 3}: taken as {rate:g} frames a second"
+    if len(steps) and steps.mean() > SPARSE:
+        raise InputError(path, "Timecode", f"rows at most {SPARSE:g} s apart on average", f"{steps.mean():.3g} s")
     return times, rate, f"{rate:g} frames a second" + (" by the timecode" if crossed else " assumed: too short to tell")

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import read_json as read_json_file
 from avatarrex.files.gate import what_is, write_text
+from avatarrex.files.json_text import read_json as read_json_file
 from avatarrex.signals.bvh import read_bvh
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.livelink import read_livelink
-from avatarrex.signals.sequence import SignalSequence
+from avatarrex.signals.sequence import SignalSequence, check_frames
 from avatarrex.signals.smplx_npz import read_smplx
 
 FORMAT, VERSION = "avatarrex-signals", 1
@@ -59,6 +59,7 @@ def read_json(path: str | Path) -> SignalSequence:
         raise InputError(
             path, "frames", "a list of at least one frame", frames if frames == [] else type(frames).__name__
         )
+    check_frames(len(frames), path, "frames")
     if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
         raise InputError(path, "notes", "a list of texts", type(notes).__name__)
     signals = tuple(Signals.from_json(frame, f"{path}: frames[{k}]") for k, frame in enumerate(frames))

@@ -10,7 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from avatarrex.files.assets import DATA, read_arrays
+from avatarrex.files.arrays import read_arrays
+from avatarrex.files.assets import DATA
 
 
 @dataclass(frozen=True, eq=False)

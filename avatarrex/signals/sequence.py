@@ -9,8 +9,11 @@ from typing import overload
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, plain
 from avatarrex.signals.driving import ROTATIONS, SHAPES, Signals
+
+FRAMES = 108_000
+"""An hour at 30 frames a second; 3 kB of memory each."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,8 @@ class SignalSequence:
             raise InputError(self.name or "sequence", "frames", "at least one", 0)
         if not (np.isfinite(self.fps) and 0 < self.fps <= 1000):
             raise InputError(self.name or "sequence", "fps", "a rate above 0, at most 1000", self.fps)
+        object.__setattr__(self, "name", plain(self.name))
+        object.__setattr__(self, "notes", tuple(plain(note) for note in self.notes))
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -69,7 +74,14 @@ class SignalSequence:
             raise InputError(self.name or "sequence", "fps", "a rate above 0, at most 1000", fps)
         # 1e-9: a last frame that falls on a sample is not lost to rounding
         count = int(self.duration * fps * (1 + 1e-9)) + 1
+        check_frames(count, self.name or "sequence", "fps")
         return replace(self, frames=tuple(self.at(k / fps) for k in range(count)), fps=fps)
+
+
+def check_frames(count: int, source: object, field: str) -> None:
+    """Raise `InputError` where a motion has more than `FRAMES` frames; to be called before they are made."""
+    if count > FRAMES:
+        raise InputError(source, field, f"at most {FRAMES:,} frames", f"{count:,}")
 
 
 def interpolate(start: Signals, end: Signals, fraction: float) -> Signals:

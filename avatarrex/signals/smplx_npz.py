@@ -14,10 +14,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
-from avatarrex.files.assets import read_arrays, require
+from avatarrex.files.arrays import read_arrays
+from avatarrex.files.assets import require
 from avatarrex.signals.driving import LARGEST
 from avatarrex.signals.ground import grounded
-from avatarrex.signals.sequence import SignalSequence, stack
+from avatarrex.signals.sequence import FRAMES, SignalSequence, check_frames, stack
 
 RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
 _PARTS: dict[str, tuple[tuple[str, ...], slice]] = {
@@ -32,6 +33,8 @@ _PARTS: dict[str, tuple[tuple[str, ...], slice]] = {
     "right hand": (("right_hand_pose",), slice(40, 55)),
 }
 _OTHERS = ("poses", "trans", "transl", "arkit52", "expression", *RATES)
+LARGEST_BYTES = 2 * 8 * FRAMES * 165
+"""Of a file's arrays: twice what the longest motion's poses take in double precision."""
 FASTEST = 15.0
 """Metres a second; sprinters reach 12."""
 _SMPLH = [*range(22), *range(25, 55)]
@@ -40,8 +43,9 @@ _SMPLH = [*range(22), *range(25, 55)]
 
 def read_smplx(path: str | Path) -> SignalSequence:
     """Read a motion of any of the three layouts. Raises `InputError` naming the key."""
-    arrays = read_arrays(path, [*_OTHERS, *(key for keys, _ in _PARTS.values() for key in keys)])
+    arrays = read_arrays(path, [*_OTHERS, *(key for keys, _ in _PARTS.values() for key in keys)], LARGEST_BYTES)
     for key, value in arrays.items():
+        check_frames(len(np.atleast_1d(value)), path, key)
         if value.dtype.kind not in "fiu":
             raise InputError(path, key, "numbers", value.dtype)
         largest = LARGEST["translation" if key.startswith("trans") else "body_pose"]

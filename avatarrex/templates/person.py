@@ -32,6 +32,8 @@ POSING = (
     "kintree_table", "posedirs", "pose_columns",
 )  # fmt: skip
 """The arrays that decide where a posed vertex is, and so the person's hash."""
+LARGEST = 1e4
+"""Of a template's numbers: metres, weights and directions of a person are all far below."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +116,7 @@ def hash_arrays(arrays: Mapping[str, np.ndarray]) -> str:
 def read_model(arrays: dict[str, np.ndarray], source: str | Path) -> TemplateModel:
     """A `TemplateModel` from arrays in the layout of `assets_spec/person.json`. Raises `InputError`."""
     check_arrays(arrays, source, read_spec("person"))
+    _check_range(arrays, source)
     v = len(arrays["v_template"])
     faces = arrays["f"].astype(np.int64)
     if not faces.size or faces.min() < 0 or faces.max() >= v:
@@ -146,6 +149,18 @@ def read_model(arrays: dict[str, np.ndarray], source: str | Path) -> TemplateMod
         },
         joint_expression_dirs=None if joint_expression is None else _real(joint_expression),
     )
+
+
+def _check_range(arrays: Mapping[str, np.ndarray], source: str | Path) -> None:
+    """Raise `InputError` for an array that is empty, or has numbers that no template has."""
+    for key in ("v_template", "weights", "shapedirs", "posedirs", "J_template", "J_shapedirs", "J_regressor", "J_w"):
+        if key not in arrays:
+            continue
+        if not arrays[key].size and key in ("v_template", "weights"):
+            raise InputError(source, key, "at least one vertex and joint", arrays[key].shape)
+        largest = float(np.abs(arrays[key]).max(initial=0))
+        if largest > LARGEST:
+            raise InputError(source, key, f"numbers up to {LARGEST:g}", f"{largest:.4g}")
 
 
 def _shape_count(arrays: Mapping[str, np.ndarray], source: str | Path) -> int:

@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from avatarrex.avatar import load_avatar, save_avatar
+from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
-from avatarrex.files.gate import read_json
+from avatarrex.files.json_text import read_json
 from avatarrex.training.runs.folder import read_about
 
 TERMS = {

@@ -258,7 +258,7 @@ import resource, sys, time
 sys.path.insert(0, {here!r})
 import avatarrex_studio.cli.headless
 from avatarrex_studio.cli import main as cli
-from avatarrex_studio.engine.engine import engine
+from avatarrex_studio.engine import engine
 from ball import ball_engine, render_ball
 
 def slow(*arguments):

@@ -21,7 +21,7 @@ from avatarrex_studio.session import commands
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import LEVELS, StudioState
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.errors import InputError
 from avatarrex.levels import LEVELS as TABLE
 from avatarrex.pipeline import RenderSettings

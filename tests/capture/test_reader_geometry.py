@@ -12,7 +12,8 @@ import trimesh
 from avatarrex_studio.cli.main import main
 from capture.tiny_capture import TinyCapture
 
-from avatarrex.avatar import Avatar, load_avatar, save_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import check_capture, iou, silhouette, template_surface
 from avatarrex.capture.fit.person_fit import fit_person

@@ -9,7 +9,8 @@ import numpy as np
 import safetensors.torch
 import torch
 
-from avatarrex.avatar import Avatar, load_avatar, save_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.capture.synthetic.shade import studio_light
 from avatarrex.counters import Counters
 from avatarrex.fields.light import DARKEST, Light

@@ -13,7 +13,8 @@ from capture.tiny_capture import TinyCapture
 from elsewhere import DEVICE, Elsewhere, There
 from tiny_recipe import TINY
 
-from avatarrex.avatar import Avatar, load_avatar, save_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Rig, open_capture
 from avatarrex.errors import InputError

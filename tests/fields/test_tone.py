@@ -8,7 +8,8 @@ import zipfile
 import safetensors.torch
 import torch
 
-from avatarrex.avatar import Avatar, load_avatar, save_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.fields.presets import COMPACT
 from avatarrex.fields.tone import ToneMap
 from avatarrex.templates.person import load_person

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.files.images import composite, write_png

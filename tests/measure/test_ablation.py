@@ -14,7 +14,8 @@ from capture.tiny_capture import TinyCapture
 from tiny_recipe import TINY
 
 import avatarrex.training.core.trainer as train_module
-from avatarrex.avatar import Avatar, load_avatar, save_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.counters import Counters

@@ -8,7 +8,7 @@ from avatarrex_studio.cli.main import main
 from drawn_capture import write_capture
 from PIL import Image
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.metrics.drawing import AvatarDrawer
 from avatarrex.metrics.face_region import face_alone

@@ -90,7 +90,7 @@ def test_specks_are_not_islands(monkeypatch):
 
 def test_a_patched_grid_of_the_packaged_avatar_is_reported(monkeypatch):
     """A block of 10 cm below an arm; without it, what the packaged avatar has is a list of small things."""
-    from avatarrex.avatar import load_avatar
+    from avatarrex.avatar_file import load_avatar
     from avatarrex.signals.driving import Signals
 
     poses = {"rest": Signals.rest()}

@@ -394,7 +394,7 @@ MUTANTS: dict[str, Mutant] = {
     ),
     "bf16 storage": Mutant(
         "storage",
-        "avatarrex/avatar.py",
+        "avatarrex/avatar_file.py",
         "name: value.half() if half and",
         "name: value.bfloat16() if half and",
         "tests/test_avatar.py::test_round_trip_keeps_the_weights[copy.avatar]",

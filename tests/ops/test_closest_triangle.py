@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.fields.composition import BAND
 from avatarrex.ops import native
 from avatarrex.ops.closest_point import closest_point

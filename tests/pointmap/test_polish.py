@@ -7,7 +7,8 @@ import pytest
 import torch
 from pointmap.dense_solid import DenseSolid
 
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.fields.composition import Composed
 from avatarrex.pipeline import Frame, RenderSettings, render_frame

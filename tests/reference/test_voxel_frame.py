@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.pipeline import RenderSettings, render_frame
 from avatarrex.pointmap.raycast import available

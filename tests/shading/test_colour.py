@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import torch
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.fields.composition import WHOLE

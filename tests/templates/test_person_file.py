@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import torch
 
-from avatarrex.files.assets import DATA, check_arrays, read_arrays, read_spec
+from avatarrex.files.arrays import read_arrays
+from avatarrex.files.assets import DATA, check_arrays, read_spec
 from avatarrex.templates.model import TemplateModel, pose_template
 from avatarrex.templates.person import read_model
 

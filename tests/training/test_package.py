@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from capture.tiny_capture import TinyCapture
 
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.errors import InputError
 from avatarrex.templates.person import load_person
 from avatarrex.training.package import package

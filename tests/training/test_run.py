@@ -13,7 +13,8 @@ import pytest
 import torch
 from tiny_run import fit
 
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.errors import InputError
 from avatarrex.templates.person import load_person
 from avatarrex.training.runs import checkpoint, control

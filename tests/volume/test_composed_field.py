@@ -7,7 +7,8 @@ import pytest
 import torch
 from scipy.spatial import cKDTree
 
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.pipeline import RenderSettings, render_frame

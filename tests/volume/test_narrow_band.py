@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy.ndimage import label
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.composition import in_band

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.pipeline import Frame, RenderSettings, render_frame

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.counters import Counters
 from avatarrex.pipeline import RenderSettings
 from avatarrex.reference.solids import Solid, body_grid, capsule, sphere, union

@@ -5,21 +5,29 @@ Names are relative, with forward slashes. Nothing is ever written, and no name m
 
 from __future__ import annotations
 
-import io
 import os
 import threading
 import zipfile
-import zlib
 from functools import lru_cache
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from avatarrex.errors import InputError
+from avatarrex.files.arrays import read_arrays
+from avatarrex.files.gate import decode, read_bytes, what_is
+from avatarrex.files.json_text import parse_json
+from avatarrex.files.zips import open_zip, refusing, unpack
 
-LARGEST = 4 << 30
-"""Bytes of one file: more is refused before it is unpacked."""
+LARGEST = 2**31
+"""Bytes of one file: more is refused before it is read."""
+PICTURE = 2**29
+"""Bytes of a picture's file: uncompressed at 8192×8192 it is half of that."""
+TEXT = 2**26
+"""Bytes of a text: a line for each of half a million missing pictures."""
+NAME, FOLDERS = 1000, 32
+"""Letters of a name, and how many folders it may lead through."""
 
 
 class Archive:
@@ -27,12 +35,13 @@ class Archive:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        if not self.path.exists():
-            raise InputError(path, "", "a capture: a folder or a .zip file", "nothing there")
+        found = what_is(path)
+        if found not in ("a file", "a folder"):
+            raise InputError(path, "", "a capture: a folder or a .zip file", found)
         self._lock = threading.Lock()
         self._zip: tuple[int, zipfile.ZipFile] | None = None
         self._members: dict[str, set[str]] | None = None
-        if not self.path.is_dir():
+        if found == "a file":
             if not zipfile.is_zipfile(self.path):
                 raise InputError(path, "", "a capture: a folder or a .zip file", "another kind of file")
             self._members = self._list()
@@ -63,76 +72,48 @@ class Archive:
             return last in self._members.get(folder, ()) and name not in self._members
         return (self.path / name).is_file()
 
-    def read(self, name: str) -> bytes:
-        """The file's bytes. Raises `InputError` where it is missing, damaged or encrypted."""
+    def read(self, name: str, largest: int = LARGEST) -> bytes:
+        """The file's bytes. Raises `InputError` where it is missing, damaged, encrypted or too large."""
+        place = self.place(name)
         if not self.exists(name):
-            raise InputError(self.place(name), "", "the file to be there", "nothing")
-        try:
-            if self._members is None:
-                size = (self.path / name).stat().st_size
-                self._limit(name, size)
-                return (self.path / name).read_bytes()
-            opened = self._opened()
-            self._limit(name, opened.getinfo(name).file_size)
-            return opened.read(name)
-        except (OSError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError, KeyError) as error:
-            raise InputError(self.place(name), "", "a file that can be read", error) from None
+            raise InputError(place, "", "the file to be there", "nothing")
+        if self._members is None:
+            return read_bytes(self.path / name, "a file", largest)
+        with refusing(place, "", "a file that can be read"):
+            return bytes(unpack(self._opened(), name, largest, place))
 
     def text(self, name: str) -> str:
         """The file as UTF-8."""
-        try:
-            return self.read(name).decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            raise InputError(self.place(name), "", "UTF-8 text", error) from None
+        return decode(self.read(name, TEXT), self.place(name), "a text")
 
-    def arrays(self, name: str, only: tuple[str, ...] | None = None) -> dict[str, np.ndarray]:
-        """The arrays of an `.npz`, or those of `only` that it has; nothing is unpickled. Raises `InputError`."""
-        data, key = self.read(name), ""
-        try:
-            with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-                if not isinstance(archive, np.lib.npyio.NpzFile):
-                    raise InputError(self.place(name), "", "an .npz file", "a single array")
-                found = {}
-                for key in archive.files if only is None else [key for key in only if key in archive.files]:
-                    found[key] = archive[key]
-                return found
-        except InputError:
-            raise
-        except (OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, MemoryError) as error:
-            raise InputError(self.place(name), key, "a complete .npz file", error) from None
-        except ValueError as error:
-            raise InputError(self.place(name), key, "a plain array (no pickled objects)", error) from None
+    def json(self, name: str) -> Any:
+        """What a JSON file contains. Raises `InputError`."""
+        return parse_json(self.text(name), self.place(name))
 
-    def keys(self, name: str) -> tuple[str, ...]:
-        """Names of the arrays of an `.npz`."""
-        try:
-            with zipfile.ZipFile(io.BytesIO(self.read(name))) as archive:
-                return tuple(entry.removesuffix(".npy") for entry in archive.namelist())
-        except zipfile.BadZipFile as error:
-            raise InputError(self.place(name), "", "a complete .npz file", error) from None
-
-    def _limit(self, name: str, size: int) -> None:
-        if size > LARGEST:
-            raise InputError(self.place(name), "", f"at most {LARGEST >> 30} GiB", f"{size / (1 << 30):.1f} GiB")
+    def arrays(self, name: str, only: tuple[str, ...], largest: int = LARGEST) -> dict[str, np.ndarray]:
+        """Those of `only` that an `.npz` has, of at most `largest` bytes; nothing is unpickled. Raises `InputError`."""
+        if not self.exists(name):
+            raise InputError(self.place(name), "", "the file to be there", "nothing")
+        source = self.path / name if self._members is None else self.read(name, largest)
+        return read_arrays(source, only, largest, self.place(name))
 
     def _opened(self) -> zipfile.ZipFile:
         """This process's own handle: a fork shares the file position of its parent's."""
         with self._lock:
             if self._zip is None or self._zip[0] != os.getpid():
-                self._zip = (os.getpid(), zipfile.ZipFile(self.path))
+                self._zip = (os.getpid(), open_zip(self.path, "a complete .zip file"))
             return self._zip[1]
 
     def _list(self) -> dict[str, set[str]]:
         """Entries by folder."""
-        try:
-            names = self._opened().namelist()
-        except (OSError, zipfile.BadZipFile) as error:
-            raise InputError(self.path, "", "a complete .zip file", error) from None
         folders: dict[str, set[str]] = {"": set()}
-        for name in names:
-            if not safe(name.rstrip("/")):
-                raise InputError(self.path, name, "names inside the archive", "a name that leads out of it")
-            parts = PurePosixPath(name).parts
+        for name in self._opened().namelist():
+            parts = name.removesuffix("/").split("/")
+            if not safe(name.removesuffix("/")):
+                raise InputError(self.path, name[:NAME], "names inside the archive", "a name that leads out of it")
+            if len(name) > NAME or len(parts) > FOLDERS:
+                expected = f"names of at most {NAME} letters and {FOLDERS} folders"
+                raise InputError(self.path, name[:60], expected, f"{len(name)} letters, {len(parts)} folders")
             for depth, part in enumerate(parts):
                 folders.setdefault("/".join(parts[:depth]), set()).add(part)
             if name.endswith("/"):
@@ -142,6 +123,8 @@ class Archive:
 
 @lru_cache(maxsize=4096)
 def safe(name: str) -> bool:
-    """Whether a name stays below the folder it is joined to: relative, no `..`, no drive, no backslash."""
+    """Whether a name stays below the folder it is joined to: relative, no `..`, no drive, no backslash, no NUL."""
     parts = name.split("/")
-    return bool(name) and not any(part in ("", ".", "..") or "\\" in part or ":" in part for part in parts)
+    return bool(name) and not any(
+        part in ("", ".", "..") or any(letter in part for letter in "\\:\0") for part in parts
+    )

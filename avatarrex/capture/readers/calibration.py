@@ -6,18 +6,22 @@ Pixel centres are taken at i + 0.5, as everywhere in this project.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from avatarrex.camera import Camera
-from avatarrex.capture.readers.archive import safe
+from avatarrex.capture.readers.archive import NAME, safe
 from avatarrex.errors import InputError
+from avatarrex.files.json_text import parse_json
 
+CAMERAS = 1000
+"""Of a rig; the largest stages have a few hundred."""
 ROTATION_SLACK = 1e-2
 """Largest entry of RᵀR − I: files round R to as few as three digits; it is then replaced by the nearest rotation."""
+LARGEST = 1e9
+"""Largest number: 1000 km in millimetres; a focal length in pixels is far below."""
 SMALL_DISTORTION = 1e-4
 """Σ|k| below which a lens is taken as ideal (formats.md): at most 0.15 pixels in the corner of a 1500×2048 image."""
 
@@ -46,17 +50,16 @@ class Lens:
 
 def read_calibration(text: str, source: str) -> tuple[Lens, ...]:
     """Cameras in the file's order. Raises `InputError` naming camera and key."""
-    try:
-        cameras = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(source, "", "JSON", error) from None
+    cameras = parse_json(text, source)
     if not isinstance(cameras, dict) or not cameras:
         raise InputError(source, "", "an object with one entry per camera", type(cameras).__name__)
+    if len(cameras) > CAMERAS:
+        raise InputError(source, "", f"at most {CAMERAS} cameras", len(cameras))
     return tuple(_lens(name, entry, source) for name, entry in cameras.items())
 
 
 def _lens(name: str, entry: Any, source: str) -> Lens:
-    if not safe(name) or "/" in name:
+    if not safe(name) or "/" in name or not name.isprintable() or len(name) > NAME:
         raise InputError(source, repr(name), "a camera's name that can name a folder", "another form")
     if not isinstance(entry, dict):
         raise InputError(source, name, "an object with K, R, T, imgSize", type(entry).__name__)
@@ -99,10 +102,12 @@ def _numbers(entry: dict[str, Any], key: str, shape: tuple[int | None], name: st
         raise InputError(source, f"{name}.{key}", "the key to be there", f"only {', '.join(sorted(entry)[:8])}")
     try:
         values = np.array(entry[key], dtype=np.float64).reshape(-1)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(source, f"{name}.{key}", "numbers", repr(entry[key])[:60]) from None
     if shape[0] not in (None, len(values)):
         raise InputError(source, f"{name}.{key}", f"{shape[0]} numbers", len(values))
     if not np.isfinite(values).all():
         raise InputError(source, f"{name}.{key}", "finite numbers", "NaN or Inf")
+    if np.abs(values).max(initial=0) > LARGEST:
+        raise InputError(source, f"{name}.{key}", f"numbers up to {LARGEST:g}", f"{np.abs(values).max():g}")
     return values

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image
 
-from avatarrex.capture.readers.archive import Archive
+from avatarrex.capture.readers.archive import PICTURE, Archive
 from avatarrex.capture.readers.calibration import Lens
 from avatarrex.capture.readers.undistort import source_pixels, undistort
 from avatarrex.errors import InputError
@@ -94,7 +94,7 @@ class Pictures:
     def _open(self, kind: str, view: int, frame: int) -> Image.Image:
         place = self._place(kind, view, frame)
         try:
-            picture = Image.open(io.BytesIO(self._archive.read(self._names[kind][view][frame])))
+            picture = Image.open(io.BytesIO(self._archive.read(self._names[kind][view][frame], PICTURE)))
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
             if isinstance(error, InputError):
                 raise

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from avatarrex.capture.readers.archive import Archive
@@ -22,12 +21,7 @@ def read_manifest(archive: Archive, root: str, rigs: dict[str, RigFiles]) -> dic
     if not archive.exists(name):
         return {}
     place = archive.place(name)
-    try:
-        manifest = json.loads(archive.text(name))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(place, "", "JSON", error) from None
+    manifest = archive.json(name)
     if not isinstance(manifest, dict) or type(manifest.get("format")) is not int:
         raise InputError(place, "format", "an object with an integer format", repr(manifest)[:60])
     if manifest["format"] > FORMAT:

@@ -13,9 +13,9 @@ import numpy as np
 
 from avatarrex.errors import InputError
 from avatarrex.files.assets import require
-from avatarrex.signals.driving import Signals
+from avatarrex.signals.driving import LARGEST, Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
-from avatarrex.signals.sequence import SignalSequence
+from avatarrex.signals.sequence import FRAMES, SignalSequence, check_frames
 
 PARTS: dict[str, tuple[int, int]] = {
     "global_orient": (0, 1), "body_pose": (1, 22), "jaw_pose": (22, 23), "eye_pose": (23, 25), "leye_pose": (23, 24),
@@ -27,6 +27,8 @@ OTHERS = (
     "hands_meanl", "hands_meanr", "fps",
 )  # fmt: skip
 KEYS = (*PARTS, *OTHERS)
+LARGEST_BYTES = 2 * 8 * FRAMES * (55 * 3 + 52)
+"""Of the arrays: twice what the longest capture's pose and expression take in double precision."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,9 @@ def read_parameters(arrays: dict[str, np.ndarray], source: str) -> Parameters:
     for key, value in arrays.items():
         if value.dtype.kind not in ("US" if key == "arkit_names" else "fiub"):
             raise InputError(source, key, "text" if key == "arkit_names" else "numbers", value.dtype)
+        largest = LARGEST["translation" if key == "transl" else "body_pose"]
+        if (key in PARTS or key == "transl") and not (np.abs(value) <= largest).all() and np.isfinite(value).all():
+            raise InputError(source, key, f"numbers up to {largest:g}", f"{np.abs(value).max():g}")
     notes: list[str] = []
     pose = _pose(arrays, source, notes)
     count = len(pose)
@@ -78,12 +83,12 @@ def read_parameters(arrays: dict[str, np.ndarray], source: str) -> Parameters:
 
 def _pose(arrays: dict[str, np.ndarray], source: str, notes: list[str]) -> np.ndarray:
     """(t, 55, 3); joints without a key stay at rest."""
-    count = (
-        len(require(arrays, source, "body_pose", (None,) * arrays["body_pose"].ndim)) if "body_pose" in arrays else 0
-    )
-    if not count:
-        _rows(arrays, source, "body_pose", count, 63)
+    body = arrays.get("body_pose", np.zeros(0))
+    if not body.size or not body.ndim:
+        _rows(arrays, source, "body_pose", 0, 63)
         raise InputError(source, "body_pose", "at least one frame", 0)
+    count = len(require(arrays, source, "body_pose", (None,) * body.ndim))
+    check_frames(count, source, "body_pose")
     require(arrays, source, "global_orient", (None,) * np.ndim(arrays.get("global_orient", 0)))
     pose = np.zeros((count, 55, 3))
     for key, (first, end) in PARTS.items():

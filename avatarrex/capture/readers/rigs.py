@@ -22,9 +22,9 @@ from avatarrex.capture.readers.ground_truth import GroundTruth, RigTruth
 from avatarrex.capture.readers.images_store import ByteCache, Pictures
 from avatarrex.capture.readers.layout import RigFiles, find_rigs
 from avatarrex.capture.readers.manifest import held_out, read_manifest
-from avatarrex.capture.readers.parameters import KEYS, Parameters, read_parameters
+from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES, Parameters, read_parameters
 from avatarrex.capture.readers.units import metres
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, plain
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.person import Person, load_person
 
@@ -131,12 +131,13 @@ def open_capture(path: str | Path, memory_mb: float = 1024) -> Capture:
     made_on = (manifest.get("provenance") or {}).get("person_hash", person.hash)
     if person.fit is None and made_on != person.hash:
         notes.append(f"capture.json: made on another version of the person ({made_on}), not this one ({person.hash})")
-    return Capture(archive.path, rigs, person, GroundTruth(truths) if truths else None, tuple(notes), manifest)
+    truth = GroundTruth(truths) if truths else None
+    return Capture(archive.path, rigs, person, truth, tuple(map(plain, notes)), manifest)
 
 
 def _parameters(files: RigFiles) -> Parameters:
     archive = files.archive
-    return read_parameters(archive.arrays(files.parameters, KEYS), archive.place(files.parameters))
+    return read_parameters(archive.arrays(files.parameters, KEYS, LARGEST_BYTES), archive.place(files.parameters))
 
 
 def _person(

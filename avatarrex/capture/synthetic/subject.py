@@ -25,7 +25,8 @@ from avatarrex.capture.synthetic.solid_distance import SolidUnion
 from avatarrex.capture.synthetic.texture import albedo
 from avatarrex.capture.synthetic.wrinkles import Site, basis, sites, strengths
 from avatarrex.errors import InputError
-from avatarrex.files.assets import DATA, read_arrays, require
+from avatarrex.files.arrays import read_arrays
+from avatarrex.files.assets import DATA, require
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.model import TemplateModel, pose_template
 from avatarrex.templates.parts import PARTS

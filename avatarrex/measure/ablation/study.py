@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Capture
 from avatarrex.errors import InputError

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import read_json
+from avatarrex.files.json_text import read_json
 from avatarrex.measure.bench.device import describe
 from avatarrex.measure.bench.metric import Metric
 from avatarrex.measure.table import aligned

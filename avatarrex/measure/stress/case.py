@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import parse_json
+from avatarrex.files.json_text import parse_json
 from avatarrex.measure.stress.findings import Finding, Findings
 
 FORMAT = 1

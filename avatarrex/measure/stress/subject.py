@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 from functools import cache
 
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.fields.body import BodyField
 
 

@@ -12,7 +12,8 @@ import argparse
 import numpy as np
 from PIL import Image
 
-from avatarrex.avatar import Avatar, load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.synthetic.subject import load_subject
 from avatarrex.capture.synthetic.subject_drawer import SubjectDrawer

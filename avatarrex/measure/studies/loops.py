@@ -12,7 +12,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.fields.influence import RADIUS, find_pairs, weighted_mean
 from avatarrex.fields.patches import patch_features

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from avatarrex.avatar import load_avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.files.gate import write_text
 from avatarrex.gl.context import gl_context, gl_unavailable

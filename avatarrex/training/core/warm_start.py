@@ -16,7 +16,8 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from avatarrex.avatar import DATA, Avatar
+from avatarrex.avatar import Avatar
+from avatarrex.files.assets import DATA
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.training.core.losses import distance_loss
 from avatarrex.training.core.supervision import Draw, supervision

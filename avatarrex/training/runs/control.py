@@ -22,7 +22,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, plain
+from avatarrex.files import json_text
 
 Wish = Literal["run", "pause", "stop"]
 STATES = ("running", "paused", "finished", "stopped", "failed")
@@ -52,9 +53,13 @@ class Heartbeat:
         try:
             beat = cls(**(read_json(file) or {}))
             numbers, words = (beat.pid, beat.step, beat.steps), (beat.host, beat.part, beat.pass_name)
-            if not (all(type(entry) is int for entry in numbers) and all(isinstance(entry, str) for entry in words)):
+            if not all(type(entry) is int and 0 <= entry < 2**31 for entry in numbers):
                 return None
-            return replace(beat, time=max(float(beat.time), file.stat().st_mtime))
+            if not all(isinstance(entry, str) for entry in words):
+                return None
+            host, part, pass_name = map(plain, words)
+            latest = max(float(beat.time), file.stat().st_mtime)
+            return replace(beat, time=latest, host=host, part=part, pass_name=pass_name)
         except (TypeError, ValueError, OSError):
             return None
 
@@ -77,10 +82,10 @@ def wanted(path: str | Path) -> Wish:
 
 
 def read_json(path: Path) -> dict[str, Any] | None:
-    """The object in a JSON file; None where there is none or it is broken."""
+    """The object in a JSON file; None where there is none, or it is broken or too large."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        data = json_text.read_json(path, largest=json_text.SMALL)
+    except InputError:
         return None
     return data if isinstance(data, dict) else None
 

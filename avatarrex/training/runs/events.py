@@ -23,11 +23,14 @@ from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.compat.tensorflow_stub.pywrap_tensorflow import masked_crc32c
 from tensorboard.summary.writer.record_writer import RecordWriter
 
+from avatarrex.errors import plain
 from avatarrex.training.runs.control import cannot_write
 
 PREFIX = "events.out.tfevents."
 SCALARS_BYTES = 1 << 16
 """A longer record holds a picture: the reader, who wants numbers, passes over it unread."""
+TAGS, TAG = 1000, 200
+"""Names of numbers that are read, and letters of each: a training has a few dozen; what is beyond them is passed over."""
 READ_BYTES = 4 << 20
 """Of one file in one look, so that a long history comes in pieces."""
 
@@ -194,7 +197,10 @@ class EventReader:
             return
         for value in event.summary.value:
             if value.HasField("simple_value"):
-                self._values.setdefault(value.tag, []).append((event.step, value.simple_value, event.wall_time))
+                tag = plain(value.tag)[:TAG]
+                if tag not in self._values and len(self._values) == TAGS:
+                    continue
+                self._values.setdefault(tag, []).append((event.step, value.simple_value, event.wall_time))
                 self.count += 1
 
 

@@ -30,7 +30,8 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image
 
-from avatarrex.avatar import Avatar, save_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import save_avatar
 from avatarrex.errors import InputError
 from avatarrex.training.runs import checkpoint
 from avatarrex.training.runs.control import (
@@ -149,9 +150,10 @@ class Run:
         try:
             self._writer.sync()
             return checkpoint.write(folder, step, state, write_avatar, self.part, score)
-        except OSError as error:
+        except (OSError, InputError) as error:
             free = shutil.disk_usage(self.path).free / 2**20
-            found = f"{error.strerror or error} ({free:.0f} MiB free; the checkpoints before are whole)"
+            reason = error.found if isinstance(error, InputError) else error.strerror or error
+            found = f"{reason} ({free:.0f} MiB free; the checkpoints before are whole)"
             raise InputError(folder, f"step_{step:08d}", "room to write a checkpoint", found) from None
 
     def latest(self) -> tuple[int, dict[str, Any]] | None:
@@ -228,10 +230,12 @@ def read_about(path: Path) -> dict[str, Any]:
     about = read_json(path / "run.json")
     if about is None:
         raise InputError(path, "", "a run folder with run.json", "none that can be read")
-    if not isinstance(about.get("format"), int) or about["format"] > FORMAT:
+    if type(about.get("format")) is not int or about["format"] > FORMAT:
         raise InputError(path, "run.json: format", f"at most {FORMAT} (update the studio)", about.get("format"))
     if about.get("state") not in STATES or not isinstance(about.get("config"), dict):
         raise InputError(path, "run.json", "a state and a config", about.get("state"))
+    if not isinstance(about.get("resumed", []), list):
+        raise InputError(path, "run.json: resumed", "a list of times", about["resumed"])
     return about
 
 

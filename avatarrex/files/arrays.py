@@ -1,0 +1,85 @@
+"""Arrays of `.npz` files: judged by the headers of their members, read without unpickling."""
+
+from __future__ import annotations
+
+import io
+import math
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.lib import format as npy
+
+from avatarrex.errors import InputError
+from avatarrex.files.gate import check_bytes
+from avatarrex.files.zips import check_directory, open_member, open_zip, refusing, unpack
+
+LARGEST = 2**31
+"""Bytes that the arrays of one file may unpack to: a few MB of zip can claim any number."""
+HEADER = 2**16
+"""Bytes at the start of a member in which its header ends."""
+PLAIN = "a plain array (no pickled objects)"
+_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+
+
+def read_arrays(
+    source: str | Path | bytes, only: Iterable[str] | None = None, largest: int = LARGEST, place: str = ""
+) -> dict[str, np.ndarray]:
+    """Every array of an `.npz` file (a path, or its bytes, called `place` in errors), or those of `only` that it has.
+
+    Raises `InputError` naming file and array where it is missing or broken, or where the arrays take more than `largest` bytes.
+    """
+    place = place or str(source)
+    arrays: dict[str, np.ndarray] = {}
+    with refusing(place, "", "a complete .npz file"), _opened(source, place) as archive:
+        members = {name.removesuffix(".npy"): name for name in archive.namelist()}
+        total = 0
+        for name in members if only is None else [name for name in only if name in members]:
+            with refusing(place, name, "a complete .npz file"):
+                info = archive.getinfo(members[name])
+                total += info.file_size
+                check_bytes(total, place, name, "arrays", largest)
+                shape, fortran, dtype, start = _header(archive, info, place, name)
+                if start + math.prod(shape) * dtype.itemsize > info.file_size:
+                    raise InputError(place, name, f"{PLAIN} of shape {shape}", f"{info.file_size - start} bytes")
+                content = unpack(archive, info.filename, largest, place, name)
+                arrays[name] = _array(content, shape, fortran, dtype, start)
+    return arrays
+
+
+def array_names(source: str | Path | bytes, place: str = "") -> tuple[str, ...]:
+    """Names of the arrays of an `.npz` file. Raises `InputError`."""
+    place = place or str(source)
+    with refusing(place, "", "a complete .npz file"), _opened(source, place) as archive:
+        return tuple(name.removesuffix(".npy") for name in archive.namelist())
+
+
+def _opened(source: str | Path | bytes, place: str) -> zipfile.ZipFile:
+    if not isinstance(source, bytes):
+        return open_zip(source, "a complete .npz file")
+    check_directory(io.BytesIO(source), place)
+    return zipfile.ZipFile(io.BytesIO(source))
+
+
+def _header(
+    archive: zipfile.ZipFile, info: zipfile.ZipInfo, place: str, name: str
+) -> tuple[tuple[int, ...], bool, np.dtype, int]:
+    """Shape, whether columns run first, type, and where the values start, of a member. Raises `InputError`."""
+    with open_member(archive, info, place, name) as member:
+        head = io.BytesIO(member.read(HEADER))
+    if not head.getvalue().startswith(npy.MAGIC_PREFIX):
+        raise InputError(place, name, PLAIN, "other bytes")
+    try:
+        shape, fortran, dtype = _HEADERS[npy.read_magic(head)](head)
+    except (ValueError, KeyError, TypeError, SyntaxError, RecursionError, MemoryError) as error:
+        raise InputError(place, name, PLAIN, error) from None
+    if dtype.hasobject or not dtype.itemsize or any(length < 0 for length in shape):
+        raise InputError(place, name, PLAIN, f"shape {shape} of {dtype}")
+    return shape, fortran, dtype, head.tell()
+
+
+def _array(content: bytearray, shape: tuple[int, ...], fortran: bool, dtype: np.dtype, start: int) -> np.ndarray:
+    count = math.prod(shape)
+    flat = np.frombuffer(content, dtype, count, start) if count else np.zeros(0, dtype)
+    return flat.reshape(shape, order="F" if fortran else "C")
