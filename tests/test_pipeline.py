@@ -10,8 +10,10 @@ from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
+from avatarrex.frame import Frame
 from avatarrex.levels import LEVELS, level
-from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_hand, named_pose
 

@@ -20,7 +20,7 @@ DEPTH = 3
 """Folders below the one that is watched in which runs are looked for."""
 SLOW_SECONDS = 2.0
 """Between two listings of folders."""
-Json = dict | list | str | int | float | bool | None
+Json = dict[str, Any] | list[Any] | str | int | float | bool | None
 KINDS: dict[str, Any] = {
     "config": dict, "state": str, "started": int | float, "resumed": list,
     **dict.fromkeys(("part", "preset", "capture", "note"), str | None),

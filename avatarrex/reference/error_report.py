@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from avatarrex.pipeline import Frame
+from avatarrex.frame import Frame
 from avatarrex.reference.oracle import Oracle
 
 

@@ -24,7 +24,7 @@ from avatarrex_studio.session.state import LEVELS, StudioState
 from avatarrex.avatar_file import load_avatar
 from avatarrex.errors import InputError
 from avatarrex.levels import LEVELS as TABLE
-from avatarrex.pipeline import RenderSettings
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 
 SIZE = (40, 40)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from avatarrex_studio.cli.runs_text import table
+from avatarrex_studio.cli.runs import table
 from avatarrex_studio.jobs.runs import Runs
 from hostile import CASES, HERE, rows, run
 

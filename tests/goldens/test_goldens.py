@@ -18,8 +18,9 @@ from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.files.images import composite, write_png
+from avatarrex.frame import Frame
 from avatarrex.gl.context import NoContext, gl_context, renderer_name
-from avatarrex.pipeline import Frame, render_frame
+from avatarrex.pipeline import render_frame
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.library import named_expression, named_hand, named_pose

@@ -26,7 +26,8 @@ from avatarrex.measure.ablation.study import Study
 from avatarrex.measure.ablation.variants import QUESTIONS, VARIANTS, chosen_variants, recipe_of, scaled
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.drawing import AvatarDrawer
-from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person

@@ -11,11 +11,13 @@ from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.fields.composition import Composed
-from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.frame import Frame
+from avatarrex.pipeline import render_frame
 from avatarrex.pointmap.polish import CONVERGED, FLATTEST, descend, descend_reference, reach
 from avatarrex.reference.oracle import exact_field
 from avatarrex.reference.solids import sphere
 from avatarrex.reference.voxel_frame import pose_reference
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.volume.composed_field import ComposedField

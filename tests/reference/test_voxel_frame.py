@@ -6,9 +6,10 @@ import torch
 
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
-from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
 from avatarrex.pointmap.raycast import available
 from avatarrex.reference.voxel_frame import render_reference
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_hand, named_pose
 

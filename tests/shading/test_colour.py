@@ -11,7 +11,8 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.fields.composition import WHOLE
 from avatarrex.fields.light import Light
-from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
 from avatarrex.shading.colour import SurfaceColour
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose

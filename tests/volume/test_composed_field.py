@@ -11,10 +11,11 @@ from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.pipeline import RenderSettings, render_frame
+from avatarrex.pipeline import render_frame
 from avatarrex.reference.oracle import exact_field
 from avatarrex.reference.solids import lattice_points
 from avatarrex.reference.voxel_frame import pose_reference
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.templates.posed import pose_person

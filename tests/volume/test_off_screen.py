@@ -10,7 +10,9 @@ from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.pipeline import Frame, RenderSettings, render_frame
+from avatarrex.frame import Frame
+from avatarrex.pipeline import render_frame
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_hand, named_pose
 from avatarrex.templates.parts import PARTS

@@ -10,8 +10,8 @@ import torch
 
 from avatarrex.avatar_file import load_avatar
 from avatarrex.counters import Counters
-from avatarrex.pipeline import RenderSettings
 from avatarrex.reference.solids import Solid, body_grid, capsule, sphere, union
+from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume import build

@@ -11,8 +11,9 @@ from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.fields.template_distance import TemplateDistance
+from avatarrex.frame import Frame
 from avatarrex.levels import LEVELS, REUSE_TOLERANCE, level
-from avatarrex.pipeline import Frame, render_frame
+from avatarrex.pipeline import render_frame
 from avatarrex.shading.shade import shade
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose

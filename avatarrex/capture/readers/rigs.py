@@ -131,8 +131,8 @@ def open_capture(path: str | Path, memory_mb: float = 1024) -> Capture:
     made_on = (manifest.get("provenance") or {}).get("person_hash", person.hash)
     if person.fit is None and made_on != person.hash:
         notes.append(f"capture.json: made on another version of the person ({made_on}), not this one ({person.hash})")
-    truth = GroundTruth(truths) if truths else None
-    return Capture(archive.path, rigs, person, truth, tuple(map(plain, notes)), manifest)
+    exact = GroundTruth(truths) if truths else None
+    return Capture(archive.path, rigs, person, exact, tuple(map(plain, notes)), manifest)
 
 
 def _parameters(files: RigFiles) -> Parameters:
