@@ -32,7 +32,7 @@ JOINTS = 1000
 NAME = 200
 """Letters of the line that names a joint."""
 ROTATIONS = 4_000_000
-"""Frames times joints, of ours where they are more: ten minutes at 120 frames a second, 40 at 30; 2 GB of memory while it is read."""
+"""Frames times joints, of ours where they are more: ten minutes at 120 frames a second, 40 at 30."""
 Lines = Iterator[tuple[int, str]]
 """Lines with their numbers, from 1."""
 
