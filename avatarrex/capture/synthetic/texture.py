@@ -2,8 +2,8 @@
 
 Each solid's function takes rest positions (p, 3) in metres, rest normals (p, 3) and the named masks (p,) of
 `Subject.masks`, and returns unlit sRGB-encoded colour (p, 3). Edges are a millimetre wide: what a colour network must
-learn. The places (eyes at y = 0.724, mouth at 0.653, …) are those of the default person: its hash is in the packaged
-subject carries.
+learn. The places (eyes at y = 0.724, mouth at 0.653, …) are those of the default person, which the packaged subject
+names by its hash.
 """
 
 from __future__ import annotations
