@@ -173,6 +173,7 @@ def test_no_display_names_the_headless_verb(monkeypatch, capsys):
 WRONG = (
     "open --device warp", "render x.jpg", "replay nothing.json", "inspect nothing", "runs nothing --text",
     "capture make x --seed -1", "capture check x --frames none", "evaluate default x --size 9", "sheet default x --samples 0",
+    "train x --out y --recipe huge", "train x --out y --parts feet",
 )  # fmt: skip
 
 
