@@ -33,8 +33,8 @@ class TrainingForm:
             self.files.open("capture", "Open a capture: its zip, or a file in its folder", self._took_capture)
         widgets.label("Recipe", False, LABEL)
         widgets.fill()
-        shown = self.recipe.capitalize()
-        self.recipe = (widgets.choice("##recipe", map(str.capitalize, RECIPES), shown, shown) or shown).lower()
+        shown, titles = self.recipe.capitalize(), {name.capitalize(): recipe.about for name, recipe in RECIPES.items()}
+        self.recipe = (widgets.choice("##recipe", titles, shown, shown, titles) or shown).lower()
         widgets.label("Parts", False, LABEL)
         for number, name in enumerate(PARTS):
             if number:
