@@ -14,7 +14,7 @@ from avatarrex.capture.synthetic.cameras import body_ring, face_arc, fitted
 from avatarrex.capture.synthetic.occlusion import Occlusion, sphere_directions
 from avatarrex.capture.synthetic.rasteriser import Rasteriser, draw_reference
 from avatarrex.capture.synthetic.subject import PosedSubject, Subject, load_subject
-from avatarrex.gl.context import gl_unavailable
+from avatarrex.gl.context import current_context, gl_unavailable
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_pose
 
@@ -81,7 +81,8 @@ def test_the_rasteriser_agrees_with_the_reference(view: str) -> None:
     difference = np.abs(drawn - expected)[drawn[..., 3] > 0]
     assert difference.mean() < 0.008
     assert np.quantile(difference, 0.99) < 0.06
-    rasteriser.lit["u_key"] = (0.0, -1.0, 0.0)
+    with current_context():
+        rasteriser.lit["u_key"] = (0.0, -1.0, 0.0)
     assert np.abs(rasteriser.draw(camera).colour - expected)[drawn[..., 3] > 0].mean() > 0.03
 
 
