@@ -22,7 +22,8 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 	@test -x $(BIN)/python || { echo "setup: making $(VENV)/"; $(PYTHON) -m venv $(VENV); } || \
 	  { echo "setup: Debian keeps venv in a package of its own: apt-get install python3-venv"; rm -rf $(VENV); exit 1; }
 	@echo "setup: installing the packages of pyproject.toml, torch as in constraints.txt, into $(VENV)/ (some hundred MB the first time)"
-	@$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev,video]'
+	@$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
+	@$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev,docs,video]'
 	@touch $@
 
 run: setup
