@@ -6,7 +6,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 APT := libegl1 libgl1 libgl1-mesa-dri libglx-mesa0 libegl-mesa0 xvfb xauth
-FAST := tests/test_face.py tests/test_avatar.py tests/test_rooms.py tests/gl tests/ops tests/signals tests/templates  tests/fields \
+FAST := tests/test_facade.py tests/test_avatar.py tests/test_rooms.py tests/gl tests/ops tests/signals tests/templates  tests/fields \
   tests/volume tests/pointmap tests/shading
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
