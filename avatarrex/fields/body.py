@@ -255,12 +255,11 @@ class BodyField(nn.Module):
         if among is not None:
             pairs = pairs.keep(among[pairs.node])
         samples = frame.samples if among is None else frame.samples.among(among)
-        rest = samples.rest_position(position, beside)
         if impl == "auto" and native.serves(position, frame.node_position, frame.node_rest):
-            return _localised(frame, position, rest, pairs, cutoff)
+            return _localised(frame, position, samples.rest_position(position, beside), pairs, cutoff)
         point = take(position, pairs.point)
         squared = (point - take(frame.node_position, pairs.node)).square().sum(0)
-        local = take(rest, pairs.point) - take(frame.node_rest, pairs.node)
+        local = take(samples.rest_position(position, beside), pairs.point) - take(frame.node_rest, pairs.node)
         weight = influence(squared) * gate(local.square().sum(0))
         kept = weight > 0
         if cutoff:
