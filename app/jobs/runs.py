@@ -20,7 +20,8 @@ DEPTH = 3
 """Folders below the one that is watched in which runs are looked for."""
 SLOW_SECONDS = 2.0
 """Between two listings of folders."""
-Json = dict[str, Any] | list[Any] | str | int | float | bool | None
+JSON: Any = dict | list | str | int | float | None
+"""Any kind of value that JSON knows."""
 KINDS: dict[str, Any] = {
     "config": dict, "state": str, "started": int | float, "resumed": list,
     **dict.fromkeys(("part", "preset", "capture", "note"), str | None),
@@ -128,7 +129,7 @@ def _planned(steps: object, part: str) -> int:
 
 def _about(data: dict[str, Any] | None) -> dict[str, Any]:
     """What run.json says where it is of the right kind, its texts without control characters."""
-    return {name: _plain(value) for name, value in (data or {}).items() if isinstance(value, KINDS.get(name, Json))}
+    return {name: _plain(value) for name, value in (data or {}).items() if isinstance(value, KINDS.get(name, JSON))}
 
 
 def _plain(value: Any) -> Any:
