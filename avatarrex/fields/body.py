@@ -72,6 +72,12 @@ class BodyFrame:
     """Anchors of the local frame."""
     cover: Float[Tensor, ""]
     """No point of the surface is farther from its nearest node, metres."""
+    among: Bool[Tensor, " n"] | None = None
+    """The nodes that the field is restricted to; None: all."""
+
+    def restricted(self, nodes: Bool[Tensor, " n"] | None) -> BodyFrame:
+        """The field of some nodes and the anchors they own; None: as it is."""
+        return self if nodes is None else replace(self, samples=self.samples.among(nodes), among=nodes)
 
 
 class BodyField(nn.Module):
@@ -233,28 +239,27 @@ class BodyField(nn.Module):
         offset = posed.vertices[vertex] - (linear @ rest[:, :, None])[:, :, 0]
         return torch.cat([linear, offset[:, :, None]], -1)
 
-    def pairs(self, frame: BodyFrame, position: Float[Tensor, "p 3"], nodes: Bool[Tensor, " n"] | None = None) -> Pairs:
-        """All (point, node) pairs within the influence radius, of all nodes or of the mask `nodes`."""
-        return find_pairs(position, frame.node_position, nodes)
+    def pairs(self, frame: BodyFrame, position: Float[Tensor, "p 3"]) -> Pairs:
+        """All (point, node) pairs within the influence radius."""
+        return find_pairs(position, frame.node_position, frame.among)
 
     def localise(
         self,
         frame: BodyFrame,
         position: Float[Tensor, "p 3"],
         pairs: Pairs,
-        among: Bool[Tensor, " n"] | None = None,
         cutoff: float = 0.0,
         beside: Neighbours | None = None,
         impl: str = "auto",
     ) -> tuple[Pairs, Float[Tensor, "k 3"], Float[Tensor, " k"]]:
         """Pairs that have weight, their local coordinates p_i (metres, rest pose) and their weights w_i.
 
-        `among` (n,) restricts nodes and anchors; a pair with less than `cutoff` of its point's weight is left out;
-        `beside`: the points' neighbours among the anchors, where they have been found. `impl`: `auto`, `torch`.
+        A pair with less than `cutoff` of its point's weight is left out; `beside`: the points' neighbours among the anchors,
+        where they have been found. `impl`: `auto`, `torch`.
         """
-        if among is not None:
-            pairs = pairs.keep(among[pairs.node])
-        samples = frame.samples if among is None else frame.samples.among(among)
+        samples = frame.samples
+        if frame.among is not None:
+            pairs = pairs.keep(frame.among[pairs.node])
         if impl == "auto" and native.serves(position, frame.node_position, frame.node_rest):
             return _localised(frame, position, samples.rest_position(position, beside), pairs, cutoff)
         point = take(position, pairs.point)
@@ -275,12 +280,11 @@ class BodyField(nn.Module):
         frame: BodyFrame,
         position: Float[Tensor, "p 3"],
         pairs: Pairs | None = None,
-        among: Bool[Tensor, " n"] | None = None,
         impl: str = "auto",
     ) -> Float[Tensor, " p"]:
-        """Signed distance in metres; `among` (n,) restricts the field to those nodes and the anchors they own."""
-        pairs = self.pairs(frame, position, among) if pairs is None else pairs
-        pairs, local, weight = self.localise(frame, position, pairs, among)
+        """Signed distance in metres; `pairs` of these points, where they have been found."""
+        pairs = self.pairs(frame, position) if pairs is None else pairs
+        pairs, local, weight = self.localise(frame, position, pairs)
         coordinate = Encoding(local / RADIUS, COORDINATE_OCTAVES)
         feature = self.geometry_local([coordinate], frame.code.embedding, pairs.offsets, impl)
         mean, total = weighted_mean(feature, weight, pairs, len(position))
@@ -289,14 +293,12 @@ class BodyField(nn.Module):
         if not missed.any():
             return inside
         fill = position.new_zeros(len(position))
-        fill[missed] = self.outside_distance(frame, position[missed], among)
+        fill[missed] = self.outside_distance(frame, position[missed])
         return torch.where(missed, fill, inside)
 
-    def outside_distance(
-        self, frame: BodyFrame, position: Float[Tensor, "p 3"], among: Bool[Tensor, " n"] | None = None
-    ) -> Float[Tensor, " p"]:
+    def outside_distance(self, frame: BodyFrame, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """(radius − cover) + distance to the nearest sphere: at most the true distance where no node reaches."""
-        nodes = frame.node_position if among is None else frame.node_position[among]
+        nodes = frame.node_position if frame.among is None else frame.node_position[frame.among]
         if not len(nodes):
             return torch.full_like(position[:, 0], torch.inf)
         nearest = torch.cdist(position.detach(), nodes.detach()).amin(1)
@@ -315,24 +317,21 @@ class BodyField(nn.Module):
         pairs: Pairs | None = None,
         impl: str = "auto",
         light: Light | None = None,
-        among: Bool[Tensor, " n"] | None = None,
     ) -> Float[Tensor, "p 3"]:
         """sRGB in [0, 1] of surface points seen along unit `view_direction` (root frame, from the eye); in the `light` that
         falls on them, above 1 where it is bright, or as the networks say.
 
-        `patches` None decodes those of the nodes in reach of the points, for this call alone. `among` restricts nodes and
-        anchors to those of the limb whose surface the points are on.
+        `patches` None decodes those of the nodes in reach of the points, for this call alone.
         Where no node reaches, the colour of zero features: no such point lies on a surface.
         """
         pairs = self.pairs(frame, position) if pairs is None else pairs
-        samples = frame.samples if among is None else frame.samples.among(among)
-        beside = samples.neighbours_of(position)
-        pairs, local, weight = self.localise(frame, position, pairs, among, self.widths.colour_cutoff, beside)
+        beside = frame.samples.neighbours_of(position)
+        pairs, local, weight = self.localise(frame, position, pairs, self.widths.colour_cutoff, beside)
         feature = self._colour_features(frame, patches, pairs, local, impl)
         mean, _ = weighted_mean(feature, weight, pairs, len(position))
         direction = encode(view_direction, DIRECTION_OCTAVES)
         colour = torch.sigmoid(self.colour_blend(torch.cat([F.relu(mean), direction], -1)))
-        return colour if light is None else colour * light(samples.facing(beside))
+        return colour if light is None else colour * light(frame.samples.facing(beside))
 
     def _colour_features(
         self, frame: BodyFrame, patches: Tensor | None, pairs: Pairs, local: Float[Tensor, "k 3"], impl: str

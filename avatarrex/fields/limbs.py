@@ -61,17 +61,17 @@ class Limbs:
     """The body field of one pose, split: the nodes near a part along the surface, and all others."""
 
     field: BodyField
-    frame: BodyFrame
-    own: tuple[Tensor, TemplateDistance]
-    """(n,) nodes and their skin."""
-    rest: tuple[Tensor, TemplateDistance]
+    own: tuple[BodyFrame, TemplateDistance]
+    """Restricted to the part's own nodes, and their skin."""
+    rest: tuple[BodyFrame, TemplateDistance]
 
     @staticmethod
     def of(field: BodyField, frame: BodyFrame, skin: TemplateDistance, ownership: Ownership) -> Limbs:
         """`skin`: of all limbs."""
         own, other = ownership.own_node, ownership.other_vertex
+        sides = ((own, ~other), (~own, other))
         return Limbs(
-            field, frame, (own, skin.of_vertices(~other, SPLIT_RIM)), (~own, skin.of_vertices(other, SPLIT_RIM))
+            field, *((frame.restricted(nodes), skin.of_vertices(vertices, SPLIT_RIM)) for nodes, vertices in sides)
         )
 
     def own_and_others(self, position: Float[Tensor, "p 3"], pairs: Pairs) -> Float[Tensor, "p 2"]:
@@ -83,9 +83,9 @@ class Limbs:
         return self._sdf(self.rest, position, pairs)
 
     @torch.no_grad()
-    def _sdf(self, side: tuple[Tensor, TemplateDistance], position: Tensor, pairs: Pairs) -> Tensor:
-        nodes, skin = side
-        sdf = self.field.sdf(self.frame, position, pairs, among=nodes)
+    def _sdf(self, side: tuple[BodyFrame, TemplateDistance], position: Tensor, pairs: Pairs) -> Tensor:
+        frame, skin = side
+        sdf = self.field.sdf(frame, position, pairs)
         return skin.query(position.double().numpy()).without_hands(sdf, SPLIT_DEVIATION)
 
 

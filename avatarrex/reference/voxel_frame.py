@@ -154,10 +154,8 @@ def shade_reference(
     colour, side = torch.zeros_like(position), torch.full((len(position),), WHOLE) if side is None else side
     for limb in side.unique().tolist():
         here = side == limb
-        point, along, among = position[here], gaze[here], nodes_of(ownership, limb)
-        colour[here] = posed.body.colour(
-            posed.frame, patches, point, along, impl="reference", light=posed.light, among=among
-        )
+        point, along, frame = position[here], gaze[here], posed.frame.restricted(nodes_of(ownership, limb))
+        colour[here] = posed.body.colour(frame, patches, point, along, impl="reference", light=posed.light)
     colour = colour * (1 - weight.sum(-1, keepdim=True))
     for column, name in enumerate(PARTS):
         points = surface_points(posed.root_from_part(name), position, gaze)

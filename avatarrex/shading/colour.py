@@ -78,9 +78,9 @@ class SurfaceColour:
         return colour
 
     def _body(self, position: Tensor, direction: Tensor, limb: int) -> Tensor:
-        body, frame = self.avatar.body, self.body_frame
-        among = nodes_of(self.avatar.ownership, limb)
-        pairs = body.pairs(frame, position, among)
+        body = self.avatar.body
+        frame = self.body_frame.restricted(nodes_of(self.avatar.ownership, limb))
+        pairs = body.pairs(frame, position)
         patches = None
         if not self.sparse:
             if self.patches is None:
@@ -89,7 +89,7 @@ class SurfaceColour:
             patches = self.patches.value
         self.counters.add("body_pixels", len(position))
         self.counters.add("local_mlp_evaluations", len(pairs.point))
-        return body.colour(frame, patches, position, direction, pairs, light=self.avatar.light, among=among)
+        return body.colour(frame, patches, position, direction, pairs, light=self.avatar.light)
 
 
 def surface_points(

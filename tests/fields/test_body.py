@@ -188,12 +188,12 @@ def test_among_is_blind_to_the_other_nodes():
     values = []
     for posed in (straight, touching):
         frame = replace(field.frame(posed, code), cover=torch.tensor(0.1))
-        values.append([field.sdf(frame, points, among=mask) for mask in (upper, None)])
+        values.append([field.sdf(frame.restricted(mask), points) for mask in (upper, None)])
     torch.testing.assert_close(values[0][0], values[1][0], atol=0, rtol=0)
     assert (values[0][1] - values[1][1]).abs().max() > 0.01, "the whole field does feel the hand"
     frame = field.frame(straight, code)
-    torch.testing.assert_close(field.sdf(frame, points, among=torch.ones_like(upper)), field.sdf(frame, points))
-    nobody = field.sdf(frame, points, among=torch.zeros_like(upper))
+    torch.testing.assert_close(field.sdf(frame.restricted(torch.ones_like(upper)), points), field.sdf(frame, points))
+    nobody = field.sdf(frame.restricted(torch.zeros_like(upper)), points)
     assert (nobody == torch.inf).all(), "no node, no surface"
 
 

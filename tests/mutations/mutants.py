@@ -143,8 +143,8 @@ MUTANTS: dict[str, Mutant] = {
     "colour of the limb above": Mutant(
         "limbs that touch",
         "avatarrex/shading/colour.py",
-        "among = nodes_of(self.avatar.ownership, limb)",
-        "among = None",
+        "frame = self.body_frame.restricted(nodes_of(self.avatar.ownership, limb))",
+        "frame = self.body_frame",
         "tests/shading/test_colour.py::test_what_an_arm_touches_is_coloured_without_the_arm",
     ),
     "fingers in the palm": Mutant(
