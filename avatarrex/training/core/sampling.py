@@ -1,4 +1,4 @@
-"""Where on a ray the field is evaluated (docs/training.md, 'Samples').
+"""Where on a ray the field is evaluated (docs/training.md, 'What a step does').
 
 `uniform` takes what the paper takes: samples spread evenly between the ray's entry into the volume and its exit. `near`
 walks the same span over the stored volume of an earlier moment of the training, which costs no network, and draws the
