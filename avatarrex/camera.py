@@ -1,7 +1,7 @@
 """Pinhole cameras (OpenCV: x right, y down, z forward; pixel centres at +0.5; metres).
 
 All transforms are float64: the difference between a far root and a far camera is taken here, once per frame, so that
-everything after it is small and float32 is enough (paper.md, 'far from origin').
+everything after it is small and float32 is enough (docs/stress.md, 'far from origin').
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
     w_i = max(exp(−‖p − n_i‖²/2σ²) − ε, 0),   σ = 0.05 m, ε = 0.001
 
 written ε·expm1((r² − ‖p − n_i‖²)/2σ²) with r = σ√(2 ln 1/ε), which keeps its digits near the rim, and multiplied by a
-gate on the rest-pose distance ‖p̄ − n̄_i‖: a hand near a thigh is in the support of its own nodes only (paper.md,
-'influence across limbs').
+gate on the rest-pose distance ‖p̄ − n̄_i‖: a hand near a thigh is in the support of its own nodes only
+(docs/fields.md, 'Gate').
 
 Letters: n nodes, p points, k (point, node) pairs sorted by node. Root frame, metres.
 """

@@ -26,7 +26,7 @@ from avatarrex.ops import native
 
 SIZE = 32
 EXTENT = 0.11
-"""Half side of a patch, metres: 90 % of the blend weight lies within 0.108 m of a node (paper.md)."""
+"""Half side of a patch, metres: 90 % of the blend weight lies within 0.108 m of a node."""
 
 
 class PatchNetwork(nn.Module):

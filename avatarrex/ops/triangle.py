@@ -1,7 +1,7 @@
 """The closest point of one triangle to one point, robust for slivers and degenerate triangles (paper eq. 8).
 
 The minimum over three clamped segments; the interior counts only where the triangle has a well-conditioned normal
-(performance.md: a sliver of aspect 1e-4 otherwise gives errors of 17 mm and NaN).
+(docs/stress.md: a sliver of aspect 1e-4 otherwise gives errors of 17 mm and NaN).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""SMPL-X and AMASS `.npz` motions (formats.md): full axis-angle, metres. Letters: t frames.
+"""SMPL-X and AMASS `.npz` motions (assets_spec/motions.md): full axis-angle, metres. Letters: t frames.
 
 Three layouts: `poses` (t, 156 SMPL+H or 165 SMPL-X) with `trans`; the same by parts, `root_orient`, `pose_body`, `pose_hand`,
 `pose_jaw`, `pose_eye`; AvatarReX's `body_pose` (t, 63) with `global_orient`, `transl`, `jaw_pose`, `left_hand_pose` … A file's

@@ -1,4 +1,4 @@
-"""Parametric templates in the SMPL-X layout (formats.md): shape, expression, pose blend shapes, skinning.
+"""Parametric templates in the SMPL-X layout (docs/person.md): shape, expression, pose blend shapes, skinning.
 
     v_shaped = v_template + shapedirs·[β, ψ]      v_posed = v_shaped + posedirs·vec(R_1.. − I)      v = LBS(v_posed)
 

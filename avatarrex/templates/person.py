@@ -1,6 +1,6 @@
 """A person's templates together: body, both hands, face, and the painted weights that compose them.
 
-One reader serves the packaged person and official SMPL-X arrays (formats.md): joints are explicit (`J_template`,
+One reader serves the packaged person and official SMPL-X arrays (assets_spec/person.md): joints are explicit (`J_template`,
 `J_shapedirs`) or follow from a regressor, J = J_regressor · v_shaped, which is linear and so
 becomes joint directions. A `PersonFit` gives the person another body's size.
 """

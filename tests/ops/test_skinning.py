@@ -132,7 +132,7 @@ def test_the_inverse_is_exact_up_to_its_bound(degrees: float) -> None:
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 @pytest.mark.parametrize("degrees", [170, 178, 179.9, 180])
 def test_the_inverse_of_opposed_twists_is_bounded(degrees: float, dtype: torch.dtype) -> None:
-    """The exact inverse stretches by 11, 57, 1146 and infinity (performance.md, hazards)."""
+    """The exact inverse stretches by 11, 57, 1146 and infinity (docs/stress.md)."""
     matrix = opposed_twist(degrees, dtype)
     inverse = invert_affine(matrix)
     assert inverse.isfinite().all()

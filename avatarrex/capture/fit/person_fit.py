@@ -17,7 +17,7 @@ RIG_NOISE = 0.1
 """σ, metres: rigs place the joints of the same body differently. On person_f001's joints (`docs/capture.md`) 0.03 and 0.3
 give the same surface within 0.5 mm; without it β leaves ±20."""
 HEIGHT = (1.2, 2.2)
-"""Metres a person is tall (formats.md)."""
+"""Metres a person is tall."""
 
 
 def fit_person(person: Person, joints: np.ndarray, source: str) -> Person:

@@ -23,7 +23,7 @@ ROTATION_SLACK = 1e-2
 LARGEST = 1e9
 """Largest number: 1000 km in millimetres; a focal length in pixels is far below."""
 SMALL_DISTORTION = 1e-4
-"""Σ|k| below which a lens is taken as ideal (formats.md): at most 0.15 pixels in the corner of a 1500×2048 image."""
+"""Σ|k| below which a lens is taken as ideal: at most 0.15 pixels in the corner of a 1500×2048 image."""
 
 
 @dataclass(frozen=True, eq=False)

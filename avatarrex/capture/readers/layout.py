@@ -1,4 +1,4 @@
-"""Where a capture keeps its files: one `RigFiles` per rig, detected by the calibration file (formats.md, 'Captures').
+"""Where a capture keeps its files: one `RigFiles` per rig, detected by the calibration file (docs/capture.md).
 
 AvatarReX: `<camera>/%08d.jpg`, `<camera>/mask/pha/%08d.jpg`, `calibration_full.json`. THuman4.0: `images/<camera>/…`,
 `masks/<camera>/…`, `calibration.json`. Ours is one folder `body/` and one `face/` in the AvatarReX layout, and

@@ -1,4 +1,4 @@
-"""Metres: a person stands within 20 m of every camera, or the file is in millimetres (formats.md, 'Captures')."""
+"""Metres: a person stands within 20 m of every camera, or the file is in millimetres (docs/capture.md)."""
 
 from __future__ import annotations
 

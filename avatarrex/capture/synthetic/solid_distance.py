@@ -1,4 +1,4 @@
-"""Exact signed distance to the outer surface of a union of closed solids (default_person.md, 'The clothed subject').
+"""Exact signed distance to the outer surface of a union of closed solids (docs/subject.md).
 
 Inside means winding number > ½ over all solids together (ops/crossings.py): pseudonormals are wrong inside self-
 intersections and between layers. Outside, the nearest point of *any* triangle is on the outer surface, for a segment

@@ -1,4 +1,4 @@
-"""Pose-dependent wrinkles of cloth: folds that deepen as a joint bends (default_person.md, 'The clothed subject').
+"""Pose-dependent wrinkles of cloth: folds that deepen as a joint bends (docs/subject.md).
 
     Δ(v) = Σ_k a_k(pose) B_k(v)   metres along the rest normal
 
