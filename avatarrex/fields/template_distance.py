@@ -111,7 +111,7 @@ class TemplateDistance:
 
     def _weight(self, position: np.ndarray, nearest: np.ndarray) -> np.ndarray:
         """ω (p,) of the nearest vertex or, where it changes, of the `BLENDED` nearest: the farthest enters with weight 0."""
-        weight = self.weight[nearest]
+        weight: np.ndarray = self.weight[nearest]
         rows = np.flatnonzero(self.changing[nearest])
         if len(rows):
             count = min(BLENDED + 1, len(self.vertices))

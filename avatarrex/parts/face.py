@@ -89,4 +89,5 @@ class Face(Part[FaceState]):
         planes = self.decode_colour(state, counters)
         counters.add("face_pixels", len(points.position))
         own = self.field.colour(planes, points.position, points.direction)
-        return self.tone(own, points.root_direction, points.direction)
+        colour: Tensor = self.tone(own, points.root_direction, points.direction)
+        return colour

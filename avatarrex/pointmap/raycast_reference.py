@@ -9,6 +9,8 @@ Letters: r rays, i intervals between cell faces. Root frame, metres.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -143,7 +145,8 @@ def _cubic_crossing(volume: SdfVolume, rays: Rays, start: Tensor, end: Tensor) -
     knots = torch.cat([torch.zeros_like(turns[:, :1]), turns.sort(1).values, torch.ones_like(turns[:, :1])], 1)
 
     def cubic(u: Tensor) -> Tensor:
-        return ((c[:, 3] * u + c[:, 2]) * u + c[:, 1]) * u + c[:, 0]
+        value: Tensor = ((c[:, 3] * u + c[:, 2]) * u + c[:, 1]) * u + c[:, 0]
+        return value
 
     first = torch.full_like(start, torch.inf)
     for k in (2, 1, 0):
@@ -171,7 +174,7 @@ def _sampled_crossing(volume: SdfVolume, rays: Rays, start: Tensor, end: Tensor)
     return first, f[:, [0, -1]]
 
 
-def _bisect(f, low: Tensor, high: Tensor) -> tuple[Tensor, Tensor]:
+def _bisect(f: Callable[[Tensor], Tensor], low: Tensor, high: Tensor) -> tuple[Tensor, Tensor]:
     """Where f falls from ≥ 0 at `low` to < 0 at `high`: whether it does, and the place."""
     falls = (f(low) >= 0) & (f(high) < 0)
     for _ in range(BISECTIONS):

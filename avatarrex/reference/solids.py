@@ -33,7 +33,8 @@ def capsule(start: Sequence[float], end: Sequence[float], radius: float) -> Soli
     def distance(p: Tensor) -> Tensor:
         from_a = p - torch.as_tensor(a).to(p)
         along = (from_a @ torch.as_tensor(axis).to(p) / float(axis @ axis)).clamp(0, 1)
-        return (from_a - along[:, None] * torch.as_tensor(axis).to(p)).norm(dim=-1) - radius
+        value: Tensor = (from_a - along[:, None] * torch.as_tensor(axis).to(p)).norm(dim=-1) - radius
+        return value
 
     return distance
 
@@ -138,7 +139,8 @@ def _ramp(start: np.ndarray, along: np.ndarray) -> Solid:
     def omega(p: Tensor) -> Tensor:
         offset = p - torch.as_tensor(start).to(p)
         rise = (offset @ torch.as_tensor(along).to(p) / RAMP).clamp(0, 1)
-        return rise * (offset.norm(dim=-1) < 0.3)
+        value: Tensor = rise * (offset.norm(dim=-1) < 0.3)
+        return value
 
     return omega
 

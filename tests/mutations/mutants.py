@@ -73,8 +73,8 @@ MUTANTS: dict[str, Mutant] = {
     "floor without the polar rotation": Mutant(
         "blended skinning matrix",
         SKINNING,
-        "return (vt.mT @ (u / stretch[:, None, :]).mT).to(linear.dtype)",
-        "return torch.eye(3).to(linear).expand_as(linear)",
+        "inverse: Tensor = (vt.mT @ (u / stretch[:, None, :]).mT).to(linear.dtype)",
+        "inverse: Tensor = torch.eye(3).to(linear).expand_as(linear)",
         "tests/ops/test_skinning.py::test_the_inverse_is_continuous_where_the_bound_sets_in",
     ),
     "influence as printed": Mutant(

@@ -83,7 +83,7 @@ def _rotation(matrix: np.ndarray, name: str, source: str) -> np.ndarray:
         found = "a mirroring" if off <= ROTATION_SLACK else f"columns off orthonormal by {off:.2g}"
         raise InputError(source, f"{name}.R", "a rotation, world to camera", found)
     left, _, right = np.linalg.svd(matrix)
-    return left @ right
+    return np.asarray(left @ right)
 
 
 def _distortion(entry: dict[str, Any], name: str, source: str) -> np.ndarray:

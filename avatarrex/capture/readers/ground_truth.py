@@ -69,7 +69,7 @@ class RigTruth:
             raise InputError(
                 self.place, "faces", f"triangles of {count} vertices", "none" if found is None else found.shape
             )
-        return found[self._opaque(len(found))].astype(np.int64)
+        return np.asarray(found[self._opaque(len(found))].astype(np.int64))
 
     def _opaque(self, count: int) -> np.ndarray:
         """(count,) bool: faces that a picture shows as surface."""
@@ -106,7 +106,7 @@ class GroundTruth:
 
     def vertices(self, rig: str, frame: int) -> np.ndarray:
         """(v, 3) float32 world metres."""
-        return self._rig(rig).vertices[frame]
+        return np.asarray(self._rig(rig).vertices[frame])
 
     @property
     def faces(self) -> np.ndarray:

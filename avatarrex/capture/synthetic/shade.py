@@ -25,10 +25,10 @@ def studio_light(albedo: np.ndarray, normal: np.ndarray, openness: np.ndarray, w
     light = light + 0.20 * _soft(normal, RIM) * WARM
     shadow = 0.42 + 0.58 * np.clip(openness, 0, 1)
     fold = 1 + 0.16 * np.tanh(wrinkle / 0.003)
-    return np.clip(albedo * light * (shadow * fold)[:, None] * 1.06, 0, 1)
+    return np.asarray(np.clip(albedo * light * (shadow * fold)[:, None] * 1.06, 0, 1))
 
 
 def _soft(normal: np.ndarray, direction: np.ndarray, wrap: float = WRAP) -> np.ndarray:
     """(p, 1) in [0, 1]: a light as wide as `wrap` allows, smooth at its end."""
     lit = np.clip((normal @ direction + wrap) / (1 + wrap), 0, 1)[:, None]
-    return lit * lit * (3 - 2 * lit) * 0.5 + lit * 0.5
+    return np.asarray(lit * lit * (3 - 2 * lit) * 0.5 + lit * 0.5)

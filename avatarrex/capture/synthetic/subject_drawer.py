@@ -64,7 +64,7 @@ def _spacing(subject: Subject, metres: dict[str, float]) -> np.ndarray:
     middle = subject.vertices[subject.faces].mean(1)
 
     def near(name: str) -> np.ndarray:
-        return np.linalg.norm(middle - joints[JOINT_NAMES.index(name)], axis=1) < DETAIL_RADIUS
+        return np.asarray(np.linalg.norm(middle - joints[JOINT_NAMES.index(name)], axis=1) < DETAIL_RADIUS)
 
     hand = near("left_wrist") | near("right_wrist")
     return np.where(near("head"), metres["face"], np.where(hand, metres["hand"], metres["body"]))

@@ -106,7 +106,8 @@ class Run:
     @property
     def config(self) -> dict[str, Any]:
         """As it was given to `create`."""
-        return self.about["config"]
+        config: dict[str, Any] = self.about["config"]
+        return config
 
     def stage(self, part: str, pass_name: str, steps: int) -> None:
         """Say what is being trained now and at which step it ends, for whoever watches. Optional."""
