@@ -1,6 +1,6 @@
 """Live Link Face CSV: 52 Apple blend shapes with head and eye angles, radians, one row a frame.
 
-Signs, held against a recording of a person who looks at the phone while the head turns (head and eye yaw then cancel, and
+Signs, checked against a recording of a person who looks at the phone while the head turns (head and eye yaw then cancel, and
 eye angles follow the eyeLook coefficients): head yaw to the person's left, pitch down, roll towards the person's right
 shoulder are positive. Eye angles say what the eyeLook coefficients say: the coefficients are read, the eye joints rest.
 """

@@ -22,7 +22,7 @@ from avatarrex.files.assets import require
 
 
 class RigTruth:
-    """The exact data of one rig, read when first asked for."""
+    """The exact data of one rig, read at first use."""
 
     def __init__(
         self, files: RigFiles, scale: float = 1.0, frames: int | None = None, lenses: tuple[Lens, ...] = ()
@@ -35,8 +35,8 @@ class RigTruth:
         self._lock = threading.Lock()
 
     def __getstate__(self) -> dict[str, Any]:
-        held = {"_files", "_name", "scale", "frames", "_lenses"}
-        return {name: value for name, value in self.__dict__.items() if name in held}
+        kept = {"_files", "_name", "scale", "frames", "_lenses"}
+        return {name: value for name, value in self.__dict__.items() if name in kept}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _lock=threading.Lock())
