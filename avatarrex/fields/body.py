@@ -28,8 +28,8 @@ from avatarrex.fields.code import BodyCode, DetailCode
 from avatarrex.fields.influence import EPSILON, GATE, RADIUS, SIGMA, Pairs, find_pairs, gate, influence, weighted_mean
 from avatarrex.fields.light import Light
 from avatarrex.fields.local_frame import (
+    ANCHOR_SIGMA,
     LOCAL_FRAMES,
-    SPREAD,
     Neighbours,
     Samples,
     take,
@@ -221,7 +221,7 @@ class BodyField(nn.Module):
             outward,
             invert_affine(onto),
             self.sample_owner,
-            SPREAD * (2048 / len(vertex)) ** 0.5,
+            ANCHOR_SIGMA * (2048 / len(vertex)) ** 0.5,
         )
         cover = covering_radius(posed.vertices.detach(), position.detach()) + CLOTH
         return BodyFrame(code, position, node_rest, node_from_rest, samples, cover)
