@@ -54,7 +54,7 @@ MAX_CLOTHING_OFFSET = 0.04
 """Metres: cloth and hair that stand off farther are not measured."""
 VISIBLE = 16.0
 """sRGB per metre: a change of colour by 4/255 counts as much as a millimetre."""
-LEAST = 0.005
+LEAST_FILL = 0.005
 """Smallest fill, metres: a pose that stretches the nodes apart must not put a surface into empty space."""
 
 
@@ -302,7 +302,7 @@ class BodyField(nn.Module):
         if not len(nodes):
             return torch.full_like(position[:, 0], torch.inf)
         nearest = torch.cdist(position.detach(), nodes.detach()).amin(1)
-        return (nearest.clamp_min(RADIUS) - frame.cover).clamp_min(LEAST)
+        return (nearest.clamp_min(RADIUS) - frame.cover).clamp_min(LEAST_FILL)
 
     def patches(self, frame: BodyFrame, nodes: Int[Tensor, " m"] | None = None) -> Float[Tensor, "m c s s"]:
         """Feature patches of all nodes, or of those listed (in their order)."""

@@ -20,7 +20,7 @@ from avatarrex.pointmap.point_map import CoveredPixels, PointMap
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres, slab
 from avatarrex.volume.sdf_volume import SdfVolume, sample
 
-CHUNK = 2048
+CHUNK_RAYS = 2048
 """Rays at a time: the cell faces of 2048 rays take 25 MB."""
 PIECES = 8
 """Samples per piece inside boxes: 0.6 mm at 5 mm, dips of a surface with 5 mm radius are seen from 9e-6 m."""
@@ -53,7 +53,7 @@ def surface(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> tuple[Float[Te
 def first_crossing(volume: SdfVolume, rays: Rays) -> Float[Tensor, " r"]:
     """t of the first crossing from s ≥ 0 to s < 0 on each ray, +inf where there is none."""
     signs = _cell_signs(volume)
-    chunks = torch.arange(len(rays.camera)).split(CHUNK)
+    chunks = torch.arange(len(rays.camera)).split(CHUNK_RAYS)
     return torch.cat([_first_crossing(volume, rays[rows], signs) for rows in chunks])
 
 

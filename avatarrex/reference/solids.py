@@ -17,7 +17,7 @@ from avatarrex.fields.composition import BAND, emptied
 from avatarrex.volume.sdf_volume import BodyGrid, PartBox, SdfVolume
 
 Solid = Callable[[Tensor], Tensor]
-RAMP = 0.04
+RAMP_LENGTH = 0.04
 """Metres over which ω rises from 0 to 1."""
 
 
@@ -134,11 +134,11 @@ def _hand(wrist: np.ndarray, along: np.ndarray) -> Solid:
 
 
 def _ramp(start: np.ndarray, along: np.ndarray) -> Solid:
-    """ω: 0 before `start`, 1 from `RAMP` on; 0 again from 30 cm away, where other limbs are."""
+    """ω: 0 before `start`, 1 from `RAMP_LENGTH` on; 0 again from 30 cm away, where other limbs are."""
 
     def omega(p: Tensor) -> Tensor:
         offset = p - torch.as_tensor(start).to(p)
-        rise = (offset @ torch.as_tensor(along).to(p) / RAMP).clamp(0, 1)
+        rise = (offset @ torch.as_tensor(along).to(p) / RAMP_LENGTH).clamp(0, 1)
         value: Tensor = rise * (offset.norm(dim=-1) < 0.3)
         return value
 

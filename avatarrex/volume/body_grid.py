@@ -34,7 +34,7 @@ NARROW_BAND_VOXELS = 1.0
 """Voxels: what is guessed nearer to the surface than this is evaluated at once."""
 SLACK = 0.012
 """Metres by which a guess may be wrong; far values are this much smaller."""
-BLOCK = 4
+BLOCK_VOXELS = 4
 """Voxels along a side of the largest blocks that are culled whole."""
 
 
@@ -116,11 +116,11 @@ def guess(
     Coarse to fine: a block whose centre's guess exceeds its radius and `NARROW_BAND_VOXELS` holds no surface.
     """
     shape, reach = np.array(lattice.shape), NARROW_BAND_VOXELS * lattice.voxel
-    near = np.ones(-(-shape // BLOCK), dtype=bool)
+    near = np.ones(-(-shape // BLOCK_VOXELS), dtype=bool)
     fill = np.zeros(near.shape, dtype=np.float32)
     known = np.zeros(lattice.shape, dtype=bool)
     stored = None if kept is None else np.full(lattice.shape, np.nan, dtype=np.float32)
-    side = BLOCK
+    side = BLOCK_VOXELS
     while True:
         block = np.stack(np.nonzero(near), -1)
         if side == 1 and kept is not None and stored is not None:
@@ -134,7 +134,7 @@ def guess(
         fill[near] = np.where(empty, np.maximum(least, EMPTIED), np.where(here.guess < 0, -least, least))
         slack = SLACK if side > 1 else 0.0
         close = (np.abs(here.guess) < reach + radius + slack) & ~(empty & (side == 1))
-        if side == BLOCK and kept is not None and stored is not None:
+        if side == BLOCK_VOXELS and kept is not None and stored is not None:
             close[close] = ~kept.onto(lattice, block[close], side, stored, known)
         near[near] = close
         if side == 1:

@@ -32,7 +32,7 @@ SKIN = 0.12
 """Metres within which samples and vertices affect points of the finest blocks."""
 FAR = SKIN - MAX_CLOTHING_OFFSET
 """Metres: a guess up to this is still a lower bound where everything that changed is farther than `SKIN`."""
-MOST = 0.6
+MOST_CHANGED = 0.6
 """Share of the nodes that changed from which nothing is kept."""
 
 
@@ -74,7 +74,7 @@ def reuse_unchanged(now: ReusableBody, before: ReusableBody, tolerance: float, e
     """
     old, new = before.frame, now.frame
     moved = _moved_nodes(new, old, effect) > tolerance
-    if moved.double().mean() > MOST:
+    if moved.double().mean() > MOST_CHANGED:
         return now
     frame = replace(
         new,

@@ -213,8 +213,8 @@ MUTANTS: dict[str, Mutant] = {
     "fill that ignores the cover": Mutant(
         "Σw → 0",
         BODY,
-        "return (nearest.clamp_min(RADIUS) - frame.cover).clamp_min(LEAST)",
-        "return nearest.clamp_min(LEAST)",
+        "return (nearest.clamp_min(RADIUS) - frame.cover).clamp_min(LEAST_FILL)",
+        "return nearest.clamp_min(LEAST_FILL)",
         "tests/fields/test_body.py::test_fill_never_exceeds_the_distance_to_the_surface",
     ),
     "Laplace CDF by cases": Mutant(
