@@ -88,7 +88,7 @@ class Camera:
     def centre(self) -> np.ndarray:
         """Camera centre in world metres, (3,)."""
         rotation, translation = self.camera_from_world[:3, :3], self.camera_from_world[:3, 3]
-        return -rotation.T @ translation
+        return np.asarray(-rotation.T @ translation)
 
     def key(self) -> tuple[object, ...]:
         """What a stage that depends on the camera compares."""

@@ -11,7 +11,7 @@ from avatarrex_studio.cli.output import output_folder
 from avatarrex.errors import InputError
 
 FORMATS = ("folder", "zip")
-MOST = 1000
+MOST_COMPARED = 1000
 """Frames that `check` compares."""
 
 
@@ -52,7 +52,7 @@ def _make(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    count = options.whole("--frames", arguments.frames, 1, MOST, f"1 to {MOST} frames")
+    count = options.whole("--frames", arguments.frames, 1, MOST_COMPARED, f"1 to {MOST_COMPARED} frames")
     out = None if arguments.out is None else output_folder(arguments.out, "check.json")
     from avatarrex_studio.cli.capture_check import check
 

@@ -133,6 +133,6 @@ def _open_run(arguments: argparse.Namespace, config: dict[str, Any]) -> Run:
     begun = read_about(Path(arguments.out))["config"]
     for key in ("part", "preset", "seed", "start", "held_out"):
         if begun.get(key) != config[key]:
-            raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as asked for", begun.get(key))
+            raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as requested", begun.get(key))
     kept_recipe(Path(arguments.out), begun, arguments.mixed)
     return Run.open(arguments.out)

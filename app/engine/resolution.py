@@ -14,7 +14,7 @@ FULL_AFTER = 0.2
 """Rest before the full raster is rendered."""
 HYSTERESIS = 0.2
 """A size is kept while the wanted one is within this share of it."""
-FLOOR = 128
+FLOOR_PIXELS = 128
 """Pixels of the smaller side below which a face is no longer one."""
 
 
@@ -78,7 +78,7 @@ class Resolution:
             return full
         width, height = full
         affordable = PIXEL_SECONDS[self.state] / self.seconds_per_pixel
-        lowest = min(FLOOR / min(full), 1.0)
+        lowest = min(FLOOR_PIXELS / min(full), 1.0)
         wanted = min(max(math.sqrt(affordable / (width * height)), lowest), 1.0)
         if self.state is Activity.STILL:
             return _scaled(full, max(wanted, self._scale))

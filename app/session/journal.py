@@ -21,7 +21,7 @@ from avatarrex.files.gate import write_text
 from avatarrex.files.json_text import read_json
 
 FORMAT = 1
-LARGEST = 2**26
+SESSION_BYTES = 2**26
 """Bytes of a file: ten thousand frames of a motion that was played."""
 COMMANDS = 100_000
 """Of a file, in all its steps: an hour of one gesture at 30 a second; as many are applied in seconds."""
@@ -140,7 +140,7 @@ class Journal:
     @classmethod
     def load(cls, path: str | Path) -> Journal:
         """Read a session file. Raises `InputError`."""
-        return cls.from_json(read_json(path, "a session file", LARGEST), str(path))
+        return cls.from_json(read_json(path, "a session file", SESSION_BYTES), str(path))
 
 
 @contextmanager

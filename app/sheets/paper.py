@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 from avatarrex.files.gate import written
 
 QUALITY = 90
-LARGEST = 700_000
+SHEET_BYTES = 700_000
 """Bytes of a sheet at most: one that is larger is made smaller."""
 EDGE, GROUPS, TILES, LINE, HEADING = 24, 18, 4, 30, 78
 """Margin, space between groups and between a group's tiles, height of a label and of the heading."""
@@ -71,12 +71,12 @@ def laid_out(heading: str, note: str, rows: list[list[Group]], width: int) -> Im
 
 
 def write_jpeg(path: str | Path, sheet: Image.Image) -> None:
-    """`sheet` as JPEG of at most `LARGEST` bytes: reduced by a tenth until it fits."""
+    """`sheet` as JPEG of at most `SHEET_BYTES` bytes: reduced by a tenth until it fits."""
     picture = sheet
     while True:
         with written(path) as temporary:
             picture.save(temporary, format="JPEG", quality=QUALITY, optimize=True)
-        if Path(path).stat().st_size <= LARGEST:
+        if Path(path).stat().st_size <= SHEET_BYTES:
             return
         picture = sheet.resize((picture.width * 9 // 10, picture.height * 9 // 10), Image.Resampling.LANCZOS)
 

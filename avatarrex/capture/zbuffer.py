@@ -68,4 +68,4 @@ def _fragments(corners: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

@@ -28,8 +28,8 @@ from avatarrex.fields.code import BodyCode, DetailCode
 from avatarrex.fields.influence import EPSILON, GATE, RADIUS, SIGMA, Pairs, find_pairs, gate, influence, weighted_mean
 from avatarrex.fields.light import Light
 from avatarrex.fields.local_frame import (
+    ANCHOR_SIGMA,
     LOCAL_FRAMES,
-    SPREAD,
     Neighbours,
     Samples,
     take,
@@ -54,7 +54,7 @@ MAX_CLOTHING_OFFSET = 0.04
 """Metres: cloth and hair that stand off farther are not measured."""
 VISIBLE = 16.0
 """sRGB per metre: a change of colour by 4/255 counts as much as a millimetre."""
-LEAST = 0.005
+LEAST_FILL = 0.005
 """Smallest fill, metres: a pose that stretches the nodes apart must not put a surface into empty space."""
 
 
@@ -125,9 +125,10 @@ class BodyField(nn.Module):
         self.register_buffer("clothing_offset", torch.zeros(len(model.v_template)))
         nothing = torch.zeros(len(model.v_template), dtype=torch.bool)
         self.register_buffer("replaced", nothing if replaced is None else replaced, persistent=False)
-        self.register_state_dict_post_hook(_file_names)
-        self.register_load_state_dict_pre_hook(_own_names)
-        self.register_load_state_dict_post_hook(lambda module, _: module.place())
+        module: nn.Module = self
+        module.register_state_dict_post_hook(_file_names)
+        module.register_load_state_dict_pre_hook(_own_names)
+        module.register_load_state_dict_post_hook(lambda module, _: module.place())
         self.place()
         n, e = len(self.node_vertex), widths.embedding
         coordinate, direction = channels(COORDINATE_OCTAVES), channels(DIRECTION_OCTAVES)
@@ -209,7 +210,8 @@ class BodyField(nn.Module):
 
     def code(self, body_rotations: Float[Tensor, "21 3 3"], latent: Float[Tensor, " z"] | None = None) -> BodyCode:
         """Node residuals and detail embeddings of a pose; `latent` None is z = 0, the test-time value."""
-        return self.code_network(body_rotations, latent)
+        code: BodyCode = self.code_network(body_rotations, latent)
+        return code
 
     def frame(self, posed: PosedTemplate, code: BodyCode) -> BodyFrame:
         """Everything of this pose. `posed` is the body template with flat hands and a neutral face."""
@@ -225,7 +227,7 @@ class BodyField(nn.Module):
             outward,
             invert_affine(onto),
             self.sample_owner,
-            SPREAD * (2048 / len(vertex)) ** 0.5,
+            ANCHOR_SIGMA * (2048 / len(vertex)) ** 0.5,
         )
         cover = covering_radius(posed.vertices.detach(), position.detach()) + CLOTH
         return BodyFrame(code, position, node_rest, node_from_rest, samples, cover)
@@ -288,7 +290,7 @@ class BodyField(nn.Module):
         coordinate = Encoding(local / RADIUS, COORDINATE_OCTAVES)
         feature = self.geometry_local([coordinate], frame.code.embedding, pairs.offsets, impl)
         mean, total = weighted_mean(feature, weight, pairs, len(position))
-        inside = SDF_UNIT * self.geometry_blend(mean[:, : self.widths.geometry_feature])[:, 0]
+        inside: Tensor = SDF_UNIT * self.geometry_blend(mean[:, : self.widths.geometry_feature])[:, 0]
         missed = total <= 0
         if not missed.any():
             return inside
@@ -302,11 +304,12 @@ class BodyField(nn.Module):
         if not len(nodes):
             return torch.full_like(position[:, 0], torch.inf)
         nearest = torch.cdist(position.detach(), nodes.detach()).amin(1)
-        return (nearest.clamp_min(RADIUS) - frame.cover).clamp_min(LEAST)
+        return (nearest.clamp_min(RADIUS) - frame.cover).clamp_min(LEAST_FILL)
 
     def patches(self, frame: BodyFrame, nodes: Int[Tensor, " m"] | None = None) -> Float[Tensor, "m c s s"]:
         """Feature patches of all nodes, or of those listed (in their order)."""
-        return self.patch_network(frame.code.embedding, nodes)
+        patches: Tensor = self.patch_network(frame.code.embedding, nodes)
+        return patches
 
     def colour(
         self,
@@ -339,7 +342,7 @@ class BodyField(nn.Module):
         """𝒞_i(p_i, e_i, f_i) of every pair."""
         if self.colour_local is None:
             coordinate = Encoding(local / RADIUS, COORDINATE_OCTAVES)
-            both = self.geometry_local([coordinate], frame.code.embedding, pairs.offsets, impl)
+            both: Tensor = self.geometry_local([coordinate], frame.code.embedding, pairs.offsets, impl)
             return both[:, self.widths.geometry_feature :]
         if patches is None:
             nodes = torch.nonzero(pairs.offsets.diff())[:, 0]
@@ -347,7 +350,8 @@ class BodyField(nn.Module):
             patches = decoded.new_zeros(len(self.node_rest), *decoded.shape[1:]).index_copy(0, nodes, decoded)
         coordinate = Encoding(local / COLOUR_UNIT, COORDINATE_OCTAVES, GATE[1] / COLOUR_UNIT)
         blocks = [coordinate, patch_features(patches, pairs.node, self.node_axes, local)]
-        return self.colour_local(blocks, frame.code.embedding, pairs.offsets, impl)
+        feature: Tensor = self.colour_local(blocks, frame.code.embedding, pairs.offsets, impl)
+        return feature
 
 
 def _localised(

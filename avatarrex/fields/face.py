@@ -80,7 +80,8 @@ class FaceField(nn.Module):
 
     def sdf(self, planes: Float[Tensor, "..."], position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """G_F, metres, at head-frame points; meaningful near the face only."""
-        return OUTPUT * self.geometry(planes, self.box.normalise(position))[:, 0]
+        distance: Tensor = OUTPUT * self.geometry(planes, self.box.normalise(position))[:, 0]
+        return distance
 
     def colour(
         self, planes: Float[Tensor, "..."], position: Float[Tensor, "p 3"], view: Float[Tensor, "p 3"]
@@ -116,7 +117,8 @@ class _TriPlaneNet(nn.Module):
         index = torch.arange(3, device=place.device).repeat_interleave(count)
         feature = bilinear(planes, index, project(place).reshape(-1, 2)).reshape(3, count, planes.shape[1])
         parts = [encode(place, COORDINATE_OCTAVES), *feature]
-        return self.mlp(torch.cat(parts if extra is None else [*parts, extra], -1))
+        output: Tensor = self.mlp(torch.cat(parts if extra is None else [*parts, extra], -1))
+        return output
 
 
 class _CoefficientNet(nn.Module):
@@ -132,7 +134,8 @@ class _CoefficientNet(nn.Module):
     def forward(self, coefficients: Tensor, place: Tensor, extra: Tensor | None = None) -> Tensor:
         """At normalised points (p, 3)."""
         parts = [encode(place, COORDINATE_OCTAVES), coefficients.expand(len(place), -1)]
-        return self.mlp(torch.cat(parts if extra is None else [*parts, extra], -1))
+        output: Tensor = self.mlp(torch.cat(parts if extra is None else [*parts, extra], -1))
+        return output
 
 
 def _mlp(widths: tuple[int, ...], activation: type[nn.Module]) -> nn.Sequential:

@@ -31,7 +31,7 @@ SCALE = 0.12
 """Metres: a hand with its stub spans less than ±2 of this, where γ clamps; its shortest wavelength is 2.4 cm."""
 LIFT = 1e-4
 """Metres over the skin at which a test decides whether it is buried."""
-SPACING = 0.006
+TEST_SPACING = 0.006
 """Metres between tested places on a face, half of that on most: less than half a finger tip."""
 MOST_STEPS = 8
 """Such places along the side of a face, at most."""
@@ -96,7 +96,7 @@ class HandSurface:
     ) -> Bool[Tensor, " f"]:
         """Faces that other flesh contains between their corners: just outside of one there is flesh, or just inside none."""
         side = (corners - corners.roll(1, 1)).norm(dim=-1).amax(1)
-        steps = (side / SPACING).ceil().long().clamp(2, MOST_STEPS)
+        steps = (side / TEST_SPACING).ceil().long().clamp(2, MOST_STEPS)
         found = torch.zeros(len(faces), dtype=torch.bool, device=faces.device)
         for count in steps.unique().tolist():
             rows = torch.nonzero(steps == count)[:, 0]

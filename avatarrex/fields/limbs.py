@@ -43,7 +43,8 @@ class Ownership:
         low, high = part_vertices.amin(0), part_vertices.amax(0)
 
         def apart(position: Tensor) -> Tensor:
-            return (position - position.clamp(low, high)).norm(dim=-1)
+            distance: Tensor = (position - position.clamp(low, high)).norm(dim=-1)
+            return distance
 
         return Ownership(apart(rest_node) < OWN_REACH, (apart(rest_vertices) >= OWN_REACH).numpy())
 

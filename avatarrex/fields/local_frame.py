@@ -38,7 +38,7 @@ NEIGHBOURS = 5
 does not jump (avatarrex/measure/studies/local_frames.py: step)."""
 NEVER_ZERO = 1e-6
 """Keeps the sum positive where all neighbours are equally far."""
-SPREAD = 0.015
+ANCHOR_SIGMA = 0.015
 """σ of the anchors' Gaussian at 2048 anchors, metres; it grows with their spacing, 0.021 at 1024."""
 ASIDE = 0.3
 """Share of the distance along the skin where limbs touch: the point belongs to the one that it is deepest inside, as in a

@@ -19,7 +19,7 @@ from avatarrex.gl.context import gl_unavailable
 from avatarrex.templates.mesh import vertex_normals
 
 VIEWS = ("front", "left", "right")
-SIZE = 256
+VIEW_PIXELS = 256
 CHANNELS = 7
 AXES = (
     ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
@@ -59,7 +59,7 @@ def render_views(
     faces: Int[Tensor, "f 3"],
     albedo: Float[Tensor, "v 3"],
     box: HeadBox,
-    size: int = SIZE,
+    size: int = VIEW_PIXELS,
     impl: Impl = "auto",
 ) -> Float[Tensor, "3 7 h w"]:
     """The views of a posed face mesh (head frame, metres). Not differentiable; the same input gives the same bits.

@@ -24,7 +24,7 @@ from torch import Tensor, nn
 from avatarrex.fields import loops
 from avatarrex.ops import native
 
-SIZE = 32
+PATCH_PIXELS = 32
 EXTENT = 0.11
 """Half side of a patch, metres: 90 % of the blend weight lies within 0.108 m of a node."""
 
@@ -34,7 +34,7 @@ class PatchNetwork(nn.Module):
 
     def __init__(self, nodes: int, embedding: int, encoding: int, hidden: Sequence[int], out: int) -> None:
         super().__init__()
-        self.encoding = nn.Parameter(0.1 * torch.randn(nodes, encoding, SIZE, SIZE))
+        self.encoding = nn.Parameter(0.1 * torch.randn(nodes, encoding, PATCH_PIXELS, PATCH_PIXELS))
         self.kernels = nn.ParameterList()
         self.biases = nn.ParameterList()
         widths = (encoding + embedding, *hidden, out)
@@ -48,7 +48,7 @@ class PatchNetwork(nn.Module):
     ) -> Float[Tensor, "m c s s"]:
         """Patches of all nodes, or of those listed in `nodes`."""
         if nodes is not None and not len(nodes):
-            return self.encoding.new_zeros(0, self.biases[-1].shape[1], SIZE, SIZE)
+            return self.encoding.new_zeros(0, self.biases[-1].shape[1], PATCH_PIXELS, PATCH_PIXELS)
         chosen = slice(None) if nodes is None else nodes
         maps, kernel = self.encoding[chosen], self.kernels[0][chosen]
         channels = maps.shape[1]
@@ -66,7 +66,7 @@ class NoPatches(nn.Module):
         self, embedding: Float[Tensor, "n e"], nodes: Int[Tensor, " m"] | None = None
     ) -> Float[Tensor, "m 0 s s"]:
         """See `PatchNetwork`."""
-        return embedding.new_zeros(len(embedding) if nodes is None else len(nodes), 0, SIZE, SIZE)
+        return embedding.new_zeros(len(embedding) if nodes is None else len(nodes), 0, PATCH_PIXELS, PATCH_PIXELS)
 
 
 def patches_reference(network: PatchNetwork | NoPatches, embedding: Float[Tensor, "n e"]) -> Float[Tensor, "n c s s"]:
@@ -75,7 +75,7 @@ def patches_reference(network: PatchNetwork | NoPatches, embedding: Float[Tensor
         return network.forward(embedding)
     rows = []
     for node, code in enumerate(embedding):
-        maps = torch.cat([network.encoding[node], code[:, None, None].expand(-1, SIZE, SIZE)])[None]
+        maps = torch.cat([network.encoding[node], code[:, None, None].expand(-1, PATCH_PIXELS, PATCH_PIXELS)])[None]
         for layer, (kernel, bias) in enumerate(zip(network.kernels, network.biases)):
             if layer:
                 maps = F.relu(maps)

@@ -19,7 +19,7 @@ FLAT = 0.012
 """Metres around a vertex in which the skin counts as its tangent plane: about the spacing of the body's vertices."""
 STEEP = 0.5
 """A point this much less below a vertex' tangent plane than aside of it is outside: past the rim of a part of the skin."""
-RIM = 0.04
+RIM_WIDTH = 0.04
 """Metres: of a whole skin, whose cloth may bridge folds."""
 BLENDED = 8
 """Vertices that ω is blended of where it changes; one vertex' alone cuts the wrist into steps of several millimetres."""
@@ -81,7 +81,7 @@ class TemplateDistance:
         normals: np.ndarray,
         weight: np.ndarray,
         clothing_offset: np.ndarray,
-        rim: float = RIM,
+        rim: float = RIM_WIDTH,
         closed: bool = False,
         tree: SearchTree | None = None,
     ) -> TemplateDistance:
@@ -111,7 +111,7 @@ class TemplateDistance:
 
     def _weight(self, position: np.ndarray, nearest: np.ndarray) -> np.ndarray:
         """ω (p,) of the nearest vertex or, where it changes, of the `BLENDED` nearest: the farthest enters with weight 0."""
-        weight = self.weight[nearest]
+        weight: np.ndarray = self.weight[nearest]
         rows = np.flatnonzero(self.changing[nearest])
         if len(rows):
             count = min(BLENDED + 1, len(self.vertices))

@@ -15,7 +15,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.gate import check_bytes
 from avatarrex.files.zips import check_directory, open_member, open_zip, refusing, unpack
 
-LARGEST = 2**31
+UNPACKED_BYTES = 2**31
 """Bytes that the arrays of one file may unpack to: a few MB of zip can claim any number."""
 HEADER = 2**16
 """Bytes at the start of a member in which its header ends."""
@@ -24,7 +24,7 @@ _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0
 
 
 def read_arrays(
-    source: str | Path | bytes, only: Iterable[str] | None = None, largest: int = LARGEST, place: str = ""
+    source: str | Path | bytes, only: Iterable[str] | None = None, largest: int = UNPACKED_BYTES, place: str = ""
 ) -> dict[str, np.ndarray]:
     """Every array of an `.npz` file (a path, or its bytes, called `place` in errors), or those of `only` that it has.
 

@@ -35,7 +35,8 @@ def read_npz(path: str | Path, spec_name: str) -> dict[str, np.ndarray]:
 @lru_cache(maxsize=16)
 def read_spec(name: str) -> dict[str, Any]:
     """A packaged spec, `assets_spec/<name>.json`."""
-    return json.loads((SPECS / f"{name}.json").read_text(encoding="utf-8"))
+    spec: dict[str, Any] = json.loads((SPECS / f"{name}.json").read_text(encoding="utf-8"))
+    return spec
 
 
 def check_arrays(arrays: dict[str, np.ndarray], source: str | Path, spec: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ from typing import ParamSpec, Protocol
 
 Arguments = ParamSpec("Arguments")
 WAITING = 4
-"""Pieces of work that may wait; whoever brings more waits, too: they hold pictures."""
+"""Pieces of work that may wait; whoever brings more waits, too: they contain pictures."""
 
 
 class Do(Protocol):

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from avatarrex.errors import InputError
 
-LARGEST = 2**29
+TEXT_BYTES = 2**29
 """Bytes of the largest text file that is read: ten hours of BVH at 30 frames a second."""
 LINE = 2**20
 """Letters of the longest line: fifty times what a frame of a hundred joints takes."""
@@ -47,7 +47,7 @@ def check_bytes(size: int, source: object, field: str, expected: str, largest: i
         raise InputError(source, field, f"{expected} of at most {_bytes(largest)}", _bytes(size))
 
 
-def read_bytes(path: str | Path, expected: str, largest: int = LARGEST, field: str = "") -> bytes:
+def read_bytes(path: str | Path, expected: str, largest: int = TEXT_BYTES, field: str = "") -> bytes:
     """The content of a file. Raises `InputError`."""
     check_file(path, expected, largest, field)
     try:
@@ -56,7 +56,7 @@ def read_bytes(path: str | Path, expected: str, largest: int = LARGEST, field: s
         raise InputError(path, field, expected, getattr(error, "strerror", None) or "too little memory") from None
 
 
-def read_text(path: str | Path, expected: str, errors: str = "strict", largest: int = LARGEST) -> str:
+def read_text(path: str | Path, expected: str, errors: str = "strict", largest: int = TEXT_BYTES) -> str:
     """A UTF-8 text file, with or without a byte order mark. Raises `InputError`: `expected` says what it should be."""
     return decode(read_bytes(path, expected, largest), path, expected, errors)
 
@@ -71,7 +71,7 @@ def decode(content: bytes, source: object, expected: str, errors: str = "strict"
 
 def read_lines(path: str | Path, expected: str, errors: str = "strict") -> Iterator[str]:
     """The lines of a text file one after the other, without their ends: no more than one is in memory. Raises `InputError`."""
-    check_file(path, expected, LARGEST)
+    check_file(path, expected, TEXT_BYTES)
     number = 1
     try:
         with open(path, encoding="utf-8-sig", errors=errors) as file:

@@ -32,7 +32,7 @@ def composite(image: Float[Tensor, "h w 4"], background: Colour) -> UInt8[np.nda
     pixels = pixels + (1 - pixels[..., 3:]) * below
     covered = np.maximum(pixels[..., 3:], 1e-6)  # below half a step of 8 bits: colour is then irrelevant
     straight = np.concatenate([pixels[..., :3] / covered, pixels[..., 3:]], -1)
-    return np.rint(255 * np.clip(straight, 0, 1)).astype(np.uint8)
+    return np.asarray(np.rint(255 * np.clip(straight, 0, 1)), np.uint8)
 
 
 def write_png(path: str | Path, pixels: UInt8[np.ndarray, "h w 4"], text: Mapping[str, str] | None = None) -> None:

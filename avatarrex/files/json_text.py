@@ -15,7 +15,7 @@ from typing import Any
 from avatarrex.errors import InputError
 from avatarrex.files.gate import read_text
 
-LARGEST = 2**28
+JSON_BYTES = 2**28
 """Bytes of a file: a motion of as many values as are allowed."""
 SMALL = 2**22
 """Bytes of a file that describes something: an avatar, a run, a checkpoint, a capture's rig."""
@@ -28,7 +28,7 @@ DIGITS = 40
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"|[\[\]{}]', re.DOTALL)
 
 
-def read_json(path: str | Path, expected: str = "a JSON file", largest: int = LARGEST) -> Any:
+def read_json(path: str | Path, expected: str = "a JSON file", largest: int = JSON_BYTES) -> Any:
     """What a JSON file contains. Raises `InputError`."""
     return parse_json(read_text(path, expected, largest=largest), path, "", expected)
 

@@ -19,7 +19,7 @@ from avatarrex.files.gate import check_bytes, what_is
 
 DIRECTORY = 2**26
 """Bytes of a zip's list of names: half a million pictures. Python takes about ten times as much for it."""
-BLOCK = 2**20
+BLOCK_BYTES = 2**20
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _TAIL = 22 + 2**16
 """Bytes at a zip's end in which its end record is looked for: the record and its longest comment."""
@@ -77,7 +77,7 @@ def unpack(archive: zipfile.ZipFile, name: str, largest: int, source: object, fi
     check_bytes(info.file_size, source, field, "a file", largest)
     content = bytearray()
     with open_member(archive, info, source, field) as member:
-        while block := member.read(BLOCK):
+        while block := member.read(BLOCK_BYTES):
             content += block
     return content
 

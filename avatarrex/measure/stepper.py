@@ -25,6 +25,6 @@ class Stepper:
         loss = weighted(result.terms, self.work.recipe.weights)
         self.optimiser.zero_grad(set_to_none=True)
         if loss.requires_grad:
-            loss.backward()  # type: ignore[no-untyped-call]
+            loss.backward()
             self.optimiser.step()
         return result, float(loss.detach())

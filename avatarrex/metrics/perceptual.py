@@ -35,7 +35,7 @@ BLOCKS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512
 """Channels of VGG-16's convolutions between its poolings (Simonyan & Zisserman 2015, configuration D)."""
 SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
 """LPIPS 0.1 normalises pictures in [−1, 1] by these (ImageNet's mean and deviation on that scale)."""
-LEAST = 16
+LEAST_PIXELS = 16
 """Pixels a side: four poolings leave one."""
 
 
@@ -78,9 +78,9 @@ class Lpips(nn.Module):
 
     def forward(self, a: Images, b: Images, mask: Mask | None = None) -> Float[Tensor, " b"]:
         """Distance per image; with a mask each layer's average is weighted by the mask's share of its cells."""
-        if a.shape != b.shape or min(a.shape[-2:]) < LEAST:
+        if a.shape != b.shape or min(a.shape[-2:]) < LEAST_PIXELS:
             found = f"{tuple(a.shape)} and {tuple(b.shape)}"
-            raise InputError("lpips", "images", f"two of one size, at least {LEAST} pixels a side", found)
+            raise InputError("lpips", "images", f"two of one size, at least {LEAST_PIXELS} pixels a side", found)
         both = self.network((2 * torch.cat([a, b]) - 1 - self.shift) / self.scale)
         total = a.new_zeros(len(a))
         for features, head in zip(both, self.heads):

@@ -21,7 +21,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.gate import check_bytes, check_file, what_is
 from avatarrex.files.zips import open_zip, unpack
 
-LARGEST = 2**31
+WEIGHTS_BYTES = 2**31
 """Bytes of a file and of what it unpacks to; the largest that is read, Inception-v3, has 95 MB."""
 LARGEST_WEIGHT = 1e9
 """No weight of a trained network comes near; its square is still finite in single precision."""
@@ -46,7 +46,7 @@ def find_weights(name: str, variable: str, path: Path | None = None) -> Path | N
 
 def read_weights(file: Path, member: str | None = None) -> dict[str, Tensor]:
     """Tensors by name; with `member`, of that file inside a `.whl` or `.zip`. Raises `InputError`."""
-    check_file(file, "a weights file", LARGEST)
+    check_file(file, "a weights file", WEIGHTS_BYTES)
     try:
         if file.suffix == ".safetensors":
             return safetensors.torch.load_file(file)
@@ -68,8 +68,8 @@ def _content(file: Path, member: str | None) -> Path | BytesIO:
         return file
     with open_zip(file, "a weights file") as archive:
         if member and file.suffix in (".whl", ".zip"):
-            return BytesIO(unpack(archive, member, LARGEST, file, member))
-        check_bytes(sum(info.file_size for info in archive.infolist()), file, "", "tensors", LARGEST)
+            return BytesIO(unpack(archive, member, WEIGHTS_BYTES, file, member))
+        check_bytes(sum(info.file_size for info in archive.infolist()), file, "", "tensors", WEIGHTS_BYTES)
     return file
 
 

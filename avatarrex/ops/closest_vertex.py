@@ -49,7 +49,7 @@ def _square(tree: SearchTree, k: int, point: Point) -> float:
 
 @borrowing
 def _beyond(square: float) -> float:
-    """A limit past that distance: a box as far off may hold an equal."""
+    """A limit past that distance: a box as far off may contain an equal."""
     return square * LARGER + TINY
 
 

@@ -18,7 +18,7 @@ from avatarrex.ops.native import native
 
 MULTIPLIED = 1 << 18
 """Products of one matrix product up to which OpenBLAS stays with the thread that calls it."""
-MOST = 128
+CHUNK_ROWS = 128
 """Rows of a chunk."""
 Array = Shaped[np.ndarray, "..."]
 ZERO, HALF, ONE, TWO, LEAST = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2), np.float32(-87)
@@ -36,7 +36,7 @@ C0, C1, C2 = np.float32(2.443315711809948e-5), np.float32(-1.388731625493765e-3)
 
 def chunks(offsets: Array, widest: int) -> Array:
     """(m, 3) node, first and last row of every chunk, where a product takes at most `widest` weights."""
-    rows = min(max(MULTIPLIED // widest, 1), MOST)
+    rows = min(max(MULTIPLIED // widest, 1), CHUNK_ROWS)
     count = -(-np.diff(offsets) // rows)
     node = np.repeat(np.arange(len(count)), count)
     first = offsets[node] + rows * (np.arange(len(node)) - np.repeat(np.cumsum(count) - count, count))
@@ -68,7 +68,7 @@ def forward(
     wide = channels
     for bias in biases:
         wide = max(wide, bias.shape[1])
-    room = np.empty((2, MOST * wide), np.float32)
+    room = np.empty((2, CHUNK_ROWS * wide), np.float32)
     for piece in range(begin, end):
         node, first, last = chunk[piece]
         rows, side = last - first, 0

@@ -2,7 +2,7 @@
 
 Each has the torch operations that it replaces as its reference in the tests; those also serve gradients, float64 and other devices
 (a search tree is float64 itself, and has no gradient). No fused products, unless a loop
-asks for them: a number that is computed at two places is the same at both.
+allows them: a number that is computed at two places is the same at both.
 
 A compiled loop is kept on disk by numba's cache, beside its source or in the user's cache folder: a machine compiles each once, all
 of them in fifteen seconds. numba's own key is the hash of the loop's file alone. Loops also call functions and use constants of

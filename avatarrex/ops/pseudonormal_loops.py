@@ -15,7 +15,7 @@ from avatarrex.ops.triangle import THIN
 
 Array = Shaped[np.ndarray, "..."]
 FREE = -1
-SPREAD = (73856093, 19349663, 83492791)
+HASH_PRIMES = (73856093, 19349663, 83492791)
 """Primes of a hash of triples (Teschner et al. 2003)."""
 Found = tuple[Array, Array, Array, Array, Array, Array, Array]
 
@@ -50,7 +50,7 @@ def _welded(place: Array, slots: int) -> Array:
 @native
 def _slot(table: Array, key: Array, a: int, b: int, c: int) -> int:
     """Where the triple is in a table, or is to be: `table` (s,) contains rows of `key`."""
-    mixed = (a * SPREAD[0]) ^ (b * SPREAD[1]) ^ (c * SPREAD[2])
+    mixed = (a * HASH_PRIMES[0]) ^ (b * HASH_PRIMES[1]) ^ (c * HASH_PRIMES[2])
     at = (mixed ^ (mixed >> 20) ^ (mixed >> 40)) & (len(table) - 1)  # numbers that were float32 have no low bits
     while table[at] != FREE:
         row = table[at]

@@ -173,4 +173,5 @@ def _floored_inverse(linear: Float[Tensor, "b 3 3"]) -> Float[Tensor, "b 3 3"]:
     # A reflection (three or more opposed joints) counts as collapsed through zero along its weakest axis.
     u = torch.cat([u[..., :2], u[..., 2:] * flip[:, None, None]], -1)
     stretch = torch.cat([stretch[:, :2], stretch[:, 2:] * flip[:, None]], -1).clamp_min(1 / AMPLIFICATION)
-    return (vt.mT @ (u / stretch[:, None, :]).mT).to(linear.dtype)
+    inverse: Tensor = (vt.mT @ (u / stretch[:, None, :]).mT).to(linear.dtype)
+    return inverse

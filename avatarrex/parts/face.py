@@ -16,7 +16,7 @@ from avatarrex.fields.tone import ToneMap
 from avatarrex.parts.part import CLAMP, Impl, Part, Start, SurfacePoints
 from avatarrex.templates.mesh import vertex_normals
 
-BAND = 0.03
+FACE_BAND = 0.03
 """Metres around the face mesh in which the face field is evaluated and blended: from +0.025 on it is not used."""
 FIRST_BAND = 0.012
 """Metres from the face mesh that are evaluated at the coarse level; from there the surface is followed."""
@@ -45,7 +45,7 @@ class Face(Part[FaceState]):
     @classmethod
     def of(cls, field: FaceField, blend_weight: Float[Tensor, " v"], tone: ToneMap) -> Face:
         """`blend_weight`: ω painted on the template."""
-        return cls("face", blend_weight, BAND, 1, "face_evaluations", field, tone)
+        return cls("face", blend_weight, FACE_BAND, 1, "face_evaluations", field, tone)
 
     @torch.no_grad()
     def prepare(self, vertices: Tensor, coefficients: Tensor, counters: Counters, impl: Impl = "auto") -> FaceState:
@@ -59,7 +59,7 @@ class Face(Part[FaceState]):
     def start(self, state: FaceState, position: Float[np.ndarray, "p 3"], everywhere: bool) -> Start:
         """The template's distance; points near the mesh are evaluated first."""
         here = state.skin.query(position)
-        used = (here.distance < BAND) & (here.weight > 0)
+        used = (here.distance < FACE_BAND) & (here.weight > 0)
         guess = np.where(used, here.guess, CLAMP).clip(-CLAMP, CLAMP)
         values = np.stack([guess, np.where(used, here.weight, 0)], -1).astype(np.float32)
         return Start(values, np.flatnonzero(used & ((np.abs(guess) < FIRST_BAND) | everywhere)), ~used)
@@ -71,7 +71,7 @@ class Face(Part[FaceState]):
     def distance(self, state: FaceState, position: Tensor, impl: Impl = "auto") -> tuple[Tensor, Tensor]:
         """See `Part`; +∞ where ω is 0 and nothing is evaluated."""
         here = state.skin.query(position.double().numpy())
-        omega = torch.as_tensor(np.where(here.distance < BAND, here.weight, 0)).to(position)
+        omega = torch.as_tensor(np.where(here.distance < FACE_BAND, here.weight, 0)).to(position)
         used = torch.arange(len(omega)) if impl == "reference" else torch.nonzero(omega > 0)[:, 0]
         sdf = torch.full_like(omega, torch.inf)
         sdf[used] = self.field.sdf(state.geometry, position[used])
@@ -89,4 +89,5 @@ class Face(Part[FaceState]):
         planes = self.decode_colour(state, counters)
         counters.add("face_pixels", len(points.position))
         own = self.field.colour(planes, points.position, points.direction)
-        return self.tone(own, points.root_direction, points.direction)
+        colour: Tensor = self.tone(own, points.root_direction, points.direction)
+        return colour

@@ -83,4 +83,5 @@ class Hand(Part[HandState]):
         counters.add("hand_pixels", len(points.position))
         query = state.query(points.position, None, impl).facing(points.direction)
         root_normal = query.normal @ points.root_from_part.T
-        return self.field.colour(state.vertices, state.hand_pose, query) * self.light(root_normal)
+        colour: Tensor = self.field.colour(state.vertices, state.hand_pose, query) * self.light(root_normal)
+        return colour

@@ -32,10 +32,10 @@ CONVERGED = 1e-3
 """Metres of |s| from which a secant is trusted whose last step has halved |s| at least."""
 STEEPEST, FLATTEST = -1.5, -0.2
 """Bounds of the field's slope along a ray: a grazing ray must not be thrown a voxel away by a tenth of a millimetre."""
-SPACING = 2.5e-4
+REFERENCE_SPACING = 2.5e-4
 """Metres between the reference's samples."""
 HALVINGS = 15
-"""Of `SPACING`: 8e-9 m."""
+"""Of `REFERENCE_SPACING`: 8e-9 m."""
 
 
 @torch.no_grad()
@@ -101,13 +101,13 @@ def descend_reference(
     field: Field, start: Float[Tensor, "p 3"], direction: Float[Tensor, "p 3"], bound: Float[Tensor, " p"]
 ) -> Float[Tensor, " p"]:
     """The root that `descend` looks for: the nearest fall of the field through zero within `bound`; NaN without one."""
-    half = int(bound.max() / SPACING) + 1
-    t = SPACING * torch.arange(-half, half + 1).to(start)
+    half = int(bound.max() / REFERENCE_SPACING) + 1
+    t = REFERENCE_SPACING * torch.arange(-half, half + 1).to(start)
     value = torch.stack([field(start + at * direction).sdf for at in t], 1)
     falls = (value[:, :-1] >= 0) & (value[:, 1:] < 0) & (t[1:].abs() <= bound[:, None])
     distance = torch.where(falls, ((t[:-1] + t[1:]) / 2).abs(), torch.inf)
     low = t[distance.argmin(1)]
-    high = low + SPACING
+    high = low + REFERENCE_SPACING
     for _ in range(HALVINGS):
         middle = (low + high) / 2
         outside = field(start + middle[:, None] * direction).sdf >= 0

@@ -9,6 +9,8 @@ Letters: r rays, i intervals between cell faces. Root frame, metres.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -18,7 +20,7 @@ from avatarrex.pointmap.point_map import CoveredPixels, PointMap
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres, slab
 from avatarrex.volume.sdf_volume import SdfVolume, sample
 
-CHUNK = 2048
+CHUNK_RAYS = 2048
 """Rays at a time: the cell faces of 2048 rays take 25 MB."""
 PIECES = 8
 """Samples per piece inside boxes: 0.6 mm at 5 mm, dips of a surface with 5 mm radius are seen from 9e-6 m."""
@@ -51,7 +53,7 @@ def surface(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> tuple[Float[Te
 def first_crossing(volume: SdfVolume, rays: Rays) -> Float[Tensor, " r"]:
     """t of the first crossing from s ≥ 0 to s < 0 on each ray, +inf where there is none."""
     signs = _cell_signs(volume)
-    chunks = torch.arange(len(rays.camera)).split(CHUNK)
+    chunks = torch.arange(len(rays.camera)).split(CHUNK_RAYS)
     return torch.cat([_first_crossing(volume, rays[rows], signs) for rows in chunks])
 
 
@@ -143,7 +145,8 @@ def _cubic_crossing(volume: SdfVolume, rays: Rays, start: Tensor, end: Tensor) -
     knots = torch.cat([torch.zeros_like(turns[:, :1]), turns.sort(1).values, torch.ones_like(turns[:, :1])], 1)
 
     def cubic(u: Tensor) -> Tensor:
-        return ((c[:, 3] * u + c[:, 2]) * u + c[:, 1]) * u + c[:, 0]
+        value: Tensor = ((c[:, 3] * u + c[:, 2]) * u + c[:, 1]) * u + c[:, 0]
+        return value
 
     first = torch.full_like(start, torch.inf)
     for k in (2, 1, 0):
@@ -171,7 +174,7 @@ def _sampled_crossing(volume: SdfVolume, rays: Rays, start: Tensor, end: Tensor)
     return first, f[:, [0, -1]]
 
 
-def _bisect(f, low: Tensor, high: Tensor) -> tuple[Tensor, Tensor]:
+def _bisect(f: Callable[[Tensor], Tensor], low: Tensor, high: Tensor) -> tuple[Tensor, Tensor]:
     """Where f falls from ≥ 0 at `low` to < 0 at `high`: whether it does, and the place."""
     falls = (f(low) >= 0) & (f(high) < 0)
     for _ in range(BISECTIONS):

@@ -19,9 +19,9 @@ from torch import Tensor
 
 from avatarrex.pointmap.rays import Rays, slab
 
-BLOCK = 24
+RAY_SAMPLES = 24
 """Samples that a ray takes at a time: a crossing ends the ray within as many."""
-CHUNK = 100_000
+CHUNK_POINTS = 100_000
 """Points of one evaluation, about 1 GB of (point, node) pairs in float64."""
 EXACT = 1e-8
 """Metres to which a crossing is bisected."""
@@ -52,14 +52,14 @@ def dense_crossing(field: DenseField, rays: Rays, step: float) -> Float[Tensor, 
     t = entry.maximum(rays.camera)
     before, after = torch.full_like(t, torch.inf), torch.full_like(t, torch.inf)
     active = torch.nonzero((entry < exit) & (exit > rays.camera))[:, 0]
-    along = step * torch.arange(BLOCK + 1, dtype=t.dtype)
+    along = step * torch.arange(RAY_SAMPLES + 1, dtype=t.dtype)
     while len(active):
         at = t[active, None] + along
-        flat = rays[active.repeat_interleave(BLOCK + 1)].at(at.flatten())
+        flat = rays[active.repeat_interleave(RAY_SAMPLES + 1)].at(at.flatten())
         clear = field.clearance(flat)
         value = clear.clone()
         near = torch.nonzero(clear == 0)[:, 0]
-        for rows in near.split(CHUNK):
+        for rows in near.split(CHUNK_POINTS):
             value[rows] = field.sdf(flat[rows])
         value = value.view_as(at)
         falls = (value[:, :-1] >= 0) & (value[:, 1:] < 0)

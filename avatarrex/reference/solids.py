@@ -17,7 +17,7 @@ from avatarrex.fields.composition import BAND, emptied
 from avatarrex.volume.sdf_volume import BodyGrid, PartBox, SdfVolume
 
 Solid = Callable[[Tensor], Tensor]
-RAMP = 0.04
+RAMP_LENGTH = 0.04
 """Metres over which ω rises from 0 to 1."""
 
 
@@ -33,7 +33,8 @@ def capsule(start: Sequence[float], end: Sequence[float], radius: float) -> Soli
     def distance(p: Tensor) -> Tensor:
         from_a = p - torch.as_tensor(a).to(p)
         along = (from_a @ torch.as_tensor(axis).to(p) / float(axis @ axis)).clamp(0, 1)
-        return (from_a - along[:, None] * torch.as_tensor(axis).to(p)).norm(dim=-1) - radius
+        value: Tensor = (from_a - along[:, None] * torch.as_tensor(axis).to(p)).norm(dim=-1) - radius
+        return value
 
     return distance
 
@@ -133,12 +134,13 @@ def _hand(wrist: np.ndarray, along: np.ndarray) -> Solid:
 
 
 def _ramp(start: np.ndarray, along: np.ndarray) -> Solid:
-    """ω: 0 before `start`, 1 from `RAMP` on; 0 again from 30 cm away, where other limbs are."""
+    """ω: 0 before `start`, 1 from `RAMP_LENGTH` on; 0 again from 30 cm away, where other limbs are."""
 
     def omega(p: Tensor) -> Tensor:
         offset = p - torch.as_tensor(start).to(p)
-        rise = (offset @ torch.as_tensor(along).to(p) / RAMP).clamp(0, 1)
-        return rise * (offset.norm(dim=-1) < 0.3)
+        rise = (offset @ torch.as_tensor(along).to(p) / RAMP_LENGTH).clamp(0, 1)
+        value: Tensor = rise * (offset.norm(dim=-1) < 0.3)
+        return value
 
     return omega
 

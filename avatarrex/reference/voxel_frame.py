@@ -46,7 +46,7 @@ from avatarrex.volume.part_box import coarse_lattice
 from avatarrex.volume.sdf_volume import BodyGrid, PartBox, SdfVolume
 
 PartTemplate = TypeVar("PartTemplate", HandTemplate, FaceTemplate)
-BLOCK = 100_000
+BLOCK_POINTS = 100_000
 """Points of a box that are evaluated at once."""
 
 
@@ -131,7 +131,7 @@ def _part_box(posed: PosedReference, name: str, voxel: float) -> PartBox:
     lattice = coarse_lattice(part, posed.meshes[name], voxel)
     for _ in range(part.halvings):
         lattice = halved(lattice)
-    blocks = [part.distance(posed.states[name], block, "reference") for block in _points(lattice).split(BLOCK)]
+    blocks = [part.distance(posed.states[name], block, "reference") for block in _points(lattice).split(BLOCK_POINTS)]
     distance, omega = (torch.cat(values) for values in zip(*blocks))
     root_from_box = np.eye(4)
     root_from_box[:3, 3] = lattice.origin

@@ -25,7 +25,7 @@ from avatarrex.signals.sequence import SignalSequence
 
 END = " end"
 """Suffix of the name that an end site gets from its joint; no joint's name ends so, as names are stripped."""
-LARGEST = 1e9
+LARGEST_NUMBER = 1e9
 """Largest number in a file: 1000 km in millimetres, or as many turns as nobody makes."""
 JOINTS = 1000
 """Ten times a body with hands, face and helpers."""
@@ -161,8 +161,8 @@ def _numbers(path: Path, line: int, words: list[str], count: int) -> list[float]
     if len(values) != count or not np.isfinite(values).all():
         found = f"{len(values)}" if len(values) != count else "NaN or Inf"
         raise InputError(path, f"line {line}", f"{count} finite numbers", found)
-    if count and np.abs(values).max() > LARGEST:
-        raise InputError(path, f"line {line}", f"numbers up to {LARGEST:g}", f"{max(values, key=abs):g}")
+    if count and np.abs(values).max() > LARGEST_NUMBER:
+        raise InputError(path, f"line {line}", f"numbers up to {LARGEST_NUMBER:g}", f"{max(values, key=abs):g}")
     return values
 
 

@@ -36,7 +36,7 @@ def lowest(pose: np.ndarray, translation: np.ndarray) -> np.ndarray:
         places[:, j] = places[:, parents[j]] + turned[:, parents[j]] @ (rest[j] - rest[parents[j]])
         turned[:, j] = turned[:, parents[j]] @ turned[:, j]
     moved = places[:, joint] + np.einsum("tpab,pb->tpa", turned[:, joint], points - rest[joint])
-    return (moved[..., 1] - thickness).min(1) + translation[:, 1] - floor_height()
+    return np.asarray((moved[..., 1] - thickness).min(1) + translation[:, 1] - floor_height())
 
 
 def grounded(pose: np.ndarray, translation: np.ndarray, each: bool = False) -> tuple[np.ndarray, str]:

@@ -1,6 +1,6 @@
 """Live Link Face CSV: 52 Apple blend shapes with head and eye angles, radians, one row a frame.
 
-Signs, held against a recording of a person who looks at the phone while the head turns (head and eye yaw then cancel, and
+Signs, checked against a recording of a person who looks at the phone while the head turns (head and eye yaw then cancel, and
 eye angles follow the eyeLook coefficients): head yaw to the person's left, pitch down, roll towards the person's right
 shoulder are positive. Eye angles say what the eyeLook coefficients say: the coefficients are read, the eye joints rest.
 """
@@ -26,7 +26,7 @@ HEAD = ("HeadYaw", "HeadPitch", "HeadRoll")
 ANGLES = (*HEAD, *(f"{part}{angle}" for part in ("LeftEye", "RightEye") for angle in ("Yaw", "Pitch", "Roll")))
 OPTIONAL = ("tongueOut", *HEAD)
 """Columns that older recordings lack: zero then, with a note."""
-LARGEST = 100.0
+LARGEST_VALUE = 100.0
 """Coefficients are at most 1, angles at most 2π: beyond this it is another file."""
 GAP = 10.0
 """Seconds between rows that are still one recording."""
@@ -101,8 +101,8 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
         value = float(text)
     except ValueError:
         raise InputError(path, f"line {line}: {name}", "a number", text) from None
-    if not abs(value) <= LARGEST:  # also true of NaN
-        raise InputError(path, f"line {line}: {name}", f"a finite number up to {LARGEST:g}", value)
+    if not abs(value) <= LARGEST_VALUE:  # also true of NaN
+        raise InputError(path, f"line {line}: {name}", f"a finite number up to {LARGEST_VALUE:g}", value)
     return value
 
 

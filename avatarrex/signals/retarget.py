@@ -100,7 +100,7 @@ def _alignments(rest: np.ndarray, found: dict[str, int], source: SourceMotion) -
         """`start`, turned the least so that our bone joint-child has the file's rest direction."""
         if joint not in theirs or child not in theirs:
             return start
-        return _smallest(start @ (ours[child] - ours[joint]), theirs[child] - theirs[joint]) @ start
+        return np.asarray(_smallest(start @ (ours[child] - ours[joint]), theirs[child] - theirs[joint]) @ start)
 
     def palm(forearm: np.ndarray, side: str) -> np.ndarray:
         """A of a wrist: the palm's frame; without fingers the hand's direction; without either the forearm's."""
@@ -108,10 +108,10 @@ def _alignments(rest: np.ndarray, found: dict[str, int], source: SourceMotion) -
         if wrist not in theirs:
             return forearm
         if all(name in theirs for name in (index, middle, pinky)):
-            return _frame(*(theirs[name] for name in corners)) @ _frame(*(ours[name] for name in corners)).T
+            return np.asarray(_frame(*(theirs[name] for name in corners)) @ _frame(*(ours[name] for name in corners)).T)
         far = [k for k in range(len(rest)) if found[wrist] in ancestors(k, source.parents)]
         tip = max(far, key=lambda k: float(np.linalg.norm(rest[k] - theirs[wrist])), default=found[wrist])
-        return _smallest(forearm @ (ours[middle] - ours[wrist]), rest[tip] - theirs[wrist]) @ forearm
+        return np.asarray(_smallest(forearm @ (ours[middle] - ours[wrist]), rest[tip] - theirs[wrist]) @ forearm)
 
     for side in ("left", "right"):
         for before, part, after in _LIMBS:
@@ -145,7 +145,7 @@ def _smallest(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     spare /= np.maximum(np.linalg.norm(spare, axis=-1, keepdims=True), 1e-12)
     unit = np.where(sine > 1e-9, axis / np.maximum(sine, 1e-12), spare)
     angle = np.where(length > 1e-12, np.arctan2(sine, cosine), 0.0)
-    return Rotation.from_rotvec((unit * angle).reshape(-1, 3)).as_matrix().reshape(*a.shape, 3)
+    return np.asarray(Rotation.from_rotvec((unit * angle).reshape(-1, 3)).as_matrix().reshape(*a.shape, 3))
 
 
 def _globals(turned: np.ndarray, align: np.ndarray, found: dict[str, int]) -> np.ndarray:
@@ -179,7 +179,7 @@ def _locals(globals_: np.ndarray) -> np.ndarray:
     """(t, 55, 3) rotation vectors relative to the parents."""
     local = globals_.copy()
     local[:, 1:] = np.swapaxes(globals_[:, rest_skeleton().parents[1:]], 2, 3) @ globals_[:, 1:]
-    pose = Rotation.from_matrix(local.reshape(-1, 3, 3)).as_rotvec().reshape(-1, 55, 3)
+    pose: np.ndarray = Rotation.from_matrix(local.reshape(-1, 3, 3)).as_rotvec().reshape(-1, 55, 3)
     pose[:, np.linalg.norm(pose, axis=2).max(0) < _STILL] = 0
     return pose
 

@@ -60,7 +60,7 @@ class SignalSequence:
         return (len(self.frames) - 1) / self.fps
 
     def at(self, seconds: float) -> Signals:
-        """Interpolated signals at a time, held at both ends."""
+        """Interpolated signals at a time, clamped at both ends."""
         place = float(np.clip(seconds * self.fps, 0, len(self.frames) - 1))
         if abs(place - round(place)) < 1e-9:
             return self.frames[round(place)]

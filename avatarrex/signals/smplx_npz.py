@@ -2,7 +2,7 @@
 
 Three layouts: `poses` (t, 156 SMPL+H or 165 SMPL-X) with `trans`; the same by parts, `root_orient`, `pose_body`, `pose_hand`,
 `pose_jaw`, `pose_eye`; AvatarReX's `body_pose` (t, 63) with `global_orient`, `transl`, `jaw_pose`, `left_hand_pose` … A file's
-betas belong to its own model and its 10 expression coefficients to its own face: neither is applied. Files that hold
+betas belong to its own model and its 10 expression coefficients to its own face: neither is applied. Files with
 `arkit52` are captures in this project's layout: their 52 coefficients and their exact path are read.
 """
 

@@ -118,7 +118,7 @@ def _largest_component(faces: np.ndarray) -> np.ndarray:
     ends = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
     count = faces.max() + 1
     _, label = connected_components(coo_array((np.ones(len(ends)), ends.T), (count, count)), directed=False)
-    return faces[label[faces[:, 0]] == np.bincount(label[faces[:, 0]]).argmax()]
+    return np.asarray(faces[label[faces[:, 0]] == np.bincount(label[faces[:, 0]]).argmax()])
 
 
 def _open_loop(faces: np.ndarray, side: str) -> np.ndarray:

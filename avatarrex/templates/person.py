@@ -32,7 +32,7 @@ POSING = (
     "kintree_table", "posedirs", "pose_columns",
 )  # fmt: skip
 """The arrays that decide where a posed vertex is, and so the person's hash."""
-LARGEST = 1e4
+LARGEST_NUMBER = 1e4
 """Of a template's numbers: metres, weights and directions of a person are all far below."""
 
 
@@ -159,8 +159,8 @@ def _check_range(arrays: Mapping[str, np.ndarray], source: str | Path) -> None:
         if not arrays[key].size and key in ("v_template", "weights"):
             raise InputError(source, key, "at least one vertex and joint", arrays[key].shape)
         largest = float(np.abs(arrays[key]).max(initial=0))
-        if largest > LARGEST:
-            raise InputError(source, key, f"numbers up to {LARGEST:g}", f"{largest:.4g}")
+        if largest > LARGEST_NUMBER:
+            raise InputError(source, key, f"numbers up to {LARGEST_NUMBER:g}", f"{largest:.4g}")
 
 
 def _shape_count(arrays: Mapping[str, np.ndarray], source: str | Path) -> int:

@@ -2,7 +2,7 @@
 
 The distance is guessed first: a voxel's height over the posed template, less what the avatar wears there (`clothing_offset`, the field's
 own depth at the template's vertices at rest). Blocks of 4 and 2 voxels far from the surface are culled whole; voxels
-whose guess is below `REACH` voxels are evaluated, and then every voxel that a crossing touches (narrow_band.py). The rest keeps
+whose guess is below `NARROW_BAND_VOXELS` voxels are evaluated, and then every voxel that a crossing touches (narrow_band.py). The rest keeps
 a distance that never exceeds the true one. The field itself stays within `MAX_DEVIATION` of the guess (template_distance.py), and has no
 hands (body_without_hands.py).
 
@@ -30,11 +30,11 @@ MAX_SIDE = 128
 """Voxels along a side (paper sec. 4): the voxel grows rather than a limb being cut off."""
 BOX_MARGIN = 0.09
 """Metres of box around the template: the thickest cloth, what the field may differ from it, and a voxel."""
-REACH = 1.0
+NARROW_BAND_VOXELS = 1.0
 """Voxels: what is guessed nearer to the surface than this is evaluated at once."""
 SLACK = 0.012
 """Metres by which a guess may be wrong; far values are this much smaller."""
-BLOCK = 4
+BLOCK_VOXELS = 4
 """Voxels along a side of the largest blocks that are culled whole."""
 
 
@@ -113,14 +113,14 @@ def guess(
     """A distance (z, y, x) that never exceeds the true one; flat indices of voxels near the surface that are to be
     evaluated; the skin there; and which voxels (z, y, x) are known already, from `kept`.
 
-    Coarse to fine: a block whose centre's guess exceeds its radius and `REACH` holds no surface.
+    Coarse to fine: a block whose centre's guess exceeds its radius and `NARROW_BAND_VOXELS` holds no surface.
     """
-    shape, reach = np.array(lattice.shape), REACH * lattice.voxel
-    near = np.ones(-(-shape // BLOCK), dtype=bool)
+    shape, reach = np.array(lattice.shape), NARROW_BAND_VOXELS * lattice.voxel
+    near = np.ones(-(-shape // BLOCK_VOXELS), dtype=bool)
     fill = np.zeros(near.shape, dtype=np.float32)
     known = np.zeros(lattice.shape, dtype=bool)
     stored = None if kept is None else np.full(lattice.shape, np.nan, dtype=np.float32)
-    side = BLOCK
+    side = BLOCK_VOXELS
     while True:
         block = np.stack(np.nonzero(near), -1)
         if side == 1 and kept is not None and stored is not None:
@@ -134,7 +134,7 @@ def guess(
         fill[near] = np.where(empty, np.maximum(least, EMPTIED), np.where(here.guess < 0, -least, least))
         slack = SLACK if side > 1 else 0.0
         close = (np.abs(here.guess) < reach + radius + slack) & ~(empty & (side == 1))
-        if side == BLOCK and kept is not None and stored is not None:
+        if side == BLOCK_VOXELS and kept is not None and stored is not None:
             close[close] = ~kept.onto(lattice, block[close], side, stored, known)
         near[near] = close
         if side == 1:

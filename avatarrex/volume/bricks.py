@@ -22,7 +22,7 @@ from avatarrex.volume.narrow_band import unsettled
 
 ROW = 24
 """Bricks along x and y of the atlas."""
-REACH = 0.6
+NARROW_BAND_FINE_VOXELS = 0.6
 """Fine voxels: what is guessed nearer to the surface than this is evaluated at once."""
 RINGS = 2
 """How many cells the bricks follow the surface past what was seen."""
@@ -89,7 +89,7 @@ def grow_bricks(
         return kept
     for _ in range(RINGS + 1):
         cells = np.concatenate([cells, wanted])
-        values = np.concatenate([values, _refine(sdf, REACH * voxel / side, side, wanted, evaluate)])
+        values = np.concatenate([values, _refine(sdf, NARROW_BAND_FINE_VOXELS * voxel / side, side, wanted, evaluate)])
         wanted = np.setdiff1d(_beyond(cells, values < 0, shape), cells)
         if not len(wanted):
             break

@@ -61,7 +61,8 @@ class PlacedPart:
     def apart(self, local: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """Metres from part-frame points to the box; 0 inside."""
         low, high = torch.as_tensor(self.low).to(local), torch.as_tensor(self.high).to(local)
-        return torch.maximum(low - local, local - high).clamp(min=0).norm(dim=-1)
+        distance: Tensor = torch.maximum(low - local, local - high).clamp(min=0).norm(dim=-1)
+        return distance
 
 
 @dataclass(frozen=True)

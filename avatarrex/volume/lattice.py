@@ -20,4 +20,4 @@ class Lattice:
     def position(self, index: np.ndarray) -> np.ndarray:
         """(p,) flat indices -> (p, 3) float64 positions."""
         z, y, x = np.unravel_index(index, self.shape)
-        return self.origin + self.voxel * np.stack([x, y, z], -1)
+        return np.asarray(self.origin + self.voxel * np.stack([x, y, z], -1))

@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from avatarrex.volume.sdf_volume import BodyGrid
 
-LARGEST = 8
+SMALL_VOXELS = 8
 """Voxels: a larger component may be clothing."""
 FINER = 4
 """Samples per voxel side with which interpolation is checked for a bridge to a neighbouring component."""
@@ -31,7 +31,7 @@ def without_small_components(grid: BodyGrid) -> BodyGrid:
     found = []
     if count > 1:
         size = np.bincount(inside.ravel())
-        small = np.flatnonzero(size[1:] <= LARGEST) + 1
+        small = np.flatnonzero(size[1:] <= SMALL_VOXELS) + 1
         boxes = ndimage.find_objects(inside)
         found = [label for label in small if _floats(sdf, inside, int(label), boxes[label - 1])]
     if not found:

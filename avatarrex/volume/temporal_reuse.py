@@ -32,7 +32,7 @@ SKIN = 0.12
 """Metres within which samples and vertices affect points of the finest blocks."""
 FAR = SKIN - MAX_CLOTHING_OFFSET
 """Metres: a guess up to this is still a lower bound where everything that changed is farther than `SKIN`."""
-MOST = 0.6
+MOST_CHANGED = 0.6
 """Share of the nodes that changed from which nothing is kept."""
 
 
@@ -74,7 +74,7 @@ def reuse_unchanged(now: ReusableBody, before: ReusableBody, tolerance: float, e
     """
     old, new = before.frame, now.frame
     moved = _moved_nodes(new, old, effect) > tolerance
-    if moved.double().mean() > MOST:
+    if moved.double().mean() > MOST_CHANGED:
         return now
     frame = replace(
         new,
@@ -127,7 +127,7 @@ class PreviousGrid:
         shift = np.rint((lattice.origin - self.grid.origin) / lattice.voxel).astype(int)[::-1]
         first, last = block * side, block * side + side - 1
         old, new = np.array(self.grid.sdf.shape), np.array(lattice.shape)
-        stays = ((first + shift >= 0) & (last + shift < old) & (last < new)).all(1)
+        stays: np.ndarray = ((first + shift >= 0) & (last + shift < old) & (last < new)).all(1)
         stays[stays] = ~self.changed.touches(centre[stays], np.sqrt(3) * lattice.voxel * (side - 1) / 2)
         inner = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), -1).reshape(-1, 3)
         voxel = (first[stays][:, None] + inner).reshape(-1, 3)
@@ -150,7 +150,8 @@ def _mixed(moved: Tensor, new: Tensor, old: Tensor) -> Tensor:
 def _moved_nodes(new: BodyFrame, old: BodyFrame, effect: float) -> Float[Tensor, " n"]:
     """Metres by which the change of each node may move the surface."""
     shift = (new.node_position - old.node_position).norm(dim=-1) + (new.node_rest - old.node_rest).norm(dim=-1)
-    return shift + effect * (new.code.embedding - old.code.embedding).abs().amax(-1)
+    moved: Tensor = shift + effect * (new.code.embedding - old.code.embedding).abs().amax(-1)
+    return moved
 
 
 def _moved_samples(new: BodyFrame, old: BodyFrame) -> Float[Tensor, " a"]:
@@ -158,7 +159,8 @@ def _moved_samples(new: BodyFrame, old: BodyFrame) -> Float[Tensor, " a"]:
     turn = new.samples.rest_from_posed - old.samples.rest_from_posed
     here = (turn[:, :, :3] @ old.samples.position[:, :, None])[:, :, 0] + turn[:, :, 3]
     apart = (new.samples.position - old.samples.position).norm(dim=-1)
-    return apart.maximum(here.norm(dim=-1) + LEVER * turn[:, :, :3].flatten(1).norm(dim=-1))
+    moved: Tensor = apart.maximum(here.norm(dim=-1) + LEVER * turn[:, :, :3].flatten(1).norm(dim=-1))
+    return moved
 
 
 def _moved_vertices(now: ReusableBody, before: ReusableBody) -> Float[np.ndarray, " v"]:

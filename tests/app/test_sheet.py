@@ -176,7 +176,7 @@ def small(monkeypatch):
 
     monkeypatch.setattr(sheet_pages, "WIDTH", 420)
     monkeypatch.setattr(sheet_pages, "NARROW", 420)
-    monkeypatch.setattr(subject_drawer, "SPACING", {"body": 0.05, "hand": 0.05, "face": 0.05})
+    monkeypatch.setattr(subject_drawer, "ALBEDO_SPACING", {"body": 0.05, "hand": 0.05, "face": 0.05})
 
 
 @needs_gl

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from avatarrex_studio.engine.resolution import FLOOR, FULL_AFTER, Activity, Resolution
+from avatarrex_studio.engine.resolution import FLOOR_PIXELS, FULL_AFTER, Activity, Resolution
 from avatarrex_studio.engine.strips import Strips
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.session.actions import ACTIONS, EFFECTS, action, find
@@ -58,7 +58,7 @@ def test_resolution_has_hysteresis_and_a_floor():
     resolution.seconds_per_pixel *= 2
     assert resolution.size(full) < first
     resolution.seconds_per_pixel = 1.0
-    assert min(resolution.size(full)) == FLOOR
+    assert min(resolution.size(full)) == FLOOR_PIXELS
 
 
 def test_a_slow_frame_does_not_count_as_rest():

@@ -186,12 +186,12 @@ def test_the_cache_keeps_to_its_budget(tiny: TinyCapture, tmp_path: Path, monkey
     rig.image(0, 1)
     rig.image(0, 0)
     rig.image(0, 2)  # (0, 1) is the least recently used
-    assert cache.held == 2 * one
+    assert cache.stored == 2 * one
     rig.image(0, 0)
     assert len(decoded) == 3
     rig.image(0, 1)
     assert len(decoded) == 4
-    assert cache.held == 2 * one
+    assert cache.stored == 2 * one
 
 
 def test_threads_and_pickles_read_the_same(tiny: TinyCapture, tmp_path: Path) -> None:

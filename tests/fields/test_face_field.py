@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from avatarrex.fields.face import OUTPUT, FaceField
-from avatarrex.fields.orthographic import SIZE, VIEWS, project
+from avatarrex.fields.orthographic import VIEW_PIXELS, VIEWS, project
 from avatarrex.fields.presets import PRESETS
 from avatarrex.fields.unet import UNet
 from avatarrex.templates.face import pose_face
@@ -37,7 +37,7 @@ def near(count: int) -> Tensor:
 def test_shapes(preset: str, texels: int) -> None:
     face = field(preset)
     views = face.views(neutral(), impl="reference")
-    assert views.shape == (3, 7, SIZE, SIZE)
+    assert views.shape == (3, 7, VIEW_PIXELS, VIEW_PIXELS)
     with torch.no_grad():
         planes = face.geometry_planes(views)
         assert planes.shape[0] == 3

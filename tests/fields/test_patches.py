@@ -3,7 +3,7 @@ import torch
 
 from avatarrex.fields.patches import (
     EXTENT,
-    SIZE,
+    PATCH_PIXELS,
     PatchNetwork,
     patches_reference,
     sample_patches,
@@ -20,7 +20,7 @@ def network():
 def test_values_and_gradients_follow_the_reference(network):
     embedding = torch.randn(4, 3, dtype=torch.float64, requires_grad=True)
     fast, reference = network(embedding), patches_reference(network, embedding)
-    assert fast.shape == (4, 2, SIZE, SIZE)
+    assert fast.shape == (4, 2, PATCH_PIXELS, PATCH_PIXELS)
     torch.testing.assert_close(fast, reference, atol=1e-12, rtol=1e-12)
     leaves = [embedding, *network.parameters()]
     cotangent = torch.randn_like(fast)
@@ -33,7 +33,7 @@ def test_values_and_gradients_follow_the_reference(network):
 def test_some_nodes_only(network):
     embedding = torch.randn(4, 3, dtype=torch.float64)
     torch.testing.assert_close(network(embedding, torch.tensor([2, 0])), network(embedding)[[2, 0]])
-    assert network(embedding, torch.zeros(0, dtype=torch.int64)).shape == (0, 2, SIZE, SIZE)
+    assert network(embedding, torch.zeros(0, dtype=torch.int64)).shape == (0, 2, PATCH_PIXELS, PATCH_PIXELS)
 
 
 def test_patches_depend_on_the_embedding(network):
@@ -46,9 +46,9 @@ def test_patches_depend_on_the_embedding(network):
 
 def test_bilinear_is_exact_on_a_linear_image_and_clamps():
     """A patch of its own texel centres returns the plane coordinate."""
-    centre = ((torch.arange(SIZE) + 0.5) * (2 / SIZE) - 1) * EXTENT
+    centre = ((torch.arange(PATCH_PIXELS) + 0.5) * (2 / PATCH_PIXELS) - 1) * EXTENT
     v, u = torch.meshgrid(centre, centre, indexing="ij")
-    patches = torch.stack([torch.zeros(2, SIZE, SIZE), torch.stack([u, v])])
+    patches = torch.stack([torch.zeros(2, PATCH_PIXELS, PATCH_PIXELS), torch.stack([u, v])])
     plane = (torch.rand(100, 2) * 2 - 1) * centre[-1]
     node = torch.ones(100, dtype=torch.int64)
     torch.testing.assert_close(sample_patches(patches, node, plane), plane, atol=1e-7, rtol=0)
@@ -57,7 +57,7 @@ def test_bilinear_is_exact_on_a_linear_image_and_clamps():
 
 
 def test_sampling_follows_the_grid_sampler():
-    patches = torch.randn(3, 4, SIZE, SIZE, dtype=torch.float64, requires_grad=True)
+    patches = torch.randn(3, 4, PATCH_PIXELS, PATCH_PIXELS, dtype=torch.float64, requires_grad=True)
     plane = ((torch.rand(200, 2, dtype=torch.float64) * 2.6 - 1.3) * EXTENT).requires_grad_()
     node = torch.randint(3, (200,))
     fast, reference = sample_patches(patches, node, plane), sample_patches_reference(patches, node, plane)
@@ -70,5 +70,5 @@ def test_sampling_follows_the_grid_sampler():
 
 
 def test_no_points():
-    patches = torch.randn(3, 4, SIZE, SIZE)
+    patches = torch.randn(3, 4, PATCH_PIXELS, PATCH_PIXELS)
     assert sample_patches(patches, torch.zeros(0, dtype=torch.int64), torch.zeros(0, 2)).shape == (0, 4)

@@ -206,7 +206,7 @@ def test_a_study_of_the_body_is_complete_and_not_done_twice(capture, tmp_path, m
     monkeypatch.setattr("avatarrex.measure.ablation.study.Trainer", None)
     again = Study(tmp_path, capture, "body", TINY)
     assert all(again.finish(VARIANTS[name], seed) == study.evaluation(VARIANTS[name], seed) for name, seed in done)
-    with pytest.raises(InputError, match=r"study.json: base.interval: expected 3, as asked for"):
+    with pytest.raises(InputError, match=r"study.json: base.interval: expected 3, as requested"):
         Study(tmp_path, capture, "body", replace(TINY, interval=3))
 
 

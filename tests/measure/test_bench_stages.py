@@ -204,7 +204,7 @@ def test_the_command_measures_records_and_gates(tmp_path, capsys):
     data["metrics"] = [metric for metric in data["metrics"] if metric["name"] == "skinning.max_error_m"]
     record.write_text(json.dumps(data))
     assert main([*words, "--gate", str(record)]) == 0
-    assert "gate: 1 hold" in capsys.readouterr().out
+    assert "gate: 1 passed" in capsys.readouterr().out
     data["metrics"].append({**data["metrics"][0], "name": "skinning.no_longer_measured"})
     record.write_text(json.dumps(data))
     assert main([*words, "--gate", str(record)]) == 1

@@ -73,8 +73,8 @@ MUTANTS: dict[str, Mutant] = {
     "floor without the polar rotation": Mutant(
         "blended skinning matrix",
         SKINNING,
-        "return (vt.mT @ (u / stretch[:, None, :]).mT).to(linear.dtype)",
-        "return torch.eye(3).to(linear).expand_as(linear)",
+        "inverse: Tensor = (vt.mT @ (u / stretch[:, None, :]).mT).to(linear.dtype)",
+        "inverse: Tensor = torch.eye(3).to(linear).expand_as(linear)",
         "tests/ops/test_skinning.py::test_the_inverse_is_continuous_where_the_bound_sets_in",
     ),
     "influence as printed": Mutant(
@@ -213,8 +213,8 @@ MUTANTS: dict[str, Mutant] = {
     "fill that ignores the cover": Mutant(
         "Σw → 0",
         BODY,
-        "return (nearest.clamp_min(RADIUS) - frame.cover).clamp_min(LEAST)",
-        "return nearest.clamp_min(LEAST)",
+        "return (nearest.clamp_min(RADIUS) - frame.cover).clamp_min(LEAST_FILL)",
+        "return nearest.clamp_min(LEAST_FILL)",
         "tests/fields/test_body.py::test_fill_never_exceeds_the_distance_to_the_surface",
     ),
     "Laplace CDF by cases": Mutant(

@@ -3,7 +3,7 @@ import torch
 
 from avatarrex.ops.encoding import Encoding, encode_reference
 from avatarrex.ops.local_mlp import DIFFERENTIABLE, available, fold, local_mlp
-from avatarrex.ops.local_mlp_loops import MOST, MULTIPLIED, chunks
+from avatarrex.ops.local_mlp_loops import CHUNK_ROWS, MULTIPLIED, chunks
 
 COUNTS = {
     "mixed": [3, 0, 1, 700],
@@ -109,7 +109,7 @@ def test_a_chunk_holds_rows_of_one_node_and_starts_no_threads_in_the_blas():
         node, first, last = chunks(offsets, widest).T
         rows = last - first
         assert rows.min() >= 1
-        assert rows.max() <= MOST
+        assert rows.max() <= CHUNK_ROWS
         assert (rows == 1).all() if widest > MULTIPLIED / 2 else (rows * widest).max() <= MULTIPLIED
         assert (first >= offsets[node]).all()
         assert (last <= offsets[node + 1]).all()

@@ -342,5 +342,5 @@ def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
 def test_a_run_with_other_options_than_it_began_with_is_left_as_it_is(capture, whole, capsys):
     before = (whole / "run.json").read_bytes()
     assert main(["train", str(capture), "--recipe", "quick", "--out", str(whole), "--resume"]) == 2
-    assert "run.json: preset: expected quick, as asked for, found tiny" in capsys.readouterr().err
+    assert "run.json: preset: expected quick, as requested, found tiny" in capsys.readouterr().err
     assert (whole / "run.json").read_bytes() == before

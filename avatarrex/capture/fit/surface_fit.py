@@ -186,7 +186,7 @@ def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _project(points: np.ndarray, camera: Camera) -> np.ndarray:
     seen = (points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]) @ camera.intrinsics.T
-    return seen[:, :2] / seen[:, 2:]
+    return np.asarray(seen[:, :2] / seen[:, 2:])
 
 
 def _to_edge(matte: np.ndarray, pixel: np.ndarray, along: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from avatarrex.files.gate import decode, read_bytes, what_is
 from avatarrex.files.json_text import parse_json
 from avatarrex.files.zips import open_zip, refusing, unpack
 
-LARGEST = 2**31
+MEMBER_BYTES = 2**31
 """Bytes of one file: more is refused before it is read."""
 PICTURE = 2**29
 """Bytes of a picture's file: uncompressed at 8192×8192 it is half of that."""
@@ -72,7 +72,7 @@ class Archive:
             return last in self._members.get(folder, ()) and name not in self._members
         return (self.path / name).is_file()
 
-    def read(self, name: str, largest: int = LARGEST) -> bytes:
+    def read(self, name: str, largest: int = MEMBER_BYTES) -> bytes:
         """The file's bytes. Raises `InputError` where it is missing, damaged, encrypted or too large."""
         place = self.place(name)
         if not self.exists(name):
@@ -90,7 +90,7 @@ class Archive:
         """What a JSON file contains. Raises `InputError`."""
         return parse_json(self.text(name), self.place(name))
 
-    def arrays(self, name: str, only: tuple[str, ...], largest: int = LARGEST) -> dict[str, np.ndarray]:
+    def arrays(self, name: str, only: tuple[str, ...], largest: int = MEMBER_BYTES) -> dict[str, np.ndarray]:
         """Those of `only` that an `.npz` has, of at most `largest` bytes; nothing is unpickled. Raises `InputError`."""
         if not self.exists(name):
             raise InputError(self.place(name), "", "the file to be there", "nothing")

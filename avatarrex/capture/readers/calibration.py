@@ -20,7 +20,7 @@ CAMERAS = 1000
 """Of a rig; the largest stages have a few hundred."""
 ROTATION_SLACK = 1e-2
 """Largest entry of RᵀR − I: files round R to as few as three digits; it is then replaced by the nearest rotation."""
-LARGEST = 1e9
+LARGEST_NUMBER = 1e9
 """Largest number: 1000 km in millimetres; a focal length in pixels is far below."""
 SMALL_DISTORTION = 1e-4
 """Σ|k| below which a lens is taken as ideal: at most 0.15 pixels in the corner of a 1500×2048 image."""
@@ -83,7 +83,7 @@ def _rotation(matrix: np.ndarray, name: str, source: str) -> np.ndarray:
         found = "a mirroring" if off <= ROTATION_SLACK else f"columns off orthonormal by {off:.2g}"
         raise InputError(source, f"{name}.R", "a rotation, world to camera", found)
     left, _, right = np.linalg.svd(matrix)
-    return left @ right
+    return np.asarray(left @ right)
 
 
 def _distortion(entry: dict[str, Any], name: str, source: str) -> np.ndarray:
@@ -108,6 +108,6 @@ def _numbers(entry: dict[str, Any], key: str, shape: tuple[int | None], name: st
         raise InputError(source, f"{name}.{key}", f"{shape[0]} numbers", len(values))
     if not np.isfinite(values).all():
         raise InputError(source, f"{name}.{key}", "finite numbers", "NaN or Inf")
-    if np.abs(values).max(initial=0) > LARGEST:
-        raise InputError(source, f"{name}.{key}", f"numbers up to {LARGEST:g}", f"{np.abs(values).max():g}")
+    if np.abs(values).max(initial=0) > LARGEST_NUMBER:
+        raise InputError(source, f"{name}.{key}", f"numbers up to {LARGEST_NUMBER:g}", f"{np.abs(values).max():g}")
     return values

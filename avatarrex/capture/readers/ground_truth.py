@@ -22,7 +22,7 @@ from avatarrex.files.assets import require
 
 
 class RigTruth:
-    """The exact data of one rig, read when first asked for."""
+    """The exact data of one rig, read at first use."""
 
     def __init__(
         self, files: RigFiles, scale: float = 1.0, frames: int | None = None, lenses: tuple[Lens, ...] = ()
@@ -35,8 +35,8 @@ class RigTruth:
         self._lock = threading.Lock()
 
     def __getstate__(self) -> dict[str, Any]:
-        held = {"_files", "_name", "scale", "frames", "_lenses"}
-        return {name: value for name, value in self.__dict__.items() if name in held}
+        kept = {"_files", "_name", "scale", "frames", "_lenses"}
+        return {name: value for name, value in self.__dict__.items() if name in kept}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _lock=threading.Lock())
@@ -69,7 +69,7 @@ class RigTruth:
             raise InputError(
                 self.place, "faces", f"triangles of {count} vertices", "none" if found is None else found.shape
             )
-        return found[self._opaque(len(found))].astype(np.int64)
+        return np.asarray(found[self._opaque(len(found))].astype(np.int64))
 
     def _opaque(self, count: int) -> np.ndarray:
         """(count,) bool: faces that a picture shows as surface."""
@@ -106,7 +106,7 @@ class GroundTruth:
 
     def vertices(self, rig: str, frame: int) -> np.ndarray:
         """(v, 3) float32 world metres."""
-        return self._rig(rig).vertices[frame]
+        return np.asarray(self._rig(rig).vertices[frame])
 
     @property
     def faces(self) -> np.ndarray:

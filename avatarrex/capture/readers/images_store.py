@@ -1,4 +1,4 @@
-"""Images and mattes of a rig, decoded when asked for and kept within a budget of bytes. Letters: h w pixels."""
+"""Images and mattes of a rig, decoded at first use and kept within a budget of bytes. Letters: h w pixels."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ByteCache:
     """The most recently used arrays of at most `budget` bytes together; safe for threads. A pickled one starts empty."""
 
     def __init__(self, budget: int) -> None:
-        self.budget, self.held = budget, 0
+        self.budget, self.stored = budget, 0
         self._lock = threading.Lock()
         self._items: OrderedDict[Hashable, np.ndarray] = OrderedDict()
 
@@ -33,7 +33,7 @@ class ByteCache:
         self.__init__(**state)  # type: ignore[misc]
 
     def get(self, key: Hashable, make: Callable[[], np.ndarray]) -> np.ndarray:
-        """The array of `key`, made outside the lock where it is not held; read-only."""
+        """The array of `key`, made outside the lock where it is not stored; read-only."""
         with self._lock:
             if key in self._items:
                 self._items.move_to_end(key)
@@ -43,9 +43,9 @@ class ByteCache:
         with self._lock:
             if key not in self._items and value.nbytes <= self.budget:
                 self._items[key] = value
-                self.held += value.nbytes
-                while self.held > self.budget:
-                    self.held -= self._items.popitem(last=False)[1].nbytes
+                self.stored += value.nbytes
+                while self.stored > self.budget:
+                    self.stored -= self._items.popitem(last=False)[1].nbytes
         return value
 
 

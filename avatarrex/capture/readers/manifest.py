@@ -29,10 +29,10 @@ def read_manifest(archive: Archive, root: str, rigs: dict[str, RigFiles]) -> dic
     if not isinstance(manifest.get("provenance", {}), dict):
         raise InputError(place, "provenance", "an object", repr(manifest["provenance"])[:60])
     for key in ("held_out_frames", "held_out_cameras"):
-        held = manifest.get(key, {})
-        if not isinstance(held, dict) or not all(isinstance(held[rig], list) for rig in held):
-            raise InputError(place, key, "an object with a list per rig", repr(held)[:60])
-        for rig in held:
+        listed = manifest.get(key, {})
+        if not isinstance(listed, dict) or not all(isinstance(listed[rig], list) for rig in listed):
+            raise InputError(place, key, "an object with a list per rig", repr(listed)[:60])
+        for rig in listed:
             if rig not in rigs:
                 raise InputError(place, key, "rigs of the capture: " + ", ".join(rigs), rig)
     return manifest
@@ -41,13 +41,13 @@ def read_manifest(archive: Archive, root: str, rigs: dict[str, RigFiles]) -> dic
 def held_out(
     manifest: dict[str, Any], rig: str, count: int, cameras: tuple[str, ...], place: str
 ) -> tuple[list[int], list[int]]:
-    """Frames and views of a rig of `count` frames that no training may see. Raises `InputError` for those it has not."""
-    frames = manifest.get("held_out_frames", {}).get(rig, [])
+    """Frames and views of a rig of `count` listed that no training may see. Raises `InputError` for those it has not."""
+    listed = manifest.get("held_out_frames", {}).get(rig, [])
     names = manifest.get("held_out_cameras", {}).get(rig, [])
-    for frame in frames:
+    for frame in listed:
         if type(frame) is not int or not 0 <= frame < count:
             raise InputError(place, f"held_out_frames.{rig}", f"integers from 0 to {count - 1}", frame)
     for name in names:
         if name not in cameras:
             raise InputError(place, f"held_out_cameras.{rig}", "one of " + ", ".join(cameras), name)
-    return frames, [cameras.index(name) for name in names]
+    return listed, [cameras.index(name) for name in names]

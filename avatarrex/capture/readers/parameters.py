@@ -133,6 +133,6 @@ def _expression(arrays: dict[str, np.ndarray], source: str, count: int, notes: l
         wrong = next(name for k, name in enumerate(names) if columns[k] < 0 or columns[k] in columns[:k])
         raise InputError(source, "arkit_names", "each of Apple's blend shapes at most once", wrong)
     if values.min(initial=0) < -0.01 or values.max(initial=0) > 1.01:
-        notes.append(f"expression from {values.min():.2f} to {values.max():.2f}: held to 0 … 1")
+        notes.append(f"expression from {values.min():.2f} to {values.max():.2f}: clamped to 0 … 1")
     result[:, columns] = np.clip(values, 0, 1)
     return result

@@ -1,6 +1,6 @@
 """A multi-view capture: synchronised cameras about a person, by rig, with the person's parameters in every frame.
 
-`open_capture` reads a folder or zip in the layouts of `layout.py`; nothing is decoded before it is asked for. Images are
+`open_capture` reads a folder or zip in the layouts of `layout.py`; nothing is decoded before it is needed. Images are
 sRGB bytes without lens distortion, pixel centres at +0.5. Letters: h w pixels, v vertices, f faces. World metres.
 """
 

@@ -34,7 +34,7 @@ def source_pixels(lens: Lens) -> np.ndarray:
     plane = np.stack([column, row, np.ones_like(row)], -1) @ np.linalg.inv(intrinsics).T
     bent = distort(plane[..., :2], lens.distortion)
     pixel = bent @ intrinsics[:2, :2].T + intrinsics[:2, 2]
-    return np.moveaxis(pixel[..., ::-1] - 0.5, -1, 0).astype(np.float32)
+    return np.asarray(np.moveaxis(pixel[..., ::-1] - 0.5, -1, 0), np.float32)
 
 
 def undistort(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:

@@ -67,7 +67,7 @@ def _corners(subject: Subject) -> np.ndarray:
 def pack(colour: np.ndarray) -> np.ndarray:
     """(s, 3) in [0, 1] as (s,) words of three times ten bits."""
     level = np.rint(np.clip(colour, 0, 1) * 1023).astype(np.uint32)
-    return level[:, 0] | level[:, 1] << np.uint32(10) | level[:, 2] << np.uint32(20)
+    return np.asarray(level[:, 0] | level[:, 1] << np.uint32(10) | level[:, 2] << np.uint32(20))
 
 
 def _subdivisions(subject: Subject, spacing: np.ndarray) -> np.ndarray:

@@ -170,7 +170,7 @@ def _rate(at: np.ndarray) -> float:
 def _body_pose(key: BodyKey, amplitude: float, girth: float) -> np.ndarray:
     """(21, 3): the library pose with the key's joints, the latter scaled about the standing pose."""
     pose = turned(np.zeros((21, 3)), _DOWN) if key.pose == "stand" else named_pose(key.pose)
-    pose = pose + amplitude * (turned(pose, key.joints) - pose)
+    pose = np.asarray(pose + amplitude * (turned(pose, key.joints) - pose))
     if key.pose == "hands_on_hips":
         for joint, side in (("left_shoulder", 1), ("right_shoulder", -1)):
             pose[BODY_JOINTS.index(joint), 2] += side * np.radians(girth)
@@ -180,7 +180,8 @@ def _body_pose(key: BodyKey, amplitude: float, girth: float) -> np.ndarray:
 def _waves(at: np.ndarray, rng: np.random.Generator, count: int, band: tuple[float, float]) -> np.ndarray:
     """(t, count) slow signals in about [−1, 1]: two sines each, of `band` radians per second."""
     rate, phase = rng.uniform(*band, (2, count)), rng.uniform(0, 2 * np.pi, (2, count))
-    return 0.6 * np.sin(at[:, None] * rate[0] + phase[0]) + 0.4 * np.sin(at[:, None] * 1.9 * rate[1] + phase[1])
+    slow, fast = (np.sin(at[:, None] * factor * rate[k] + phase[k]) for k, factor in enumerate((1, 1.9)))
+    return np.asarray(0.6 * slow + 0.4 * fast)
 
 
 def _sway(at: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -198,7 +199,7 @@ def _hands(at: np.ndarray, times: np.ndarray, side: str, rng: np.random.Generato
     names = [name for name in HANDS if name != "thumbs_up"] + ["relaxed", "thumbs_up", "relaxed"]
     order = [names[k] for _ in range(len(times) // len(names) + 1) for k in rng.permutation(len(names))]
     chosen = [key.hands or name for key, name in zip(BODY_KEYS, order)]
-    return PchipInterpolator(times, np.stack([named_hand(name, side) for name in chosen]))(at)
+    return np.asarray(PchipInterpolator(times, np.stack([named_hand(name, side) for name in chosen]))(at))
 
 
 def _gaze(at: np.ndarray, rng: np.random.Generator, degrees: float) -> np.ndarray:
@@ -229,4 +230,4 @@ def _face_track(at: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     for name, column in (("browInnerUp", 0), ("browOuterUpLeft", 1), ("browOuterUpRight", 2)):
         row = EXPRESSION_NAMES.index(name)
         track[:, row] = np.maximum(track[:, row], 0.3 * brow[:, column])
-    return np.clip(track, 0, 1)
+    return np.asarray(np.clip(track, 0, 1))

@@ -67,7 +67,7 @@ class Occlusion:
             )
         visible, possible = np.frombuffer(self.sums.read(), np.float32).reshape(-1, 2).T.astype(np.float64)
         openness = visible / np.maximum(possible, 1e-9)
-        return np.clip(smoothed(self.mean, openness, SMOOTHING_ROUNDS), 0, 1)
+        return np.asarray(np.clip(smoothed(self.mean, openness, SMOOTHING_ROUNDS), 0, 1))
 
     def _add(self, towards: np.ndarray, clip: np.ndarray, lift: float, bias: float) -> None:
         matrix = tuple(clip.T.ravel().tolist())

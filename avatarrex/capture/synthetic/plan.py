@@ -27,7 +27,7 @@ HELD_OUT = {"body": ((0.45, 0.55), (0.825, 0.925)), "face": ((0.3, 0.4), (0.8, 0
 """Parts of the time that no training sees: whole stretches, so that no neighbouring frame gives them away."""
 PICTURE_SHARE = {"body": 0.96, "face": 0.86}
 """Share of half the picture that the subject (the skin of the face) may reach."""
-FINEST = 0.0002
+FINEST_SPACING = 0.0002
 """Metres between albedo samples at least: a quarter of the texture's finest edge."""
 STRIDE = 8
 """Every so many frames of the others have exact depth and normals, too."""
@@ -136,7 +136,7 @@ class RigPlan:
         """(f,) metres between albedo samples: two to a pixel or more, a third of the finest edge of the texture on the face."""
         camera = next(iter(self.cameras.values()))
         distance = np.linalg.norm(camera.centre - self.world_vertices[0, self._framed].mean(0))
-        finest = max(1.8 * distance / (camera.intrinsics[0, 0] * self.picture.samples), FINEST)
+        finest = max(1.8 * distance / (camera.intrinsics[0, 0] * self.picture.samples), FINEST_SPACING)
         if self.name == "body":
             return np.full(len(self.subject.faces), finest)
         head = self.subject.person.body.joint_template[JOINT_NAMES.index("head")].double().numpy()

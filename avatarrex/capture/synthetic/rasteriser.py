@@ -146,7 +146,7 @@ def clip_from_root(camera: Camera, tile: tuple[int, int, int, int]) -> np.ndarra
         [0, 0, (FAR_PLANE + NEAR_PLANE) / (FAR_PLANE - NEAR_PLANE), -2 * FAR_PLANE * NEAR_PLANE / (FAR_PLANE - NEAR_PLANE)],
         [0, 0, 1, 0],
     ])  # fmt: skip
-    return project @ camera.camera_from_world
+    return np.asarray(project @ camera.camera_from_world)
 
 
 def draw_reference(posed: PosedSubject, openness: np.ndarray, camera: Camera, samples: int) -> Picture:

@@ -167,7 +167,7 @@ class PosedSubject:
 
 def interpolated(bary: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """(p, …) of the triangles' corners (p, 3, …) by barycentrics (p, 3)."""
-    return np.einsum("pk,pk...->p...", bary, corners)
+    return np.asarray(np.einsum("pk,pk...->p...", bary, corners))
 
 
 @lru_cache(maxsize=2)

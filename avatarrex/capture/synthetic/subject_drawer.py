@@ -19,7 +19,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.sequence import SignalSequence
 
-SPACING = {"body": 0.003, "hand": 0.002, "face": 0.001}
+ALBEDO_SPACING = {"body": 0.003, "hand": 0.002, "face": 0.001}
 """Metres between albedo samples: under a pixel of a figure 500 pixels tall, of a hand or a head 250 pixels wide."""
 DETAIL_RADIUS = 0.2
 """Metres about wrists and head that count as hand and face."""
@@ -29,9 +29,11 @@ class SubjectDrawer:
     """Draws one subject; views after one another of one pose share its mesh. Raises `NoContext` without OpenGL 4.3."""
 
     def __init__(self, subject: Subject, spacing: dict[str, float] | None = None, samples: int = 3) -> None:
-        """`spacing` in metres as `SPACING`; `samples` along each side of a pixel."""
+        """`spacing` in metres as `ALBEDO_SPACING`; `samples` along each side of a pixel."""
         self._subject, self._size = subject, SIZES["small"]
-        self._rasteriser = Rasteriser(subject.faces, bake(subject, _spacing(subject, spacing or SPACING)), samples)
+        self._rasteriser = Rasteriser(
+            subject.faces, bake(subject, _spacing(subject, spacing or ALBEDO_SPACING)), samples
+        )
         vertices = len(subject.vertices)
         self._occlusion = Occlusion(subject.faces, vertices, self._size.directions, self._size.body.shadow_map)
         self._drawn: tuple[Signals, str] | None = None
@@ -64,7 +66,7 @@ def _spacing(subject: Subject, metres: dict[str, float]) -> np.ndarray:
     middle = subject.vertices[subject.faces].mean(1)
 
     def near(name: str) -> np.ndarray:
-        return np.linalg.norm(middle - joints[JOINT_NAMES.index(name)], axis=1) < DETAIL_RADIUS
+        return np.asarray(np.linalg.norm(middle - joints[JOINT_NAMES.index(name)], axis=1) < DETAIL_RADIUS)
 
     hand = near("left_wrist") | near("right_wrist")
     return np.where(near("head"), metres["face"], np.where(hand, metres["hand"], metres["body"]))

@@ -31,7 +31,7 @@ def albedo(solids: Sequence[str], rest: np.ndarray, normal: np.ndarray, masks: M
         here = names == name
         own = {key: value[here] for key, value in masks.items()}
         colour[here] = TEXTURES[str(name)](rest[here], normal[here], own)
-    return np.clip(colour, 0, 1)
+    return np.asarray(np.clip(colour, 0, 1))
 
 
 def step(value: np.ndarray, width: float = 0.0009) -> np.ndarray:
@@ -47,7 +47,7 @@ def line(distance: np.ndarray, half: float, width: float = 0.0009) -> np.ndarray
 
 def mix(base: np.ndarray, over: np.ndarray | tuple[float, float, float], amount: np.ndarray) -> np.ndarray:
     """`over` laid on `base` by `amount` (p,)."""
-    return base + (over - base) * amount[:, None]
+    return np.asarray(base + (over - base) * amount[:, None])
 
 
 def value_noise(points: np.ndarray, scale: float) -> np.ndarray:

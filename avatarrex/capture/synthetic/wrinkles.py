@@ -55,7 +55,7 @@ def sites(joints: dict[str, np.ndarray], joint_names: tuple[str, ...], crotch: f
         found.append(Site(solid, at, np.array(radius), unit, wavelength, height, activation))
 
     def move(point: np.ndarray, *by: int | float) -> np.ndarray:
-        return point + np.array(by)
+        return np.asarray(point + np.array(by))
 
     found: list[Site] = []
     spine = bend("spine1", "spine2", "spine3", full=0.7)

@@ -274,7 +274,7 @@ def _same(folder: Path, place: str, wanted: Any, found: Any) -> None:
         for number, pair in enumerate(zip(wanted, found)):
             _same(folder, f"{place}[{number}]", *pair)
     elif wanted != found:
-        raise InputError(folder, f"study.json: {place[1:]}", f"{wanted}, as asked for (else another --out)", found)
+        raise InputError(folder, f"study.json: {place[1:]}", f"{wanted}, as requested (else another --out)", found)
 
 
 def _plain(recipe: Recipe) -> dict[str, Any]:

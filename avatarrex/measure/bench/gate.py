@@ -62,7 +62,7 @@ def table(verdicts: list[Verdict], path: Path) -> str:
         what = f"{v.name}: {v.why}" if v.why else v.name
         rows.append(("ok" if v.passed else "FAIL", now, figure(v.before), limit, what))
     failed = sum(not v.passed for v in verdicts)
-    verdict = f"gate: {failed} of {len(ranked)} failed" if failed else f"gate: {len(ranked)} hold"
+    verdict = f"gate: {failed} of {len(ranked)} failed" if failed else f"gate: {len(ranked)} passed"
     return "\n".join([*aligned(rows, right=(1,)), f"{verdict}, against {path}"])
 
 

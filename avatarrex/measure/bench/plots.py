@@ -17,7 +17,7 @@ ERRORS = {
     "depth_mean_mm": "mean depth error, mm", "changed_crossings": "changed crossings",
 }  # fmt: skip
 """The error that stands against the time, the first that a contest has."""
-FLOOR = 1e-10
+ERROR_FLOOR = 1e-10
 """An error of zero is drawn here."""
 FEW_DECADES = 300
 """Ratio of an axis' ends up to which its ticks are plain numbers."""
@@ -62,11 +62,11 @@ def front(entries: list[Entry]) -> list[tuple[float, float]]:
 
 def _pareto(axis: Axes, case: str, entries: list[Entry]) -> None:
     best = front(entries)
-    axis.step([ms for ms, _ in best], [max(error, FLOOR) for _, error in best], where="post", color="0.7", lw=1)
+    axis.step([ms for ms, _ in best], [max(error, ERROR_FLOOR) for _, error in best], where="post", color="0.7", lw=1)
     for name, ms, error, _ in entries:
         mine = name.startswith("ours") or not case.startswith(("sdf", "mlp", "raycast", "skinning"))
-        axis.plot(ms, max(error, FLOOR), "o", color="tab:blue" if mine else "0.4")
-        axis.annotate(name, (ms, max(error, FLOOR)), xytext=(5, 4), textcoords="offset points", fontsize=8)
+        axis.plot(ms, max(error, ERROR_FLOOR), "o", color="tab:blue" if mine else "0.4")
+        axis.annotate(name, (ms, max(error, ERROR_FLOOR)), xytext=(5, 4), textcoords="offset points", fontsize=8)
     axis.set(xscale="log", yscale="log", xlabel="ms", ylabel=ERRORS[entries[0][3]])
     axis.set_title(case, fontsize=10)
     axis.margins(0.25)

@@ -32,7 +32,7 @@ SAMPLES = 64
 UNSEEN = 12
 """Frame of the motion in which images are compared; the texture has seen every other pose of `SEEN`."""
 SEEN = (0, 20)
-SPACING = {"body": 0.006, "hand": 0.004, "face": 0.003}
+COLOUR_SPACING = {"body": 0.006, "hand": 0.004, "face": 0.003}
 """Metres between the subject's colours: about a pixel of the picture that images are compared in."""
 AROUND = (20, 110, 200, 290)
 """Azimuths of the pictures that the texture comes from."""
@@ -101,7 +101,7 @@ def unseen(bench: Bench) -> tuple[Signals, np.ndarray] | None:
 
 def subject_drawer(bench: Bench) -> SubjectDrawer | None:
     """None without OpenGL."""
-    return None if gl_unavailable() is not None else SubjectDrawer(bench.subject, SPACING, samples=2)
+    return None if gl_unavailable() is not None else SubjectDrawer(bench.subject, COLOUR_SPACING, samples=2)
 
 
 def mesh_drawer(bench: Bench) -> MeshDrawer | None:

@@ -26,7 +26,7 @@ from avatarrex.training.core.volume_rendering import Gamma
 from avatarrex.training.core.warm_start import warm_start
 from avatarrex.training.recipe import QUICK
 
-SETTLED = 10**9
+SETTLED_STEP = 10**9
 """A step at which γ has its last value."""
 
 
@@ -58,7 +58,7 @@ def _steps(bench: Bench, path: Path) -> list[Metric]:
     store = FrameStore(avatar, rig, "body", avatar.hidden)
     store.renew(0)
     stepper = Stepper(BodyPass(avatar, store, recipe, SEED), recipe.rate * recipe.geometry_rate)
-    gamma = Gamma(extra=recipe.gamma_extra, steps=recipe.gamma_steps).at(SETTLED)
+    gamma = Gamma(extra=recipe.gamma_extra, steps=recipe.gamma_steps).at(SETTLED_STEP)
     times, results, losses = Times(), [], []
     for number in range(bench.count(30, 8)):
         (result, loss), took = timed(stepper.step, number, gamma)

@@ -1,6 +1,6 @@
 """Many hostile inputs through every stage, a table of what was found, and failures as small files (docs/stress.md).
 
-Exit status 0 where every check held, 1 where one failed, 130 after Ctrl+C (with what was found so far).
+Exit status 0 where every check passed, 1 where one failed, 130 after Ctrl+C (with what was found so far).
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def _search(count: int, seed: int, processes: int | None, json_path: str | None,
         report = {"n": count, "seed": seed, "interrupted": interrupted, **tally.to_json(), "files": files}
         write_text(json_path, json.dumps(report, indent=1) + "\n")
     state = f"interrupted after {done} of {len(cases)} cases" if interrupted else f"{done} cases"
-    print(f"{state}, seed {seed}: " + (f"{tally.failures} checks failed" if tally.failures else "every check held"))
+    print(f"{state}, seed {seed}: " + (f"{tally.failures} checks failed" if tally.failures else "every check passed"))
     return 130 if interrupted else int(tally.failures > 0)
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from avatarrex.counters import Counters
-from avatarrex.fields.body import CLOTH, LEAST, BodyFrame
+from avatarrex.fields.body import CLOTH, LEAST_FILL, BodyFrame
 from avatarrex.fields.code import RESIDUAL
 from avatarrex.fields.composition import BAND
 from avatarrex.fields.influence import RADIUS
@@ -94,10 +94,10 @@ def _check_body(frame: BodyFrame, posed: PosedPerson, point: Tensor, gaze: Tenso
     sdf, colour = field.sdf(frame, point), field.colour(frame, None, point, gaze)
     found.finite("body field finite", sdf, colour)
     found.within("body colour in 0 to 1", colour, 0, 1)
-    # The fill's promise: at most the distance to a surface that stands CLOTH off the template, or LEAST.
+    # The fill's promise: at most the distance to a surface that stands CLOTH off the template, or LEAST_FILL.
     far = point[torch.cdist(point, frame.node_position).amin(1) > RADIUS]
     true = torch.cdist(far.double(), posed.body.vertices[::8].double()).amin(1) - CLOTH
-    excess = field.outside_distance(frame, far) - true.clamp_min(LEAST)
+    excess = field.outside_distance(frame, far) - true.clamp_min(LEAST_FILL)
     found.at_most("body fill beyond the true distance (m)", excess, 1e-5)  # float32 at 10 m
 
 

@@ -16,7 +16,7 @@ NEARBY = 0.004
 """Metres: a silhouette that is off by as much costs as much as a missing ray."""
 PURE = 0.02
 """Mattes closer to 0 or 1 have no edge in them."""
-CLAMP = 0.06
+LOSS_CLAMP = 0.06
 """Metres: farther distances all count the same; the volume's band is as wide."""
 
 
@@ -61,4 +61,5 @@ def weighted(terms: dict[str, Tensor], weights: LossWeights) -> Tensor:
 def distance_loss(predicted: Float[Tensor, " p"], target: Float[Tensor, " p"]) -> Tensor:
     """Mean absolute error of clamped distances, near the surface counted more; in units of 5 cm. Of supervised fits."""
     weight = 1 / (1 + target.abs() / 0.01)
-    return 20 * (weight * (predicted.clamp(-CLAMP, CLAMP) - target.clamp(-CLAMP, CLAMP)).abs()).mean()
+    near, wanted = (distance.clamp(-LOSS_CLAMP, LOSS_CLAMP) for distance in (predicted, target))
+    return 20 * (weight * (near - wanted).abs()).mean()

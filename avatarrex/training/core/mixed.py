@@ -43,7 +43,7 @@ class _Cast:
         """Before the forward."""
         self.entered.append(torch.is_grad_enabled() and any(p.requires_grad for p in module.parameters()))
         if self.entered[-1]:
-            self.context.__enter__()  # type: ignore[no-untyped-call]
+            self.context.__enter__()
 
     def leave(self, module: nn.Module, arguments: object, result: Tensor | None) -> Tensor | None:
         """After it, also where it has failed."""

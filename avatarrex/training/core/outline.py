@@ -21,7 +21,7 @@ from avatarrex.training.core.sampling import Walk
 from avatarrex.training.core.trained_field import TrainedField
 from avatarrex.volume.sdf_volume import SdfVolume
 
-RIM = 0.03
+OUTLINE_BAND = 0.03
 """Metres: rays that get no closer to the stored surface, or go deeper into it, are not queried for the silhouette."""
 SURE = 0.008
 """Metres: nor are rays on the right side of the stored surface by as much."""
@@ -32,7 +32,7 @@ class Closest:
     """What silhouette_loss compares."""
 
     distance: Float[Tensor, " r"]
-    """Of the ray's lowest point, metres; NaN where it is not queried: the stored one is right, or beyond `RIM`."""
+    """Of the ray's lowest point, metres; NaN where it is not queried: the stored one is right, or beyond `OUTLINE_BAND`."""
     width: Float[Tensor, " r"]
     """Metres a pixel spans there."""
     matte: Float[Tensor, " r"]
@@ -51,7 +51,7 @@ def closest(field: TrainedField, volume: SdfVolume, camera: Camera, pixels: Pixe
     t, stored = Walk(volume, rays).lowest
     matte = torch.where(stored.abs() < SURE, pixels.matte, (pixels.matte > 0.5).to(pixels.matte))
     right = ((matte > 1 - PURE) & (stored < -SURE)) | ((matte < PURE) & (stored > SURE))
-    queried = torch.nonzero((stored.abs() < RIM) & ~right)[:, 0]
+    queried = torch.nonzero((stored.abs() < OUTLINE_BAND) & ~right)[:, 0]
     found = field.composed(rays.at(t)[queried])
     distance = torch.full_like(stored, torch.nan).index_put((queried,), found.sdf)
     part_weight = stored.new_zeros(len(stored), 3).index_put((queried,), found.part_weight.detach())

@@ -17,7 +17,7 @@ from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Rig
 from avatarrex.errors import InputError
 
-FOREGROUND, RIM = 0.65, 0.2
+FOREGROUND, RIM_SHARE = 0.65, 0.2
 """Shares of the rays on the person and just beside it; the others are drawn from the box around it."""
 BESIDE = 0.03
 """Of the person's height in the picture: how far beside it the rim reaches. What sticks out too far is seen there."""
@@ -85,11 +85,11 @@ def draw_pixels(
     on = rng.integers(len(ys), size=round(count * FOREGROUND)) if len(ys) else np.zeros(0, int)
     places = [np.stack([xs[on], ys[on]], 1)]
     if len(ys):
-        near = rng.integers(len(ys), size=TRIES * round(count * RIM))
+        near = rng.integers(len(ys), size=TRIES * round(count * RIM_SHARE))
         reach = 1 + int(BESIDE * np.ptp(ys))
         beside = np.stack([xs[near], ys[near]], 1) + rng.integers(-reach, reach + 1, (len(near), 2))
         beside = beside[((beside >= (x0, y0)) & (beside < (x1, y1))).all(1)]
-        places.append(beside[matte[beside[:, 1], beside[:, 0]] <= 127][: round(count * RIM)])
+        places.append(beside[matte[beside[:, 1], beside[:, 0]] <= 127][: round(count * RIM_SHARE)])
     if len(ys) and within is None:
         margin = 1 + int(AROUND * max(np.ptp(ys), np.ptp(xs)))
         x0, x1 = max(int(xs.min()) - margin, 0), min(int(xs.max()) + margin + 1, width)

@@ -24,7 +24,7 @@ from avatarrex.volume.sdf_volume import SdfVolume, distance
 CANDIDATES = 64
 BLUR = 0.004
 """Metres: the stored surface may be off by this much; the least γ that the candidates are weighed with."""
-FLOOR = 0.02
+WEIGHT_FLOOR = 0.02
 """Weight of a candidate near the surface that seems hidden or thin: what has moved since is found again."""
 NEAR_GAMMAS = 3.0
 """Candidates within so many γ of the stored surface count as near it."""
@@ -114,7 +114,7 @@ def near_samples(walk: Walk, samples: int, gamma: float, noise: torch.Generator)
     near = sdf.abs() < NEAR_GAMMAS * wide + spacing
     deep, enters = _inside(sdf, torch.cumsum(weight, -1))
     near &= ~enters[:, None] | (torch.arange(CANDIDATES) <= deep[:, None])
-    chance = torch.cumsum((weight + FLOOR) * near, -1)
+    chance = torch.cumsum((weight + WEIGHT_FLOOR) * near, -1)
     chance = chance / chance[:, -1:].clamp_min(1e-12)
     count = torch.where(weight.sum(-1) > OPAQUE, samples, max(2, samples // 2)).masked_fill(~near.any(-1), 0)
     drawn = count - enters.long()

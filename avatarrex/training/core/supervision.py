@@ -16,7 +16,7 @@ from tqdm import tqdm
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
-from avatarrex.fields.orthographic import AXES, SIZE, before, render_places, render_views, seen
+from avatarrex.fields.orthographic import AXES, VIEW_PIXELS, before, render_places, render_views, seen
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.crossings import winding
@@ -30,7 +30,7 @@ from avatarrex.templates.posed import PosedPerson, pose_person
 POINTS = 12_000
 """Per frame, the same for all steps."""
 BATCH = 2500
-SPREAD = ((0.004, 0.35), (0.015, 0.35), (0.05, 0.3))
+BODY_SPREAD = ((0.004, 0.35), (0.015, 0.35), (0.05, 0.3))
 """Standard deviation of the points off the surface, metres, and the share of each."""
 FACE_SPREAD = ((0.002, 0.3), (0.004, 0.3), (0.015, 0.25), (0.05, 0.15))
 """Of a face: lips are thin."""
@@ -93,7 +93,7 @@ def distances_around(vertices: Tensor, faces: Tensor, count: int, rng: np.random
     there the union is inside, and the height is not.
     """
     chosen = vertices[torch.from_numpy(rng.integers(len(vertices), size=count))].double().numpy()
-    position = chosen + _aside(SPREAD, count, rng)
+    position = chosen + _aside(BODY_SPREAD, count, rng)
     mesh, nothing = vertices.double().numpy(), np.zeros(len(vertices))
     skin = TemplateDistance.of(mesh, vertex_normals(vertices, faces).double().numpy(), nothing, nothing)
     guess = skin.query(position).guess
@@ -140,7 +140,7 @@ def _looks(field: FaceField, mesh: Tensor, inner: Tensor | None) -> tuple[list[T
     """The mesh (v, 3) as each look turns it, and the places that its views show: of `inner` vertices (v,) none, but straight
     from before."""
     turned, places = _turned(field, mesh), []
-    towards = torch.tensor(AXES)[:, 2, :, None, None].expand(-1, -1, SIZE, SIZE)
+    towards = torch.tensor(AXES)[:, 2, :, None, None].expand(-1, -1, VIEW_PIXELS, VIEW_PIXELS)
     for number, vertices in enumerate(turned):
         place = render_places(vertices, field.faces, field.box)
         if inner is not None:

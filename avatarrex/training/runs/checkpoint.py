@@ -41,7 +41,7 @@ FORMAT = 1
 KEEP = 3
 MANIFEST = "manifest.json"
 STATE_FILES, AVATAR_FILE = ("state.json", "state.safetensors"), "avatar.avatar"
-LARGEST = 2**33
+CHECKPOINT_BYTES = 2**33
 """Bytes of a checkpoint's file; the paper's preset with its optimiser takes 0.6 GB."""
 
 
@@ -131,7 +131,7 @@ def found(folder: Path) -> list[Checkpoint]:
 def read(path: Path) -> dict[str, Any]:
     """The state in a checkpoint's folder, tensors on the CPU. Raises `InputError` where any byte is not as written."""
     for name, expected in _manifest(path).files.items():
-        check_file(path / name, "a file that can be read", LARGEST)
+        check_file(path / name, "a file that can be read", CHECKPOINT_BYTES)
         size = (path / name).stat().st_size
         try:
             same = size == expected[0] and _fingerprint(path / name) == expected
@@ -140,7 +140,7 @@ def read(path: Path) -> dict[str, Any]:
         if not same:
             raise InputError(path, name, f"{expected[0]} bytes as they were written", f"{size} that differ")
     try:
-        tensors = safetensors.torch.load(read_bytes(path / "state.safetensors", "a state's tensors", LARGEST))
+        tensors = safetensors.torch.load(read_bytes(path / "state.safetensors", "a state's tensors", CHECKPOINT_BYTES))
         state = restore(read_json(path / "state.json", "a state"), tensors)
     except InputError:
         raise

@@ -1,8 +1,8 @@
-"""The small JSON files of a run folder: what it is, that it lives, and what somebody asks of it.
+"""The small JSON files of a run folder: what it is, that it lives, and what a viewer requests.
 
     run.json        config, versions, seed, when it started, and its state; whole at all times
     heartbeat.json  process, part, pass, step and steps of a run at work, rewritten every two seconds
-    control.json    what a viewer asked for: run, pause or stop
+    control.json    what a viewer requests: run, pause or stop
 
 Nothing here needs torch: viewers read these files every second. Times are seconds since 1970, steps count from 0.
 Spec: `assets_spec/run.json`.
@@ -76,7 +76,7 @@ def request(path: str | Path, wish: Wish) -> None:
 
 
 def wanted(path: str | Path) -> Wish:
-    """What was asked of the run in folder `path`; `run` where nothing or nothing readable was."""
+    """What a viewer requests of the run in folder `path`; `run` where nothing or nothing readable was."""
     want = (read_json(Path(path) / "control.json") or {}).get("want")
     return want if want in ("pause", "stop") else "run"
 

@@ -1,6 +1,6 @@
 """Run: the folder of one training, in which it can be watched, steered, killed and resumed.
 
-    run.json, heartbeat.json, control.json         what it is, that it lives, what is asked of it (control.py)
+    run.json, heartbeat.json, control.json         what it is, that it lives, what a viewer requests (control.py)
     events.out.tfevents.*                          numbers and pictures by step, for TensorBoard (events.py)
     samples/NAME/step_00001200.png                 the pictures once more, as files
     checkpoints/step_00001200/                     the state (checkpoint.py)
@@ -62,9 +62,9 @@ class Run:
         self.step = 0
         """The last step that was reported."""
         self.part, self.pass_name, self.steps = str(about.get("part") or ""), "", 0
-        self._asked: Wish = "run"
+        self._wish: Wish = "run"
         self._control_time = 0
-        (path / "control.json").unlink(missing_ok=True)  # asked of the process before
+        (path / "control.json").unlink(missing_ok=True)  # a request to the process before
         checkpoint.clean(path / "checkpoints")
         self._events: EventWriter | None = EventWriter(path)
         self._say("running")
@@ -106,7 +106,8 @@ class Run:
     @property
     def config(self) -> dict[str, Any]:
         """As it was given to `create`."""
-        return self.about["config"]
+        config: dict[str, Any] = self.about["config"]
+        return config
 
     def stage(self, part: str, pass_name: str, steps: int) -> None:
         """Say what is being trained now and at which step it ends, for whoever watches. Optional."""
@@ -162,21 +163,21 @@ class Run:
         return None if found is None else (found[0].manifest.step, found[1])
 
     def control(self) -> Wish:
-        """What a viewer asked for: `run`, `pause` or `stop`. Cheap: a look at one file's time; call it every step."""
+        """What a viewer requests: `run`, `pause` or `stop`. Cheap: a look at one file's time; call it every step."""
         try:
             changed = (self.path / "control.json").stat().st_mtime_ns
         except OSError:
             changed = 0
         if changed != self._control_time:
-            self._control_time, asked = changed, wanted(self.path)
-            if (asked == "pause") != (self._asked == "pause"):
-                self._say("paused" if asked == "pause" else "running")
-            self._asked = asked
-        return self._asked
+            self._control_time, wish = changed, wanted(self.path)
+            if (wish == "pause") != (self._wish == "pause"):
+                self._say("paused" if wish == "pause" else "running")
+            self._wish = wish
+        return self._wish
 
     def close(self, state: str | None = None, note: str = "") -> None:
         """End the run as `finished`, `stopped` or `failed` (with the cause in `note`); unless given, as `stopped`
-        where that was asked for, else as `finished`."""
+        where that was requested, else as `finished`."""
         if self._events is None:
             return
         self._heart.beat()
@@ -184,7 +185,7 @@ class Run:
         self._events.close()
         self._events = None
         try:
-            self._say(state or ("stopped" if self._asked == "stop" else "finished"), note)
+            self._say(state or ("stopped" if self._wish == "stop" else "finished"), note)
         except InputError:
             (self.path / "heartbeat.json").unlink(missing_ok=True)  # a full disk: dead, not alive
             raise
