@@ -12,7 +12,7 @@ import numpy as np
 
 KEY = np.array([0.36, 0.55, 0.75]) / np.linalg.norm([0.36, 0.55, 0.75])
 FILL = np.array([-0.80, 0.15, 0.45]) / np.linalg.norm([-0.80, 0.15, 0.45])
-RIM_LIGHT = np.array([0.25, 0.35, -0.90]) / np.linalg.norm([0.25, 0.35, -0.90])
+RIM = np.array([0.25, 0.35, -0.90]) / np.linalg.norm([0.25, 0.35, -0.90])
 WRAP = 0.35
 """How far round the terminator soft lights reach, as a cosine."""
 WARM, COOL = np.array([1.02, 1.0, 0.965]), np.array([0.965, 0.99, 1.03])
@@ -22,7 +22,7 @@ def studio_light(albedo: np.ndarray, normal: np.ndarray, openness: np.ndarray, w
     """(p, 3) in [0, 1] from unlit colour, unit normal, openness in [0, 1] and fold height (metres)."""
     sky = 0.5 + 0.5 * normal[:, 1:2]
     light = (0.42 + 0.18 * sky) * COOL + 0.42 * _soft(normal, KEY) * WARM + 0.16 * _soft(normal, FILL) * COOL
-    light = light + 0.20 * _soft(normal, RIM_LIGHT) * WARM
+    light = light + 0.20 * _soft(normal, RIM) * WARM
     shadow = 0.42 + 0.58 * np.clip(openness, 0, 1)
     fold = 1 + 0.16 * np.tanh(wrinkle / 0.003)
     return np.asarray(np.clip(albedo * light * (shadow * fold)[:, None] * 1.06, 0, 1))
