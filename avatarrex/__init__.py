@@ -7,7 +7,7 @@
     frame = ax.render(avatar, signals, ax.Camera.orbit(azimuth_deg=20))
     frame.image, frame.pointmap.depth, frame.ms, frame.counters
 
-These names are the face to the outside; everything else may move between versions. Each is imported on first use, so that
+These names are the public API; everything else may move between versions. Each is imported on first use, so that
 `import avatarrex` is light: a wrong option is refused before torch is loaded.
 """
 

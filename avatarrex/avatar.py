@@ -106,7 +106,7 @@ class Avatar:
 
     @property
     def hidden(self) -> frozenset[str]:
-        """Parts that were never trained: they are not drawn, and the body's field shows in their place."""
+        """Parts that were never trained: they are not drawn. In the face's place the body's field shows; hands are missing."""
         return frozenset(self.meta.get("untrained", ()))
 
     @cached_property

@@ -52,7 +52,7 @@ def render_frame(
     with clock("volume"):
         off_screen = off_screen_parts(avatar, posed, view, settings)
         volume = build_volume(avatar, posed, settings, counters, old.volume if old else None, off_screen)
-        volume = refine_where_visible(avatar, volume, view, settings, counters, old)
+        volume = refine_where_visible(volume, view, settings, counters, old)
     with clock("pointmap"):
         surface = _reused(old, posed, volume, view, settings) or visible_surface(
             avatar, posed, volume, view, settings, counters

@@ -24,6 +24,9 @@ from avatarrex.fields.limbs import Limbs, Ownership, reached_by_others
 from avatarrex.fields.template_distance import NearestSkin, TemplateDistance
 from avatarrex.templates.parts import HANDS
 
+REFERENCE_BLOCK = 20000
+"""Points that the reference evaluates at once: 128 networks on each."""
+
 
 @dataclass(frozen=True)
 class BodyWithoutHands:
@@ -33,11 +36,9 @@ class BodyWithoutHands:
     frame: BodyFrame
     skin: TemplateDistance
     """Of the whole template, with the hands' ω."""
-    ownership: Mapping[str, Ownership]
-    """Which nodes are each part's own."""
-    contact: bool = True
-    """Whether limbs that touch the template's hands are split off. Not in training and in the voxel reference: there one
-    field of all nodes is enough."""
+    contact: Mapping[str, Ownership] | None
+    """Which nodes are each part's own: limbs that touch the template's hands are split off. None leaves contact out, as
+    training and the voxel reference do: there one field of all nodes is enough."""
     reference: bool = False
     """Every node at every point, instead of the pairs in reach."""
 
@@ -45,7 +46,7 @@ class BodyWithoutHands:
     def touched(self) -> tuple[tuple[np.ndarray, Limbs], ...]:
         """For each hand of the template that another limb reaches: its own vertices (v,), and the split field."""
         found = []
-        for own in (self.ownership[name] for name in HANDS) if self.contact else ():
+        for own in (self.contact[name] for name in HANDS) if self.contact else ():
             hand = self.skin.vertices[(self.skin.weight > 0) & ~own.other_vertex]
             if len(hand) and reached_by_others(self.skin, own, np.eye(4), hand.min(0), hand.max(0)):
                 found.append((~own.other_vertex, self.limbs(own)))
@@ -79,7 +80,3 @@ class BodyWithoutHands:
         pairs = self.field.pairs(self.frame, position)
         counters.add("local_mlp_evaluations", len(pairs.point))
         return self.field.sdf(self.frame, position, pairs)
-
-
-REFERENCE_BLOCK = 20000
-"""Points that the reference evaluates at once: 128 networks on each."""

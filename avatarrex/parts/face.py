@@ -45,7 +45,15 @@ class Face(Part[FaceState]):
     @classmethod
     def of(cls, field: FaceField, blend_weight: Float[Tensor, " v"], tone: ToneMap) -> Face:
         """`blend_weight`: ω painted on the template."""
-        return cls("face", blend_weight, FACE_BAND, 1, "face_evaluations", field, tone)
+        return cls(
+            name="face",
+            blend_weight=blend_weight,
+            margin=FACE_BAND,
+            halvings=1,
+            work="face_evaluations",
+            field=field,
+            tone=tone,
+        )
 
     @torch.no_grad()
     def prepare(self, vertices: Tensor, coefficients: Tensor, counters: Counters, impl: Impl = "auto") -> FaceState:

@@ -58,7 +58,15 @@ class Hand(Part[HandState]):
     @classmethod
     def of(cls, name: str, field: HandField, light: Light) -> Hand:
         """The hand of an avatar."""
-        return cls(name, field.blend_weight, MARGIN, 2, "hand_distances", field, light)
+        return cls(
+            name=name,
+            blend_weight=field.blend_weight,
+            margin=MARGIN,
+            halvings=2,
+            work="hand_distances",
+            field=field,
+            light=light,
+        )
 
     def prepare(self, vertices: Tensor, coefficients: Tensor, counters: Counters, impl: Impl = "auto") -> HandState:
         """See `Part`."""

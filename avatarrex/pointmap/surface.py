@@ -50,7 +50,6 @@ class VisibleSurface:
 
 
 def refine_where_visible(
-    avatar: Avatar,
     volume: AvatarVolume,
     view: Camera,
     settings: RenderSettings,
@@ -63,7 +62,7 @@ def refine_where_visible(
         return volume
     cells, coarse = visible_cells(SdfVolume(volume.grid, volume.sdf.parts), view, settings.raycast)
     counters.update(coarse.counters)
-    return refine_volume(avatar, volume, cells, settings.bricks, counters, previous.volume if previous else None)
+    return refine_volume(volume, cells, settings.bricks, counters, previous.volume if previous else None)
 
 
 def visible_surface(

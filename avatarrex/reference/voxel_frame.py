@@ -120,7 +120,7 @@ def _body_grid(posed: PosedReference, voxel: float) -> BodyGrid:
     """Every voxel, by every node in reach."""
     vertices = posed.skin.vertices
     lattice = lattice_around(np.concatenate([vertices - BOX_MARGIN, vertices + BOX_MARGIN]), voxel)
-    body = BodyWithoutHands(posed.body, posed.frame, posed.skin, {}, contact=False, reference=True)
+    body = BodyWithoutHands(posed.body, posed.frame, posed.skin, None, reference=True)
     sdf = body.sdf(_points(lattice), Counters())
     return BodyGrid(lattice.origin, lattice.voxel, sdf.reshape(lattice.shape))
 

@@ -19,7 +19,7 @@ from avatarrex.templates.parts import PARTS
 from avatarrex.templates.posed import PosedPerson
 from avatarrex.volume.body_grid import build_body_grid, refined
 from avatarrex.volume.contact import find_contact
-from avatarrex.volume.part_box import PartField, build_part_box
+from avatarrex.volume.part_box import UnplacedBox, build_part_box
 from avatarrex.volume.sdf_volume import BodyGrid, PartBox, SdfVolume
 from avatarrex.volume.small_components import without_small_components
 from avatarrex.volume.temporal_reuse import ChangedRegion, PreviousGrid, ReusableBody, reuse_unchanged
@@ -69,7 +69,7 @@ class VolumeKey:
 class BuiltPart:
     """A part's box and what its field prepared for this driving signal."""
 
-    box: PartField
+    box: UnplacedBox
     state: Any
 
 
@@ -146,7 +146,6 @@ def build_volume(
 
 
 def refine_volume(
-    avatar: Avatar,
     volume: AvatarVolume,
     cells: np.ndarray,
     side: int,
@@ -195,10 +194,10 @@ def _key(
     grid, every = GridKey(settings.voxel, settings.everywhere), settings.everywhere
     old = previous.key if previous else None
     unmoved = old is not None and old.body is not None and old.body.pose == posed.keys["body"]
-    if settings.reuse_tolerance and previous and unmoved and previous.grid.voxel <= settings.voxel:
-        assert old is not None
-        assert old.body is not None
-        grid = old.body.grid  # a turned view, or a moved hand, keeps the voxels that are there
+    if settings.reuse_tolerance and previous and old and old.body and unmoved and previous.grid.voxel <= settings.voxel:
+        grid = replace(
+            old.body.grid, everywhere=every
+        )  # a turned view, or a moved hand, keeps the voxels that are there
     parts = []
     for name in PARTS:
         key = PartKey(posed.keys[name], settings.part_voxel, every)
@@ -237,7 +236,7 @@ def _part(avatar: Avatar, posed: PosedPerson, name: str, settings: RenderSetting
 
 
 def _place(
-    body: BodyWithoutHands, grid: BodyGrid, part: PartField, root_from_part: np.ndarray, counters: Counters
+    body: BodyWithoutHands, grid: BodyGrid, part: UnplacedBox, root_from_part: np.ndarray, counters: Counters
 ) -> PartBox:
     part_from_box = np.eye(4)
     part_from_box[:3, 3] = part.origin

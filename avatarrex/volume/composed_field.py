@@ -53,6 +53,11 @@ class PlacedPart:
         """From the posed mesh (v, 3), part frame."""
         return cls(part, state, part_from_root, *part.bounds(vertices))
 
+    @property
+    def name(self) -> str:
+        """One of `PARTS`."""
+        return self.part.name
+
     def local(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
         """Root-frame points in the part's frame."""
         matrix = torch.as_tensor(self.part_from_root).to(position)
@@ -76,11 +81,13 @@ class ComposedField:
     @cached_property
     def limbs(self) -> dict[str, Limbs]:
         """The body field split apart, for the parts into whose boxes another limb reaches."""
-        touched = {}
+        touched: dict[str, Limbs] = {}
+        if self.body.contact is None:
+            return touched
         for part in self.parts:
-            own = self.body.ownership[part.part.name]
+            own = self.body.contact[part.name]
             if reached_by_others(self.body.skin, own, part.part_from_root, part.low, part.high):
-                touched[part.part.name] = self.body.limbs(own)
+                touched[part.name] = self.body.limbs(own)
         return touched
 
     @torch.no_grad()
@@ -90,11 +97,10 @@ class ComposedField:
         inside = torch.zeros(count, dtype=torch.bool)
         sdf, omega, split = position.new_zeros(count), position.new_zeros(count), position.new_zeros(count)
         for part in self.parts:
-            name = part.part.name
-            k = PARTS.index(name)
+            k = PARTS.index(part.name)
             local = part.local(position)
             inside[:, k] = part.apart(local) == 0
-            if name in self.limbs:
+            if part.name in self.limbs:
                 split[:, k] = split_share(local, part.low, part.high)
             rows = torch.nonzero(inside[:, k])[:, 0]
             if len(rows):

@@ -17,7 +17,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.limbs import reached_by_others
 from avatarrex.volume.lattice import Lattice
-from avatarrex.volume.part_box import PartField
+from avatarrex.volume.part_box import UnplacedBox
 from avatarrex.volume.sdf_volume import BodyGrid, Contact
 
 FADE = 0.03
@@ -40,13 +40,15 @@ def faded(apart: Float[Tensor, "p 2"], whole: Float[Tensor, " p"], share: Float[
 def find_contact(
     body: BodyWithoutHands,
     grid: BodyGrid,
-    part: PartField,
+    part: UnplacedBox,
     root_from_part: np.ndarray,
     counters: Counters,
 ) -> Contact | None:
     """Evaluate `own` and `others` in the box of `part` when another limb is in it, else None."""
-    ownership = body.ownership[part.name]
-    corners, part_from_root = part.corners(), np.linalg.inv(root_from_part)
+    if body.contact is None:
+        return None
+    ownership = body.contact[part.name]
+    corners, part_from_root = part.lattice.corners(), np.linalg.inv(root_from_part)
     low, high = corners.min(0), corners.max(0)
     if not reached_by_others(body.skin, ownership, part_from_root, low, high):
         return None

@@ -13,9 +13,8 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.settings import RenderSettings
 from avatarrex.templates.posed import PosedPerson
+from avatarrex.volume.part_box import coarse_lattice
 
-BOX_ROUNDING = 4.0
-"""Part voxels by which a box may exceed the part's bounds: boxes begin on a coarse lattice (part_box.py)."""
 PIXELS_BESIDE = 1.0
 """Pixels around the picture: antialiasing samples half a pixel aside."""
 
@@ -24,14 +23,12 @@ def off_screen_parts(avatar: Avatar, posed: PosedPerson, view: Camera, settings:
     """Parts whose box no ray of the root-frame camera `view` can enter; none where every voxel is evaluated."""
     if settings.everywhere:
         return frozenset()
-    boxes = {name: _corners(part.bounds(posed.parts[name]), settings) for name, part in avatar.parts.items()}
+    boxes = {
+        name: coarse_lattice(part, posed.parts[name], settings.part_voxel).corners()
+        for name, part in avatar.parts.items()
+        if name not in settings.hidden
+    }
     return frozenset(name for name, corners in boxes.items() if _outside(corners, posed.root_from_part(name), view))
-
-
-def _corners(bounds: tuple[np.ndarray, np.ndarray], settings: RenderSettings) -> Float[np.ndarray, "8 3"]:
-    """Corners of the largest box that a part with these bounds may have, part frame."""
-    rounding = BOX_ROUNDING * settings.part_voxel
-    return np.stack(np.meshgrid(*zip(bounds[0] - rounding, bounds[1] + rounding), indexing="ij"), -1).reshape(-1, 3)
 
 
 def _outside(corners: Float[np.ndarray, "8 3"], root_from_part: Float[np.ndarray, "4 4"], view: Camera) -> bool:

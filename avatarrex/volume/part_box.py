@@ -28,7 +28,7 @@ BAND_VOXELS = 1.0
 
 
 @dataclass(frozen=True)
-class PartField:
+class UnplacedBox:
     """A part's box before it is placed in the root frame."""
 
     name: str
@@ -38,11 +38,11 @@ class PartField:
     field: Float16[Tensor, "z y x 2"]
     """Signed distance clamped to ±5.1 cm, and ω; half precision errs by 2e-6 m within 4 mm, by 2e-5 m at the clamp."""
 
-    def corners(self) -> np.ndarray:
-        """(8, 3) part-frame corners of the outermost voxel centres."""
-        size = self.voxel * (np.array(self.field.shape[2::-1]) - 1)
-        unit = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3)
-        return self.origin + unit * size
+    @property
+    def lattice(self) -> Lattice:
+        """Where its voxels are, part frame."""
+        z, y, x = self.field.shape[:3]
+        return Lattice(self.origin, self.voxel, (z, y, x))
 
 
 def coarse_lattice(part: Part[Any], vertices: Tensor, voxel: float) -> Lattice:
@@ -56,7 +56,7 @@ def coarse_lattice(part: Part[Any], vertices: Tensor, voxel: float) -> Lattice:
 
 def build_part_box(
     part: Part[Any], state: Any, vertices: Tensor, voxel: float, counters: Counters, everywhere: bool = False
-) -> PartField:
+) -> UnplacedBox:
     """The part's field around its surface; `everywhere`: at every voxel where it is used."""
     lattice = coarse_lattice(part, vertices, voxel)
 
@@ -74,7 +74,7 @@ def build_part_box(
     unused = None if start.unused is None else start.unused.reshape(lattice.shape)
     for _ in range(part.halvings):
         lattice, values, unused = _refine(lattice, values, evaluate, unused, everywhere)
-    return PartField(part.name, lattice.origin, lattice.voxel, torch.from_numpy(values).half())
+    return UnplacedBox(part.name, lattice.origin, lattice.voxel, torch.from_numpy(values).half())
 
 
 def _refine(

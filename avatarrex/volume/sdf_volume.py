@@ -60,7 +60,7 @@ class PartBox:
     """Rigid, root metres to box metres; voxel 0's centre at 0."""
     voxel: float
     field: Float[Tensor, "z y x 2"]
-    """(s_part clamped to [-0.05, 0.05], ω)."""
+    """(s_part clamped to ±0.051, ω)."""
     contact: Contact | None = None
 
     def __post_init__(self) -> None:

@@ -66,14 +66,14 @@ def test_hands_on_hips_are_split_as_the_volume_does(built: tuple[AvatarVolume, C
     volume, field = built
     assert {part.name for part in volume.sdf.parts if part.contact is not None} == set(field.limbs) != set()
     points = near_surface(built)
-    hands = [part for part in field.parts if part.part.name != "face"]
+    hands = [part for part in field.parts if part.name != "face"]
     inside = torch.stack([part.apart(part.local(points)) == 0 for part in hands]).any(0)
     stored, here = sample(volume.sdf, points[inside]).composed.sdf, field.sdf(points[inside])
     apart = (stored - here).abs()
     assert inside.sum() > 100
     assert apart.median() < 5e-4
-    nobody = {name: replace(own, other_vertex=own.other_vertex & False) for name, own in field.body.ownership.items()}
-    without = replace(field, body=replace(field.body, ownership=nobody))
+    nobody = {name: replace(own, other_vertex=own.other_vertex & False) for name, own in field.body.contact.items()}
+    without = replace(field, body=replace(field.body, contact=nobody))
     carved = (without.sdf(points[inside]) - here).abs()
     assert carved.max() > 0.003
 
@@ -81,7 +81,7 @@ def test_hands_on_hips_are_split_as_the_volume_does(built: tuple[AvatarVolume, C
 def test_nothing_jumps_at_the_faces_of_a_hands_box(avatar: Avatar) -> None:
     """Cloth beneath a fist: inside the box the limbs are told apart, outside the whole body is one field."""
     field = of_a_fist(avatar)
-    hand = next(part for part in field.parts if part.part.name == "left_hand")
+    hand = next(part for part in field.parts if part.name == "left_hand")
     noise = torch.Generator().manual_seed(4)
     low, high = torch.as_tensor(hand.low), torch.as_tensor(hand.high)
     local = low + (high - low) * torch.rand(30000, 3, generator=noise, dtype=torch.float64)
@@ -111,7 +111,7 @@ def test_the_templates_fingers_carve_no_cloth(avatar: Avatar) -> None:
         cloth |= limbs.others(position, body.field.pairs(body.frame, position)) < 0
     assert (replaced & cloth).sum() > 500
     assert (body.sdf(position[replaced & cloth], Counters()) < 0).float().mean() > 0.99
-    alone = replace(body, contact=False)
+    alone = replace(body, contact=None)
     assert not alone.touched
     assert (alone.sdf(position[replaced & cloth], Counters()) >= 0.02).all()
 
@@ -153,7 +153,7 @@ def test_what_is_clear_is_outside(exact: ComposedField) -> None:
 
 def test_nothing_is_evaluated_where_it_has_no_share(built: tuple[AvatarVolume, ComposedField]) -> None:
     field = replace(built[1], counters=Counters())
-    part = next(part for part in field.parts if part.part.name == "face")
+    part = next(part for part in field.parts if part.name == "face")
     far = torch.as_tensor(part.part_from_root[:3, :3].T @ (part.high + 0.01 - part.part_from_root[:3, 3])).float()
     field(far[None])
     assert field.counters["face_evaluations"] == 0

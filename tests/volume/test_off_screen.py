@@ -18,7 +18,8 @@ from avatarrex.signals.library import named_expression, named_hand, named_pose
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.volume.build import build_volume
-from avatarrex.volume.off_screen import BOX_ROUNDING, off_screen_parts
+from avatarrex.volume.off_screen import off_screen_parts
+from avatarrex.volume.part_box import coarse_lattice
 
 SETTINGS = RenderSettings(raycast="torch", part_voxel=0.01)
 STAND = Signals.rest().replace(body_pose=named_pose("stand"))
@@ -48,12 +49,14 @@ def whole(avatar: Avatar, signals: Signals, camera: Camera, settings: RenderSett
 
 
 @pytest.mark.parametrize("name", PARTS)
-def test_the_box_is_within_the_bounds_and_the_rounding(avatar: Avatar, posed: PosedPerson, name: str) -> None:
+def test_the_box_is_the_lattice_that_is_judged_and_contains_the_bounds(
+    avatar: Avatar, posed: PosedPerson, name: str
+) -> None:
     volume = build_volume(avatar, posed, SETTINGS, Counters(), None)
     low, high = avatar.parts[name].bounds(posed.parts[name])
-    corners, rounding = volume.parts[name].box.corners(), BOX_ROUNDING * SETTINGS.part_voxel
-    assert (low - rounding <= corners.min(0) + 1e-9).all()
-    assert (high + rounding >= corners.max(0) - 1e-9).all()
+    corners = volume.parts[name].box.lattice.corners()
+    judged = coarse_lattice(avatar.parts[name], posed.parts[name], SETTINGS.part_voxel).corners()
+    np.testing.assert_allclose(corners, judged, atol=1e-12)
     assert (corners.min(0) <= low + 1e-9).all()
     assert (corners.max(0) >= high - 1e-9).all()
 
