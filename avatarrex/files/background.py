@@ -1,4 +1,4 @@
-"""Work behind the caller's back: writing what was just made while the next is being made."""
+"""Background work: writing what was just made while the next is being made."""
 
 from __future__ import annotations
 
