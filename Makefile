@@ -1,7 +1,7 @@
 # make run    set everything up and open the studio; with no display, render the default avatar to out/default.png
 # make test   set everything up, check the code, run every test
 # make test-fast   the tests that need no window, no training and no copy of the packages: under three minutes on two cores
-# make docs   the documentation's site, in out/site/; warnings are errors
+# make docs   the documentation's site, in out/site/; warnings are errors (--quiet would hide them from the count)
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -46,7 +46,7 @@ test-fast: setup
 	$(BIN)/python -m pytest -q -m "not window and not slow" $(FAST)
 
 docs: setup
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
 gallery: setup
 	tools/gallery.sh $(BIN)/python
