@@ -195,9 +195,8 @@ def _key(
     old = previous.key if previous else None
     unmoved = old is not None and old.body is not None and old.body.pose == posed.keys["body"]
     if settings.reuse_tolerance and previous and old and old.body and unmoved and previous.grid.voxel <= settings.voxel:
-        grid = replace(
-            old.body.grid, everywhere=every
-        )  # a turned view, or a moved hand, keeps the voxels that are there
+        # A turned view, or a moved hand, keeps the voxels that are there.
+        grid = replace(old.body.grid, everywhere=every)
     parts = []
     for name in PARTS:
         key = PartKey(posed.keys[name], settings.part_voxel, every)

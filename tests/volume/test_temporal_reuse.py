@@ -167,3 +167,12 @@ def test_a_lattice_that_grew_takes_nothing_over(avatar: Avatar, dragged: list[Fr
     assert torch.equal(
         build_body_grid(*arguments, Counters(), kept=coarser).sdf, build_body_grid(*arguments, Counters()).sdf
     )
+
+
+def test_every_voxel_is_evaluated_where_that_is_set_after_a_reused_grid(avatar: Avatar, dragged: list[Frame]) -> None:
+    """The body has not moved, and its grid would do for a drag; but now all of it is wanted."""
+    settings = replace(FAST, everywhere=True)
+    whole = render_frame(avatar, dragged[3].signals, CAMERA, settings, dragged[3])
+    alone = render_frame(avatar, dragged[3].signals, CAMERA, settings)
+    assert torch.equal(whole.volume.grid.sdf, alone.volume.grid.sdf)
+    assert whole.counters["voxels_evaluated"] > 0
