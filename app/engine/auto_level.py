@@ -12,9 +12,9 @@ from enum import Enum
 
 from avatarrex_studio.engine.resolution import Activity
 
-from avatarrex.levels import LEVELS
+from avatarrex.levels import DEFERRED_LEVELS
 
-ORDER = tuple(name for name in LEVELS if name != "paper")
+ORDER = tuple(name for name in DEFERRED_LEVELS if name != "paper")
 """From the quickest to the most exact; `paper` is slower and less exact than all of them."""
 PICTURE_MS = {Activity.MOVING: 100.0, Activity.STILL: 500.0, Activity.FULL: 2000.0}
 """Milliseconds that a picture may take: of a drag, when the hand stops, and of the one that stays."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from avatarrex.frame import Frame
+from avatarrex.frame import DeferredFrame, Frame
 from avatarrex.levels import LEVELS
 from avatarrex.templates.parts import PARTS
 
@@ -32,14 +32,19 @@ class Work:
     @classmethod
     def of(cls, frame: Frame, level: str) -> Work:
         """One frame's, rendered at `level`."""
-        hidden, lags = frame.settings.hidden, frame.volume.changed is not None
+        hidden, lags = frame.settings.hidden, isinstance(frame, DeferredFrame) and frame.volume.changed is not None
         rough = frame.settings.voxel > LEVELS[level].voxel
-        unseen = frozenset(PARTS) - hidden - frozenset(frame.volume.parts)
+        unseen = frozenset(PARTS) - hidden - _built(frame)
         return cls(frame.ms, frame.counters, frame.notes, frame.device, level, hidden, unseen, lags, rough)
 
     def plus(self, frame: Frame) -> Work:
         """With another strip's."""
         ms = {name: value + frame.ms[name] for name, value in self.ms.items()}
         counters = {name: count + frame.counters[name] for name, count in self.counters.items()}
-        unseen = self.unseen - frozenset(frame.volume.parts)
+        unseen = self.unseen - _built(frame)
         return replace(self, ms=ms, counters=counters, notes=frame.notes, unseen=unseen)
+
+
+def _built(frame: Frame) -> frozenset[str]:
+    """Parts that the frame has; a surface has all of them."""
+    return frozenset(frame.volume.parts if isinstance(frame, DeferredFrame) else PARTS)

@@ -15,7 +15,7 @@ from avatarrex_studio.session.commands import Command, SetLevel
 from avatarrex_studio.session.state import AUTO, LEVELS
 from imgui_bundle import imgui
 
-from avatarrex.frame import Frame
+from avatarrex.frame import DeferredFrame
 from avatarrex.reference.level_errors import level_errors
 from avatarrex.volume.memory import memory_of
 
@@ -25,6 +25,7 @@ COLUMN = 62.0
 STAGES = ("templates", "volume", "pointmap", "shading")
 LEVEL_TEXT = {
     AUTO: "the most exact level that the time at hand allows",
+    "live": "the textured mesh distilled from the avatar",
     "paper": "2 cm body, 5 mm parts, every voxel, steps of 5 mm: to compare with",
     "fast": "2 cm body, 5 mm hands and face, no antialiasing; a drag may lag by 2 mm",
     "balanced": "2 cm body, 2.5 mm hands and face, antialiased",
@@ -48,6 +49,8 @@ OTHERS = {
     "body_pixels": "Body pixels",
     "hand_pixels": "Hand pixels",
     "face_pixels": "Face pixels",
+    "surface_vertices": "Surface vertices",
+    "surface_triangles": "Surface triangles",
     "bytes_uploaded": "Bytes uploaded",
     "bytes_read_back": "Bytes read back",
 }
@@ -62,7 +65,7 @@ def draw(studio: Studio) -> list[Command]:
         return commands
     _times(studio, studio.work)
     _work(studio.work)
-    if studio.engine.last is not None:
+    if isinstance(studio.engine.last, DeferredFrame):
         _memory(studio.engine.last)
     return commands
 
@@ -157,7 +160,7 @@ def _row(title: str, count: int, reason: str | None) -> None:
         widgets.caption(f"{count:,}".replace(",", " "), colour)
 
 
-def _memory(frame: Frame) -> None:
+def _memory(frame: DeferredFrame) -> None:
     imgui.separator_text("Volume")
     memory = memory_of(frame.volume.sdf)
     sizes = {"Body grid": memory.body, "Bricks": memory.bricks, "Part boxes": memory.parts, "Together": memory.total}
