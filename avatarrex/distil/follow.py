@@ -1,0 +1,132 @@
+"""Where each vertex of the rest mesh lies on the exact surface of a pose, and its colour there.
+
+A vertex of the cubes goes by skinning, then to the point whose rest position in the fields' own local frame is its own (local_frame.py:
+T⁻¹(p) = p̄, by fixed-point steps), a vertex of a part by that part's own template; then along the normal onto the exact field.
+
+Letters: v vertices, k joints of a vertex, j joints. Root frame, metres; colours sRGB-encoded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from avatarrex.avatar import Avatar
+from avatarrex.distil.exact import ExactPose
+from avatarrex.distil.rest_mesh import RestMesh
+from avatarrex.fields.light import Light
+from avatarrex.ops.rotation import matrix_from_rotvec
+from avatarrex.ops.skinning import joint_transforms, skin, skinning_matrices
+from avatarrex.signals.driving import Signals
+from avatarrex.templates.mesh import vertex_normals
+from avatarrex.templates.parts import PARTS
+from avatarrex.templates.person import Person
+
+FRAME_STEPS = 4
+"""Fixed-point steps into the local frame: halve the miss each."""
+LONGEST_STEP = 0.01
+"""Metres of one step, of either kind."""
+MISSED = 0.004
+"""Metres off its own rest position from which a vertex is not trusted: where limbs touch, no point may have that rest position."""
+SURFACE_STEPS = 3
+MOST_OFF = {0: 0.02, 1: 0.004, 2: 0.004, 3: 0.006}
+"""Metres that a vertex may go from where skin or template has it, by part: teeth and tongue shall not come out of the lips."""
+ON_SURFACE = 5e-4
+"""Metres of |s| up to which a vertex counts as on the surface."""
+
+
+@dataclass(frozen=True)
+class Followed:
+    """The vertices in one pose."""
+
+    position: Float[Tensor, "v 3"]
+    skinned: Float[Tensor, "v 3"]
+    """Where plain skinning puts them."""
+    matrix: Float[Tensor, "v 3 4"]
+    """Their blended skinning matrices."""
+    normal: Float[Tensor, "v 3"]
+    """Of the mesh."""
+    found: Bool[Tensor, " v"]
+    """On the exact surface, at their own rest position."""
+
+
+def skinning(person: Person, signals: Signals) -> Float[Tensor, "55 4 4"]:
+    """Skinning matrices of all joints: body, jaw, eyes, fingers; the root frame, without orientation and translation."""
+    pose = torch.as_tensor(signals.full_pose(), dtype=torch.float32)
+    pose[0] = 0
+    body = person.body
+    shape = torch.as_tensor(signals.shape, dtype=torch.float32)
+    joints = body.joint_template + body.joint_shapedirs[..., : len(shape)] @ shape[: body.joint_shapedirs.shape[2]]
+    return skinning_matrices(joint_transforms(matrix_from_rotvec(pose), joints, body.parents), joints)
+
+
+def follow(avatar: Avatar, mesh: RestMesh, exact: ExactPose, signals: Signals) -> Followed:
+    """Every vertex of `mesh` on the exact surface of `signals`."""
+    rest = torch.as_tensor(mesh.vertices)
+    weight = torch.as_tensor(mesh.weight)
+    matrices = skinning(avatar.person, signals)[:, :3]
+    matrix = (matrices[torch.as_tensor(mesh.joint.astype(np.int64))] * weight[..., None, None]).sum(1)
+    skinned = skin(matrix, rest)
+    start, framed = skinned.clone(), torch.ones(len(rest), dtype=torch.bool)
+    cubes = torch.as_tensor(mesh.part == 0)
+    start[cubes], framed[cubes] = _in_local_frame(exact, rest[cubes], skinned[cubes], matrix[cubes, :, :3])
+    for number, name in enumerate(PARTS, 1):
+        own = mesh.part == number
+        if own.any():
+            start[torch.as_tensor(own)] = _on_template(avatar, exact, name, mesh.template_vertex[own])
+    faces = torch.as_tensor(mesh.faces.astype(np.int64))
+    most = torch.as_tensor(np.array([MOST_OFF[number] for number in range(len(PARTS) + 1)]), dtype=torch.float32)
+    position, on_surface = _onto_field(exact, start, faces, most[torch.as_tensor(mesh.part.astype(np.int64))])
+    return Followed(position, skinned, matrix, vertex_normals(position, faces), on_surface & framed)
+
+
+def lit_by(light: Light, normal: Float[Tensor, "v 3"], lit: Float[Tensor, " v"]) -> Float[Tensor, "v 3"]:
+    """1 + lit (E(n) − 1): what an albedo is multiplied by."""
+    with torch.no_grad():
+        return 1 + lit[:, None] * (light(normalize(normal, dim=-1)) - 1)
+
+
+def _in_local_frame(
+    exact: ExactPose, rest: Float[Tensor, "v 3"], start: Float[Tensor, "v 3"], linear: Float[Tensor, "v 3 3"]
+) -> tuple[Tensor, Tensor]:
+    """Points whose rest positions are `rest`, and whether they were found."""
+    samples, position = exact.field.body.frame.samples, start
+    for _ in range(FRAME_STEPS):
+        miss = rest - samples.rest_position(position)
+        position = position + _at_most((linear @ miss[:, :, None])[:, :, 0], torch.tensor(LONGEST_STEP))
+    miss = (rest - samples.rest_position(position)).norm(dim=-1)
+    good = miss < MISSED
+    return torch.where(good[:, None], position, start), good
+
+
+def _on_template(avatar: Avatar, exact: ExactPose, name: str, vertex: np.ndarray) -> Float[Tensor, "p 3"]:
+    """The part's own posed mesh at these vertices of the body template."""
+    ids = avatar.person.part(name).body_vertex_ids
+    index = torch.full((len(avatar.person.body.v_template),), -1)
+    known = ids >= 0
+    index[ids[known]] = torch.nonzero(known)[:, 0]
+    local = exact.posed.parts[name][index[torch.as_tensor(vertex.astype(np.int64))]]
+    place = torch.as_tensor(exact.posed.root_from_part(name), dtype=torch.float32)
+    return local @ place[:3, :3].T + place[:3, 3]
+
+
+@torch.no_grad()
+def _onto_field(
+    exact: ExactPose, start: Float[Tensor, "v 3"], faces: Tensor, most: Float[Tensor, " v"]
+) -> tuple[Tensor, Tensor]:
+    """Points moved along the mesh's normals onto the zero of the field, and whether they arrived."""
+    position = start
+    for _ in range(SURFACE_STEPS):
+        step = -exact.field.sdf(position)[:, None] * vertex_normals(position, faces)
+        position = start + _at_most(position + _at_most(step, torch.tensor(LONGEST_STEP)) - start, most)
+    good = exact.field.sdf(position).abs() < ON_SURFACE
+    return torch.where(good[:, None], position, start), good
+
+
+def _at_most(move: Float[Tensor, "v 3"], length: Tensor) -> Float[Tensor, "v 3"]:
+    return move * (length / move.norm(dim=-1).clamp_min(1e-9)).clamp(max=1)[:, None]

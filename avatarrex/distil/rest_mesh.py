@@ -1,0 +1,156 @@
+"""The mesh of the surface: marching cubes on the exact field in an open pose, taken back to rest; hands and face of the template.
+
+The open pose spreads legs and arms, so that crotch and armpits are two surfaces. Where a part has taken over from the body
+(ω above `PART_ALONE`) the cubes' mesh ends; the part's own vertices begin below that (ω above `PART_BEGINS`): both lie on one
+surface there and overlap without a seam to sew.
+
+Letters: v vertices, f faces. Metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import fast_simplification
+import numpy as np
+import torch
+import trimesh
+from jaxtyping import Float32, Int32, UInt8
+from skimage.measure import marching_cubes
+
+from avatarrex.avatar import Avatar
+from avatarrex.distil.exact import PART_NUMBER, ExactPose
+from avatarrex.ops.closest_point import closest_point
+from avatarrex.signals.driving import Signals
+from avatarrex.surface.surface import INFLUENCES
+from avatarrex.templates.parts import PARTS
+
+CELL = 0.006
+"""Metres between samples of the cubes: as fine as cloth folds that a depth of 1 mm shows."""
+COARSE = 4
+"""Cells a side of the blocks that are searched for the surface first."""
+NEAR = 0.05
+"""Metres from the guessed surface beyond which no block is sampled."""
+BODY_TRIANGLES = 16000
+"""Edges of 1.3 cm: a limb of 5 cm radius is 0.4 mm off between its vertices."""
+PART_BEGINS, PART_ALONE = 0.5, 0.85
+"""Shares ω between which both meshes are there."""
+SMALLEST_PIECE = 0.02
+"""Share of the largest piece's area below which a piece is a crumb of the field."""
+
+
+@dataclass(frozen=True)
+class RestMesh:
+    """Vertices at rest with what carries them; see `Surface`."""
+
+    vertices: Float32[np.ndarray, "v 3"]
+    faces: Int32[np.ndarray, "f 3"]
+    joint: UInt8[np.ndarray, "v k"]
+    weight: Float32[np.ndarray, "v k"]
+    template_face: Int32[np.ndarray, " v"]
+    barycentric: Float32[np.ndarray, "v 3"]
+    part: UInt8[np.ndarray, " v"]
+    template_vertex: Int32[np.ndarray, " v"]
+    """The template's vertex that each is, −1 those of the cubes."""
+
+
+def open_pose() -> Signals:
+    """Arms half down, legs apart."""
+    pose = np.zeros((21, 3))
+    pose[0, 2], pose[1, 2] = 0.22, -0.22
+    pose[15, 2], pose[16, 2] = -0.6, 0.6
+    return Signals.rest().replace(body_pose=pose)
+
+
+def rest_mesh(avatar: Avatar, triangles: int = BODY_TRIANGLES) -> RestMesh:
+    """The mesh of an avatar; `triangles` of the body without the parts."""
+    exact = ExactPose.of(avatar, open_pose())
+    vertices, faces = _cubes(exact)
+    vertices, faces = _simplified(exact, vertices, faces, triangles)
+    vertices = onto_surface(exact, vertices, faces)
+    return _joined(avatar, exact, vertices, faces)
+
+
+def _cubes(exact: ExactPose) -> tuple[np.ndarray, np.ndarray]:
+    """Marching cubes on the composed field, largest pieces only."""
+    low, high = exact.field.bounds
+    counts = np.ceil((high - low) / (CELL * COARSE)).astype(int) + 1
+    blocks = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), -1).reshape(-1, 3)
+    middle = low + (blocks + 0.5) * CELL * COARSE
+    guess = exact.field.body.skin.query(middle).guess
+    radius = np.sqrt(3) / 2 * CELL * COARSE
+    sampled = blocks[np.abs(guess) < NEAR + radius]
+    grid = np.where(guess < 0, -1.0, 1.0).reshape(counts).astype(np.float32)
+    grid = grid.repeat(COARSE, 0).repeat(COARSE, 1).repeat(COARSE, 2)
+    inner = np.stack(np.meshgrid(*[np.arange(COARSE)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    index = (sampled[:, None] * COARSE + inner).reshape(-1, 3)
+    points = torch.as_tensor(low + index * CELL, dtype=torch.float32)
+    values = torch.cat([exact.field.sdf(part) for part in points.split(200_000)])
+    grid[tuple(index.T)] = values.numpy()
+    vertices, faces, _, _ = marching_cubes(grid, 0.0, spacing=(CELL,) * 3)
+    mesh = trimesh.Trimesh(vertices + low, faces, process=True)
+    pieces = mesh.split(only_watertight=False)
+    largest = max(piece.area for piece in pieces)
+    kept = trimesh.util.concatenate([piece for piece in pieces if piece.area > SMALLEST_PIECE * largest])
+    return np.asarray(kept.vertices), np.asarray(kept.faces)
+
+
+def _simplified(
+    exact: ExactPose, vertices: np.ndarray, faces: np.ndarray, triangles: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Without what the parts replace, fewer triangles."""
+    omega = exact.field(torch.as_tensor(vertices, dtype=torch.float32)).part_weight.amax(-1).numpy()
+    faces = faces[(omega[faces] < PART_ALONE).any(1)]
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    mesh.remove_unreferenced_vertices()
+    reduction = 1 - triangles / len(mesh.faces)
+    points, fewer = fast_simplification.simplify(
+        np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.int32), reduction
+    )
+    return points.astype(np.float64), fewer.astype(np.int64)
+
+
+def onto_surface(exact: ExactPose, vertices: np.ndarray, faces: np.ndarray, steps: int = 3) -> np.ndarray:
+    """Vertices moved along their normals onto the zero of the field."""
+    for _ in range(steps):
+        normal = trimesh.Trimesh(vertices, faces, process=False).vertex_normals
+        s = exact.field.sdf(torch.as_tensor(vertices, dtype=torch.float32)).numpy()
+        vertices = vertices - np.clip(s, -CELL, CELL)[:, None] * normal
+    return vertices
+
+
+def _joined(avatar: Avatar, exact: ExactPose, vertices: np.ndarray, faces: np.ndarray) -> RestMesh:
+    """The cubes' mesh taken to rest, and the parts' own vertices."""
+    person, frame = avatar.person, exact.field.body.frame
+    position = torch.as_tensor(vertices, dtype=torch.float32)
+    neighbours = frame.samples.neighbours_of(position)
+    rest = frame.samples.rest_position(position, neighbours).numpy()
+    weights = neighbours.mean(avatar.body.sample_weights).numpy()
+    body = person.body
+    drawn = [name for name in PARTS if name not in avatar.hidden]
+    omega = np.zeros((len(body.v_template), 0), np.float32)
+    omega = person.blend_weight[:, [PARTS.index(name) for name in drawn]].numpy()
+    own = body.faces.numpy()[(omega[body.faces.numpy()].min(1) > PART_BEGINS).any(-1)]
+    used, own = np.unique(own, return_inverse=True)
+    number = np.array([PART_NUMBER[name] for name in drawn], np.uint8)
+    part = np.concatenate([np.zeros(len(rest), np.uint8), number[omega[used].argmax(1)]])
+    joint, weight = _strongest(np.concatenate([weights, body.weights.numpy()[used]]))
+    all_rest = np.concatenate([rest, body.v_template.numpy()[used]]).astype(np.float32)
+    found = closest_point(body.v_template, body.faces, torch.as_tensor(all_rest), None)
+    return RestMesh(
+        vertices=all_rest,
+        faces=np.concatenate([faces, own.reshape(-1, 3) + len(rest)]).astype(np.int32),
+        joint=joint,
+        weight=weight,
+        template_face=found.face.numpy().astype(np.int32),
+        barycentric=found.barycentric.numpy().astype(np.float32),
+        part=part,
+        template_vertex=np.concatenate([np.full(len(rest), -1), used]).astype(np.int32),
+    )
+
+
+def _strongest(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The strongest joints and their shares, from (v, j)."""
+    joint = np.argsort(-weights, 1, "stable")[:, :INFLUENCES]
+    weight = np.take_along_axis(weights, joint, 1)
+    return joint.astype(np.uint8), (weight / weight.sum(1, keepdims=True)).astype(np.float32)
