@@ -1,7 +1,8 @@
 """Where each vertex of the rest mesh lies on the exact surface of a pose, and its colour there.
 
-A vertex of the cubes goes by skinning, then to the point whose rest position in the fields' own local frame is its own (local_frame.py:
-T⁻¹(p) = p̄, by fixed-point steps), a vertex of a part by that part's own template; then along the normal onto the exact field.
+A vertex of the cubes goes by skinning, then by fixed-point steps to the point that the local networks see where they saw the
+vertex in the open pose, T⁻¹(p) − Σ w_i (Δn_i − Δn_i of the open pose) / Σ w_i = p̄: nodes move by millimetres with the pose, and a
+printed pattern with them. A vertex of a part goes by that part's own template. Then both go along the normal onto the exact field.
 
 Letters: v vertices, k joints of a vertex, j joints. Root frame, metres; colours sRGB-encoded.
 """
@@ -19,6 +20,7 @@ from torch.nn.functional import normalize
 from avatarrex.avatar import Avatar
 from avatarrex.distil.exact import ExactPose
 from avatarrex.distil.rest_mesh import RestMesh
+from avatarrex.fields.influence import weighted_mean
 from avatarrex.fields.light import Light
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.ops.skinning import joint_transforms, skin, skinning_matrices
@@ -74,7 +76,9 @@ def follow(avatar: Avatar, mesh: RestMesh, exact: ExactPose, signals: Signals) -
     skinned = skin(matrix, rest)
     start, framed = skinned.clone(), torch.ones(len(rest), dtype=torch.bool)
     cubes = torch.as_tensor(mesh.part == 0)
-    start[cubes], framed[cubes] = _in_local_frame(exact, rest[cubes], skinned[cubes], matrix[cubes, :, :3])
+    start[cubes], framed[cubes] = _in_local_frame(
+        exact, torch.as_tensor(mesh.residual), rest[cubes], skinned[cubes], matrix[cubes, :, :3]
+    )
     for number, name in enumerate(PARTS, 1):
         own = mesh.part == number
         if own.any():
@@ -92,16 +96,29 @@ def lit_by(light: Light, normal: Float[Tensor, "v 3"], lit: Float[Tensor, " v"])
 
 
 def _in_local_frame(
-    exact: ExactPose, rest: Float[Tensor, "v 3"], start: Float[Tensor, "v 3"], linear: Float[Tensor, "v 3 3"]
+    exact: ExactPose,
+    residual: Float[Tensor, "n 3"],
+    rest: Float[Tensor, "v 3"],
+    start: Float[Tensor, "v 3"],
+    linear: Float[Tensor, "v 3 3"],
 ) -> tuple[Tensor, Tensor]:
-    """Points whose rest positions are `rest`, and whether they were found."""
-    samples, position = exact.field.body.frame.samples, start
+    """Points that the networks see at `rest`, and whether they were found."""
+    position = start
     for _ in range(FRAME_STEPS):
-        miss = rest - samples.rest_position(position)
+        miss = rest - _material(exact, residual, position)
         position = position + _at_most((linear @ miss[:, :, None])[:, :, 0], torch.tensor(LONGEST_STEP))
-    miss = (rest - samples.rest_position(position)).norm(dim=-1)
-    good = miss < MISSED
+    good = (rest - _material(exact, residual, position)).norm(dim=-1) < MISSED
     return torch.where(good[:, None], position, start), good
+
+
+@torch.no_grad()
+def _material(exact: ExactPose, residual: Float[Tensor, "n 3"], position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+    """Where the local networks see points, as if their nodes had the residuals `residual`."""
+    body, frame = exact.field.body.field, exact.field.body.frame
+    pairs, _, weight = body.localise(frame, position, body.pairs(frame, position))
+    moved = (frame.code.residual - residual)[pairs.node]
+    shift, total = weighted_mean(moved, weight, pairs, len(position))
+    return frame.samples.rest_position(position) - torch.where(total[:, None] > 0, shift, torch.zeros_like(shift))
 
 
 def _on_template(avatar: Avatar, exact: ExactPose, name: str, vertex: np.ndarray) -> Float[Tensor, "p 3"]:

@@ -6,25 +6,28 @@ import numpy as np
 
 from avatarrex.capture.synthetic.motions import body_motion
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.joints import EXPRESSION_NAMES
+from avatarrex.signals.joints import BODY_GROUPS, EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.signals.limits import clamp, random_signals
 
-RANDOM_SHARE = 0.4
-"""Of the poses that are drawn inside the joint limits."""
-RANDOM_SCALE = 0.45
+RANDOM_SHARE, EXTREME_SHARE = 0.25, 0.35
+"""Of the poses: all joints at random inside the limits; a pose that people take with one limb far out."""
+RANDOM_SCALE, EXTREME_SCALE = 0.45, 0.95
 """Of the limits: beyond half of all of them at once limbs pass through each other."""
 SWAY = 0.08
 """Radians of noise on every joint of a pose that people take."""
+LIMBS = tuple(tuple(map(JOINT_NAMES.index, names)) for names in BODY_GROUPS.values())
 
 
 def fitting_poses(count: int, seed: int = 0) -> list[Signals]:
-    """`count` signals with neutral faces: bodies and hands move together."""
+    """`count` signals with neutral faces, in random order: bodies and hands move together."""
     rng = np.random.default_rng(seed)
-    drawn = round(RANDOM_SHARE * count)
-    natural = body_motion(count - drawn, seed)
-    poses = [_swayed(signals, rng) for signals in natural] + [random_signals(rng, RANDOM_SCALE) for _ in range(drawn)]
-    order = rng.permutation(count)
-    return [_neutral(poses[index]) for index in order]
+    drawn, extreme = round(RANDOM_SHARE * count), round(EXTREME_SHARE * count)
+    natural = [_swayed(signals, rng) for signals in body_motion(count - drawn, seed)]
+    order = rng.permutation(len(natural))
+    poses = [natural[index] for index in order[extreme:]]
+    poses += [_one_limb_out(natural[index], rng) for index in order[:extreme]]
+    poses += [random_signals(rng, RANDOM_SCALE) for _ in range(drawn)]
+    return [_at_rest(poses[index]) for index in rng.permutation(count)]
 
 
 def single_expressions() -> list[Signals]:
@@ -38,7 +41,14 @@ def _swayed(signals: Signals, rng: np.random.Generator) -> Signals:
     return clamp(Signals.from_full_pose(pose))
 
 
-def _neutral(signals: Signals) -> Signals:
-    return signals.replace(
-        expression=np.zeros(52), jaw_pose=signals.jaw_pose, global_orient=np.zeros(3), translation=np.zeros(3), shape=np.zeros(10)
-    )
+def _one_limb_out(signals: Signals, rng: np.random.Generator) -> Signals:
+    pose, limb = signals.full_pose(), list(LIMBS[rng.integers(len(LIMBS))])
+    pose[limb] = random_signals(rng, EXTREME_SCALE).full_pose()[limb]
+    return Signals.from_full_pose(pose)
+
+
+def _at_rest(signals: Signals) -> Signals:
+    """The same body and hands; no expression, no place in the world."""
+    pose = signals.full_pose()
+    pose[0] = 0
+    return Signals.from_full_pose(pose)

@@ -52,6 +52,8 @@ class RestMesh:
     part: UInt8[np.ndarray, " v"]
     template_vertex: Int32[np.ndarray, " v"]
     """The template's vertex that each is, −1 those of the cubes."""
+    residual: Float32[np.ndarray, "n 3"]
+    """Δn_i of the open pose: the nodes' places that the rest positions refer to."""
 
 
 def open_pose() -> Signals:
@@ -146,6 +148,7 @@ def _joined(avatar: Avatar, exact: ExactPose, vertices: np.ndarray, faces: np.nd
         barycentric=found.barycentric.numpy().astype(np.float32),
         part=part,
         template_vertex=np.concatenate([np.full(len(rest), -1), used]).astype(np.int32),
+        residual=frame.code.residual.numpy(),
     )
 
 

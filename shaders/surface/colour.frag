@@ -15,6 +15,6 @@ layout(location = 0) out vec4 out_colour;
 void main() {
     vec3 normal = normalize(gl_FrontFacing ? v_normal : -v_normal);
     vec3 lit = mix(vec3(1), light(normal, u_harmonics, DARKEST), v_lit);
-    vec3 albedo = texture(u_albedo, v_uv).rgb * u_albedo_scale;
+    vec3 albedo = texture(u_albedo, v_uv, -1.0).rgb * u_albedo_scale;
     out_colour = vec4(clamp((albedo + v_tint) * lit, 0.0, 1.0), 1.0);
 }
