@@ -185,6 +185,20 @@ def test_a_finger_moves_its_hand_alone():
     assert (first.normals != second.normals).any(1).sum() > placed, "the faces next to them turn"
 
 
+def test_a_vertex_that_moves_alone_turns_its_neighbours():
+    base = template_surface()
+    one = base.morph_vertex[100:101]
+    surface = replace(base, morph_vertex=one, morph=base.morph[:, :1] * 0, morph_colour=base.morph_colour[:, :1])
+    surface.morph[0, 0] = 0.004, 0.01, 0.02
+    smile = Signals.rest().replace(expression=np.eye(52)[0])
+    first = pose_surface(surface, PERSON, Signals.rest())
+    second = pose_surface(surface, PERSON, smile, first)
+    assert same(second, pose_surface(surface, PERSON, smile))
+    turned = np.flatnonzero((first.normals != second.normals).any(1))
+    assert len(turned) >= 3, "its own is that of the ring about it, and does not"
+    assert set(turned) <= set(surface.faces[(surface.faces == one[0]).any(1)].ravel())
+
+
 @pytest.mark.parametrize("field", ["body_pose", "shape"])
 def test_a_pose_or_a_shape_moves_everything_that_it_may(field):
     signals = drawn(0)

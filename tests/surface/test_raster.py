@@ -101,6 +101,9 @@ def test_colours_are_texture_tint_and_light(posed):
     assert np.median(np.abs(image[..., :3] - colour)[same]) < 1.5 / 255
     assert np.quantile(np.abs(image[..., :3] - colour)[same], 0.95) < 5 / 255, "coarser mip levels"
     assert (image[..., 3] != hit).sum() <= 0.002 * hit.sum()
+    face = same & (surface_geometry(posed, view).part[..., 2] > 0.99)
+    assert face.sum() > 50
+    assert np.median(np.abs(image[..., :3] - colour)[face]) < 1.5 / 255, "which has its own tone"
 
 
 def test_the_albedo_is_scaled_before_it_is_clipped(posed):
