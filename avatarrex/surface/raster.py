@@ -11,6 +11,8 @@ Letters: h w pixels. Root frame, metres, OpenCV camera; pixel centres at +0.5.
 from __future__ import annotations
 
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import moderngl
@@ -31,6 +33,8 @@ SAMPLES = 4
 """Of a pixel: what every OpenGL 4.3 has, and Mesa's llvmpipe at most."""
 TILE = 1024
 """Pixels a side of the multisampled target, 32 MB; a larger picture is drawn in pieces."""
+SAMPLES_UNIT = 1
+"""Texture unit; the albedo has 0 (`UploadedSurface.bind`)."""
 Target = tuple[tuple[moderngl.Texture, ...], moderngl.Framebuffer]
 """Textures, and the framebuffer that draws into them."""
 
@@ -131,12 +135,11 @@ class _Raster:
         self._programs["colour"]["u_harmonics"] = [tuple(row) for row in harmonics.tolist()]
         picture = self._picture((view.width, view.height))
         sampled = per_context(self._context, ("surface", samples), lambda: self._sampled(samples))
-        before = self._context.fbo
-        picture[1].clear()
-        for clip, tile in extent.tiles(view, TILE) if extent else ():
-            self._render("colour", uploaded, hidden, sampled, (clip, tile), counters)
-            self._average(sampled, samples, picture[1], tile)
-        _restore(before)
+        with _target_kept(self._context):
+            picture[1].clear()
+            for clip, tile in extent.tiles(view, TILE) if extent else ():
+                self._render("colour", uploaded, hidden, sampled, (clip, tile), counters)
+                self._average(sampled, samples, picture[1], tile)
         drawn = SurfacePicture(picture[0][0])
         weakref.finalize(drawn, self._free.append, picture).atexit = False
         return drawn
@@ -148,16 +151,15 @@ class _Raster:
         uploaded, extent = self._bound(posed, counters), Extent.of(posed.bounds, view)
         target = per_context(self._context, "surface geometry", lambda: self._target((TILE, TILE), "f4", 3))
         found = np.zeros((view.height, view.width, 3, 4), np.float32)
-        before = self._context.fbo
-        for clip, tile in extent.tiles(view, TILE) if extent else ():
-            self._render("geometry", uploaded, hidden, target, (clip, tile), counters)
-            left, top, width, height = tile
-            for index in range(3):
-                data = target[1].read((0, 0, width, height), 4, attachment=index, dtype="f4")
-                counters.add("bytes_read_back", len(data))
-                read = np.frombuffer(data, np.float32).reshape(height, width, 4)
-                found[top : top + height, left : left + width, index] = read
-        _restore(before)
+        with _target_kept(self._context):
+            for clip, tile in extent.tiles(view, TILE) if extent else ():
+                self._render("geometry", uploaded, hidden, target, (clip, tile), counters)
+                left, top, width, height = tile
+                for index in range(3):
+                    data = target[1].read((0, 0, width, height), 4, attachment=index, dtype="f4")
+                    counters.add("bytes_read_back", len(data))
+                    read = np.frombuffer(data, np.float32).reshape(height, width, 4)
+                    found[top : top + height, left : left + width, index] = read
         position, normal, part = (found[:, :, index, :3].copy() for index in range(3))
         hit, row = found[:, :, 0, 3] > 0, view.camera_from_world[2]
         depth = np.where(hit, position @ row[:3] + row[3], 0).astype(np.float32)
@@ -207,7 +209,8 @@ class _Raster:
         """The samples' mean into the tile of the picture."""
         program, viewport = per_context(self._context, ("surface average", samples), lambda: self._averaging(samples))
         program["u_corner"] = tile[:2]
-        sampled[0][0].use(0)
+        program["u_samples"] = SAMPLES_UNIT
+        sampled[0][0].use(SAMPLES_UNIT)
         picture.use()
         picture.viewport = tile
         viewport.render(moderngl.TRIANGLES, vertices=3)
@@ -234,7 +237,9 @@ class _Raster:
         return (texture,), self._context.framebuffer([texture])
 
     def _sampled(self, samples: int) -> Target:
-        return self._target((TILE, TILE), "f1", 1, samples)
+        return self._target(
+            (TILE, TILE), "f1", 1, 0 if samples == 1 else samples
+        )  # one of llvmpipe's is off the centre
 
     def _target(self, size: tuple[int, int], kind: str, count: int, samples: int = 0) -> Target:
         context = self._context
@@ -242,6 +247,13 @@ class _Raster:
         return textures, context.framebuffer(textures, context.depth_renderbuffer(size, samples=samples))
 
 
-def _restore(before: moderngl.Framebuffer | None) -> None:
-    if before is not None:
-        before.use()
+@contextmanager
+def _target_kept(context: moderngl.Context) -> Iterator[None]:
+    """What was drawn into before is drawn into after it."""
+    before = context.fbo
+    try:
+        yield
+    finally:
+        context.fbo = before
+        if before is not None:
+            before.use()

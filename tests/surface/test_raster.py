@@ -1,0 +1,288 @@
+"""Pictures of a surface: against a z-buffer in NumPy, and what stays where in memory."""
+
+import gc
+from dataclasses import replace
+
+import moderngl
+import numpy as np
+import pytest
+import torch
+from surface.template_surface import template_surface
+
+from avatarrex.camera import Camera
+from avatarrex.capture.zbuffer import visible_faces
+from avatarrex.counters import Counters
+from avatarrex.fields.light import Light
+from avatarrex.gl import current_context, gl_context, use_context
+from avatarrex.gl.context import NoContext
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.library import named_pose
+from avatarrex.surface.extent import Extent
+from avatarrex.surface.pose import PosedSurface, pose_surface
+from avatarrex.surface.raster import TILE, draw_surface, surface_geometry
+from avatarrex.surface.surface import Surface
+from avatarrex.surface.upload import two_sided
+from avatarrex.templates.person import load_person
+
+PERSON = load_person()
+HARMONICS = np.random.default_rng(0).normal(size=(8, 3)) * 0.15
+WAVE = Signals.rest().replace(body_pose=named_pose("wave"), expression=np.eye(52)[17] * 0.8)
+SIZE = 192
+DARK = np.zeros((8, 3))
+
+
+def camera(azimuth: float = 25, distance: float = 2.6, size: int = SIZE) -> Camera:
+    return Camera.orbit(azimuth, 10, distance, target=(0, -0.1, 0), width=size, height=size)
+
+
+@pytest.fixture(scope="module")
+def posed() -> PosedSurface:
+    return pose_surface(template_surface(), PERSON, WAVE)
+
+
+def wanted(posed: PosedSurface, view: Camera) -> tuple[np.ndarray, ...]:
+    """Hit, depth, position, normal, colour without texture filter, and share of parts, by NumPy."""
+    surface = posed.surface
+    face, bary, depth = visible_faces(posed.vertices.astype(np.float64), surface.faces, view)
+    hit = face >= 0
+    corners, weight = surface.faces[face], bary[..., None]
+
+    def at(values: np.ndarray) -> np.ndarray:
+        return np.where(hit[..., None], (values[corners] * weight).sum(2), 0)
+
+    normal = at(posed.normals)
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
+    light = Light()
+    light.harmonics.data = torch.from_numpy(HARMONICS).float()
+    shade = light(torch.from_numpy(normal).reshape(-1, 3).float()).detach().numpy().reshape(normal.shape)
+    lit = at(surface.lit[:, None])
+    h, w = surface.albedo.shape[:2]
+    uv = at(surface.uv) * [w, h] - 0.5
+    x, y = (np.clip(uv[..., i], 0, side - 1) for i, side in ((0, w), (1, h)))
+    column, row = np.minimum(x.astype(int), w - 2), np.minimum(y.astype(int), h - 2)
+    u, v = (x - column)[..., None], (y - row)[..., None]
+    texel = surface.albedo / 255 * surface.albedo_scale
+    above = texel[row, column] * (1 - u) + texel[row, column + 1] * u
+    below = texel[row + 1, column] * (1 - u) + texel[row + 1, column + 1] * u
+    colour = np.clip((above * (1 - v) + below * v + at(posed.tint)) * (1 - lit + lit * shade), 0, 1)
+    part = at((surface.part[:, None] == [1, 2, 3]).astype(float))
+    return hit, np.where(hit, depth, 0), at(posed.vertices.astype(np.float64)), normal, colour, part
+
+
+def inside(mask: np.ndarray) -> np.ndarray:
+    """Pixels whose eight neighbours are in the mask, too."""
+    near = np.pad(mask, 1)
+    h, w = mask.shape
+    return np.all([near[y : y + h, x : x + w] for y in range(3) for x in range(3)], 0)
+
+
+def test_geometry_is_the_z_buffer_s(posed):
+    view = camera()
+    hit, depth, position, normal, _, part = wanted(posed, view)
+    found = surface_geometry(posed, view)
+    flips = (found.hit != hit).sum()
+    assert flips <= 0.002 * hit.sum(), "a triangle's edge through a pixel's centre"
+    both = found.hit & hit
+    off = np.abs(found.depth - depth)[both]
+    assert np.median(off) < 1e-6
+    same = both & (np.abs(found.depth - depth) < 1e-4)
+    assert same.sum() > 0.998 * both.sum(), "where two triangles meet either is seen"
+    assert np.abs(found.position - position)[same].max() < 2e-4
+    assert np.quantile(np.abs(found.normal - normal)[same], 0.995) < 2e-3
+    assert np.quantile(np.abs(found.part - part)[same], 0.995) < 1e-2
+    assert not any(values[~found.hit].any() for values in (found.position, found.normal, found.depth, found.part))
+
+
+def test_colours_are_texture_tint_and_light(posed):
+    view = camera()
+    hit, *_, colour, _ = wanted(posed, view)
+    image = draw_surface(posed, HARMONICS, view, samples=1).read()
+    same = inside(hit)
+    assert np.median(np.abs(image[..., :3] - colour)[same]) < 1.5 / 255
+    assert np.quantile(np.abs(image[..., :3] - colour)[same], 0.95) < 5 / 255, "coarser mip levels"
+    assert (image[..., 3] != hit).sum() <= 0.002 * hit.sum()
+    face = same & (surface_geometry(posed, view).part[..., 2] > 0.99)
+    assert face.sum() > 50
+    assert np.median(np.abs(image[..., :3] - colour)[face]) < 1.5 / 255, "which has its own tone"
+
+
+def test_the_albedo_is_scaled_before_it_is_clipped(posed):
+    scaled = replace(posed.surface, albedo_scale=1.7)
+    again = replace(posed, surface=scaled)
+    hit, *_, colour, _ = wanted(again, camera())
+    image = draw_surface(again, HARMONICS, camera(), samples=1).read()
+    assert np.median(np.abs(image[..., :3] - colour)[inside(hit)]) < 1.5 / 255
+
+
+@pytest.mark.parametrize("samples", [2, 4])
+def test_coverage_is_the_share_of_samples_and_colours_are_premultiplied(posed, samples):
+    view = camera()
+    fine = wanted(posed, camera(size=8 * SIZE))[0].reshape(SIZE, 8, SIZE, 8).mean((1, 3))
+    image = draw_surface(posed, HARMONICS, view, samples).read()
+    alpha = image[..., 3]
+    assert np.allclose(alpha * samples, np.rint(alpha * samples), atol=0.01)
+    assert abs(alpha.mean() - fine.mean()) < 2e-3 * fine.mean() + 1e-4
+    edge = (fine > 0) & (fine < 1)
+    assert np.abs(alpha - fine)[edge].mean() < {2: 0.2, 4: 0.12}[samples]
+    assert (alpha[fine == 1] == 1).mean() > 0.995
+    assert (image[..., :3] <= alpha[..., None] + 1 / 255).all(), "premultiplied"
+    assert (image[..., :3].sum(-1)[alpha > 0] > 0).mean() > 0.99
+
+
+def test_the_first_row_is_the_top(posed):
+    view = camera(0)
+    found, image = surface_geometry(posed, view), draw_surface(posed, DARK, view).read()
+    rows, columns = np.nonzero(found.hit)
+    at = found.position[rows, columns]
+    assert np.corrcoef(rows, at[:, 1])[0, 1] < -0.99
+    assert np.corrcoef(columns, at[:, 0])[0, 1] > 0.99
+    assert (image[..., 3] > 0).any(1).argmax() == pytest.approx(found.hit.any(1).argmax(), abs=1)
+
+
+def test_both_sides_of_an_open_piece_are_seen_and_face_the_viewer():
+    at = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
+    sheet = _of(at, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+    for azimuth, facing in ((0, 1), (180, -1)):
+        found = surface_geometry(sheet, Camera.orbit(azimuth, 0, 4, width=32, height=32))
+        assert found.hit[16, 16]
+        assert found.normal[16, 16] == pytest.approx((0, 0, facing), abs=1e-6)
+
+
+def test_backs_of_closed_pieces_are_not_drawn():
+    closed = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int32)
+    both = np.concatenate([closed, closed[:3] + 4])
+    assert two_sided(closed).tolist() == [False] * 4
+    assert two_sided(both).tolist() == [False] * 4 + [True] * 3
+    at = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32) - 0.25
+    for azimuth in (0, 70, 200, 300):
+        view = Camera.orbit(azimuth, 20, 4, width=64, height=64)
+        found = surface_geometry(_of(at, closed), view)
+        assert (found.hit == (visible_faces(at.astype(float), closed, view)[0] >= 0)).mean() > 0.999
+
+
+def _of(at: np.ndarray, faces: np.ndarray) -> PosedSurface:
+    """A posed surface of given vertices."""
+    v, base = len(at), template_surface()
+    cut = {name: getattr(base, name)[:v] for name in ("joint", "weight", "template_face", "barycentric", "part", "lit")}
+    correction = replace(base.correction, group=base.correction.group[:v], basis=base.correction.basis[:v])
+    none = {"morph_vertex": np.zeros(0, np.int32), "morph": np.zeros((52, 0, 3), np.float32)}
+    surface = replace(
+        base, vertices=at, faces=faces, uv=np.zeros((v, 2), np.float32), uv_vertex=np.arange(v, dtype=np.int32),
+        uv_faces=faces, correction=correction, morph_colour=none["morph"], **none, **cut,
+    )  # fmt: skip
+    rest = pose_surface(surface, PERSON, Signals.rest())
+    return replace(rest, vertices=at)
+
+
+def test_a_hidden_hand_is_not_drawn(posed):
+    view, counters = camera(), Counters()
+    whole, without = surface_geometry(posed, view), surface_geometry(posed, view, frozenset({"left_hand"}), counters)
+    assert whole.part[..., 0].sum() > 20
+    assert without.part[..., 0].sum() < 0.2 * whole.part[..., 0].sum()
+    assert counters["surface_triangles"] < len(posed.surface.faces)
+
+
+@pytest.mark.parametrize("distance", [0.02, 0.3, 20.0, 5000.0, 1e6])
+def test_any_distance_can_be_drawn(posed, distance):
+    view = Camera.orbit(20, 10, distance, width=64, height=48)
+    image, found = draw_surface(posed, HARMONICS, view).read(), surface_geometry(posed, view)
+    assert np.isfinite(image).all()
+    assert all(np.isfinite(values).all() for values in (found.position, found.normal, found.depth))
+    if 0.1 < distance < 100:
+        assert found.hit.any()
+    if found.hit.any():
+        assert abs(np.median(found.depth[found.hit]) - distance) < 1.5
+
+
+def test_nothing_at_the_camera_s_back_or_beside_the_picture(posed):
+    away = Camera.orbit(0, 0, 3, target=(0, 0, -9), width=64, height=64)
+    aside = Camera.orbit(0, 0, 3, target=(50, 0, 0), width=64, height=64)
+    for view in (away, aside):
+        assert Extent.of(posed.bounds, view) is None
+        assert not draw_surface(posed, HARMONICS, view).read().any()
+        assert not surface_geometry(posed, view).hit.any()
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_a_picture_larger_than_a_tile_is_the_same_picture(posed, samples):
+    size = TILE + 200
+    large = Camera.orbit(0, 0, 0.9, target=(0, 0.4, 0), width=size, height=size)
+    extent = Extent.of(posed.bounds, large)
+    assert len(extent.tiles(large, TILE)) > 1
+    shifted = large.intrinsics.copy()
+    shifted[:2, 2] -= TILE - 64
+    part = Camera(shifted, large.camera_from_world, 128, 128)
+    whole, cut = (draw_surface(posed, HARMONICS, view, samples).read() for view in (large, part))
+    seam = whole[TILE - 64 : TILE + 64, TILE - 64 : TILE + 64]
+    assert (np.abs(seam - cut) > 1 / 255).mean() < 2e-3
+
+
+def test_what_has_not_changed_is_not_uploaded_again(posed):
+    surface = replace(posed.surface)
+    first = pose_surface(surface, PERSON, WAVE)
+    counters = Counters()
+    draw_surface(first, HARMONICS, camera(), counters=counters)
+    assert counters["bytes_uploaded"] == 36 * len(first.vertices)
+    assert counters["surface_triangles"] == len(surface.faces)
+    draw_surface(first, HARMONICS, camera(60), counters=counters)
+    assert counters["bytes_uploaded"] == 36 * len(first.vertices)
+    assert counters["bytes_read_back"] == 0
+    draw_surface(pose_surface(surface, PERSON, Signals.rest()), HARMONICS, camera(), counters=counters)
+    assert counters["bytes_uploaded"] == 72 * len(first.vertices)
+
+
+def test_a_picture_keeps_its_texture_until_nobody_has_it(posed):
+    first, second = (draw_surface(posed, HARMONICS, camera(azimuth)) for azimuth in (0, 90))
+    assert first.texture is not second.texture
+    before = first.read()
+    draw_surface(posed, HARMONICS, camera(180))
+    assert np.array_equal(first.read(), before)
+    texture = second.texture
+    del second
+    gc.collect()
+    aside = Camera.orbit(0, 0, 3, target=(50, 0, 0), width=SIZE, height=SIZE)
+    again = draw_surface(posed, HARMONICS, aside)
+    assert again.texture is texture
+    assert not again.read().any(), "nothing of the old picture is left"
+
+
+def test_the_state_of_the_context_is_given_back(posed):
+    context = gl_context()
+    target = context.simple_framebuffer((16, 16))
+    target.use()
+    draw_surface(posed, HARMONICS, camera())
+    surface_geometry(posed, camera())
+    assert context.fbo is target
+    assert context.front_face == "ccw"
+
+
+def test_two_contexts_draw_the_same(posed):
+    here = draw_surface(posed, HARMONICS, camera())
+    image = here.read()
+    other = moderngl.create_context(standalone=True, require=430, backend="egl")
+    try:
+        with other:
+            use_context(other)
+            there = draw_surface(posed, HARMONICS, camera())
+            assert np.array_equal(there.read(), image)
+            with pytest.raises(NoContext):
+                here.read()
+    finally:
+        use_context(None)
+    assert np.array_equal(here.read(), image)
+
+
+def test_surfaces_that_are_no_more_give_their_memory_back(posed):
+    from avatarrex.surface.raster import _Raster
+
+    surface: Surface | None = replace(posed.surface)
+    draw_surface(pose_surface(surface, PERSON, WAVE), HARMONICS, camera())
+    with current_context() as context:
+        raster = context.extra[_Raster]
+    count = len(raster._surfaces)
+    del surface
+    gc.collect()
+    assert len(raster._surfaces) == count - 1
+    assert raster._gone
+    draw_surface(posed, HARMONICS, camera())
+    assert not raster._gone
