@@ -22,9 +22,8 @@ def visible_faces(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> tu
     Returns face (h, w) with −1 on the background, perspective-correct barycentrics (h, w, 3), camera z (h, w) in m.
     """
     height, width = camera.height, camera.width
-    seen = vertices @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    depth = seen[:, 2]
-    corners = ((seen @ camera.intrinsics.T)[:, :2] / np.maximum(depth, NEAR_PLANE)[:, None])[faces]
+    pixels, depth = camera.pixels(vertices, nearest=NEAR_PLANE)
+    corners = pixels[faces]
     low = np.maximum(np.ceil(corners.min(1) - 0.5).astype(np.int64), 0)
     high = np.minimum(np.floor(corners.max(1) - 0.5).astype(np.int64), [width - 1, height - 1])
     kept = np.flatnonzero((depth[faces] > NEAR_PLANE).all(1) & (high >= low).all(1))

@@ -118,9 +118,7 @@ def _texels_in(mesh: PosedMesh, observation: Observation) -> UInt8[np.ndarray, "
     """Colours of all texels in one picture, and whether each is visible there."""
     camera, surface = observation.camera, mesh.surface(observation.signals)
     points = _on_lattice(surface.vertices[surface.faces])
-    local = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    depth = local[:, 2]
-    pixel = (local @ camera.intrinsics.T)[:, :2] / np.maximum(depth, 1e-3)[:, None]
+    pixel, depth = camera.pixels(points, nearest=1e-3)
     column, row = np.floor(pixel).astype(np.int64).T
     inside = (depth > 0.02) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
     column, row = np.where(inside, column, 0), np.where(inside, row, 0)

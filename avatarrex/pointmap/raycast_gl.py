@@ -236,11 +236,9 @@ def _slots(camera: Camera, antialias: bool) -> int:
 def _window(part: PartBox, camera: Camera) -> np.ndarray:
     """(x, y) from and to, in pixels, between which a box is seen; everything where it reaches behind the camera."""
     corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3) * part.size
-    camera_from_box = camera.camera_from_world @ np.linalg.inv(part.box_from_root)
-    seen = corners @ camera_from_box[:3, :3].T + camera_from_box[:3, 3]
-    if seen[:, 2].min() < 1e-3:
+    pixel, depth = camera.seen_from(np.linalg.inv(part.box_from_root)).pixels(corners)
+    if depth.min() < 1e-3:
         return np.array([-np.inf, -np.inf, np.inf, np.inf])
-    pixel = (seen @ camera.intrinsics.T)[:, :2] / seen[:, 2:]
     return np.concatenate([pixel.min(0) - 1, pixel.max(0) + 1])
 
 

@@ -107,8 +107,7 @@ def test_the_figure_fills_its_tile():
     for _, scene in orders(body_page(person, 2))[:8]:
         points = sheet_pages.Outline(person.body).points(scene.signals)
         camera = scene.camera
-        seen = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-        pixel = (seen @ camera.intrinsics.T)[:, :2] / seen[:, 2:]
+        pixel, _ = camera.pixels(points)
         assert pixel.min() > 0
         assert (pixel < [camera.width, camera.height]).all()
         assert np.ptp(pixel, axis=0)[1] > 0.8 * camera.height

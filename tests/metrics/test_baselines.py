@@ -79,8 +79,7 @@ def test_its_geometry_is_the_posed_template(gathered):
     pelvis = drawer.mesh.person.body.joint_template[0].numpy()
     centre = surface.vertices.mean(0) - (pelvis + seen[0].signals.translation)
     assert np.linalg.norm(centre) < 0.4
-    local = drawing.position[drawing.hit] @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    pixel = (local @ camera.intrinsics.T)[:, :2] / local[:, 2:]
+    pixel, _ = camera.pixels(drawing.position[drawing.hit])
     rows, columns = np.nonzero(drawing.hit)
     np.testing.assert_allclose(pixel, np.stack([columns, rows], 1) + 0.25, atol=1e-3)  # first of 2 x 2 samples
 

@@ -209,8 +209,7 @@ def test_a_thinned_drawing_keeps_its_pixels_under_its_camera(capture, monkeypatc
     thin, through = _thinned(drawing, view)
     assert isinstance(through, Camera)
     assert thin.hit.shape == (24, 24)
-    seen = thin.position @ through.camera_from_world[:3, :3].T + through.camera_from_world[:3, 3]
-    pixel = (seen @ through.intrinsics.T)[..., :2] / seen[..., 2:]
+    pixel, _ = through.pixels(thin.position)
     rows, columns = np.indices((24, 24))
     np.testing.assert_allclose(pixel, np.stack([columns, rows], -1) + 0.5, atol=1e-3)
 

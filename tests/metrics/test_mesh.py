@@ -97,8 +97,7 @@ def test_points_under_the_pixels_of_a_mesh():
     points, normals = ball.seen_by(camera)
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 0.5, atol=1e-3)
     np.testing.assert_allclose(normals, points / 0.5, atol=0.02)
-    pixel = (points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]) @ camera.intrinsics.T
-    pixel = pixel[:, :2] / pixel[:, 2:]
+    pixel, _ = camera.pixels(points)
     np.testing.assert_allclose(pixel % 1, 0.5, atol=1e-6)
 
 

@@ -100,9 +100,7 @@ def _double_parts(avatar: Avatar, posed: PosedPerson, volume: AvatarVolume) -> d
 
 def pixels(camera: Camera, frame: TrainingFrame, near: np.ndarray) -> PixelBatch:
     """Pixels about root-frame points."""
-    view = frame.camera(camera)
-    seen = near @ view.camera_from_world[:3, :3].T + view.camera_from_world[:3, 3]
-    place = torch.from_numpy((seen @ view.intrinsics.T)[:, :2] / seen[:, 2:])
+    place = torch.from_numpy(frame.camera(camera).pixels(near)[0])
     generator = torch.Generator().manual_seed(0)
     colour = torch.rand(len(place), 3, generator=generator, dtype=torch.float64)
     return PixelBatch(place, colour, (torch.arange(len(place)) % 3 > 0).double())

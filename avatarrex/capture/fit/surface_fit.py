@@ -21,7 +21,6 @@ from scipy.sparse import hstack
 from scipy.spatial import cKDTree
 from tqdm import tqdm
 
-from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import FOREGROUND, compared_frames, posed_in_world, reduced, silhouette
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.ops.skinning import blend
@@ -159,7 +158,7 @@ def _outlines(person: Person, rig: Rig, frame: int, views: tuple[int, ...]) -> l
         outward = normal[ends].sum(1)
         outward -= (outward * ray).sum(1, keepdims=True) * ray
         outward /= np.linalg.norm(outward, axis=1, keepdims=True) + 1e-12
-        pixel, tip = _project(point, camera), _project(point + 1e-3 * outward, camera)
+        pixel, tip = camera.pixels(point)[0], camera.pixels(point + 1e-3 * outward)[0]
         scale = np.linalg.norm(tip - pixel, axis=1) / 1e-3
         along = (tip - pixel) / (1e-3 * scale[:, None] + 1e-12)
         small = reduced(camera, OUTLINE_PIXELS)
@@ -182,11 +181,6 @@ def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ends, owner = ends[order], owner[order]
     twin = np.flatnonzero((ends[1:] == ends[:-1]).all(1))
     return ends[twin], np.stack([owner[twin], owner[twin + 1]], 1)
-
-
-def _project(points: np.ndarray, camera: Camera) -> np.ndarray:
-    seen = (points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]) @ camera.intrinsics.T
-    return np.asarray(seen[:, :2] / seen[:, 2:])
 
 
 def _to_edge(matte: np.ndarray, pixel: np.ndarray, along: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -44,7 +44,7 @@ def fitted(cameras: list[Camera], frames: Iterable[np.ndarray], margin: float) -
     reach = np.zeros(2)
     for points in frames:
         for camera in cameras:
-            seen = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
+            seen = camera.seen(points)
             reach = np.maximum(reach, np.abs(seen[:, :2] / seen[:, 2:]).max(0))
     focal = round(float(min(0.5 * margin * np.array([cameras[0].width, cameras[0].height]) / reach)), 3)
     return [replace(camera, intrinsics=_with_focal(camera.intrinsics, focal)) for camera in cameras]

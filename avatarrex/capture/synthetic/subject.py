@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from avatarrex.capture.synthetic.mesh import vertex_normals
+from avatarrex.capture.synthetic.mesh import interpolated, vertex_normals
 from avatarrex.capture.synthetic.shade import studio_light
 from avatarrex.capture.synthetic.solid_distance import SolidUnion
 from avatarrex.capture.synthetic.texture import albedo
@@ -163,11 +163,6 @@ class PosedSubject:
         corners = self.faces[face]
         openness, wrinkle = (interpolated(bary, values[corners]) for values in (self.subject.openness, self.wrinkle))
         return studio_light(self.subject.albedo(face, bary), normal, openness, wrinkle)
-
-
-def interpolated(bary: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(p, …) of the triangles' corners (p, 3, …) by barycentrics (p, 3)."""
-    return np.asarray(np.einsum("pk,pk...->p...", bary, corners))
 
 
 @lru_cache(maxsize=2)

@@ -207,10 +207,9 @@ def face_window(avatar: Avatar, frame: TrainingFrame, camera: Camera) -> Box | N
     mesh = frame.posed.parts["face"][avatar.person.face.blend_weight > 0].double().numpy()
     head, view = frame.posed.root_from_part("face"), frame.camera(camera)
     placed = mesh @ head[:3, :3].T + head[:3, 3]
-    seen = placed @ view.camera_from_world[:3, :3].T + view.camera_from_world[:3, 3]
-    if (seen[:, 2] < 0.05).any():
+    pixel, depth = view.pixels(placed)
+    if (depth < 0.05).any():
         return None
-    pixel = (seen @ view.intrinsics.T)[:, :2] / seen[:, 2:]
     low, high = np.floor(pixel.min(0)).astype(int) - 2, np.ceil(pixel.max(0)).astype(int) + 2
     x0, y0 = max(int(low[0]), 0), max(int(low[1]), 0)
     x1, y1 = min(int(high[0]), camera.width), min(int(high[1]), camera.height)
