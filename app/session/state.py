@@ -5,7 +5,6 @@ Metres, degrees in the orbit view (radians in the signals), sRGB-encoded colours
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -16,6 +15,7 @@ import numpy as np
 from avatarrex import levels
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
+from avatarrex.files.json_text import parse_json
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.parts import PARTS
 
@@ -165,10 +165,7 @@ class StudioState:
     def from_json(cls, data: dict[str, Any] | str, source: str = "state") -> StudioState:
         """From `to_json`'s dictionary or its text. Raises `InputError`."""
         if isinstance(data, str):
-            try:
-                data = json.loads(data)
-            except ValueError as error:
-                raise InputError(source, "", "JSON", error) from None
+            data = parse_json(data, source)
         if not isinstance(data, dict):
             raise InputError(source, "", "an object", type(data).__name__)
         data = dict(data)

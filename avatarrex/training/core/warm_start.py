@@ -11,13 +11,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
-import safetensors
 import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
 from avatarrex.files.assets import DATA
+from avatarrex.files.tensors import read_safetensors
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.training.core.losses import distance_loss
 from avatarrex.training.core.supervision import Draw, supervision
@@ -53,10 +53,8 @@ def known_state(state: Mapping[str, Tensor], part: str) -> dict[str, Tensor]:
 
 
 def read_prior(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Tensors and description of a prior."""
-    with safetensors.safe_open(path, "pt") as file:
-        names = file.keys()
-        return {name: file.get_tensor(name) for name in names}, dict(file.metadata())
+    """Tensors and description of a prior. Raises `InputError`."""
+    return read_safetensors(path, "a prior's tensors")
 
 
 def load_prior(avatar: Avatar, part: str) -> bool:
