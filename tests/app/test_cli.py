@@ -20,7 +20,7 @@ from PIL import Image
 from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 from avatarrex.files.gate import written
-from avatarrex.files.images import VideoWriter, composite
+from avatarrex.files.images import composite, video_writer
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
@@ -241,5 +241,5 @@ def test_a_failed_write_leaves_nothing(tmp_path):
     (tmp_path / "flat").write_text("")
     with pytest.raises(InputError), written(tmp_path / "flat" / "a.bin"):
         pass
-    with pytest.raises(InputError):
-        VideoWriter(tmp_path / "a.mp4", 3, 4, 30.0)
+    with pytest.raises(InputError, match="even sides"):
+        video_writer(tmp_path / "a.mp4", 3, 4, 30.0)
