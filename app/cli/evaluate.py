@@ -80,7 +80,7 @@ def _evaluate(arguments: argparse.Namespace, size: int | None, samples: int, she
         subjects += baselines.baselines(capture.person, evaluate.observations(rig))
     if arguments.face_only:
         rig, subjects = face_region.face_alone(capture.person, rig, subjects)
-        capture = replace(capture, ground_truth=None)
+        capture = replace(capture, ground_truth={})
     shown = SHEET if sheet else 0
     chosen = evaluate.Choice(frames, views, size, shown)
     found = evaluate.evaluate(capture, rig, subjects, networks, chosen, progress=True)

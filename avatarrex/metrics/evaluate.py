@@ -195,10 +195,8 @@ def compare_surfaces(truth: Surface, drawn: list[tuple[Drawing, Camera]]) -> dic
 
 
 def _true_surface(capture: Capture, rig: Rig, frame: int) -> Surface | None:
-    truth = capture.ground_truth
-    if truth is None or rig.name not in truth.rigs:
-        return None
-    return Surface.of(truth.vertices(rig.name, frame), truth.faces)
+    truth = capture.ground_truth.get(rig.name)
+    return None if truth is None else Surface.of(truth.vertices[frame], truth.faces)
 
 
 def _thinned(drawing: Drawing, camera: Camera) -> tuple[Drawing, Camera]:

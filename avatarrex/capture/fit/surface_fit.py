@@ -27,7 +27,7 @@ from avatarrex.ops.skinning import blend
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
 
-NODES = 320
+FIELD_NODES = 320
 """Six centimetres apart on an adult; finer than that, 20 outlines of 512 pixels say little."""
 EDGE_SEARCH = 0.06
 """Metres to look for the matte's edge."""
@@ -102,13 +102,13 @@ class _Field:
 
     def __init__(self, person: Person) -> None:
         rest = person.body.v_template.double().numpy()
-        self.nodes = _spread(rest, NODES)
-        self.weights = SurfaceOffsets(tuple(self.nodes.tolist()), np.zeros((NODES, 3))).weights(rest)
+        self.nodes = _spread(rest, FIELD_NODES)
+        self.weights = SurfaceOffsets(tuple(self.nodes.tolist()), np.zeros((FIELD_NODES, 3))).weights(rest)
         near = cKDTree(rest[self.nodes]).query(rest[self.nodes], 7)[1]
-        graph = np.zeros((NODES, NODES))
+        graph = np.zeros((FIELD_NODES, FIELD_NODES))
         graph[near[:, :1], near[:, 1:]] = 1
         graph = np.maximum(graph, graph.T)
-        self.stiffness = (np.diag(graph.sum(1)) - graph) / NEIGHBOUR_SIGMA**2 + np.eye(NODES) / OFFSET_SIGMA**2
+        self.stiffness = (np.diag(graph.sum(1)) - graph) / NEIGHBOUR_SIGMA**2 + np.eye(FIELD_NODES) / OFFSET_SIGMA**2
 
     def solve(self, outlines: list[Outline], old: np.ndarray, outlier: float) -> np.ndarray:
         """(n, 3) offsets for constraints measured with offsets `old`."""

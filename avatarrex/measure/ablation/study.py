@@ -202,7 +202,7 @@ class Study:
             rig, compared = face_alone(self.capture.person, rig, compared)
         networks = Networks.load()
         frames = self._frames() if frames is None else frames
-        capture = replace(self.capture, ground_truth=None)
+        capture = replace(self.capture, ground_truth={})
         found = evaluate(capture, rig, compared, networks, Choice(frames, views), progress=True)
         split = found.grouped("split")["held-out pose"]
         return {
