@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -13,25 +11,27 @@ import safetensors
 import torch
 from torch import Tensor
 
-from avatarrex.errors import InputError
 from avatarrex.files.gate import check_bytes, check_file
-from avatarrex.files.zips import open_zip, unpack
+from avatarrex.files.zips import open_zip, refusing, unpack
 
 TENSOR_BYTES = 2**31
 """Bytes of a file and of what it unpacks to; the largest that is read, Inception-v3, has 95 MB."""
+
+ANYTHING = (Exception,)
+"""What `torch.load` raises over strange bytes has no common name."""
 
 
 def read_torch(path: Path, expected: str, member: str | None = None) -> Any:
     """What `torch.save` wrote, on the CPU; with `member`, of that file inside a `.whl` or `.zip`. Raises `InputError`."""
     check_file(path, expected, TENSOR_BYTES)
-    with _refusing(path, member or "", "a file of tensors (.pth or .safetensors)"):
+    with refusing(path, member or "", "a file of tensors (.pth or .safetensors)", ANYTHING):
         return torch.load(_content(path, expected, member), map_location="cpu", weights_only=True)
 
 
 def read_safetensors(path: Path, expected: str) -> tuple[dict[str, Tensor], dict[str, str]]:
     """Tensors by name, and the file's own description. Raises `InputError`."""
     check_file(path, expected, TENSOR_BYTES)
-    with _refusing(path, "", "a complete .safetensors file"), safetensors.safe_open(path, "pt") as file:
+    with refusing(path, "", "a complete .safetensors file", ANYTHING), safetensors.safe_open(path, "pt") as file:
         return {name: file.get_tensor(name) for name in file.keys()}, dict(file.metadata() or {})  # noqa: SIM118
 
 
@@ -44,14 +44,3 @@ def _content(path: Path, expected: str, member: str | None) -> Path | BytesIO:
             return BytesIO(unpack(archive, member, TENSOR_BYTES, path, member))
         check_bytes(sum(info.file_size for info in archive.infolist()), path, "", "tensors", TENSOR_BYTES)
     return path
-
-
-@contextmanager
-def _refusing(path: Path, field: str, expected: str) -> Iterator[None]:
-    try:
-        yield
-    except InputError:
-        raise
-    except Exception as error:  # what `torch.load` raises over strange bytes has no common name
-        found = (str(error).strip() or type(error).__name__).splitlines()[0][:160]
-        raise InputError(path, field, expected, found) from None

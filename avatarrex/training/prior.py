@@ -169,9 +169,9 @@ def _work(avatar: Avatar, part: str, rng: np.random.Generator) -> Fit:
 
 
 def read_fitted(path: Path) -> dict[str, Any]:
-    """A checkpoint of `fit`: `state`, `optimiser`, `seconds`, `steps`, `on`. Raises `InputError`."""
+    """A checkpoint of `fit`: `state`, `seconds`, `steps`, and to go on from it `optimiser`. Raises `InputError`."""
     saved = read_torch(path, "a fitted part")
-    if not isinstance(saved, dict) or not {"state", "optimiser", "seconds", "steps"} <= set(saved):
+    if not isinstance(saved, dict) or not {"state", "seconds", "steps"} <= set(saved):
         raise InputError(path, "", "a checkpoint of the prior", type(saved).__name__)
     return saved
 

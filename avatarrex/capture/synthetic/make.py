@@ -26,6 +26,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from avatarrex.camera import Camera
+from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.synthetic.albedo_lattice import bake
 from avatarrex.capture.synthetic.cameras import calibration
 from avatarrex.capture.synthetic.occlusion import Occlusion
@@ -37,9 +38,8 @@ from avatarrex.files.json_text import SMALL, read_json
 from avatarrex.gl.context import NoContext, gl_context, renderer_name
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES, JOINT_ROWS
 
-FORMAT = 1
 CAPTURE_JSON = "the capture.json of a synthetic capture"
-QUALITY = 96
+JPEG_QUALITY = 96
 """JPEG, colour not subsampled: sharp prints keep their edges."""
 BYTES_PER_PIXEL = 0.9
 """Picture, matte and truth together, a generous mean; it only serves to refuse a disk that is too small."""
@@ -202,7 +202,7 @@ def _write_picture(folder: Path, frame: int, picture: Picture) -> None:
 
 def _jpeg(levels: np.ndarray) -> bytes:
     buffer = io.BytesIO()
-    Image.fromarray(levels).save(buffer, format="JPEG", quality=QUALITY, subsampling=0)
+    Image.fromarray(levels).save(buffer, format="JPEG", quality=JPEG_QUALITY, subsampling=0)
     return buffer.getvalue()
 
 
