@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -60,21 +61,18 @@ class PosedMesh:
     def __init__(self, person: Person) -> None:
         self.person = person
         self.faces = person.body.faces.numpy()
-        self._pose: tuple[Signals, Surface] | None = None
-        self._view: tuple[tuple[object, ...], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+        self.surface = lru_cache(1)(self._surface)
+        self._view: tuple[object, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
 
-    def surface(self, signals: Signals) -> Surface:
+    def _surface(self, signals: Signals) -> Surface:
         """World metres."""
-        if self._pose is None or self._pose[0] != signals:
-            vertices, _ = template_surface(self.person, signals)
-            self._pose, self._view = (signals, Surface.of(vertices, self.faces)), None
-        return self._pose[1]
+        return Surface.of(template_surface(self.person, signals)[0], self.faces)
 
     def visible(self, signals: Signals, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Face, barycentrics and camera z under each pixel centre."""
-        surface = self.surface(signals)
-        if self._view is None or self._view[0] != camera.key():
-            self._view = (camera.key(), visible_faces(surface.vertices, surface.faces, camera))
+        surface, key = self.surface(signals), (signals, camera.key())
+        if self._view is None or self._view[0] != key:
+            self._view = key, visible_faces(surface.vertices, surface.faces, camera)
         return self._view[1]
 
 
@@ -192,10 +190,7 @@ def _facing(surface: Surface, camera: Camera) -> np.ndarray:
 
 def _median(seen: np.ndarray) -> np.ndarray:
     """(p, 3) in [0, 1] from bytes (observations, p, 4), the last of which says whether it counts; NaN where none does."""
-    count = seen[..., 3].sum(0, dtype=np.int64)
-    ordered = np.sort(np.where(seen[..., 3:] > 0, seen[..., :3].astype(np.int16), 256), axis=0)
-    last = np.maximum(count - 1, 0)
-    rows = np.arange(len(count))
-    middle: np.ndarray = (ordered[last // 2, rows].astype(np.float32) + ordered[(last + 1) // 2, rows]) / 510
-    middle[count == 0] = np.nan
-    return middle
+    counted = np.ma.masked_array(
+        seen[..., :3].astype(np.float32), np.broadcast_to(seen[..., 3:] == 0, seen[..., :3].shape)
+    )
+    return np.asarray(np.ma.median(counted, axis=0).filled(np.nan)) / np.float32(255)

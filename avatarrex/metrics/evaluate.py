@@ -189,8 +189,8 @@ def compare_surfaces(truth: Surface, drawn: list[tuple[Drawing, Camera]]) -> dic
     normals = np.concatenate([d.normal[d.hit] for d, _ in drawn]).astype(np.float64)
     true_points, true_normals = (np.concatenate(x) for x in zip(*(truth.seen_by(camera) for _, camera in drawn)))
     return {
-        "to_truth": distances(*sampled(points, normals), truth).summary(),
-        "from_truth": distances(*sampled(true_points, true_normals), own).summary(),
+        "to_truth": distances(*sampled(points, normals), truth),
+        "from_truth": distances(*sampled(true_points, true_normals), own),
     }
 
 

@@ -35,17 +35,3 @@ def _root(features: np.ndarray) -> np.ndarray:
     """A with AᵀA the covariance, at most d rows."""
     centred = (features - features.mean(0)) / np.sqrt(len(features) - 1)
     return np.asarray(np.linalg.qr(centred, mode="r")) if len(centred) > centred.shape[1] else centred
-
-
-def frechet_reference(
-    mean_a: Float[np.ndarray, " d"],
-    cov_a: Float[np.ndarray, "d d"],
-    mean_b: Float[np.ndarray, " d"],
-    cov_b: Float[np.ndarray, "d d"],
-) -> float:
-    """The formula on means and covariances: squared Wasserstein-2 distance of two normal distributions."""
-    value, vector = np.linalg.eigh(cov_a)
-    root = (vector * np.sqrt(np.maximum(value, 0))) @ vector.T
-    between = np.linalg.eigvalsh(root @ cov_b @ root)
-    spread = np.trace(cov_a) + np.trace(cov_b) - 2 * np.sqrt(np.maximum(between, 0)).sum()
-    return float(((mean_a - mean_b) ** 2).sum() + max(spread, 0.0))

@@ -157,9 +157,7 @@ def _inside(volume: SdfVolume) -> tuple[Bool[np.ndarray, "z y x"], np.ndarray]:
         return np.zeros((1, 1, 1), dtype=bool), volume.body.origin
     box = ndimage.find_objects(cells.astype(np.uint8))[0]
     first = np.array([part.start for part in box])
-    cells = cells[box]
-    for axis in range(3):
-        cells = cells.repeat(FINE, axis)
+    cells = np.kron(cells[box], np.ones((FINE, FINE, FINE), dtype=bool))
     origin = volume.body.origin + volume.body.voxel * first[::-1]
     inside = np.zeros(cells.shape, dtype=bool)
     index = np.flatnonzero(cells)
@@ -172,10 +170,7 @@ def _inside(volume: SdfVolume) -> tuple[Bool[np.ndarray, "z y x"], np.ndarray]:
 
 def _cells(volume: SdfVolume) -> Bool[np.ndarray, "z y x"]:
     """Cells of the body lattice, by their first corner, that have a negative corner or may reach into a part's box."""
-    cells = (volume.body.sdf < 0).numpy()
-    for axis in range(3):
-        along = np.moveaxis(cells, axis, 0)
-        along[:-1] |= along[1:]
+    cells = ndimage.maximum_filter((volume.body.sdf < 0).numpy(), 2, origin=-1)
     unit = np.array(list(product((0, 1), repeat=3)))
     for part in volume.parts:
         root_from_box = np.linalg.inv(part.box_from_root)

@@ -8,6 +8,7 @@ Letters: b images, c channels.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -110,19 +111,12 @@ BLOCKS: dict[str, tuple[Branch, ...]] = {
 }
 
 
-class Convolution(nn.Module):
+def _convolution(before: int, step: Step) -> nn.Sequential:
     """Convolution, batch normalisation (frozen), ReLU."""
-
-    def __init__(self, before: int, step: Step) -> None:
-        super().__init__()
-        height, width = step.kernel if step.padded and step.stride == 1 else ONE
-        padding = (height // 2, width // 2)
-        self.conv = nn.Conv2d(before, step.channels, step.kernel, step.stride, padding, bias=False)
-        self.bn = nn.BatchNorm2d(step.channels, eps=1e-3)  # as in the TensorFlow graph
-
-    def forward(self, values: Tensor) -> Tensor:
-        """(b, c, h, w) to (b, channels, h', w')."""
-        return functional.relu(self.bn(self.conv(values)))
+    padding = "same" if step.padded and step.stride == 1 else "valid"
+    conv = nn.Conv2d(before, step.channels, step.kernel, step.stride, padding, bias=False)
+    bn = nn.BatchNorm2d(step.channels, eps=1e-3)  # as in the TensorFlow graph
+    return nn.Sequential(OrderedDict(conv=conv, bn=bn, relu=nn.ReLU()))
 
 
 class Block(nn.Module):
@@ -136,7 +130,7 @@ class Block(nn.Module):
             channels = before
             for steps in (_side_by_side(element) for element in branch if not isinstance(element, str)):
                 for step in steps:
-                    self.add_module(step.name, Convolution(channels, step))
+                    self.add_module(step.name, _convolution(channels, step))
                 channels = sum(step.channels for step in steps)
             self.channels += channels
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def failed(*metrics: Metric) -> list[str]:
 
 def test_json_holds_every_figure_and_comes_back(tmp_path):
     path = tmp_path / "run.json"
-    path.write_text(json.dumps(report(*ALL).to_json()))
+    path.write_text(json.dumps(asdict(report(*ALL))))
     data = json.loads(path.read_text())
     assert set(data) == {"device", "mode", "metrics", "absent"}
     for one in data["metrics"]:
@@ -105,7 +105,7 @@ def test_the_table_names_what_failed_first():
 
 def test_a_baseline_of_another_size_is_refused(tmp_path):
     path = tmp_path / "full.json"
-    path.write_text(json.dumps(report(*ALL, mode="full").to_json()))
+    path.write_text(json.dumps(asdict(report(*ALL, mode="full"))))
     with pytest.raises(InputError, match="mode"):
         gate.read_baseline(path, report())
 

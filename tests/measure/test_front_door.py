@@ -7,7 +7,7 @@ import json
 import pytest
 
 from avatarrex.measure.__main__ import PROGRAM, TOOLS, main, run
-from avatarrex.measure.table import aligned, printed
+from avatarrex.metrics.table import aligned, printed
 
 
 @pytest.mark.parametrize("name", TOOLS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from dataclasses import replace
@@ -13,7 +12,7 @@ from avatarrex.capture.fit.surface_fit import fit_surface
 from avatarrex.capture.readers.choice import held_out
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.errors import InputError
-from avatarrex.files.gate import write_text
+from avatarrex.files.json_text import write_json
 from avatarrex.measure.ablation.report import plot, rows, table, to_json
 from avatarrex.measure.ablation.study import Study
 from avatarrex.measure.ablation.variants import chosen_variants, scaled
@@ -67,8 +66,7 @@ def run(options: argparse.Namespace) -> int:
     found = rows(study, variants, seeds)
     print(table(study, found))
     if options.json:
-        text = json.dumps(to_json(study, found, seeds), indent=1, ensure_ascii=False, allow_nan=False)
-        write_text(options.json, text + "\n")
+        write_json(options.json, to_json(study, found, seeds))
         print(options.json)
     if options.plot:
         path = Path(options.plot) / f"ablation_{options.parts}.png"

@@ -16,7 +16,7 @@ import numpy as np
 from avatarrex.measure.ablation.study import Study
 from avatarrex.measure.ablation.variants import QUESTIONS, VARIANTS, Variant
 from avatarrex.measure.plotting import axes_beside, save
-from avatarrex.measure.table import aligned
+from avatarrex.metrics.table import aligned
 
 MEASURES = {
     "psnr_matte": ("PSNR", 2), "ssim_matte": ("SSIM", 3), "ms_ssim_matte": ("MS-SSIM", 3), "lpips_matte": ("LPIPS", 3),

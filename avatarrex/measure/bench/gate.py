@@ -16,7 +16,7 @@ from avatarrex.errors import InputError
 from avatarrex.measure.bench.device import device_class
 from avatarrex.measure.bench.metric import Metric
 from avatarrex.measure.bench.report import Report, figure
-from avatarrex.measure.table import aligned
+from avatarrex.metrics.table import aligned
 
 BASELINES = Path("avatarrex/measure/baselines")
 

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.json_text import read_json
 from avatarrex.measure.bench.device import describe
 from avatarrex.measure.bench.metric import Metric
-from avatarrex.measure.table import aligned
+from avatarrex.metrics.table import aligned
 
 HEADS = ("metric", "value", "unit", "target", "", "error")
 SHOWN = ("max_error_m", "sign_errors", "max_error", "mean_error_mm", "p99_error_mm", "missed", "false", "depth_mean_mm",
@@ -40,10 +40,6 @@ class Report:
     def named(self, name: str) -> Metric | None:
         """None where it was not measured."""
         return next((metric for metric in self.metrics if metric.name == name), None)
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return asdict(self)
 
     @staticmethod
     def read(path: str | Path) -> Report:

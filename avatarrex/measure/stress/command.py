@@ -6,12 +6,12 @@ Exit status 0 where every check passed, 1 where one failed, 130 after Ctrl+C (wi
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import check_writable, read_text, what_is, write_text
+from avatarrex.files.gate import check_writable, read_text, what_is
+from avatarrex.files.json_text import write_json
 
 if TYPE_CHECKING:
     from avatarrex.measure.stress.findings import Finding
@@ -73,8 +73,8 @@ def _search(count: int, seed: int, processes: int | None, json_path: str | None,
     files = [] if interrupted else _write(failed, seed, out)
     done = sum(tally.cases.values())
     if json_path is not None:
-        report = {"n": count, "seed": seed, "interrupted": interrupted, **tally.to_json(), "files": files}
-        write_text(json_path, json.dumps(report, indent=1) + "\n")
+        about = {"n": count, "seed": seed, "interrupted": interrupted}
+        write_json(json_path, {**about, **tally.to_json(), "files": files})
     state = f"interrupted after {done} of {len(cases)} cases" if interrupted else f"{done} cases"
     print(f"{state}, seed {seed}: " + (f"{tally.failures} checks failed" if tally.failures else "every check passed"))
     return 130 if interrupted else int(tally.failures > 0)
@@ -95,7 +95,7 @@ def _write(failed: list[Outcome], seed: int, out: Path) -> list[str]:
         kind = KINDS[outcome.kind]
         small = shrink(kind, make(outcome.kind, outcome.number, seed), finding)
         path = out / f"{outcome.kind}_{seed}_{outcome.number}_{len(files)}.json"
-        write_text(path, json.dumps(to_json(kind, small.inputs, small.finding), indent=1) + "\n")
+        write_json(path, to_json(kind, small.inputs, small.finding))
         files.append(str(path))
         print(f"{outcome.kind} {outcome.number}: {finding.check}")
         print(f"  shrunk in {small.tried} tries; avatarrex-studio stress --replay {path}")

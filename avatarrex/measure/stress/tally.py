@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from avatarrex.measure.stress.findings import Finding
-from avatarrex.measure.table import aligned
+from avatarrex.metrics.table import aligned
 
 HEADS = ("case", "check", "cases", "worst", "tolerance", "failures")
 

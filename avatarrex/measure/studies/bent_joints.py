@@ -18,7 +18,7 @@ from avatarrex.camera import Camera
 from avatarrex.capture.synthetic.subject import load_subject
 from avatarrex.capture.synthetic.subject_drawer import SubjectDrawer
 from avatarrex.counters import Counters
-from avatarrex.measure.table import printed
+from avatarrex.metrics.table import printed
 from avatarrex.pipeline import render_frame
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES

@@ -17,7 +17,7 @@ from avatarrex.levels import level
 from avatarrex.measure.bench import frame as frames
 from avatarrex.measure.bench.clock import spent
 from avatarrex.measure.bench.session import Bench
-from avatarrex.measure.table import printed
+from avatarrex.metrics.table import printed
 from avatarrex.pipeline import render_frame
 from avatarrex.reference.error_report import depth_report
 from avatarrex.reference.oracle import render_oracle
