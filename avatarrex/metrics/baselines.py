@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.zbuffer import visible_faces
-from avatarrex.errors import InputError
+from avatarrex.errors import check
 from avatarrex.metrics.drawing import Drawing
 from avatarrex.metrics.mesh import Surface
 from avatarrex.signals.driving import Signals
@@ -53,6 +53,13 @@ class Observation:
     """(h, w, 3) sRGB bytes."""
     matte: np.ndarray
     """(h, w) bytes."""
+
+    @classmethod
+    def of(cls, signals: Signals, camera: Camera, picture: Float[np.ndarray, "h w 4"]) -> Observation:
+        """Of a premultiplied picture."""
+        straight = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
+        layers = (np.rint(255 * np.clip(layer, 0, 1)).astype(np.uint8) for layer in (straight, picture[..., 3]))
+        return cls(signals, camera, *layers)
 
 
 class PosedMesh:
@@ -106,8 +113,7 @@ def baselines(person: Person, observations: Iterable[Observation]) -> list[MeshD
         colour += (observation.image * matte[..., None]).sum((0, 1)) / 255
         weight += matte.sum()
         observed.append(_texels_in(mesh, observation))
-    if not weight:
-        raise InputError("baselines", "training pictures", "some with a foreground", "none")
+    check(weight, "baselines", "training pictures", "some with a foreground", "none")
     mean = np.broadcast_to((colour / weight).astype(np.float32), (len(mesh.faces), *lattice().shape))
     return [MeshDrawer("textured mesh", mesh, _texels(mesh, observed)), MeshDrawer("mean-colour mesh", mesh, mean)]
 
@@ -138,8 +144,7 @@ def _texels(mesh: PosedMesh, observed: list[UInt8[np.ndarray, "p 4"]]) -> Float[
     """Medians over the pictures; a texel never visible has the colour of the nearest visible one at rest."""
     middle = np.concatenate([_median(np.stack(part)) for part in zip(*(np.array_split(one, 16) for one in observed))])
     known = ~np.isnan(middle[:, 0])
-    if not known.any():
-        raise InputError("baselines", "training pictures", "some that show the template", "none")
+    check(known.any(), "baselines", "training pictures", "some that show the template", "none")
     place = _on_lattice(mesh.person.body.v_template.double().numpy()[mesh.faces])
     middle[~known] = middle[known][cKDTree(place[known]).query(place[~known])[1]]
     return middle.reshape(len(mesh.faces), -1, 3)
@@ -190,7 +195,6 @@ def _facing(surface: Surface, camera: Camera) -> np.ndarray:
 
 def _median(seen: np.ndarray) -> np.ndarray:
     """(p, 3) in [0, 1] from bytes (observations, p, 4), the last of which says whether it counts; NaN where none does."""
-    counted = np.ma.masked_array(
-        seen[..., :3].astype(np.float32), np.broadcast_to(seen[..., 3:] == 0, seen[..., :3].shape)
-    )
-    return np.asarray(np.ma.median(counted, axis=0).filled(np.nan)) / np.float32(255)
+    counted = np.ma.masked_array(seen[..., :3].astype(np.float32), np.repeat(seen[..., 3:] == 0, 3, axis=-1))
+    middle: np.ndarray = np.ma.median(counted, axis=0).filled(np.nan)  # type: ignore[no-untyped-call]
+    return middle / np.float32(255)

@@ -85,6 +85,10 @@ class Truth:
     """Premultiplied by the matte."""
     matte: Float32[Tensor, "h w"]
 
+    def layers(self) -> Float32[np.ndarray, "h w 4"]:
+        """Both."""
+        return np.dstack([self.image.numpy(), self.matte.numpy()])
+
 
 def over_black(image: np.ndarray, matte: np.ndarray, width: int, height: int) -> Truth:
     """An image (h, w, 3) with its matte (h, w), both bytes, box-filtered to `width` x `height`."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from avatarrex.errors import InputError
+from avatarrex.errors import check
 
 
 def frechet_distance(a: Float[np.ndarray, "n d"], b: Float[np.ndarray, "m d"]) -> float:
@@ -22,8 +22,7 @@ def frechet_distance(a: Float[np.ndarray, "n d"], b: Float[np.ndarray, "m d"]) -
 
     Raises `InputError` for fewer than two in a set.
     """
-    if min(len(a), len(b)) < 2:
-        raise InputError("fid", "pictures", "at least two in each set", min(len(a), len(b)))
+    check(min(len(a), len(b)) >= 2, "fid", "pictures", "at least two in each set", min(len(a), len(b)))
     a, b = a.astype(np.float64), b.astype(np.float64)
     root_a, root_b = (_root(features) for features in (a, b))
     shared = np.linalg.svd(root_a @ root_b.T, compute_uv=False).sum()

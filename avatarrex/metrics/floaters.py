@@ -170,7 +170,7 @@ def _inside(volume: SdfVolume) -> tuple[Bool[np.ndarray, "z y x"], np.ndarray]:
 
 def _cells(volume: SdfVolume) -> Bool[np.ndarray, "z y x"]:
     """Cells of the body lattice, by their first corner, that have a negative corner or may reach into a part's box."""
-    cells = ndimage.maximum_filter((volume.body.sdf < 0).numpy(), 2, origin=-1)
+    cells: np.ndarray = ndimage.maximum_filter((volume.body.sdf < 0).numpy(), 2, origin=-1)
     unit = np.array(list(product((0, 1), repeat=3)))
     for part in volume.parts:
         root_from_box = np.linalg.inv(part.box_from_root)

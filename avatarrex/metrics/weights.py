@@ -17,7 +17,7 @@ import safetensors.torch
 import torch
 from torch import Tensor, nn
 
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, check
 from avatarrex.files.gate import check_bytes, check_file, what_is
 from avatarrex.files.zips import open_zip, unpack
 
@@ -57,8 +57,8 @@ def read_weights(file: Path, member: str | None = None) -> dict[str, Tensor]:
         raise InputError(file, "", "a complete .safetensors file", _line(error)) from None
     except Exception as error:  # what `torch.load` raises over strange bytes has no common name
         raise InputError(file, member or "", "a file of tensors (.pth or .safetensors)", _line(error)) from None
-    if not isinstance(values, Mapping) or not all(isinstance(value, Tensor) for value in values.values()):
-        raise InputError(file, member or "", "tensors by name", type(values).__name__)
+    named = isinstance(values, Mapping) and all(isinstance(value, Tensor) for value in values.values())
+    check(named, file, member or "", "tensors by name", type(values).__name__)
     return dict(values)
 
 
@@ -79,14 +79,12 @@ def fill(network: nn.Module, tensors: Mapping[str, Tensor], source: Path) -> Non
     for name, value in own.items():
         if name.endswith("num_batches_tracked"):
             continue
-        if name not in tensors:
-            raise InputError(source, name, f"shape {tuple(value.shape)}", "no such tensor")
-        found = tensors[name]
-        if found.shape != value.shape or not torch.isfinite(found).all():
-            raise InputError(source, name, f"{tuple(value.shape)} finite numbers", tuple(found.shape))
+        check(name in tensors, source, name, f"shape {tuple(value.shape)}", "no such tensor")
+        found, shape = tensors[name], tuple(value.shape)
+        fits = found.shape == shape and torch.isfinite(found).all()
+        check(fits, source, name, f"{shape} finite numbers", tuple(found.shape))
         largest = float(found.abs().max()) if found.numel() else 0.0
-        if largest > LARGEST_WEIGHT:
-            raise InputError(source, name, f"numbers up to {LARGEST_WEIGHT:g}", f"{largest:.4g}")
+        check(largest <= LARGEST_WEIGHT, source, name, f"numbers up to {LARGEST_WEIGHT:g}", f"{largest:.4g}")
         own[name] = found.to(value.dtype)
     network.load_state_dict(own)
     network.requires_grad_(False).eval()

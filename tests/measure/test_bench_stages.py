@@ -10,9 +10,9 @@ import torch
 from avatarrex_studio.cli.main import main
 
 from avatarrex.camera import Camera
-from avatarrex.measure.bench import geometry, mitsuba_peer, raycast, sdf, skinning
-from avatarrex.measure.bench.metric import Metric
-from avatarrex.measure.bench.ray_truth import ray_error, truth
+from avatarrex.measure.bench import geometry, raycast, raycast_peers, sdf, skinning
+from avatarrex.measure.bench.raycast_peers import ray_error, truth
+from avatarrex.measure.bench.report import Metric
 from avatarrex.measure.bench.session import Bench
 from avatarrex.measure.bench.stages import measure
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
@@ -80,11 +80,12 @@ def test_bubbles_are_told_from_the_surface():
     full[2, 2, 1] = 1  # a void, and a floater of two voxels
     full[2, 2, 6:8] = -1
     band = np.where(np.arange(9) < 3, -0.02, 0.03) * np.ones((5, 5, 1))
-    found = geometry.Found()
-    geometry._count_bubbles(band, full, np.ones(band.shape, bool), found)
-    assert found.bubbles == {"voids": 1, "floaters": 1}
+    found = geometry.Bubbles.of(band, full, np.ones(band.shape, bool))
+    assert (found.voids, found.floaters) == (1, 1)
     assert found.blind == pytest.approx(0.03)
-    assert found.nearer == pytest.approx([3 / 9, 1.0])
+    assert found.nearer == 1.0
+    assert geometry.Bubbles.of(band[..., :3], full[..., :3], np.ones((5, 5, 3), bool)).nearer == 1.0
+    assert geometry.Bubbles.of(full, full, np.ones(full.shape, bool)) == geometry.Bubbles(0, 0, 0.0, 0.0)
 
 
 def test_a_crossing_that_moves_or_turns_is_changed():
@@ -173,7 +174,7 @@ def test_mitsuba_sees_the_same_surface():
     volume = SdfVolume(capsule_man().body)
     camera = Camera.orbit(*raycast.VIEWS[0], (0, -0.05, 0), 128, 128)
     rays = RayPlane.of(camera, volume.middle).rays(pixel_centres(camera, torch.float64))
-    exact, found = truth(volume, camera), mitsuba_peer.distances(volume.body, rays)
+    exact, found = truth(volume, camera), raycast_peers.distances(volume.body, rays)
     error = ray_error(found, exact)
     assert error["hits"] > 1000
     assert error["missed"] + error["false"] <= 1e-3 * error["hits"]

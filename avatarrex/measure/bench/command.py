@@ -8,7 +8,7 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from avatarrex.errors import InputError
+from avatarrex.errors import check
 from avatarrex.files.gate import check_writable, what_is
 from avatarrex.files.json_text import write_json
 from avatarrex.measure.bench.stages import STAGES, chosen, measure
@@ -74,11 +74,10 @@ def _check(options: argparse.Namespace) -> None:
         check_writable(path)
     if options.plot:
         require_matplotlib()
-        if what_is(options.plot) not in ("a folder", "nothing there"):
-            raise InputError("--plot", "", "a folder", what_is(options.plot))
-    if not DEVICE.fullmatch(options.device):
-        raise InputError("--device", "", "cpu, cuda, cuda:1, mps or xpu", options.device or "nothing")
-    if options.json == "":
-        raise InputError("--json", "", "a file", "nothing")
-    if options.capture is not None and what_is(options.capture) not in ("a file", "a folder"):
-        raise InputError(options.capture or "--capture", "", "a capture's folder or .zip", what_is(options.capture))
+        check(what_is(options.plot) in ("a folder", "nothing there"), "--plot", "", "a folder", what_is(options.plot))
+    device = options.device
+    check(DEVICE.fullmatch(device), "--device", "", "cpu, cuda, cuda:1, mps or xpu", device or "nothing")
+    check(options.json != "", "--json", "", "a file", "nothing")
+    if options.capture is not None:
+        found = what_is(options.capture)
+        check(found in ("a file", "a folder"), options.capture or "--capture", "", "a capture's folder or .zip", found)

@@ -8,6 +8,7 @@ scaled up; posing and its box are not counted. The mesh's texture comes from pic
 from __future__ import annotations
 
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ from avatarrex.avatar import Avatar
 from avatarrex.capture.synthetic.subject_drawer import SubjectDrawer
 from avatarrex.frame import Frame
 from avatarrex.gl.context import gl_unavailable
-from avatarrex.measure.bench.clock import Times, interleaved, ratio, timed
-from avatarrex.measure.bench.metric import FASTER, Metric
+from avatarrex.measure.bench.contest import Times, interleaved, ratio, timed
+from avatarrex.measure.bench.report import FASTER, Metric
 from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.baselines import MeshDrawer, Observation, baselines
@@ -109,15 +110,10 @@ def mesh_drawer(bench: Bench) -> MeshDrawer | None:
     drawer, size = bench.once(subject_drawer), bench.side(512, 256)
     if drawer is None:
         return None
-    seen = []
-    for frame in SEEN[:1] if bench.quick else SEEN:
-        signals = bench.signals(frame)
-        for azimuth in AROUND:
-            camera = bench.camera(size, azimuth)
-            picture = drawer.draw(signals, camera)
-            straight = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
-            colour, matte = (np.rint(255 * part.clip(0, 1)).astype(np.uint8) for part in (straight, picture[..., 3]))
-            seen.append(Observation(signals, camera, colour, matte))
+    pairs = product(
+        map(bench.signals, SEEN[:1] if bench.quick else SEEN), (bench.camera(size, turn) for turn in AROUND)
+    )
+    seen = [Observation.of(signals, camera, drawer.draw(signals, camera)) for signals, camera in pairs]
     return baselines(bench.subject.person, seen)[0]
 
 

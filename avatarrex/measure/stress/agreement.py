@@ -15,8 +15,8 @@ from torch import Tensor
 from avatarrex.counters import Counters
 from avatarrex.measure.stress import driving
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
+from avatarrex.measure.stress.driving import double_body, subject
 from avatarrex.measure.stress.findings import Findings
-from avatarrex.measure.stress.subject import double_body, subject
 from avatarrex.ops import local_mlp
 from avatarrex.ops.encoding import encode, encode_reference
 from avatarrex.ops.rotation import matrix_from_rotvec

@@ -1,16 +1,35 @@
-"""Driving signals that look for trouble: every family takes its turn, the rest is drawn at random.
+"""Who is put under stress, and driving signals that look for trouble: every family takes its turn, the rest is random.
 
-Half turns, no turns, nearly both, opposed twists, hundreds of radians; shapes of ±5 σ, expressions out of bounds, roots
-1 km and 1000 km from the origin.
+The packaged avatar is loaded once for each process. Half turns, no turns, nearly both, opposed twists, hundreds of radians;
+shapes of ±5 σ, expressions out of bounds, roots 1 km and 1000 km from the origin.
 """
 
 from __future__ import annotations
 
+import copy
+from functools import cache
+
 import numpy as np
 
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
+from avatarrex.fields.body import BodyField
 from avatarrex.measure.stress.case import Entry, Inputs
 from avatarrex.signals.driving import LARGEST, SHAPES, Signals
 from avatarrex.signals.limits import random_signals
+
+
+@cache
+def subject() -> Avatar:
+    """The packaged avatar."""
+    return load_avatar()
+
+
+@cache
+def double_body() -> BodyField:
+    """Its body field in float64."""
+    return copy.deepcopy(subject().body).double()
+
 
 ENTRIES = {name: Entry(shape) for name, shape in SHAPES.items()}
 JOINTS = 55

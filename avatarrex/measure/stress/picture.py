@@ -16,8 +16,8 @@ from avatarrex.frame import Frame
 from avatarrex.levels import LEVELS
 from avatarrex.measure.stress import driving, views
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
+from avatarrex.measure.stress.driving import subject
 from avatarrex.measure.stress.findings import Findings
-from avatarrex.measure.stress.subject import subject
 from avatarrex.pipeline import render_frame
 from avatarrex.settings import RenderSettings
 from avatarrex.templates.posed import pose_person

@@ -15,7 +15,7 @@ import torch
 
 from avatarrex.levels import level
 from avatarrex.measure.bench import frame as frames
-from avatarrex.measure.bench.clock import spent
+from avatarrex.measure.bench.contest import spent
 from avatarrex.measure.bench.session import Bench
 from avatarrex.metrics.table import printed
 from avatarrex.pipeline import render_frame
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> None:
         for tolerance in TOLERANCES:
             settings = replace(rough, reuse_tolerance=tolerance)
             with spent(frames, "render_frame") as times:
-                drawn = frames.sequence(bench, settings, SIDE, options.frames, frames.dragging(bench))
+                drawn = frames.sequence(bench, settings, SIDE, options.frames, frames.dragging)
             anew = (median(frame.counters[name] for frame in drawn) for name in ("voxels_evaluated", "pixels_shaded"))
             late = frames.lag(bench, drawn[-1])
             row(

@@ -29,7 +29,7 @@ from torch import Tensor
 from avatarrex.fields.body import BodyField, BodyFrame
 from avatarrex.fields.influence import Pairs, gate, influence, weighted_mean
 from avatarrex.fields.presets import COMPACT
-from avatarrex.measure.bench.clock import interleaved
+from avatarrex.measure.bench.contest import interleaved
 from avatarrex.metrics.table import printed
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.closest_vertex import closest_vertex
@@ -191,7 +191,7 @@ def over_poses(work: Work, choice: Choice, scale: float, options: argparse.Names
 def errors_of(choice: Choice, pose: Pose, count: int, rng: np.random.Generator) -> np.ndarray:
     """|perfect field| in mm at true surface points."""
     points = surface_points(choice.field.template, pose.template, count, rng)
-    return 1000 * choice.perfect_field(pose, points).abs().numpy()
+    return np.asarray(1000 * choice.perfect_field(pose, points).abs().numpy())
 
 
 def lost_of(choice: Choice, pose: Pose, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -212,7 +212,7 @@ def steps_of(choice: Choice, pose: Pose, count: int, rng: np.random.Generator) -
     way = torch.nn.functional.normalize(torch.as_tensor(rng.normal(size=begin.shape), dtype=begin.dtype), dim=-1)
     path = begin[:, None] + STEP * torch.arange(STEPS)[:, None] * way[:, None]
     rest = choice.rest_position(pose, path.reshape(-1, 3)).reshape(path.shape)
-    return 1000 * (rest[:, 1:] - rest[:, :-1]).norm(dim=-1).amax(1).numpy()
+    return np.asarray(1000 * (rest[:, 1:] - rest[:, :-1]).norm(dim=-1).amax(1).numpy())
 
 
 def surface_points(model: TemplateModel, posed: PosedTemplate, count: int, rng: np.random.Generator) -> Tensor:
