@@ -39,7 +39,7 @@ DEPTH_TOLERANCE = 0.006
 """Metres that a texel may lie beyond the z-buffer's surface: a pixel's slope at 512², less than a finger's thickness."""
 OPAQUE_MATTE = 250
 """Matte byte from which a pixel has the person's colour alone."""
-SAMPLES = 2
+PIXEL_SAMPLES = 2
 """Samples along each side of a pixel when a mesh is drawn."""
 
 
@@ -90,8 +90,8 @@ class MeshDrawer:
         self.name, self.mesh, self.texels = name, mesh, texels
 
     def draw(self, signals: Signals, camera: Camera) -> Drawing:
-        """The mesh with `SAMPLES`² colours per pixel; its geometry is that of each pixel's first sample."""
-        s, height, width = SAMPLES, camera.height, camera.width
+        """The mesh with `PIXEL_SAMPLES`² colours per pixel; its geometry is that of each pixel's first sample."""
+        s, height, width = PIXEL_SAMPLES, camera.height, camera.width
         face, weight, _ = self.mesh.visible(signals, camera.resized(width * s, height * s))
         hit = face >= 0
         fine = np.zeros((*face.shape, 4), np.float32)

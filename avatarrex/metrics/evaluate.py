@@ -29,7 +29,7 @@ from avatarrex.metrics.measures import Measured, Networks, means, measure
 from avatarrex.metrics.mesh import Surface, depth_surface, distances, sampled
 
 SPLITS = ("train", "held-out pose", "held-out view", "held-out both")
-FRAMES = 4
+FRAMES_EACH = 4
 """Frames evaluated of those trained on, and of those held out, unless chosen."""
 OBSERVATIONS = 48
 """Training pictures that the baselines' colours come from: a texel on the side of the body is then seen by a dozen."""
@@ -153,10 +153,10 @@ def split_of(rig: Rig, view: int, frame: int) -> str:
 
 
 def default_frames(rig: Rig) -> tuple[int, ...]:
-    """`FRAMES` of those trained on and of those held out, evenly spread."""
+    """`FRAMES_EACH` of those trained on and of those held out, evenly spread."""
     held_out = sorted(rig.held_out_frames)
     rest = [frame for frame in range(rig.frames) if frame not in rig.held_out_frames]
-    return tuple(sorted({*spread(held_out, FRAMES), *spread(rest, FRAMES)}))
+    return tuple(sorted({*spread(held_out, FRAMES_EACH), *spread(rest, FRAMES_EACH)}))
 
 
 def captured(rig: Rig, view: int, frame: int, camera: Camera) -> Truth:

@@ -22,7 +22,7 @@ from avatarrex.ops.closest_triangle import closest_triangle
 from avatarrex.ops.search_tree import SearchTree
 from avatarrex.templates.mesh import vertex_normals
 
-SAMPLES = 20_000
+SURFACE_POINTS = 20_000
 """Points each way: the mean of distances that spread by 5 mm is then known to 0.04 mm."""
 STEP_RATIO = 5.0
 """A depth map is cut where neighbours are further apart than this many pixel widths: a surface seen at over 78 degrees."""
@@ -103,7 +103,7 @@ def depth_surface(
 
 
 def sampled(
-    points: np.ndarray, normals: np.ndarray, count: int = SAMPLES, seed: int = 0
+    points: np.ndarray, normals: np.ndarray, count: int = SURFACE_POINTS, seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """At most `count` of them, by chance, the same for the same seed."""
     if len(points) <= count:

@@ -41,7 +41,7 @@ NETWORKS = tuple(name for name in PRESETS if name.startswith("compact/"))
 def little_is_reported(monkeypatch):
     monkeypatch.setattr(train_module, "REPORT", 1)
     monkeypatch.setattr("avatarrex.training.core.held_out.PICTURES", 1)
-    monkeypatch.setattr("avatarrex.measure.ablation.study.VIEWS", 1)
+    monkeypatch.setattr("avatarrex.measure.ablation.study.CAMERAS_MEASURED", 1)
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -172,7 +174,7 @@ def test_peers_take_what_others_measured(bench):
 def test_mitsuba_sees_the_same_surface():
     pytest.importorskip("mitsuba", reason="mitsuba is not installed (extra `peers`)")
     volume = SdfVolume(capsule_man().body)
-    camera = Camera.orbit(*raycast.VIEWS[0], (0, -0.05, 0), 128, 128)
+    camera = Camera.orbit(*raycast.ORBITS[0], (0, -0.05, 0), 128, 128)
     rays = RayPlane.of(camera, volume.middle).rays(pixel_centres(camera, torch.float64))
     exact, found = truth(volume, camera), raycast_peers.distances(volume.body, rays)
     error = ray_error(found, exact)
@@ -227,6 +229,17 @@ def test_wrong_words_are_refused_before_any_work(words, said, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     assert main(["bench", *words]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_device_that_is_none_is_refused_before_torch_is_loaded():
+    words = [
+        "-c",
+        "import sys; from avatarrex.measure.__main__ import main; s = main(sys.argv[1:]); print('torch' in sys.modules); exit(s)",
+    ]
+    done = subprocess.run([sys.executable, *words, "bench", "--device", "cdua"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "False\n")
+    assert done.stderr.endswith("--device: expected cpu, cuda, cuda:1, mps or xpu, found cdua\n")
+    assert done.stderr.count("\n") == 1
 
 
 def test_ablation_keeps_its_own_options(tmp_path, capsys):

@@ -45,7 +45,7 @@ from avatarrex.training.runs.events import EventReader
 from avatarrex.training.runs.folder import Run, read_about
 
 FORMAT = 1
-VIEWS = 8
+CAMERAS_MEASURED = 8
 """Cameras that held-out poses are seen from, evenly chosen among those trained on."""
 SLOW = (2, 1)
 """Frames and cameras of a drawing that takes minutes."""
@@ -115,7 +115,9 @@ class Study:
         file = self.folder / "baselines.json"
         found = read_json(file)
         if found is None:
-            found = self._evaluated(baselines(self.capture.person, observations(self.rig)), self._views(VIEWS))
+            found = self._evaluated(
+                baselines(self.capture.person, observations(self.rig)), self._views(CAMERAS_MEASURED)
+            )
             write_json(file, found)
         return found
 
@@ -172,7 +174,7 @@ class Study:
         folder, avatar = self.run_folder(variant, seed), load_avatar(self._avatar(variant, seed))
         one, two = getattr(self.recipe(variant, seed), self.part)
         return {
-            **self._evaluated([AvatarDrawer(avatar)], self._views(VIEWS)),
+            **self._evaluated([AvatarDrawer(avatar)], self._views(CAMERAS_MEASURED)),
             "variant": variant.name,
             "seed": seed,
             "steps": [one.steps, two.steps],

@@ -25,7 +25,7 @@ from avatarrex.settings import RenderSettings
 from avatarrex.volume.build import build_volume
 from avatarrex.volume.sdf_volume import SdfVolume
 
-VIEWS = ((20, 10, 2.6, 40), (75, -20, 2.2, 45), (200, 35, 3.0, 40))
+ORBITS = ((20, 10, 2.6, 40), (75, -20, 2.2, 45), (200, 35, 3.0, 40))
 """Azimuth, elevation, distance, field of view."""
 GOALS = (
     Goal("raycast.vs_quarter_march", "quarter_march", FASTER, 10.0),
@@ -58,7 +58,7 @@ def measure(bench: Bench) -> list[Metric]:
 def contests(bench: Bench) -> list[Contest]:
     """One per view."""
     volume, size = stored_volume(bench), bench.side(512, 192)
-    views = VIEWS[:1] if bench.quick else VIEWS
+    views = ORBITS[:1] if bench.quick else ORBITS
     return [
         _contest(bench, volume, k, Camera.orbit(*view, (0, -0.05, 0), size, size)) for k, view in enumerate(views, 1)
     ]

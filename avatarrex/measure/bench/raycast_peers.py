@@ -42,7 +42,7 @@ def ray_error(t: np.ndarray, exact: np.ndarray) -> dict[str, Any]:
     }
 
 
-SIDE = 96
+MITSUBA_PIXELS = 96
 """Pixels: Python's rays are slow."""
 
 
@@ -81,7 +81,7 @@ def add_mitsuba(bench: Bench, entries: list[Contestant], volume: SdfVolume, came
     if find_spec("mitsuba") is None:
         bench.absent["peers.raycast.mitsuba_sdfgrid"] = "not installed: mitsuba"
         return
-    small = camera.resized(bench.side(SIDE, SIDE), bench.side(SIDE, SIDE))
+    small = camera.resized(bench.side(MITSUBA_PIXELS, MITSUBA_PIXELS), bench.side(MITSUBA_PIXELS, MITSUBA_PIXELS))
     alone = SdfVolume(volume.body)
     rays = RayPlane.of(small, alone.middle).rays(pixel_centres(small, torch.float64))
     found, took = timed(distances, volume.body, rays)

@@ -29,7 +29,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.training.core.warm_start import warm_start
 
-SAMPLES = 64
+MARCH_SAMPLES = 64
 UNSEEN = 12
 """Frame of the motion in which images are compared; the texture has seen every other pose of `SEEN`."""
 SEEN = (0, 20)
@@ -50,7 +50,7 @@ def volume_rendering(bench: Bench, size: int) -> list[Metric]:
         camera = bench.camera(len(picture))
         drawers: dict[str, Drawer] = {
             "psnr_db": AvatarDrawer(bench.avatar),
-            "their_psnr_db": VolumeDrawer(bench.avatar, "body", SAMPLES),
+            "their_psnr_db": VolumeDrawer(bench.avatar, "body", MARCH_SAMPLES),
         }
         small |= {name: psnr(drawer.draw(signals, camera), picture) for name, drawer in drawers.items()}
     return [
@@ -129,7 +129,7 @@ def _against(bench: Bench, avatar: Avatar, size: int) -> dict[str, Any]:
     """Times of both, interleaved, and what was scaled."""
     few = bench.side(128, 64)
     camera, fewer = bench.camera(size), bench.camera(few)
-    drawer = VolumeDrawer(avatar, "body", SAMPLES)
+    drawer = VolumeDrawer(avatar, "body", MARCH_SAMPLES)
     deferred, marched = Times(), Times()
     previous: Frame | None = None
     for k in range(bench.count(3, 1) + 1):

@@ -50,14 +50,10 @@ def _steps(bench: Bench, path: Path) -> list[Metric]:
         avatar.meta["untrained"] = ["face"]
         warm_start(avatar, rig.signals, "body", QUICK.body[0].warm_steps, SEED)
     full = QUICK.body[0]
-    settled = {
-        "rate": full.rate * full.geometry_rate,
-        "geometry_rate": 1.0,
-        "still": 0,
-        "decay": 1.0,
-        "gamma_extra": 0.0,
-    }
-    recipe = replace(full, rays=bench.count(full.rays, 200), outline=bench.count(full.outline, 1000), **settled)
+    recipe = replace(
+        full, rays=bench.count(full.rays, 200), outline=bench.count(full.outline, 1000), gamma_extra=0.0,
+        rate=full.rate * full.geometry_rate, geometry_rate=1.0, still=0, decay=1.0,
+    )  # fmt: skip
     store = FrameStore(avatar, rig, "body", avatar.hidden)
     store.renew(0)
     work = Work(Stage("body", "I", recipe, 0), BodyPass(avatar, store, recipe, SEED), None)

@@ -90,7 +90,10 @@ def from_json(data: Any, kinds: Mapping[str, Kind], source: str) -> tuple[Kind, 
     if isinstance(data, str):
         data = parse_json(data, source)
     data = data if isinstance(data, dict) else {}
-    known = {"kind": ("a stress case", ["stress case"]), "format": (str(FORMAT), [FORMAT])}
+    known: dict[str, tuple[str, list[Any]]] = {
+        "kind": ("a stress case", ["stress case"]),
+        "format": (str(FORMAT), [FORMAT]),
+    }
     for field, (expected, values) in {**known, "case": (" or ".join(kinds), list(kinds))}.items():
         found = data.get(field)
         check(type(found) is type(values[0]) and found in values, source, field, expected, found)

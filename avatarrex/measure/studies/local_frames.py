@@ -44,7 +44,7 @@ from avatarrex.templates.person import load_person
 ANCHORS = {"node": (2048,), "blend": (2048,), "anchors": (512, 1024, 2048), "turned": (1024, 2048), "vertex": (2048,)}
 """Numbers of anchors that each is measured with."""
 COST_POINTS = 100_000
-WALKS, STEPS, STEP = 200, 100, 1e-4
+WALKS, WALK_STEPS, WALK_STEP = 200, 100, 1e-4
 """Straight walks in each pose, steps of each, and metres of one."""
 OFF_SKIN = 0.002
 """Metres off the skin at which a point may lie in another limb."""
@@ -210,7 +210,7 @@ def steps_of(choice: Choice, pose: Pose, count: int, rng: np.random.Generator) -
     begin = surface_points(choice.field.template, pose.template, WALKS, rng)
     begin = begin + 0.01 * torch.as_tensor(rng.normal(size=begin.shape), dtype=begin.dtype)
     way = torch.nn.functional.normalize(torch.as_tensor(rng.normal(size=begin.shape), dtype=begin.dtype), dim=-1)
-    path = begin[:, None] + STEP * torch.arange(STEPS)[:, None] * way[:, None]
+    path = begin[:, None] + WALK_STEP * torch.arange(WALK_STEPS)[:, None] * way[:, None]
     rest = choice.rest_position(pose, path.reshape(-1, 3)).reshape(path.shape)
     return np.asarray(1000 * (rest[:, 1:] - rest[:, :-1]).norm(dim=-1).amax(1).numpy())
 

@@ -10,7 +10,6 @@ import argparse
 import ctypes
 import json
 import statistics
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +24,8 @@ from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.limits import random_signals
 
-COARSE = RenderSettings(voxel=0.04, part_voxel=0.0125)
-SETTINGS = (COARSE, replace(COARSE, bricks=2))
+SETTINGS = tuple(RenderSettings(voxel=0.04, part_voxel=0.0125, bricks=bricks) for bricks in (0, 2))
+"""Of every other frame."""
 PAGE = 4096
 """Bytes of a page: Linux on x86-64, the machine of the figures."""
 
