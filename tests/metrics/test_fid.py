@@ -5,8 +5,7 @@ import pytest
 import torch
 
 from avatarrex.errors import InputError
-from avatarrex.metrics.fid import frechet_distance
-from avatarrex.metrics.inception import INCEPTION_FILE, Inception, load_inception
+from avatarrex.metrics.fid import INCEPTION_FILE, Inception, frechet_distance, load_inception
 
 
 def frechet_reference(mean_a: np.ndarray, cov_a: np.ndarray, mean_b: np.ndarray, cov_b: np.ndarray) -> float:
