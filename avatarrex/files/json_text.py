@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import read_text
+from avatarrex.files.gate import read_text, write_text
 
 JSON_BYTES = 2**28
 """Bytes of a file: a motion of as many values as are allowed."""
@@ -31,6 +31,11 @@ _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"|[\[\]{}]', re.DOTALL)
 def read_json(path: str | Path, expected: str = "a JSON file", largest: int = JSON_BYTES) -> Any:
     """What a JSON file contains. Raises `InputError`."""
     return parse_json(read_text(path, expected, largest=largest), path, "", expected)
+
+
+def write_json(path: str | Path, data: object) -> None:
+    """Figures as a JSON file, whole or not at all. Raises `InputError` where it cannot be written, `ValueError` for NaN."""
+    write_text(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def parse_json(text: str, source: object, field: str = "", expected: str = "JSON") -> Any:

@@ -13,7 +13,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, check
 from avatarrex.files.gate import what_is
 from avatarrex.files.tensors import read_safetensors, read_torch
 
@@ -54,14 +54,12 @@ def fill(network: nn.Module, tensors: Mapping[str, Tensor], source: Path) -> Non
     for name, value in own.items():
         if name.endswith("num_batches_tracked"):
             continue
-        if name not in tensors:
-            raise InputError(source, name, f"shape {tuple(value.shape)}", "no such tensor")
-        found = tensors[name]
-        if found.shape != value.shape or not torch.isfinite(found).all():
-            raise InputError(source, name, f"{tuple(value.shape)} finite numbers", tuple(found.shape))
+        check(name in tensors, source, name, f"shape {tuple(value.shape)}", "no such tensor")
+        found, shape = tensors[name], tuple(value.shape)
+        fits = found.shape == shape and torch.isfinite(found).all()
+        check(fits, source, name, f"{shape} finite numbers", tuple(found.shape))
         largest = float(found.abs().max()) if found.numel() else 0.0
-        if largest > LARGEST_WEIGHT:
-            raise InputError(source, name, f"numbers up to {LARGEST_WEIGHT:g}", f"{largest:.4g}")
+        check(largest <= LARGEST_WEIGHT, source, name, f"numbers up to {LARGEST_WEIGHT:g}", f"{largest:.4g}")
         own[name] = found.to(value.dtype)
     network.load_state_dict(own)
     network.requires_grad_(False).eval()

@@ -93,6 +93,13 @@ class TemplateModel:
         """Unit normals of the rest pose."""
         return vertex_normals(self.v_template.detach(), self.faces)
 
+    def skin_faces(self) -> Int[Tensor, "g 3"]:
+        """The faces of the outer skin, which is closed: no eyeballs, teeth, tongue."""
+        inner = torch.zeros(len(self.v_template), dtype=torch.bool)
+        for name, vertices in self.groups.items():
+            inner[vertices] |= name != "body"
+        return self.faces[~inner[self.faces].any(1)]
+
     @cached_property
     def _last_shape(self) -> dict[bytes, tuple[Tensor, Tensor]]:
         """The shaped vertices and joints of the last shape."""

@@ -15,10 +15,9 @@ from avatarrex.fields.hand import HandField
 from avatarrex.measure.stress import driving, poison
 from avatarrex.measure.stress import run as runs
 from avatarrex.measure.stress.case import Entry, Kind, examine, from_json, to_json
-from avatarrex.measure.stress.findings import Finding, Findings
+from avatarrex.measure.stress.findings import Finding, Findings, Tally
 from avatarrex.measure.stress.run import KINDS, make, outcome, plan
 from avatarrex.measure.stress.shrink import shrink
-from avatarrex.measure.stress.tally import Tally
 from avatarrex.signals.limits import random_signals
 
 

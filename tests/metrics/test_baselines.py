@@ -18,9 +18,7 @@ def gathered():
     for number, signals in enumerate(poses(2)):
         for azimuth in (20, 140, 260):
             camera = Camera.orbit(azimuth + 60 * number, 5, 2.6, 40, (0, -0.1, 0), 320, 320)
-            image = drawer.draw(signals, camera).image.numpy()
-            colour = np.rint(255 * image[..., :3] / np.maximum(image[..., 3:], 1e-6)).astype(np.uint8)
-            seen.append(Observation(signals, camera, colour, np.rint(255 * image[..., 3]).astype(np.uint8)))
+            seen.append(Observation.of(signals, camera, drawer.draw(signals, camera).image.numpy()))
     return drawer, seen, baselines(mesh.person, seen)
 
 

@@ -25,9 +25,9 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.frame import Frame
 from avatarrex.levels import LEVELS
-from avatarrex.measure.bench.clock import Times, interleaved, timed
+from avatarrex.measure.bench.contest import Times, interleaved, timed
 from avatarrex.measure.bench.session import Bench
-from avatarrex.measure.table import printed
+from avatarrex.metrics.table import printed
 from avatarrex.pipeline import render_frame
 from avatarrex.pointmap.point_map import PointMap
 from avatarrex.pointmap.polish import polish
