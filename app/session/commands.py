@@ -6,8 +6,8 @@ radians for joints; metres.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from avatarrex_studio.session import posing
@@ -20,12 +20,31 @@ from avatarrex.signals.limits import random_signals
 
 
 @dataclass(frozen=True)
-class Command(ABC):
+class Command:
     """A user action."""
 
-    @abstractmethod
     def apply(self, state: StudioState) -> StudioState:
-        """The state after this command. Raises `InputError` for a value that cannot be set."""
+        """The state after this command: its fields set, unless it has a rule of its own. Raises `InputError` for a value
+        that cannot be set.
+        """
+        return state.change(**vars(self))
+
+    def to_json(self) -> dict[str, Any]:
+        """Its name and fields, plain values."""
+        content = {key: value.to_json() if isinstance(value, Signals) else value for key, value in vars(self).items()}
+        return {"command": type(self).__name__, **content}
+
+    @staticmethod
+    def from_json(data: Any, source: str = "session") -> Command:
+        """The command that `to_json` wrote. Raises `InputError`."""
+        name = data.get("command") if isinstance(data, dict) else None
+        if name not in KINDS:
+            raise InputError(source, "command", "the name of a command", name)
+        content = {key: _read(key, value, source) for key, value in data.items() if key != "command"}
+        try:
+            return KINDS[name](**content)
+        except TypeError as error:
+            raise InputError(source, name, "the fields of that command", error) from None
 
 
 class Setting(Command):
@@ -106,9 +125,6 @@ class SetSignals(Setting):
     """All signals at once: a pasted pose, a file."""
 
     signals: Signals
-
-    def apply(self, state: StudioState) -> StudioState:
-        return state.change(signals=self.signals)
 
 
 @dataclass(frozen=True)
@@ -243,16 +259,10 @@ class SetLevel(Setting):
 
     level: str
 
-    def apply(self, state: StudioState) -> StudioState:
-        return state.change(level=self.level)
-
 
 @dataclass(frozen=True)
 class OpenAvatar(Command):
     avatar: str
-
-    def apply(self, state: StudioState) -> StudioState:
-        return state.change(avatar=self.avatar)
 
 
 @dataclass(frozen=True)
@@ -286,3 +296,15 @@ class SetFrame(Setting):
 class CloseMotion(Command):
     def apply(self, state: StudioState) -> StudioState:
         return state.change(motion=None)
+
+
+KINDS: dict[str, type[Command]] = {
+    kind.__name__: kind for kind in (*Command.__subclasses__(), *Setting.__subclasses__()) if kind is not Setting
+}
+"""Commands by name."""
+
+
+def _read(key: str, value: Any, source: str) -> Any:
+    if key == "signals":
+        return Signals.from_json(value, source)
+    return tuple(value) if isinstance(value, list) else value

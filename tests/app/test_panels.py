@@ -6,7 +6,7 @@ import math
 
 import pytest
 from avatarrex_studio.panels import camera, keys, performance, render, scene
-from avatarrex_studio.panels.face import FacePanel
+from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.joints import body_panel, hand_panel
 from avatarrex_studio.panels.poses import PosesPanel
 from avatarrex_studio.panels.timeline import TimelinePanel
@@ -38,10 +38,10 @@ class Screen:
         imgui.set_next_window_pos(imgui.ImVec2(0, 0))
         imgui.set_next_window_size(imgui.ImVec2(400, 3000))
         imgui.begin("panel", None, imgui.WindowFlags_.no_decoration)
-        commands = draw()
+        commands = list(draw() or ())
         imgui.end()
         imgui.render()
-        return commands or []
+        return commands
 
     def drag(self, draw, start, end, button=0):
         """Press at `start`, move to `end`, release; all the commands."""
@@ -81,7 +81,7 @@ def test_every_joint_and_coefficient_has_its_slider(monkeypatch, screen):
         return real(label, *arguments)
 
     monkeypatch.setattr(imgui, "slider_float", spy)
-    for panel in (body_panel(), hand_panel("left"), hand_panel("right"), FacePanel()):
+    for panel in (body_panel(), hand_panel("left"), hand_panel("right"), face_panel()):
         screen.frame(lambda panel=panel: panel.draw(state))
     joints = [f"{name}.{axis}" for name in JOINT_NAMES for axis in "xyz"]
     assert sorted(ids) == sorted([*joints, *EXPRESSION_NAMES, *(f"translation.{axis}" for axis in "xyz")])
@@ -97,7 +97,7 @@ def test_a_slider_that_is_dragged_sets_its_joint_in_radians(screen):
 
 
 def test_a_double_click_resets_a_slider(screen):
-    panel = FacePanel()
+    panel = face_panel()
     panel.search = "jaw open"
     state = SetExpression("jawOpen", 0.7).apply(StudioState())
     commands = find(screen, lambda: panel.draw(state), lambda command: isinstance(command, SetExpression))
