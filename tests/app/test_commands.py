@@ -144,7 +144,7 @@ def test_a_bad_session_is_refused(step):
         Journal.from_json(data)
 
 
-def test_limits_hold_a_joint_and_can_be_lifted():
+def test_limits_keep_a_joint_and_can_be_lifted():
     high = LIMITS[posing.joint_index("left_knee"), 0, 1]
     state = commands.SetJoint("left_knee", (9.0, 0.0, 0.0)).apply(StudioState())
     assert posing.joint(state.signals, "left_knee")[0] == high
