@@ -7,7 +7,7 @@ radians for joints; metres.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, dataclass_transform
 
 import numpy as np
 from avatarrex_studio.session import posing
@@ -19,9 +19,12 @@ from avatarrex.signals.library import mirror, named_expression, named_hand, name
 from avatarrex.signals.limits import random_signals
 
 
-@dataclass(frozen=True)
+@dataclass_transform(frozen_default=True)
 class Command:
-    """A user action."""
+    """A user action; every kind of it is a frozen dataclass."""
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True)(cls)
 
     def apply(self, state: StudioState) -> StudioState:
         """The state after this command: its fields set, unless it has a rule of its own. Raises `InputError` for a value
@@ -51,7 +54,6 @@ class Setting(Command):
     """Of several in one gesture the last alone decides."""
 
 
-@dataclass(frozen=True)
 class SetJoint(Setting):
     joint: str
     rotation: Vector
@@ -60,7 +62,6 @@ class SetJoint(Setting):
         return state.change(signals=posing.set_joint(state.signals, self.joint, self.rotation, state.limit_joints))
 
 
-@dataclass(frozen=True)
 class SetTranslation(Setting):
     translation: Vector
 
@@ -68,7 +69,6 @@ class SetTranslation(Setting):
         return state.pose(translation=np.array(self.translation))
 
 
-@dataclass(frozen=True)
 class SetExpression(Setting):
     name: str
     value: float
@@ -78,7 +78,6 @@ class SetExpression(Setting):
         return state.change(signals=posing.set_expression(state.signals, self.name, value))
 
 
-@dataclass(frozen=True)
 class SetShape(Setting):
     index: int
     value: float
@@ -91,7 +90,6 @@ class SetShape(Setting):
         return state.pose(shape=shape)
 
 
-@dataclass(frozen=True)
 class SetHandPose(Command):
     side: str
     name: str
@@ -102,7 +100,6 @@ class SetHandPose(Command):
         return state.pose(**{f"{self.side}_hand_pose": named_hand(self.name, self.side)})
 
 
-@dataclass(frozen=True)
 class ApplyPose(Command):
     """A named body pose; hands and face stay."""
 
@@ -112,7 +109,6 @@ class ApplyPose(Command):
         return state.pose(body_pose=named_pose(self.name))
 
 
-@dataclass(frozen=True)
 class ApplyExpression(Command):
     name: str
 
@@ -120,14 +116,12 @@ class ApplyExpression(Command):
         return state.pose(expression=named_expression(self.name))
 
 
-@dataclass(frozen=True)
 class SetSignals(Setting):
     """All signals at once: a pasted pose, a file."""
 
     signals: Signals
 
 
-@dataclass(frozen=True)
 class Randomise(Command):
     """A group within `strength` times its limits, drawn from `seed`."""
 
@@ -140,7 +134,6 @@ class Randomise(Command):
         return state.change(signals=posing.copy_group(state.signals, drawn, self.group))
 
 
-@dataclass(frozen=True)
 class Mirror(Command):
     """Left and right exchanged; the place stays."""
 
@@ -148,7 +141,6 @@ class Mirror(Command):
         return state.change(signals=mirror(state.signals).replace(translation=state.signals.translation))
 
 
-@dataclass(frozen=True)
 class Reset(Command):
     """Pose, hands, face, shape and place at rest."""
 
@@ -156,7 +148,6 @@ class Reset(Command):
         return state.change(signals=Signals.rest())
 
 
-@dataclass(frozen=True)
 class ResetGroup(Command):
     group: str
 
@@ -164,7 +155,6 @@ class ResetGroup(Command):
         return state.change(signals=posing.reset(state.signals, self.group))
 
 
-@dataclass(frozen=True)
 class SetLimits(Setting):
     limited: bool
 
@@ -172,7 +162,6 @@ class SetLimits(Setting):
         return state.change(limit_joints=self.limited)
 
 
-@dataclass(frozen=True)
 class OrbitBy(Command):
     azimuth: float
     elevation: float
@@ -183,7 +172,6 @@ class OrbitBy(Command):
         return state.change(view=replace(state.view, azimuth=azimuth, elevation=elevation))
 
 
-@dataclass(frozen=True)
 class PanBy(Command):
     """Moves the target in the image plane, in shares of the view's height: right, up."""
 
@@ -199,7 +187,6 @@ class PanBy(Command):
         return state.change(view=view.moved(height * (self.right * right + self.up * up)))
 
 
-@dataclass(frozen=True)
 class ZoomBy(Command):
     """Multiplies the distance."""
 
@@ -210,7 +197,6 @@ class ZoomBy(Command):
         return state.change(view=replace(state.view, distance=distance))
 
 
-@dataclass(frozen=True)
 class SetCamera(Command):
     """The named entries of the view; None keeps one."""
 
@@ -226,7 +212,6 @@ class SetCamera(Command):
         return state.change(view=replace(state.view, **named))
 
 
-@dataclass(frozen=True)
 class SetBackground(Setting):
     colour: Colour
 
@@ -234,7 +219,6 @@ class SetBackground(Setting):
         return state.change(background=self.colour)
 
 
-@dataclass(frozen=True)
 class SetSize(Setting):
     scale: float = 1.0
     fixed: tuple[int, int] | None = None
@@ -243,7 +227,6 @@ class SetSize(Setting):
         return state.change(size=SizePolicy(self.scale, self.fixed))
 
 
-@dataclass(frozen=True)
 class SetHidden(Command):
     part: str
     hidden: bool
@@ -253,19 +236,16 @@ class SetHidden(Command):
         return state.change(hidden=state.hidden | part if self.hidden else state.hidden - part)
 
 
-@dataclass(frozen=True)
 class SetLevel(Setting):
     """Run time against error: one of `state.LEVELS`."""
 
     level: str
 
 
-@dataclass(frozen=True)
 class OpenAvatar(Command):
     avatar: str
 
 
-@dataclass(frozen=True)
 class LoadMotion(Command):
     """A motion was read; `signals` are its first frame's."""
 
@@ -279,7 +259,6 @@ class LoadMotion(Command):
         return state.play(MotionState(self.path, self.name, self.frames, self.fps), self.signals)
 
 
-@dataclass(frozen=True)
 class SetFrame(Setting):
     """The motion goes to `frame`, with that frame's `signals`: a journal needs no motion file."""
 
@@ -292,7 +271,6 @@ class SetFrame(Setting):
         return state.play(replace(state.motion, frame=self.frame), self.signals)
 
 
-@dataclass(frozen=True)
 class CloseMotion(Command):
     def apply(self, state: StudioState) -> StudioState:
         return state.change(motion=None)
