@@ -11,7 +11,7 @@ from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.state import OrbitView, StudioState
 from imgui_bundle import imgui
 
-VIEWS = {
+VIEW_BUTTONS = {
     "view.front": "Front", "view.right": "Right", "view.top": "Top", "view.back": "Back", "view.left": "Left",
     "view.home": "Person", "view.face": "Face",
 }  # fmt: skip
@@ -29,7 +29,7 @@ REST = OrbitView()
 
 def draw(state: StudioState) -> Iterator[Command | Action]:
     """Draw the panel; the commands of this frame, and the action of a view that was pressed."""
-    if pressed := widgets.button_grid(VIEWS, 62):
+    if pressed := widgets.button_grid(VIEW_BUTTONS, 62):
         yield action(pressed)
     imgui.spacing()
     for name, (title, bounds, form) in ENTRIES.items():

@@ -16,7 +16,7 @@ from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
 from avatarrex.templates.parts import PARTS
 
 SIDES = {"both": ("left", "right"), "left": ("left",), "right": ("right",)}
-GROUPS = {**{name: words(name).capitalize() for name in ("body", *PARTS)}, "all": "Everything"}
+RANDOM_GROUPS = {**{name: words(name).capitalize() for name in ("body", *PARTS)}, "all": "Everything"}
 """What can be random."""
 
 
@@ -55,7 +55,7 @@ class PosesPanel:
         widgets.label("Strength", 84)
         new = widgets.slider("strength", 100 * self.strength, (5, 100), "%.0f %%", rest=50)
         self.strength = self.strength if new is None else new / 100
-        if group := widgets.button_grid(GROUPS, 92, "random."):
+        if group := widgets.button_grid(RANDOM_GROUPS, 92, "random."):
             yield Randomise(group, self.strength, secrets.randbits(31))
 
 

@@ -10,7 +10,7 @@ from avatarrex_studio.session.state import BACKGROUND, Colour, SizePolicy, Studi
 from imgui_bundle import imgui
 
 LABEL = 90.0
-SIZES = {
+POLICIES = {
     "Viewport": SizePolicy(),
     "Viewport, half": SizePolicy(scale=0.5),
     "Viewport, double": SizePolicy(scale=2.0),
@@ -31,9 +31,9 @@ BACKGROUNDS: dict[str, Colour] = {
 def draw(state: StudioState) -> Iterator[Command]:
     """Draw the panel; the commands of this frame."""
     widgets.label("Size", LABEL)
-    current = next((title for title, policy in SIZES.items() if policy == state.size), "Other")
-    if size := widgets.choice("##size", SIZES, current, current):
-        yield SetSize(SIZES[size].scale, SIZES[size].fixed)
+    current = next((title for title, policy in POLICIES.items() if policy == state.size), "Other")
+    if size := widgets.choice("##size", POLICIES, current, current):
+        yield SetSize(POLICIES[size].scale, POLICIES[size].fixed)
     widgets.label("Background", LABEL)
     moved, colour = imgui.color_edit3("##background", list(state.background[:3]), imgui.ColorEditFlags_.display_hex)
     if moved:

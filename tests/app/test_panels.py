@@ -14,7 +14,8 @@ from avatarrex_studio.panels.viewport import ViewportPanel
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.actions import ACTIONS
 from avatarrex_studio.session.commands import OrbitBy, PanBy, ResetGroup, SetExpression, SetJoint, ZoomBy
-from avatarrex_studio.session.state import StudioState
+from avatarrex_studio.session.state import LEVELS, StudioState
+from avatarrex_studio.window.window import Window
 from imgui_bundle import imgui
 
 from avatarrex.reference.level_errors import LevelError
@@ -175,6 +176,14 @@ def test_a_changed_group_offers_its_reset(screen, monkeypatch):
     panel = body_panel()
     assert screen.frame(lambda: panel.draw(state)) == [ResetGroup("left_elbow")]
     assert not posing.changed(ResetGroup("left_elbow").apply(state).signals, "all")
+
+
+def test_every_level_has_its_words():
+    assert tuple(performance.LEVEL_TEXT) == LEVELS
+
+
+def test_every_effect_is_one_of_the_window(studio, tmp_path):
+    assert {entry.effect for entry in ACTIONS if entry.effect} == set(Window(studio, tmp_path)._effects)
 
 
 def test_every_shortcut_is_a_key_of_the_toolkit():
