@@ -12,6 +12,8 @@ from tqdm import tqdm
 import avatarrex as ax
 from avatarrex.files.images import composite, video_writer
 
+if not sys.argv[1:] or any(word.startswith("-") for word in sys.argv[1:]):
+    sys.exit(__doc__)
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 384
 if len(sys.argv) > 3:
     motion = ax.read_motion(sys.argv[3])

@@ -55,7 +55,7 @@ def walk(tmp_path):
 
 
 @pytest.mark.parametrize("artists", [1, 2])
-def test_pages_hold_what_they_promise(artists):
+def test_pages_show_what_they_promise(artists):
     person = load_person()
     body, face, hands = (make(person, artists) for make in (body_page, face_page, hands_page))
     assert [page.pictures for page in (body, face, hands)] == [10 * artists, 16 * artists, 12 * artists]
@@ -225,7 +225,7 @@ def test_floaters_are_told_and_written(monkeypatch, tmp_path, capsys):
     assert all(np.isfinite(lump["place"]).all() for lump in entry["lumps"])
 
 
-def test_frames_unless_asked_for():
+def test_frames_unless_named():
     arguments = cli.parse(["sheet", "default", "/tmp/nowhere"])
     assert read_order(arguments).only == ("body", "face", "hands", "floaters"), "no motion sheet without a motion"
 

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from avatarrex_studio.cli.inspection import describe
+from avatarrex_studio.cli.inspect import describe
 from avatarrex_studio.jobs.runs import Runs
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import StudioState

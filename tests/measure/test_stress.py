@@ -1,4 +1,4 @@
-"""Stress: its cases hold, a defect is found, shrunk to what it needs, written, and fails again from the file."""
+"""Stress: its cases pass, a defect is found, shrunk to what it needs, written, and fails again from the file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def failed(findings: list[Finding]) -> list[str]:
     ("kind", "numbers"),
     [("points", range(7)), ("picture", (1, 2)), ("mesh", (6, 8)), ("rays", (0, 1)), ("agreement", (5, 6))],
 )
-def test_cases_of_every_kind_hold(kind: str, numbers: range) -> None:
+def test_cases_of_every_kind_pass(kind: str, numbers: range) -> None:
     """Every family of signals, three cameras, the two meshes that were inside out."""
     for number in numbers:
         assert failed(outcome((kind, number, 0)).findings) == []

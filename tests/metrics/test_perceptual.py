@@ -76,7 +76,7 @@ def test_the_heads_weigh_squared_differences_of_unit_features(files):
     torch.testing.assert_close(lpips(a, b), expected, rtol=1e-4, atol=1e-7)
 
 
-def test_a_mask_hears_only_its_half(files):
+def test_a_mask_sees_only_its_half(files):
     lpips = load_lpips(files / VGG_FILE, files / "vgg.pth")
     a = noise(1, 128)
     b = a.clone()

@@ -53,7 +53,7 @@ def near_surface(built: tuple[AvatarVolume, ComposedField], count: int = 3000) -
     return points[chosen].float()
 
 
-def test_voxels_hold_the_field(built: tuple[AvatarVolume, ComposedField]) -> None:
+def test_voxels_store_the_field(built: tuple[AvatarVolume, ComposedField]) -> None:
     volume, field = built
     points = near_surface(built)
     outside = torch.stack([part.apart(part.local(points)) > 0.05 for part in field.parts]).all(0)
@@ -79,7 +79,7 @@ def test_hands_on_hips_are_split_as_the_volume_does(built: tuple[AvatarVolume, C
 
 
 def test_nothing_jumps_at_the_faces_of_a_hands_box(avatar: Avatar) -> None:
-    """Cloth beneath a fist: inside the box the limbs are told apart, outside the whole body is one field."""
+    """Cloth beneath a fist: inside the box the limbs are split, outside the whole body is one field."""
     field = of_a_fist(avatar)
     hand = next(part for part in field.parts if part.name == "left_hand")
     noise = torch.Generator().manual_seed(4)

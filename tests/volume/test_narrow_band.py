@@ -46,10 +46,10 @@ def test_corners_of_crossed_cells_are_listed() -> None:
 
 @pytest.mark.parametrize("error", [0.0, 0.04, 0.12])
 def test_a_wrong_guess_is_followed_to_the_surface(error: float) -> None:
-    true, asked = everywhere(LATTICE), []
+    true, queried = everywhere(LATTICE), []
 
     def evaluate(index: np.ndarray) -> np.ndarray:
-        asked.append(index)
+        queried.append(index)
         return true.reshape(-1)[index]
 
     guess = true + np.float32(error) * np.sin(40 * true)
@@ -58,11 +58,11 @@ def test_a_wrong_guess_is_followed_to_the_surface(error: float) -> None:
     corners = crossed(true < 0)
     assert np.array_equal(sdf < 0, true < 0)
     assert np.array_equal(sdf.reshape(-1)[corners], true.reshape(-1)[corners])
-    listed = np.concatenate(asked)
+    listed = np.concatenate(queried)
     assert len(np.unique(listed)) == len(listed) < true.size
 
 
-def test_known_voxels_are_not_asked() -> None:
+def test_known_voxels_are_not_queried() -> None:
     true = everywhere(LATTICE)
     known = np.zeros(true.shape, dtype=bool)
     known[:10] = True
