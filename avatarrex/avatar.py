@@ -49,6 +49,8 @@ class Avatar:
     meta: dict[str, Any] = field(default_factory=dict)
     device: str = "cpu"
     """Where the networks run."""
+    versions: dict[str, int] = field(default_factory=dict)
+    """Of the fields of `body` and of parts, by name: a volume of another version is not reused. 0 unless said."""
 
     @classmethod
     def create(cls, person: Person, preset: str, seed: int = 0, local_frame: str = "turned") -> Avatar:
@@ -71,7 +73,7 @@ class Avatar:
             module.requires_grad_(False).eval()
         return avatar
 
-    @property
+    @cached_property
     def parts(self) -> dict[str, Part[Any]]:
         """Hands and face with their templates and fields, in the order of `PARTS`."""
         hands = {name: Hand.of(name, self.hand(name), self.light) for name in HANDS}

@@ -2,7 +2,7 @@
 
 Geometry and colour have separate networks. Everything lives in the head frame, metres, and depends on ψ, jaw, eyes (and
 shape) alone, through the renders. Letters: v vertices, p points, c channels, h w texels; planes in the order of
-`orthographic.VIEWS`: front, left, right.
+`orthographic.VIEW_NAMES`: front, left, right.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from avatarrex.templates.mesh import vertex_normals
 
 SCALE = 0.12
 """Metres: a hand with its stub spans less than ±2 of this, where γ clamps; its shortest wavelength is 2.4 cm."""
-LIFT = 1e-4
+TEST_HEIGHT = 1e-4
 """Metres over the skin at which a test decides whether it is buried."""
 TEST_SPACING = 0.006
 """Metres between tested places on a face, half of that on most: less than half a finger tip."""
@@ -86,7 +86,7 @@ class HandSurface:
         )
         if impl == "reference":
             return replace(surface, buried=torch.ones(len(faces), dtype=torch.bool))
-        corner = surface.wrapped(faces, exact + LIFT * normalize(outward.vertex, dim=-1))
+        corner = surface.wrapped(faces, exact + TEST_HEIGHT * normalize(outward.vertex, dim=-1))
         corner[faces[corner[faces].any(-1)]] = True
         buried = corner[faces].any(-1) | surface._pierced(faces, exact[faces], normalize(outward.face, dim=-1))
         return replace(surface, buried=buried) if buried.any() else surface
@@ -101,7 +101,7 @@ class HandSurface:
         for count in steps.unique().tolist():
             rows = torch.nonzero(steps == count)[:, 0]
             place = _between(count).to(corners) @ corners[rows]
-            lift = LIFT * normal[rows, None]
+            lift = TEST_HEIGHT * normal[rows, None]
             outside, inside = (self.wrapped(faces, (place + way).reshape(-1, 3)) for way in (lift, -lift))
             found[rows] = (outside | ~inside).view(len(rows), -1).any(1)
         return found

@@ -14,6 +14,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.metrics.drawing import Drawing
+from avatarrex.parts.face import face_state
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres
 from avatarrex.settings import RenderSettings
 from avatarrex.shading.colour import SurfaceColour
@@ -103,5 +104,5 @@ class VolumeDrawer:
     def _field(self, frame: TrainingFrame) -> TrainedField:
         if self.part == "body":
             return TrainedBody(self.avatar, frame, frame.volume.body_frame)
-        driven = frame.volume.parts["face"].state.driven
+        driven = face_state(frame.volume.states).driven
         return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(driven))

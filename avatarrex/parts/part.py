@@ -29,7 +29,13 @@ from avatarrex.counters import Counters
 CLAMP = 0.051
 """Metres: beyond the deepest value that the composition needs (paper eq. 13), however half precision rounds it."""
 Impl = Literal["auto", "reference"]
-State = TypeVar("State")
+
+
+class PartState:
+    """What a part prepared for one driving signal."""
+
+
+State = TypeVar("State", bound=PartState)
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ def avatar() -> Avatar:
 def built(avatar: Avatar) -> tuple[AvatarVolume, ComposedField]:
     posed = pose_person(avatar.person, HIP, Counters(), None)
     volume = build_volume(avatar, posed, SETTINGS, Counters(), None)
-    return volume, composed_field(avatar, posed, volume, Counters())
+    return volume, composed_field(avatar, posed, volume.body, volume.states, Counters())
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ def of_a_fist(avatar: Avatar) -> ComposedField:
     fist = {f"{side}_hand_pose": named_hand("fist", side) for side in ("left", "right")}
     posed = pose_person(avatar.person, HIP.replace(**fist), Counters(), None)
     volume = build_volume(avatar, posed, SETTINGS, Counters(), None)
-    return composed_field(avatar, posed, volume, Counters())
+    return composed_field(avatar, posed, volume.body, volume.states, Counters())
 
 
 def from_part(part: PlacedPart, local: torch.Tensor) -> torch.Tensor:
