@@ -49,7 +49,7 @@ class SurfaceColour:
         self,
         position: Float[Tensor, "p 3"],
         direction: Float[Tensor, "p 3"],
-        weight: Float[Tensor, "p 3"],
+        weight: Float[Tensor, "p k"],
         side: Int[Tensor, " p"] | None = None,
     ) -> Float[Tensor, "p 3"]:
         """Colours of points seen along unit `direction` (from the eye), with the parts' shares `weight`.
