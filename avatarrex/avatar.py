@@ -111,11 +111,6 @@ class Avatar:
         """Parts that were never trained: they are not drawn. In the face's place the body's field shows; hands are missing."""
         return frozenset(self.meta.get("untrained", ()))
 
-    @cached_property
-    def hand_weight(self) -> Tensor:
-        """Painted ω of either hand on the body template, (v,)."""
-        return self.person.hand_weight
-
     def measure_clothing_offset(self) -> None:
         """Let the body field find how far its surface stands off the template; after every change of its weights."""
         posed = pose_person(self.person, Signals.rest(), Counters(), None)

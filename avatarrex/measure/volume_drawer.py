@@ -99,7 +99,7 @@ class VolumeDrawer:
 
     def _frame(self, posed: PosedPerson, volume: AvatarVolume, world_from_root: np.ndarray) -> TrainingFrame:
         decode_face(self.avatar, volume)
-        return TrainingFrame(0, posed, world_from_root, volume.skin, volume, 0)
+        return TrainingFrame(0, posed, world_from_root, volume, 0)
 
     def _field(self, frame: TrainingFrame) -> TrainedField:
         if self.part == "body":

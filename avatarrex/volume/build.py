@@ -157,7 +157,7 @@ def template_distance(
     `skin`: vertices and normals (v, 3) in place of those of `posed`; `near`: the distance of another pose, whose tree is moved.
     """
     vertices, normals = skin or template_skin(avatar, posed)
-    painted = avatar.hand_weight.double().numpy(), avatar.body.clothing_offset.double().numpy()
+    painted = avatar.person.hand_weight.double().numpy(), avatar.body.clothing_offset.double().numpy()
     return TemplateDistance.of(vertices, normals, *painted, closed=True, tree=near.closest if near else None)
 
 

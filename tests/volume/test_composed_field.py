@@ -166,7 +166,7 @@ def test_cloth_beneath_a_hand_maps_to_the_trunk_at_rest(avatar: Avatar) -> None:
     posed = pose_person(avatar.person, HIP, Counters(), None)
     aim = tuple(map(float, posed.body.joints[20]))
     seen = render_frame(avatar, HIP, Camera.orbit(60, 10, 0.5, 28, aim, 96, 96)).pointmap
-    hand = (avatar.hand_weight == 1).numpy()
+    hand = (avatar.person.hand_weight == 1).numpy()
     beside = cKDTree(posed.body.vertices.numpy()[hand]).query(seen.position.numpy())[0] < 0.03
     cloth = seen.hit & (seen.part_weight.sum(-1) == 0) & torch.from_numpy(beside)
     samples = body_frame(avatar, posed).samples

@@ -17,12 +17,11 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Rig
 from avatarrex.counters import Counters
-from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.parts.face import Face, face_state
 from avatarrex.parts.part import PartState
 from avatarrex.settings import RenderSettings
 from avatarrex.templates.posed import PosedPerson, pose_person
-from avatarrex.volume.build import AvatarVolume, build_volume, template_distance
+from avatarrex.volume.build import AvatarVolume, build_volume
 
 RENDERED = RenderSettings()
 SAMPLED = RenderSettings(voxel=0.02, part_voxel=0.005)
@@ -38,7 +37,6 @@ class TrainingFrame:
     index: int
     posed: PosedPerson
     world_from_root: np.ndarray
-    skin: TemplateDistance
     volume: AvatarVolume
     age: int
     """Of the fields that the volume was made from."""
@@ -88,15 +86,12 @@ class FrameStore:
         volume = build_volume(avatar, posed, self.settings, Counters(), None)
         if self.trained != "face":
             decode_face(avatar, volume)
-        return TrainingFrame(index, posed, posed.world_from_root(signals), self._skin(posed), volume, self.age)
+        return TrainingFrame(index, posed, posed.world_from_root(signals), volume, self.age)
 
     def _again(self, old: TrainingFrame) -> TrainingFrame:
         """The trained part's volume anew; nothing else has changed."""
         volume = build_volume(self._copy, old.posed, self.settings, Counters(), old.volume)
-        return replace(old, volume=volume, skin=self._skin(old.posed), age=self.age)
-
-    def _skin(self, posed: PosedPerson) -> TemplateDistance:
-        return template_distance(self._copy, posed)
+        return replace(old, volume=volume, age=self.age)
 
 
 @torch.no_grad()
