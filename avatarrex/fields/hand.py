@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from torch.nn.functional import normalize
 
 from avatarrex.fields.composition import BAND
+from avatarrex.fields.local_networks import mlp
 from avatarrex.fields.presets import COORDINATE_OCTAVES, Preset
 from avatarrex.ops.closest_point import Impl, closest_point
 from avatarrex.ops.crossings import winding
@@ -135,10 +136,7 @@ class HandField(nn.Module):
         first, *rest = preset.hand.hidden
         self.of_point = nn.Linear(3 * (1 + 2 * COORDINATE_OCTAVES) + 3 + 1, first)
         self.of_pose = nn.Linear(135, first, bias=False)
-        layers: list[nn.Module] = []
-        for a, b in zip((first, *rest), (*rest, 3)):
-            layers += [nn.ReLU(), nn.Linear(a, b)]
-        self.head = nn.Sequential(*layers)
+        self.head = nn.Sequential(nn.ReLU(), *mlp((first, *rest, 3), "relu"))
 
     def sdf(
         self,
