@@ -109,6 +109,6 @@ class Camera:
         rotation, translation = self.camera_from_world[:3, :3], self.camera_from_world[:3, 3]
         return np.asarray(-rotation.T @ translation)
 
-    def key(self) -> tuple[object, ...]:
+    def key(self) -> tuple[int, int, bytes, bytes]:
         """What a stage that depends on the camera compares."""
         return (self.width, self.height, self.intrinsics.tobytes(), self.camera_from_world.tobytes())

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import moderngl
 from avatarrex_studio.jobs.run_view import RunView, duration, keep_avatar
-from avatarrex_studio.jobs.training_process import TRAINED_PARTS, Order, TrainingProcesses
+from avatarrex_studio.jobs.training_process import Order, TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import curves, theme, widgets
 from avatarrex_studio.panels.run_list import RunList
@@ -22,6 +22,7 @@ from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui, imgui_ctx
 
 from avatarrex.errors import InputError
+from avatarrex.training.recipe import TRAINED
 from avatarrex.training.runs.control import request
 
 log = logging.getLogger(__name__)
@@ -120,7 +121,7 @@ class TrainingPanel:
             yield OpenAvatar(str(keep_avatar(view)))
         elif button == "continue":
             about = view.about
-            parts = about["config"].get("parts") or ([about["part"]] if about.get("part") else TRAINED_PARTS)
+            parts = about["config"].get("parts") or ([about["part"]] if about.get("part") else TRAINED)
             order = Order(str(about.get("capture") or ""), str(about.get("preset")), view.path, list(parts))
             self._start(order, resume=True)
         elif button == "stop":

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from avatarrex_studio.jobs.training_process import TRAINED_PARTS, Order
+from avatarrex_studio.jobs.training_process import Order
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.panels.files import FileDialogs
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
-from avatarrex.training.recipe import RECIPES
+from avatarrex.training.recipe import RECIPES, TRAINED
 
 LABEL = 72.0
 
@@ -20,7 +20,7 @@ class TrainingForm:
     """The form as it is filled in."""
 
     def __init__(self) -> None:
-        self.capture, self.recipe, self.out, self.parts = "", "quick", "", list(TRAINED_PARTS)
+        self.capture, self.recipe, self.out, self.parts = "", "quick", "", list(TRAINED)
         self.files = FileDialogs()
 
     def draw(self, folder: Path) -> Order | None:
@@ -35,10 +35,10 @@ class TrainingForm:
         shown, titles = self.recipe.capitalize(), {name.capitalize(): recipe.about for name, recipe in RECIPES.items()}
         self.recipe = (widgets.choice("##recipe", titles, shown, shown, titles) or shown).lower()
         widgets.label("Parts", LABEL)
-        for name in widgets.in_rows(TRAINED_PARTS, 14):
+        for name in widgets.in_rows(TRAINED, 14):
             toggled, on = imgui.checkbox(f"{name.capitalize()}##part", name in self.parts)
             if toggled:
-                self.parts = [entry for entry in TRAINED_PARTS if (on if entry == name else entry in self.parts)]
+                self.parts = [entry for entry in TRAINED if (on if entry == name else entry in self.parts)]
         widgets.label("Into", LABEL)
         hint = str(folder / time.strftime("%Y-%m-%d"))
         _, self.out = imgui.input_text_with_hint("##out", hint, self.out)

@@ -14,6 +14,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.metrics.drawing import Drawing
+from avatarrex.parts.face import face_state
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres
 from avatarrex.settings import RenderSettings
 from avatarrex.shading.colour import SurfaceColour
@@ -97,7 +98,7 @@ class VolumeDrawer:
 
     def _field(self, posed: PosedPerson, volume: AvatarVolume, world_from_root: np.ndarray) -> TrainedField:
         decode_face(self.avatar, volume)
-        frame = TrainingFrame(0, posed, world_from_root, volume.skin, volume, 0)
+        frame = TrainingFrame(0, posed, world_from_root, volume, 0)
         if self.part == "body":
             return TrainedBody(self.avatar, frame, volume.body_frame)
-        return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(volume.parts["face"].state.driven))
+        return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(face_state(volume.states).driven))

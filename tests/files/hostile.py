@@ -499,12 +499,12 @@ CASES: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path], str]] =
         "a prior's tensors of at most 2048 MiB, found 19073 MiB",
     ),
     "state: 900 deep": (
-        lambda path: StudioState.from_json(path.read_text(), str(path)),
+        lambda path: StudioState.from_json(parse_json(path.read_text(), str(path)), str(path)),
         lambda d: text(d / "s.json", "[" * 900),
         r"s\.json: expected JSON nested at most 64 deep",
     ),
     "state: an endless integer": (
-        lambda path: StudioState.from_json(path.read_text(), str(path)),
+        lambda path: StudioState.from_json(parse_json(path.read_text(), str(path)), str(path)),
         lambda d: text(d / "s.json", f'{{"format": 1, "view": {{"fov": {MANY}}}}}'),
         "camera: fov: expected a number from 1 to 170, found inf",
     ),

@@ -161,6 +161,18 @@ def test_the_shaders_read_the_parts_as_numpy_wrote_them():
     assert LISTS.fields["steps"][1] == 15 * 16
 
 
+@pytest.mark.parametrize("count", [2, 3, 4])
+@pytest.mark.parametrize("name", ["beams", "trace", "exact", "edges", "subrays", "surface", "plain"])
+def test_the_shaders_serve_another_number_of_parts(name, count):
+    if "gl" not in available():
+        pytest.skip("no OpenGL 4.3 here")
+    from avatarrex.pointmap.raycast_gl import gl_caster
+
+    every = 0 if name in ("beams", "edges") else (1 << count) - 1
+    kind = {"PARTS": every, "CONTACTS": int(every > 0), "BRICKS": 1, "FLOAT_FILTER": 0, "ANTIALIAS": 1, "METHOD": 2}
+    gl_caster()._program(name, PART_COUNT=count, CONTACT_UNIT=3 + count, **kind).release()
+
+
 def test_eight_texel_fetches_give_what_a_float_filter_gives(man, monkeypatch):
     """The path of hardware whose filter rounds, tried where it does not."""
     if "gl" not in available():

@@ -117,7 +117,7 @@ def test_the_body_grid_crosses_where_the_whole_shell_does(pose: str) -> None:
     posed = pose_person(avatar.person, Signals.rest().replace(body_pose=named_pose(pose)), Counters(), None)
     frame = body_frame(avatar, posed)
     normals = skinned_normals(avatar.person.body, posed.body)
-    arrays = (posed.body.vertices, normals, avatar.hand_weight, avatar.body.clothing_offset)
+    arrays = (posed.body.vertices, normals, avatar.person.hand_weight, avatar.body.clothing_offset)
     skin = TemplateDistance.of(*(value.double().numpy() for value in arrays), closed=True)
     grid = build_body_grid(BodyWithoutHands(avatar.body, frame, skin, avatar.ownership), 0.02, counters)
     shape = (grid.sdf.shape[0], grid.sdf.shape[1], grid.sdf.shape[2])

@@ -133,7 +133,7 @@ def cost(bench: Bench, options: argparse.Namespace) -> None:
         pointmap = replace(frame.pointmap, coverage=frame.pointmap.coverage * mask)
         for steps in (1, 2):
             counters = Counters()
-            field = composed_field(avatar, frame.posed, volume, counters)
+            field = composed_field(avatar, frame.posed, volume.body, volume.states, counters)
             spent = least(partial(polish, pointmap, field, volume.sdf, view, steps, counters))
             pairs, hits = (counters[key] // REPEATS for key in ("local_mlp_evaluations", "hits_polished"))
             print(f"polish {steps}, {name}: {spent:.0f} ms, {hits} hits, {pairs} local MLPs", flush=True)

@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.fields.code import embedding_loss, kl_loss, node_loss, sample_latent
+from avatarrex.parts.face import face_state
 from avatarrex.pointmap.rays import RayPlane
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.losses import eikonal_loss, mask_loss, rgb_loss, silhouette_loss
@@ -186,7 +187,7 @@ class FacePass(VolumePass):
 
     def field(self, frame: TrainingFrame, noise: torch.Generator) -> tuple[TrainedField, dict[str, Tensor]]:
         """The face, without regularisers."""
-        driven = frame.volume.parts["face"].state.driven
+        driven = face_state(frame.volume.states).driven
         return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(driven)), {}
 
     def window(self, frame: TrainingFrame, view: int) -> Box | None:

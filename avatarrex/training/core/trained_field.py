@@ -71,7 +71,7 @@ class TrainedBody:
 
     def composed(self, position: Float[Tensor, "p 3"]) -> Composed:
         """See `TrainedField`."""
-        body = BodyWithoutHands(self.avatar.body, self.body_frame, self.frame.skin, None)
+        body = BodyWithoutHands(self.avatar.body, self.body_frame, self.frame.volume.skin, None)
         s_body = body.sdf(position, Counters())
         parts = stored_parts(self.frame.volume.sdf, position)
         own = s_body[:, None].expand_as(parts.sdf)

@@ -29,7 +29,7 @@ from avatarrex.training.core.mixed import in_bfloat16
 from avatarrex.training.core.stage import Stage, stages
 from avatarrex.training.core.warm_start import warm_start
 from avatarrex.training.core.work import Work, pass_of
-from avatarrex.training.recipe import PARTS, PassOne, Recipe
+from avatarrex.training.recipe import TRAINED, PassOne, Recipe
 from avatarrex.training.runs.folder import Run
 
 REPORT = 20
@@ -182,7 +182,9 @@ class Trainer:
             "modules": {name: dict(module.state_dict()) for name, module in self.avatar.modules().items()},
             **({} if work is None else work.state()),
         }
-        before = sum(self.recipe.steps()[part] for part in PARTS[: PARTS.index(self.run.part)] if part in self.parts)
+        before = sum(
+            self.recipe.steps()[part] for part in TRAINED[: TRAINED.index(self.run.part)] if part in self.parts
+        )
         self.run.save(before + step, state, avatar=self.avatar, score=score)
 
     def _provenance(self, step: int) -> dict[str, Any]:

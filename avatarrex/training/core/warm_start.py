@@ -22,7 +22,7 @@ from avatarrex.signals.sequence import SignalSequence
 from avatarrex.training.core.losses import distance_loss
 from avatarrex.training.core.supervision import Draw, supervision
 
-FRAMES = 16
+WARM_FRAMES = 16
 RATE = 2e-3
 KNOWN_RATE = 5e-4
 """Where the prior has been loaded: only the person's own shape is left to find."""
@@ -103,7 +103,7 @@ def warm_start(avatar: Avatar, motion: SignalSequence, part: str, steps: int, se
     rate = KNOWN_RATE if load_prior(avatar, part) else RATE
     if part == "face":
         load_prior(avatar, "face_colour")
-    frames = sorted(set(np.linspace(0, len(motion) - 1, FRAMES).round().astype(int).tolist()))
+    frames = sorted(set(np.linspace(0, len(motion) - 1, WARM_FRAMES).round().astype(int).tolist()))
     rng = np.random.default_rng([seed, 17])
     fit = Fit(*supervision(avatar, [motion[index] for index in frames], part, rng))
     errors = [fit.step(rng, rate * 0.05 ** (k / steps)) for k in tqdm(range(steps), desc=f"{part}: warm start")]
