@@ -52,6 +52,8 @@ class Avatar:
     """Where the networks run."""
     surface: Surface | None = None
     """Distilled from the fields; what level `live` draws."""
+    versions: dict[str, int] = field(default_factory=dict)
+    """Of the fields of `body` and of parts, by name: a volume of another version is not reused. 0 unless said."""
 
     @classmethod
     def create(cls, person: Person, preset: str, seed: int = 0, local_frame: str = "turned") -> Avatar:
@@ -74,7 +76,7 @@ class Avatar:
             module.requires_grad_(False).eval()
         return avatar
 
-    @property
+    @cached_property
     def parts(self) -> dict[str, Part[Any]]:
         """Hands and face with their templates and fields, in the order of `PARTS`."""
         hands = {name: Hand.of(name, self.hand(name), self.light) for name in HANDS}
@@ -111,11 +113,6 @@ class Avatar:
     def hidden(self) -> frozenset[str]:
         """Parts that were never trained: they are not drawn. In the face's place the body's field shows; hands are missing."""
         return frozenset(self.meta.get("untrained", ()))
-
-    @cached_property
-    def hand_weight(self) -> Tensor:
-        """Painted ω of either hand on the body template, (v,)."""
-        return self.person.hand_weight
 
     def measure_clothing_offset(self) -> None:
         """Let the body field find how far its surface stands off the template; after every change of its weights."""

@@ -79,10 +79,29 @@ class Camera:
         """The same camera with the root frame as its world, `world_from_root` (4, 4) float64."""
         return Camera(self.intrinsics, self.camera_from_world @ world_from_root, self.width, self.height)
 
+    def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
+        """The part of the view with (left, top) as its top left pixel."""
+        shift = np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
+        return Camera(self.intrinsics - shift, self.camera_from_world, width, height)
+
     def resized(self, width: int, height: int) -> Camera:
         """The same view on another pixel raster, (width, height)."""
         scale = np.diag([width / self.width, height / self.height, 1.0])
         return Camera(scale @ self.intrinsics, self.camera_from_world, width, height)
+
+    def seen(self, points: np.ndarray) -> np.ndarray:
+        """Points (…, 3), world metres, along the camera's axes: x right, y down, z into the picture."""
+        return np.asarray(points @ self.camera_from_world[:3, :3].T + self.camera_from_world[:3, 3])
+
+    def pixels(self, points: np.ndarray, nearest: float = 1e-6) -> tuple[np.ndarray, np.ndarray]:
+        """Where points (…, 3), world metres, are in the picture, (…, 2) column and row in pixels, and their depth z (…), metres.
+
+        What lies nearer than `nearest` metres, or beyond the camera's back, is divided by that depth: a caller that may meet
+        such points looks at their depth.
+        """
+        seen = self.seen(points)
+        depth = seen[..., 2]
+        return (seen @ self.intrinsics.T)[..., :2] / np.maximum(depth, nearest)[..., None], depth
 
     @property
     def centre(self) -> np.ndarray:
@@ -90,6 +109,6 @@ class Camera:
         rotation, translation = self.camera_from_world[:3, :3], self.camera_from_world[:3, 3]
         return np.asarray(-rotation.T @ translation)
 
-    def key(self) -> tuple[object, ...]:
+    def key(self) -> tuple[int, int, bytes, bytes]:
         """What a stage that depends on the camera compares."""
         return (self.width, self.height, self.intrinsics.tobytes(), self.camera_from_world.tobytes())

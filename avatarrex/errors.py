@@ -16,6 +16,12 @@ class InputError(ValueError):
         super().__init__(plain(f"{place}: expected {expected}, found {self.found}"))
 
 
+def check(ok: object, source: object, field: str, expected: str, found: object) -> None:
+    """Raise `InputError` unless `ok`."""
+    if not ok:
+        raise InputError(source, field, expected, found)
+
+
 def _short(text: str) -> str:
     """What was found may be a whole file: its beginning says enough."""
     return text if len(text) <= 300 else text[:300] + "…"

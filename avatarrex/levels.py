@@ -1,15 +1,9 @@
-"""Levels: named trades of run time against error in one pipeline. A level is data, a `RenderSettings`.
+"""Levels: named trades of run time against error in one pipeline. A level is data, a `RenderSettings`, and what `ABOUT` says.
 
-`live` draws the surface that was distilled from the avatar (surface/), for whatever moves; the others draw its field:
+`live` draws the surface that was distilled from the avatar (surface/), for whatever moves; the others draw its field.
 
-| level    | body voxels                     | part voxels | rays                | what it is for              |
-|----------|---------------------------------|-------------|---------------------|-----------------------------|
-| paper    | 2 cm, all that a node reaches   | 5 mm, all   | steps of 5 mm       | comparing; paper sec. 4     |
-| fast     | 2 cm, around the surface        | 5 mm        | exact, one a pixel  | previews; `dragged`: a limb |
-| balanced | 2 cm, around the surface        | 2.5 mm      | exact, antialiased  | what is rendered unless told|
-| fine     | 2 cm, 1 cm where they are seen  | 2.5 mm      | exact, antialiased  | close views that move       |
-| quality  | 2 cm, 5 mm where they are seen  | 2.5 mm      | exact, antialiased  | stills                      |
-
+But for `paper` (sec. 4: every voxel that a node reaches), voxels are evaluated around the surface alone. `fast` is for
+previews (`dragged`: a limb), `balanced` what is rendered unless told, `fine` for close views that move, `quality` for stills.
 The paper's ×4 upsampling of a trilinear grid is the same function as the grid: nothing is upsampled here.
 """
 
@@ -30,7 +24,15 @@ DEFERRED_LEVELS: dict[str, RenderSettings] = {
 """Of the deferred pipeline: the paper's, then from the quickest to the most exact."""
 LEVELS: dict[str, RenderSettings] = {"live": RenderSettings(surface=True), **DEFERRED_LEVELS}
 """All that can be chosen."""
-
+ABOUT = {
+    "live": "the textured mesh distilled from the avatar",
+    "paper": "2 cm body, 5 mm parts, every voxel, steps of 5 mm: to compare with",
+    "fast": "2 cm body, 5 mm hands and face, no antialiasing; a drag may lag by 2 mm",
+    "balanced": "2 cm body, 2.5 mm hands and face, antialiased",
+    "fine": "as balanced, the body at 1 cm where it is seen",
+    "quality": "as balanced, the body at 5 mm where it is seen, every hit put onto the exact field",
+}
+"""What each level trades, in words."""
 
 REUSE_TOLERANCE = 2e-3
 """Metres of `RenderSettings.reuse_tolerance` while somebody drags at `fast`; a picture that stays is exact at every level."""

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 from avatarrex.signals.driving import Signals
+
+DEVICE = re.compile(r"cpu|(cuda|mps|xpu)(:\d{1,2})?")
+"""Words for a device of networks; whether this torch has it is seen once it is loaded (fields/placement.py)."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ import sys
 import avatarrex as ax
 from avatarrex.files.images import composite, write_png
 
+if not sys.argv[1:] or any(word.startswith("-") for word in sys.argv[1:]):
+    sys.exit(__doc__)
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 512
 
 avatar = ax.load("default")  # or a folder, or an .avatar file

@@ -10,8 +10,10 @@ import sys
 from tqdm import tqdm
 
 import avatarrex as ax
-from avatarrex.files.images import VideoWriter, composite
+from avatarrex.files.images import composite, video_writer
 
+if not sys.argv[1:] or any(word.startswith("-") for word in sys.argv[1:]):
+    sys.exit(__doc__)
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 384
 if len(sys.argv) > 3:
     motion = ax.read_motion(sys.argv[3])
@@ -21,10 +23,10 @@ else:
 motion = motion.resample(8.0)  # rotations on their shortest arcs
 
 avatar, frame = ax.load("default"), None
-with VideoWriter(out, size, size, motion.fps) as video:
+with video_writer(out, size, size, motion.fps) as append:
     for signals in tqdm(motion, unit="frame"):
         x, _, z = signals.translation
         camera = ax.Camera.orbit(20, 5, 3.0, target=(x, -0.05, z), width=size, height=size)
         frame = ax.render(avatar, signals, camera, ax.level("fast"), previous=frame)
-        video.write(composite(frame.image, (0.15, 0.16, 0.18, 1.0)))
+        append(composite(frame.image, (0.15, 0.16, 0.18, 1.0)))
 print(f"{out}: {len(motion)} frames, {motion.duration:.1f} s")

@@ -11,6 +11,8 @@ import avatarrex as ax
 from avatarrex.files.images import composite, write_png
 from avatarrex.signals.joints import EXPRESSION_NAMES
 
+if not sys.argv[1:] or any(word.startswith("-") for word in sys.argv[1:]):
+    sys.exit(__doc__)
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 256
 avatar, frame, rows = ax.load("default"), None, []
 stand = ax.Signals.rest().replace(body_pose=ax.named_pose("arms_up"))

@@ -12,6 +12,8 @@ from avatarrex.files.images import composite, write_png
 from avatarrex.levels import DEFERRED_LEVELS
 from avatarrex.reference.level_errors import level_errors
 
+if not sys.argv[1:] or any(word.startswith("-") for word in sys.argv[1:]):
+    sys.exit(__doc__)
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 320
 avatar, signals = ax.load("default"), ax.Signals.rest().replace(body_pose=ax.named_pose("hands_on_hips"))
 camera = ax.Camera.orbit(azimuth_deg=30, elevation_deg=5, distance=1.2, target=(0.05, 0.1, 0), width=size, height=size)

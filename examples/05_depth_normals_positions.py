@@ -10,6 +10,8 @@ import numpy as np
 import avatarrex as ax
 from avatarrex.files.images import write_arrays, write_png
 
+if not sys.argv[1:] or any(word.startswith("-") for word in sys.argv[1:]):
+    sys.exit(__doc__)
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 384
 signals = ax.Signals.rest().replace(body_pose=ax.named_pose("dance"), translation=np.array([0.2, 0.0, 0.1]))
 camera = ax.Camera.orbit(azimuth_deg=-20, distance=2.6, target=(0.2, 0, 0.1), width=size, height=size)

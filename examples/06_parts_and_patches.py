@@ -10,6 +10,8 @@ import numpy as np
 import avatarrex as ax
 from avatarrex.files.images import composite, write_png
 
+if not sys.argv[1:] or any(word.startswith("-") for word in sys.argv[1:]):
+    sys.exit(__doc__)
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 320
 avatar, wave = ax.load("default"), ax.Signals.rest().replace(body_pose=ax.named_pose("wave"))
 camera = ax.Camera.orbit(azimuth_deg=10, elevation_deg=2, distance=1.5, target=(-0.1, 0.4, 0), width=size, height=size)

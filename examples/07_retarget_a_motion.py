@@ -15,6 +15,8 @@ from avatarrex.files.images import composite, write_png
 from avatarrex.signals.library import mirror
 from avatarrex.signals.limits import violations
 
+if not sys.argv[1:] or any(word.startswith("-") for word in sys.argv[1:]):
+    sys.exit(__doc__)
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 256
 source = sys.argv[3] if len(sys.argv) > 3 else Path(__file__).with_name("march.bvh")  # a skeleton of 19 joints in cm
 

@@ -10,11 +10,11 @@ import numpy as np
 import avatarrex as ax
 from avatarrex.files.images import composite, write_png
 
+if not sys.argv[1:] or any(word.startswith("-") for word in sys.argv[1:]):
+    sys.exit(__doc__)
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 256
-avatar, columns = (
-    ax.load("default"),
-    ("voxels_evaluated", "face_evaluations", "hand_distances", "rays", "pixels_shaded"),
-)
+avatar = ax.load("default")
+columns = ("voxels_evaluated", "face_evaluations", "hand_distances", "rays", "pixels_shaded")
 
 
 def camera(azimuth: float) -> ax.Camera:

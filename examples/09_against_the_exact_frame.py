@@ -13,6 +13,8 @@ from avatarrex.files.images import composite, write_png
 from avatarrex.reference.error_report import depth_report
 from avatarrex.reference.oracle import render_oracle
 
+if not sys.argv[1:] or any(word.startswith("-") for word in sys.argv[1:]):
+    sys.exit(__doc__)
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 96
 avatar, signals = ax.load("default"), ax.Signals.rest().replace(body_pose=ax.named_pose("stand"))
 camera = ax.Camera.orbit(azimuth_deg=20, distance=0.9, target=(0, 0.5, 0), width=size, height=size)

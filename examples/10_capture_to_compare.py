@@ -19,6 +19,8 @@ from avatarrex.files.images import composite, write_png
 from avatarrex.metrics.drawing import AvatarDrawer, fitted, over_black
 from avatarrex.metrics.image import psnr
 
+if not sys.argv[1:] or any(word.startswith("-") for word in sys.argv[1:]):
+    sys.exit(__doc__)
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 128
 avatar, rows = AvatarDrawer(ax.load("default")), []
 with tempfile.TemporaryDirectory() as folder:

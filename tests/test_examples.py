@@ -54,6 +54,15 @@ def test_they_are_numbered_short_and_in_the_gallery() -> None:
         assert list((ROOT / "docs" / "gallery").glob(f"{path.stem}.*")), f"no picture of {path.name}: tools/gallery.sh"
 
 
+@pytest.mark.parametrize("number", EXAMPLES)
+def test_options_that_it_has_not_are_refused(number: str, tmp_path: Path) -> None:
+    words = [sys.executable, str(EXAMPLES[number]), "--help"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300, cwd=tmp_path)
+    assert done.returncode == 1
+    assert f"python examples/{EXAMPLES[number].name} OUT" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
 def test_portrait(tmp_path: Path) -> None:
     assert "pixels" in run("01", tmp_path / "a.png", 64)
     assert 0.2 < (picture(tmp_path / "a.png", 64, 64) != 255).any(-1).mean() < 0.9

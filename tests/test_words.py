@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+ROOMS = ("avatarrex", "app", "shaders", "tests", "tools", "examples")
 CODE = (".py", ".glsl", ".comp", ".vert", ".frag")
-RECORDS = ("glossary.md", "experiments.md")
+RECORDS = ("glossary.md", "experiments.md", "test_words.py")
 """Pages that may name what was, or what a word of ours replaces."""
 
 GONE = re.compile(
@@ -32,10 +33,10 @@ KEPT = {
 def read() -> dict[str, str]:
     """Every text that is looked at, by its path."""
     code = [
-        path for room in ("avatarrex", "app", "shaders") for path in (ROOT / room).rglob("*") if path.suffix in CODE
+        path for room in ROOMS for path in (ROOT / room).rglob("*") if path.suffix in CODE and path.name not in RECORDS
     ]
     pages = [path for path in (ROOT / "docs").glob("*.md") if path.name not in RECORDS]
-    paths = [*code, *pages, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    paths = [*code, *pages, *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"))]
     return {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in sorted(paths)}
 
 

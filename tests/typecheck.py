@@ -1,4 +1,4 @@
-"""The type checker of the test runs: beartype, with an int where a float is asked for (PEP 484's numeric tower)."""
+"""The type checker of the test runs: beartype, with an int where a float is expected (PEP 484's numeric tower)."""
 
 from beartype import BeartypeConf, beartype
 

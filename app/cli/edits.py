@@ -12,20 +12,21 @@ from argparse import Namespace
 from avatarrex_studio.cli.options import number
 from avatarrex_studio.session import commands
 from avatarrex_studio.session.commands import Command, SetCamera
+from avatarrex_studio.session.posing import FACE_JOINTS, GROUPS
 from avatarrex_studio.session.state import Colour
 from PIL import ImageColor
 
 from avatarrex.errors import InputError
 from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, HAND_JOINTS
+from avatarrex.templates.parts import HANDS
 
 CAMERA = ("azimuth", "elevation", "distance", "fov", "x", "y", "z", "follow")
 FARTHEST = 1e6
 """Largest number of a camera: metres or degrees that doubles still resolve to 1e-9."""
-JOINTS = {
+GROUP_JOINTS = {
     "body": {joint: joint for joint in BODY_JOINTS},
-    "left_hand": {joint: f"left_{joint}" for joint in HAND_JOINTS},
-    "right_hand": {joint: f"right_{joint}" for joint in HAND_JOINTS},
-    "face": {joint: joint for joint in ("jaw", "left_eye", "right_eye")},
+    **{hand: dict(zip(HAND_JOINTS, GROUPS[hand])) for hand in HANDS},
+    "face": {joint: joint for joint in FACE_JOINTS},
     "root": dict.fromkeys(("orientation", "rotation", "global_orient"), "pelvis"),
 }
 """What a joint is called in each group, and its own name."""
@@ -75,17 +76,17 @@ def setting(text: str) -> Command:
         if name not in tuple("0123456789"):
             raise InputError("--set", path, "shape.0 to shape.9", name)
         return commands.SetShape(int(name), number("--set", path, value))
-    if group not in JOINTS:
-        raise InputError("--set", path, "a group: body, left_hand, right_hand, face, root, shape", group)
+    if group not in GROUP_JOINTS:
+        raise InputError("--set", path, "a group: " + ", ".join((*GROUP_JOINTS, "shape")), group)
     if group == "face" and name in EXPRESSION_NAMES:
         return commands.SetExpression(name, number("--set", path, value))
     if group == "root" and name == "translation":
         return commands.SetTranslation(vector(path, value))
-    if name in JOINTS[group]:
-        return commands.SetJoint(JOINTS[group][name], vector(path, value, angles=True))
+    if name in GROUP_JOINTS[group]:
+        return commands.SetJoint(GROUP_JOINTS[group][name], vector(path, value, angles=True))
     if group == "root":
         raise InputError("--set", path, "root.translation or root.orientation", name)
-    known = ", ".join(JOINTS[group]) + (" or a coefficient such as jawOpen" if group == "face" else "")
+    known = ", ".join(GROUP_JOINTS[group]) + (" or a coefficient such as jawOpen" if group == "face" else "")
     raise InputError("--set", path, known, name or "nothing")
 
 

@@ -29,7 +29,8 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add("--views", metavar="NAMES", help="cameras by name or number, comma separated (all)")
     options.add_held_out(verb, "cameras", "that were not trained on")
     add("--size", metavar="N", help="pixels of the longer side at most (the capture's)")
-    add("--samples", metavar="N", help="samples averaged along each side of a pixel (1, what the window shows)")
+    samples = "samples averaged along each side of a pixel (1, what the window shows)"
+    add("--samples", default="1", metavar="N", help=samples)
     add("--baselines", action="store_true", help="the skinned textured and mean-colour template beside it")
     add("--face-only", action="store_true", help="everything cut by where the template's face is seen")
     add("--json", metavar="FILE.json", help="every figure")
@@ -42,11 +43,10 @@ def add_options(verb: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate, print the table, write the files. Raises `InputError` before any work for a wrong option."""
-    size, samples = None, 1
+    size = None
     if arguments.size is not None:
         size = options.whole("--size", arguments.size, 32, 8192, "32 to 8192 pixels of the longer side")
-    if arguments.samples is not None:
-        samples = options.whole("--samples", arguments.samples, 1, 8, "1 to 8 samples along a pixel's side")
+    samples = options.whole("--samples", arguments.samples, 1, 8, "1 to 8 samples along a pixel's side")
     if arguments.json is not None:
         check_writable(arguments.json)
     sheet = output_file(arguments.sheet, "OUT.png") if arguments.sheet is not None else None
@@ -80,7 +80,7 @@ def _evaluate(arguments: argparse.Namespace, size: int | None, samples: int, she
         subjects += baselines.baselines(capture.person, evaluate.observations(rig))
     if arguments.face_only:
         rig, subjects = face_region.face_alone(capture.person, rig, subjects)
-        capture = replace(capture, ground_truth=None)
+        capture = replace(capture, ground_truth={})
     shown = SHEET if sheet else 0
     chosen = evaluate.Choice(frames, views, size, shown)
     found = evaluate.evaluate(capture, rig, subjects, networks, chosen, progress=True)

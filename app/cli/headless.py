@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from avatarrex.files.background import background_writer
 from avatarrex.files.gate import write_text
-from avatarrex.files.images import VideoWriter, composite, write_arrays, write_png
+from avatarrex.files.images import Append, composite, video_writer, write_arrays, write_png
 from avatarrex.frame import Frame
 
 
@@ -31,21 +31,21 @@ def run(job: Job, engine: Engine) -> list[Path]:
     written: list[Path] = []
     statistics: list[dict[str, object]] = []
     width, height = job.size
-    video = VideoWriter(job.out, width, height, job.fps) if job.kind == "video" else None
+    video = video_writer(job.out, width, height, job.fps) if job.kind == "video" else None
     engine.avatar(job.start.avatar)
     job = with_view(job, engine)
     if job.motion:
         for note in job.motion.sequence.notes:
             print(f"{Path(job.motion.path).name}: {note}", file=sys.stderr)
     bar = tqdm(total=len(job.frames), unit="frame", disable=len(job.frames) == 1)
-    with bar, video or nullcontext(), background_writer() as do:
+    with bar, video or nullcontext() as append, background_writer() as do:
         for number, state in job.states():
             frame = engine.frame(state, state.view.camera(width, height))
             if not statistics:
                 tqdm.write(", ".join(frame.notes), file=sys.stderr)
             arrays = passes(frame, job.aovs) if job.aovs else {}
             path = job.image_path(number)
-            do(_keep, path, state, frame.image, arrays, video)
+            do(_keep, path, state, frame.image, arrays, append)
             written += [] if video else [path]
             written += [path.with_suffix(".npz")] if job.aovs else []
             statistics.append({"frame": number, "ms": frame.ms, "counters": frame.counters})
@@ -58,13 +58,11 @@ def run(job: Job, engine: Engine) -> list[Path]:
     return written
 
 
-def _keep(
-    path: Path, state: StudioState, image: Tensor, arrays: dict[str, np.ndarray], video: VideoWriter | None
-) -> None:
+def _keep(path: Path, state: StudioState, image: Tensor, arrays: dict[str, np.ndarray], append: Append | None) -> None:
     """Encode and write one frame while the next is rendered."""
     pixels = composite(image, state.background)
-    if video:
-        video.write(pixels)
+    if append:
+        append(pixels)
     else:
         write_png(path, pixels, {"avatarrex": json.dumps(state.to_json())})
     if arrays:

@@ -1,4 +1,4 @@
-"""`avatarrex-studio VERB …`: the table of verbs, each a file of this folder, and how every one of them ends.
+"""`avatarrex-studio VERB …`: the table of verbs, each a file of this folder or of `avatarrex.measure`, and how each ends.
 
 Wrong input ends with one line, `avatarrex-studio: error: …`, and exit code 2; Ctrl+C with 130. Only the file of the verb
 that was named is loaded, and none loads torch before its options are read.
@@ -33,6 +33,10 @@ VERBS = {
     "stress": "hostile inputs through every stage",
 }
 """What each does."""
+MEASURING = {"bench": "bench", "bench ablation": "ablation", "stress": "stress"}
+"""Verbs that are tools of `avatarrex.measure`, with their rooms there: not needed to run the app."""
+RENAMED = {"--recipe": "--preset", "--variants": "--arms"}
+"""Options that are still accepted under an older name."""
 EPILOGUE = """\
 examples:
   avatarrex-studio                                         the window, with the default avatar
@@ -46,13 +50,14 @@ SIGNED = ("--frame", "--frames", "--held-out-frames", "--size", "--camera")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
+    words = sys.argv[1:] if argv is None else argv
     try:
-        arguments = parse(sys.argv[1:] if argv is None else argv)
+        arguments = parse(words)
         keep_pages()
         code: int = arguments.run(arguments)
         return code
     except InputError as error:
-        print(f"{PROGRAM}: error: {error}", file=sys.stderr)
+        print(f"{PROGRAM}: error: {_as_typed(str(error), words)}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # the reader of our output has left (`… | head`)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -76,7 +81,8 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     for name, what in VERBS.items():
         verb = verbs.add_parser(name, help=what, allow_abbrev=False)
         if name == words[0]:
-            module = import_module(f"avatarrex_studio.cli.{name.replace(' ', '_')}")
+            tool = MEASURING.get(name)
+            module = import_module(f"avatarrex.measure.{tool}.command" if tool else f"avatarrex_studio.cli.{name}")
             module.add_options(verb)
             verb.set_defaults(run=module.run)
     return top.parse_args(words)
@@ -85,6 +91,13 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{PROGRAM}: error: {message.splitlines()[0]}\n")
+
+
+def _as_typed(message: str, words: Sequence[str]) -> str:
+    """An error over an option names it as it was typed, though it has another name by now."""
+    option, _, rest = message.partition(":")
+    typed = {word.partition("=")[0] for word in words}
+    return f"{RENAMED[option]}:{rest}" if RENAMED.get(option) in typed else message
 
 
 def _with_verb(words: list[str]) -> list[str]:

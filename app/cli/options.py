@@ -12,13 +12,14 @@ from avatarrex_studio.session.state import SIZES
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import what_is
+from avatarrex.settings import DEVICE
 
 
 def add_device(verb: argparse.ArgumentParser) -> None:
     """`--device`, where the networks run; whether it is there is seen once torch is loaded."""
 
     def device(word: str) -> str:
-        if not re.fullmatch(r"cpu|(cuda|mps|xpu)(:\d{1,2})?", word):
+        if not DEVICE.fullmatch(word):
             raise argparse.ArgumentTypeError(f"expected cpu, cuda, cuda:1, mps or xpu, found {word or 'nothing'}")
         return word
 

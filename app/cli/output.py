@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import check_writable, what_is, write_text
+from avatarrex.files import json_text
+from avatarrex.files.gate import check_writable, what_is
 
 
 def output_file(text: str, form: str) -> Path:
@@ -30,7 +30,7 @@ def output_folder(text: str, name: str) -> Path:
 
 def write_json(path: str | Path, data: object) -> None:
     """Write figures as JSON and name the file."""
-    write_text(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    json_text.write_json(path, data)
     print(path)
 
 

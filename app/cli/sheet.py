@@ -15,7 +15,7 @@ from avatarrex.errors import InputError
 
 TRUTHS = {"subject": "default", "loose": "loose"}
 """The packaged subject of each word."""
-SAMPLES = 4
+MOST_SAMPLES = 4
 """Most samples along a pixel's side."""
 
 
@@ -49,7 +49,7 @@ def read_order(arguments: Namespace) -> SheetOrder:
         options.avatar(avatar)
     if arguments.truth is not None and arguments.truth not in TRUTHS:
         raise InputError("--truth", "", " or ".join(TRUTHS), arguments.truth)
-    samples = options.whole("--samples", arguments.samples, 1, SAMPLES, f"1 to {SAMPLES}")
+    samples = options.whole("--samples", arguments.samples, 1, MOST_SAMPLES, f"1 to {MOST_SAMPLES}")
     only = options.some_of("--only", arguments.only, SHEETS) if arguments.only else SHEETS
     motion = None
     if arguments.motion is None:

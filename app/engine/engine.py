@@ -76,7 +76,9 @@ class Engine:
         try:
             width, height = size or state.size.fixed or (512, 512)
             camera = state.view.camera(width, height)
-            return Shot(self.frame(state, _crop(camera, *rows) if rows else camera, dragged))
+            if rows:
+                camera = camera.cropped(0, rows[0], width, rows[1] - rows[0])
+            return Shot(self.frame(state, camera, dragged))
         except InputError as error:
             return Shot(self._previous, str(error))
         except Exception as error:  # a fault of ours: its trace goes to the log, its line over the last good image
@@ -117,10 +119,3 @@ class Engine:
     def last(self) -> Frame | None:
         """The last frame, or strip of one."""
         return self._previous
-
-
-def _crop(camera: Camera, first: int, end: int) -> Camera:
-    """The same view of the rows [first, end) alone."""
-    intrinsics = camera.intrinsics.copy()
-    intrinsics[1, 2] -= first
-    return Camera(intrinsics, camera.camera_from_world, camera.width, end - first)

@@ -10,11 +10,10 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 import numpy as np
-import torch
 from avatarrex_studio.session.state import OrbitView, vector
 
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.model import TemplateModel, pose_template
+from avatarrex.templates.model import TemplateModel, pose_by_signals
 from avatarrex.templates.transform import world_from_root
 
 FREE_SHARE = 0.08
@@ -37,10 +36,7 @@ class Outline:
 
     def points(self, signals: Signals) -> np.ndarray:
         """(p, 3) world metres of the body under `signals`."""
-        pose = torch.as_tensor(signals.full_pose(), dtype=torch.float32)
-        pose[0] = 0
-        shape = torch.as_tensor(np.array(signals.shape), dtype=torch.float32)
-        posed = pose_template(self._thin, pose, shape, torch.zeros(self._thin.expression_dirs.shape[2]))
+        posed = pose_by_signals(self._thin, signals.replace(expression=np.zeros(52)))
         root = world_from_root(signals.global_orient, signals.translation, posed.joints[0].double().numpy())
         vertices = posed.vertices.double().numpy()
         return np.asarray(vertices @ root[:3, :3].T + root[:3, 3])

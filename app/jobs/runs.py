@@ -38,18 +38,18 @@ class Watched:
         self.reader = EventReader(path)
         self.view = RunView(path, name, "dead")
         self._listed = -1e9
-        self._samples: dict[str, dict[str, tuple[int, ...]]] = {}
-        self._checkpoints: tuple[Path, ...] = ()
-        self._avatar: Path | None = None
+        self._listing: dict[str, Any] = {}
+        """Fields of the view that come from listing folders, which is done less often."""
 
     def poll(self) -> bool:
         """Read on; True where more is waiting."""
         waiting = self.reader.poll()
         if time.monotonic() - self._listed > SLOW_SECONDS:
             self._listed = time.monotonic()
-            self._samples, self._checkpoints = _samples(self.path), checkpoints_of(self.path)
+            checkpoints = checkpoints_of(self.path)
             # A listed checkpoint may be gone, and the next one not be listed: no button flickers for that.
-            self._avatar = newest_avatar(self._checkpoints) or self._avatar
+            avatar = newest_avatar(checkpoints) or self._listing.get("avatar")
+            self._listing = {"samples": _samples(self.path), "checkpoints": checkpoints, "avatar": avatar}
         self.view = self._look()
         return waiting
 
@@ -70,7 +70,7 @@ class Watched:
         steps = beat.steps if beat and beat.steps else _planned(about["config"].get("steps"), part)
         return RunView(
             self.path, self.name, state, note, about, part, beat.pass_name if beat else "", step, steps, series,
-            self._samples, self._checkpoints, self._avatar,
+            **self._listing,
         )  # fmt: skip
 
 

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from avatarrex.errors import InputError
+from avatarrex.training.recipe import TRAINED
 from avatarrex.training.runs.control import request
 
 log = logging.getLogger(__name__)
 COMMAND = (sys.executable, "-c", "from avatarrex_studio.cli.main import main; raise SystemExit(main())")
-PARTS = ("face", "body")
 PATIENCE = 60.0
 """Seconds that a training has to end by itself; then it gets the signal of Ctrl+C."""
 
@@ -34,7 +34,7 @@ class Order:
     recipe: str
     """One of `RECIPES`."""
     out: Path
-    parts: Sequence[str] = PARTS
+    parts: Sequence[str] = TRAINED
 
 
 @dataclass
@@ -62,7 +62,7 @@ class TrainingProcesses:
         if not capture:
             raise InputError("capture", "", "a capture folder or zip", "nothing")
         if not order.parts:
-            raise InputError("parts", "", " or ".join(PARTS), "none")
+            raise InputError("parts", "", " or ".join(TRAINED), "none")
         if out in self._children:
             raise InputError(out, "", "a run that is not at work", "a training that was started here")
         if not resume and (out / "run.json").exists():

@@ -36,8 +36,6 @@ class Watcher(threading.Thread):
         """Read until closed."""
         runs = Runs(self.folder)
         while not self._closed:
-            if runs.folder != self.folder:
-                runs = Runs(self.folder)
             waiting = runs.poll()
             self.views = runs.views
             while self._requested and not self._closed:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from avatarrex_studio.panels import widgets
@@ -10,7 +11,7 @@ from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.state import OrbitView, StudioState
 from imgui_bundle import imgui
 
-VIEWS = {
+VIEW_BUTTONS = {
     "view.front": "Front", "view.right": "Right", "view.top": "Top", "view.back": "Back", "view.left": "Left",
     "view.home": "Person", "view.face": "Face",
 }  # fmt: skip
@@ -26,20 +27,17 @@ LABEL = 78.0
 REST = OrbitView()
 
 
-def draw(state: StudioState) -> list[Command | Action]:
+def draw(state: StudioState) -> Iterator[Command | Action]:
     """Draw the panel; the commands of this frame, and the action of a view that was pressed."""
-    commands: list[Command | Action] = []
-    pressed = widgets.button_grid(VIEWS, 62)
-    if pressed:
-        commands.append(action(pressed))
+    if pressed := widgets.button_grid(VIEW_BUTTONS, 62):
+        yield action(pressed)
     imgui.spacing()
     for name, (title, bounds, form) in ENTRIES.items():
-        widgets.label(title, False, LABEL)
+        widgets.label(title, LABEL)
         new = widgets.slider(f"camera.{name}", getattr(state.view, name), bounds, form, rest=getattr(REST, name))
         if new is not None:
             changed: dict[str, Any] = {name: new}
-            commands.append(SetCamera(**changed))
+            yield SetCamera(**changed)
     toggled, follow = imgui.checkbox("Follow a motion over the ground", state.view.follow)
     if toggled:
-        commands.append(SetCamera(follow=follow))
-    return commands
+        yield SetCamera(follow=follow)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.signal import lfilter
 
-POINTS = 1500
+MOST_POINTS = 1500
 """Of a curve that are drawn; more would not be seen."""
 
 
@@ -50,7 +50,7 @@ def smoothed(values: Float64[np.ndarray, "p"], amount: float) -> Float64[np.ndar
 
 
 def thinned(
-    x: Float64[np.ndarray, "p"], y: Float64[np.ndarray, "p"], points: int = POINTS
+    x: Float64[np.ndarray, "p"], y: Float64[np.ndarray, "p"], points: int = MOST_POINTS
 ) -> tuple[np.ndarray, np.ndarray]:
     """At most about `points` of a curve: of each piece its lowest and its highest, so that no peak is lost."""
     if len(x) <= points:

@@ -143,19 +143,16 @@ def context() -> None:
     if implot.get_current_context() is not None:
         return
     implot.create_context()
-    style = implot.get_style()
-    style.plot_padding = imgui.ImVec2(12, 6)
-    style.label_padding = imgui.ImVec2(4, 3)
-    style.plot_border_size = 0
-    style.minor_alpha = 0.35
-    style.major_tick_len = style.minor_tick_len = imgui.ImVec2(0, 0)
-    colours = {
+    sizes: dict[str, theme.Size] = {
+        "plot_padding": (12, 6), "label_padding": (4, 3), "plot_border_size": 0, "minor_alpha": 0.35,
+        "major_tick_len": (0, 0), "minor_tick_len": (0, 0),
+    }  # fmt: skip
+    colours: dict[str, theme.Rgba] = {
         "frame_bg": (*theme.TEXT, 0.0), "plot_bg": (0.094, 0.102, 0.118, 1.0), "plot_border": (0, 0, 0, 0),
         "axis_text": (*theme.MUTED, 1.0), "axis_grid": (*theme.MUTED, 0.18), "axis_bg_hovered": (*theme.TEXT, 0.05),
         "axis_bg_active": (*theme.ACCENT, 0.15), "crosshairs": (*theme.MUTED, 0.6),
     }  # fmt: skip
-    for name, value in colours.items():
-        style.set_color_(getattr(implot.Col_, name), imgui.ImVec4(*value))
+    theme.dress(implot.get_style(), implot.Col_, sizes, colours)
 
 
 def close() -> None:

@@ -2,51 +2,33 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Iterator
 
-from avatarrex_studio.panels import widgets
-from avatarrex_studio.panels.joints import SignalPanel, joint_row
-from avatarrex_studio.session import posing
-from avatarrex_studio.session.commands import Command, ResetGroup, SetExpression
-from avatarrex_studio.session.posing import FACE_GROUPS
+from avatarrex_studio.panels import joints, widgets
+from avatarrex_studio.session.actions import words
+from avatarrex_studio.session.commands import Command, SetExpression
+from avatarrex_studio.session.posing import FACE_GROUPS, FACE_JOINTS
 from avatarrex_studio.session.state import StudioState
 
 from avatarrex.signals.joints import EXPRESSION_NAMES
 
 LABEL = 128.0
-JOINTS = posing.GROUPS["face joints"]
 
 
-class FacePanel(SignalPanel):
+def face_panel() -> joints.SignalPanel:
     """Sliders of the face."""
-
-    hint = "Search the face"
-
-    def __init__(self) -> None:
-        super().__init__("face", {"face joints": JOINTS, **FACE_GROUPS})
-
-    def _title(self, group: str) -> str:
-        return "Jaw and eyes" if group == "face joints" else group.capitalize()
-
-    def _text(self, group: str, name: str) -> str:
-        return f"{group} {_words(name, '')} {name}"
-
-    def _reset(self, group: str, changed: list[str]) -> list[Command]:
-        return [ResetGroup(group)]
-
-    def _row(self, state: StudioState, name: str, group: str) -> list[Command]:
-        return joint_row(state, name, group) if name in JOINTS else _coefficient(state, name, group)
+    groups = {"jaw and eyes": FACE_JOINTS, **FACE_GROUPS}
+    return joints.SignalPanel("face", groups, "Search the face", _row, limits=False)
 
 
-def _coefficient(state: StudioState, name: str, group: str) -> list[Command]:
+def _row(state: StudioState, name: str, group: str) -> Iterator[Command]:
+    """A joint, or a coefficient: `mouthSmileLeft` in the group mouth is titled `Smile left`."""
+    if name in FACE_JOINTS:
+        yield from joints.joint_row(state, name, group)
+        return
     value = float(state.signals.expression[EXPRESSION_NAMES.index(name)])
-    widgets.label(_words(name, group), value != 0, LABEL)
+    widgets.label(words(name.removeprefix(group) or name).capitalize(), LABEL, value != 0)
     new = widgets.slider(name, value, (0, 1), "%.2f")
     widgets.tooltip(name)
-    return [] if new is None else [SetExpression(name, new)]
-
-
-def _words(name: str, group: str) -> str:
-    """`mouthSmileLeft` in the group mouth → `Smile left`."""
-    words = re.findall(r"[A-Z]?[a-z]+", name.removeprefix(group) or name)
-    return " ".join(words).capitalize()
+    if new is not None:
+        yield SetExpression(name, new)

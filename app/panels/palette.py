@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.session.actions import ACTIONS, Action, find
 from avatarrex_studio.session.journal import Journal
@@ -84,24 +86,16 @@ class Palette:
             return
         rows = [(entry.shortcut, entry.title.rstrip("…")) for entry in ACTIONS if entry.shortcut]
         half = (len(rows) + 1) // 2
-        for number, part in enumerate((rows[:half], rows[half:])):
-            if number:
-                imgui.same_line(0, 36)
-            _table(f"keys{number}", part)
+        for column in widgets.in_rows((rows[:half], rows[half:]), 36):
+            _table(column[0][0], column)
         imgui.separator()
-        _table("mouse", list(MOUSE))
+        _table("mouse", MOUSE)
         imgui.spacing()
         if imgui.button(f"{icons.ICON_FA_CHECK}  Close", (110, 0)) or imgui.is_key_pressed(imgui.Key.escape):
             imgui.close_current_popup()
         imgui.end_popup()
 
 
-def _table(name: str, rows: list[tuple[str, str]]) -> None:
-    if imgui.begin_table(name, 2, imgui.TableFlags_.sizing_fixed_fit | imgui.TableFlags_.no_host_extend_x):
-        for key, title in rows:
-            imgui.table_next_row()
-            imgui.table_next_column()
-            widgets.caption(key, theme.ACCENT)
-            imgui.table_next_column()
-            imgui.text(title)
-        imgui.end_table()
+def _table(name: str, rows: Iterable[tuple[str, str]]) -> None:
+    cells = (((widgets.caption, key, theme.ACCENT), (widgets.caption, title, theme.TEXT)) for key, title in rows)
+    widgets.table(name, imgui.TableFlags_.sizing_fixed_fit | imgui.TableFlags_.no_host_extend_x, cells)

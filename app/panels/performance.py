@@ -5,6 +5,7 @@ It reads what the studio keeps anyway and computes only while it is drawn. Milli
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from statistics import median
 
 from avatarrex_studio.engine.skips import WORK, skipped
@@ -16,6 +17,7 @@ from avatarrex_studio.session.state import AUTO, LEVELS
 from imgui_bundle import imgui
 
 from avatarrex.frame import DeferredFrame
+from avatarrex.levels import ABOUT
 from avatarrex.reference.level_errors import level_errors
 from avatarrex.volume.memory import memory_of
 
@@ -23,27 +25,16 @@ LABEL = 90.0
 COLUMN = 62.0
 """Width of a column of figures, points."""
 STAGES = ("templates", "volume", "pointmap", "shading")
-LEVEL_TEXT = {
-    AUTO: "the most exact level that the time at hand allows",
-    "live": "the textured mesh distilled from the avatar",
-    "paper": "2 cm body, 5 mm parts, every voxel, steps of 5 mm: to compare with",
-    "fast": "2 cm body, 5 mm hands and face, no antialiasing; a drag may lag by 2 mm",
-    "balanced": "2 cm body, 2.5 mm hands and face, antialiased",
-    "fine": "as balanced, the body at 1 cm where it is seen",
-    "quality": "as balanced, the body at 5 mm where it is seen, every hit put onto the exact field",
-}
-TITLES = {
-    "templates": "Meshes posed",
-    "body": "Body voxels",
-    "hands": "Hand distances",
-    "face": "Face field",
-    "U-Nets": "U-Nets run",
-    "patches": "Patches decoded",
+LEVEL_TEXT = {AUTO: "the most exact level that the time at hand allows", **ABOUT}
+COUNTERS = {
+    "templates_posed": "Meshes posed",
+    "voxels_evaluated": "Body voxels",
+    "hand_distances": "Hand distances",
+    "face_evaluations": "Face field",
+    "unet_runs": "U-Nets run",
+    "patches_decoded": "Patches decoded",
     "rays": "Rays",
-    "colour": "Pixels shaded",
-}
-"""Of what a picture may skip."""
-OTHERS = {
+    "pixels_shaded": "Pixels shaded",
     "local_mlp_evaluations": "Local MLPs",
     "ray_steps": "Ray steps",
     "body_pixels": "Body pixels",
@@ -54,20 +45,19 @@ OTHERS = {
     "bytes_uploaded": "Bytes uploaded",
     "bytes_read_back": "Bytes read back",
 }
-"""Further counters and their titles."""
+"""Counters and their titles, those of what a picture may skip first."""
 
 
-def draw(studio: Studio) -> list[Command]:
+def draw(studio: Studio) -> Iterator[Command]:
     """Draw the panel; the commands of this frame."""
-    commands = _level(studio)
+    yield from _level(studio)
     if studio.work is None:
         widgets.caption("No picture yet.")
-        return commands
+        return
     _times(studio, studio.work)
     _work(studio.work)
     if isinstance(studio.engine.last, DeferredFrame):
         _memory(studio.engine.last)
-    return commands
 
 
 def error_text(name: str) -> str:
@@ -78,16 +68,16 @@ def error_text(name: str) -> str:
     return f"mean {error.depth_mean_mm:.3g} mm, p99 {error.depth_p99_mm:.3g} mm"
 
 
-def _level(studio: Studio) -> list[Command]:
+def _level(studio: Studio) -> Iterator[Command]:
     current = studio.state.level
-    widgets.label("Level", False, LABEL)
-    widgets.fill()
+    widgets.label("Level", LABEL)
     shown = f"{AUTO}: {studio.level}" if current == AUTO else current
     picked = widgets.choice("##level", LEVELS, shown, current, LEVEL_TEXT)
     widgets.paragraph(LEVEL_TEXT[current])
-    widgets.label("Depth error", False, LABEL)
+    widgets.label("Depth error", LABEL)
     imgui.text(error_text(studio.level if current == AUTO else current))
-    return [SetLevel(picked)] if picked else []
+    if picked:
+        yield SetLevel(picked)
 
 
 def _times(studio: Studio, work: Work) -> None:
@@ -104,10 +94,10 @@ def _times(studio: Studio, work: Work) -> None:
     right = imgui.get_cursor_pos_x() + widgets.room()
     _figures(("last", f"median {len(studio.history)}"), right, theme.MUTED)
     for name in STAGES:
-        widgets.label(name.capitalize(), False, LABEL)
+        widgets.label(name.capitalize(), LABEL)
         _bar(work.ms[name] / longest, middle[name] / longest, right - 2 * COLUMN - imgui.get_cursor_pos_x() - 6)
         _figures((f"{work.ms[name]:.1f}", f"{middle[name]:.1f}"), right)
-    widgets.label("Total", False, LABEL)
+    widgets.label("Total", LABEL)
     _figures((f"{total:.1f}", f"{middle['total']:.1f}"), right)
 
 
@@ -136,28 +126,15 @@ def _figures(texts: tuple[str, ...], right: float, colour: theme.Rgb = theme.TEX
 
 def _work(work: Work) -> None:
     imgui.separator_text("Work")
-    without = skipped(work)
-    if not imgui.begin_table("work", 2, imgui.TableFlags_.row_bg):
-        return
-    imgui.table_setup_column("name", imgui.TableColumnFlags_.width_fixed, LABEL + 24)
-    imgui.table_setup_column("count", imgui.TableColumnFlags_.width_stretch)
-    for name, counter in WORK.items():
-        _row(TITLES[name], work.counters[counter], without.get(name))
-    for counter, title in OTHERS.items():
-        _row(title, work.counters[counter], None)
-    imgui.end_table()
+    reasons = {WORK[name]: reason for name, reason in skipped(work).items()}
+    rows = (_row(title, work.counters[counter], reasons.get(counter)) for counter, title in COUNTERS.items())
+    widgets.table("work", imgui.TableFlags_.row_bg, rows, LABEL + 24)
 
 
-def _row(title: str, count: int, reason: str | None) -> None:
-    imgui.table_next_row()
-    imgui.table_next_column()
+def _row(title: str, count: int, reason: str | None) -> tuple[widgets.Cell, widgets.Cell]:
     colour = theme.TEXT if count else theme.MUTED
-    widgets.caption(title, colour)
-    imgui.table_next_column()
-    if reason:
-        widgets.paragraph(reason)
-    else:
-        widgets.caption(f"{count:,}".replace(",", " "), colour)
+    number = (widgets.caption, f"{count:,}".replace(",", " "), colour)
+    return (widgets.caption, title, colour), (widgets.paragraph, reason, theme.MUTED) if reason else number
 
 
 def _memory(frame: DeferredFrame) -> None:
@@ -165,5 +142,5 @@ def _memory(frame: DeferredFrame) -> None:
     memory = memory_of(frame.volume.sdf)
     sizes = {"Body grid": memory.body, "Bricks": memory.bricks, "Part boxes": memory.parts, "Together": memory.total}
     for title, size in sizes.items():
-        widgets.label(title, False, LABEL)
+        widgets.label(title, LABEL)
         imgui.text(f"{size / 2**20:.2f} MiB")

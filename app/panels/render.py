@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.session.commands import Command, SetBackground, SetSize
 from avatarrex_studio.session.state import BACKGROUND, Colour, SizePolicy, StudioState
 from imgui_bundle import imgui
 
 LABEL = 90.0
-SIZES = {
+POLICIES = {
     "Viewport": SizePolicy(),
     "Viewport, half": SizePolicy(scale=0.5),
     "Viewport, double": SizePolicy(scale=2.0),
@@ -26,21 +28,15 @@ BACKGROUNDS: dict[str, Colour] = {
 }
 
 
-def draw(state: StudioState) -> list[Command]:
+def draw(state: StudioState) -> Iterator[Command]:
     """Draw the panel; the commands of this frame."""
-    commands: list[Command] = []
-    widgets.label("Size", False, LABEL)
-    widgets.fill()
-    current = next((title for title, policy in SIZES.items() if policy == state.size), "Other")
-    size = widgets.choice("##size", SIZES, current, current)
-    if size:
-        commands.append(SetSize(SIZES[size].scale, SIZES[size].fixed))
-    widgets.label("Background", False, LABEL)
-    widgets.fill()
+    widgets.label("Size", LABEL)
+    current = next((title for title, policy in POLICIES.items() if policy == state.size), "Other")
+    if size := widgets.choice("##size", POLICIES, current, current):
+        yield SetSize(POLICIES[size].scale, POLICIES[size].fixed)
+    widgets.label("Background", LABEL)
     moved, colour = imgui.color_edit3("##background", list(state.background[:3]), imgui.ColorEditFlags_.display_hex)
     if moved:
-        commands.append(SetBackground((colour[0], colour[1], colour[2], 1.0)))
-    pressed = widgets.button_grid({title: title for title in BACKGROUNDS}, 58, "background.")
-    if pressed:
-        commands.append(SetBackground(BACKGROUNDS[pressed]))
-    return commands
+        yield SetBackground((colour[0], colour[1], colour[2], 1.0))
+    if pressed := widgets.button_grid({title: title for title in BACKGROUNDS}, 58, "background."):
+        yield SetBackground(BACKGROUNDS[pressed])

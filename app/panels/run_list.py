@@ -42,41 +42,34 @@ class RunList:
         return [view for view in views if view.path not in self._hidden]
 
     def draw(self, views: Sequence[RunView]) -> None:
-        """Draw an entry for each."""
+        """Draw an entry for each: tick box, name, state, progress."""
         for view in views:
-            self._entry(view)
-
-    def _entry(self, view: RunView) -> None:
-        """One run of the list: tick box, name, state, progress."""
-        with imgui_ctx.push_id(str(view.path)):
-            colour, ticked = self.colours[view.path], view.path not in self._hidden
-            with imgui_ctx.push_style_color(imgui.Col_.check_mark, theme.vec4(colour)):
-                toggled, _ = imgui.checkbox("##shown", ticked)
-            widgets.tooltip("Draw its curves")
-            if toggled:
-                self._hidden ^= {view.path}
-            imgui.same_line()
-            start, size = imgui.get_cursor_screen_pos(), (widgets.room(), 2 * imgui.get_text_line_height() + 16)
-            if imgui.selectable("##choose", view.path == self.chosen, 0, size)[0]:
-                self.chosen = view.path
-            _write(view, start, size, colour, theme.TEXT if ticked else theme.MUTED)
+            with imgui_ctx.push_id(str(view.path)):
+                colour, ticked = self.colours[view.path], view.path not in self._hidden
+                with imgui_ctx.push_style_color(imgui.Col_.check_mark, theme.vec4(colour)):
+                    toggled, _ = imgui.checkbox("##shown", ticked)
+                widgets.tooltip("Draw its curves")
+                if toggled:
+                    self._hidden ^= {view.path}
+                imgui.same_line()
+                start, size = imgui.get_cursor_screen_pos(), (widgets.room(), 2 * imgui.get_text_line_height() + 16)
+                if imgui.selectable("##choose", view.path == self.chosen, 0, size)[0]:
+                    self.chosen = view.path
+                _write(view, start, size, colour, theme.TEXT if ticked else theme.MUTED)
 
 
 def _write(view: RunView, start: imgui.ImVec2, size: tuple[float, float], colour: theme.Rgb, tint: theme.Rgb) -> None:
     """Name (in `tint`), state, progress in words and as a bar (in `colour`), over the entry at `start`."""
-    canvas, line, state = (
-        imgui.get_window_draw_list(),
-        imgui.get_text_line_height(),
-        STATE_COLOURS.get(view.state, theme.MUTED),
-    )
+    canvas, line = imgui.get_window_draw_list(), imgui.get_text_line_height()
+    state = theme.colour(STATE_COLOURS.get(view.state, theme.MUTED))
     left, right, bottom = start.x + PAD, start.x + size[0] - PAD, start.y + size[1]
     word = right - imgui.calc_text_size(view.state).x
     dot = (word - 9, start.y + 2 + line / 2)
     canvas.push_clip_rect(start, (dot[0] - 8, bottom), True)
     canvas.add_text((left, start.y + 2), theme.colour(tint), view.name)
     canvas.pop_clip_rect()
-    canvas.add_circle_filled(dot, 3, theme.colour(state))
-    canvas.add_text((word, start.y + 2), theme.colour(state), view.state)
+    canvas.add_circle_filled(dot, 3, state)
+    canvas.add_text((word, start.y + 2), state, view.state)
     canvas.push_clip_rect(start, (right + PAD, bottom), True)
     canvas.add_text((left, start.y + line + 5), theme.colour(theme.MUTED), _progress(view))
     canvas.pop_clip_rect()

@@ -20,7 +20,6 @@ from jaxtyping import UInt8
 HEAT = np.array([(0, 0, 0), (70, 20, 110), (190, 55, 85), (245, 145, 35), (255, 250, 220)], np.float64)
 ROWS = 3
 """Runs that are shown below one another."""
-KINDS = ("truth", "render", "difference")
 TITLES = {"truth": "Ground truth", "render": "Avatar", "difference": "Difference"}
 GAP = 8.0
 HIGHEST = 400.0
@@ -97,7 +96,7 @@ class Samples:
         return steps[-1]
 
     def _row(self, run: RunView, watcher: Watcher, step: int, width: float, highest: float) -> None:
-        kinds = dict.fromkeys([*KINDS, *run.samples[self.view]])
+        kinds = dict.fromkeys([*TITLES, *run.samples[self.view]])
         paths = {kind: path for kind in kinds if (path := run.picture(self.view, kind, step))}
         pictures = {kind: watcher.picture(path) for kind, path in paths.items()}
         shown = {kind: pixels for kind, pixels in pictures.items() if pixels is not None}
@@ -107,24 +106,18 @@ class Samples:
         side = (width - GAP * (len(kinds) - 1)) / len(kinds)
         if shown:
             side = min(side, min(highest * pixels.shape[1] / pixels.shape[0] for pixels in shown.values()))
-        for number, kind in enumerate(kinds):
-            if number:
-                imgui.same_line(0, GAP)
+        versions = {**paths, "difference": (paths.get("truth"), paths.get("render"), self.gain)}
+        for kind in widgets.in_rows(kinds, GAP):
             with imgui_ctx.begin_group():
                 widgets.caption(TITLES.get(kind, kind))
-                version = (
-                    (paths.get("truth"), paths.get("render"), self.gain) if kind == "difference" else paths.get(kind)
-                )
-                self._picture(f"{run.path}:{kind}", version, shown.get(kind), side)
+                self._picture(f"{run.path}:{kind}", versions.get(kind), shown.get(kind), side)
 
     def _picture(self, slot: str, version: object, pixels: UInt8[np.ndarray, "h w 3"] | None, side: float) -> None:
         """One picture `side` points wide, as far as it is there."""
         if pixels is not None:
             self._wanted[slot] = version, pixels
         _, texture = self._textures.get(slot, (None, None))
-        height, width = (
-            pixels.shape[:2] if pixels is not None else (texture.height, texture.width) if texture else (1, 1)
-        )
+        width, height = pixels.shape[1::-1] if pixels is not None else texture.size if texture else (1, 1)
         size = (side, side * height / width)
         if texture is None:
             imgui.dummy(size)

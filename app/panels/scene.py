@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from avatarrex_studio.panels import theme, widgets
+from avatarrex_studio.session.actions import words
 from avatarrex_studio.session.commands import Command, SetHidden, SetShape
 from avatarrex_studio.session.state import StudioState
 from imgui_bundle import icons_fontawesome_6 as icons
@@ -13,22 +16,18 @@ from avatarrex.templates.parts import PARTS
 LABEL = 78.0
 
 
-def draw(state: StudioState) -> list[Command]:
+def draw(state: StudioState) -> Iterator[Command]:
     """Draw the panel; the commands of this frame."""
-    commands: list[Command] = []
     imgui.text_colored(theme.vec4(theme.ACCENT), icons.ICON_FA_PERSON)
     imgui.same_line()
     imgui.text(state.avatar)
     for part in PARTS:
-        toggled, shown = imgui.checkbox(
-            part.replace("_", " ").capitalize() + f"##show.{part}", part not in state.hidden
-        )
+        toggled, shown = imgui.checkbox(f"{words(part).capitalize()}##show.{part}", part not in state.hidden)
         if toggled:
-            commands.append(SetHidden(part, not shown))
+            yield SetHidden(part, not shown)
     if widgets.group("Shape", "scene.shape", opened=False)[0]:
         for index, value in enumerate(state.signals.shape):
-            widgets.label(f"Shape {index}", bool(value), LABEL)
+            widgets.label(f"Shape {index}", LABEL, bool(value))
             new = widgets.slider(f"shape.{index}", float(value), (-3, 3), "%.2f")
             if new is not None:
-                commands.append(SetShape(index, new))
-    return commands
+                yield SetShape(index, new)

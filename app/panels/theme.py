@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from imgui_bundle import hello_imgui, imgui
 
 Rgb = tuple[float, float, float]
+Rgba = tuple[float, float, float, float]
+Size = float | tuple[float, float]
 ACCENT = (0.31, 0.63, 0.98)
 AXES = ((0.87, 0.38, 0.38), (0.47, 0.75, 0.42), (0.38, 0.56, 0.92))
 """x, y, z."""
@@ -18,6 +23,32 @@ _BASE = (0.094, 0.102, 0.118)
 _PANEL = (0.118, 0.129, 0.149)
 _FRAME = (0.169, 0.184, 0.212)
 _RAISED = (0.212, 0.231, 0.267)
+SIZES: dict[str, Size] = {
+    "window_padding": (10, 10), "frame_padding": (8, 4), "item_spacing": (8, 6), "item_inner_spacing": (6, 4),
+    "scrollbar_size": 11, "grab_min_size": 7, "window_rounding": 6, "popup_rounding": 6, "frame_rounding": 4,
+    "grab_rounding": 4, "tab_rounding": 4, "scrollbar_rounding": 6, "window_border_size": 0, "frame_border_size": 0,
+    "popup_border_size": 1, "tab_bar_border_size": 0, "window_title_align": (0.02, 0.5),
+}  # fmt: skip
+COLOURS: dict[str, Rgba] = {
+    "text": (*TEXT, 1), "text_disabled": (*MUTED, 1), "window_bg": (*_PANEL, 1), "child_bg": (*_PANEL, 0),
+    "popup_bg": (0.137, 0.149, 0.173, 0.98), "border": (0.06, 0.065, 0.075, 1), "frame_bg": (*_FRAME, 1),
+    "frame_bg_hovered": (*_RAISED, 1), "frame_bg_active": (0.25, 0.27, 0.31, 1), "title_bg": (*_BASE, 1),
+    "title_bg_active": (*_BASE, 1), "title_bg_collapsed": (*_BASE, 1), "menu_bar_bg": (*_BASE, 1),
+    "scrollbar_bg": (*_PANEL, 0), "scrollbar_grab": (0.26, 0.28, 0.32, 1),
+    "scrollbar_grab_hovered": (0.32, 0.35, 0.40, 1), "scrollbar_grab_active": (*ACCENT, 1),
+    "check_mark": (*ACCENT, 1),
+    "slider_grab": (0.52, 0.58, 0.68, 0.55), "slider_grab_active": (*ACCENT, 0.8),
+    "button": (*_RAISED, 1), "button_hovered": (0.27, 0.30, 0.35, 1), "button_active": (*ACCENT, 0.75),
+    "header": (0.153, 0.169, 0.196, 1), "header_hovered": (*_RAISED, 1), "header_active": (*ACCENT, 0.45),
+    "separator": (0.18, 0.195, 0.225, 1),
+    "separator_hovered": (*ACCENT, 0.6), "separator_active": (*ACCENT, 1),
+    "resize_grip": (*_PANEL, 0), "resize_grip_hovered": (*ACCENT, 0.5), "resize_grip_active": (*ACCENT, 1),
+    "tab": (*_BASE, 1), "tab_hovered": (*_RAISED, 1), "tab_selected": (*_PANEL, 1),
+    "tab_selected_overline": (*ACCENT, 1), "tab_dimmed": (*_BASE, 1), "tab_dimmed_selected": (*_PANEL, 1),
+    "tab_dimmed_selected_overline": (*ACCENT, 0.5), "docking_preview": (*ACCENT, 0.4),
+    "docking_empty_bg": (*_BASE, 1), "text_selected_bg": (*ACCENT, 0.35), "nav_cursor": (*ACCENT, 0.8),
+    "modal_window_dim_bg": (0.02, 0.02, 0.03, 0.55),
+}  # fmt: skip
 
 
 def load_fonts() -> None:
@@ -27,50 +58,17 @@ def load_fonts() -> None:
 
 def apply_style() -> None:
     """Spacing and colours of every widget."""
-    style = imgui.get_style()
     imgui.style_colors_dark()
-    style.window_padding = imgui.ImVec2(10, 10)
-    style.frame_padding = imgui.ImVec2(8, 4)
-    style.item_spacing = imgui.ImVec2(8, 6)
-    style.item_inner_spacing = imgui.ImVec2(6, 4)
-    style.scrollbar_size = 11
-    style.grab_min_size = 7
-    style.window_menu_button_position = imgui.Dir.none
-    style.window_rounding = style.popup_rounding = 6
-    style.frame_rounding = style.grab_rounding = style.tab_rounding = 4
-    style.scrollbar_rounding = 6
-    style.window_border_size = style.frame_border_size = 0
-    style.popup_border_size = 1
-    style.tab_bar_border_size = 0
-    style.window_title_align = imgui.ImVec2(0.02, 0.5)
-    for name, colour in _colours().items():
-        style.set_color_(getattr(imgui.Col_, name), imgui.ImVec4(*colour))
+    imgui.get_style().window_menu_button_position = imgui.Dir.none
+    dress(imgui.get_style(), imgui.Col_, SIZES, COLOURS)
 
 
-def _colours() -> dict[str, tuple[float, float, float, float]]:
-    def over(colour: Rgb, alpha: float = 1.0) -> tuple[float, float, float, float]:
-        return (*colour, alpha)
-
-    return {
-        "text": over(TEXT), "text_disabled": over(MUTED), "window_bg": over(_PANEL), "child_bg": over(_PANEL, 0),
-        "popup_bg": over((0.137, 0.149, 0.173), 0.98), "border": over((0.06, 0.065, 0.075)), "frame_bg": over(_FRAME),
-        "frame_bg_hovered": over(_RAISED), "frame_bg_active": over((0.25, 0.27, 0.31)), "title_bg": over(_BASE),
-        "title_bg_active": over(_BASE), "title_bg_collapsed": over(_BASE), "menu_bar_bg": over(_BASE),
-        "scrollbar_bg": over(_PANEL, 0), "scrollbar_grab": over((0.26, 0.28, 0.32)),
-        "scrollbar_grab_hovered": over((0.32, 0.35, 0.40)), "scrollbar_grab_active": over(ACCENT),
-        "check_mark": over(ACCENT),
-        "slider_grab": over((0.52, 0.58, 0.68), 0.55), "slider_grab_active": over(ACCENT, 0.8),
-        "button": over(_RAISED), "button_hovered": over((0.27, 0.30, 0.35)), "button_active": over(ACCENT, 0.75),
-        "header": over((0.153, 0.169, 0.196)), "header_hovered": over(_RAISED), "header_active": over(ACCENT, 0.45),
-        "separator": over((0.18, 0.195, 0.225)),
-        "separator_hovered": over(ACCENT, 0.6), "separator_active": over(ACCENT),
-        "resize_grip": over(_PANEL, 0), "resize_grip_hovered": over(ACCENT, 0.5), "resize_grip_active": over(ACCENT),
-        "tab": over(_BASE), "tab_hovered": over(_RAISED), "tab_selected": over(_PANEL),
-        "tab_selected_overline": over(ACCENT), "tab_dimmed": over(_BASE), "tab_dimmed_selected": over(_PANEL),
-        "tab_dimmed_selected_overline": over(ACCENT, 0.5), "docking_preview": over(ACCENT, 0.4),
-        "docking_empty_bg": over(_BASE), "text_selected_bg": over(ACCENT, 0.35), "nav_cursor": over(ACCENT, 0.8),
-        "modal_window_dim_bg": (0.02, 0.02, 0.03, 0.55),
-    }  # fmt: skip
+def dress(style: Any, names: Any, sizes: Mapping[str, Size], colours: Mapping[str, Rgba]) -> None:
+    """Set sizes (points) and colours of a style by name; `names`: its enumeration of colours."""
+    for name, size in sizes.items():
+        setattr(style, name, imgui.ImVec2(*size) if isinstance(size, tuple) else size)
+    for name, value in colours.items():
+        style.set_color_(getattr(names, name), imgui.ImVec4(*value))
 
 
 def colour(rgb: Rgb, alpha: float = 1.0) -> int:

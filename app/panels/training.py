@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import moderngl
 from avatarrex_studio.jobs.run_view import RunView, duration, keep_avatar
-from avatarrex_studio.jobs.training_process import PARTS, Order, TrainingProcesses
+from avatarrex_studio.jobs.training_process import Order, TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import curves, theme, widgets
 from avatarrex_studio.panels.run_list import RunList
@@ -22,6 +22,7 @@ from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui, imgui_ctx
 
 from avatarrex.errors import InputError
+from avatarrex.training.recipe import TRAINED
 from avatarrex.training.runs.control import request
 
 log = logging.getLogger(__name__)
@@ -40,7 +41,7 @@ class TrainingPanel:
         self.plots = TrainingPlots(self.runs.colours, watcher)
         self._error = ""
 
-    def draw(self) -> list[Command]:
+    def draw(self) -> Iterator[Command]:
         """Draw the panel; an avatar to show is returned as a command."""
         if not self.watcher.ident:
             self.watcher.start()
@@ -48,16 +49,15 @@ class TrainingPanel:
         views = self.watcher.views
         chosen = self.runs.follow(views)
         if widgets.room() < WIDE:
-            commands = self._side(views, chosen)
+            yield from self._side(views, chosen)
             imgui.spacing()
             self._plots(views, chosen)
-            return commands
+            return
         with imgui_ctx.begin_child("##list", imgui.ImVec2(LIST_WIDTH, 0)):
-            commands = self._side(views, chosen)
+            yield from self._side(views, chosen)
         imgui.same_line(0, 18)
         with imgui_ctx.begin_child("##plots", imgui.ImVec2(0, 0)):
             self._plots(views, chosen)
-        return commands
 
     def upload(self, context: moderngl.Context) -> None:
         """Bring pictures into textures, before the interface's frame."""
@@ -69,9 +69,8 @@ class TrainingPanel:
         self.plots.samples.close()
         curves.close()
 
-    def _side(self, views: Sequence[RunView], chosen: RunView | None) -> list[Command]:
+    def _side(self, views: Sequence[RunView], chosen: RunView | None) -> Iterator[Command]:
         """Start, list and details."""
-        commands: list[Command] = []
         if self.viewport and widgets.group("New training", "training.new", opened=not views)[0]:
             order = self.form.draw(self.watcher.folder)
             if order is not None:
@@ -81,38 +80,28 @@ class TrainingPanel:
             if not views:
                 widgets.caption(f"No runs below {self.watcher.folder}")
         if chosen is not None and widgets.group(chosen.name, "training.details")[0]:
-            commands += self._details(chosen)
+            yield from self._details(chosen)
         message = self._error or self.processes.message
         if message:
             imgui.spacing()
             widgets.paragraph(message, theme.ERROR if self._error else theme.MUTED)
         self.form.files.draw()
-        return commands
 
     def _plots(self, views: Sequence[RunView], chosen: RunView | None) -> None:
         if chosen is not None:
             self.plots.draw(chosen, self.runs.ticked(views))
 
-    def _details(self, view: RunView) -> list[Command]:
+    def _details(self, view: RunView) -> Iterator[Command]:
         """Buttons and facts of the chosen run."""
-        commands: list[Command] = []
-        pressed = widgets.button_grid(self._buttons(view), 92)
-        if pressed:
+        if pressed := widgets.button_grid(self._buttons(view), 92):
             self._error = ""
             with self._errors_shown():
-                commands = self._press(pressed, view)
+                yield from self._press(pressed, view)
                 self.watcher.look_again()
-        if imgui.begin_table("facts", 2, imgui.TableFlags_.sizing_stretch_prop):
-            for name, value in facts(view):
-                imgui.table_next_row()
-                imgui.table_next_column()
-                widgets.caption(name)
-                imgui.table_next_column()
-                imgui.text_wrapped(value)
-            imgui.end_table()
+        rows = (((widgets.caption, k, theme.MUTED), (widgets.paragraph, v, theme.TEXT)) for k, v in facts(view).items())
+        widgets.table("facts", imgui.TableFlags_.sizing_stretch_prop, rows)
         if view.note:
             widgets.paragraph(view.note, theme.ERROR)
-        return commands
 
     def _buttons(self, view: RunView) -> dict[str, str]:
         """Titles by name, of what can be done with a run as it is."""
@@ -126,20 +115,19 @@ class TrainingPanel:
         }
         return {name: title for name, (possible, title) in buttons.items() if possible}
 
-    def _press(self, button: str, view: RunView) -> list[Command]:
+    def _press(self, button: str, view: RunView) -> Iterator[Command]:
         """Do what one of `_buttons` says. Raises `InputError`."""
         if button == "load":
-            return [OpenAvatar(str(keep_avatar(view)))]
-        if button == "continue":
+            yield OpenAvatar(str(keep_avatar(view)))
+        elif button == "continue":
             about = view.about
-            parts = about["config"].get("parts") or ([about["part"]] if about.get("part") else PARTS)
+            parts = about["config"].get("parts") or ([about["part"]] if about.get("part") else TRAINED)
             order = Order(str(about.get("capture") or ""), str(about.get("preset")), view.path, list(parts))
             self._start(order, resume=True)
         elif button == "stop":
             self.processes.stop(view.path)
         else:
             request(view.path, "pause" if button == "pause" else "run")
-        return []
 
     def _start(self, order: Order, resume: bool = False) -> None:
         with self._errors_shown():
@@ -156,17 +144,17 @@ class TrainingPanel:
             log.error("%s", error)
 
 
-def facts(view: RunView) -> list[tuple[str, str]]:
+def facts(view: RunView) -> dict[str, str]:
     """What there is to say about a run, by name."""
     about = view.about
-    started = about.get("started")
-    rows = [
-        ("Capture", str(about.get("capture") or "")),
-        ("Recipe", f"{about.get('preset') or ''}   seed {about.get('seed')}" if about.get("preset") else ""),
-        ("Started", time.strftime("%d %b %H:%M", time.localtime(started)) if isinstance(started, int | float) else ""),
-        ("Resumed", f"{len(about.get('resumed') or [])} times" if about.get("resumed") else ""),
-        ("Rate", f"{view.rate:.3g} steps a second" if view.rate else ""),
-        ("Time left", duration(view.eta) if view.eta is not None else ""),
-        ("Checkpoint", view.checkpoints[-1].name.removeprefix("step_").lstrip("0") or "0" if view.checkpoints else ""),
-    ]
-    return [(name, value) for name, value in rows if value]
+    started, resumed, preset = (about.get(name) for name in ("started", "resumed", "preset"))
+    rows = {
+        "Capture": str(about.get("capture") or ""),
+        "Recipe": f"{preset}   seed {about.get('seed')}" if preset else "",
+        "Started": time.strftime("%d %b %H:%M", time.localtime(started)) if isinstance(started, int | float) else "",
+        "Resumed": f"{len(resumed)} times" if resumed else "",
+        "Rate": f"{view.rate:.3g} steps a second" if view.rate else "",
+        "Time left": duration(view.eta) if view.eta is not None else "",
+        "Checkpoint": view.checkpoints[-1].name.removeprefix("step_").lstrip("0") or "0" if view.checkpoints else "",
+    }
+    return {name: value for name, value in rows.items() if value}

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from avatarrex_studio.jobs.training_process import PARTS, Order
+from avatarrex_studio.jobs.training_process import Order
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.panels.files import FileDialogs
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
-from avatarrex.training.recipe import RECIPES
+from avatarrex.training.recipe import RECIPES, TRAINED
 
 LABEL = 72.0
 
@@ -20,30 +20,26 @@ class TrainingForm:
     """The form as it is filled in."""
 
     def __init__(self) -> None:
-        self.capture, self.recipe, self.out, self.parts = "", "quick", "", list(PARTS)
+        self.capture, self.recipe, self.out, self.parts = "", "quick", "", list(TRAINED)
         self.files = FileDialogs()
 
     def draw(self, folder: Path) -> Order | None:
         """Draw it; the training to start where the button was pressed. Runs lie in `folder` unless told."""
-        widgets.label("Capture", False, LABEL)
+        widgets.label("Capture", LABEL)
         widgets.fill(36)
         _, self.capture = imgui.input_text_with_hint("##capture", "Folder or .zip", self.capture)
         imgui.same_line(0, 4)
         if imgui.button(f"{icons.ICON_FA_FOLDER_OPEN}##capture", (32, 0)):
             self.files.open("capture", "Open a capture: its zip, or a file in its folder", self._took_capture)
-        widgets.label("Recipe", False, LABEL)
-        widgets.fill()
+        widgets.label("Recipe", LABEL)
         shown, titles = self.recipe.capitalize(), {name.capitalize(): recipe.about for name, recipe in RECIPES.items()}
         self.recipe = (widgets.choice("##recipe", titles, shown, shown, titles) or shown).lower()
-        widgets.label("Parts", False, LABEL)
-        for number, name in enumerate(PARTS):
-            if number:
-                imgui.same_line(0, 14)
+        widgets.label("Parts", LABEL)
+        for name in widgets.in_rows(TRAINED, 14):
             toggled, on = imgui.checkbox(f"{name.capitalize()}##part", name in self.parts)
             if toggled:
-                self.parts = [entry for entry in PARTS if (on if entry == name else entry in self.parts)]
-        widgets.label("Into", False, LABEL)
-        widgets.fill()
+                self.parts = [entry for entry in TRAINED if (on if entry == name else entry in self.parts)]
+        widgets.label("Into", LABEL)
         hint = str(folder / time.strftime("%Y-%m-%d"))
         _, self.out = imgui.input_text_with_hint("##out", hint, self.out)
         imgui.begin_disabled(not self.capture.strip() or not self.parts)

@@ -65,12 +65,9 @@ class TrainingPlots:
             self._metrics(PROGRESS, drawn, shown)
 
     def _part_choice(self, parts: Sequence[str], shown: str) -> str:
-        for number, part in enumerate(parts):
-            if number:
-                imgui.same_line(0, 4)
-            with imgui_ctx.push_style_color(
-                imgui.Col_.button, theme.vec4(theme.ACCENT, 0.45 if part == shown else 0.0)
-            ):
+        for part in widgets.in_rows(parts, 4):
+            colour = theme.vec4(theme.ACCENT, 0.45 if part == shown else 0.0)
+            with imgui_ctx.push_style_color(imgui.Col_.button, colour):
                 if imgui.button(f"{part.capitalize()}##curves", (84, 0)):
                     self.part = shown = part
         return shown
@@ -102,9 +99,6 @@ class TrainingPlots:
             if (lines := self._lines(drawn, {view.path: view.series.get(f"{part}/{tag}") for view in drawn}))
         ]  # fmt: skip
         gap = imgui.get_style().item_spacing.x + 6
-        columns = max(1, min(len(reported), 4, int((widgets.room() + gap) / (170 + gap))))
-        side = (widgets.room() - gap * (columns - 1)) / columns
-        for number, (chart, lines) in enumerate(reported):
-            if number % columns:
-                imgui.same_line(0, gap)
+        columns, side = widgets.columns(170, gap, min(len(reported), 4))
+        for chart, lines in widgets.in_rows(reported, gap, columns):
             self.curves.plot(chart, lines, (side, 150))

@@ -54,8 +54,7 @@ class ViewportPanel:
         if alpha < 1:
             _checkers(canvas, origin, room)
         else:
-            corner = imgui.ImVec2(origin.x + room.x, origin.y + room.y)
-            canvas.add_rect_filled(origin, corner, theme.colour((red, green, blue)))
+            canvas.add_rect_filled(origin, origin + room, theme.colour((red, green, blue)))
         if picture:
             canvas.add_image(imgui.ImTextureRef(picture.texture), low, high)
         if studio.shot.error:
@@ -90,8 +89,9 @@ def _fit(origin: imgui.ImVec2, room: imgui.ImVec2, picture: Picture | None) -> t
     width, height = (room.x, room.x / shape) if shape > room.x / room.y else (room.y * shape, room.y)
     if abs(width - room.x) < 3 and abs(height - room.y) < 3:
         width, height = room.x, room.y
-    low = imgui.ImVec2(origin.x + (room.x - width) / 2, origin.y + (room.y - height) / 2)
-    return low, imgui.ImVec2(low.x + width, low.y + height)
+    size = imgui.ImVec2(width, height)
+    low = origin + (room - size) / 2
+    return low, low + size
 
 
 def _target(studio: Studio, mouse: imgui.ImVec2, low: imgui.ImVec2, high: imgui.ImVec2) -> Vector:
@@ -108,28 +108,28 @@ def _target(studio: Studio, mouse: imgui.ImVec2, low: imgui.ImVec2, high: imgui.
 
 
 def _checkers(canvas: imgui.ImDrawList, origin: imgui.ImVec2, room: imgui.ImVec2, side: float = 16) -> None:
-    canvas.add_rect_filled(origin, imgui.ImVec2(origin.x + room.x, origin.y + room.y), theme.colour((0.24, 0.25, 0.27)))
+    end = origin + room
+    canvas.add_rect_filled(origin, end, theme.colour((0.24, 0.25, 0.27)))
     for row in range(int(room.y / side) + 1):
         for column in range(row % 2, int(room.x / side) + 1, 2):
             x, y = origin.x + column * side, origin.y + row * side
-            corner = imgui.ImVec2(min(x + side, origin.x + room.x), min(y + side, origin.y + room.y))
-            canvas.add_rect_filled(imgui.ImVec2(x, y), corner, theme.colour((0.29, 0.30, 0.32)))
+            canvas.add_rect_filled(
+                (x, y), (min(x + side, end.x), min(y + side, end.y)), theme.colour((0.29, 0.30, 0.32))
+            )
 
 
 def _message(canvas: imgui.ImDrawList, origin: imgui.ImVec2, room: imgui.ImVec2, text: str) -> None:
     """An error over the picture, wrapped, on a dark band."""
     wrap = max(room.x - 64, 80)
     size = imgui.calc_text_size(text, wrap_width=wrap)
-    low = imgui.ImVec2(origin.x + 16, origin.y + 16)
-    high = imgui.ImVec2(low.x + size.x + 44, low.y + size.y + 20)
+    low = origin + imgui.ImVec2(16, 16)
+    high = low + size + imgui.ImVec2(44, 20)
     canvas.add_rect_filled(low, high, theme.colour((0.16, 0.09, 0.09), 0.94), 6)
     canvas.add_rect(low, high, theme.colour(theme.ERROR, 0.8), 6)
-    canvas.add_text(imgui.ImVec2(low.x + 10, low.y + 10), theme.colour(theme.ERROR), icons.ICON_FA_TRIANGLE_EXCLAMATION)
+    canvas.add_text((low.x + 10, low.y + 10), theme.colour(theme.ERROR), icons.ICON_FA_TRIANGLE_EXCLAMATION)
     font, points = imgui.get_font(), imgui.get_font_size()
-    canvas.add_text(font, points, imgui.ImVec2(low.x + 34, low.y + 10), theme.colour(theme.TEXT), text, wrap_width=wrap)
+    canvas.add_text(font, points, (low.x + 34, low.y + 10), theme.colour(theme.TEXT), text, wrap_width=wrap)
 
 
 def _centred(canvas: imgui.ImDrawList, origin: imgui.ImVec2, room: imgui.ImVec2, text: str) -> None:
-    size = imgui.calc_text_size(text)
-    place = imgui.ImVec2(origin.x + (room.x - size.x) / 2, origin.y + (room.y - size.y) / 2)
-    canvas.add_text(place, theme.colour(theme.MUTED), text)
+    canvas.add_text(origin + (room - imgui.calc_text_size(text)) / 2, theme.colour(theme.MUTED), text)

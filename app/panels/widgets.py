@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TypeVar
 
 from avatarrex_studio.panels import theme
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui, imgui_ctx
+
+Item = TypeVar("Item")
+Cell = tuple[Callable[[str, theme.Rgb], None], str, theme.Rgb]
+"""What draws a text (`caption`, `paragraph`), the text, its colour."""
 
 
 def room() -> float:
@@ -23,7 +29,7 @@ def slider(
     name: str, value: float, bounds: tuple[float, float], form: str, width: float | None = None, rest: float = 0.0
 ) -> float | None:
     """The new value while it is dragged or typed (Ctrl+click); a double click gives `rest`; else None."""
-    imgui.set_next_item_width(room() if width is None else width)
+    fill() if width is None else imgui.set_next_item_width(width)
     zero = float((form.partition("f")[0] + "f") % value) == 0  # never "-0"
     moved, new = imgui.slider_float(f"##{name}", 0.0 if zero else value, *bounds, form)
     if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
@@ -65,8 +71,8 @@ def axis_mark(axis: int) -> None:
     imgui.get_window_draw_list().add_rect_filled(low, (low.x + 2, high.y), theme.colour(theme.AXES[axis], 0.85), 1)
 
 
-def label(text: str, marked: bool, width: float) -> None:
-    """A label of fixed width before a slider; an accent colour and dot say that the value is not at rest."""
+def label(text: str, width: float, marked: bool = False) -> None:
+    """A label of fixed width before an item that fills the rest; an accent colour and dot say that it is not at rest."""
     start = imgui.get_cursor_pos_x()
     imgui.align_text_to_frame_padding()
     if marked:
@@ -76,6 +82,7 @@ def label(text: str, marked: bool, width: float) -> None:
     imgui.set_cursor_pos_x(start + 9)
     caption(text, theme.TEXT if marked else theme.MUTED)
     imgui.same_line(start + width)
+    fill()
 
 
 def group(title: str, key: str, marked: bool = False, opened: bool = True) -> tuple[bool, bool]:
@@ -106,15 +113,38 @@ def paragraph(text: str, colour: theme.Rgb = theme.MUTED) -> None:
         imgui.text_wrapped(text)
 
 
+def in_rows(items: Iterable[Item], gap: float = -1.0, columns: int = 1000) -> Iterator[Item]:
+    """`items` for a loop that draws each: `columns` beside one another, `gap` points between them (the style's)."""
+    for number, item in enumerate(items):
+        if number % columns:
+            imgui.same_line(0, gap)
+        yield item
+
+
+def columns(minimum: float, gap: float, most: int = 1000) -> tuple[int, float]:
+    """How many columns of at least `minimum` points there is room for, at most `most`, and the width of each."""
+    number = max(1, min(most, int((room() + gap) / (minimum + gap))))
+    return number, (room() - gap * (number - 1)) / number
+
+
 def button_grid(titles: Mapping[str, str], minimum: float, key: str = "") -> str | None:
     """Buttons of equal width in as many columns as fit, titles by name; the name that was pressed. `key` begins their ids."""
-    gap = imgui.get_style().item_spacing.x
-    columns = max(1, int((room() + gap) / (minimum + gap)))
-    width = (room() - gap * (columns - 1)) / columns
+    number, width = columns(minimum, imgui.get_style().item_spacing.x)
     pressed = None
-    for number, (name, title) in enumerate(titles.items()):
-        if number % columns:
-            imgui.same_line()
+    for name, title in in_rows(titles.items(), columns=number):
         if imgui.button(f"{title}##{key}{name}", (width, 0)):
             pressed = name
     return pressed
+
+
+def table(name: str, flags: int, rows: Iterable[tuple[Cell, Cell]], first: float = 0.0) -> None:
+    """A table of two columns; `first`: points of the first, the second takes the rest."""
+    if not imgui.begin_table(name, 2, flags):
+        return
+    if first:
+        imgui.table_setup_column("name", imgui.TableColumnFlags_.width_fixed, first)
+        imgui.table_setup_column("value", imgui.TableColumnFlags_.width_stretch)
+    for draw, text, colour in itertools.chain.from_iterable(rows):
+        imgui.table_next_column()
+        draw(text, colour)
+    imgui.end_table()

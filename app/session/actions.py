@@ -5,6 +5,7 @@ An action either is a command on the state or names an effect, a method of the s
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,12 +15,7 @@ from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import AUTO, LEVELS, OrbitView, StudioState
 
 from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
-
-EFFECTS = (
-    "undo", "redo", "toggle_play", "step_back", "step_on", "open_motion", "open_session", "save_session", "copy_pose",
-    "paste_pose", "screenshot", "whole_person", "palette", "shortcuts", "reset_layout", "quit",
-)  # fmt: skip
-
+from avatarrex.templates.parts import PARTS
 
 HEAD = OrbitView(target=(0.0, 0.72, 0.03))
 """Before the face of a person at rest."""
@@ -37,10 +33,15 @@ class Action:
     """e.g. `Ctrl+Shift+Z`."""
     command: Callable[[StudioState], Command] | None = None
     effect: str | None = None
-    """One of `EFFECTS` where there is no command."""
+    """A method of the studio or the window, where there is no command."""
     enabled: Callable[[Journal], bool] = lambda journal: True
     separator: bool = False
     """Whether a line separates it from the entry above."""
+
+
+def words(name: str) -> str:
+    """A name as a person writes it: `left_hand` → `left hand`, `mouthSmileLeft` → `mouth smile left`."""
+    return " ".join(re.findall(r"[A-Z]?[a-z]+\d*", name)).lower()
 
 
 def _has_motion(journal: Journal) -> bool:
@@ -65,7 +66,7 @@ def _fixed(command: Command) -> Callable[[StudioState], Command]:
 
 def _named(kind: str, name: str, command: Command) -> Action:
     """An entry of the pose library."""
-    return Action(f"library.{kind}.{name}", f"{kind.capitalize()}: {name.replace('_', ' ')}", command=_fixed(command))
+    return Action(f"library.{kind}.{name}", f"{kind.capitalize()}: {words(name)}", command=_fixed(command))
 
 
 ACTIONS: tuple[Action, ...] = (
@@ -82,9 +83,10 @@ ACTIONS: tuple[Action, ...] = (
     Action("pose.mirror", "Mirror pose", "Pose", "M", command=_fixed(commands.Mirror())),
     Action("pose.reset", "Reset everything", "Pose", "Ctrl+R", command=_fixed(commands.Reset())),
     Action("pose.reset_body", "Reset body", "Pose", command=_fixed(commands.ResetGroup("body")), separator=True),
-    Action("pose.reset_left_hand", "Reset left hand", "Pose", command=_fixed(commands.ResetGroup("left_hand"))),
-    Action("pose.reset_right_hand", "Reset right hand", "Pose", command=_fixed(commands.ResetGroup("right_hand"))),
-    Action("pose.reset_face", "Reset face", "Pose", command=_fixed(commands.ResetGroup("face"))),
+    *(
+        Action(f"pose.reset_{part}", f"Reset {words(part)}", "Pose", command=_fixed(commands.ResetGroup(part)))
+        for part in PARTS
+    ),
     Action("pose.reset_root", "Reset place", "Pose", command=_fixed(commands.ResetGroup("root"))),
     Action("view.front", "Front view", "View", "1", command=_view(0.0, 0.0)),
     Action("view.right", "Right view", "View", "3", command=_view(-90.0, 0.0)),
@@ -95,9 +97,10 @@ ACTIONS: tuple[Action, ...] = (
     Action("view.face", "Frame the face", "View", "F", command=_face),
     Action("view.orbit_left", "Turn left", "", "4", command=_fixed(commands.OrbitBy(-15.0, 0.0))),
     Action("view.orbit_right", "Turn right", "", "6", command=_fixed(commands.OrbitBy(15.0, 0.0))),
-    Action("part.left_hand", "Show or hide the left hand", "View", command=_toggle("left_hand"), separator=True),
-    Action("part.right_hand", "Show or hide the right hand", "View", command=_toggle("right_hand")),
-    Action("part.face", "Show or hide the face", "View", command=_toggle("face")),
+    *(
+        Action(f"part.{part}", f"Show or hide the {words(part)}", "View", command=_toggle(part), separator=part == PARTS[0])
+        for part in PARTS
+    ),
     *(
         Action(f"level.{name}", f"Level: {name}", "View", command=_fixed(commands.SetLevel(name)), separator=name == AUTO)
         for name in LEVELS
@@ -126,6 +129,6 @@ def menu(name: str) -> tuple[Action, ...]:
 
 def find(text: str) -> tuple[Action, ...]:
     """Actions with every word of `text` in their titles, those that begin with it first."""
-    words = text.lower().split()
-    found = [entry for entry in ACTIONS if all(word in entry.title.lower() for word in words)]
+    wanted = text.lower().split()
+    found = [entry for entry in ACTIONS if all(word in entry.title.lower() for word in wanted)]
     return tuple(sorted(found, key=lambda entry: not entry.title.lower().startswith(text.lower())))

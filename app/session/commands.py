@@ -6,8 +6,8 @@ radians for joints; metres.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import Any, dataclass_transform
 
 import numpy as np
 from avatarrex_studio.session import posing
@@ -19,20 +19,41 @@ from avatarrex.signals.library import mirror, named_expression, named_hand, name
 from avatarrex.signals.limits import random_signals
 
 
-@dataclass(frozen=True)
-class Command(ABC):
-    """A user action."""
+@dataclass_transform(frozen_default=True)
+class Command:
+    """A user action; every kind of it is a frozen dataclass."""
 
-    @abstractmethod
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True)(cls)
+
     def apply(self, state: StudioState) -> StudioState:
-        """The state after this command. Raises `InputError` for a value that cannot be set."""
+        """The state after this command: its fields set, unless it has a rule of its own. Raises `InputError` for a value
+        that cannot be set.
+        """
+        return state.change(**vars(self))
+
+    def to_json(self) -> dict[str, Any]:
+        """Its name and fields, plain values."""
+        content = {key: value.to_json() if isinstance(value, Signals) else value for key, value in vars(self).items()}
+        return {"command": type(self).__name__, **content}
+
+    @staticmethod
+    def from_json(data: Any, source: str = "session") -> Command:
+        """The command that `to_json` wrote. Raises `InputError`."""
+        name = data.get("command") if isinstance(data, dict) else None
+        if name not in KINDS:
+            raise InputError(source, "command", "the name of a command", name)
+        content = {key: _read(key, value, source) for key, value in data.items() if key != "command"}
+        try:
+            return KINDS[name](**content)
+        except TypeError as error:
+            raise InputError(source, name, "the fields of that command", error) from None
 
 
 class Setting(Command):
     """Of several in one gesture the last alone decides."""
 
 
-@dataclass(frozen=True)
 class SetJoint(Setting):
     joint: str
     rotation: Vector
@@ -41,7 +62,6 @@ class SetJoint(Setting):
         return state.change(signals=posing.set_joint(state.signals, self.joint, self.rotation, state.limit_joints))
 
 
-@dataclass(frozen=True)
 class SetTranslation(Setting):
     translation: Vector
 
@@ -49,7 +69,6 @@ class SetTranslation(Setting):
         return state.pose(translation=np.array(self.translation))
 
 
-@dataclass(frozen=True)
 class SetExpression(Setting):
     name: str
     value: float
@@ -59,7 +78,6 @@ class SetExpression(Setting):
         return state.change(signals=posing.set_expression(state.signals, self.name, value))
 
 
-@dataclass(frozen=True)
 class SetShape(Setting):
     index: int
     value: float
@@ -72,7 +90,6 @@ class SetShape(Setting):
         return state.pose(shape=shape)
 
 
-@dataclass(frozen=True)
 class SetHandPose(Command):
     side: str
     name: str
@@ -83,7 +100,6 @@ class SetHandPose(Command):
         return state.pose(**{f"{self.side}_hand_pose": named_hand(self.name, self.side)})
 
 
-@dataclass(frozen=True)
 class ApplyPose(Command):
     """A named body pose; hands and face stay."""
 
@@ -93,7 +109,6 @@ class ApplyPose(Command):
         return state.pose(body_pose=named_pose(self.name))
 
 
-@dataclass(frozen=True)
 class ApplyExpression(Command):
     name: str
 
@@ -101,17 +116,12 @@ class ApplyExpression(Command):
         return state.pose(expression=named_expression(self.name))
 
 
-@dataclass(frozen=True)
 class SetSignals(Setting):
     """All signals at once: a pasted pose, a file."""
 
     signals: Signals
 
-    def apply(self, state: StudioState) -> StudioState:
-        return state.change(signals=self.signals)
 
-
-@dataclass(frozen=True)
 class Randomise(Command):
     """A group within `strength` times its limits, drawn from `seed`."""
 
@@ -124,7 +134,6 @@ class Randomise(Command):
         return state.change(signals=posing.copy_group(state.signals, drawn, self.group))
 
 
-@dataclass(frozen=True)
 class Mirror(Command):
     """Left and right exchanged; the place stays."""
 
@@ -132,7 +141,6 @@ class Mirror(Command):
         return state.change(signals=mirror(state.signals).replace(translation=state.signals.translation))
 
 
-@dataclass(frozen=True)
 class Reset(Command):
     """Pose, hands, face, shape and place at rest."""
 
@@ -140,7 +148,6 @@ class Reset(Command):
         return state.change(signals=Signals.rest())
 
 
-@dataclass(frozen=True)
 class ResetGroup(Command):
     group: str
 
@@ -148,7 +155,6 @@ class ResetGroup(Command):
         return state.change(signals=posing.reset(state.signals, self.group))
 
 
-@dataclass(frozen=True)
 class SetLimits(Setting):
     limited: bool
 
@@ -156,7 +162,6 @@ class SetLimits(Setting):
         return state.change(limit_joints=self.limited)
 
 
-@dataclass(frozen=True)
 class OrbitBy(Command):
     azimuth: float
     elevation: float
@@ -167,7 +172,6 @@ class OrbitBy(Command):
         return state.change(view=replace(state.view, azimuth=azimuth, elevation=elevation))
 
 
-@dataclass(frozen=True)
 class PanBy(Command):
     """Moves the target in the image plane, in shares of the view's height: right, up."""
 
@@ -183,7 +187,6 @@ class PanBy(Command):
         return state.change(view=view.moved(height * (self.right * right + self.up * up)))
 
 
-@dataclass(frozen=True)
 class ZoomBy(Command):
     """Multiplies the distance."""
 
@@ -194,7 +197,6 @@ class ZoomBy(Command):
         return state.change(view=replace(state.view, distance=distance))
 
 
-@dataclass(frozen=True)
 class SetCamera(Command):
     """The named entries of the view; None keeps one."""
 
@@ -210,7 +212,6 @@ class SetCamera(Command):
         return state.change(view=replace(state.view, **named))
 
 
-@dataclass(frozen=True)
 class SetBackground(Setting):
     colour: Colour
 
@@ -218,7 +219,6 @@ class SetBackground(Setting):
         return state.change(background=self.colour)
 
 
-@dataclass(frozen=True)
 class SetSize(Setting):
     scale: float = 1.0
     fixed: tuple[int, int] | None = None
@@ -227,7 +227,6 @@ class SetSize(Setting):
         return state.change(size=SizePolicy(self.scale, self.fixed))
 
 
-@dataclass(frozen=True)
 class SetHidden(Command):
     part: str
     hidden: bool
@@ -237,25 +236,16 @@ class SetHidden(Command):
         return state.change(hidden=state.hidden | part if self.hidden else state.hidden - part)
 
 
-@dataclass(frozen=True)
 class SetLevel(Setting):
     """Run time against error: one of `state.LEVELS`."""
 
     level: str
 
-    def apply(self, state: StudioState) -> StudioState:
-        return state.change(level=self.level)
 
-
-@dataclass(frozen=True)
 class OpenAvatar(Command):
     avatar: str
 
-    def apply(self, state: StudioState) -> StudioState:
-        return state.change(avatar=self.avatar)
 
-
-@dataclass(frozen=True)
 class LoadMotion(Command):
     """A motion was read; `signals` are its first frame's."""
 
@@ -269,7 +259,6 @@ class LoadMotion(Command):
         return state.play(MotionState(self.path, self.name, self.frames, self.fps), self.signals)
 
 
-@dataclass(frozen=True)
 class SetFrame(Setting):
     """The motion goes to `frame`, with that frame's `signals`: a journal needs no motion file."""
 
@@ -282,7 +271,18 @@ class SetFrame(Setting):
         return state.play(replace(state.motion, frame=self.frame), self.signals)
 
 
-@dataclass(frozen=True)
 class CloseMotion(Command):
     def apply(self, state: StudioState) -> StudioState:
         return state.change(motion=None)
+
+
+KINDS: dict[str, type[Command]] = {
+    kind.__name__: kind for kind in (*Command.__subclasses__(), *Setting.__subclasses__()) if kind is not Setting
+}
+"""Commands by name."""
+
+
+def _read(key: str, value: Any, source: str) -> Any:
+    if key == "signals":
+        return Signals.from_json(value, source)
+    return tuple(value) if isinstance(value, list) else value

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from avatarrex_studio.session.command_json import from_json, to_json
 from avatarrex_studio.session.commands import Command, Setting
 from avatarrex_studio.session.state import StudioState
 
@@ -90,7 +89,7 @@ class Journal:
             "format": FORMAT,
             "kind": "session",
             "start": self.start.to_json(),
-            "steps": [[to_json(command) for command in step.commands] for step in self.steps],
+            "steps": [[command.to_json() for command in step.commands] for step in self.steps],
         }
 
     @classmethod
@@ -100,10 +99,8 @@ class Journal:
             raise InputError(source, "kind", "a session of the studio", type(data).__name__)
         if not isinstance(data.get("format"), int) or data["format"] > FORMAT:
             raise InputError(source, "format", f"at most {FORMAT} (update the studio)", data.get("format"))
-        if not isinstance(data.get("start"), dict):
-            raise InputError(source, "start", "an object", type(data.get("start")).__name__)
         with _placed(source, "start"):
-            journal = cls(StudioState.from_json(data["start"], f"{source}: start"))
+            journal = cls(StudioState.from_json(data.get("start"), f"{source}: start"))
         for number, entries in enumerate(data["steps"]):
             if not isinstance(entries, list):
                 raise InputError(source, f"steps[{number}]", "a list of commands", type(entries).__name__)
@@ -118,7 +115,7 @@ class Journal:
         step = Step(self.state, [])
         for entry in entries:
             with _placed(source, place):
-                command = from_json(entry, source)
+                command = Command.from_json(entry, source)
                 state = command.apply(self.state)
             if state != self.state:
                 step.commands.append(command)

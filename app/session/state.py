@@ -5,7 +5,6 @@ Metres, degrees in the orbit view (radians in the signals), sRGB-encoded colours
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -131,6 +130,8 @@ class StudioState:
         for part in self.hidden:
             if part not in PARTS:
                 raise InputError("hidden", "", " or ".join(PARTS), part)
+        if not isinstance(self.limit_joints, bool):
+            raise InputError("limit_joints", "", "true or false", self.limit_joints)
         if self.level not in LEVELS:
             raise InputError("level", "", " or ".join(LEVELS), self.level)
 
@@ -152,23 +153,14 @@ class StudioState:
         """Plain dictionaries, lists and numbers."""
         return {
             "format": FORMAT,
-            **vars(self),
+            **asdict(self),
             "signals": self.signals.to_json(),
-            "view": asdict(self.view),
-            "size": asdict(self.size),
-            "background": list(self.background),
-            "motion": asdict(self.motion) if self.motion else None,
             "hidden": sorted(self.hidden),
         }
 
     @classmethod
-    def from_json(cls, data: dict[str, Any] | str, source: str = "state") -> StudioState:
-        """From `to_json`'s dictionary or its text. Raises `InputError`."""
-        if isinstance(data, str):
-            try:
-                data = json.loads(data)
-            except ValueError as error:
-                raise InputError(source, "", "JSON", error) from None
+    def from_json(cls, data: Any, source: str = "state") -> StudioState:
+        """From `to_json`'s dictionary. Raises `InputError`."""
         if not isinstance(data, dict):
             raise InputError(source, "", "an object", type(data).__name__)
         data = dict(data)
@@ -179,7 +171,7 @@ class StudioState:
         if unknown := sorted(set(data) - names):
             raise InputError(source, unknown[0], "one of " + ", ".join(sorted(names)), "an unknown field")
         try:
-            return cls(**{name: _READERS[name](value, source) for name, value in data.items()})
+            return cls(**{name: _read(name, value, source) for name, value in data.items()})
         except (TypeError, KeyError, AttributeError) as error:
             raise InputError(source, "", "a state of the studio", error) from None
 
@@ -198,20 +190,14 @@ def _tuple(value: Any) -> Any:
     return tuple(map(_tuple, value)) if isinstance(value, list | tuple) else value
 
 
-def _flag(value: Any, source: str) -> bool:
-    if not isinstance(value, bool):
-        raise InputError(source, "limit_joints", "true or false", value)
-    return value
+def _read(name: str, value: Any, source: str) -> Any:
+    if name == "signals":
+        return Signals.from_json(value, source)
+    if name == "motion" and not value:
+        return None
+    if name in _RECORDS:
+        return _RECORDS[name](**{key: _tuple(entry) for key, entry in value.items()})
+    return {"avatar": str, "hidden": frozenset}.get(name, _tuple)(value)
 
 
-_READERS: dict[str, Any] = {
-    "avatar": lambda value, source: str(value),
-    "signals": lambda value, source: Signals.from_json(value, source),
-    "view": lambda value, source: OrbitView(**{name: _tuple(entry) for name, entry in value.items()}),
-    "size": lambda value, source: SizePolicy(**{name: _tuple(entry) for name, entry in value.items()}),
-    "background": lambda value, source: _tuple(value),
-    "motion": lambda value, source: MotionState(**value) if value else None,
-    "hidden": lambda value, source: frozenset(value),
-    "limit_joints": _flag,
-    "level": lambda value, source: value,
-}
+_RECORDS: dict[str, Any] = {"view": OrbitView, "size": SizePolicy, "motion": MotionState}

@@ -43,7 +43,7 @@ FACES: dict[str, str | dict[str, float]] = {
 }
 """A name of the library, or coefficients."""
 TURNS = {"front": 0.0, "three-quarter": 40.0}
-HANDS = ("relaxed", "fist", "point", "pinch", "spread", "victory")
+HAND_POSES = ("relaxed", "fist", "point", "pinch", "spread", "victory")
 SIDES = {"left, palm": -38.0, "right, back": 38.0}
 """Elevation of the camera before hands that are held out, palms down."""
 PERSON_FOV, CLOSE_FOV = 22.0, 16.0
@@ -156,7 +156,7 @@ def hands_page(person: Person, artists: int) -> Page:
     """Both hands of each pose, held out: the left from the palm's side, the right from the back; all at one scale."""
     across = 2 if artists == 1 else 1
     size = _size(across, 2 * artists, NARROW, 0.74)
-    poses = [posed("tpose", name) for name in HANDS]
+    poses = [posed("tpose", name) for name in HAND_POSES]
     cameras: list[list[Camera]] = []
     for column, elevation in enumerate(SIDES.values()):
         view = OrbitView(elevation=elevation, fov=CLOSE_FOV)
@@ -164,7 +164,7 @@ def hands_page(person: Person, artists: int) -> Page:
         distance = NAILS * max(view.distance for view in views)
         cameras.append([replace(view, distance=distance).camera(*size) for view in views])
     groups = []
-    for name, signals, *pair in zip(HANDS, poses, *cameras):
+    for name, signals, *pair in zip(HAND_POSES, poses, *cameras):
         scenes = [Scene(signals, camera, f"{name}: {words}") for words, camera in zip(SIDES, pair)]
         groups.append(_by_each(scenes, artists))
     return Page("Hands", _rows(groups, across), NARROW)

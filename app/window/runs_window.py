@@ -41,7 +41,7 @@ class RunsWindow:
     def _draw(self) -> None:
         imgui.set_cursor_pos(imgui.ImVec2(14, 12))
         with imgui_ctx.begin_child("##runs", imgui.ImVec2(widgets.room() - 8, 0)):
-            self.panel.draw()
+            list(self.panel.draw())  # no viewport: no command comes back
 
     def _upload(self) -> None:
         if self._context is None:

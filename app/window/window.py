@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status
 from avatarrex_studio.panels.console import ConsolePanel
-from avatarrex_studio.panels.face import FacePanel
+from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.files import FileDialogs
 from avatarrex_studio.panels.joints import body_panel, hand_panel
 from avatarrex_studio.panels.palette import Palette
@@ -57,7 +57,7 @@ class Window:
         self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
         self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
         self.body, self.left, self.right = body_panel(), hand_panel("left"), hand_panel("right")
-        self.face, self.poses, self.palette, self.files = FacePanel(), PosesPanel(), Palette(), FileDialogs()
+        self.face, self.poses, self.palette, self.files = face_panel(), PosesPanel(), Palette(), FileDialogs()
         self.screen = Screen()
         self._frames = self._gesture = 0
         self._wheel = (0.0, 0)
@@ -104,7 +104,7 @@ class Window:
         def state() -> StudioState:
             return self.studio.state
 
-        drawn: dict[str, Callable[[], Sequence[Command | Action] | None]] = {
+        drawn: dict[str, Callable[[], Iterable[Command | Action] | None]] = {
             "Viewport": self._viewport,
             "Body": lambda: self.body.draw(state()),
             "Left hand": lambda: self.left.draw(state()),
@@ -134,10 +134,10 @@ class Window:
         imgui.end()
         return commands
 
-    def _show(self, draw: Callable[[], Sequence[Command | Action] | None]) -> None:
+    def _show(self, draw: Callable[[], Iterable[Command | Action] | None]) -> None:
         self._collect(draw())
 
-    def _collect(self, commands: Sequence[Command | Action] | None) -> None:
+    def _collect(self, commands: Iterable[Command | Action] | None) -> None:
         """Apply a panel's commands; a drag is one undo step, and so is a turn of the wheel."""
         for command in commands or ():
             if isinstance(command, Action):

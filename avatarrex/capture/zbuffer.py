@@ -10,7 +10,7 @@ import numpy as np
 
 from avatarrex.camera import Camera
 
-NEAR_PLANE = 0.02
+NEAREST_DEPTH = 0.02
 """Metres: triangles that reach nearer to the camera are dropped."""
 BATCH_FRAGMENTS = 2_000_000
 """Fragments of triangles' pixel boxes that are in memory at a time."""
@@ -22,12 +22,11 @@ def visible_faces(vertices: np.ndarray, faces: np.ndarray, camera: Camera) -> tu
     Returns face (h, w) with −1 on the background, perspective-correct barycentrics (h, w, 3), camera z (h, w) in m.
     """
     height, width = camera.height, camera.width
-    seen = vertices @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    depth = seen[:, 2]
-    corners = ((seen @ camera.intrinsics.T)[:, :2] / np.maximum(depth, NEAR_PLANE)[:, None])[faces]
+    pixels, depth = camera.pixels(vertices, nearest=NEAREST_DEPTH)
+    corners = pixels[faces]
     low = np.maximum(np.ceil(corners.min(1) - 0.5).astype(np.int64), 0)
     high = np.minimum(np.floor(corners.max(1) - 0.5).astype(np.int64), [width - 1, height - 1])
-    kept = np.flatnonzero((depth[faces] > NEAR_PLANE).all(1) & (high >= low).all(1))
+    kept = np.flatnonzero((depth[faces] > NEAREST_DEPTH).all(1) & (high >= low).all(1))
     area = (high - low + 1)[kept].prod(1)
     order = np.argsort(area, kind="stable")
     cuts = np.flatnonzero(np.diff(np.cumsum(area[order]) // BATCH_FRAGMENTS)) + 1

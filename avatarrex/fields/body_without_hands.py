@@ -46,15 +46,25 @@ class BodyWithoutHands:
     def touched(self) -> tuple[tuple[np.ndarray, Limbs], ...]:
         """For each hand of the template that another limb reaches: its own vertices (v,), and the split field."""
         found = []
-        for own in (self.contact[name] for name in HANDS) if self.contact else ():
+        for name, own in ((name, self.contact[name]) for name in HANDS) if self.contact else ():
             hand = self.skin.vertices[(self.skin.weight > 0) & ~own.other_vertex]
-            if len(hand) and reached_by_others(self.skin, own, np.eye(4), hand.min(0), hand.max(0)):
-                found.append((~own.other_vertex, self.limbs(own)))
+            limbs = self.limbs(name, np.eye(4), hand.min(0), hand.max(0)) if len(hand) else None
+            if limbs is not None:
+                found.append((~own.other_vertex, limbs))
         return tuple(found)
 
-    def limbs(self, ownership: Ownership) -> Limbs:
-        """The field split by limb."""
-        return Limbs.of(self.field, self.frame, self.skin, ownership)
+    @cached_property
+    def _split(self) -> dict[str, Limbs]:
+        """By part, as far as needed: each has search trees of its own."""
+        return {}
+
+    def limbs(self, part: str, part_from_root: np.ndarray, low: np.ndarray, high: np.ndarray) -> Limbs | None:
+        """The field split at a part, once for the pose, where another limb reaches the part-frame box from `low` to `high` (3,)."""
+        if self.contact is None or not reached_by_others(self.skin, self.contact[part], part_from_root, low, high):
+            return None
+        if part not in self._split:
+            self._split[part] = Limbs.of(self.field, self.frame, self.skin, self.contact[part])
+        return self._split[part]
 
     def sdf(
         self, position: Float[Tensor, "p 3"], counters: Counters, here: NearestSkin | None = None

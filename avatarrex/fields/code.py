@@ -21,7 +21,7 @@ from torch import Tensor, nn
 
 from avatarrex.fields.local_networks import mlp
 
-JOINTS = 21
+BODY_JOINTS = 21
 RESIDUAL = 0.05
 """Largest residual per axis, metres: loose clothing moves by centimetres."""
 MIDDLE = (0.2, 0.8)
@@ -48,8 +48,8 @@ class DetailCode(nn.Module):
     def __init__(self, nodes: int, embedding: int, latent: int, decoder: Sequence[int], encoder: Sequence[int]) -> None:
         super().__init__()
         self.nodes, self.latent = nodes, latent
-        self.decoder = mlp((JOINTS * 9 + latent, *decoder, nodes * (3 + embedding)), "elu")
-        self.encoder = mlp((JOINTS * 9 + latent, *encoder, 2 * latent), "elu")
+        self.decoder = mlp((BODY_JOINTS * 9 + latent, *decoder, nodes * (3 + embedding)), "elu")
+        self.encoder = mlp((BODY_JOINTS * 9 + latent, *encoder, 2 * latent), "elu")
         with torch.no_grad():  # start at rest: no residual, embeddings of a few per cent
             *_, last = self.decoder.children()
             for parameter in last.parameters():

@@ -2,17 +2,16 @@
 
 Geometry and colour have separate networks. Everything lives in the head frame, metres, and depends on ψ, jaw, eyes (and
 shape) alone, through the renders. Letters: v vertices, p points, c channels, h w texels; planes in the order of
-`orthographic.VIEWS`: front, left, right.
+`orthographic.VIEW_NAMES`: front, left, right.
 """
 
 from __future__ import annotations
-
-import itertools
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from avatarrex.fields.local_networks import mlp
 from avatarrex.fields.orthographic import CHANNELS, HeadBox, Impl, project, render_views
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
 from avatarrex.fields.unet import UNet
@@ -48,12 +47,12 @@ class FaceField(nn.Module):
         self.colour_net: _TriPlaneNet | _CoefficientNet
         if self.driven_by_views:
             levels, planes, stem = widths.geometry_levels, widths.geometry_planes, widths.stem
-            self.geometry = _TriPlaneNet(levels, stem, planes, widths.geometry_mlp, 1, nn.ELU)
+            self.geometry = _TriPlaneNet(levels, stem, planes, widths.geometry_mlp, 1, "elu")
             levels, planes = widths.colour_levels, widths.colour_planes
-            self.colour_net = _TriPlaneNet(levels, stem, planes, widths.colour_mlp, 3, nn.ReLU, extra=direction)
+            self.colour_net = _TriPlaneNet(levels, stem, planes, widths.colour_mlp, 3, "relu", extra=direction)
         else:
-            self.geometry = _CoefficientNet(widths.geometry_mlp, 1, nn.ELU)
-            self.colour_net = _CoefficientNet(widths.colour_mlp, 3, nn.ReLU, extra=direction)
+            self.geometry = _CoefficientNet(widths.geometry_mlp, 1, "elu")
+            self.colour_net = _CoefficientNet(widths.colour_mlp, 3, "relu", extra=direction)
 
     @property
     def box(self) -> HeadBox:
@@ -101,12 +100,12 @@ class _TriPlaneNet(nn.Module):
         planes: int,
         hidden: tuple[int, ...],
         out: int,
-        activation: type[nn.Module],
+        activation: str,
         extra: int = 0,
     ) -> None:
         super().__init__()
         self.unets = nn.ModuleList(UNet(CHANNELS, levels, planes, stem) for _ in range(3))
-        self.mlp = _mlp((channels(COORDINATE_OCTAVES) + 3 * planes + extra, *hidden, out), activation)
+        self.mlp = mlp((channels(COORDINATE_OCTAVES) + 3 * planes + extra, *hidden, out), activation)
 
     def planes(self, views: Tensor) -> Tensor:
         return torch.cat([unet(view[None]) for unet, view in zip(self.unets, views)])
@@ -124,9 +123,9 @@ class _TriPlaneNet(nn.Module):
 class _CoefficientNet(nn.Module):
     """The ablation of the tri-planes: one MLP on (γ(p), ψ, jaw, eyes[, extra]). Its `planes` are the coefficients."""
 
-    def __init__(self, hidden: tuple[int, ...], out: int, activation: type[nn.Module], extra: int = 0) -> None:
+    def __init__(self, hidden: tuple[int, ...], out: int, activation: str, extra: int = 0) -> None:
         super().__init__()
-        self.mlp = _mlp((channels(COORDINATE_OCTAVES) + COEFFICIENTS + extra, *hidden, out), activation)
+        self.mlp = mlp((channels(COORDINATE_OCTAVES) + COEFFICIENTS + extra, *hidden, out), activation)
 
     def planes(self, coefficients: Tensor) -> Tensor:
         return coefficients
@@ -136,10 +135,3 @@ class _CoefficientNet(nn.Module):
         parts = [encode(place, COORDINATE_OCTAVES), coefficients.expand(len(place), -1)]
         output: Tensor = self.mlp(torch.cat(parts if extra is None else [*parts, extra], -1))
         return output
-
-
-def _mlp(widths: tuple[int, ...], activation: type[nn.Module]) -> nn.Sequential:
-    layers: list[nn.Module] = []
-    for a, b in itertools.pairwise(widths):
-        layers += [nn.Linear(a, b), activation()]
-    return nn.Sequential(*layers[:-1])

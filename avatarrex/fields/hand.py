@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from torch.nn.functional import normalize
 
 from avatarrex.fields.composition import BAND
+from avatarrex.fields.local_networks import mlp
 from avatarrex.fields.presets import COORDINATE_OCTAVES, Preset
 from avatarrex.ops.closest_point import Impl, closest_point
 from avatarrex.ops.crossings import winding
@@ -29,7 +30,7 @@ from avatarrex.templates.mesh import vertex_normals
 
 SCALE = 0.12
 """Metres: a hand with its stub spans less than ±2 of this, where γ clamps; its shortest wavelength is 2.4 cm."""
-LIFT = 1e-4
+TEST_HEIGHT = 1e-4
 """Metres over the skin at which a test decides whether it is buried."""
 TEST_SPACING = 0.006
 """Metres between tested places on a face, half of that on most: less than half a finger tip."""
@@ -86,7 +87,7 @@ class HandSurface:
         )
         if impl == "reference":
             return replace(surface, buried=torch.ones(len(faces), dtype=torch.bool))
-        corner = surface.wrapped(faces, exact + LIFT * normalize(outward.vertex, dim=-1))
+        corner = surface.wrapped(faces, exact + TEST_HEIGHT * normalize(outward.vertex, dim=-1))
         corner[faces[corner[faces].any(-1)]] = True
         buried = corner[faces].any(-1) | surface._pierced(faces, exact[faces], normalize(outward.face, dim=-1))
         return replace(surface, buried=buried) if buried.any() else surface
@@ -101,7 +102,7 @@ class HandSurface:
         for count in steps.unique().tolist():
             rows = torch.nonzero(steps == count)[:, 0]
             place = _between(count).to(corners) @ corners[rows]
-            lift = LIFT * normal[rows, None]
+            lift = TEST_HEIGHT * normal[rows, None]
             outside, inside = (self.wrapped(faces, (place + way).reshape(-1, 3)) for way in (lift, -lift))
             found[rows] = (outside | ~inside).view(len(rows), -1).any(1)
         return found
@@ -135,10 +136,7 @@ class HandField(nn.Module):
         first, *rest = preset.hand.hidden
         self.of_point = nn.Linear(3 * (1 + 2 * COORDINATE_OCTAVES) + 3 + 1, first)
         self.of_pose = nn.Linear(135, first, bias=False)
-        layers: list[nn.Module] = []
-        for a, b in zip((first, *rest), (*rest, 3)):
-            layers += [nn.ReLU(), nn.Linear(a, b)]
-        self.head = nn.Sequential(*layers)
+        self.head = nn.Sequential(nn.ReLU(), *mlp((first, *rest, 3), "relu"))
 
     def sdf(
         self,

@@ -18,7 +18,7 @@ from avatarrex.fields.orthographic_gl import draw_views
 from avatarrex.gl.context import gl_unavailable
 from avatarrex.templates.mesh import vertex_normals
 
-VIEWS = ("front", "left", "right")
+VIEW_NAMES = ("front", "left", "right")
 VIEW_PIXELS = 256
 CHANNELS = 7
 AXES = (

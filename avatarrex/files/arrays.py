@@ -48,13 +48,6 @@ def read_arrays(
     return arrays
 
 
-def array_names(source: str | Path | bytes, place: str = "") -> tuple[str, ...]:
-    """Names of the arrays of an `.npz` file. Raises `InputError`."""
-    place = place or str(source)
-    with refusing(place, "", "a complete .npz file"), _opened(source, place) as archive:
-        return tuple(name.removesuffix(".npy") for name in archive.namelist())
-
-
 def _opened(source: str | Path | bytes, place: str) -> zipfile.ZipFile:
     if not isinstance(source, bytes):
         return open_zip(source, "a complete .npz file")

@@ -6,19 +6,13 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import ParamSpec, Protocol
 
-Arguments = ParamSpec("Arguments")
 WAITING = 4
 """Pieces of work that may wait; whoever brings more waits, too: they contain pictures."""
 
 
-class Do(Protocol):
-    """Has a function called by a thread."""
-
-    def __call__(
-        self, function: Callable[Arguments, object], /, *arguments: Arguments.args, **named: Arguments.kwargs
-    ) -> None: ...
+Do = Callable[..., None]
+"""`do(function, *arguments, **named)` has a function called by a thread."""
 
 
 @contextmanager
@@ -31,7 +25,7 @@ def background_writer(threads: int = 1) -> Iterator[Do]:
     waiting: deque[Future[object]] = deque()
     with ThreadPoolExecutor(threads, "background writer") as pool:
 
-        def do(function: Callable[Arguments, object], /, *arguments: Arguments.args, **named: Arguments.kwargs) -> None:
+        def do(function: Callable[..., object], /, *arguments: object, **named: object) -> None:
             waiting.append(pool.submit(function, *arguments, **named))
             while waiting and (waiting[0].done() or len(waiting) > WAITING):
                 waiting.popleft().result()

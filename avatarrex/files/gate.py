@@ -18,7 +18,7 @@ from avatarrex.errors import InputError
 
 TEXT_BYTES = 2**29
 """Bytes of the largest text file that is read: ten hours of BVH at 30 frames a second."""
-LINE = 2**20
+LONGEST_LINE = 2**20
 """Letters of the longest line: fifty times what a frame of a hundred joints takes."""
 
 
@@ -75,9 +75,11 @@ def read_lines(path: str | Path, expected: str, errors: str = "strict") -> Itera
     number = 1
     try:
         with open(path, encoding="utf-8-sig", errors=errors) as file:
-            while line := file.readline(LINE):
-                if len(line) == LINE:
-                    raise InputError(path, f"line {number}", f"lines of less than {LINE:,} letters", "a longer one")
+            while line := file.readline(LONGEST_LINE):
+                if len(line) == LONGEST_LINE:
+                    raise InputError(
+                        path, f"line {number}", f"lines of less than {LONGEST_LINE:,} letters", "a longer one"
+                    )
                 yield line.removesuffix("\n")
                 number += 1
     except OSError as error:

@@ -6,10 +6,10 @@ alpha is straight. Letters: h w image rows and columns.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.gate import write_text as write_text
 from avatarrex.files.gate import written as written
 
+Append = Callable[[np.ndarray], None]
 Colour = tuple[float, float, float, float]
 
 
@@ -51,52 +52,32 @@ def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
-class VideoWriter:
-    """An H.264 `.mp4` of opaque frames with even sides; use as a context manager. Needs the `video` extra (PyAV)."""
+def video_writer(path: str | Path, width: int, height: int, fps: float) -> AbstractContextManager[Append]:
+    """A block's `append(pixels)` adds a frame, (height, width, 4) bytes whose alpha is ignored, to an H.264 `.mp4` with even sides.
 
-    def __init__(self, path: str | Path, width: int, height: int, fps: float) -> None:
-        if width % 2 or height % 2:
-            raise InputError(path, "size", "even sides for H.264", f"{width}x{height}")
-        if not 0.001 <= fps <= 1000:
-            raise InputError(path, "fps", "a number from 0.001 to 1000", fps)
-        self._av = _av(path)
-        self._path, self._size, self._rate = path, (width, height), Fraction(fps).limit_denominator(1001)
-
-    def __enter__(self) -> VideoWriter:
-        self._file = written(self._path)
-        temporary = self._file.__enter__()
-        try:
-            self._container = self._av.open(str(temporary), "w", format="mp4")
-            self._stream = self._container.add_stream("libx264", rate=self._rate)
-        except Exception as error:
-            self._file.__exit__(type(error), error, error.__traceback__)
-            raise
-        self._stream.width, self._stream.height = self._size
-        self._stream.pix_fmt = "yuv420p"
-        self._stream.options = {"crf": "16", "preset": "medium"}
-        return self
-
-    def write(self, pixels: UInt8[np.ndarray, "h w 4"]) -> None:
-        """Append one frame, (height, width, 4) bytes; alpha is ignored."""
-        frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels[..., :3]), format="rgb24")
-        self._container.mux(self._stream.encode(frame))
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            if error is None:
-                self._container.mux(self._stream.encode())
-            self._container.close()
-        except Exception as failure:
-            self._file.__exit__(type(failure), failure, failure.__traceback__)
-            raise
-        self._file.__exit__(kind, error, trace)
-
-
-def _av(path: str | Path) -> Any:
+    The file is there once the block ends well. Needs the `video` extra (PyAV). Raises `InputError`.
+    """
+    if width % 2 or height % 2:
+        raise InputError(path, "size", "even sides for H.264", f"{width}x{height}")
+    if not 0.001 <= fps <= 1000:
+        raise InputError(path, "fps", "a number from 0.001 to 1000", fps)
     try:
         import av
     except ImportError:
         raise InputError(path, "", "the 'video' extra: pip install 'avatarrex-studio[video]'", "no PyAV") from None
-    return av
+    return _video(av, path, (width, height), Fraction(fps).limit_denominator(1001))
+
+
+@contextmanager
+def _video(av: Any, path: str | Path, size: tuple[int, int], rate: Fraction) -> Iterator[Append]:
+    with written(path) as temporary, av.open(str(temporary), "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=rate)
+        (stream.width, stream.height), stream.pix_fmt = size, "yuv420p"
+        stream.options = {"crf": "16", "preset": "medium"}
+
+        def append(pixels: UInt8[np.ndarray, "h w 4"]) -> None:
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels[..., :3]), format="rgb24")
+            container.mux(stream.encode(frame))
+
+        yield append
+        container.mux(stream.encode())

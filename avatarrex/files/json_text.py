@@ -1,7 +1,7 @@
 """JSON texts, judged before they are parsed: how many values, how deep they are nested.
 
 Python takes up to 24 bytes of memory for a byte of JSON, so that the number of values is the limit and not only the size.
-An integer beyond `DIGITS` becomes the nearest floating-point number, infinity at 400 digits: what checks that numbers are
+An integer beyond `MOST_DIGITS` becomes the nearest floating-point number, infinity at 400 digits: what checks that numbers are
 finite refuses it by name.
 """
 
@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import read_text
+from avatarrex.files.gate import read_text, write_text
 
 JSON_BYTES = 2**28
 """Bytes of a file: a motion of as many values as are allowed."""
 SMALL = 2**22
 """Bytes of a file that describes something: an avatar, a run, a checkpoint, a capture's rig."""
-VALUES = 10_000_000
+MOST_VALUES = 10_000_000
 """Half an hour of our own motion at 24 frames a second; 700 MB of memory at most."""
-DEPTH = 64
+MOST_NESTED = 64
 """Brackets inside one another; our own files have a dozen."""
-DIGITS = 40
+MOST_DIGITS = 40
 """Of an integer with its sign: 128 bits, the state of a random generator."""
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"|[\[\]{}]', re.DOTALL)
 
@@ -33,13 +33,18 @@ def read_json(path: str | Path, expected: str = "a JSON file", largest: int = JS
     return parse_json(read_text(path, expected, largest=largest), path, "", expected)
 
 
+def write_json(path: str | Path, data: object) -> None:
+    """Figures as a JSON file, whole or not at all. Raises `InputError` where it cannot be written, `ValueError` for NaN."""
+    write_text(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
 def parse_json(text: str, source: object, field: str = "", expected: str = "JSON") -> Any:
     """What a JSON text contains. Raises `InputError`."""
     brackets = text.count("[") + text.count("{")
     values = brackets + text.count(",")
-    if values > VALUES:
-        raise InputError(source, field, f"{expected} of at most {VALUES:,} values", f"{values:,}")
-    if brackets > DEPTH:
+    if values > MOST_VALUES:
+        raise InputError(source, field, f"{expected} of at most {MOST_VALUES:,} values", f"{values:,}")
+    if brackets > MOST_NESTED:
         _check_depth(text, source, field, expected)
     try:
         return json.loads(text, parse_int=_integer)
@@ -52,11 +57,13 @@ def _check_depth(text: str, source: object, field: str, expected: str) -> None:
     for match in _TOKEN.finditer(text):
         if match[0] in "[{":
             depth += 1
-            if depth > DEPTH:
-                raise InputError(source, field, f"{expected} nested at most {DEPTH} deep", "brackets nested too deeply")
+            if depth > MOST_NESTED:
+                raise InputError(
+                    source, field, f"{expected} nested at most {MOST_NESTED} deep", "brackets nested too deeply"
+                )
         elif match[0] in "]}":
             depth -= 1
 
 
 def _integer(digits: str) -> int | float:
-    return int(digits) if len(digits) <= DIGITS else float(digits)
+    return int(digits) if len(digits) <= MOST_DIGITS else float(digits)

@@ -42,14 +42,14 @@ def open_zip(path: str | Path, expected: str) -> zipfile.ZipFile:
 
 
 @contextmanager
-def refusing(source: object, field: str, expected: str) -> Iterator[None]:
-    """What a damaged archive raises in the block becomes an `InputError`."""
+def refusing(source: object, field: str, expected: str, errors: tuple[type[Exception], ...] = BROKEN) -> Iterator[None]:
+    """What a damaged archive raises in the block, or another one of `errors`, becomes an `InputError`."""
     try:
         yield
     except InputError:
         raise
-    except BROKEN as error:
-        raise InputError(source, field, expected, str(error) or type(error).__name__) from None
+    except errors as error:
+        raise InputError(source, field, expected, str(error).strip() or type(error).__name__) from None
 
 
 def check_directory(file: BufferedIOBase, source: object) -> None:

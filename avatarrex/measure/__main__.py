@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, check
 
 PROGRAM = "python -m avatarrex.measure"
 TOOLS = {
@@ -44,8 +44,7 @@ def run(words: Sequence[str], program: str = PROGRAM) -> int:
     """Run the tool that the first word names; `bench ablation` is `ablation`, too. Raises `InputError` for wrong options."""
     spelled = 2 if list(words[:2]) == ["bench", "ablation"] else 1
     name = "".join(words[spelled - 1 : spelled])
-    if name not in TOOLS:
-        raise InputError("measure", "", ", ".join(TOOLS), name or "nothing")
+    check(name in TOOLS, "measure", "", ", ".join(TOOLS), name or "nothing")
     tool = import_module(f"avatarrex.measure.{TOOLS[name][0]}")
     parser = Parser(
         " ".join([program, *words[:spelled]]), description=tool.__doc__, allow_abbrev=False,

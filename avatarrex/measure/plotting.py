@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from avatarrex.errors import InputError
+from avatarrex.errors import check
 from avatarrex.files.gate import written
 
 Axes = Any
@@ -15,8 +15,7 @@ Axes = Any
 
 def require_matplotlib() -> None:
     """Raises `InputError` where it is not installed."""
-    if find_spec("matplotlib") is None:
-        raise InputError("--plot", "", "matplotlib: pip install 'avatarrex-studio[bench]'", "none")
+    check(find_spec("matplotlib"), "--plot", "", "matplotlib: pip install 'avatarrex-studio[bench]'", "none")
 
 
 def axes_beside(count: int, inches: tuple[float, float], sharey: bool = False) -> tuple[list[Axes], Any]:

@@ -14,6 +14,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.metrics.drawing import Drawing
+from avatarrex.parts.face import face_state
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres
 from avatarrex.settings import RenderSettings
 from avatarrex.shading.colour import SurfaceColour
@@ -55,8 +56,7 @@ class VolumeDrawer:
         """
         posed, volume = self._pose(signals)
         world_from_root = posed.world_from_root(signals)
-        frame = self._frame(posed, volume, world_from_root)
-        field = self._field(frame)
+        field = self._field(posed, volume, world_from_root)
         paint, view = field.paint(), camera.seen_from(world_from_root)
         rays = RayPlane.of(view, volume.sdf.middle).rays(pixel_centres(view))
         entry, length = Walk(volume.sdf, rays).span
@@ -96,12 +96,9 @@ class VolumeDrawer:
         self._previous = posed, volume
         return posed, volume
 
-    def _frame(self, posed: PosedPerson, volume: AvatarVolume, world_from_root: np.ndarray) -> TrainingFrame:
+    def _field(self, posed: PosedPerson, volume: AvatarVolume, world_from_root: np.ndarray) -> TrainedField:
         decode_face(self.avatar, volume)
-        return TrainingFrame(0, posed, world_from_root, volume.skin, volume, 0)
-
-    def _field(self, frame: TrainingFrame) -> TrainedField:
+        frame = TrainingFrame(0, posed, world_from_root, volume, 0)
         if self.part == "body":
-            return TrainedBody(self.avatar, frame, frame.volume.body_frame)
-        driven = frame.volume.parts["face"].state.driven
-        return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(driven))
+            return TrainedBody(self.avatar, frame, volume.body_frame)
+        return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(face_state(volume.states).driven))

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -24,7 +25,7 @@ from scipy.spatial import cKDTree
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.zbuffer import visible_faces
-from avatarrex.errors import InputError
+from avatarrex.errors import check
 from avatarrex.metrics.drawing import Drawing
 from avatarrex.metrics.mesh import Surface
 from avatarrex.signals.driving import Signals
@@ -38,7 +39,7 @@ DEPTH_TOLERANCE = 0.006
 """Metres that a texel may lie beyond the z-buffer's surface: a pixel's slope at 512², less than a finger's thickness."""
 OPAQUE_MATTE = 250
 """Matte byte from which a pixel has the person's colour alone."""
-SAMPLES = 2
+PIXEL_SAMPLES = 2
 """Samples along each side of a pixel when a mesh is drawn."""
 
 
@@ -53,6 +54,13 @@ class Observation:
     matte: np.ndarray
     """(h, w) bytes."""
 
+    @classmethod
+    def of(cls, signals: Signals, camera: Camera, picture: Float[np.ndarray, "h w 4"]) -> Observation:
+        """Of a premultiplied picture."""
+        straight = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
+        layers = (np.rint(255 * np.clip(layer, 0, 1)).astype(np.uint8) for layer in (straight, picture[..., 3]))
+        return cls(signals, camera, *layers)
+
 
 class PosedMesh:
     """The person's whole template under signals, in the world; remembers the last pose and the last view."""
@@ -60,21 +68,18 @@ class PosedMesh:
     def __init__(self, person: Person) -> None:
         self.person = person
         self.faces = person.body.faces.numpy()
-        self._pose: tuple[Signals, Surface] | None = None
-        self._view: tuple[tuple[object, ...], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+        self.surface = lru_cache(1)(self._surface)
+        self._view: tuple[object, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
 
-    def surface(self, signals: Signals) -> Surface:
+    def _surface(self, signals: Signals) -> Surface:
         """World metres."""
-        if self._pose is None or self._pose[0] != signals:
-            vertices, _ = template_surface(self.person, signals)
-            self._pose, self._view = (signals, Surface.of(vertices, self.faces)), None
-        return self._pose[1]
+        return Surface.of(template_surface(self.person, signals)[0], self.faces)
 
     def visible(self, signals: Signals, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Face, barycentrics and camera z under each pixel centre."""
-        surface = self.surface(signals)
-        if self._view is None or self._view[0] != camera.key():
-            self._view = (camera.key(), visible_faces(surface.vertices, surface.faces, camera))
+        surface, key = self.surface(signals), (signals, camera.key())
+        if self._view is None or self._view[0] != key:
+            self._view = key, visible_faces(surface.vertices, surface.faces, camera)
         return self._view[1]
 
 
@@ -85,8 +90,8 @@ class MeshDrawer:
         self.name, self.mesh, self.texels = name, mesh, texels
 
     def draw(self, signals: Signals, camera: Camera) -> Drawing:
-        """The mesh with `SAMPLES`² colours per pixel; its geometry is that of each pixel's first sample."""
-        s, height, width = SAMPLES, camera.height, camera.width
+        """The mesh with `PIXEL_SAMPLES`² colours per pixel; its geometry is that of each pixel's first sample."""
+        s, height, width = PIXEL_SAMPLES, camera.height, camera.width
         face, weight, _ = self.mesh.visible(signals, camera.resized(width * s, height * s))
         hit = face >= 0
         fine = np.zeros((*face.shape, 4), np.float32)
@@ -108,8 +113,7 @@ def baselines(person: Person, observations: Iterable[Observation]) -> list[MeshD
         colour += (observation.image * matte[..., None]).sum((0, 1)) / 255
         weight += matte.sum()
         observed.append(_texels_in(mesh, observation))
-    if not weight:
-        raise InputError("baselines", "training pictures", "some with a foreground", "none")
+    check(weight, "baselines", "training pictures", "some with a foreground", "none")
     mean = np.broadcast_to((colour / weight).astype(np.float32), (len(mesh.faces), *lattice().shape))
     return [MeshDrawer("textured mesh", mesh, _texels(mesh, observed)), MeshDrawer("mean-colour mesh", mesh, mean)]
 
@@ -118,9 +122,7 @@ def _texels_in(mesh: PosedMesh, observation: Observation) -> UInt8[np.ndarray, "
     """Colours of all texels in one picture, and whether each is visible there."""
     camera, surface = observation.camera, mesh.surface(observation.signals)
     points = _on_lattice(surface.vertices[surface.faces])
-    local = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    depth = local[:, 2]
-    pixel = (local @ camera.intrinsics.T)[:, :2] / np.maximum(depth, 1e-3)[:, None]
+    pixel, depth = camera.pixels(points, nearest=1e-3)
     column, row = np.floor(pixel).astype(np.int64).T
     inside = (depth > 0.02) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
     column, row = np.where(inside, column, 0), np.where(inside, row, 0)
@@ -140,8 +142,7 @@ def _texels(mesh: PosedMesh, observed: list[UInt8[np.ndarray, "p 4"]]) -> Float[
     """Medians over the pictures; a texel never visible has the colour of the nearest visible one at rest."""
     middle = np.concatenate([_median(np.stack(part)) for part in zip(*(np.array_split(one, 16) for one in observed))])
     known = ~np.isnan(middle[:, 0])
-    if not known.any():
-        raise InputError("baselines", "training pictures", "some that show the template", "none")
+    check(known.any(), "baselines", "training pictures", "some that show the template", "none")
     place = _on_lattice(mesh.person.body.v_template.double().numpy()[mesh.faces])
     middle[~known] = middle[known][cKDTree(place[known]).query(place[~known])[1]]
     return middle.reshape(len(mesh.faces), -1, 3)
@@ -192,10 +193,6 @@ def _facing(surface: Surface, camera: Camera) -> np.ndarray:
 
 def _median(seen: np.ndarray) -> np.ndarray:
     """(p, 3) in [0, 1] from bytes (observations, p, 4), the last of which says whether it counts; NaN where none does."""
-    count = seen[..., 3].sum(0, dtype=np.int64)
-    ordered = np.sort(np.where(seen[..., 3:] > 0, seen[..., :3].astype(np.int16), 256), axis=0)
-    last = np.maximum(count - 1, 0)
-    rows = np.arange(len(count))
-    middle: np.ndarray = (ordered[last // 2, rows].astype(np.float32) + ordered[(last + 1) // 2, rows]) / 510
-    middle[count == 0] = np.nan
-    return middle
+    counted = np.ma.masked_array(seen[..., :3].astype(np.float32), np.repeat(seen[..., 3:] == 0, 3, axis=-1))
+    middle: np.ndarray = np.ma.median(counted, axis=0).filled(np.nan)  # type: ignore[no-untyped-call]
+    return middle / np.float32(255)

@@ -85,13 +85,18 @@ class Truth:
     """Premultiplied by the matte."""
     matte: Float32[Tensor, "h w"]
 
+    def layers(self) -> Float32[np.ndarray, "h w 4"]:
+        """Both."""
+        return np.dstack([self.image.numpy(), self.matte.numpy()])
+
 
 def over_black(image: np.ndarray, matte: np.ndarray, width: int, height: int) -> Truth:
-    """An image (h, w, 3) with its matte (h, w), both bytes, averaged over the pixels of `width` x `height`."""
+    """An image (h, w, 3) with its matte (h, w), both bytes, box-filtered to `width` x `height`."""
     alpha = matte.astype(np.float32) / 255
     colour = image.astype(np.float32) / 255 * alpha[..., None]
-    layers = [_averaged(layer, width, height) for layer in (*np.moveaxis(colour, -1, 0), alpha)]
-    return Truth(torch.from_numpy(np.stack(layers[:3], -1)), torch.from_numpy(layers[3]))
+    layers = [Image.fromarray(layer) for layer in (*np.moveaxis(colour, -1, 0), alpha)]
+    averaged = [np.array(layer.resize((width, height), Image.Resampling.BOX)) for layer in layers]
+    return Truth(torch.from_numpy(np.stack(averaged[:3], -1)), torch.from_numpy(averaged[3]))
 
 
 def fitted(camera: Camera, size: int | None) -> Camera:
@@ -101,13 +106,6 @@ def fitted(camera: Camera, size: int | None) -> Camera:
         return camera
     width, height = (max(round(side * size / longest), 1) for side in (camera.width, camera.height))
     return camera.resized(width, height)
-
-
-def _averaged(layer: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Box-filtered to another size, exactly, at any ratio."""
-    if layer.shape == (height, width):
-        return np.ascontiguousarray(layer)
-    return np.array(Image.fromarray(layer).resize((width, height), Image.Resampling.BOX))
 
 
 def _seen(values: np.ndarray, hit: np.ndarray) -> np.ndarray:

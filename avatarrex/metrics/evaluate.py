@@ -22,14 +22,14 @@ from tqdm import tqdm
 
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Capture, Rig
-from avatarrex.errors import InputError
+from avatarrex.errors import check
 from avatarrex.metrics.baselines import Observation
 from avatarrex.metrics.drawing import Drawer, Drawing, Truth, fitted, over_black
 from avatarrex.metrics.measures import Measured, Networks, means, measure
 from avatarrex.metrics.mesh import Surface, depth_surface, distances, sampled
 
 SPLITS = ("train", "held-out pose", "held-out view", "held-out both")
-FRAMES = 4
+FRAMES_EACH = 4
 """Frames evaluated of those trained on, and of those held out, unless chosen."""
 OBSERVATIONS = 48
 """Training pictures that the baselines' colours come from: a texel on the side of the body is then seen by a dozen."""
@@ -120,8 +120,7 @@ def evaluate(
     frames = _chosen("frame", choice.frames, default_frames(rig), rig.frames)
     views = _chosen("view", choice.views, range(len(rig.views)), len(rig.views))
     pairs = [(view, frame) for frame in frames for view in views if rig.available(view, frame)]
-    if not pairs:
-        raise InputError(capture.path, rig.name, "pictures of the chosen frames and views", "none")
+    check(pairs, capture.path, rig.name, "pictures of the chosen frames and views", "none")
     first = fitted(rig.views[views[0]].camera, choice.size)
     result = Evaluation(rig, frames, views, (first.width, first.height), networks.missing)
     kept = _kept(rig, pairs, choice.sheet)
@@ -132,7 +131,7 @@ def evaluate(
             for view in (view for view, of in pairs if of == frame):
                 camera = fitted(rig.views[view].camera, choice.size)
                 truth = captured(rig, view, frame, camera)
-                images = {"truth": np.dstack([truth.image.numpy(), truth.matte.numpy()])}
+                images = {"truth": truth.layers()}
                 for subject in subjects:
                     drawing = subject.draw(rig.signals[frame], camera)
                     place = subject.name, rig.views[view].name, frame, split_of(rig, view, frame)
@@ -154,10 +153,10 @@ def split_of(rig: Rig, view: int, frame: int) -> str:
 
 
 def default_frames(rig: Rig) -> tuple[int, ...]:
-    """`FRAMES` of those trained on and of those held out, evenly spread."""
+    """`FRAMES_EACH` of those trained on and of those held out, evenly spread."""
     held_out = sorted(rig.held_out_frames)
     rest = [frame for frame in range(rig.frames) if frame not in rig.held_out_frames]
-    return tuple(sorted({*_spread(held_out, FRAMES), *_spread(rest, FRAMES)}))
+    return tuple(sorted({*spread(held_out, FRAMES_EACH), *spread(rest, FRAMES_EACH)}))
 
 
 def captured(rig: Rig, view: int, frame: int, camera: Camera) -> Truth:
@@ -171,13 +170,10 @@ def observations(rig: Rig, count: int = OBSERVATIONS) -> Iterator[Observation]:
     training = [pair for pair in pairs if split_of(rig, *pair) == "train"] or pairs
     for view, frame in _observed(training, count):
         camera = fitted(rig.views[view].camera, OBSERVED_SIZE)
-        image, matte = rig.image(view, frame), rig.matte(view, frame)
-        if camera.width != image.shape[1]:
-            truth = over_black(image, matte, camera.width, camera.height)
-            alpha = np.maximum(truth.matte.numpy(), 1e-6)[..., None]
-            image = np.rint(255 * np.clip(truth.image.numpy() / alpha, 0, 1)).astype(np.uint8)
-            matte = np.rint(255 * truth.matte.numpy()).astype(np.uint8)
-        yield Observation(rig.signals[frame], camera, image, matte)
+        if camera is rig.views[view].camera:
+            yield Observation(rig.signals[frame], camera, rig.image(view, frame), rig.matte(view, frame))
+        else:
+            yield Observation.of(rig.signals[frame], camera, captured(rig, view, frame, camera).layers())
 
 
 def compare_surfaces(truth: Surface, drawn: list[tuple[Drawing, Camera]]) -> dict[str, dict[str, float]]:
@@ -189,16 +185,14 @@ def compare_surfaces(truth: Surface, drawn: list[tuple[Drawing, Camera]]) -> dic
     normals = np.concatenate([d.normal[d.hit] for d, _ in drawn]).astype(np.float64)
     true_points, true_normals = (np.concatenate(x) for x in zip(*(truth.seen_by(camera) for _, camera in drawn)))
     return {
-        "to_truth": distances(*sampled(points, normals), truth).summary(),
-        "from_truth": distances(*sampled(true_points, true_normals), own).summary(),
+        "to_truth": distances(*sampled(points, normals), truth),
+        "from_truth": distances(*sampled(true_points, true_normals), own),
     }
 
 
 def _true_surface(capture: Capture, rig: Rig, frame: int) -> Surface | None:
-    truth = capture.ground_truth
-    if truth is None or rig.name not in truth.rigs:
-        return None
-    return Surface.of(truth.vertices(rig.name, frame), truth.faces)
+    truth = capture.ground_truth.get(rig.name)
+    return None if truth is None else Surface.of(truth.vertices[frame], truth.faces)
 
 
 def _thinned(drawing: Drawing, camera: Camera) -> tuple[Drawing, Camera]:
@@ -219,10 +213,8 @@ def _thinned(drawing: Drawing, camera: Camera) -> tuple[Drawing, Camera]:
 def _chosen(what: str, given: Iterable[int] | None, default: Iterable[int], count: int) -> tuple[int, ...]:
     chosen = tuple(dict.fromkeys(default if given is None else given))
     for index in chosen:
-        if not 0 <= index < count:
-            raise InputError("evaluate", what, f"0 to {count - 1}", index)
-    if not chosen:
-        raise InputError("evaluate", what, "at least one", "none")
+        check(0 <= index < count, "evaluate", what, f"0 to {count - 1}", index)
+    check(chosen, "evaluate", what, "at least one", "none")
     return chosen
 
 
@@ -244,5 +236,6 @@ def _observed(training: list[tuple[int, int]], count: int) -> list[tuple[int, in
     return chosen
 
 
-def _spread(items: list[int], count: int) -> list[int]:
+def spread(items: Sequence[int], count: int) -> list[int]:
+    """At most `count` of them, evenly spread, both ends among them."""
     return [items[k] for k in np.unique(np.linspace(0, len(items) - 1, count).round().astype(int))] if items else []

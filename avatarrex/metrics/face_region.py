@@ -20,30 +20,24 @@ from avatarrex.signals.driving import Signals
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import Person
 
-FACE = PARTS.index("face")
-
-
 Seen = Callable[[Signals, Camera], Bool[np.ndarray, "h w"]]
 """Pixels in which a camera sees the face of the person under signals."""
 
 
 def face_alone(person: Person, rig: Rig, drawers: Sequence[Drawer]) -> tuple[Rig, list[Drawer]]:
-    """A rig and drawers of `person` that show nothing but the face."""
-    seen = face_region(person)
-    return FaceRig(**vars(rig), seen=seen), [FaceDrawer(drawer, seen) for drawer in drawers]
+    """A rig and drawers of `person` that show nothing but the face.
 
-
-def face_region(person: Person) -> Seen:
-    """Where the centre's ray first meets a triangle of the posed template in which the face's own field has most of the share."""
+    It is where the centre's ray first meets a triangle of the posed template in which the face's own field has most of the share.
+    """
     mesh = PosedMesh(person)
-    own = (person.blend_weight[:, FACE].numpy() > 0.5)[mesh.faces].all(1)
+    own = (person.blend_weight[:, PARTS.index("face")].numpy() > 0.5)[mesh.faces].all(1)
 
     def seen(signals: Signals, camera: Camera) -> Bool[np.ndarray, "h w"]:
         face = mesh.visible(signals, camera)[0]
         inside: np.ndarray = (face >= 0) & own[face]
         return inside
 
-    return seen
+    return FaceRig(**vars(rig), seen=seen), [FaceDrawer(drawer, seen) for drawer in drawers]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

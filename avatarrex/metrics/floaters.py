@@ -2,7 +2,7 @@
 
 Two tests, since neither sees all. *Islands*: connected pieces (8 neighbours) of the silhouette, coverage of half a pixel or
 more, besides the largest, in views along the 26 directions to a cube's faces, edges and corners. *Lumps*: connected pieces
-(6 neighbours) of the negative samples of the composed field, besides the largest, on the body lattice cut `FINE` times along
+(6 neighbours) of the negative samples of the composed field, besides the largest, on the body lattice cut `SAMPLES_PER_VOXEL` times along
 each axis. The field is linear along the lattice's edges, so two neighbouring negative voxels are always connected; a lump
 inside a cavity or before the body is found, too. Parts that the composition attaches are one piece with the body.
 
@@ -36,7 +36,7 @@ SILHOUETTE_PIXELS = 512
 """Pixels a side of the silhouettes: about 4 mm each on a standing person."""
 SPECKS = 3
 """Islands of at most so many pixels are rounding at a silhouette's rim, not counted."""
-FINE = 4
+SAMPLES_PER_VOXEL = 4
 """Samples to a body voxel along each axis: 5 mm, a third of the thinnest finger."""
 BATCH = 400_000
 """Samples of the field at a time: about 200 MB."""
@@ -135,7 +135,7 @@ def islands(
 def lumps(volume: SdfVolume, joints: Float[np.ndarray, "j 3"]) -> tuple[Lump, ...]:
     """Pieces of the composed field's inside apart from the largest."""
     inside, origin = _inside(volume)
-    step = volume.body.voxel / FINE
+    step = volume.body.voxel / SAMPLES_PER_VOXEL
     labels, _ = ndimage.label(inside)
     samples = np.bincount(labels.ravel())
     samples[0] = 0
@@ -157,25 +157,20 @@ def _inside(volume: SdfVolume) -> tuple[Bool[np.ndarray, "z y x"], np.ndarray]:
         return np.zeros((1, 1, 1), dtype=bool), volume.body.origin
     box = ndimage.find_objects(cells.astype(np.uint8))[0]
     first = np.array([part.start for part in box])
-    cells = cells[box]
-    for axis in range(3):
-        cells = cells.repeat(FINE, axis)
+    cells = np.kron(cells[box], np.ones((SAMPLES_PER_VOXEL, SAMPLES_PER_VOXEL, SAMPLES_PER_VOXEL), dtype=bool))
     origin = volume.body.origin + volume.body.voxel * first[::-1]
     inside = np.zeros(cells.shape, dtype=bool)
     index = np.flatnonzero(cells)
     for part in np.array_split(index, -(-len(index) // BATCH)):
         place = np.stack(np.unravel_index(part, cells.shape), -1)[:, ::-1]
-        position = torch.from_numpy(origin + volume.body.voxel / FINE * place)
+        position = torch.from_numpy(origin + volume.body.voxel / SAMPLES_PER_VOXEL * place)
         inside.ravel()[part] = (sample(volume, position).composed.sdf < 0).numpy()
     return inside, origin
 
 
 def _cells(volume: SdfVolume) -> Bool[np.ndarray, "z y x"]:
     """Cells of the body lattice, by their first corner, that have a negative corner or may reach into a part's box."""
-    cells = (volume.body.sdf < 0).numpy()
-    for axis in range(3):
-        along = np.moveaxis(cells, axis, 0)
-        along[:-1] |= along[1:]
+    cells: np.ndarray = ndimage.maximum_filter((volume.body.sdf < 0).numpy(), 2, origin=-1)
     unit = np.array(list(product((0, 1), repeat=3)))
     for part in volume.parts:
         root_from_box = np.linalg.inv(part.box_from_root)

@@ -22,7 +22,7 @@ import torch.nn.functional as functional
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from avatarrex.errors import InputError
+from avatarrex.errors import check
 
 WINDOW, SIGMA = 11, 1.5
 """Pixels: σ = 1.5 cut at 3.5 σ is a window of 11, in scikit-image as in Wang et al. 2004."""
@@ -153,7 +153,6 @@ def masked_mean(values: Float[Tensor, "b h w"], mask: Tensor | None) -> Float[Te
 
 
 def _agree(a: Tensor, b: Tensor, least: int) -> None:
-    if a.shape != b.shape:
-        raise InputError("metrics", "images", f"two of one size, {tuple(a.shape)}", tuple(b.shape))
-    if min(a.shape[-2:]) < least:
-        raise InputError("metrics", "images", f"at least {least} pixels a side", f"{a.shape[-1]}x{a.shape[-2]}")
+    check(a.shape == b.shape, "metrics", "images", f"two of one size, {tuple(a.shape)}", tuple(b.shape))
+    height, width = a.shape[-2:]
+    check(min(height, width) >= least, "metrics", "images", f"at least {least} pixels a side", f"{width}x{height}")

@@ -25,9 +25,8 @@ import torch
 from torch import Tensor
 
 from avatarrex.metrics.drawing import Drawing, Truth
-from avatarrex.metrics.fid import frechet_distance
+from avatarrex.metrics.fid import INCEPTION_FILE, Inception, frechet_distance, load_inception
 from avatarrex.metrics.image import Similarity, gradient_energy, psnr
-from avatarrex.metrics.inception import INCEPTION_FILE, Inception, load_inception
 from avatarrex.metrics.mesh import silhouette_iou
 from avatarrex.metrics.perceptual import Lpips, find_lpips
 

@@ -72,7 +72,8 @@ class Lpips(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.network = VggFeatures()
-        self.heads = nn.ParameterList([torch.zeros(block[-1]) for block in BLOCKS])
+        heads = (nn.Sequential(nn.Identity(), nn.Conv2d(block[-1], 1, 1, bias=False)) for block in BLOCKS)
+        self.heads = nn.ModuleDict({f"lin{k}": nn.ModuleDict({"model": head}) for k, head in enumerate(heads)})
         self.register_buffer("shift", torch.tensor(SHIFT)[:, None, None])
         self.register_buffer("scale", torch.tensor(SCALE)[:, None, None])
 
@@ -83,10 +84,13 @@ class Lpips(nn.Module):
             raise InputError("lpips", "images", f"two of one size, at least {LEAST_PIXELS} pixels a side", found)
         both = self.network((2 * torch.cat([a, b]) - 1 - self.shift) / self.scale)
         total = a.new_zeros(len(a))
-        for features, head in zip(both, self.heads):
+        for features, (head,) in zip(both, self.heads.parameters()):
             of_a, of_b = _unit(features).chunk(2)
-            distance = ((of_a - of_b).square() * head[:, None, None]).sum(1)
-            total = total + masked_mean(distance, _pooled(mask, distance))
+            distance = ((of_a - of_b).square() * head).sum(1)
+            cells = mask
+            if mask is not None:
+                cells = functional.adaptive_avg_pool2d(mask.to(distance.dtype)[:, None], distance.shape[-2:])[:, 0]
+            total = total + masked_mean(distance, cells)
         return total
 
 
@@ -150,25 +154,10 @@ def load_lpips(vgg: Path, heads: Path) -> Lpips:
     """LPIPS from its two files. Raises `InputError`."""
     lpips = Lpips()
     fill(lpips.network, read_weights(vgg), vgg)
-    linear = read_weights(heads, HEADS_FILE)
-    for layer, head in enumerate(lpips.heads):
-        name = f"lin{layer}.model.1.weight"
-        expected = (1, len(head), 1, 1)
-        if name not in linear or tuple(linear[name].shape) != expected or not torch.isfinite(linear[name]).all():
-            found = tuple(linear[name].shape) if name in linear else "no such tensor"
-            raise InputError(heads, name, f"{expected} finite numbers", found)
-        head.data = linear[name].flatten().float()
+    fill(lpips.heads, read_weights(heads, HEADS_FILE), heads)
     return lpips.requires_grad_(False).eval()
 
 
 def _unit(features: Tensor) -> Tensor:
     """Unit length over channels. 1e-20 under the root: silent cells have no slope instead of NaN."""
     return features / ((features.square().sum(1, keepdim=True) + 1e-20).sqrt() + 1e-10)
-
-
-def _pooled(mask: Tensor | None, values: Tensor) -> Tensor | None:
-    """The mask's share of every cell of `values` (b, h, w)."""
-    if mask is None:
-        return None
-    height, width = values.shape[-2:]
-    return functional.adaptive_avg_pool2d(mask.to(values.dtype)[:, None], (height, width))[:, 0]

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFont, ImageOps
 
 from avatarrex.metrics.evaluate import Evaluation, split_of
+from avatarrex.metrics.table import aligned
 
 FORMAT = 1
 COLUMNS = {
@@ -108,10 +109,7 @@ def _group(evaluation: Evaluation, view: int, frame: int) -> Image.Image:
         left = number * (width + GAP)
         part = image[low[0] : high[0], low[1] : high[1], :3]
         picture = Image.fromarray(np.rint(255 * np.clip(part, 0, 1)).astype(np.uint8))
-        resized = picture.resize((round(picture.width * scale), PANEL), Image.Resampling.LANCZOS)
-        panel = Image.new("RGB", (width, PANEL))
-        panel.paste(resized, ((width - resized.width) // 2, 0))
-        group.paste(panel, (left, 2 * TITLE))
+        group.paste(ImageOps.pad(picture, (width, PANEL), Image.Resampling.LANCZOS), (left, 2 * TITLE))
         draw.text((left, TITLE), name, INK, font)
     return group
 
@@ -141,8 +139,4 @@ def _aligned(head: list[str], found: Mapping[str, Mapping[str, Any]], cells: Cal
     for split, subjects in found.items():
         for number, (subject, values) in enumerate(subjects.items()):
             rows.append(["" if number else split, subject, *cells(values)])
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return [
-        "  ".join(c.ljust(w) if k < 2 else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths))).rstrip()
-        for row in rows
-    ]
+    return aligned(rows, right=range(2, len(head)))

@@ -7,22 +7,16 @@ its torch-hub name in torch hub's `checkpoints` folder. `.safetensors`, and `.pt
 from __future__ import annotations
 
 import os
-import zipfile
 from collections.abc import Mapping
-from io import BytesIO
 from pathlib import Path
 
-import safetensors
-import safetensors.torch
 import torch
 from torch import Tensor, nn
 
-from avatarrex.errors import InputError
-from avatarrex.files.gate import check_bytes, check_file, what_is
-from avatarrex.files.zips import open_zip, unpack
+from avatarrex.errors import InputError, check
+from avatarrex.files.gate import what_is
+from avatarrex.files.tensors import read_safetensors, read_torch
 
-WEIGHTS_BYTES = 2**31
-"""Bytes of a file and of what it unpacks to; the largest that is read, Inception-v3, has 95 MB."""
 LARGEST_WEIGHT = 1e9
 """No weight of a trained network comes near; its square is still finite in single precision."""
 
@@ -46,31 +40,12 @@ def find_weights(name: str, variable: str, path: Path | None = None) -> Path | N
 
 def read_weights(file: Path, member: str | None = None) -> dict[str, Tensor]:
     """Tensors by name; with `member`, of that file inside a `.whl` or `.zip`. Raises `InputError`."""
-    check_file(file, "a weights file", WEIGHTS_BYTES)
-    try:
-        if file.suffix == ".safetensors":
-            return safetensors.torch.load_file(file)
-        values = torch.load(_content(file, member), map_location="cpu", weights_only=True)
-    except InputError:
-        raise
-    except safetensors.SafetensorError as error:
-        raise InputError(file, "", "a complete .safetensors file", _line(error)) from None
-    except Exception as error:  # what `torch.load` raises over strange bytes has no common name
-        raise InputError(file, member or "", "a file of tensors (.pth or .safetensors)", _line(error)) from None
+    if file.suffix == ".safetensors":
+        return read_safetensors(file, "a weights file")[0]
+    values = read_torch(file, "a weights file", member)
     if not isinstance(values, Mapping) or not all(isinstance(value, Tensor) for value in values.values()):
         raise InputError(file, member or "", "tensors by name", type(values).__name__)
     return dict(values)
-
-
-def _content(file: Path, member: str | None) -> Path | BytesIO:
-    """What torch is to read: the file, or that member of it, once what it unpacks to is judged."""
-    if not zipfile.is_zipfile(file):
-        return file
-    with open_zip(file, "a weights file") as archive:
-        if member and file.suffix in (".whl", ".zip"):
-            return BytesIO(unpack(archive, member, WEIGHTS_BYTES, file, member))
-        check_bytes(sum(info.file_size for info in archive.infolist()), file, "", "tensors", WEIGHTS_BYTES)
-    return file
 
 
 def fill(network: nn.Module, tensors: Mapping[str, Tensor], source: Path) -> None:
@@ -79,19 +54,12 @@ def fill(network: nn.Module, tensors: Mapping[str, Tensor], source: Path) -> Non
     for name, value in own.items():
         if name.endswith("num_batches_tracked"):
             continue
-        if name not in tensors:
-            raise InputError(source, name, f"shape {tuple(value.shape)}", "no such tensor")
-        found = tensors[name]
-        if found.shape != value.shape or not torch.isfinite(found).all():
-            raise InputError(source, name, f"{tuple(value.shape)} finite numbers", tuple(found.shape))
+        check(name in tensors, source, name, f"shape {tuple(value.shape)}", "no such tensor")
+        found, shape = tensors[name], tuple(value.shape)
+        fits = found.shape == shape and torch.isfinite(found).all()
+        check(fits, source, name, f"{shape} finite numbers", tuple(found.shape))
         largest = float(found.abs().max()) if found.numel() else 0.0
-        if largest > LARGEST_WEIGHT:
-            raise InputError(source, name, f"numbers up to {LARGEST_WEIGHT:g}", f"{largest:.4g}")
+        check(largest <= LARGEST_WEIGHT, source, name, f"numbers up to {LARGEST_WEIGHT:g}", f"{largest:.4g}")
         own[name] = found.to(value.dtype)
     network.load_state_dict(own)
     network.requires_grad_(False).eval()
-
-
-def _line(error: Exception) -> str:
-    text = str(error).strip()
-    return text.splitlines()[0][:160] if text else type(error).__name__

@@ -55,12 +55,15 @@ def _beyond(square: float) -> float:
 
 @borrowing
 def _first_of_equals(tree: SearchTree, k: int, point: Point, _: Any, state: Any) -> Any:
-    """State: limit, squared distance and leaf of the closest, and whether there is one."""
+    """State: limit, squared distance and leaf of the closest, and whether there is one.
+
+    What changes nothing leaves first: a jump that is foreseen, where selected numbers would wait for one another.
+    """
     limit, best, winner, known = state
     square = _square(tree, k, point)
-    if square < best or (known and square == best and tree.number[k] < tree.number[winner]):
-        return _beyond(square), square, k, True
-    return limit, best, winner, known
+    if square > best or (square == best and not (known and tree.number[k] < tree.number[winner])):
+        return limit, best, winner, known
+    return _beyond(square), square, k, True
 
 
 @borrowing

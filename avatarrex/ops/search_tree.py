@@ -101,10 +101,8 @@ def _walk(tree: SearchTree, point: Point, stack: Stack, out: Any, state: Any) ->
             if far_gap < near_gap:
                 near, far, near_gap, far_gap = far, near, far_gap, near_gap
             if near_gap < state[0]:
-                if far_gap < state[0]:
-                    waiting[depth], gap[depth] = far, far_gap
-                    depth += 1
-                b = near
+                waiting[depth], gap[depth] = far, far_gap  # in reach or not: that is tested once, when it is taken
+                b, depth = near, depth + 1
                 continue
         while depth and gap[depth - 1] >= state[0]:
             depth -= 1

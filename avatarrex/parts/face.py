@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.fields.tone import ToneMap
-from avatarrex.parts.part import CLAMP, Impl, Part, Start, SurfacePoints
+from avatarrex.parts.part import CLAMP, Impl, Part, PartState, Start, SurfacePoints
 from avatarrex.templates.mesh import vertex_normals
 
 FACE_BAND = 0.03
@@ -23,7 +24,7 @@ FIRST_BAND = 0.012
 
 
 @dataclass(eq=False)
-class FaceState:
+class FaceState(PartState):
     """A posed face."""
 
     skin: TemplateDistance
@@ -33,6 +34,13 @@ class FaceState:
     """Geometry tri-planes of this expression."""
     colour: Float[Tensor, "..."] | None = None
     """Colour tri-planes; decoded when a point is first coloured."""
+
+
+def face_state(states: Mapping[str, PartState]) -> FaceState:
+    """The face's, of the parts' states by name."""
+    state = states["face"]
+    assert isinstance(state, FaceState)
+    return state
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.composition import BAND
 from avatarrex.fields.hand import HandField, HandQuery, HandSurface
 from avatarrex.fields.light import Light
-from avatarrex.parts.part import CLAMP, Impl, Part, Start, SurfacePoints
+from avatarrex.parts.part import CLAMP, Impl, Part, PartState, Start, SurfacePoints
 
 BOUND = (-CLAMP, 0.026)
 """Metres at which distances of the box saturate: both ends outside the composition's band."""
@@ -23,7 +23,7 @@ MARGIN = 0.028
 
 
 @dataclass(frozen=True)
-class HandState:
+class HandState(PartState):
     """A posed hand."""
 
     field: HandField

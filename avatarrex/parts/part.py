@@ -1,7 +1,8 @@
 """A part of an avatar that has a field of its own beside the body's: what every part can do (paper sec. 3.2 to 3.4).
 
 A part lives in the frame of its joint and depends on its own coefficients and the shape alone. One file here makes a kind of
-part: hand.py, face.py. Volume and shading reach a part's field by this interface only; the raycast has a slot for each of `PARTS`.
+part: hand.py, face.py. Volume and shading reach a part's field by this interface only;
+the raycast has a slot for each of `PARTS`, up to four.
 
 | step     | needs from a part                                                       |
 |----------|-------------------------------------------------------------------------|
@@ -29,7 +30,13 @@ from avatarrex.counters import Counters
 CLAMP = 0.051
 """Metres: beyond the deepest value that the composition needs (paper eq. 13), however half precision rounds it."""
 Impl = Literal["auto", "reference"]
-State = TypeVar("State")
+
+
+class PartState:
+    """What a part prepared for one driving signal."""
+
+
+State = TypeVar("State", bound=PartState)
 
 
 @dataclass(frozen=True)

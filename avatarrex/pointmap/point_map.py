@@ -1,6 +1,6 @@
 """Point map: where each pixel's ray first meets the avatar (paper sec. 4, Step II).
 
-Letters: h w image rows and columns, p covered pixels. Root frame, metres; the SDF is negative inside.
+Letters: h w image rows and columns, p covered pixels, k parts. Root frame, metres; the SDF is negative inside.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class PointMap:
     coverage: Float[Tensor, "h w"]
     """Share of the pixel that is covered: 1 inside, between 0 and 1 at silhouettes. Where the centre misses but the
     pixel is partly covered, the nearest covered sub-position gives the point."""
-    part_weight: Float[Tensor, "h w 3"]
-    """Effective ω of left hand, right hand and face."""
+    part_weight: Float[Tensor, "h w k"]
+    """Effective ω of `PARTS`."""
     steps: Float[Tensor, "h w"]
     """Field samples that the covered pixel's centre ray took."""
     renderer: str
@@ -59,7 +59,7 @@ class CoveredPixels:
     """Row · width + column."""
     position: Float[Tensor, "p 3"]
     normal: Float[Tensor, "p 3"]
-    part_weight: Float[Tensor, "p 3"]
+    part_weight: Float[Tensor, "p k"]
     hit: Bool[Tensor, " p"] | None = None
     coverage: Float[Tensor, " p"] | None = None
     steps: Float[Tensor, " p"] | None = None

@@ -115,7 +115,7 @@ def descend_reference(
     return torch.where(falls.any(1), (low + high) / 2, torch.nan)
 
 
-def reach(volume: SdfVolume, part_weight: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
+def reach(volume: SdfVolume, part_weight: Float[Tensor, "p k"]) -> Float[Tensor, " p"]:
     """Side of the voxels that made each hit, metres: body voxels and part voxels mixed by ω."""
     side = torch.full_like(part_weight[:, 0], volume.body.voxel)
     for part in volume.parts:

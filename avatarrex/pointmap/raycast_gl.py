@@ -37,8 +37,19 @@ PART = np.dtype(
     ]
 )
 """Mirrors `struct Part` of shaders/pointmap/volume.glsl; the matrix by columns (std140)."""
+BOXES = (0, *(1 << k for k in range(len(PARTS))), (1 << len(PARTS)) - 1)
+"""Rays that meet no part box, one of `PARTS`, or several: bits of the boxes that their program looks at."""
+EXACT_LIST, COVERED_LIST = 0, 2
+"""Each comes twice: rays that meet no part box, and rays that do."""
+TILE_LIST, TRACE_LIST = 4, 5
+EDGE_LIST = TRACE_LIST + len(BOXES)
+"""The second and the third come once for each of `BOXES`."""
+PART_UNIT, CONTACT_UNIT = 3, 3 + len(PARTS)
+"""Texture units from which there is one for each part; before them body, numbers of bricks, bricks."""
+PART_SLOTS = {"PART_COUNT": len(PARTS), "CONTACT_UNIT": CONTACT_UNIT}
+"""Constants of every pass."""
 LIST = np.dtype([("groups", "u4"), ("one", "u4"), ("also_one", "u4"), ("count", "u4")])
-LISTS = np.dtype([("lists", LIST, 15), ("steps", "u4"), ("edges", "u4")])
+LISTS = np.dtype([("lists", LIST, EDGE_LIST + len(BOXES)), ("steps", "u4"), ("edges", "u4")])
 """Mirrors `buffer Lists` of shaders/pointmap/rays.glsl."""
 RECORD = np.dtype(
     [
@@ -46,17 +57,12 @@ RECORD = np.dtype(
         ("pixel", "u4"),
         ("normal", "f4", 3),
         ("coverage", "f4"),
-        ("weight", "f4", 3),
+        ("weight", "f4", len(PARTS)),
         ("steps", "f4"),
+        ("unused", "f4", -(len(PARTS) + 1) % 4),
     ]
 )
 """Mirrors `struct Record` of shaders/pointmap/surface.comp."""
-EXACT_LIST, COVERED_LIST = 0, 2
-"""Each comes twice: rays that meet no part box, and rays that do."""
-TILE_LIST, TRACE_LIST, EDGE_LIST = 4, 5, 10
-"""The second and the third come once for each of `BOXES`."""
-BOXES = (0b000, 0b001, 0b010, 0b100, 0b111)
-"""Rays that meet no part box, one of `PARTS`, or several: bits of the boxes that their program looks at."""
 HIT_BIT = np.uint32(1 << 31)
 T, BEAM, RECORDS = 4, 8, 10
 """Places among `GlCaster.pixels`."""
@@ -155,7 +161,11 @@ class GlCaster:
     def _program(self, name: str, **constants: int) -> moderngl.ComputeShader:
         key = (name, *sorted(constants.items()))
         if key not in self.programs:
-            self.programs[key] = compute_shader(self.context, f"pointmap/{name}.comp", constants)
+            self.programs[key] = compute_shader(
+                self.context,
+                f"pointmap/{name}.comp",
+                PART_SLOTS | constants,
+            )
         return self.programs[key]
 
     def _filters_in_float(self) -> bool:
@@ -170,20 +180,20 @@ class GlCaster:
         return bool(np.abs(got - np.linspace(0, 1, GROUP)).max() < 1e-6)
 
     def _bind_volume(self, volume: SdfVolume, camera: Camera) -> int:
-        """Body on texture unit 0, parts on 1–3, contacts on 4–6, bricks on 7 and 8; bytes uploaded."""
+        """Grids on their texture units; bytes uploaded."""
         table = np.zeros(len(PARTS), PART)
         table["box_from_root"], table["voxel"], table["size"] = np.eye(4), 1.0, -1.0
         table["window"] = (np.inf, np.inf, -np.inf, -np.inf)
         uploaded, bricks = self.textures.bind("body", volume.body.sdf, 0), volume.body.bricks
         if bricks is not None:
-            uploaded += self.textures.bind("brick numbers", bricks.number, 7)
-            uploaded += self.textures.bind("bricks", bricks.atlas, 8)
+            uploaded += self.textures.bind("brick numbers", bricks.number, 1)
+            uploaded += self.textures.bind("bricks", bricks.atlas, 2)
         by_name = {part.name: part for part in volume.parts}
         for k, name in enumerate(PARTS):
             part = by_name.get(name)
             contact = part.contact if part else None
-            uploaded += self.textures.bind(name, part.field if part else None, 1 + k)
-            uploaded += self.textures.bind(f"{name} contact", contact.field if contact else None, 4 + k)
+            uploaded += self.textures.bind(name, part.field if part else None, PART_UNIT + k)
+            uploaded += self.textures.bind(f"{name} contact", contact.field if contact else None, CONTACT_UNIT + k)
             if part:
                 table[k]["box_from_root"], table[k]["voxel"], table[k]["size"] = (
                     part.box_from_root.T,
@@ -236,11 +246,9 @@ def _slots(camera: Camera, antialias: bool) -> int:
 def _window(part: PartBox, camera: Camera) -> np.ndarray:
     """(x, y) from and to, in pixels, between which a box is seen; everything where it reaches behind the camera."""
     corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3) * part.size
-    camera_from_box = camera.camera_from_world @ np.linalg.inv(part.box_from_root)
-    seen = corners @ camera_from_box[:3, :3].T + camera_from_box[:3, 3]
-    if seen[:, 2].min() < 1e-3:
+    pixel, depth = camera.seen_from(np.linalg.inv(part.box_from_root)).pixels(corners)
+    if depth.min() < 1e-3:
         return np.array([-np.inf, -np.inf, np.inf, np.inf])
-    pixel = (seen @ camera.intrinsics.T)[:, :2] / seen[:, 2:]
     return np.concatenate([pixel.min(0) - 1, pixel.max(0) + 1])
 
 

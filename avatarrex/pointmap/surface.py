@@ -25,7 +25,8 @@ from avatarrex.volume.sdf_volume import SdfVolume
 class PointMapKey:
     """What a point map depends on, besides its volume."""
 
-    view: tuple[object, ...]
+    view: tuple[int, int, bytes, bytes]
+    """`Camera.key`."""
     raycast: str
     antialias: bool
     march: str
@@ -77,6 +78,6 @@ def visible_surface(
     pointmap = raycast(volume.sdf, view, settings.raycast, settings.antialias, settings.march)
     counters.update(pointmap.counters)
     if settings.polish:
-        exact = composed_field(avatar, posed, volume, counters)
+        exact = composed_field(avatar, posed, volume.body, volume.states, counters)
         pointmap = polish(pointmap, exact, volume.sdf, view, settings.polish, counters)
     return VisibleSurface(posed, volume, view, pointmap, PointMapKey.of(view, settings))

@@ -6,9 +6,8 @@ The composed field itself in float64 (volume/composed_field.py), the first cross
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
@@ -18,13 +17,12 @@ from torch.nn.functional import normalize
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.pointmap.point_map import CoveredPixels, PointMap
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.reference.dense_rays import DenseField, dense_crossing
 from avatarrex.reference.voxel_frame import PosedReference, pose_reference, shade_reference
 from avatarrex.signals.driving import Signals
-from avatarrex.volume.composed_field import ComposedField, PlacedPart
+from avatarrex.volume.composed_field import ComposedField, composed_field
 
 STEP = 0.001
 """Metres between samples along a ray (docs/accuracy.md compares two densities)."""
@@ -54,7 +52,7 @@ def render_oracle(
 ) -> Oracle:
     """The exact frame of `signals` seen by the world camera `camera`; parts in `hidden` are not drawn."""
     posed = pose_reference(avatar, signals)
-    view = posed.seen_from(camera, signals)
+    view = camera.seen_from(posed.person.world_from_root(signals))
     field = exact_field(avatar, posed, hidden | avatar.hidden)
     pointmap = cast(field, view, step)
     side = field(pointmap.position[pointmap.hit].double()).side
@@ -63,13 +61,9 @@ def render_oracle(
 
 def exact_field(avatar: Avatar, posed: PosedReference, hidden: frozenset[str]) -> ComposedField:
     """The float64 field of a posed avatar."""
-    parts = (
-        PlacedPart.of(part, posed.states[name], posed.meshes[name], np.linalg.inv(posed.root_from_part(name)))
-        for name, part in posed.parts.items()
-        if name not in hidden
-    )
-    body = BodyWithoutHands(posed.body, posed.frame, posed.skin, avatar.ownership)
-    return ComposedField(body, tuple(parts), Counters())
+    shown = {name: state for name, state in posed.states.items() if name not in hidden}
+    body = replace(posed.body, contact=avatar.ownership, reference=False)
+    return composed_field(posed.avatar, posed.person, body, shown, Counters())
 
 
 def cast(field: ComposedField, view: Camera, step: float = STEP) -> PointMap:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -20,15 +20,11 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.fields.body import BodyField, BodyFrame
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.composition import WHOLE
-from avatarrex.fields.light import Light
 from avatarrex.fields.limbs import Ownership, nodes_of
 from avatarrex.fields.patches import patches_reference
-from avatarrex.fields.template_distance import TemplateDistance
-from avatarrex.ops.rotation import matrix_from_rotvec
-from avatarrex.parts.part import CLAMP, Part
+from avatarrex.parts.part import CLAMP, PartState
 from avatarrex.pointmap.point_map import PointMap
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.settings import RenderSettings
@@ -36,10 +32,10 @@ from avatarrex.shading.colour import surface_points
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.face import FaceTemplate
 from avatarrex.templates.hand import HandTemplate
-from avatarrex.templates.model import PosedTemplate, pose_template, skinned_normals
-from avatarrex.templates.parts import PART_JOINT, PARTS
-from avatarrex.templates.transform import world_from_root
+from avatarrex.templates.parts import PARTS
+from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.volume.body_grid import BOX_MARGIN, lattice_around
+from avatarrex.volume.build import body_frame, template_distance
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import halved
 from avatarrex.volume.part_box import coarse_lattice
@@ -52,26 +48,14 @@ BLOCK_POINTS = 100_000
 
 @dataclass(frozen=True)
 class PosedReference:
-    """Everything in float64: fields, posed meshes, coefficients."""
+    """An avatar in float64 under one driving signal."""
 
-    body: BodyField
-    light: Light
-    parts: dict[str, Part[Any]]
-    template: PosedTemplate
-    frame: BodyFrame
-    skin: TemplateDistance
-    meshes: dict[str, Tensor]
-    states: dict[str, Any]
+    avatar: Avatar
+    person: PosedPerson
+    body: BodyWithoutHands
+    """Every node at every point; limbs that touch are not split."""
+    states: dict[str, PartState]
     """What each part prepared, by its reference."""
-
-    def root_from_part(self, name: str) -> np.ndarray:
-        """Rigid (4, 4)."""
-        return self.template.joint_transforms[PART_JOINT[name]].numpy()
-
-    def seen_from(self, camera: Camera, signals: Signals) -> Camera:
-        """A world camera in the root frame."""
-        pelvis = self.template.joints[0].numpy()
-        return camera.seen_from(world_from_root(signals.global_orient, signals.translation, pelvis))
 
 
 @torch.no_grad()
@@ -82,7 +66,7 @@ def render_reference(
     posed = pose_reference(avatar, signals)
     shown = (name for name in PARTS if name not in settings.hidden)
     boxes = tuple(_part_box(posed, name, settings.part_voxel) for name in shown)
-    view = posed.seen_from(camera, signals)
+    view = camera.seen_from(posed.person.world_from_root(signals))
     pointmap = raycast(SdfVolume(_body_grid(posed, settings.voxel), boxes), view, "reference", antialias=False)
     return shade_reference(posed, pointmap, view), pointmap
 
@@ -91,44 +75,29 @@ def render_reference(
 def pose_reference(avatar: Avatar, signals: Signals) -> PosedReference:
     """Fields and templates of `avatar` in float64, posed."""
     exact = _in_double(avatar)
-    person, body = exact.person, exact.body
-    shape = torch.as_tensor(np.array(signals.shape)).double()
-    body_pose = torch.as_tensor(np.array(signals.body_pose)).double()
-    pose = torch.cat([torch.zeros(1, 3), body_pose, torch.zeros(33, 3)])
-    no_expression = torch.zeros(person.body.expression_dirs.shape[2], dtype=torch.float64)
-    template = pose_template(person.body, pose, shape, no_expression)
-    normals = skinned_normals(person.body, template).numpy()
-    painted = exact.hand_weight.numpy(), body.clothing_offset.numpy()
-    meshes, states = {}, {}
-    for name, part in exact.parts.items():
-        coefficients = torch.as_tensor(np.array(person.part(name).coefficients(signals))).double()
-        meshes[name] = person.part(name).posed(coefficients, shape)
-        states[name] = part.prepare(meshes[name], coefficients, Counters(), "reference")
-    return PosedReference(
-        body,
-        exact.light,
-        exact.parts,
-        template,
-        body.frame(template, body.code(matrix_from_rotvec(body_pose))),
-        TemplateDistance.of(template.vertices.numpy(), normals, *painted, closed=True),
-        meshes,
-        states,
+    person = pose_person(exact.person, signals, Counters(), None, torch.float64)
+    body = BodyWithoutHands(
+        exact.body, body_frame(exact, person), template_distance(exact, person), None, reference=True
     )
+    states = {
+        name: part.prepare(person.parts[name], person.coefficients[name], Counters(), "reference")
+        for name, part in exact.parts.items()
+    }
+    return PosedReference(exact, person, body, states)
 
 
 def _body_grid(posed: PosedReference, voxel: float) -> BodyGrid:
     """Every voxel, by every node in reach."""
-    vertices = posed.skin.vertices
+    vertices = posed.body.skin.vertices
     lattice = lattice_around(np.concatenate([vertices - BOX_MARGIN, vertices + BOX_MARGIN]), voxel)
-    body = BodyWithoutHands(posed.body, posed.frame, posed.skin, None, reference=True)
-    sdf = body.sdf(_points(lattice), Counters())
+    sdf = posed.body.sdf(_points(lattice), Counters())
     return BodyGrid(lattice.origin, lattice.voxel, sdf.reshape(lattice.shape))
 
 
 def _part_box(posed: PosedReference, name: str, voxel: float) -> PartBox:
     """Every voxel of a part's box."""
-    part = posed.parts[name]
-    lattice = coarse_lattice(part, posed.meshes[name], voxel)
+    part = posed.avatar.parts[name]
+    lattice = coarse_lattice(part, posed.person.parts[name], voxel)
     for _ in range(part.halvings):
         lattice = halved(lattice)
     blocks = [part.distance(posed.states[name], block, "reference") for block in _points(lattice).split(BLOCK_POINTS)]
@@ -136,7 +105,7 @@ def _part_box(posed: PosedReference, name: str, voxel: float) -> PartBox:
     root_from_box = np.eye(4)
     root_from_box[:3, 3] = lattice.origin
     field = torch.stack([distance.clamp(-CLAMP, CLAMP), omega], -1).reshape(*lattice.shape, 2)
-    return PartBox(name, np.linalg.inv(posed.root_from_part(name) @ root_from_box), lattice.voxel, field)
+    return PartBox(name, np.linalg.inv(posed.person.root_from_part(name) @ root_from_box), lattice.voxel, field)
 
 
 def shade_reference(
@@ -150,16 +119,17 @@ def shade_reference(
     hit = pointmap.hit
     position, weight = pointmap.position[hit].double(), pointmap.part_weight[hit].double()
     gaze = torch.nn.functional.normalize(position - torch.as_tensor(view.centre), dim=-1)
-    patches = patches_reference(posed.body.patch_network, posed.frame.code.embedding)
+    field, whole, light = posed.body.field, posed.body.frame, posed.avatar.light
+    patches = patches_reference(field.patch_network, whole.code.embedding)
     colour, side = torch.zeros_like(position), torch.full((len(position),), WHOLE) if side is None else side
     for limb in side.unique().tolist():
         here = side == limb
-        point, along, frame = position[here], gaze[here], posed.frame.restricted(nodes_of(ownership, limb))
-        colour[here] = posed.body.colour(frame, patches, point, along, impl="reference", light=posed.light)
+        point, along, frame = position[here], gaze[here], whole.restricted(nodes_of(ownership, limb))
+        colour[here] = field.colour(frame, patches, point, along, impl="reference", light=light)
     colour = colour * (1 - weight.sum(-1, keepdim=True))
     for column, name in enumerate(PARTS):
-        points = surface_points(posed.root_from_part(name), position, gaze)
-        own = posed.parts[name].colour(posed.states[name], points, Counters(), "reference")
+        points = surface_points(posed.person.root_from_part(name), position, gaze)
+        own = posed.avatar.parts[name].colour(posed.states[name], points, Counters(), "reference")
         colour = colour + weight[:, column, None] * own
     image = torch.zeros(*hit.shape, 4, dtype=torch.float64)
     image[hit] = torch.cat([colour.clamp(0, 1), torch.ones_like(colour[:, :1])], -1)

@@ -9,8 +9,7 @@ Letters: p points. Root frame, metres; colours sRGB-encoded.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -22,7 +21,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.composition import WHOLE
 from avatarrex.fields.limbs import nodes_of
-from avatarrex.parts.part import SurfacePoints
+from avatarrex.parts.part import PartState, SurfacePoints
 from avatarrex.shading.patch_cache import PatchCache
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.posed import PosedPerson
@@ -38,23 +37,19 @@ class SurfaceColour:
     avatar: Avatar
     posed: PosedPerson
     body_frame: BodyFrame
-    states: Mapping[str, Any]
+    states: Mapping[str, PartState]
     """What each part prepared for this driving signal, by name; parts that are not there have no share in any point."""
     counters: Counters
     patches: PatchCache | None = None
     """Feature patches of this body pose."""
     sparse: bool = False
     """Few points: only the patches of the nodes in reach are decoded, and not kept."""
-    _parts: dict[str, Any] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._parts = self.avatar.parts
 
     def colour(
         self,
         position: Float[Tensor, "p 3"],
         direction: Float[Tensor, "p 3"],
-        weight: Float[Tensor, "p 3"],
+        weight: Float[Tensor, "p k"],
         side: Int[Tensor, " p"] | None = None,
     ) -> Float[Tensor, "p 3"]:
         """Colours of points seen along unit `direction` (from the eye), with the parts' shares `weight`.
@@ -73,7 +68,7 @@ class SurfaceColour:
             rows = torch.nonzero(weight[:, column] > 0)[:, 0]
             if len(rows):
                 points = surface_points(self.posed.root_from_part(name), position[rows], direction[rows])
-                part = self._parts[name].colour(self.states[name], points, self.counters)
+                part = self.avatar.parts[name].colour(self.states[name], points, self.counters)
                 colour = colour.index_add(0, rows, weight[rows, column, None] * part)
         return colour
 

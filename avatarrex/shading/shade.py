@@ -52,8 +52,7 @@ def shade(
     volume, pointmap = surface.volume, surface.pointmap
     if previous and previous.surface.pointmap is pointmap and previous.surface.volume is volume:
         return previous
-    states = {name: part.state for name, part in volume.parts.items()}
-    colours = SurfaceColour(avatar, surface.posed, volume.body_frame, states, counters)
+    colours = SurfaceColour(avatar, surface.posed, volume.body_frame, volume.states, counters)
     if previous and previous.surface.volume.body_frame is volume.body_frame:
         colours.patches = previous.patches
     if detail_from is not None and colours.patches is None:

@@ -27,12 +27,14 @@ END = " end"
 """Suffix of the name that an end site gets from its joint; no joint's name ends so, as names are stripped."""
 LARGEST_NUMBER = 1e9
 """Largest number in a file: 1000 km in millimetres, or as many turns as nobody makes."""
-JOINTS = 1000
+MOST_JOINTS = 1000
 """Ten times a body with hands, face and helpers."""
-NAME = 200
+LONGEST_NAME = 200
 """Letters of the line that names a joint."""
-ROTATIONS = 4_000_000
-"""Frames times joints, of ours where they are more: ten minutes at 120 frames a second, 40 at 30."""
+MOST_ROTATIONS = 4_000_000
+"""Frames times joints, of ours where they are more: ten minutes at 120 frames a second, 40 at 30. At its peak reading takes 530
+bytes for each (retarget.py turns matrices of all frames at once): 2.0 GiB for a file of 61 538 frames of 65 joints, 76 MB, as
+much as the arrays of an `.npz` may take."""
 Lines = Iterator[tuple[int, str]]
 """Lines with their numbers, from 1."""
 
@@ -101,12 +103,12 @@ def _joint(path: Path, number: int, line: str, joints: list[_Joint], parent: int
     if (parent < 0) != (words[0] == "ROOT") or len(words) < 2:
         wanted = "a joint's name" if len(words) < 2 else "ROOT outermost and nowhere else"
         raise InputError(path, f"line {number}", wanted, line.strip())
-    if len(line) > NAME:
-        raise InputError(path, f"line {number}", f"a joint's name of at most {NAME} letters", len(line))
+    if len(line) > LONGEST_NAME:
+        raise InputError(path, f"line {number}", f"a joint's name of at most {LONGEST_NAME} letters", len(line))
     if parent >= 0 and joints[parent].name.endswith(END):
         raise InputError(path, f"line {number}", "an OFFSET alone in an End Site", line.strip())
-    if len(joints) == JOINTS:
-        raise InputError(path, f"line {number}", f"at most {JOINTS} joints", f"another: {line.strip()}")
+    if len(joints) == MOST_JOINTS:
+        raise InputError(path, f"line {number}", f"at most {MOST_JOINTS} joints", f"another: {line.strip()}")
     return _Joint(joints[parent].name + END if words[0] == "End" else " ".join(words[1:]), parent)
 
 
@@ -138,7 +140,7 @@ def _motion(path: Path, lines: Lines, joints: list[_Joint]) -> tuple[float, np.n
         raise InputError(path, "Frames", "a whole number above 0", announced)
     if not 1e-3 <= interval <= 1e3:
         raise InputError(path, "Frame Time", "a frame time above 0: seconds, 0.001 to 1000", interval)
-    width, most = sum(len(joint.channels) for joint in joints), ROTATIONS // max(len(joints), len(JOINT_NAMES))
+    width, most = sum(len(joint.channels) for joint in joints), MOST_ROTATIONS // max(len(joints), len(JOINT_NAMES))
     rows = ((number, words) for number, line in lines if (words := line.split()))
     values, found = array("d"), 0
     for found, (number, words) in enumerate(islice(rows, count), start=1):
@@ -171,18 +173,17 @@ def _forward(joints: list[_Joint], values: np.ndarray) -> tuple[np.ndarray, np.n
     turned, places = np.zeros((len(values), len(joints), 3, 3)), np.zeros((len(values), len(joints), 3))
     column = 0
     for k, joint in enumerate(joints):
-        offset, order, angles = np.tile(joint.offset, (len(values), 1)), "", []
+        offset, turns = np.tile(joint.offset, (len(values), 1)), dict[str, int]()
         for channel in joint.channels:
             if channel.endswith("rotation"):
-                order += channel[0]
-                angles.append(values[:, column])
+                turns[channel[0]] = column
             elif joint.parent < 0:
                 # a root's position channels take the place of its offset, as every player does
                 offset[:, "XYZ".index(channel[0])] = values[:, column]
             column += 1
         local = np.tile(np.eye(3), (len(values), 1, 1))
-        if order:
-            local = Rotation.from_euler(order, np.stack(angles, -1).reshape(len(values), -1), degrees=True).as_matrix()
+        if turns:
+            local = Rotation.from_euler("".join(turns), values[:, [*turns.values()]], degrees=True).as_matrix()
         if joint.parent < 0:
             turned[:, k], places[:, k] = local, offset
         else:

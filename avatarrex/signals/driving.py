@@ -12,6 +12,7 @@ import numpy as np
 
 from avatarrex.errors import InputError
 from avatarrex.files.json_text import parse_json
+from avatarrex.signals.joints import JOINT_ROWS
 
 SHAPES: dict[str, tuple[int, ...]] = {
     "global_orient": (3,),
@@ -26,8 +27,6 @@ SHAPES: dict[str, tuple[int, ...]] = {
 }
 ROTATIONS = ("global_orient", "body_pose", "jaw_pose", "eye_pose", "left_hand_pose", "right_hand_pose")
 """The rotation vectors, in SMPL-X order."""
-_ROWS = np.cumsum([np.prod(SHAPES[name]) // 3 for name in ROTATIONS])[:-1]
-"""Where in the 55 rotation vectors the second and later of them begin."""
 LARGEST = {
     **dict.fromkeys(SHAPES, 1e3), "translation": 1e6, "expression": 5.0, "shape": 10.0
 }  # fmt: skip
@@ -75,7 +74,7 @@ class Signals:
         pose = np.asarray(pose, dtype=np.float64)
         if pose.shape != (55, 3):
             raise InputError("signals", "full pose", "shape (55, 3)", pose.shape)
-        parts = {name: rows.reshape(SHAPES[name]) for name, rows in zip(ROTATIONS, np.split(pose, _ROWS))}
+        parts = {name: pose[JOINT_ROWS[name]].reshape(SHAPES[name]) for name in ROTATIONS}
         return cls.rest().replace(**parts, **others)
 
     def full_pose(self) -> np.ndarray:

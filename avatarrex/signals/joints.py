@@ -9,6 +9,11 @@ JOINT_NAMES: tuple[str, ...] = (
     "right_elbow", "left_wrist", "right_wrist", "jaw", "left_eye", "right_eye",
     *(f"{side}_{finger}{k}" for side in ("left", "right") for finger in FINGERS for k in (1, 2, 3)),
 )  # fmt: skip
+JOINT_ROWS: dict[str, slice] = {
+    "global_orient": slice(0, 1), "body_pose": slice(1, 22), "jaw_pose": slice(22, 23), "eye_pose": slice(23, 25),
+    "leye_pose": slice(23, 24), "reye_pose": slice(24, 25), "left_hand_pose": slice(25, 40), "right_hand_pose": slice(40, 55),
+}  # fmt: skip
+"""Rows of the 55 rotation vectors by SMPL-X's names of the parts of a pose."""
 BODY_JOINTS = JOINT_NAMES[1:22]
 HAND_JOINTS = tuple(f"{finger}{k}" for finger in FINGERS for k in (1, 2, 3))
 EXPRESSION_NAMES: tuple[str, ...] = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping
 from typing import TypeVar
 
@@ -162,22 +163,15 @@ def coefficients(units: Mapping[str, float]) -> np.ndarray:
 
 def mirror(signals: Signals) -> Signals:
     """The same signals seen in a mirror: left and right exchanged."""
-    pose = signals.full_pose()
-    swapped = pose.copy()
-    for j, name in enumerate(JOINT_NAMES):
-        side, _, rest = name.partition("_")
-        other = {"left": "right_", "right": "left_"}.get(side)
-        swapped[j] = pose[JOINT_NAMES.index(other + rest) if other else j] * _MIRROR
-    order = [EXPRESSION_NAMES.index(_other_side(name)) for name in EXPRESSION_NAMES]
-    mirrored = Signals.from_full_pose(swapped, expression=signals.expression[order], shape=signals.shape)
-    return mirrored.replace(translation=signals.translation * np.array([-1.0, 1.0, 1.0]))
+    pose = signals.full_pose()[_other_sides(JOINT_NAMES)] * _MIRROR
+    mirrored = Signals.from_full_pose(pose, shape=signals.shape, translation=signals.translation * -_MIRROR)
+    return mirrored.replace(expression=signals.expression[_other_sides(EXPRESSION_NAMES)])
 
 
-def _other_side(name: str) -> str:
-    for a, b in (("Left", "Right"), ("Right", "Left")):
-        if name.endswith(a):
-            return name.removesuffix(a) + b
-    return name
+def _other_sides(names: tuple[str, ...]) -> list[int]:
+    """For each name the place of its counterpart on the other side; its own in the middle."""
+    swap = {"left_": "right_", "right_": "left_", "Left": "Right", "Right": "Left"}
+    return [names.index(re.sub("^left_|^right_|Left$|Right$", lambda side: swap[side[0]], name)) for name in names]
 
 
 def _look_up(kind: str, name: str, table: Mapping[str, _T]) -> _T:

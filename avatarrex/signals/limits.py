@@ -19,6 +19,8 @@ _DEGREES: dict[str, tuple[tuple[int, int], ...]] = {
     "shoulder": ((-60, 50), (-90, 30), (-85, 75)),
     "elbow": ((-75, 75), (-148, 5), (-10, 10)),
     "wrist": ((-15, 15), (-25, 25), (-60, 60)),
+    "thumb1": ((-30, 30), (-30, 50), (-40, 28)),
+    "eye": ((-25, 25), (-30, 30), (0, 0)),
 }
 _MIDDLE = {
     "spine1": ((-15, 30), (-20, 20), (-15, 15)),
@@ -33,7 +35,7 @@ _FLEXION = {
     "thumb": (0.53, 0.84, -0.02),
 }  # fmt: skip
 """Axes about which fingers close, from bone and nail directions of the default person (nail × bone)."""
-_CLOSE = {1: (-15, 95), 2: (-5, 105), 3: (-10, 80)}
+_CLOSE = {"1": (-15, 95), "2": (-5, 105), "3": (-10, 80), "thumb2": (-10, 50), "thumb3": (-12, 75)}
 _SPREAD = {"index": 15, "middle": 8, "ring": 10, "pinky": 18}
 """Degrees about y of the first knuckles, either way."""
 
@@ -55,13 +57,9 @@ def _left(part: str) -> tuple[tuple[int, int], ...]:
     """Degrees of a left-side joint."""
     if part in _DEGREES:
         return _DEGREES[part]
-    if part == "eye":
-        return ((-25, 25), (-30, 30), (0, 0))
-    finger, knuckle = part[:-1], int(part[-1])
-    if part == "thumb1":
-        return ((-30, 30), (-30, 50), (-40, 28))
-    low, high = _CLOSE[knuckle] if finger != "thumb" else {2: (-10, 50), 3: (-12, 75)}[knuckle]
-    spread = _SPREAD.get(finger, 0) if knuckle == 1 else 0
+    finger, knuckle = part[:-1], part[-1]
+    low, high = _CLOSE[part if finger == "thumb" else knuckle]
+    spread = _SPREAD[finger] if knuckle == "1" else 0
     box = []
     for axis, extra in zip(_FLEXION[finger], (0, spread, 0)):
         ends = sorted((axis * low, axis * high))

@@ -21,16 +21,16 @@ from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.sequence import SignalSequence, check_frames, stack
 
 FPS = 60.0
-RATES = (24.0, 25.0, 30.0, 50.0, 60.0, 120.0)
+TIMECODE_RATES = (24.0, 25.0, 30.0, 50.0, 60.0, 120.0)
 HEAD = ("HeadYaw", "HeadPitch", "HeadRoll")
 ANGLES = (*HEAD, *(f"{part}{angle}" for part in ("LeftEye", "RightEye") for angle in ("Yaw", "Pitch", "Roll")))
 OPTIONAL = ("tongueOut", *HEAD)
 """Columns that older recordings lack: zero then, with a note."""
 LARGEST_VALUE = 100.0
 """Coefficients are at most 1, angles at most 2π: beyond this it is another file."""
-GAP = 10.0
+LONGEST_GAP = 10.0
 """Seconds between rows that are still one recording."""
-SPARSE = 0.25
+LONGEST_MEAN_GAP = 0.25
 """Seconds between rows, on average: what is sparser is no recording of a face, and would be filled with sixty times its rows."""
 WANTED = (*EXPRESSION_NAMES, *HEAD)
 _KNOWN = {"timecode", "blendshapecount", *(name.lower() for name in (*WANTED, *ANGLES[3:]))}
@@ -120,13 +120,17 @@ def _times(path: Path, timecodes: list[str]) -> tuple[np.ndarray | None, float, 
     whole = hours * 3600 + minutes * 60 + seconds
     # frame numbers start again every second: a recording that crosses two such ends shows the rate
     crossed = whole[-1] - whole[0] >= 2 or frames.max() >= 30
-    rate = next((rate for rate in RATES if rate > np.floor(frames.max())), RATES[-1]) if crossed else FPS
+    rate = (
+        next((rate for rate in TIMECODE_RATES if rate > np.floor(frames.max())), TIMECODE_RATES[-1]) if crossed else FPS
+    )
     times = whole + frames / rate
     steps = np.diff(times)
-    back = np.flatnonzero((steps <= 0) | (steps > GAP))
+    back = np.flatnonzero((steps <= 0) | (steps > LONGEST_GAP))
     if len(back):
         what = "stands or turns back" if steps[back[0]] <= 0 else f"jumps by {steps[back[0]]:.0f} s"
         return None, rate, f"the timecode {what} at line {back[0] + 3}: taken as {rate:g} frames a second"
-    if len(steps) and steps.mean() > SPARSE:
-        raise InputError(path, "Timecode", f"rows at most {SPARSE:g} s apart on average", f"{steps.mean():.3g} s")
+    if len(steps) and steps.mean() > LONGEST_MEAN_GAP:
+        raise InputError(
+            path, "Timecode", f"rows at most {LONGEST_MEAN_GAP:g} s apart on average", f"{steps.mean():.3g} s"
+        )
     return times, rate, f"{rate:g} frames a second" + (" by the timecode" if crossed else " assumed: too short to tell")

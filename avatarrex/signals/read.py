@@ -11,7 +11,7 @@ from avatarrex.files.json_text import read_json as read_json_file
 from avatarrex.signals.bvh import read_bvh
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.livelink import read_livelink
-from avatarrex.signals.sequence import SignalSequence, check_frames
+from avatarrex.signals.sequence import SignalSequence, check_frames, check_rate
 from avatarrex.signals.smplx_npz import read_smplx
 
 FORMAT, VERSION = "avatarrex-signals", 1
@@ -52,9 +52,7 @@ def read_json(path: str | Path) -> SignalSequence:
         raise InputError(path, "format", FORMAT, data["format"])
     if data.get("version", VERSION) != VERSION:
         raise InputError(path, "version", str(VERSION), data["version"])
-    rate, frames, notes = data.get("fps", 30), data["frames"], data.get("notes", [])
-    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate <= 1000:
-        raise InputError(path, "fps", "a rate above 0, at most 1000", rate)
+    rate, frames, notes = check_rate(data.get("fps", 30), path), data["frames"], data.get("notes", [])
     if not isinstance(frames, list) or not frames:
         raise InputError(
             path, "frames", "a list of at least one frame", frames if frames == [] else type(frames).__name__
@@ -63,7 +61,7 @@ def read_json(path: str | Path) -> SignalSequence:
     if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
         raise InputError(path, "notes", "a list of texts", type(notes).__name__)
     signals = tuple(Signals.from_json(frame, f"{path}: frames[{k}]") for k, frame in enumerate(frames))
-    return SignalSequence(signals, float(rate), str(data.get("name") or Path(path).name), tuple(notes))
+    return SignalSequence(signals, rate, str(data.get("name") or Path(path).name), tuple(notes))
 
 
 def write_json(path: str | Path, sequence: SignalSequence) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from avatarrex.errors import InputError, plain
 from avatarrex.signals.driving import ROTATIONS, SHAPES, Signals
 
-FRAMES = 108_000
+MOST_FRAMES = 108_000
 """An hour at 30 frames a second; 3 kB of memory each."""
 
 
@@ -33,8 +33,7 @@ class SignalSequence:
     def __post_init__(self) -> None:
         if not self.frames:
             raise InputError(self.name or "sequence", "frames", "at least one", 0)
-        if not (np.isfinite(self.fps) and 0 < self.fps <= 1000):
-            raise InputError(self.name or "sequence", "fps", "a rate above 0, at most 1000", self.fps)
+        check_rate(self.fps, self.name or "sequence")
         object.__setattr__(self, "name", plain(self.name))
         object.__setattr__(self, "notes", tuple(plain(note) for note in self.notes))
 
@@ -70,8 +69,7 @@ class SignalSequence:
 
     def resample(self, fps: float) -> SignalSequence:
         """The same motion at another rate: frame k is the motion at exactly k / fps seconds, up to the last that fits."""
-        if not (np.isfinite(fps) and 0 < fps <= 1000):
-            raise InputError(self.name or "sequence", "fps", "a rate above 0, at most 1000", fps)
+        check_rate(fps, self.name or "sequence")
         # 1e-9: a last frame that falls on a sample is not lost to rounding
         count = int(self.duration * fps * (1 + 1e-9)) + 1
         check_frames(count, self.name or "sequence", "fps")
@@ -79,9 +77,19 @@ class SignalSequence:
 
 
 def check_frames(count: int, source: object, field: str) -> None:
-    """Raise `InputError` where a motion has more than `FRAMES` frames; to be called before they are made."""
-    if count > FRAMES:
-        raise InputError(source, field, f"at most {FRAMES:,} frames", f"{count:,}")
+    """Raise `InputError` where a motion has more than `MOST_FRAMES` frames; to be called before they are made."""
+    if count > MOST_FRAMES:
+        raise InputError(source, field, f"at most {MOST_FRAMES:,} frames", f"{count:,}")
+
+
+def check_rate(value: object, source: object, field: str = "fps") -> float:
+    """Frames a second. Raises `InputError` unless `value` is one number (an array of one) above 0, at most 1000."""
+    rate = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate <= 1000:
+        raise InputError(
+            source, field, "a rate above 0, at most 1000", rate.shape if isinstance(rate, np.ndarray) else rate
+        )
+    return float(rate)
 
 
 def interpolate(start: Signals, end: Signals, fraction: float) -> Signals:

@@ -18,22 +18,17 @@ from avatarrex.files.arrays import read_arrays
 from avatarrex.files.assets import require
 from avatarrex.signals.driving import LARGEST
 from avatarrex.signals.ground import grounded
-from avatarrex.signals.sequence import FRAMES, SignalSequence, check_frames, stack
+from avatarrex.signals.joints import JOINT_ROWS
+from avatarrex.signals.sequence import MOST_FRAMES, SignalSequence, check_frames, check_rate, stack
 
-RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
-_PARTS: dict[str, tuple[tuple[str, ...], slice]] = {
-    "body": (("body_pose", "pose_body"), slice(1, 22)),
-    "root": (("global_orient", "root_orient"), slice(0, 1)),
-    "jaw": (("jaw_pose", "pose_jaw"), slice(22, 23)),
-    "eyes": (("eye_pose", "pose_eye"), slice(23, 25)),
-    "left eye": (("leye_pose",), slice(23, 24)),
-    "right eye": (("reye_pose",), slice(24, 25)),
-    "hands": (("pose_hand",), slice(25, 55)),
-    "left hand": (("left_hand_pose",), slice(25, 40)),
-    "right hand": (("right_hand_pose",), slice(40, 55)),
-}
-_OTHERS = ("poses", "trans", "transl", "arkit52", "expression", *RATES)
-LARGEST_BYTES = 2 * 8 * FRAMES * 165
+RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps")
+ROWS = {
+    "pose_hand": slice(25, 55), **JOINT_ROWS, "root_orient": JOINT_ROWS["global_orient"], "pose_body": JOINT_ROWS["body_pose"],
+    "pose_jaw": JOINT_ROWS["jaw_pose"], "pose_eye": JOINT_ROWS["eye_pose"],
+}  # fmt: skip
+"""Rows of the 55 rotation vectors by the key of a file by parts."""
+KEYS = ("poses", "trans", "transl", "arkit52", "expression", *RATE_KEYS, *ROWS)
+LARGEST_BYTES = 2 * 8 * MOST_FRAMES * 165
 """Of a file's arrays: twice what the longest motion's poses take in double precision."""
 FASTEST = 15.0
 """Metres a second; sprinters reach 12."""
@@ -43,15 +38,12 @@ _SMPLH = [*range(22), *range(25, 55)]
 
 def read_smplx(path: str | Path) -> SignalSequence:
     """Read a motion of any of the three layouts. Raises `InputError` naming the key."""
-    arrays = read_arrays(path, [*_OTHERS, *(key for keys, _ in _PARTS.values() for key in keys)], LARGEST_BYTES)
+    arrays = read_arrays(path, KEYS, LARGEST_BYTES)
     for key, value in arrays.items():
         check_frames(len(np.atleast_1d(value)), path, key)
         if value.dtype.kind not in "fiu":
             raise InputError(path, key, "numbers", value.dtype)
-        largest = LARGEST["translation" if key.startswith("trans") else "body_pose"]
-        if key not in RATES and np.isfinite(value).all() and np.abs(value).max(initial=0) > largest:
-            unit = "metres" if key.startswith("trans") else "radians"
-            raise InputError(path, key, f"{unit} up to {largest:g}", f"{np.abs(value).max():g}")
+    check_magnitudes(arrays, path)
     rate, notes = _rate(arrays, path)
     full = _poses(arrays, path) if "poses" in arrays else _by_parts(arrays, path)
     translation = np.zeros((len(full), 3))
@@ -85,12 +77,9 @@ def _haste(translation: np.ndarray, rate: float) -> list[str]:
 
 
 def _rate(arrays: dict[str, np.ndarray], path: str | Path) -> tuple[float, list[str]]:
-    for key in RATES:
+    for key in RATE_KEYS:
         if key in arrays:
-            value = arrays[key]
-            if value.size != 1 or not (np.isfinite(value).all() and 0 < float(value.ravel()[0]) <= 1000):
-                raise InputError(path, key, "one rate above 0, at most 1000", value if value.size == 1 else value.shape)
-            return float(value.ravel()[0]), []
+            return check_rate(arrays[key], path, key), []
     return 30.0, ["no frame rate in the file: taken as 30 a second"]
 
 
@@ -106,24 +95,51 @@ def _poses(arrays: dict[str, np.ndarray], path: str | Path) -> np.ndarray:
 
 def _by_parts(arrays: dict[str, np.ndarray], path: str | Path) -> np.ndarray:
     """(t, 55, 3) from one array per part; the body must be there."""
-    body = next((key for key in _PARTS["body"][0] if key in arrays), None)
+    body = next((key for key in ("body_pose", "pose_body") if key in arrays), None)
     if body is None:
-        found = ", ".join(sorted(arrays)[:12])
-        raise InputError(
-            path, "poses", "poses, pose_body or body_pose", f"only {found}" if found else "none of a motion's keys"
-        )
+        found = f"only {', '.join(sorted(arrays)[:12])}" if arrays else "none of a motion's keys"
+        raise InputError(path, "poses", "poses, pose_body or body_pose", found)
+    return joint_rotations(arrays, path, body)
+
+
+def check_magnitudes(arrays: dict[str, np.ndarray], source: str | Path) -> None:
+    """Raise `InputError` for rotations or a path beyond what `Signals` may be; what is not finite is refused by its reader."""
+    for key, value in arrays.items():
+        if key in ROWS or key in ("poses", "trans", "transl"):
+            unit, name = ("metres", "translation") if key.startswith("trans") else ("radians", "body_pose")
+            found = float(np.abs(value).max(initial=0))
+            if LARGEST[name] < found < np.inf:
+                raise InputError(source, key, f"{unit} up to {LARGEST[name]:g}", f"{found:g}")
+
+
+def joint_rotations(arrays: dict[str, np.ndarray], source: str | Path, body: str) -> np.ndarray:
+    """(t, 55, 3) from one array for each part of a pose that is there, at rest elsewhere; the array `body` says how many frames.
+
+    Raises `InputError` naming the key.
+    """
     count = len(np.atleast_1d(arrays[body]))
+    check_frames(count, source, body)
     if not count:
-        raise InputError(path, body, "at least one frame", 0)
+        raise InputError(source, body, "at least one frame", 0)
     full = np.zeros((count, 55, 3))
-    for keys, joints in _PARTS.values():
-        width = joints.stop - joints.start
-        for key in keys:
-            if key in arrays:
-                flat = arrays[key].ndim != 3
-                value = require(arrays, path, key, (count, 3 * width) if flat else (count, width, 3))
-                full[:, joints] = value.reshape(count, width, 3)
+    for key, joints in ROWS.items():
+        if key in arrays:
+            full[:, joints] = rows(arrays, source, key, count, 3 * (joints.stop - joints.start)).reshape(count, -1, 3)
     return full
+
+
+def rows(arrays: dict[str, np.ndarray], source: str | Path, key: str, count: int, width: int) -> np.ndarray:
+    """`arrays[key]` as (count, width), stored so or with its joints apart; hands of fewer columns are PCA. Raises `InputError`."""
+    value = arrays.get(key)
+    if value is not None and value.ndim == 3 and value.shape[2] == 3:
+        value = value.reshape(len(value), -1)
+    found = require({} if value is None else {**arrays, key: value}, source, key, (None, None))
+    if "hand" in key and 0 < found.shape[1] < width:
+        raise InputError(source, key, f"{width} columns of axis-angle (PCA off)", f"{found.shape[1]} columns")
+    if found.shape != (count, width):
+        expected = f"shape ({count}, {width})" + (", as many frames as body_pose" if len(found) != count else "")
+        raise InputError(source, key, expected, found.shape)
+    return found
 
 
 def _placed(full: np.ndarray, translation: np.ndarray) -> tuple[np.ndarray, list[str]]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -17,6 +18,7 @@ from torch import Tensor
 from avatarrex.errors import InputError
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.ops.skinning import blend, joint_transforms, skin, skinning_matrices, tree_levels
+from avatarrex.signals.driving import Signals
 from avatarrex.templates.mesh import vertex_normals
 
 
@@ -91,6 +93,13 @@ class TemplateModel:
         """Unit normals of the rest pose."""
         return vertex_normals(self.v_template.detach(), self.faces)
 
+    def skin_faces(self) -> Int[Tensor, "g 3"]:
+        """The faces of the outer skin, which is closed: no eyeballs, teeth, tongue."""
+        inner = torch.zeros(len(self.v_template), dtype=torch.bool)
+        for name, vertices in self.groups.items():
+            inner[vertices] |= name != "body"
+        return self.faces[~inner[self.faces].any(1)]
+
     @cached_property
     def _last_shape(self) -> dict[bytes, tuple[Tensor, Tensor]]:
         """The shaped vertices and joints of the last shape."""
@@ -145,6 +154,14 @@ def pose_template(
     skinning = skinning_matrices(transforms, joints)
     vertices = skin(blend(skinning, model.weights), rest)
     return PosedTemplate(vertices, transforms[:, :3, 3], transforms, skinning)
+
+
+def pose_by_signals(model: TemplateModel, signals: Signals) -> PosedTemplate:
+    """A whole template in SMPL-X order with hands and face as `signals` say, root frame; single precision."""
+    pose = signals.full_pose()
+    pose[0] = 0
+    values = (torch.from_numpy(value.astype(np.float32)) for value in (pose, signals.shape, signals.expression))
+    return pose_template(model, *values)
 
 
 def skinned_normals(model: TemplateModel, posed: PosedTemplate) -> Float[Tensor, "v 3"]:

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from avatarrex.errors import InputError
 from avatarrex.templates.model import TemplateModel
 
-OFFSET_SIGMA = 0.05
+SPREAD_SIGMA = 0.05
 """Metres: σ of a surface offset, about what 320 of them are apart."""
 
 
@@ -47,7 +47,7 @@ class SurfaceOffsets:
             )
         centres = rest[list(self.vertices)]
         away, nearest = cKDTree(centres).query(rest, 8)
-        value = np.exp(-0.5 * (away / OFFSET_SIGMA) ** 2) + 1e-9
+        value = np.exp(-0.5 * (away / SPREAD_SIGMA) ** 2) + 1e-9
         value /= value.sum(1, keepdims=True)
         rows = np.repeat(np.arange(len(rest)), 8)
         return csr_array((value.ravel(), (rows, nearest.ravel())), shape=(len(rest), len(centres)))

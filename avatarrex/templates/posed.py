@@ -24,6 +24,14 @@ from avatarrex.templates.transform import world_from_root
 
 
 @dataclass(frozen=True)
+class TemplateKey:
+    """What a posed mesh depends on, compared by its bytes."""
+
+    coefficients: bytes
+    shape: bytes
+
+
+@dataclass(frozen=True)
 class PosedPerson:
     """The posed meshes with the key each was made from."""
 
@@ -34,8 +42,8 @@ class PosedPerson:
     """θ, the input of the detail embedding."""
     coefficients: dict[str, Float[Tensor, "..."]]
     """What drives each part: φ (15, 3) of a hand, rotation vectors; (61,) of the face: ψ, then jaw and eyes as rotation vectors."""
-    keys: dict[str, bytes]
-    """Of `body` and of each part: the coefficients that its mesh depends on."""
+    keys: dict[str, TemplateKey]
+    """Of `body` and of each part."""
 
     def __post_init__(self) -> None:
         body = {"body": self.body.vertices, "joints": self.body.joint_transforms, "skinning": self.body.skinning}
@@ -53,32 +61,39 @@ class PosedPerson:
         return np.asarray(world_from_root(signals.global_orient, signals.translation, pelvis), dtype=np.float64)
 
 
-def pose_person(person: Person, signals: Signals, counters: Counters, previous: PosedPerson | None) -> PosedPerson:
+def pose_person(
+    person: Person,
+    signals: Signals,
+    counters: Counters,
+    previous: PosedPerson | None,
+    dtype: torch.dtype = torch.float32,
+) -> PosedPerson:
     """Pose each template whose coefficients differ from `previous`."""
+
+    def tensor(values: np.ndarray) -> Tensor:
+        return torch.as_tensor(np.array(values), dtype=dtype)
+
     driving = {name: person.part(name).coefficients(signals) for name in PARTS}
     shape = signals.shape.tobytes()
-    keys = {name: values.tobytes() + shape for name, values in {"body": signals.body_pose, **driving}.items()}
+    keys = {
+        name: TemplateKey(values.tobytes(), shape) for name, values in {"body": signals.body_pose, **driving}.items()
+    }
     old = previous.keys if previous else {}
     if previous and old["body"] == keys["body"]:
         body, rotation = previous.body, previous.body_rotation
     else:
-        rotation = matrix_from_rotvec(_tensor(signals.body_pose))
-        pose = torch.zeros(len(person.body.parents), 3)
-        pose[1:22] = _tensor(signals.body_pose)
-        body = pose_template(
-            person.body, pose, _tensor(signals.shape), torch.zeros(person.body.expression_dirs.shape[2])
-        )
+        rotation = matrix_from_rotvec(tensor(signals.body_pose))
+        pose = torch.zeros(len(person.body.parents), 3, dtype=dtype)
+        pose[1:22] = tensor(signals.body_pose)
+        no_expression = torch.zeros(person.body.expression_dirs.shape[2], dtype=dtype)
+        body = pose_template(person.body, pose, tensor(signals.shape), no_expression)
         counters.add("templates_posed", 1)
-    coefficients = {name: _tensor(values) for name, values in driving.items()}
+    coefficients = {name: tensor(values) for name, values in driving.items()}
     parts: dict[str, Tensor] = {}
     for name in PARTS:
         if previous and old[name] == keys[name]:
             parts[name] = previous.parts[name]
         else:
-            parts[name] = person.part(name).posed(coefficients[name], _tensor(signals.shape))
+            parts[name] = person.part(name).posed(coefficients[name], tensor(signals.shape))
             counters.add("templates_posed", 1)
     return PosedPerson(body, parts, rotation, coefficients, keys)
-
-
-def _tensor(values: np.ndarray) -> Tensor:
-    return torch.as_tensor(np.array(values), dtype=torch.float32)

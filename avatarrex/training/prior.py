@@ -16,6 +16,7 @@ import os
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import safetensors
@@ -28,6 +29,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.fields.orthographic import AXES, render_views
+from avatarrex.files.tensors import read_torch
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.library import POSES, named_pose
@@ -130,7 +132,7 @@ def fit(out: Path, part: str, minutes: float, preset: str = "compact", seed: int
     out.mkdir(parents=True, exist_ok=True)
     path, module, seconds, steps = out / f"{part}.pt", avatar.modules()[module_of(part)], 0.0, 0
     if path.exists():
-        saved = torch.load(path, weights_only=True)
+        saved = read_fitted(path)
         module.load_state_dict(saved["state"])
         work.optimiser.load_state_dict(saved["optimiser"])
         seconds, steps = saved["seconds"], saved["steps"]
@@ -166,6 +168,14 @@ def _work(avatar: Avatar, part: str, rng: np.random.Generator) -> Fit:
     return Fit(*supervision(avatar, poses, part, rng))
 
 
+def read_fitted(path: Path) -> dict[str, Any]:
+    """A checkpoint of `fit`: `state`, `seconds`, `steps`, and to go on from it `optimiser`. Raises `InputError`."""
+    saved = read_torch(path, "a fitted part")
+    if not isinstance(saved, dict) or not {"state", "seconds", "steps"} <= set(saved):
+        raise InputError(path, "", "a checkpoint of the prior", type(saved).__name__)
+    return saved
+
+
 def package(out: Path, target: Path, preset: str = "compact") -> None:
     """Write what was fitted, in half precision, in place of that part of `target`; the whole prior where there is none.
 
@@ -177,7 +187,7 @@ def package(out: Path, target: Path, preset: str = "compact") -> None:
     for part in MINUTES:
         path = out / f"{part}.pt"
         if path.exists():
-            saved = torch.load(path, weights_only=True)
+            saved = read_fitted(path)
             about[part] = f"{saved['steps']} steps, {saved['seconds'] / 60:.1f} minutes on one core"
             about[part] += ", on from the prior before" if saved.get("on") else ""
             known = known_state(saved["state"], part)

@@ -13,8 +13,8 @@ from typing import Any, Literal, TypeVar
 
 Sampling = Literal["near", "uniform"]
 Quadrature = Literal["interval", "point"]
-PARTS = ("face", "body")
-"""Of which each is trained in two passes, in this order."""
+TRAINED = ("face", "body")
+"""What has two passes of its own, in this order; the hands are trained with the body."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +111,7 @@ class Recipe:
 
     def steps(self) -> dict[str, int]:
         """Both passes' steps by part."""
-        return {part: sum(stage.steps for stage in getattr(self, part)) for part in PARTS}
+        return {part: sum(stage.steps for stage in getattr(self, part)) for part in TRAINED}
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -120,7 +120,7 @@ class Recipe:
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> Recipe:
         """What `to_json` gave. Raises KeyError, TypeError or ValueError."""
-        passes = {part: (PassOne(**_weighted(data[part][0])), PassTwo(**_weighted(data[part][1]))) for part in PARTS}
+        passes = {part: (PassOne(**_weighted(data[part][0])), PassTwo(**_weighted(data[part][1]))) for part in TRAINED}
         return cls(**{**data, **passes})
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -13,10 +13,11 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.template_distance import TemplateDistance
+from avatarrex.parts.part import PartState
 from avatarrex.settings import RenderSettings
 from avatarrex.templates.model import skinned_normals
 from avatarrex.templates.parts import PARTS
-from avatarrex.templates.posed import PosedPerson
+from avatarrex.templates.posed import PosedPerson, TemplateKey
 from avatarrex.volume.body_grid import build_body_grid, refined
 from avatarrex.volume.contact import find_contact
 from avatarrex.volume.part_box import UnplacedBox, build_part_box
@@ -26,43 +27,25 @@ from avatarrex.volume.temporal_reuse import ChangedRegion, PreviousGrid, Reusabl
 
 
 @dataclass(frozen=True)
-class GridKey:
-    """What the body's lattice depends on."""
+class PieceKey:
+    """What the body grid, or the box of a hand or the face, depends on."""
 
+    pose: TemplateKey
     voxel: float
     everywhere: bool
-
-
-@dataclass(frozen=True)
-class BodyKey:
-    """What the body grid depends on."""
-
-    pose: bytes
-    grid: GridKey
-
-
-@dataclass(frozen=True)
-class PartKey:
-    """What the box of a hand or the face depends on."""
-
-    pose: bytes
-    voxel: float
-    everywhere: bool
+    version: int
+    """Of its fields."""
 
 
 @dataclass(frozen=True)
 class VolumeKey:
-    """What a volume depends on; a piece whose key is None is not there, or is out of date."""
+    """What a volume depends on."""
 
-    body: BodyKey | None
-    parts: tuple[PartKey | None, ...]
-    """In the order of `PARTS`."""
+    body: PieceKey
+    parts: Mapping[str, PieceKey]
+    """Of those that are there."""
     hidden: frozenset[str]
     bricks: int
-
-    def part(self, name: str) -> PartKey | None:
-        """Of one of `PARTS`."""
-        return self.parts[PARTS.index(name)]
 
 
 @dataclass(frozen=True)
@@ -70,7 +53,7 @@ class BuiltPart:
     """A part's box and what its field prepared for this driving signal."""
 
     box: UnplacedBox
-    state: Any
+    state: PartState
 
 
 @dataclass(frozen=True)
@@ -96,16 +79,14 @@ class AvatarVolume:
         """Of the whole template."""
         return self.body.skin
 
+    @property
+    def states(self) -> dict[str, PartState]:
+        """What each part prepared, by name."""
+        return {name: part.state for name, part in self.parts.items()}
+
     def follows(self, other: AvatarVolume) -> bool:
         """Whether `changed` tells how the body differs from that of `other`."""
         return self.changed is not None and self.changed.since is other.body_frame
-
-    def outdated(self, piece: str) -> AvatarVolume:
-        """The same volume, of which the fields of `body` or of a part have changed: it will be built anew."""
-        if piece == "body":
-            return replace(self, key=replace(self.key, body=None))
-        kept = tuple(None if name == piece else key for name, key in zip(PARTS, self.key.parts))
-        return replace(self, key=replace(self.key, parts=kept))
 
 
 def build_volume(
@@ -120,15 +101,13 @@ def build_volume(
 
     Parts `off_screen` are left out unless `previous` has them.
     """
-    key = _key(posed, settings, previous, off_screen)
+    key = _key(avatar, posed, settings, previous, off_screen)
     exact = previous is None or settings.reuse_tolerance > 0 or previous.changed is None  # enough for these settings
     if previous and previous.key == key and exact:
         return previous
     parts: dict[str, BuiltPart] = {}
-    for name in PARTS:
-        if key.part(name) is None:
-            continue
-        if previous and previous.key.part(name) == key.part(name) and name in previous.parts:
+    for name in key.parts:
+        if previous and previous.key.parts.get(name) == key.parts[name]:
             parts[name] = previous.parts[name]
         else:
             parts[name] = _part(avatar, posed, name, settings, counters)
@@ -178,7 +157,7 @@ def template_distance(
     `skin`: vertices and normals (v, 3) in place of those of `posed`; `near`: the distance of another pose, whose tree is moved.
     """
     vertices, normals = skin or template_skin(avatar, posed)
-    painted = avatar.hand_weight.double().numpy(), avatar.body.clothing_offset.double().numpy()
+    painted = avatar.person.hand_weight.double().numpy(), avatar.body.clothing_offset.double().numpy()
     return TemplateDistance.of(vertices, normals, *painted, closed=True, tree=near.closest if near else None)
 
 
@@ -189,27 +168,31 @@ def template_skin(avatar: Avatar, posed: PosedPerson) -> tuple[np.ndarray, np.nd
 
 
 def _key(
-    posed: PosedPerson, settings: RenderSettings, previous: AvatarVolume | None, off_screen: frozenset[str]
+    avatar: Avatar,
+    posed: PosedPerson,
+    settings: RenderSettings,
+    previous: AvatarVolume | None,
+    off_screen: frozenset[str],
 ) -> VolumeKey:
-    grid, every = GridKey(settings.voxel, settings.everywhere), settings.everywhere
-    old = previous.key if previous else None
-    unmoved = old is not None and old.body is not None and old.body.pose == posed.keys["body"]
-    if settings.reuse_tolerance and previous and old and old.body and unmoved and previous.grid.voxel <= settings.voxel:
+    def key(piece: str, voxel: float) -> PieceKey:
+        return PieceKey(posed.keys[piece], voxel, settings.everywhere, avatar.versions.get(piece, 0))
+
+    body, old = key("body", settings.voxel), previous.key if previous else None
+    unmoved = old is not None and old.body.pose == body.pose
+    if settings.reuse_tolerance and previous and old and unmoved and previous.grid.voxel <= settings.voxel:
         # A turned view, or a moved hand, keeps the voxels that are there.
-        grid = replace(old.body.grid, everywhere=every)
-    parts = []
-    for name in PARTS:
-        key = PartKey(posed.keys[name], settings.part_voxel, every)
-        missing = name in off_screen and (old is None or old.part(name) != key)
-        parts.append(None if name in settings.hidden or missing else key)
-    return VolumeKey(BodyKey(posed.keys["body"], grid), tuple(parts), settings.hidden, settings.bricks)
+        body = replace(body, voxel=old.body.voxel)
+    parts = {name: key(name, settings.part_voxel) for name in PARTS if name not in settings.hidden}
+    there = {} if old is None else old.parts
+    parts = {name: key for name, key in parts.items() if name not in off_screen or there.get(name) == key}
+    return VolumeKey(body, parts, settings.hidden, settings.bricks)
 
 
 def _reusable(previous: AvatarVolume | None, key: VolumeKey, settings: RenderSettings) -> AvatarVolume | None:
-    """`previous` where its body may be reused in part: it has the same lattice."""
-    if not settings.reuse_tolerance or previous is None or previous.key.body is None or key.body is None:
+    """`previous` where its body may be reused in part: it differs in its pose at most."""
+    if not settings.reuse_tolerance or previous is None:
         return None
-    return previous if previous.key.body.grid == key.body.grid else None
+    return previous if replace(previous.key.body, pose=key.body.pose) == key.body else None
 
 
 def _body(

@@ -10,6 +10,7 @@ Letters: p points, v vertices, k parts in the order of `PARTS`. Root frame, metr
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -24,12 +25,11 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body import MAX_CLOTHING_OFFSET
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.composition import BAND, Composed, compose, in_band
-from avatarrex.fields.limbs import Limbs, reached_by_others
+from avatarrex.fields.limbs import Limbs
 from avatarrex.fields.template_distance import FLAT, MAX_DEVIATION
-from avatarrex.parts.part import Part
+from avatarrex.parts.part import Part, PartState
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.posed import PosedPerson
-from avatarrex.volume.build import AvatarVolume
 from avatarrex.volume.contact import faded, split_share
 
 SURFACE_REACH = FLAT + MAX_CLOTHING_OFFSET + MAX_DEVIATION
@@ -41,7 +41,7 @@ class PlacedPart:
     """A posed part in its place, as a field."""
 
     part: Part[Any]
-    state: Any
+    state: PartState
     """What the part prepared for this driving signal."""
     part_from_root: Float[np.ndarray, "4 4"]
     low: Float[np.ndarray, "3"]
@@ -49,7 +49,7 @@ class PlacedPart:
     """The box, part-frame metres."""
 
     @classmethod
-    def of(cls, part: Part[Any], state: Any, vertices: Tensor, part_from_root: np.ndarray) -> PlacedPart:
+    def of(cls, part: Part[Any], state: PartState, vertices: Tensor, part_from_root: np.ndarray) -> PlacedPart:
         """From the posed mesh (v, 3), part frame."""
         return cls(part, state, part_from_root, *part.bounds(vertices))
 
@@ -81,14 +81,8 @@ class ComposedField:
     @cached_property
     def limbs(self) -> dict[str, Limbs]:
         """The body field split apart, for the parts into whose boxes another limb reaches."""
-        touched: dict[str, Limbs] = {}
-        if self.body.contact is None:
-            return touched
-        for part in self.parts:
-            own = self.body.contact[part.name]
-            if reached_by_others(self.body.skin, own, part.part_from_root, part.low, part.high):
-                touched[part.name] = self.body.limbs(own)
-        return touched
+        found = {p.name: self.body.limbs(p.name, p.part_from_root, p.low, p.high) for p in self.parts}
+        return {name: limbs for name, limbs in found.items() if limbs is not None}
 
     @torch.no_grad()
     def __call__(self, position: Float[Tensor, "p 3"]) -> Composed:
@@ -157,10 +151,12 @@ class ComposedField:
         return sdf
 
 
-def composed_field(avatar: Avatar, posed: PosedPerson, volume: AvatarVolume, counters: Counters) -> ComposedField:
-    """The float32 field that `volume` was built from: its body, and its parts that are built."""
+def composed_field(
+    avatar: Avatar, posed: PosedPerson, body: BodyWithoutHands, states: Mapping[str, PartState], counters: Counters
+) -> ComposedField:
+    """The field of a body and of those parts whose states are there, in the dtype that they have."""
     parts = (
-        PlacedPart.of(avatar.parts[name], built.state, posed.parts[name], np.linalg.inv(posed.root_from_part(name)))
-        for name, built in volume.parts.items()
+        PlacedPart.of(avatar.parts[name], state, posed.parts[name], np.linalg.inv(posed.root_from_part(name)))
+        for name, state in states.items()
     )
-    return ComposedField(volume.body, tuple(parts), counters)
+    return ComposedField(body, tuple(parts), counters)

@@ -15,7 +15,6 @@ from torch import Tensor
 
 from avatarrex.counters import Counters
 from avatarrex.fields.body_without_hands import BodyWithoutHands
-from avatarrex.fields.limbs import reached_by_others
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.part_box import UnplacedBox
 from avatarrex.volume.sdf_volume import BodyGrid, Contact
@@ -45,12 +44,10 @@ def find_contact(
     counters: Counters,
 ) -> Contact | None:
     """Evaluate `own` and `others` in the box of `part` when another limb is in it, else None."""
-    if body.contact is None:
-        return None
-    ownership = body.contact[part.name]
     corners, part_from_root = part.lattice.corners(), np.linalg.inv(root_from_part)
     low, high = corners.min(0), corners.max(0)
-    if not reached_by_others(body.skin, ownership, part_from_root, low, high):
+    limbs = body.limbs(part.name, part_from_root, low, high)
+    if limbs is None:
         return None
     lattice = Lattice(grid.origin, grid.voxel, (grid.sdf.shape[0], grid.sdf.shape[1], grid.sdf.shape[2]))
     placed = corners @ root_from_part[:3, :3].T + root_from_part[:3, 3]
@@ -63,7 +60,7 @@ def find_contact(
     local = torch.as_tensor(position @ part_from_root[:3, :3].T + part_from_root[:3, 3])
     points = torch.as_tensor(position, dtype=torch.float32)
     pairs = body.field.pairs(body.frame, points)
-    apart = body.limbs(ownership).own_and_others(points, pairs)
+    apart = limbs.own_and_others(points, pairs)
     values = faded(apart, grid.sdf.flatten()[index], split_share(local, low, high).float())
     counters.add("voxels_evaluated", 2 * len(index))
     counters.add("local_mlp_evaluations", len(pairs.point))

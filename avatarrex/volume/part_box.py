@@ -19,7 +19,7 @@ from jaxtyping import Float16
 from torch import Tensor
 
 from avatarrex.counters import Counters
-from avatarrex.parts.part import Part
+from avatarrex.parts.part import Part, PartState
 from avatarrex.volume.lattice import Lattice
 from avatarrex.volume.narrow_band import between, halved, settle
 
@@ -55,7 +55,7 @@ def coarse_lattice(part: Part[Any], vertices: Tensor, voxel: float) -> Lattice:
 
 
 def build_part_box(
-    part: Part[Any], state: Any, vertices: Tensor, voxel: float, counters: Counters, everywhere: bool = False
+    part: Part[Any], state: PartState, vertices: Tensor, voxel: float, counters: Counters, everywhere: bool = False
 ) -> UnplacedBox:
     """The part's field around its surface; `everywhere`: at every voxel where it is used."""
     lattice = coarse_lattice(part, vertices, voxel)

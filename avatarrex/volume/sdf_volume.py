@@ -71,6 +71,11 @@ class PartBox:
         """Metres (x, y, z) between the centres of the outermost voxels."""
         return self.voxel * (np.array(self.field.shape[2::-1]) - 1.0)
 
+    def local(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        """Root-frame points in box metres."""
+        matrix = torch.as_tensor(self.box_from_root).to(position)
+        return position @ matrix[:3, :3].T + matrix[:3, 3]
+
 
 @dataclass(frozen=True, eq=False)
 class SdfVolume:
@@ -151,8 +156,7 @@ def _boxed(parts: tuple[PartBox, ...], position: Tensor) -> Tensor:
     """Rows of the points that lie in a part's box."""
     boxed = torch.zeros(len(position), dtype=torch.bool)
     for part in parts:
-        matrix = torch.as_tensor(part.box_from_root).to(position)
-        local = position @ matrix[:3, :3].T + matrix[:3, 3]
+        local = part.local(position)
         boxed |= ((local >= 0) & (local <= torch.as_tensor(part.size).to(position))).all(-1)
     return torch.nonzero(boxed)[:, 0]
 
@@ -188,8 +192,7 @@ def stored_parts(volume: SdfVolume, position: Float[Tensor, "p 3"]) -> StoredPar
     apart = position.new_full(count, torch.inf)
     for part in volume.parts:
         k = PARTS.index(part.name)
-        matrix = torch.as_tensor(part.box_from_root).to(position)
-        local = position @ matrix[:3, :3].T + matrix[:3, 3]
+        local = part.local(position)
         box = torch.as_tensor(part.size).to(position)
         apart[:, k] = torch.maximum(-local, local - box).clamp(min=0).norm(dim=-1)
         inside[:, k] = apart[:, k] == 0

@@ -1,4 +1,6 @@
 // How body, hands and face become one field: the rule of avatarrex/fields/composition.py, part after part. Metres.
+#include "lib/parts.glsl"
+
 const float BAND_LOW = -0.05, BAND_HIGH = 0.025;  // open interval of a part's distance in which it is blended (eq. 13)
 const float NOWHERE = 1e9;
 
@@ -7,10 +9,10 @@ struct Composition {
     float others;   // max over parts of the other limbs' body field
     float bound;    // how far a ray may step as far as the terms go
     float winners;  // parts that tie for `own`
-    vec3 weight;    // their effective omega
+    PartNumbers weight;  // their effective omega
 };
 
-Composition compose_nothing() { return Composition(NOWHERE, -NOWHERE, NOWHERE, 0, vec3(0)); }
+Composition compose_nothing() { return Composition(NOWHERE, -NOWHERE, NOWHERE, 0, PartNumbers(0)); }
 
 bool in_band(float part_sdf) { return part_sdf > BAND_LOW && part_sdf < BAND_HIGH; }
 
@@ -19,7 +21,7 @@ void compose_part(inout Composition sum, int k, vec2 part, vec2 body) {
     float omega = in_band(part.x) ? part.y : 0;
     float c = omega == 0 ? body.x : omega * part.x + (1 - omega) * body.x;
     if (c < sum.own) {
-        sum.weight = vec3(0);
+        sum.weight = PartNumbers(0);
         sum.winners = 0;
     }
     if (c <= sum.own) {
@@ -38,6 +40,6 @@ float compose_sdf(Composition sum, float body) { return compose_any(sum) ? min(s
 // Inside boxes min(|s|, |own|, |s_k|, |others|), in none |s|.
 float compose_step(Composition sum, float sdf) { return min(abs(sdf), sum.bound); }
 
-vec3 compose_weight(Composition sum) {
-    return sum.others < sum.own ? vec3(0) : sum.weight / max(sum.winners, 1);
+PartNumbers compose_weight(Composition sum) {
+    return sum.others < sum.own ? PartNumbers(0) : sum.weight / max(sum.winners, 1);
 }

@@ -29,7 +29,7 @@ void main() {
     float from_camera = max(range.x + away, 0), end = range.y + away, free = NO_HIT;
     for (int i = 0; i < MAX_BALLS && from_camera < end && free == NO_HIT; ++i) {
         vec3 place = clamp(body_at(ray, from_camera - away), vec3(0), body_last());
-        float width = spread * from_camera, sdf = field_filtered(vec3(0), place, bvec3(false)).sdf;
+        float width = spread * from_camera, sdf = field_filtered(vec3(0), place, PartTruths(false)).sdf;
         float beside = max(sdf / STEEP, sdf - TRUSTED) - width;
         if (beside < ENOUGH * width + NARROW || i == MAX_BALLS - 1) free = from_camera;
         from_camera += beside / (1 + spread);

@@ -5,7 +5,7 @@ layout(local_size_x = 64) in;
 #include "pointmap/volume.glsl"
 #include "pointmap/rays.glsl"
 
-const int MAX_CELLS = 3000;     // a ray through all cells of the body grid and three boxes of 128 voxels
+const int MAX_CELLS = 3000;     // a ray through all cells of the body grid and the boxes of 128 voxels
 const int CLOSE_STEPS = 24;
 
 // t of the next face of the unit lattice after t, for a ray in voxels.
@@ -17,11 +17,11 @@ float next_face(vec3 origin, vec3 direction, float t) {
     return max(min(t_face.x, min(t_face.y, t_face.z)), t);
 }
 
-float cell_end(Ray ray, float t, bvec3 inside) {
+float cell_end(Ray ray, float t, PartTruths inside) {
     float end = min(ray.range.y, t + max(reach_at(ray, t), 1e-6));
     float cut = BRICKS == 1 && brick_at(body_at(ray, t + 1e-6)) >= 0 ? float(u_brick_side) : 1.0;
     end = min(end, next_face(cut * ray.body_origin, cut * ray.body_direction, t));
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < PART_COUNT; ++k) {
         if (!inside[k]) continue;
         float voxel = in_part[k].voxel;
         end = min(end, next_face(box_place(k, ray.origin) / voxel,
@@ -41,7 +41,7 @@ void main() {
     // Samples u in [0, 1] of the cell [t, end]: 0, 1/3, 2/3, 1, then the minimum of the cubic through them.
     float a = NO_HIT, fa = 0, b = NO_HIT, fb = 0, last_t = t, last = -1;
     for (int cell = 0; cell < MAX_CELLS && b == NO_HIT; ++cell) {
-        bvec3 inside = boxes_at(ray, t + 1e-6);
+        PartTruths inside = boxes_at(ray, t + 1e-6);
         float end = cell_end(ray, t, inside);
         vec4 f = vec4(0);
         float low = NO_HIT, far = 0;

@@ -21,7 +21,7 @@ Hit march(Ray ray, float start) {
     bool found = false;
     if (t > ray.range.y) return hit;
     for (int i = 0; i < MAX_STEPS; ++i) {
-        bvec3 inside = boxes_at(ray, t);
+        PartTruths inside = boxes_at(ray, t);
         Field f = field_filtered(at(ray, t), body_at(ray, t), inside);
         ++hit.steps;
         s = f.sdf;

@@ -15,8 +15,8 @@ struct Ray {
     vec3 body_origin;     // the same ray in body voxels
     vec3 body_direction;
     vec2 range;       // where any box is, from the camera on; empty (x > y) where there is none
-    vec3 entry;       // of the part boxes; entry > exit where missed or not looked at
-    vec3 exit;
+    PartNumbers entry;  // of the part boxes; entry > exit where missed or not looked at
+    PartNumbers exit;
 };
 
 Ray ray_through(vec2 pixel) {
@@ -31,9 +31,9 @@ Ray ray_through(vec2 pixel) {
     ray.body_direction = ray.direction / u_voxel;
     ray.range = slab(ray.body_origin, ray.body_direction, body_last());
     if (ray.range.x > ray.range.y) ray.range = vec2(NOWHERE, -NOWHERE);
-    ray.entry = vec3(NOWHERE);
-    ray.exit = vec3(-NOWHERE);
-    for (int k = 0; k < 3; ++k) {
+    ray.entry = PartNumbers(NOWHERE);
+    ray.exit = PartNumbers(-NOWHERE);
+    for (int k = 0; k < PART_COUNT; ++k) {
         if (!looks_at(k)) continue;
         vec2 box = slab(box_place(k, ray.origin), mat3(in_part[k].box_from_root) * ray.direction, in_part[k].size);
         if (in_part[k].size.x < 0 || box.y < ray.camera) box = vec2(NOWHERE, -NOWHERE);
@@ -48,7 +48,7 @@ Ray ray_through(vec2 pixel) {
 // Whether any part box may be seen between two corners of the picture.
 bool sees_parts(vec2 low, vec2 high) {
     bool sees = false;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < PART_COUNT; ++k) {
         vec4 window = in_part[k].window;
         sees = sees || all(greaterThanEqual(high, window.xy)) && all(lessThanEqual(low, window.zw));
     }
@@ -58,7 +58,7 @@ bool sees_parts(vec2 low, vec2 high) {
 // Which part boxes the ray, as wide as a pixel, meets: a bit each.
 uint meets_parts(Ray ray) {
     uint meets = 0u;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < PART_COUNT; ++k) {
         vec3 place = box_place(k, ray.origin), size = in_part[k].size;
         // Half a voxel of the body is how far normals look aside.
         float grown = ray.footprint * (1 - (length(place) + length(size)) / ray.camera) + 0.5 * u_voxel;
@@ -72,27 +72,27 @@ vec3 at(Ray ray, float t) { return ray.origin + t * ray.direction; }
 
 vec3 body_at(Ray ray, float t) { return ray.body_origin + t * ray.body_direction; }
 
-bvec3 boxes_at(Ray ray, float t) {
-    return bvec3(t >= ray.entry.x && t <= ray.exit.x, t >= ray.entry.y && t <= ray.exit.y,
-                 t >= ray.entry.z && t <= ray.exit.z);
+PartTruths boxes_at(Ray ray, float t) {
+    PartTruths inside;
+    for (int k = 0; k < PART_COUNT; ++k) inside[k] = t >= ray.entry[k] && t <= ray.exit[k];
+    return inside;
 }
 
 // Metres to the next box entry.
 float reach_at(Ray ray, float t) {
-    vec3 ahead = mix(vec3(NOWHERE), ray.entry - t, greaterThan(ray.entry, vec3(t)));
-    return min(ahead.x, min(ahead.y, ahead.z));
+    return least(mix(PartNumbers(NOWHERE), ray.entry - t, greaterThan(ray.entry, PartNumbers(t))));
 }
 
 // Lists of pixels for the next pass: each an indirect dispatch of 64 (of 16 for each silhouette pixel), counted as they are
 // appended. Exact walks and what is covered come twice, for pixels of rays that miss all part boxes and for those that meet one,
 // which need the slower program; traced rays and silhouettes for each set of boxes (`boxes_list`). Tiles come once, a work
 // group each.
-const int LIST_EXACT = 0, LIST_COVERED = 2, LIST_TILE = 4, LIST_TRACE = 5, LIST_EDGE = 10;
+const int LIST_EXACT = 0, LIST_COVERED = 2, LIST_TILE = 4, LIST_TRACE = 5, BOX_SETS = PART_COUNT + 2, LIST_EDGE = LIST_TRACE + BOX_SETS;
 
-// Which list holds rays that meet these part boxes (a bit each): none, one of three, several.
-uint boxes_list(uint boxes) { return boxes == 0u ? 0u : boxes == 1u ? 1u : boxes == 2u ? 2u : boxes == 4u ? 3u : 4u; }
+// Which list holds rays that meet these part boxes (a bit each): none, one part, several.
+uint boxes_list(uint boxes) { return bitCount(boxes) > 1 ? uint(PART_COUNT + 1) : uint(findMSB(boxes) + 1); }
 struct List { uint groups, one, also_one, count; };
-layout(std430, binding = 1) buffer Lists { List lists[15]; uint tally_steps; uint edge_count; };
+layout(std430, binding = 1) buffer Lists { List lists[LIST_EDGE + BOX_SETS]; uint tally_steps; uint edge_count; };
 layout(std430, binding = 2) buffer TracePixels { uint trace_pixels[]; };      // room for all in each list
 layout(std430, binding = 3) buffer ExactPixels { uvec2 exact_pixels[]; };      // pixel, bits of the t to start from
 layout(std430, binding = 4) buffer EdgePixels { uint edge_pixels[]; };
@@ -109,8 +109,8 @@ const float NO_HIT = 1e9;
 const float EMPTY = 2e9;               // of a tile without hits; no pass visits its pixels
 const uint NO_SLOT = 0xffffffffu;
 const uint GRAZES = 0x80000000u;       // the ray misses the surface by less than a pixel
-const int BOXES_SHIFT = 28;            // three bits: the part boxes that the ray meets
-const uint STEPS = 0x0fffffffu;
+const int BOXES_SHIFT = 31 - PART_COUNT;  // a bit each: the part boxes that the ray meets
+const uint STEPS = (1u << BOXES_SHIFT) - 1u, EVERY_BOX = (1u << PART_COUNT) - 1u;
 
 // Two lists of a kind share one buffer of `capacity` entries and fill it from both ends.
 uint from_end(uint row, uint parts, uint capacity) { return parts == 0u ? row : capacity - 1u - row; }
@@ -152,6 +152,6 @@ float beam_of(ivec2 place) { return beam_free[uint(place.y / 8) * tiles_across()
 // t from which a pixel's ray may meet something: the body where its beam ends, a part not before its box.
 float start_of(uint pixel, Ray ray) {
     float free = beam_of(ivec2(corner_of(pixel))), start = free == NO_HIT ? NOWHERE : free + ray.camera;
-    if (PARTS != 0) start = min(start, min(ray.entry.x, min(ray.entry.y, ray.entry.z)));
+    if (PARTS != 0) start = min(start, least(ray.entry));
     return start;
 }

@@ -9,14 +9,14 @@ struct Record {
     uint pixel;     // index; top bit: the ray through the centre hits
     vec3 normal;
     float coverage;
-    vec3 weight;    // effective omega of left hand, right hand, face
+    float weight[PART_COUNT];  // effective omega
     float steps;
 };
 layout(std430, binding = 12) writeonly buffer Records { Record out_record[]; };
 
-bvec3 boxes_around(vec3 p) {
-    bvec3 inside = bvec3(false);
-    for (int k = 0; k < 3; ++k) inside[k] = looks_at(k) && in_box(k, p);
+PartTruths boxes_around(vec3 p) {
+    PartTruths inside = PartTruths(false);
+    for (int k = 0; k < PART_COUNT; ++k) inside[k] = looks_at(k) && in_box(k, p);
     return inside;
 }
 
@@ -60,7 +60,7 @@ void main() {
     r.pixel = pixel | (hit ? 0x80000000u : 0u);
     r.normal = normal / max(length(normal), 1e-12);
     r.coverage = coverage;
-    r.weight = here.weight;
+    for (int k = 0; k < PART_COUNT; ++k) r.weight[k] = here.weight[k];
     r.steps = float(ray_walked[pixel] & STEPS);
     out_record[gl_GlobalInvocationID.x + (PARTS != 0 ? lists[LIST_COVERED].count : 0u)] = r;
 }

@@ -1,5 +1,5 @@
 // The volume as the raycast passes read it. Root frame, metres.
-// BRICKS: whether cells of the body grid are refined; PARTS: which part boxes are looked at, a bit each; CONTACTS: whether any
+// PART_COUNT: lib/parts.glsl; CONTACT_UNIT: after their textures. BRICKS: whether cells of the body grid are refined; PARTS: which part boxes are looked at, a bit each; CONTACTS: whether any
 // box has a contact block; FLOAT_FILTER: whether the texture unit interpolates in float, as Mesa's software renderers do
 // (probe.comp found out).
 #include "lib/trilinear.glsl"
@@ -15,15 +15,15 @@ struct Part {
     int contact;         // 1 where the part has a contact block
     vec4 window;         // pixels from which the box may be seen: x and y from, x and y to
 };
-layout(std140, binding = 0) uniform Parts { Part in_part[3]; };
+layout(std140, binding = 0) uniform Parts { Part in_part[PART_COUNT]; };
 layout(binding = 0) uniform sampler3D u_body;
-layout(binding = 1) uniform sampler3D u_part[3];
-layout(binding = 4) uniform sampler3D u_contact[3];
+layout(binding = 3) uniform sampler3D u_part[PART_COUNT];
+layout(binding = CONTACT_UNIT) uniform sampler3D u_contact[PART_COUNT];
 uniform vec3 u_origin;  // centre of the body grid's voxel 0
 uniform float u_voxel;  // side of a body voxel
 uniform vec3 u_last;    // the last body voxel (the texture may be larger)
-layout(binding = 7) uniform sampler3D u_brick_number;  // per body cell, from 1; 0 where there is none
-layout(binding = 8) uniform sampler3D u_bricks;        // all bricks, u_brick_row along x and y
+layout(binding = 1) uniform sampler3D u_brick_number;  // per body cell, from 1; 0 where there is none
+layout(binding = 2) uniform sampler3D u_bricks;        // all bricks, u_brick_row along x and y
 uniform int u_brick_side;          // fine voxels along a body voxel
 uniform int u_brick_row;
 
@@ -32,7 +32,7 @@ struct Field {
     float bound;  // how far a ray may step
     float voxel;  // side of the finest voxels that are stored here
     float scale;  // side of the voxels that the surface is made of, body and part mixed by omega
-    vec3 weight;  // effective omega of left hand, right hand, face
+    PartNumbers weight;  // effective omega
 };
 
 vec3 body_last() { return u_last; }
@@ -75,7 +75,7 @@ vec3 body_place(vec3 p) { return (p - u_origin) / u_voxel; }
 // The composed field at p; `place` is p in body voxels, `inside` says which boxes contain it. SAMPLE is one of the two of
 // lib/trilinear.glsl.
 #define DEFINE_FIELD(NAME, SAMPLE) \
-Field NAME(vec3 p, vec3 place, bvec3 inside) { \
+Field NAME(vec3 p, vec3 place, PartTruths inside) { \
     float body = SAMPLE(u_body, place).x, cell = u_voxel; \
     if (BRICKS == 1) { \
         int brick = brick_at(place); \
@@ -84,13 +84,11 @@ Field NAME(vec3 p, vec3 place, bvec3 inside) { \
             cell = u_voxel / u_brick_side; \
         } \
     } \
-    Field f = Field(body, abs(body), cell, cell, vec3(0)); \
+    Field f = Field(body, abs(body), cell, cell, PartNumbers(0)); \
     if (PARTS == 0) return f; \
     body += u_voxel * length(place - clamp(place, vec3(0), body_last())); \
     Composition sum = compose_nothing(); \
-    ADD_PART(SAMPLE, 0) \
-    ADD_PART(SAMPLE, 1) \
-    ADD_PART(SAMPLE, 2) \
+    EACH_PART(ADD_PART, SAMPLE) \
     f.sdf = compose_sdf(sum, body); \
     f.bound = compose_step(sum, f.sdf); \
     f.weight = compose_weight(sum); \

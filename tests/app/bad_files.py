@@ -156,7 +156,7 @@ MOTIONS: Bad = {
     "npz: too far": ("m.npz", _arrays(poses=ROW, trans=ROW[:, :3] + 1e30), r"trans: expected metres up to 1e\+06"),
     "npz: text": ("m.npz", _arrays(poses=ROW.astype(str)), "poses: expected numbers"),
     "npz: complex": ("m.npz", _arrays(poses=ROW + 1j), "poses: expected numbers, found complex128"),
-    "npz: 0 fps": ("m.npz", _arrays(poses=ROW, fps=0), "fps: expected one rate above 0, at most 1000, found 0"),
+    "npz: 0 fps": ("m.npz", _arrays(poses=ROW, fps=0), "fps: expected a rate above 0, at most 1000, found 0"),
     "npz: claims 13 GB": ("m.npz", _zip(poses_npy=header("(10000000, 165)") + bytes(80)), "poses: expected"),
     "npz: claims more than there is": ("m.npz", _zip(poses_npy=header(f"({10**30}, 165)")), "poses: expected"),
     "npz: negative shape": ("m.npz", _zip(poses_npy=header("(-3, 165)")), "poses: expected"),

@@ -20,7 +20,7 @@ from PIL import Image
 from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 from avatarrex.files.gate import written
-from avatarrex.files.images import VideoWriter, composite
+from avatarrex.files.images import composite, video_writer
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
@@ -212,6 +212,12 @@ def test_old_spellings_are_accepted():
     assert (old.recipe, old.variants) == ("long", "full,plain")
 
 
+@pytest.mark.parametrize("option", ["--preset", "--preset=nope", "--recipe"])
+def test_an_error_names_an_option_as_it_was_typed(option, capsys):
+    assert cli.main(["train", "x", "--out", "y", option, *(() if "=" in option else ("nope",))]) == 2
+    assert capsys.readouterr().err.startswith(f"avatarrex-studio: error: {option.partition('=')[0]}: expected one of")
+
+
 def test_settings_mean_what_they_say():
     assert edits.setting("body.left_elbow=0,0,45deg") == SetJoint("left_elbow", (0.0, 0.0, math.radians(45)))
     assert edits.setting("left_hand.index1=0,0,1") == SetJoint("left_index1", (0.0, 0.0, 1.0))
@@ -241,5 +247,5 @@ def test_a_failed_write_leaves_nothing(tmp_path):
     (tmp_path / "flat").write_text("")
     with pytest.raises(InputError), written(tmp_path / "flat" / "a.bin"):
         pass
-    with pytest.raises(InputError):
-        VideoWriter(tmp_path / "a.mp4", 3, 4, 30.0)
+    with pytest.raises(InputError, match="even sides"):
+        video_writer(tmp_path / "a.mp4", 3, 4, 30.0)

@@ -24,10 +24,9 @@ from avatarrex.templates.posed import pose_person
 def reach(view, points, size):
     """How far points lie from the picture's middle: (2,) largest and (2,) smallest shares of half its sides."""
     camera = view.camera(*size)
-    seen = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    assert (seen[:, 2] > 0).all()
-    middle, focal = camera.intrinsics[:2, 2], np.diag(camera.intrinsics)[:2]
-    shares = seen[:, :2] / seen[:, 2:] * focal / middle
+    pixels, depth = camera.pixels(points)
+    assert (depth > 0).all()
+    shares = pixels / camera.intrinsics[:2, 2] - 1
     return shares.max(0), shares.min(0)
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 from avatarrex_studio.panels import camera, keys, performance, render, scene
-from avatarrex_studio.panels.face import FacePanel
+from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.joints import body_panel, hand_panel
 from avatarrex_studio.panels.poses import PosesPanel
 from avatarrex_studio.panels.timeline import TimelinePanel
@@ -14,7 +14,8 @@ from avatarrex_studio.panels.viewport import ViewportPanel
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.actions import ACTIONS
 from avatarrex_studio.session.commands import OrbitBy, PanBy, ResetGroup, SetExpression, SetJoint, ZoomBy
-from avatarrex_studio.session.state import StudioState
+from avatarrex_studio.session.state import LEVELS, StudioState
+from avatarrex_studio.window.window import Window
 from imgui_bundle import imgui
 
 from avatarrex.reference.level_errors import LevelError
@@ -38,10 +39,10 @@ class Screen:
         imgui.set_next_window_pos(imgui.ImVec2(0, 0))
         imgui.set_next_window_size(imgui.ImVec2(400, 3000))
         imgui.begin("panel", None, imgui.WindowFlags_.no_decoration)
-        commands = draw()
+        commands = list(draw() or ())
         imgui.end()
         imgui.render()
-        return commands or []
+        return commands
 
     def drag(self, draw, start, end, button=0):
         """Press at `start`, move to `end`, release; all the commands."""
@@ -81,7 +82,7 @@ def test_every_joint_and_coefficient_has_its_slider(monkeypatch, screen):
         return real(label, *arguments)
 
     monkeypatch.setattr(imgui, "slider_float", spy)
-    for panel in (body_panel(), hand_panel("left"), hand_panel("right"), FacePanel()):
+    for panel in (body_panel(), hand_panel("left"), hand_panel("right"), face_panel()):
         screen.frame(lambda panel=panel: panel.draw(state))
     joints = [f"{name}.{axis}" for name in JOINT_NAMES for axis in "xyz"]
     assert sorted(ids) == sorted([*joints, *EXPRESSION_NAMES, *(f"translation.{axis}" for axis in "xyz")])
@@ -97,7 +98,7 @@ def test_a_slider_that_is_dragged_sets_its_joint_in_radians(screen):
 
 
 def test_a_double_click_resets_a_slider(screen):
-    panel = FacePanel()
+    panel = face_panel()
     panel.search = "jaw open"
     state = SetExpression("jawOpen", 0.7).apply(StudioState())
     commands = find(screen, lambda: panel.draw(state), lambda command: isinstance(command, SetExpression))
@@ -175,6 +176,14 @@ def test_a_changed_group_offers_its_reset(screen, monkeypatch):
     panel = body_panel()
     assert screen.frame(lambda: panel.draw(state)) == [ResetGroup("left_elbow")]
     assert not posing.changed(ResetGroup("left_elbow").apply(state).signals, "all")
+
+
+def test_every_level_has_its_words():
+    assert tuple(performance.LEVEL_TEXT) == LEVELS
+
+
+def test_every_effect_is_one_of_the_window(studio, tmp_path):
+    assert {entry.effect for entry in ACTIONS if entry.effect} == set(Window(studio, tmp_path)._effects)
 
 
 def test_every_shortcut_is_a_key_of_the_toolkit():

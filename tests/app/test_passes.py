@@ -55,9 +55,8 @@ def test_positions_are_world_metres_on_their_rays(rendered):
     hit, position = passes["hit"], passes["position"].astype(float)
     view = StudioState.from_json(json.loads(image.text["avatarrex"])).view
     camera = view.camera(64, 80)
-    seen = position[hit] @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    assert np.allclose(seen[:, 2], passes["depth"][hit], atol=1e-5)
-    pixels = (seen @ camera.intrinsics.T)[:, :2] / seen[:, 2:]
+    pixels, depth = camera.pixels(position[hit])
+    assert np.allclose(depth, passes["depth"][hit], atol=1e-5)
     rows, columns = np.nonzero(hit)
     # one pixel is 5 cm here: 1e-3 of it is 50 micrometres, float32 at 3 metres
     assert np.abs(pixels - np.stack([columns + 0.5, rows + 0.5], -1)).max() < 2e-3

@@ -55,7 +55,7 @@ def walk(tmp_path):
 
 
 @pytest.mark.parametrize("artists", [1, 2])
-def test_pages_hold_what_they_promise(artists):
+def test_pages_show_what_they_promise(artists):
     person = load_person()
     body, face, hands = (make(person, artists) for make in (body_page, face_page, hands_page))
     assert [page.pictures for page in (body, face, hands)] == [10 * artists, 16 * artists, 12 * artists]
@@ -107,8 +107,7 @@ def test_the_figure_fills_its_tile():
     for _, scene in orders(body_page(person, 2))[:8]:
         points = sheet_pages.Outline(person.body).points(scene.signals)
         camera = scene.camera
-        seen = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-        pixel = (seen @ camera.intrinsics.T)[:, :2] / seen[:, 2:]
+        pixel, _ = camera.pixels(points)
         assert pixel.min() > 0
         assert (pixel < [camera.width, camera.height]).all()
         assert np.ptp(pixel, axis=0)[1] > 0.8 * camera.height
@@ -226,7 +225,7 @@ def test_floaters_are_told_and_written(monkeypatch, tmp_path, capsys):
     assert all(np.isfinite(lump["place"]).all() for lump in entry["lumps"])
 
 
-def test_frames_unless_asked_for():
+def test_frames_unless_named():
     arguments = cli.parse(["sheet", "default", "/tmp/nowhere"])
     assert read_order(arguments).only == ("body", "face", "hands", "floaters"), "no motion sheet without a motion"
 

@@ -210,8 +210,8 @@ def test_threads_and_pickles_read_the_same(tiny: TinyCapture, tmp_path: Path) ->
         assert all(pool.map(work, range(4)))
     again = pickle.loads(pickle.dumps(capture.rigs["body"]))
     assert np.array_equal(again.image(1, 2), wanted[1, 2])
-    truth = pickle.loads(pickle.dumps(capture.ground_truth))
-    assert np.array_equal(truth.vertices("body", 1), capture.ground_truth.vertices("body", 1))
+    truth = pickle.loads(pickle.dumps(capture.ground_truth))["body"]
+    assert np.array_equal(truth.vertices, capture.ground_truth["body"].vertices)
 
 
 def test_depth_and_normals_where_there_are_any(copy: TinyCapture, tmp_path: Path, rng: np.random.Generator) -> None:
@@ -219,14 +219,13 @@ def test_depth_and_normals_where_there_are_any(copy: TinyCapture, tmp_path: Path
     normal = rng.standard_normal((HEIGHT, WIDTH, 3)).astype(np.float16)
     copy.files["body/c1/truth/00000002.npz"] = npz(depth=depth, normal=normal)
     copy.files["body/c2/truth/00000002.npz"] = npz(depth=depth[1:])
-    truth = open_capture(copy.zip(tmp_path / "a.zip")).ground_truth
-    assert truth is not None
-    assert np.array_equal(truth.depth("body", 1, 2), depth)
-    assert np.array_equal(truth.normal("body", 1, 2), normal.astype(np.float32))
-    assert truth.depth("body", 1, 1) is None
-    assert truth.normal("body", 2, 2) is None
+    truth = open_capture(copy.zip(tmp_path / "a.zip")).ground_truth["body"]
+    assert np.array_equal(truth.depth(1, 2), depth)
+    assert np.array_equal(truth.normal(1, 2), normal.astype(np.float32))
+    assert truth.depth(1, 1) is None
+    assert truth.normal(2, 2) is None
     with pytest.raises(ValueError, match=r"c2/truth/00000002\.npz: depth: expected shape \(80, 60\)"):
-        truth.depth("body", 2, 2)
+        truth.depth(2, 2)
 
 
 def test_faces_of_transparent_cards_are_no_surface(copy: TinyCapture, tmp_path: Path) -> None:
@@ -238,8 +237,7 @@ def test_faces_of_transparent_cards_are_no_surface(copy: TinyCapture, tmp_path: 
         face_material=np.array([0, 1, 0], np.int8),
         materials=np.array(["skin", "a_opacity"]),
     )
-    truth = open_capture(copy.zip(tmp_path / "a.zip")).ground_truth
-    assert truth is not None
+    truth = open_capture(copy.zip(tmp_path / "a.zip")).ground_truth["body"]
     assert truth.faces.tolist() == faces[[0, 2]].tolist()
 
 

@@ -75,7 +75,6 @@ def test_an_ideal_lens_changes_nothing(tmp_path: Path) -> None:
     bent = open_capture(capture.zip(tmp_path / "c.zip"))
     assert "face: images of 1 of 1 cameras are undistorted" in bent.notes
     assert not np.array_equal(bent.rigs["face"].image(0, 0), plain.image(0, 0))
-    assert not bent.rigs["face"].views[0].distortion.any()
 
 
 def test_pixel_centres_are_at_a_half() -> None:
@@ -188,8 +187,6 @@ def test_the_command_says_and_draws_it(tmp_path: Path, capsys: pytest.CaptureFix
 @needs_capture
 def test_a_person_this_project_did_not_model() -> None:
     capture = open_capture(CAPTURE)
-    truth = capture.ground_truth
-    assert truth is not None
     assert {name: (len(rig.views), rig.frames) for name, rig in capture.rigs.items()} == {
         "body": (10, 60),
         "face": (5, 60),
@@ -198,7 +195,7 @@ def test_a_person_this_project_did_not_model() -> None:
         assert not rig.missing
         for frame in (0, 31, 59):
             joints = template_surface(capture.person, rig.signals[frame].replace(expression=np.zeros(52)))[1]
-            assert np.abs(joints - truth.joints(name, frame)).max() < 1e-5
+            assert np.abs(joints - capture.ground_truth[name].joints[frame]).max() < 1e-5
     assert capture.rigs["face"].signals[20].expression.max() > 0.3
 
 
@@ -206,9 +203,8 @@ def test_a_person_this_project_did_not_model() -> None:
 @pytest.mark.parametrize(("rig", "view"), [("body", 2), ("face", 1)])
 def test_its_mesh_meets_its_mattes_at_half_pixels(rig: str, view: int) -> None:
     capture = open_capture(CAPTURE)
-    truth, cameras = capture.ground_truth, capture.rigs[rig]
-    assert truth is not None
-    vertices, camera = truth.vertices(rig, 20), cameras.views[view].camera
+    truth, cameras = capture.ground_truth[rig], capture.rigs[rig]
+    vertices, camera = truth.vertices[20], cameras.views[view].camera
     inside = cameras.matte(view, 20) > 128
     exact = iou(silhouette(vertices, truth.faces, camera), inside)
     assert exact > 0.997

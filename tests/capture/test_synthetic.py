@@ -86,7 +86,7 @@ def test_layout_and_marks(made: Path) -> None:
 def test_the_reader_takes_it_and_its_parameters_reproduce_the_meshes(made: Path) -> None:
     capture = open_capture(made)
     assert capture.person.hash == load_subject().person.hash
-    assert capture.ground_truth is not None
+    assert capture.ground_truth.keys() == capture.rigs.keys()
     for name, rig in capture.rigs.items():
         assert rig.missing == frozenset()
         assert rig.held_out_views == {1}
@@ -95,7 +95,7 @@ def test_the_reader_takes_it_and_its_parameters_reproduce_the_meshes(made: Path)
             signals = rig.signals[frame]
             posed = load_subject().pose(signals).vertices
             turned = synthetic_world(signals, pelvis, posed)
-            np.testing.assert_allclose(capture.ground_truth.vertices(name, frame), turned, atol=2e-6)
+            np.testing.assert_allclose(capture.ground_truth[name].vertices[frame], turned, atol=2e-6)
 
 
 def synthetic_world(signals: object, pelvis: np.ndarray, vertices: np.ndarray) -> np.ndarray:
@@ -268,16 +268,17 @@ def test_a_disk_that_fills_up_gives_one_line(
         (["OTHERS", "--size", "smoke"], "a new or empty folder, or a capture to go on with"),
         (["BEGUN", "--size", "smoke", "--seed", "8"], "a new folder, or one begun with"),
         (["BROKEN", "--size", "smoke"], "the capture.json of a synthetic capture"),
+        (["DEEP", "--size", "smoke"], "the capture.json of a synthetic capture nested at most 64 deep"),
     ],
 )
 def test_bad_arguments_give_one_line(
     words: list[str], expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "FILE").write_text("no folder")
-    for name, text in (("OTHERS", None), ("BEGUN", {"size": "smoke", "seed": 7, "garment": "printed"}), ("BROKEN", [])):
+    begun = {"size": "smoke", "seed": 7, "garment": "printed"}
+    for name, text in (("OTHERS", ""), ("BEGUN", json.dumps(begun)), ("BROKEN", "[]"), ("DEEP", "[" * 900)):
         (tmp_path / name).mkdir()
-        file = "notes.txt" if text is None else "capture.json"
-        (tmp_path / name / file).write_text(json.dumps(text))
+        (tmp_path / name / ("capture.json" if text else "notes.txt")).write_text(text)
     before = contents(tmp_path)
     assert main(["capture", "make", str(tmp_path / words[0]), *words[1:]]) == 2
     said = capsys.readouterr().err.strip().splitlines()

@@ -158,8 +158,7 @@ def test_cameras_fit_the_subject(rng: np.random.Generator) -> None:
         assert len({camera.intrinsics[0, 0] for camera in chosen}) == 1
         reach = 0.0
         for camera in chosen:
-            seen = points.reshape(-1, 3) @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-            pixel = (seen @ camera.intrinsics.T)[:, :2] / seen[:, 2:]
+            pixel, _ = camera.pixels(points)
             reach = max(reach, float(np.abs(pixel / [192, 256] - 1).max()))
         assert reach == pytest.approx(0.9, abs=1e-4)
     arc = face_arc(6, 10, 10, np.zeros(3))

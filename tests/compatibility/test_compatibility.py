@@ -81,7 +81,7 @@ def test_the_packaged_avatar() -> None:
 
 def test_a_capture() -> None:
     capture, before = open_capture(HERE / "capture.zip"), stored("capture")
-    assert capture.ground_truth is not None
+    assert capture.ground_truth.keys() == capture.rigs.keys()
     assert capture.notes == ()
     assert [view.name for rig in capture.rigs.values() for view in rig.views] == before["names"].tolist()
     for name, rig in capture.rigs.items():
@@ -95,7 +95,7 @@ def test_a_capture() -> None:
             "camera_from_world": [camera.camera_from_world for camera in cameras],
             "image": rig.image(0, 1),
             "matte": rig.matte(0, 1),
-            "vertices": capture.ground_truth.vertices(name, 1),
+            "vertices": capture.ground_truth[name].vertices[1],
             "held out": [sorted(rig.held_out_frames), sorted(rig.held_out_views)],
         }
         for key, value in now.items():

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from avatarrex.fields.face import OUTPUT, FaceField
-from avatarrex.fields.orthographic import VIEW_PIXELS, VIEWS, project
+from avatarrex.fields.orthographic import VIEW_NAMES, VIEW_PIXELS, project
 from avatarrex.fields.presets import PRESETS
 from avatarrex.fields.unet import UNet
 from avatarrex.templates.face import pose_face
@@ -66,8 +66,8 @@ def test_a_texel_is_felt_where_its_view_projects_to(view: int) -> None:
     row, column = int((y + 1) * 32), int((x + 1) * 32)
     planes[view, :, row - 1 : row + 2, column - 1 : column + 2] = 1
     change = (face.sdf(planes, points) - before).abs()
-    assert change[0] > 1e-5 * OUTPUT, VIEWS[view]
-    assert change[1] == 0, VIEWS[view]
+    assert change[0] > 1e-5 * OUTPUT, VIEW_NAMES[view]
+    assert change[1] == 0, VIEW_NAMES[view]
 
 
 def test_unet_keeps_left_and_right() -> None:

@@ -82,7 +82,7 @@ def test_a_finger_tip_in_the_middle_of_a_large_face_is_found(pose: str, share: f
     )
 
 
-def test_an_open_hand_asks_hardly_any_winding_numbers() -> None:
+def test_an_open_hand_needs_hardly_any_winding_numbers() -> None:
     """Skin that is turned inside out in a crease, no more."""
     buried = hand().surface(flat()).buried
     assert buried is not None
@@ -154,6 +154,6 @@ def test_far_and_extreme_inputs_stay_finite() -> None:
 
 
 def test_a_hand_of_any_size_has_a_surface() -> None:
-    """Large and small faces with none in between, and all of them larger than what is asked apart."""
+    """Large and small faces with none in between, and all of them larger than what is queried apart."""
     for size in (0.5, 1.3, 1.5, 1.7, 2.0, 20.0):
         assert hand().surface(size * flat()).vertices.shape == flat().shape

@@ -30,7 +30,7 @@ def test_a_light_that_is_not_trained_changes_nothing():
     assert torch.equal(Light()(directions(9)), torch.ones(9, 3))
 
 
-def test_nine_harmonics_hold_the_studio_light():
+def test_nine_harmonics_contain_the_studio_light():
     """Of a grey surface, to 2.5 % of its brightness in the mean: what a training is to find can be said."""
     normal = directions(4000)
     one = np.ones(len(normal))

@@ -5,7 +5,16 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from avatarrex.fields.orthographic import CHANNELS, VIEWS, HeadBox, before, project, render_places, render_views, seen
+from avatarrex.fields.orthographic import (
+    CHANNELS,
+    VIEW_NAMES,
+    HeadBox,
+    before,
+    project,
+    render_places,
+    render_views,
+    seen,
+)
 from avatarrex.gl.context import gl_unavailable
 from avatarrex.templates.face import pose_face
 from avatarrex.templates.person import load_person
@@ -48,7 +57,7 @@ def test_directions_of_the_views() -> None:
     """+X (the person's left) is right in the front view; the nose (+Z) points left in the left view."""
     point = torch.tensor([[0.5, 0.25, 0.75]])
     want = {"front": (0.5, -0.25), "left": (-0.75, -0.25), "right": (0.75, -0.25)}
-    for name, place in zip(VIEWS, project(point)):
+    for name, place in zip(VIEW_NAMES, project(point)):
         torch.testing.assert_close(place[0], torch.tensor(want[name]))
 
 
@@ -56,8 +65,8 @@ def test_directions_of_the_views() -> None:
 def test_a_mark_lands_where_project_says(impl: str) -> None:
     for axis, view in ((2, "front"), (0, "left"), (0, "right")):
         centre = (-0.3, 0.4, 0.2)
-        image = render_views(*quads((quad(centre, axis), RED)), UNIT, size=64, impl=impl)[VIEWS.index(view)]
-        x, y = project(torch.tensor([centre]))[VIEWS.index(view), 0].tolist()
+        image = render_views(*quads((quad(centre, axis), RED)), UNIT, size=64, impl=impl)[VIEW_NAMES.index(view)]
+        x, y = project(torch.tensor([centre]))[VIEW_NAMES.index(view), 0].tolist()
         torch.testing.assert_close(pixel(image, x, y)[:3], RED)
         torch.testing.assert_close(pixel(image, x, y)[3:6].abs(), torch.eye(3)[axis])
         assert image[6].sum() == pytest.approx((0.2 * 32) ** 2, rel=0.2)

@@ -22,9 +22,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from avatarrex_studio.cli.inspection import describe
+from avatarrex_studio.cli.inspect import describe
 from avatarrex_studio.jobs.runs import Runs
 from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.state import StudioState
 
 from avatarrex.avatar_file import load_avatar
 from avatarrex.capture.readers.rigs import open_capture
@@ -34,6 +35,8 @@ from avatarrex.metrics.weights import read_weights
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.read import read_motion
 from avatarrex.templates.person import load_person
+from avatarrex.training.core.warm_start import read_prior
+from avatarrex.training.prior import read_fitted
 from avatarrex.training.runs import checkpoint
 from avatarrex.training.runs.folder import read_about
 
@@ -176,6 +179,14 @@ def heavy(path: Path) -> Path:
     name = next(name for name in state if name.endswith("bias"))
     state[name] = state[name].float().fill_(3e38)
     safetensors.torch.save_file(state, path / "weights.safetensors")
+    return path
+
+
+def tensors(path: Path, value: object) -> Path:
+    """What `torch.save` makes of a value."""
+    import torch
+
+    torch.save(value, path)
     return path
 
 
@@ -426,7 +437,7 @@ CASES: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path], str]] =
     "capture: parameters too large": (
         open_capture,
         lambda d: capture(d / "c", parameters(lambda path: np.savez(path, body_pose=np.full((3, 63), 1e300)))),
-        "body_pose: expected numbers up to 1000, found 1e",
+        "body_pose: expected radians up to 1000, found 1e",
     ),
     "capture: a pipe for a calibration": (
         open_capture,
@@ -460,6 +471,43 @@ CASES: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path], str]] =
         "a weights file of at most 2048 MiB, found 19073 MiB",
     ),
     "weights: a pipe": (read_weights, lambda d: pipe(d / "w.safetensors"), "a weights file, found no plain file"),
+    "prior: four bytes": (read_fitted, lambda d: sparse(d / "body.pt", 4), "body.pt: expected a file of tensors"),
+    "prior: 20 GB": (
+        read_fitted,
+        lambda d: sparse(d / "body.pt", 20 * GB),
+        "a fitted part of at most 2048 MiB, found 19073 MiB",
+    ),
+    "prior: a bomb": (
+        read_fitted,
+        lambda d: bomb(d / "body.pt", {"archive/data.pkl": (b"", 3 * GB)}),
+        "tensors of at most 2048 MiB, found 2",
+    ),
+    "prior: wrong kinds": (
+        read_fitted,
+        lambda d: tensors(d / "body.pt", {"state": {}, "steps": 3}),
+        "a checkpoint of the prior, found dict",
+    ),
+    "prior: a pipe": (read_fitted, lambda d: pipe(d / "body.pt"), "a fitted part, found no plain file"),
+    "packaged prior: four bytes": (
+        read_prior,
+        lambda d: sparse(d / "p.safetensors", 4),
+        "a complete .safetensors file",
+    ),
+    "packaged prior: 20 GB": (
+        read_prior,
+        lambda d: sparse(d / "p.safetensors", 20 * GB),
+        "a prior's tensors of at most 2048 MiB, found 19073 MiB",
+    ),
+    "state: 900 deep": (
+        lambda path: StudioState.from_json(parse_json(path.read_text(), str(path)), str(path)),
+        lambda d: text(d / "s.json", "[" * 900),
+        r"s\.json: expected JSON nested at most 64 deep",
+    ),
+    "state: an endless integer": (
+        lambda path: StudioState.from_json(parse_json(path.read_text(), str(path)), str(path)),
+        lambda d: text(d / "s.json", f'{{"format": 1, "view": {{"fov": {MANY}}}}}'),
+        "camera: fov: expected a number from 1 to 170, found inf",
+    ),
     "run: 20 GB": (
         read_about,
         lambda d: run(d / "r", lambda r: sparse(r / "run.json", 20 * GB)),

@@ -55,7 +55,7 @@ def test_the_failing_stage_of_a_pair_is_named(shaders):
         draw_program(gl_context(), "a.vert", "a.frag")
 
 
-def test_a_missing_include_names_who_asked(shaders):
+def test_a_missing_include_names_who_includes_it(shaders):
     shaders("a.comp", COMPUTE + '#include "lib/none.glsl"\n')
     with pytest.raises(ShaderError, match=r"shaders/lib/none.glsl: no such shader, included by shaders/a.comp:2"):
         load_shader("a.comp")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -10,9 +12,9 @@ import torch
 from avatarrex_studio.cli.main import main
 
 from avatarrex.camera import Camera
-from avatarrex.measure.bench import geometry, mitsuba_peer, raycast, sdf, skinning
-from avatarrex.measure.bench.metric import Metric
-from avatarrex.measure.bench.ray_truth import ray_error, truth
+from avatarrex.measure.bench import geometry, raycast, raycast_peers, sdf, skinning
+from avatarrex.measure.bench.raycast_peers import ray_error, truth
+from avatarrex.measure.bench.report import Metric
 from avatarrex.measure.bench.session import Bench
 from avatarrex.measure.bench.stages import measure
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
@@ -80,11 +82,12 @@ def test_bubbles_are_told_from_the_surface():
     full[2, 2, 1] = 1  # a void, and a floater of two voxels
     full[2, 2, 6:8] = -1
     band = np.where(np.arange(9) < 3, -0.02, 0.03) * np.ones((5, 5, 1))
-    found = geometry.Found()
-    geometry._count_bubbles(band, full, np.ones(band.shape, bool), found)
-    assert found.bubbles == {"voids": 1, "floaters": 1}
+    found = geometry.Bubbles.of(band, full, np.ones(band.shape, bool))
+    assert (found.voids, found.floaters) == (1, 1)
     assert found.blind == pytest.approx(0.03)
-    assert found.nearer == pytest.approx([3 / 9, 1.0])
+    assert found.nearer == 1.0
+    assert geometry.Bubbles.of(band[..., :3], full[..., :3], np.ones((5, 5, 3), bool)).nearer == 1.0
+    assert geometry.Bubbles.of(full, full, np.ones(full.shape, bool)) == geometry.Bubbles(0, 0, 0.0, 0.0)
 
 
 def test_a_crossing_that_moves_or_turns_is_changed():
@@ -171,9 +174,9 @@ def test_peers_take_what_others_measured(bench):
 def test_mitsuba_sees_the_same_surface():
     pytest.importorskip("mitsuba", reason="mitsuba is not installed (extra `peers`)")
     volume = SdfVolume(capsule_man().body)
-    camera = Camera.orbit(*raycast.VIEWS[0], (0, -0.05, 0), 128, 128)
+    camera = Camera.orbit(*raycast.ORBITS[0], (0, -0.05, 0), 128, 128)
     rays = RayPlane.of(camera, volume.middle).rays(pixel_centres(camera, torch.float64))
-    exact, found = truth(volume, camera), mitsuba_peer.distances(volume.body, rays)
+    exact, found = truth(volume, camera), raycast_peers.distances(volume.body, rays)
     error = ray_error(found, exact)
     assert error["hits"] > 1000
     assert error["missed"] + error["false"] <= 1e-3 * error["hits"]
@@ -226,6 +229,17 @@ def test_wrong_words_are_refused_before_any_work(words, said, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     assert main(["bench", *words]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_device_that_is_none_is_refused_before_torch_is_loaded():
+    words = [
+        "-c",
+        "import sys; from avatarrex.measure.__main__ import main; s = main(sys.argv[1:]); print('torch' in sys.modules); exit(s)",
+    ]
+    done = subprocess.run([sys.executable, *words, "bench", "--device", "cdua"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (2, "False\n")
+    assert done.stderr.endswith("--device: expected cpu, cuda, cuda:1, mps or xpu, found cdua\n")
+    assert done.stderr.count("\n") == 1
 
 
 def test_ablation_keeps_its_own_options(tmp_path, capsys):

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from avatarrex.measure.__main__ import PROGRAM, TOOLS, main, run
-from avatarrex.measure.table import aligned, printed
+from avatarrex.metrics.table import aligned, printed
 
 
 @pytest.mark.parametrize("name", TOOLS)
@@ -45,6 +45,7 @@ def test_a_case_of_stress_is_run(tmp_path, capsys):
         (["--recipe", "huge"], "--recipe: expected one of paper, quick, long, refine, smoke, found huge"),
         (["--preset", "huge"], "--recipe: expected one of paper, quick, long, refine, smoke, found huge"),
         (["--minutes", "-1"], "--minutes: expected a positive number, found -1"),
+        (["--scale", "much"], "--scale: expected a positive number, found much"),
         (["--seeds", "x"], "--seeds: expected integers from 0"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Stress: its cases hold, a defect is found, shrunk to what it needs, written, and fails again from the file."""
+"""Stress: its cases pass, a defect is found, shrunk to what it needs, written, and fails again from the file."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from avatarrex.fields.hand import HandField
 from avatarrex.measure.stress import driving, poison
 from avatarrex.measure.stress import run as runs
 from avatarrex.measure.stress.case import Entry, Kind, examine, from_json, to_json
-from avatarrex.measure.stress.findings import Finding, Findings
+from avatarrex.measure.stress.findings import Finding, Findings, Tally
 from avatarrex.measure.stress.run import KINDS, make, outcome, plan
 from avatarrex.measure.stress.shrink import shrink
-from avatarrex.measure.stress.tally import Tally
 from avatarrex.signals.limits import random_signals
 
 
@@ -30,7 +29,7 @@ def failed(findings: list[Finding]) -> list[str]:
     ("kind", "numbers"),
     [("points", range(7)), ("picture", (1, 2)), ("mesh", (6, 8)), ("rays", (0, 1)), ("agreement", (5, 6))],
 )
-def test_cases_of_every_kind_hold(kind: str, numbers: range) -> None:
+def test_cases_of_every_kind_pass(kind: str, numbers: range) -> None:
     """Every family of signals, three cameras, the two meshes that were inside out."""
     for number in numbers:
         assert failed(outcome((kind, number, 0)).findings) == []

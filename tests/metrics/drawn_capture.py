@@ -14,7 +14,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.limits import random_signals
 from avatarrex.templates.person import load_person
 
-FRAMES, HELD_FRAME, HELD_VIEW = 3, 2, "back"
+FRAMES, HELD_OUT_FRAME, HELD_OUT_VIEW = 3, 2, "back"
 CAMERAS = {"front": 10.0, "side": 100.0, "back": 190.0}
 
 
@@ -83,8 +83,8 @@ def write_capture(folder: Path, size: int = 96) -> Path:
     (body / "calibration_full.json").write_text(json.dumps(calibration))
     manifest = {
         "format": 1,
-        "held_out_frames": {"body": [HELD_FRAME]},
-        "held_out_cameras": {"body": [HELD_VIEW]},
+        "held_out_frames": {"body": [HELD_OUT_FRAME]},
+        "held_out_cameras": {"body": [HELD_OUT_VIEW]},
         "provenance": {},
         "seed": 0,
         "size": "tiny",

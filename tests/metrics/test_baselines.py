@@ -18,9 +18,7 @@ def gathered():
     for number, signals in enumerate(poses(2)):
         for azimuth in (20, 140, 260):
             camera = Camera.orbit(azimuth + 60 * number, 5, 2.6, 40, (0, -0.1, 0), 320, 320)
-            image = drawer.draw(signals, camera).image.numpy()
-            colour = np.rint(255 * image[..., :3] / np.maximum(image[..., 3:], 1e-6)).astype(np.uint8)
-            seen.append(Observation(signals, camera, colour, np.rint(255 * image[..., 3]).astype(np.uint8)))
+            seen.append(Observation.of(signals, camera, drawer.draw(signals, camera).image.numpy()))
     return drawer, seen, baselines(mesh.person, seen)
 
 
@@ -79,8 +77,7 @@ def test_its_geometry_is_the_posed_template(gathered):
     pelvis = drawer.mesh.person.body.joint_template[0].numpy()
     centre = surface.vertices.mean(0) - (pelvis + seen[0].signals.translation)
     assert np.linalg.norm(centre) < 0.4
-    local = drawing.position[drawing.hit] @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    pixel = (local @ camera.intrinsics.T)[:, :2] / local[:, 2:]
+    pixel, _ = camera.pixels(drawing.position[drawing.hit])
     rows, columns = np.nonzero(drawing.hit)
     np.testing.assert_allclose(pixel, np.stack([columns, rows], 1) + 0.25, atol=1e-3)  # first of 2 x 2 samples
 

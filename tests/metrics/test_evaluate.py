@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from drawn_capture import CAMERAS, FRAMES, HELD_FRAME, HELD_VIEW, camera, painted, write_capture
+from drawn_capture import CAMERAS, FRAMES, HELD_OUT_FRAME, HELD_OUT_VIEW, camera, painted, write_capture
 
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
@@ -91,7 +91,7 @@ def test_its_surface_is_the_true_one(evaluation):
 def test_every_picture_is_in_its_split(evaluation, capture):
     rig = capture.rigs["body"]
     for picture in evaluation.pictures:
-        expected = SPLITS[(picture.frame == HELD_FRAME) + 2 * (picture.view == HELD_VIEW)]
+        expected = SPLITS[(picture.frame == HELD_OUT_FRAME) + 2 * (picture.view == HELD_OUT_VIEW)]
         assert picture.split == expected
     found = evaluation.grouped("split")
     assert list(found) == list(SPLITS)
@@ -111,8 +111,8 @@ def test_baselines_do_not_see_what_is_held_out(capture):
     seen = list(observations(rig))
     assert len(seen) == 4
     assert len({(one.signals, one.camera.key()) for one in seen}) == 4
-    held_out = {rig.signals[HELD_FRAME]}
-    back = next(view for view in rig.views if view.name == HELD_VIEW)
+    held_out = {rig.signals[HELD_OUT_FRAME]}
+    back = next(view for view in rig.views if view.name == HELD_OUT_VIEW)
     assert not any(one.signals in held_out or one.camera.key() == back.camera.key() for one in seen)
 
 
@@ -127,7 +127,7 @@ def test_json_meets_its_schema(evaluation):
     data = json.loads(json.dumps(to_json(evaluation, "default", "x.zip", 1.5), allow_nan=False))
     assert faults(data, SCHEMA) == []
     assert data["splits"]["train"]["painted"]["lpips"] is None
-    assert data["held_out"] == {"frames": [HELD_FRAME], "views": [HELD_VIEW]}
+    assert data["held_out"] == {"frames": [HELD_OUT_FRAME], "views": [HELD_OUT_VIEW]}
     data["surprise"] = 1
     del data["pictures"][0]["iou"]
     data["splits"]["train"]["painted"]["psnr"] = "high"
@@ -149,7 +149,7 @@ def test_the_table_says_what_is_missing_and_why(evaluation):
 
 def test_the_contact_sheet_shows_the_pictures(evaluation):
     assert len(evaluation.samples) == 3
-    assert all(frame == HELD_FRAME for _, frame in evaluation.samples)
+    assert all(frame == HELD_OUT_FRAME for _, frame in evaluation.samples)
     sheet = contact_sheet(evaluation)
     assert (sheet[..., 3] == 255).all()
     assert len(np.unique(sheet[..., :3].astype(int) @ [65536, 256, 1])) > 200
@@ -209,8 +209,7 @@ def test_a_thinned_drawing_keeps_its_pixels_under_its_camera(capture, monkeypatc
     thin, through = _thinned(drawing, view)
     assert isinstance(through, Camera)
     assert thin.hit.shape == (24, 24)
-    seen = thin.position @ through.camera_from_world[:3, :3].T + through.camera_from_world[:3, 3]
-    pixel = (seen @ through.intrinsics.T)[..., :2] / seen[..., 2:]
+    pixel, _ = through.pixels(thin.position)
     rows, columns = np.indices((24, 24))
     np.testing.assert_allclose(pixel, np.stack([columns, rows], -1) + 0.5, atol=1e-3)
 

@@ -5,8 +5,16 @@ import pytest
 import torch
 
 from avatarrex.errors import InputError
-from avatarrex.metrics.fid import frechet_distance, frechet_reference
-from avatarrex.metrics.inception import INCEPTION_FILE, Inception, load_inception
+from avatarrex.metrics.fid import INCEPTION_FILE, Inception, frechet_distance, load_inception
+
+
+def frechet_reference(mean_a: np.ndarray, cov_a: np.ndarray, mean_b: np.ndarray, cov_b: np.ndarray) -> float:
+    """The formula on means (d,) and covariances (d, d): squared Wasserstein-2 distance of two normal distributions."""
+    value, vector = np.linalg.eigh(cov_a)
+    root = (vector * np.sqrt(np.maximum(value, 0))) @ vector.T
+    between = np.linalg.eigvalsh(root @ cov_b @ root)
+    spread = np.trace(cov_a) + np.trace(cov_b) - 2 * np.sqrt(np.maximum(between, 0)).sum()
+    return float(((mean_a - mean_b) ** 2).sum() + max(spread, 0.0))
 
 
 def test_normals_that_differ_in_mean_and_scale():

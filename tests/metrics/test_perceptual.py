@@ -70,13 +70,13 @@ def test_the_heads_weigh_squared_differences_of_unit_features(files):
     shift, scale = torch.tensor([-0.030, -0.088, -0.188]), torch.tensor([0.458, 0.448, 0.450])
     expected = 0
     pairs = zip(*(lpips.network((2 * x - 1 - shift.view(3, 1, 1)) / scale.view(3, 1, 1)) for x in (a, b)))
-    for (x, y), head in zip(pairs, lpips.heads):
+    for (x, y), head in zip(pairs, lpips.heads.parameters()):
         x, y = (torch.nn.functional.normalize(f, dim=1) for f in (x, y))
-        expected = expected + torch.einsum("bchw,c->bhw", (x - y) ** 2, head).mean((1, 2))
+        expected = expected + torch.einsum("bchw,c->bhw", (x - y) ** 2, head.flatten()).mean((1, 2))
     torch.testing.assert_close(lpips(a, b), expected, rtol=1e-4, atol=1e-7)
 
 
-def test_a_mask_hears_only_its_half(files):
+def test_a_mask_sees_only_its_half(files):
     lpips = load_lpips(files / VGG_FILE, files / "vgg.pth")
     a = noise(1, 128)
     b = a.clone()

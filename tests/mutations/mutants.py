@@ -404,7 +404,7 @@ MUTANTS: dict[str, Mutant] = {
         "avatarrex/volume/temporal_reuse.py",
         "(self.nodes, RADIUS)",
         "(self.nodes, RADIUS / 4)",
-        "tests/volume/test_temporal_reuse.py::test_the_grid_is_the_one_that_the_held_state_gives",
+        "tests/volume/test_temporal_reuse.py::test_the_grid_is_the_one_that_the_reused_state_gives",
     ),
     "a lattice that grew": Mutant(
         "temporal reuse",

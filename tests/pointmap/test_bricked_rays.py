@@ -20,7 +20,7 @@ CAMERA = Camera.orbit(20, 15, 1.2, 28, (0, 0, 0), 96, 96)
 
 
 def figure(boxes: bool = False) -> SdfVolume:
-    """A ball and a stick, with a box about one end of the stick if asked."""
+    """A ball and a stick, with a box about one end of the stick if `boxes`."""
     place = np.eye(4)
     place[:3, :3], place[:3, 3] = rotation(1, 25), (0.05, 0.1, -0.06)
     box = part_box("left_hand", FIGURE, _ramp, place, 0.005, (24, 30, 40))

@@ -76,15 +76,15 @@ def test_no_step_leaves_the_bound_and_none_that_makes_it_worse_is_taken() -> Non
     assert (moved.abs() == bound).sum() > 50
     assert (BALL.sdf(start + moved[:, None] * direction).abs() <= BALL.sdf(start).abs()).all()
 
-    asked: list[int] = []
+    queried: list[int] = []
 
     def jumps(position: torch.Tensor) -> Composed:
-        """The ball where it is asked first, 4 cm away from anything later."""
-        asked.append(len(position))
-        return replace(BALL(position), sdf=BALL.sdf(position) if len(asked) == 1 else 0.04 + 0 * position[:, 0])
+        """The ball where it is queried first, 4 cm away from anything later."""
+        queried.append(len(position))
+        return replace(BALL(position), sdf=BALL.sdf(position) if len(queried) == 1 else 0.04 + 0 * position[:, 0])
 
     stayed, _ = descend(jumps, start, direction, along, 20 * bound, 2)
-    assert len(asked) == 3
+    assert len(queried) == 3
     assert (stayed[BALL.sdf(start).abs() > CONVERGED] == 0).all()
 
 
@@ -168,7 +168,7 @@ def test_nothing_is_polished_again(avatar: Avatar, polished: Frame) -> None:
     assert plain.counters["rays"] > 0
 
 
-def test_hidden_parts_are_not_asked(avatar: Avatar) -> None:
+def test_hidden_parts_are_not_queried(avatar: Avatar) -> None:
     hidden = frozenset({"left_hand", "right_hand", "face"})
     frame = render_frame(avatar, SIGNALS, CAMERA, replace(SETTINGS, polish=1, hidden=hidden))
     assert frame.counters["hits_polished"] > 0

@@ -36,12 +36,10 @@ def test_the_comparison_sees_a_grid_that_is_one_voxel_off(man):
 def test_depth_and_position_tell_the_same(man, impl):
     camera = VIEWS[0]
     one = raycast(man, camera, impl)
-    seen = one.position[one.hit].double().numpy() @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    np.testing.assert_allclose(one.depth[one.hit], seen[:, 2], atol=1e-6)
-    pixel = seen @ camera.intrinsics.T
+    pixel, depth = camera.pixels(one.position[one.hit].double().numpy())
+    np.testing.assert_allclose(one.depth[one.hit], depth, atol=1e-6)
     y, x = np.nonzero(one.hit.numpy())
-    np.testing.assert_allclose(pixel[:, 0] / pixel[:, 2], x + 0.5, atol=1e-4)
-    np.testing.assert_allclose(pixel[:, 1] / pixel[:, 2], y + 0.5, atol=1e-4)
+    np.testing.assert_allclose(pixel, np.stack([x, y], 1) + 0.5, atol=1e-4)
 
 
 def test_normals_are_unit_and_face_the_camera(man, impl):
@@ -161,6 +159,18 @@ def test_the_shaders_read_the_parts_as_numpy_wrote_them():
     assert program["Parts"].size == 3 * PART.itemsize
     assert RECORD.itemsize % 16 == 0
     assert LISTS.fields["steps"][1] == 15 * 16
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+@pytest.mark.parametrize("name", ["beams", "trace", "exact", "edges", "subrays", "surface", "plain"])
+def test_the_shaders_serve_another_number_of_parts(name, count):
+    if "gl" not in available():
+        pytest.skip("no OpenGL 4.3 here")
+    from avatarrex.pointmap.raycast_gl import gl_caster
+
+    every = 0 if name in ("beams", "edges") else (1 << count) - 1
+    kind = {"PARTS": every, "CONTACTS": int(every > 0), "BRICKS": 1, "FLOAT_FILTER": 0, "ANTIALIAS": 1, "METHOD": 2}
+    gl_caster()._program(name, PART_COUNT=count, CONTACT_UNIT=3 + count, **kind).release()
 
 
 def test_eight_texel_fetches_give_what_a_float_filter_gives(man, monkeypatch):

@@ -1,5 +1,8 @@
 """Motion readers on files written here, and on broken ones."""
 
+import re
+import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
+from avatarrex.files.arrays import UNPACKED_BYTES
+from avatarrex.signals.bvh import MOST_ROTATIONS
 from avatarrex.signals.ground import lowest
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.signals.limits import random_signals
@@ -44,6 +49,14 @@ def write_bvh(path: Path, frames: int = 3, knee_deg: float = 60.0) -> None:
             values += [0.0, knee_deg * frame / (frames - 1) if name == "LeftLeg" else 0.0, 0.0]
         lines.append(" ".join(map(str, values)))
     path.write_text("\n".join(lines) + "\n")
+
+
+def refused(path: Path, write: Callable[[Path], None], change: Callable[[str], str], message: str) -> None:
+    """A file that is written and changed is refused with its name and the message."""
+    write(path)
+    path.write_text(change(path.read_text()))
+    with pytest.raises(InputError, match=rf"{re.escape(path.name)}: .*{message}"):
+        read_motion(path)
 
 
 def test_bvh_bends_the_left_knee_and_scales_by_leg_length(tmp_path: Path) -> None:
@@ -87,11 +100,22 @@ def test_bvh_bends_the_left_knee_and_scales_by_leg_length(tmp_path: Path) -> Non
     ],
 )
 def test_broken_bvh_is_refused_with_its_place(tmp_path: Path, change, message: str) -> None:
-    path = tmp_path / "broken.bvh"
-    write_bvh(path)
-    path.write_text(change(path.read_text()))
-    with pytest.raises(InputError, match=rf"broken\.bvh: .*{message}"):
-        read_motion(path)
+    refused(tmp_path / "broken.bvh", write_bvh, change, message)
+
+
+def test_the_memory_of_a_long_bvh_is_what_its_limit_says(tmp_path: Path) -> None:
+    """530 bytes at the peak for each frame and joint (of ours, where the file has fewer): 2 GiB for the longest."""
+    write_bvh(tmp_path / "long.bvh", frames=2000)
+    read_motion(tmp_path / "long.bvh")  # what is read once, and compiled
+    tracemalloc.start()
+    try:
+        frames = len(read_motion(tmp_path / "long.bvh"))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert frames == 2000
+    assert 300 < peak / (frames * 55) < 600
+    assert 600 * MOST_ROTATIONS < 1.2 * UNPACKED_BYTES
 
 
 def test_a_bvh_at_rest_in_another_pose_is_our_pose(tmp_path: Path) -> None:
@@ -147,11 +171,7 @@ def test_livelink_maps_columns_by_name_and_turns_the_head_left(tmp_path: Path) -
     ],
 )
 def test_broken_csv_is_refused(tmp_path: Path, change, message: str) -> None:
-    path = tmp_path / "broken.csv"
-    write_csv(path)
-    path.write_text(change(path.read_text()))
-    with pytest.raises(InputError, match=rf"broken\.csv: .*{message}"):
-        read_motion(path)
+    refused(tmp_path / "broken.csv", write_csv, change, message)
 
 
 def test_livelink_rate_and_gaps_come_from_the_timecode(tmp_path: Path) -> None:
@@ -242,12 +262,12 @@ ONE = np.zeros((2, 63))
         ({"body_pose": np.array([{}], dtype=object)}, "body_pose: expected a plain array .no pickled"),
         (
             {"body_pose": ONE, "left_hand_pose": np.zeros((2, 6))},
-            r"left_hand_pose: expected shape \(2, 45\), found \(2, 6\)",
+            r"left_hand_pose: expected 45 columns of axis-angle \(PCA off\), found 6 columns",
         ),
         ({"body_pose": ONE, "transl": np.full((2, 3), np.inf)}, "transl: expected finite"),
         ({"body_pose": np.full((2, 63), "x")}, "body_pose: expected numbers"),
-        ({"body_pose": ONE, "fps": 0}, "fps: expected one rate above 0"),
-        ({"body_pose": ONE, "fps": [30, 30]}, "fps: expected one rate"),
+        ({"body_pose": ONE, "fps": 0}, "fps: expected a rate above 0"),
+        ({"body_pose": ONE, "fps": [30, 30]}, "fps: expected a rate"),
         ({"betas": np.zeros(10)}, "expected poses, pose_body or body_pose, found none"),
     ],
 )

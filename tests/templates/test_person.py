@@ -165,7 +165,7 @@ def test_a_tree_with_a_loop(official) -> None:
         read_model(read_npz(path, "person"), path)
 
 
-def test_unnamed_direction_counts_are_asked_for(official) -> None:
+def test_unnamed_direction_counts_are_requested(official) -> None:
     path, arrays = official
     arrays["shapedirs"] = arrays["shapedirs"][..., :13]
     np.savez(path, **arrays)
@@ -187,7 +187,7 @@ def test_letters_bind_within_a_file() -> None:
         check_arrays({"a": np.zeros((3, 2)), "b": np.zeros(4, int)}, "x", spec)
 
 
-def test_read_arrays_reads_what_is_asked(official) -> None:
+def test_read_arrays_reads_what_is_requested(official) -> None:
     path, arrays = official
     np.savez(path, **arrays)
     assert set(read_arrays(path)) == set(arrays)

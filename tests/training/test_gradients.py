@@ -16,11 +16,10 @@ from avatarrex.counters import Counters
 from avatarrex.fields import presets
 from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.presets import COMPACT
-from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.settings import RenderSettings
-from avatarrex.templates.model import PosedTemplate, skinned_normals
+from avatarrex.templates.model import PosedTemplate
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
@@ -67,10 +66,6 @@ def tiny(tmp_path_factory) -> tuple[Avatar, TrainingFrame, OneFrame]:
     rig = capture.rigs["body"]
     posed = pose_person(avatar.person, rig.signals[0], Counters(), None)
     volume = build_volume(avatar, posed, RenderSettings(voxel=0.03, part_voxel=0.01), Counters(), None)
-    normals = skinned_normals(avatar.person.body, posed.body).double().numpy()
-    skin = TemplateDistance.of(
-        posed.body.vertices.double().numpy(), normals, avatar.hand_weight.double().numpy(), np.zeros(len(normals))
-    )
     double = replace(
         posed,
         body=PosedTemplate(*(value.double() for value in vars(posed.body).values())),
@@ -82,7 +77,7 @@ def tiny(tmp_path_factory) -> tuple[Avatar, TrainingFrame, OneFrame]:
         module.double()
     body = replace(volume.body, frame=_double_frame(avatar, double))
     volume = replace(volume, body=body, parts=_double_parts(avatar, double, volume))
-    frame = TrainingFrame(0, double, posed.world_from_root(rig.signals[0]), skin, volume, 0)
+    frame = TrainingFrame(0, double, posed.world_from_root(rig.signals[0]), volume, 0)
     return avatar, frame, OneFrame(avatar, rig, frame)
 
 
@@ -100,9 +95,7 @@ def _double_parts(avatar: Avatar, posed: PosedPerson, volume: AvatarVolume) -> d
 
 def pixels(camera: Camera, frame: TrainingFrame, near: np.ndarray) -> PixelBatch:
     """Pixels about root-frame points."""
-    view = frame.camera(camera)
-    seen = near @ view.camera_from_world[:3, :3].T + view.camera_from_world[:3, 3]
-    place = torch.from_numpy((seen @ view.intrinsics.T)[:, :2] / seen[:, 2:])
+    place = torch.from_numpy(frame.camera(camera).pixels(near)[0])
     generator = torch.Generator().manual_seed(0)
     colour = torch.rand(len(place), 3, generator=generator, dtype=torch.float64)
     return PixelBatch(place, colour, (torch.arange(len(place)) % 3 > 0).double())

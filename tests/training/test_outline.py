@@ -107,7 +107,7 @@ def test_the_outline_finds_the_radius(stale):
     assert abs(float(tried[int(np.argmin([loss(float(radius)) for radius in tried]))]) - RADIUS) <= 7e-4
 
 
-def test_rays_that_are_right_by_far_are_not_asked():
+def test_rays_that_are_right_by_far_are_not_queried():
     volume = SdfVolume(body_grid(sphere(MIDDLE, RADIUS), (0, 0, 0), 0.02, (31, 31, 31)))
     place = 96 * torch.rand(3000, 2, generator=torch.Generator().manual_seed(3))
     rays = RayPlane.of(CAMERA, np.array(MIDDLE)).rays(place)

@@ -183,7 +183,7 @@ def test_wishes_and_states(tmp_path):
     assert about["config"]["steps"] == 9
     assert about["versions"]["torch"] == torch.__version__
     with Run.open(path) as run:
-        assert run.control() == "run", "asked of the process before"
+        assert run.control() == "run", "requested of the process before"
     about = read_about(path)
     assert about["state"] == "finished"
     assert len(about["resumed"]) == 1

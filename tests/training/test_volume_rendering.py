@@ -113,7 +113,7 @@ def test_gamma_falls_to_its_last_value():
     assert gamma.at(100) == gamma.at(5000) == 5e-4
 
 
-def test_a_ray_that_misses_by_far_is_heard_by_the_silhouette_alone():
+def test_a_ray_that_misses_by_far_moves_the_silhouette_alone():
     """A sphere of 10 cm is seen as large as one of 12 cm: fog of half a millimetre says nothing at the rim's rays."""
     radius = torch.tensor(0.10, requires_grad=True)
     beside = torch.linspace(0.112, 0.118, 7)

@@ -14,13 +14,13 @@ PIN = union(sphere((0.001, 0.002, 0.003), 0.1701), capsule((0, 0.1, 0), (0.02, 0
 
 
 class Field:
-    """The exact distance, counting what it was asked for."""
+    """The exact distance, counting what it was queried for."""
 
     def __init__(self) -> None:
-        self.asked = 0
+        self.queried = 0
 
     def __call__(self, place: np.ndarray) -> np.ndarray:
-        self.asked += len(place)
+        self.queried += len(place)
         return PIN(torch.from_numpy(VOXEL * place) + torch.tensor(ORIGIN).double()).float().numpy()
 
 
@@ -36,7 +36,7 @@ def grown(side: int, seen: np.ndarray, field: Field, kept: Bricks | None = None)
 
 
 @pytest.mark.parametrize("side", [2, 4])
-def test_corners_of_crossed_cells_hold_the_finer_grid(side: int) -> None:
+def test_corners_of_crossed_cells_are_the_finer_grid(side: int) -> None:
     field = Field()
     bricks = grown(side, crossed_cells(body_grid(PIN, ORIGIN, VOXEL, SHAPE)), field)
     fine = body_grid(PIN, ORIGIN, VOXEL / side, tuple((n - 1) * side + 1 for n in SHAPE)).sdf.numpy()
@@ -52,7 +52,7 @@ def test_corners_of_crossed_cells_hold_the_finer_grid(side: int) -> None:
     for shift in np.ndindex(2, 2, 2):
         part = (slice(None), *(slice(k, k + side) for k in shift))
         np.testing.assert_allclose(bricks.value[part][crossing], truth[part][crossing], atol=1e-6)
-    assert field.asked < 0.6 * bricks.value.size
+    assert field.queried < 0.6 * bricks.value.size
 
 
 def test_the_surface_is_followed_past_what_was_seen() -> None:
@@ -82,15 +82,15 @@ def test_points_in_bricks_get_the_trilinear_value_of_the_finer_grid() -> None:
 def test_what_is_kept_is_not_evaluated_again() -> None:
     cells, field = crossed_cells(body_grid(PIN, ORIGIN, VOXEL, SHAPE)), Field()
     first = grown(2, cells[:40], field)
-    asked = field.asked
+    queried = field.queried
     assert grown(2, cells[:40], field, first) is first
-    assert field.asked == asked
+    assert field.queried == queried
     more = grown(2, cells, field, first)
     assert np.array_equal(more.cell[: len(first.cell)], first.cell)
     assert np.array_equal(more.value[: len(first.cell)], first.value)
     fresh = Field()
     grown(2, cells, fresh)
-    assert field.asked - asked < fresh.asked
+    assert field.queried - queried < fresh.queried
 
 
 def test_a_surface_at_the_border_stays_in_the_grid() -> None:

@@ -36,7 +36,7 @@ def avatar() -> Avatar:
 def built(avatar: Avatar) -> tuple[AvatarVolume, ComposedField]:
     posed = pose_person(avatar.person, HIP, Counters(), None)
     volume = build_volume(avatar, posed, SETTINGS, Counters(), None)
-    return volume, composed_field(avatar, posed, volume, Counters())
+    return volume, composed_field(avatar, posed, volume.body, volume.states, Counters())
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def near_surface(built: tuple[AvatarVolume, ComposedField], count: int = 3000) -
     return points[chosen].float()
 
 
-def test_voxels_hold_the_field(built: tuple[AvatarVolume, ComposedField]) -> None:
+def test_voxels_store_the_field(built: tuple[AvatarVolume, ComposedField]) -> None:
     volume, field = built
     points = near_surface(built)
     outside = torch.stack([part.apart(part.local(points)) > 0.05 for part in field.parts]).all(0)
@@ -79,7 +79,7 @@ def test_hands_on_hips_are_split_as_the_volume_does(built: tuple[AvatarVolume, C
 
 
 def test_nothing_jumps_at_the_faces_of_a_hands_box(avatar: Avatar) -> None:
-    """Cloth beneath a fist: inside the box the limbs are told apart, outside the whole body is one field."""
+    """Cloth beneath a fist: inside the box the limbs are split, outside the whole body is one field."""
     field = of_a_fist(avatar)
     hand = next(part for part in field.parts if part.name == "left_hand")
     noise = torch.Generator().manual_seed(4)
@@ -121,7 +121,7 @@ def of_a_fist(avatar: Avatar) -> ComposedField:
     fist = {f"{side}_hand_pose": named_hand("fist", side) for side in ("left", "right")}
     posed = pose_person(avatar.person, HIP.replace(**fist), Counters(), None)
     volume = build_volume(avatar, posed, SETTINGS, Counters(), None)
-    return composed_field(avatar, posed, volume, Counters())
+    return composed_field(avatar, posed, volume.body, volume.states, Counters())
 
 
 def from_part(part: PlacedPart, local: torch.Tensor) -> torch.Tensor:
@@ -166,7 +166,7 @@ def test_cloth_beneath_a_hand_maps_to_the_trunk_at_rest(avatar: Avatar) -> None:
     posed = pose_person(avatar.person, HIP, Counters(), None)
     aim = tuple(map(float, posed.body.joints[20]))
     seen = render_frame(avatar, HIP, Camera.orbit(60, 10, 0.5, 28, aim, 96, 96)).pointmap
-    hand = (avatar.hand_weight == 1).numpy()
+    hand = (avatar.person.hand_weight == 1).numpy()
     beside = cKDTree(posed.body.vertices.numpy()[hand]).query(seen.position.numpy())[0] < 0.03
     cloth = seen.hit & (seen.part_weight.sum(-1) == 0) & torch.from_numpy(beside)
     samples = body_frame(avatar, posed).samples

@@ -46,10 +46,10 @@ def test_corners_of_crossed_cells_are_listed() -> None:
 
 @pytest.mark.parametrize("error", [0.0, 0.04, 0.12])
 def test_a_wrong_guess_is_followed_to_the_surface(error: float) -> None:
-    true, asked = everywhere(LATTICE), []
+    true, queried = everywhere(LATTICE), []
 
     def evaluate(index: np.ndarray) -> np.ndarray:
-        asked.append(index)
+        queried.append(index)
         return true.reshape(-1)[index]
 
     guess = true + np.float32(error) * np.sin(40 * true)
@@ -58,11 +58,11 @@ def test_a_wrong_guess_is_followed_to_the_surface(error: float) -> None:
     corners = crossed(true < 0)
     assert np.array_equal(sdf < 0, true < 0)
     assert np.array_equal(sdf.reshape(-1)[corners], true.reshape(-1)[corners])
-    listed = np.concatenate(asked)
+    listed = np.concatenate(queried)
     assert len(np.unique(listed)) == len(listed) < true.size
 
 
-def test_known_voxels_are_not_asked() -> None:
+def test_known_voxels_are_not_queried() -> None:
     true = everywhere(LATTICE)
     known = np.zeros(true.shape, dtype=bool)
     known[:10] = True
@@ -117,7 +117,7 @@ def test_the_body_grid_crosses_where_the_whole_shell_does(pose: str) -> None:
     posed = pose_person(avatar.person, Signals.rest().replace(body_pose=named_pose(pose)), Counters(), None)
     frame = body_frame(avatar, posed)
     normals = skinned_normals(avatar.person.body, posed.body)
-    arrays = (posed.body.vertices, normals, avatar.hand_weight, avatar.body.clothing_offset)
+    arrays = (posed.body.vertices, normals, avatar.person.hand_weight, avatar.body.clothing_offset)
     skin = TemplateDistance.of(*(value.double().numpy() for value in arrays), closed=True)
     grid = build_body_grid(BodyWithoutHands(avatar.body, frame, skin, avatar.ownership), 0.02, counters)
     shape = (grid.sdf.shape[0], grid.sdf.shape[1], grid.sdf.shape[2])

@@ -42,7 +42,7 @@ def near(posed: PosedPerson, name: str, azimuth: float = 0.0) -> Camera:
 
 
 def whole(avatar: Avatar, signals: Signals, camera: Camera, settings: RenderSettings = SETTINGS) -> Frame:
-    """The frame with every part built before the camera is asked."""
+    """The frame with every part built before the camera is known."""
     seen_all = render_frame(avatar, signals, FRONT, replace(settings, bricks=0))
     assert set(seen_all.volume.parts) == set(PARTS)
     return render_frame(avatar, signals, camera, settings, seen_all)

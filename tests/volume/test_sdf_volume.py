@@ -95,9 +95,9 @@ def test_contact_replaces_the_body_and_keeps_the_other_limb():
     contact = Contact(first, block[:18, :17, :19].contiguous())
     got = sample(SdfVolume(body, (hand(contact=contact),)), POINTS)
     plain = sample(SdfVolume(body, (hand(),)), POINTS)
-    held = got.composed.sdf != plain.composed.sdf
-    assert held.any()
-    assert (got.composed.sdf[held] <= -0.01 + 1e-9).all()
+    clamped = got.composed.sdf != plain.composed.sdf
+    assert clamped.any()
+    assert (got.composed.sdf[clamped] <= -0.01 + 1e-9).all()
 
 
 def test_the_distance_alone_is_the_same_to_the_bit():

@@ -29,17 +29,17 @@ def grid_of(*solids: Solid) -> BodyGrid:
 
 
 @pytest.mark.parametrize("place", [(0.4, 0.3, 0.2), (0.41, 0.31, 0.21), (0.31, 0.3, 0.2)])
-def test_a_crumb_is_emptied_and_nothing_else(place: tuple[float, float, float]) -> None:
+def test_a_small_component_is_emptied_and_nothing_else(place: tuple[float, float, float]) -> None:
     alone, both = grid_of(BODY), grid_of(BODY, sphere(place, 0.018))
-    assert (both.sdf < 0).sum() > (alone.sdf < 0).sum(), "there is a crumb"
+    assert (both.sdf < 0).sum() > (alone.sdf < 0).sum(), "there is a component"
     cleared = without_small_components(both)
-    crumb = (both.sdf < 0) & (alone.sdf >= 0)
+    component = (both.sdf < 0) & (alone.sdf >= 0)
     assert torch.equal(cleared.sdf < 0, alone.sdf < 0)
-    assert torch.equal(cleared.sdf[~crumb], both.sdf[~crumb])
-    assert (cleared.sdf[crumb] > 0).all()
-    assert (cleared.sdf[crumb] <= alone.sdf[crumb]).all(), "rays step no farther than to the body"
+    assert torch.equal(cleared.sdf[~component], both.sdf[~component])
+    assert (cleared.sdf[component] > 0).all()
+    assert (cleared.sdf[component] <= alone.sdf[component]).all(), "rays step no farther than to the body"
     assert cleared.known is not None
-    assert np.array_equal(~cleared.known, crumb.numpy())
+    assert np.array_equal(~cleared.known, component.numpy())
 
 
 def test_what_is_larger_stays() -> None:

@@ -1,4 +1,4 @@
-"""What stands still is taken over: same numbers as making the frame anew from the held state, and never far from the pose."""
+"""What hardly moves is reused: same numbers as making the frame anew from the reused state, and never far from the pose."""
 
 from dataclasses import replace
 
@@ -50,7 +50,7 @@ def dragged(avatar: Avatar) -> list[Frame]:
 
 
 def anew(avatar: Avatar, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """The grid made from the frame's held state with nothing taken over."""
+    """The grid made from the frame's reused state with nothing taken over."""
     volume = frame.volume
     grid = without_small_components(build_body_grid(volume.body, FAST.voxel, Counters()))
     assert np.array_equal(grid.origin, volume.grid.origin)
@@ -58,7 +58,7 @@ def anew(avatar: Avatar, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
     return grid.sdf.numpy(), grid.known
 
 
-def test_the_grid_is_the_one_that_the_held_state_gives(avatar: Avatar, dragged: list[Frame]) -> None:
+def test_the_grid_is_the_one_that_the_reused_state_gives(avatar: Avatar, dragged: list[Frame]) -> None:
     for frame in dragged[1:]:
         sdf, known = anew(avatar, frame)
         stored = frame.volume.grid.sdf.numpy()
@@ -92,8 +92,8 @@ def test_colours_are_those_of_shading_every_pixel(avatar: Avatar, dragged: list[
     for frame in dragged[1:]:
         counters = Counters()
         whole = shade(avatar, frame.surface, counters, None)
-        held = frame.volume.changed is not None
-        assert (frame.counters["pixels_shaded"] < counters["pixels_shaded"]) == held
+        reused = frame.volume.changed is not None
+        assert (frame.counters["pixels_shaded"] < counters["pixels_shaded"]) == reused
         assert (whole.image - frame.image).abs().max() < 2 / 255
 
 
@@ -133,7 +133,7 @@ def test_a_jump_keeps_nothing(avatar: Avatar, dragged: list[Frame]) -> None:
     assert torch.equal(jump.image, exact.image)
 
 
-def test_without_hold_a_frame_is_exact_whatever_was_before(avatar: Avatar, dragged: list[Frame]) -> None:
+def test_without_reuse_a_frame_is_exact_whatever_was_before(avatar: Avatar, dragged: list[Frame]) -> None:
     assert not any(settings.reuse_tolerance for settings in LEVELS.values())
     settings = replace(FAST, reuse_tolerance=0.0)
     signals = moved(SHOULDER, 0.02)
@@ -141,7 +141,7 @@ def test_without_hold_a_frame_is_exact_whatever_was_before(avatar: Avatar, dragg
     assert torch.equal(after.image, exact.image)
 
 
-def test_what_lagged_is_made_exact_when_asked(avatar: Avatar, dragged: list[Frame]) -> None:
+def test_what_lagged_is_made_exact_on_request(avatar: Avatar, dragged: list[Frame]) -> None:
     settings = replace(FAST, reuse_tolerance=0.0)
     caught_up = render_frame(avatar, dragged[3].signals, CAMERA, settings, dragged[3])
     assert caught_up.volume.changed is None
@@ -150,7 +150,7 @@ def test_what_lagged_is_made_exact_when_asked(avatar: Avatar, dragged: list[Fram
     assert again.volume is caught_up.volume
 
 
-def test_another_view_of_a_held_body_is_shaded_whole(avatar: Avatar, dragged: list[Frame]) -> None:
+def test_another_view_of_a_reused_body_is_shaded_whole(avatar: Avatar, dragged: list[Frame]) -> None:
     turned = Camera.orbit(60, 5, 2.6, 40, (0, -0.05, 0), 48, 48)
     frame = render_frame(avatar, dragged[3].signals, turned, FAST, dragged[3])
     assert frame.volume is dragged[3].volume

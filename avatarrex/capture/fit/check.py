@@ -11,7 +11,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from PIL import Image
 from tqdm import tqdm
 
@@ -20,7 +19,7 @@ from avatarrex.capture.fit.person_fit import height
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.model import PosedTemplate, pose_template
+from avatarrex.templates.model import PosedTemplate, pose_by_signals
 from avatarrex.templates.person import Person, load_person
 from avatarrex.templates.transform import world_from_root
 
@@ -95,10 +94,7 @@ def check_capture(capture: Capture, rigs: tuple[str, ...] | None = None, frames:
 
 def posed_in_world(person: Person, signals: Signals) -> tuple[PosedTemplate, np.ndarray]:
     """The whole template with hands and face as `signals` say, in the root frame, and `world_from_root` (4, 4)."""
-    pose = signals.full_pose()
-    pose[0] = 0
-    values = (torch.from_numpy(v.astype(np.float32)) for v in (pose, signals.shape, signals.expression))
-    posed = pose_template(person.body, *values)
+    posed = pose_by_signals(person.body, signals)
     pelvis = posed.joints[0].double().numpy()
     return posed, world_from_root(signals.global_orient, signals.translation, pelvis)
 
@@ -138,8 +134,8 @@ def _check_rig(capture: Capture, rig: Rig, count: int) -> RigReport:
             name: (template_surface(person, rig.signals[frame])[0], person.body.faces.numpy())
             for name, person in persons.items()
         }
-        if capture.ground_truth is not None and rig.name in capture.ground_truth.rigs:
-            meshes["mesh"] = (capture.ground_truth.vertices(rig.name, frame), capture.ground_truth.faces)
+        if truth := capture.ground_truth.get(rig.name):
+            meshes["mesh"] = (truth.vertices[frame], truth.faces)
         available = (view for view in range(len(rig.views)) if rig.available(view, frame))
         silhouettes += [_compare(rig, view, frame, meshes) for view in available]
     some = rig.signals[:: max(rig.frames // 8, 1)]
@@ -177,12 +173,12 @@ def reduced(camera: Camera, side: int = SILHOUETTE_PIXELS) -> Camera:
 
 def joint_error(capture: Capture, rig: Rig) -> tuple[float, float] | None:
     """Mean and largest distance, mm, of the posed person's joints from the capture's over all frames; None without any."""
-    truth = capture.ground_truth
-    if truth is None or rig.name not in truth.rigs or truth.joints(rig.name, 0) is None:
+    truth = capture.ground_truth.get(rig.name)
+    if truth is None or truth.joints is None:
         return None
     # no expression: a regressor's joints would follow it, and the shape alone places ours
     distances = []
-    for frame, signals in enumerate(rig.signals):
+    for signals, exact in zip(rig.signals, truth.joints):
         joints = template_surface(capture.person, signals.replace(expression=np.zeros(52)))[1]
-        distances.append(np.linalg.norm(joints - truth.joints(rig.name, frame), axis=1))
+        distances.append(np.linalg.norm(joints - exact, axis=1))
     return float(1000 * np.mean(distances)), float(1000 * np.max(distances))

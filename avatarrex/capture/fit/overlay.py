@@ -60,11 +60,9 @@ def _tile(rig: Rig, view: int, frame: int, vertices: np.ndarray, faces: np.ndarr
 
 def _box(matte: np.ndarray, vertices: np.ndarray, camera: Camera) -> tuple[float, float, float, float]:
     """Left, top, right, bottom of a square about matte and template, inside the picture where that is possible."""
-    seen = vertices @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    pixels = seen[seen[:, 2] > 0] @ camera.intrinsics.T
-    pixels = pixels[:, :2] / pixels[:, 2:]
+    pixels, depth = camera.pixels(vertices)
     rows, columns = np.nonzero(matte > FOREGROUND)
-    points = np.concatenate([pixels, np.stack([columns, rows], 1)]).clip(0, [camera.width, camera.height])
+    points = np.concatenate([pixels[depth > 0], np.stack([columns, rows], 1)]).clip(0, [camera.width, camera.height])
     if not len(points):
         points = np.array([[0.0, 0.0], [camera.width, camera.height]])
     low, high = points.min(0), points.max(0)

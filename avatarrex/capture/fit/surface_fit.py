@@ -21,14 +21,13 @@ from scipy.sparse import hstack
 from scipy.spatial import cKDTree
 from tqdm import tqdm
 
-from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import FOREGROUND, compared_frames, posed_in_world, reduced, silhouette
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.ops.skinning import blend
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
 
-NODES = 320
+FIELD_NODES = 320
 """Six centimetres apart on an adult; finer than that, 20 outlines of 512 pixels say little."""
 EDGE_SEARCH = 0.06
 """Metres to look for the matte's edge."""
@@ -103,13 +102,13 @@ class _Field:
 
     def __init__(self, person: Person) -> None:
         rest = person.body.v_template.double().numpy()
-        self.nodes = _spread(rest, NODES)
-        self.weights = SurfaceOffsets(tuple(self.nodes.tolist()), np.zeros((NODES, 3))).weights(rest)
+        self.nodes = _spread(rest, FIELD_NODES)
+        self.weights = SurfaceOffsets(tuple(self.nodes.tolist()), np.zeros((FIELD_NODES, 3))).weights(rest)
         near = cKDTree(rest[self.nodes]).query(rest[self.nodes], 7)[1]
-        graph = np.zeros((NODES, NODES))
+        graph = np.zeros((FIELD_NODES, FIELD_NODES))
         graph[near[:, :1], near[:, 1:]] = 1
         graph = np.maximum(graph, graph.T)
-        self.stiffness = (np.diag(graph.sum(1)) - graph) / NEIGHBOUR_SIGMA**2 + np.eye(NODES) / OFFSET_SIGMA**2
+        self.stiffness = (np.diag(graph.sum(1)) - graph) / NEIGHBOUR_SIGMA**2 + np.eye(FIELD_NODES) / OFFSET_SIGMA**2
 
     def solve(self, outlines: list[Outline], old: np.ndarray, outlier: float) -> np.ndarray:
         """(n, 3) offsets for constraints measured with offsets `old`."""
@@ -159,7 +158,7 @@ def _outlines(person: Person, rig: Rig, frame: int, views: tuple[int, ...]) -> l
         outward = normal[ends].sum(1)
         outward -= (outward * ray).sum(1, keepdims=True) * ray
         outward /= np.linalg.norm(outward, axis=1, keepdims=True) + 1e-12
-        pixel, tip = _project(point, camera), _project(point + 1e-3 * outward, camera)
+        pixel, tip = camera.pixels(point)[0], camera.pixels(point + 1e-3 * outward)[0]
         scale = np.linalg.norm(tip - pixel, axis=1) / 1e-3
         along = (tip - pixel) / (1e-3 * scale[:, None] + 1e-12)
         small = reduced(camera, OUTLINE_PIXELS)
@@ -182,11 +181,6 @@ def _edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ends, owner = ends[order], owner[order]
     twin = np.flatnonzero((ends[1:] == ends[:-1]).all(1))
     return ends[twin], np.stack([owner[twin], owner[twin + 1]], 1)
-
-
-def _project(points: np.ndarray, camera: Camera) -> np.ndarray:
-    seen = (points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]) @ camera.intrinsics.T
-    return np.asarray(seen[:, :2] / seen[:, 2:])
 
 
 def _to_edge(matte: np.ndarray, pixel: np.ndarray, along: np.ndarray, scale: np.ndarray) -> np.ndarray:

@@ -22,11 +22,11 @@ from avatarrex.files.zips import open_zip, refusing, unpack
 
 MEMBER_BYTES = 2**31
 """Bytes of one file: more is refused before it is read."""
-PICTURE = 2**29
+PICTURE_BYTES = 2**29
 """Bytes of a picture's file: uncompressed at 8192×8192 it is half of that."""
-TEXT = 2**26
+TEXT_BYTES = 2**26
 """Bytes of a text: a line for each of half a million missing pictures."""
-NAME, FOLDERS = 1000, 32
+LONGEST_NAME, MOST_FOLDERS = 1000, 32
 """Letters of a name, and how many folders it may lead through."""
 
 
@@ -84,7 +84,7 @@ class Archive:
 
     def text(self, name: str) -> str:
         """The file as UTF-8."""
-        return decode(self.read(name, TEXT), self.place(name), "a text")
+        return decode(self.read(name, TEXT_BYTES), self.place(name), "a text")
 
     def json(self, name: str) -> Any:
         """What a JSON file contains. Raises `InputError`."""
@@ -110,9 +110,9 @@ class Archive:
         for name in self._opened().namelist():
             parts = name.removesuffix("/").split("/")
             if not safe(name.removesuffix("/")):
-                raise InputError(self.path, name[:NAME], "names inside the archive", "a name that leads out of it")
-            if len(name) > NAME or len(parts) > FOLDERS:
-                expected = f"names of at most {NAME} letters and {FOLDERS} folders"
+                raise InputError(self.path, name[:60], "names inside the archive", "a name that leads out of it")
+            if len(name) > LONGEST_NAME or len(parts) > MOST_FOLDERS:
+                expected = f"names of at most {LONGEST_NAME} letters and {MOST_FOLDERS} folders"
                 raise InputError(self.path, name[:60], expected, f"{len(name)} letters, {len(parts)} folders")
             for depth, part in enumerate(parts):
                 folders.setdefault("/".join(parts[:depth]), set()).add(part)

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from avatarrex.camera import Camera
-from avatarrex.capture.readers.archive import NAME, safe
+from avatarrex.capture.readers.archive import LONGEST_NAME, safe
 from avatarrex.errors import InputError
 from avatarrex.files.json_text import parse_json
 
-CAMERAS = 1000
+MOST_CAMERAS = 1000
 """Of a rig; the largest stages have a few hundred."""
 ROTATION_SLACK = 1e-2
 """Largest entry of RᵀR − I: files round R to as few as three digits; it is then replaced by the nearest rotation."""
@@ -44,8 +44,7 @@ class Lens:
         """The same camera with its position multiplied by `scale`."""
         matrix = self.camera.camera_from_world.copy()
         matrix[:3, 3] *= scale
-        camera = Camera(self.camera.intrinsics, matrix, self.camera.width, self.camera.height)
-        return replace(self, camera=camera)
+        return replace(self, camera=replace(self.camera, camera_from_world=matrix))
 
 
 def read_calibration(text: str, source: str) -> tuple[Lens, ...]:
@@ -53,13 +52,13 @@ def read_calibration(text: str, source: str) -> tuple[Lens, ...]:
     cameras = parse_json(text, source)
     if not isinstance(cameras, dict) or not cameras:
         raise InputError(source, "", "an object with one entry per camera", type(cameras).__name__)
-    if len(cameras) > CAMERAS:
-        raise InputError(source, "", f"at most {CAMERAS} cameras", len(cameras))
+    if len(cameras) > MOST_CAMERAS:
+        raise InputError(source, "", f"at most {MOST_CAMERAS} cameras", len(cameras))
     return tuple(_lens(name, entry, source) for name, entry in cameras.items())
 
 
 def _lens(name: str, entry: Any, source: str) -> Lens:
-    if not safe(name) or "/" in name or not name.isprintable() or len(name) > NAME:
+    if not safe(name) or "/" in name or not name.isprintable() or len(name) > LONGEST_NAME:
         raise InputError(source, repr(name), "a camera's name that can name a folder", "another form")
     if not isinstance(entry, dict):
         raise InputError(source, name, "an object with K, R, T, imgSize", type(entry).__name__)

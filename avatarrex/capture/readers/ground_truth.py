@@ -8,8 +8,6 @@ transparent, and no part of the surface. Letters: t frames, v vertices, f faces,
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -22,7 +20,7 @@ from avatarrex.files.assets import require
 
 
 class RigTruth:
-    """The exact data of one rig, read at first use."""
+    """Exact meshes of one rig (and where there are any, depth and normals), read at first use."""
 
     def __init__(
         self, files: RigFiles, scale: float = 1.0, frames: int | None = None, lenses: tuple[Lens, ...] = ()
@@ -32,14 +30,11 @@ class RigTruth:
             raise InputError(files.archive.path, files.name("ground_truth.npz"), "the file to be there", "nothing")
         self._files, self._name, self.scale, self.frames = files, name, scale, frames
         self._lenses = lenses
-        self._lock = threading.Lock()
 
     def __getstate__(self) -> dict[str, Any]:
+        """Without what was read: another process reads its own."""
         kept = {"_files", "_name", "scale", "frames", "_lenses"}
         return {name: value for name, value in self.__dict__.items() if name in kept}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _lock=threading.Lock())
 
     @property
     def place(self) -> str:
@@ -54,11 +49,10 @@ class RigTruth:
     @cached_property
     def vertices(self) -> np.ndarray:
         """(t, v, 3) float32, metres."""
-        with self._lock:
-            found = self.array("vertices", (self.frames, None, 3))
-            if found is None:
-                raise InputError(self.place, "vertices", "the key to be there", "none")
-            return (found * np.float32(self.scale)).astype(np.float32)
+        found = self.array("vertices", (self.frames, None, 3))
+        if found is None:
+            raise InputError(self.place, "vertices", "the key to be there", "none")
+        return (found * np.float32(self.scale)).astype(np.float32)
 
     @cached_property
     def faces(self) -> np.ndarray:
@@ -86,49 +80,21 @@ class RigTruth:
         found = self.array("joints", (self.frames, 55, 3))
         return None if found is None else found.astype(np.float64) * self.scale
 
-    def geometry(self, view: int, frame: int, key: str, channels: tuple[int, ...]) -> np.ndarray | None:
-        """`depth` or `normal` of a picture, (h, w, *channels) as stored, or None where the capture has none."""
+    def depth(self, view: int, frame: int) -> np.ndarray | None:
+        """(h, w) float32 camera z in metres, 0 on the background, or None where the capture has none."""
+        found = self._geometry(view, frame, "depth", ())
+        return None if found is None else found * np.float32(self.scale)
+
+    def normal(self, view: int, frame: int) -> np.ndarray | None:
+        """(h, w, 3) float32 unit world normals, 0 on the background, or None."""
+        return self._geometry(view, frame, "normal", (3,))
+
+    def _geometry(self, view: int, frame: int, key: str, channels: tuple[int, ...]) -> np.ndarray | None:
         name = self._files.name(self._lenses[view].name, "truth", f"{frame:08d}.npz")
         if not self._files.archive.exists(name):
             return None
         camera = self._lenses[view].camera
-        arrays = self._files.archive.arrays(name, (key,))
+        arrays, shape = self._files.archive.arrays(name, (key,)), (camera.height, camera.width, *channels)
         if key not in arrays:
             return None
-        return require(arrays, self._files.archive.place(name), key, (camera.height, camera.width, *channels))
-
-
-class GroundTruth:
-    """Exact meshes (and where there are any, depth and normals) by rig and frame."""
-
-    def __init__(self, rigs: Mapping[str, RigTruth]) -> None:
-        self.rigs = dict(rigs)
-
-    def vertices(self, rig: str, frame: int) -> np.ndarray:
-        """(v, 3) float32 world metres."""
-        return np.asarray(self._rig(rig).vertices[frame])
-
-    @property
-    def faces(self) -> np.ndarray:
-        """(f, 3); one mesh for all rigs."""
-        return next(iter(self.rigs.values())).faces
-
-    def joints(self, rig: str, frame: int) -> np.ndarray | None:
-        """(55, 3) world metres, or None."""
-        joints = self._rig(rig).joints
-        return None if joints is None else joints[frame]
-
-    def depth(self, rig: str, view: int, frame: int) -> np.ndarray | None:
-        """(h, w) float32 camera z in metres, 0 on the background, or None."""
-        found = self._rig(rig).geometry(view, frame, "depth", ())
-        return None if found is None else found.astype(np.float32) * np.float32(self._rig(rig).scale)
-
-    def normal(self, rig: str, view: int, frame: int) -> np.ndarray | None:
-        """(h, w, 3) float32 unit world normals, 0 on the background, or None."""
-        found = self._rig(rig).geometry(view, frame, "normal", (3,))
-        return None if found is None else found.astype(np.float32)
-
-    def _rig(self, name: str) -> RigTruth:
-        if name not in self.rigs:
-            raise InputError("ground truth", name, "one of " + ", ".join(self.rigs), "a rig without any")
-        return self.rigs[name]
+        return require(arrays, self._files.archive.place(name), key, shape).astype(np.float32)

@@ -9,10 +9,9 @@ from collections.abc import Callable, Hashable
 from typing import Any
 
 import numpy as np
-from jaxtyping import UInt8
 from PIL import Image
 
-from avatarrex.capture.readers.archive import PICTURE, Archive
+from avatarrex.capture.readers.archive import PICTURE_BYTES, Archive
 from avatarrex.capture.readers.calibration import Lens
 from avatarrex.capture.readers.undistort import source_pixels, undistort
 from avatarrex.errors import InputError
@@ -63,21 +62,17 @@ class Pictures:
         self._archive, self._lenses, self._cache = archive, lenses, cache
         self._names = {"image": images, "matte": mattes}
 
-    def image(self, view: int, frame: int) -> UInt8[np.ndarray, "h w 3"]:
-        """sRGB bytes. Raises `InputError` for a damaged file or another size than the calibration's."""
-        return self._get("image", view, frame)
+    def get(self, kind: str, view: int, frame: int) -> np.ndarray:
+        """An `image`, sRGB bytes (h, w, 3), or a `matte`, foreground from 0 to 255 (h, w); read-only.
 
-    def matte(self, view: int, frame: int) -> UInt8[np.ndarray, "h w"]:
-        """Foreground, 0 to 255."""
-        return self._get("matte", view, frame)
+        Raises `InputError` for a damaged file or another size than the calibration's.
+        """
+        return self._cache.get(self._names[kind][view][frame], lambda: self._decode(kind, view, frame))
 
     def check_size(self, view: int, frame: int) -> None:
         """Raise `InputError` where a picture's header gives another size than the calibration; decodes nothing."""
         for kind in self._names:
             self._open(kind, view, frame)
-
-    def _get(self, kind: str, view: int, frame: int) -> np.ndarray:
-        return self._cache.get(self._names[kind][view][frame], lambda: self._decode(kind, view, frame))
 
     def _decode(self, kind: str, view: int, frame: int) -> np.ndarray:
         picture = self._open(kind, view, frame)
@@ -94,7 +89,7 @@ class Pictures:
     def _open(self, kind: str, view: int, frame: int) -> Image.Image:
         place = self._place(kind, view, frame)
         try:
-            picture = Image.open(io.BytesIO(self._archive.read(self._names[kind][view][frame], PICTURE)))
+            picture = Image.open(io.BytesIO(self._archive.read(self._names[kind][view][frame], PICTURE_BYTES)))
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
             if isinstance(error, InputError):
                 raise

@@ -13,21 +13,17 @@ import numpy as np
 
 from avatarrex.errors import InputError
 from avatarrex.files.assets import require
-from avatarrex.signals.driving import LARGEST, Signals
-from avatarrex.signals.joints import EXPRESSION_NAMES
-from avatarrex.signals.sequence import FRAMES, SignalSequence, check_frames
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_ROWS
+from avatarrex.signals.sequence import MOST_FRAMES, SignalSequence, check_rate
+from avatarrex.signals.smplx_npz import check_magnitudes, joint_rotations, rows
 
-PARTS: dict[str, tuple[int, int]] = {
-    "global_orient": (0, 1), "body_pose": (1, 22), "jaw_pose": (22, 23), "eye_pose": (23, 25), "leye_pose": (23, 24),
-    "reye_pose": (24, 25), "left_hand_pose": (25, 40), "right_hand_pose": (40, 55),
-}  # fmt: skip
-"""Joints (first, end) of each key; the first two must be there."""
 OTHERS = (
     "transl", "betas", "expression", "arkit52", "arkit_names", "shape10", "tpose_joints", "flat_hand_mean",
     "hands_meanl", "hands_meanr", "fps",
 )  # fmt: skip
-KEYS = (*PARTS, *OTHERS)
-LARGEST_BYTES = 2 * 8 * FRAMES * (55 * 3 + 52)
+KEYS = (*JOINT_ROWS, *OTHERS)
+LARGEST_BYTES = 2 * 8 * MOST_FRAMES * (55 * 3 + 52)
 """Of the arrays: twice what the longest capture's pose and expression take in double precision."""
 
 
@@ -63,9 +59,7 @@ def read_parameters(arrays: dict[str, np.ndarray], source: str) -> Parameters:
     for key, value in arrays.items():
         if value.dtype.kind not in ("US" if key == "arkit_names" else "fiub"):
             raise InputError(source, key, "text" if key == "arkit_names" else "numbers", value.dtype)
-        largest = LARGEST["translation" if key == "transl" else "body_pose"]
-        if (key in PARTS or key == "transl") and not (np.abs(value) <= largest).all() and np.isfinite(value).all():
-            raise InputError(source, key, f"numbers up to {largest:g}", f"{np.abs(value).max():g}")
+    check_magnitudes({key: value for key, value in arrays.items() if key != "arkit_names"}, source)
     notes: list[str] = []
     pose = _pose(arrays, source, notes)
     count = len(pose)
@@ -74,48 +68,26 @@ def read_parameters(arrays: dict[str, np.ndarray], source: str) -> Parameters:
     joints = require(arrays, source, "tpose_joints", (55, 3)) if "tpose_joints" in arrays else None
     if shape is None and np.any(arrays.get("betas", 0)):
         notes.append("betas belong to the SMPL-X model: not applied")
-    rate = np.ravel(arrays.get("fps", 30.0))
-    if rate.size != 1 or not 0 < rate[0] <= 1000:
-        raise InputError(source, "fps", "one rate above 0, at most 1000", rate.tolist())
-    translation = _rows(arrays, source, "transl", count, 3).astype(np.float64)
-    return Parameters(pose, translation, expression, shape, joints, float(rate[0]), tuple(notes))
+    rate = check_rate(arrays.get("fps", 30.0), source)
+    translation = rows(arrays, source, "transl", count, 3).astype(np.float64)
+    return Parameters(pose, translation, expression, shape, joints, rate, tuple(notes))
 
 
 def _pose(arrays: dict[str, np.ndarray], source: str, notes: list[str]) -> np.ndarray:
     """(t, 55, 3); joints without a key stay at rest."""
-    body = arrays.get("body_pose", np.zeros(0))
-    if not body.size or not body.ndim:
-        _rows(arrays, source, "body_pose", 0, 63)
-        raise InputError(source, "body_pose", "at least one frame", 0)
-    count = len(require(arrays, source, "body_pose", (None,) * body.ndim))
-    check_frames(count, source, "body_pose")
-    require(arrays, source, "global_orient", (None,) * np.ndim(arrays.get("global_orient", 0)))
-    pose = np.zeros((count, 55, 3))
-    for key, (first, end) in PARTS.items():
-        if key in arrays:
-            pose[:, first:end] = _rows(arrays, source, key, count, 3 * (end - first)).reshape(count, -1, 3)
+    for key in ("body_pose", "global_orient"):
+        if key not in arrays or not np.ndim(arrays[key]):
+            require(arrays, source, key, (None, None))
+    pose = joint_rotations(arrays, source, "body_pose")
     flat = np.ravel(arrays.get("flat_hand_mean", True))
     if flat.size != 1:
         raise InputError(source, "flat_hand_mean", "one value", flat.shape)
     if not flat[0]:
-        for key, part in (("hands_meanl", slice(25, 40)), ("hands_meanr", slice(40, 55))):
-            pose[:, part] += require(arrays, source, key, (45,)).reshape(15, 3)
+        for side in ("left", "right"):
+            mean = require(arrays, source, f"hands_mean{side[0]}", (45,))
+            pose[:, JOINT_ROWS[f"{side}_hand_pose"]] += mean.reshape(15, 3)
         notes.append("hands: the file's mean pose added (flat_hand_mean=False)")
     return pose
-
-
-def _rows(arrays: dict[str, np.ndarray], source: str, key: str, count: int, width: int) -> np.ndarray:
-    """`arrays[key]` as (count, width), stored so or with its joints apart; hands of fewer columns are PCA."""
-    value = arrays.get(key)
-    if value is not None and value.ndim == 3 and value.shape[2] == 3:
-        value = value.reshape(len(value), -1)
-    rows = require({} if value is None else {**arrays, key: value}, source, key, (None, None))
-    if "hand" in key and 0 < rows.shape[1] < width:
-        raise InputError(source, key, f"{width} columns of axis-angle (PCA off)", f"{rows.shape[1]} columns")
-    if rows.shape != (count, width):
-        expected = f"shape ({count}, {width})" + (", as many frames as body_pose" if len(rows) != count else "")
-        raise InputError(source, key, expected, rows.shape)
-    return rows
 
 
 def _expression(arrays: dict[str, np.ndarray], source: str, count: int, notes: list[str]) -> np.ndarray:
@@ -126,7 +98,7 @@ def _expression(arrays: dict[str, np.ndarray], source: str, count: int, notes: l
             notes.append("expression coefficients belong to the SMPL-X model: neutral face")
         return result
     names = [str(name) for name in np.ravel(arrays.get("arkit_names", EXPRESSION_NAMES))]
-    values = _rows(arrays, source, "arkit52", count, len(names))
+    values = rows(arrays, source, "arkit52", count, len(names))
     ours = {name.lower(): column for column, name in enumerate(EXPRESSION_NAMES)}
     columns = [ours.get(name.lower(), -1) for name in names]
     if min(columns, default=0) < 0 or len(set(columns)) != len(columns):

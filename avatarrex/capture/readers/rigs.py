@@ -18,7 +18,7 @@ from avatarrex.camera import Camera
 from avatarrex.capture.fit.person_fit import check_height, fit_person
 from avatarrex.capture.readers.archive import Archive
 from avatarrex.capture.readers.calibration import Lens, read_calibration
-from avatarrex.capture.readers.ground_truth import GroundTruth, RigTruth
+from avatarrex.capture.readers.ground_truth import RigTruth
 from avatarrex.capture.readers.images_store import ByteCache, Pictures
 from avatarrex.capture.readers.layout import RigFiles, find_rigs
 from avatarrex.capture.readers.manifest import held_out, read_manifest
@@ -38,9 +38,7 @@ class View:
 
     name: str
     camera: Camera
-    """An ideal pinhole."""
-    distortion: np.ndarray
-    """(5,) zeros: images come undistorted."""
+    """An ideal pinhole: images come undistorted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +67,11 @@ class Rig:
 
     def image(self, view: int, frame: int) -> UInt8[np.ndarray, "h w 3"]:
         """sRGB bytes, read-only. Raises `InputError` for a missing or damaged one."""
-        self._require(view, frame)
-        return self.pictures.image(view, frame)
+        return self._picture("image", view, frame)
 
     def matte(self, view: int, frame: int) -> UInt8[np.ndarray, "h w"]:
         """Foreground, 0 … 255, read-only. Raises `InputError` for a missing or damaged one."""
-        self._require(view, frame)
-        return self.pictures.matte(view, frame)
+        return self._picture("matte", view, frame)
 
     def holding_out(self, frames: Iterable[int] = (), views: Iterable[int] = ()) -> Rig:
         """The same rig with other frames and views kept from training. Raises `InputError` for one it does not have."""
@@ -88,10 +84,11 @@ class Rig:
                     raise InputError(self.name, f"held-out {what}", f"0 to {count - 1}", index)
         return replace(self, held_out_frames=frozenset(frames), held_out_views=frozenset(views))
 
-    def _require(self, view: int, frame: int) -> None:
+    def _picture(self, kind: str, view: int, frame: int) -> np.ndarray:
         if not self.available(view, frame):
             where = f"view {view} ({self.views[view].name})" if 0 <= view < len(self.views) else f"view {view}"
             raise InputError(f"{self.name} rig", f"{where}, frame {frame}", "an image with its matte", "none")
+        return self.pictures.get(kind, view, frame)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +99,8 @@ class Capture:
     rigs: dict[str, Rig]
     person: Person
     """The default person, or one resized to the captured body."""
-    ground_truth: GroundTruth | None
+    ground_truth: dict[str, RigTruth]
+    """Exact meshes by rig, where the capture has them."""
     notes: tuple[str, ...]
     """What the reader decided or found odd, one sentence each."""
     manifest: dict[str, Any] = field(default_factory=dict)
@@ -131,8 +129,7 @@ def open_capture(path: str | Path, memory_mb: float = 1024) -> Capture:
     made_on = (manifest.get("provenance") or {}).get("person_hash", person.hash)
     if person.fit is None and made_on != person.hash:
         notes.append(f"capture.json: made on another version of the person ({made_on}), not this one ({person.hash})")
-    exact = GroundTruth(truths) if truths else None
-    return Capture(archive.path, rigs, person, exact, tuple(map(plain, notes)), manifest)
+    return Capture(archive.path, rigs, person, truths, tuple(map(plain, notes)), manifest)
 
 
 def _parameters(files: RigFiles) -> Parameters:
@@ -193,7 +190,7 @@ def _rig(
         first = next((frame for frame in range(count) if (view, frame) not in missing), None)
         if first is not None:
             pictures.check_size(view, first)
-    views = tuple(View(lens.name, lens.camera, np.zeros(5)) for lens in lenses)
+    views = tuple(View(lens.name, lens.camera) for lens in lenses)
     signals = values.signals(shift, scale, archive.path.name)
     notes.extend(f"{name}: {note}" for note in values.notes)
     rig = Rig(name, views, signals, missing, frozenset(), frozenset(), pictures)

@@ -44,10 +44,12 @@ def fitted(cameras: list[Camera], frames: Iterable[np.ndarray], margin: float) -
     reach = np.zeros(2)
     for points in frames:
         for camera in cameras:
-            seen = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
+            seen = camera.seen(points)
             reach = np.maximum(reach, np.abs(seen[:, :2] / seen[:, 2:]).max(0))
     focal = round(float(min(0.5 * margin * np.array([cameras[0].width, cameras[0].height]) / reach)), 3)
-    return [replace(camera, intrinsics=_with_focal(camera.intrinsics, focal)) for camera in cameras]
+    intrinsics = cameras[0].intrinsics.copy()
+    intrinsics[[0, 1], [0, 1]] = focal
+    return [replace(camera, intrinsics=intrinsics) for camera in cameras]
 
 
 def calibration(cameras: dict[str, Camera]) -> dict[str, dict[str, object]]:
@@ -63,9 +65,3 @@ def calibration(cameras: dict[str, Camera]) -> dict[str, dict[str, object]]:
         }
         for serial, camera in cameras.items()
     }
-
-
-def _with_focal(intrinsics: np.ndarray, focal: float) -> np.ndarray:
-    changed = intrinsics.copy()
-    changed[0, 0] = changed[1, 1] = focal
-    return changed

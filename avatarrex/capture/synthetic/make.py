@@ -26,6 +26,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from avatarrex.camera import Camera
+from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.synthetic.albedo_lattice import bake
 from avatarrex.capture.synthetic.cameras import calibration
 from avatarrex.capture.synthetic.occlusion import Occlusion
@@ -33,11 +34,12 @@ from avatarrex.capture.synthetic.plan import Plan, RigPlan, plan
 from avatarrex.capture.synthetic.rasteriser import Picture, Rasteriser
 from avatarrex.errors import InputError
 from avatarrex.files.background import background_writer
+from avatarrex.files.json_text import SMALL, read_json
 from avatarrex.gl.context import NoContext, gl_context, renderer_name
-from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
+from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES, JOINT_ROWS
 
-FORMAT = 1
-QUALITY = 96
+CAPTURE_JSON = "the capture.json of a synthetic capture"
+JPEG_QUALITY = 96
 """JPEG, colour not subsampled: sharp prints keep their edges."""
 BYTES_PER_PIXEL = 0.9
 """Picture, matte and truth together, a generous mean; it only serves to refuse a disk that is too small."""
@@ -69,12 +71,13 @@ def _open_folder(folder: Path, made: Plan) -> None:
     """Make the folder, or check that it holds this very capture; check that the disk has room."""
     manifest = folder / "capture.json"
     if manifest.is_file():
-        try:
-            found = json.loads(manifest.read_text(encoding="utf-8"))
-            found = {key: found[key] for key in ("size", "seed", "garment")}
-        except (ValueError, KeyError, TypeError):
-            raise InputError(manifest, "", "the capture.json of a synthetic capture", "something else") from None
-        wanted = {"size": made.size, "seed": made.seed, "garment": made.garment}
+        found, wanted = (
+            read_json(manifest, CAPTURE_JSON, SMALL),
+            {"size": made.size, "seed": made.seed, "garment": made.garment},
+        )
+        if not isinstance(found, dict) or not wanted.keys() <= found.keys():
+            raise InputError(manifest, "", CAPTURE_JSON, "something else")
+        found = {key: found[key] for key in wanted}
         if found != wanted:
             raise InputError(folder, "", f"a new folder, or one begun with {wanted}", found)
     elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -120,10 +123,8 @@ def _parameters(rig: RigPlan) -> dict[str, np.ndarray]:
     """`smpl_params.npz`: exact, float64, in the default person's joints, shape and coefficients."""
     pose = np.stack([signals.full_pose() for signals in rig.motion])
     count = len(pose)
-    parts = {"global_orient": (0, 1), "body_pose": (1, 22), "jaw_pose": (22, 23), "leye_pose": (23, 24), "reye_pose": (24, 25),
-             "left_hand_pose": (25, 40), "right_hand_pose": (40, 55)}  # fmt: skip
     return {
-        **{name: pose[:, first:end].reshape(count, -1) for name, (first, end) in parts.items()},
+        **{name: pose[:, rows].reshape(count, -1) for name, rows in JOINT_ROWS.items() if name != "eye_pose"},
         "transl": np.stack([signals.translation for signals in rig.motion]),
         "betas": np.zeros((1, 10)), "expression": np.zeros((count, 10)), "shape10": np.array(rig.motion[0].shape),
         "arkit52": np.stack([signals.expression for signals in rig.motion]), "arkit_names": np.array(EXPRESSION_NAMES),
@@ -201,7 +202,7 @@ def _write_picture(folder: Path, frame: int, picture: Picture) -> None:
 
 def _jpeg(levels: np.ndarray) -> bytes:
     buffer = io.BytesIO()
-    Image.fromarray(levels).save(buffer, format="JPEG", quality=QUALITY, subsampling=0)
+    Image.fromarray(levels).save(buffer, format="JPEG", quality=JPEG_QUALITY, subsampling=0)
     return buffer.getvalue()
 
 

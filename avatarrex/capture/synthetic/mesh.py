@@ -1,4 +1,4 @@
-"""Triangle meshes in NumPy: vertex normals and neighbour averages. Letters: v vertices, f faces."""
+"""Triangle meshes in NumPy: normals, points on triangles, neighbour averages. Letters: v vertices, f faces, p points."""
 
 from __future__ import annotations
 
@@ -6,10 +6,20 @@ import numpy as np
 import scipy.sparse as sp
 
 
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Normals (f, 3) as long as twice the triangle's area, m²."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def interpolated(bary: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(p, …) of the triangles' corners (p, 3, …) by barycentrics (p, 3)."""
+    return np.asarray(np.einsum("pk,pk...->p...", bary, corners))
+
+
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Unit area-weighted vertex normals (v, 3)."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    face = np.cross(b - a, c - a)
+    face = face_normals(vertices, faces)
     normal = np.stack([np.bincount(faces.ravel(), np.repeat(face[:, k], 3), len(vertices)) for k in range(3)], 1)
     return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-20))
 

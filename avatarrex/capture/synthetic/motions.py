@@ -17,7 +17,7 @@ from scipy.interpolate import PchipInterpolator
 
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.ground import grounded
-from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, JOINT_NAMES
+from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, JOINT_NAMES, JOINT_ROWS
 from avatarrex.signals.library import HANDS, Turn, coefficients, named_expression, named_hand, named_pose, turned
 from avatarrex.signals.limits import clamp
 from avatarrex.signals.sequence import SignalSequence
@@ -125,8 +125,8 @@ def body_motion(frames: int, seed: int, girth: float = 0.0) -> SignalSequence:
     pose = np.zeros((frames, 55, 3))
     pose[:, 1:22] = PchipInterpolator(times, keyed)(at) + _sway(at, rng)
     pose[:, 0, 1] = PchipInterpolator(times, np.radians([key.yaw for key in BODY_KEYS]))(at)
-    for joints, side in ((slice(25, 40), "left"), (slice(40, 55), "right")):
-        pose[:, joints] = _hands(at, times, side, rng)
+    for side in ("left", "right"):
+        pose[:, JOINT_ROWS[f"{side}_hand_pose"]] = _hands(at, times, side, rng)
     pose[:, 23:25] = _gaze(at, rng, 8.0)
     walk = np.zeros((frames, 3))
     walk[:, 0], walk[:, 2] = 0.05 * np.sin(0.31 * at + rng.uniform(0, 6)), 0.06 * np.sin(0.23 * at + rng.uniform(0, 6))
@@ -151,8 +151,8 @@ def face_motion(frames: int, seed: int) -> SignalSequence:
         pose[:, JOINT_NAMES.index(joint)] += scale * wander[:, row : row + 3]
     pose[:, JOINT_NAMES.index("spine3")] += np.radians(1.5) * wander[:, 3:]
     pose[:, 23:25] = _gaze(at, rng, 14.0)
-    for joints, side in ((slice(25, 40), "left"), (slice(40, 55), "right")):
-        pose[:, joints] = named_hand("relaxed", side)
+    for side in ("left", "right"):
+        pose[:, JOINT_ROWS[f"{side}_hand_pose"]] = named_hand("relaxed", side)
     expression = _face_track(at, rng)
     frame = tuple(clamp(Signals.from_full_pose(p, expression=e)) for p, e in zip(pose, expression))
     return SignalSequence(frame, _rate(at), f"face {seed}")

@@ -18,7 +18,8 @@ import numpy as np
 from avatarrex.camera import Camera
 from avatarrex.capture.synthetic import shade
 from avatarrex.capture.synthetic.albedo_lattice import AlbedoLattice
-from avatarrex.capture.synthetic.subject import PosedSubject, interpolated
+from avatarrex.capture.synthetic.mesh import interpolated
+from avatarrex.capture.synthetic.subject import PosedSubject
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.gl.context import current_context, gl_context, per_context
 from avatarrex.gl.shader import compute_shader, draw_program
@@ -97,10 +98,9 @@ class Rasteriser:
     def _bounds(self, camera: Camera) -> tuple[int, int, int, int]:
         """Left, top, right, bottom in pixels of all that the picture may show of the subject."""
         size = np.array([camera.width, camera.height])
-        seen = self.position @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-        if seen[:, 2].min() < NEAR_PLANE:
+        pixel, depth = camera.pixels(self.position)
+        if depth.min() < NEAR_PLANE:
             return 0, 0, camera.width, camera.height
-        pixel = (seen @ camera.intrinsics.T)[:, :2] / seen[:, 2:]
         low = np.clip(np.floor(pixel.min(0)), 0, size).astype(int)
         high = np.clip(np.ceil(pixel.max(0)), low, size).astype(int)
         return int(low[0]), int(low[1]), int(high[0]), int(high[1])

@@ -6,8 +6,7 @@ winding number (solid_distance.py); its colour is a sharp function of the rest s
 fixed studio light in the root frame. The solids come packaged (`tools/build_subject.py`, spec in
 assets_spec/subject.json); the body is the person's own template, so that bare hands are exactly the template's hands.
 
-Letters: v vertices, f faces, p points. Root frame, metres, NumPy float64; colours sRGB-encoded. Distances need the
-extra `sdf`.
+Letters: v vertices, f faces, p points. Root frame, metres, NumPy float64; colours sRGB-encoded.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from avatarrex.capture.synthetic.mesh import vertex_normals
+from avatarrex.capture.synthetic.mesh import interpolated, vertex_normals
 from avatarrex.capture.synthetic.shade import studio_light
 from avatarrex.capture.synthetic.solid_distance import SolidUnion
 from avatarrex.capture.synthetic.texture import albedo
@@ -28,7 +27,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.arrays import read_arrays
 from avatarrex.files.assets import DATA, require
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.model import TemplateModel, pose_template
+from avatarrex.templates.model import TemplateModel, pose_by_signals
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import Person, load_person
 
@@ -75,13 +74,10 @@ class Subject:
 
     def pose(self, signals: Signals) -> PosedSubject:
         """The subject under `signals` in the root frame: global orientation and translation are left out."""
-        pose = np.array(signals.full_pose())
-        pose[0] = 0
-        wrinkle = self.wrinkle_basis @ strengths(list(self.wrinkle_sites), pose)
+        wrinkle = self.wrinkle_basis @ strengths(list(self.wrinkle_sites), signals.full_pose())
         moved = (self.vertices + self.normals * wrinkle[:, None]).astype(np.float32)
         model = replace(self.model, v_template=torch.from_numpy(moved))
-        values = (torch.as_tensor(np.array(v), dtype=torch.float32) for v in (pose, signals.shape, signals.expression))
-        vertices = pose_template(model, *values).vertices.double().numpy()
+        vertices = pose_by_signals(model, signals).vertices.double().numpy()
         return PosedSubject(self, vertices, vertex_normals(vertices, self.faces), wrinkle)
 
     def albedo(self, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
@@ -163,11 +159,6 @@ class PosedSubject:
         corners = self.faces[face]
         openness, wrinkle = (interpolated(bary, values[corners]) for values in (self.subject.openness, self.wrinkle))
         return studio_light(self.subject.albedo(face, bary), normal, openness, wrinkle)
-
-
-def interpolated(bary: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(p, …) of the triangles' corners (p, 3, …) by barycentrics (p, 3)."""
-    return np.asarray(np.einsum("pk,pk...->p...", bary, corners))
 
 
 @lru_cache(maxsize=2)

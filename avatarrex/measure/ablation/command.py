@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from dataclasses import replace
@@ -12,8 +11,8 @@ from pathlib import Path
 from avatarrex.capture.fit.surface_fit import fit_surface
 from avatarrex.capture.readers.choice import held_out
 from avatarrex.capture.readers.rigs import Capture, open_capture
-from avatarrex.errors import InputError
-from avatarrex.files.gate import write_text
+from avatarrex.errors import check
+from avatarrex.files.json_text import write_json
 from avatarrex.measure.ablation.report import plot, rows, table, to_json
 from avatarrex.measure.ablation.study import Study
 from avatarrex.measure.ablation.variants import chosen_variants, scaled
@@ -46,16 +45,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Do what is missing, print what is there. Raises `InputError` before any work for a wrong option."""
-    if options.recipe not in RECIPES:
-        raise InputError("--recipe", "", "one of " + ", ".join(RECIPES), options.recipe)
+    check(options.recipe in RECIPES, "--recipe", "", "one of " + ", ".join(RECIPES), options.recipe)
     seeds = _seeds(options.seeds)
     variants = chosen_variants(tuple(options.variants.split(",")) if options.variants else None, options.parts)
     minutes = None if options.minutes is None else _positive("--minutes", options.minutes)
     factor = _positive("--scale", options.scale)
     if options.plot:
         require_matplotlib()
-    if options.json and Path(options.json).is_dir():
-        raise InputError(options.json, "", "a file to write", "a folder")
+    check(not (options.json and Path(options.json).is_dir()), options.json, "", "a file to write", "a folder")
     recipe = scaled(RECIPES[options.recipe], options.parts, factor)
     study = Study(Path(options.out), _opened(options), options.parts, recipe, minutes)
     finished = True
@@ -67,8 +64,7 @@ def run(options: argparse.Namespace) -> int:
     found = rows(study, variants, seeds)
     print(table(study, found))
     if options.json:
-        text = json.dumps(to_json(study, found, seeds), indent=1, ensure_ascii=False, allow_nan=False)
-        write_text(options.json, text + "\n")
+        write_json(options.json, to_json(study, found, seeds))
         print(options.json)
     if options.plot:
         path = Path(options.plot) / f"ablation_{options.parts}.png"
@@ -90,8 +86,7 @@ def _opened(options: argparse.Namespace) -> Capture:
 
 def _seeds(text: str) -> list[int]:
     words = [word.strip() for word in text.split(",")]
-    if not all(word.isdecimal() for word in words):
-        raise InputError("--seeds", "", "integers from 0, comma separated", text or "nothing")
+    check(all(word.isdecimal() for word in words), "--seeds", "", "integers from 0, comma separated", text or "nothing")
     return list(dict.fromkeys(int(word) for word in words))
 
 
@@ -100,6 +95,5 @@ def _positive(option: str, text: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not 0 < value < math.inf:
-        raise InputError(option, "", "a positive number", text or "nothing")
+    check(0 < value < math.inf, option, "", "a positive number", text or "nothing")
     return value

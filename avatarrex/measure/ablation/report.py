@@ -16,7 +16,7 @@ import numpy as np
 from avatarrex.measure.ablation.study import Study
 from avatarrex.measure.ablation.variants import QUESTIONS, VARIANTS, Variant
 from avatarrex.measure.plotting import axes_beside, save
-from avatarrex.measure.table import aligned
+from avatarrex.metrics.table import aligned
 
 MEASURES = {
     "psnr_matte": ("PSNR", 2), "ssim_matte": ("SSIM", 3), "ms_ssim_matte": ("MS-SSIM", 3), "lpips_matte": ("LPIPS", 3),
@@ -27,6 +27,8 @@ COSTS = {
     "parameters": ("M par.", 2), "steps": ("steps", 0), "minutes": ("min", 1), "cpu_minutes": ("CPU min", 1),
     "samples_per_ray": ("samples/ray", 1), "seconds_per_picture": ("s/picture", 2), "pictures": ("pictures", 0),
 }  # fmt: skip
+Values = dict[str, list[float]]
+"""By measure, one per seed."""
 PLOTTED = ("psnr_matte", "ms_ssim_matte", "lpips_matte", "sharpness")
 
 
@@ -37,8 +39,8 @@ class Row:
     name: str
     what: str
     seeds: list[int]
-    values: dict[str, list[float]]
-    same: dict[str, list[float]] = field(default_factory=dict)
+    values: Values
+    same: Values = field(default_factory=dict)
     """Of the variant it redraws, on the same pictures."""
 
 
@@ -66,8 +68,8 @@ def _costs(data: dict[str, Any]) -> dict[str, float | None]:
     }
 
 
-def _by_measure(figures: Iterable[dict[str, float | None]]) -> dict[str, list[float]]:
-    values: dict[str, list[float]] = {}
+def _by_measure(figures: Iterable[dict[str, float | None]]) -> Values:
+    values: Values = {}
     for key, value in (item for one in figures for item in one.items()):
         if value is not None:
             values.setdefault(key, []).append(value)
@@ -81,7 +83,7 @@ class Answer:
     question: str
     first: str
     second: str
-    differences: dict[str, list[float]]
+    differences: Values
 
 
 def answers(found: list[Row]) -> list[Answer]:
@@ -105,22 +107,10 @@ def answers(found: list[Row]) -> list[Answer]:
 
 def table(study: Study, found: list[Row]) -> str:
     """Everything, to read."""
-    columns = MEASURES | COSTS
-    lines = [["", "seeds", *(head for head, _ in columns.values())]]
-    for row in found:
-        seeds = str(len(row.seeds)) if row.seeds else "–"
-        lines.append([row.name, seeds, *(_cell(row.values.get(key), digits) for key, (_, digits) in columns.items())])
-    figures = range(1, len(lines[0]))
-    text = aligned(lines, figures)
-    given = answers(found)
-    if given:
-        heads = [["question", "", *(head for head, _ in MEASURES.values())]]
-        differences = [
-            [a.question, f"{a.first} − {a.second}",
-             *(_cell(a.differences.get(key), digits, "+") for key, (_, digits) in MEASURES.items())]
-            for a in given
-        ]  # fmt: skip
-        text += ["", *aligned([*heads, *differences], figures)]
+    seeds = ((row, str(len(row.seeds)) if row.seeds else "–") for row in found)
+    text = _rows(("", "seeds"), MEASURES | COSTS, [(row.name, count, row.values) for row, count in seeds])
+    if given := [(a.question, f"{a.first} − {a.second}", a.differences) for a in answers(found)]:
+        text += ["", *_rows(("question", ""), MEASURES, given, "+")]
     baselines = study.baselines()
     width, height = baselines["size"]
     text += ["", f"{study.part} of {study.capture.path}, recipe {study.base.name}, {study.about['minutes'] or 'its'} "
@@ -128,6 +118,16 @@ def table(study: Study, found: list[Row]) -> str:
                  f"{len(baselines['views'])} cameras at {width}x{height}, inside the matte"]  # fmt: skip
     text += [f"{name.upper()}: n/a (no weights: {files})" for name, files in baselines["missing"].items()]
     return "\n".join(text)
+
+
+def _rows(
+    heads: tuple[str, str], columns: dict[str, tuple[str, int]], found: list[tuple[str, str, Values]], sign: str = ""
+) -> list[str]:
+    """Lines of two words and of the values under `columns`."""
+    lines = [[*heads, *(head for head, _ in columns.values())]]
+    for name, what, values in found:
+        lines.append([name, what, *(_cell(values.get(key), digits, sign) for key, (_, digits) in columns.items())])
+    return aligned(lines, range(1, len(lines[0])))
 
 
 def to_json(study: Study, found: list[Row], seeds: list[int]) -> dict[str, Any]:
@@ -168,7 +168,7 @@ def plot(found: list[Row], path: Path, title: str) -> Path:
     return save(figure, path, 150)
 
 
-def _means(values: dict[str, list[float]]) -> dict[str, list[float]]:
+def _means(values: Values) -> Values:
     """Mean and standard deviation by measure."""
     return {key: [float(np.mean(v)), _deviation(v)] for key, v in values.items() if v}
 

@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import Capture
-from avatarrex.measure.stepper import Stepper
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.training.core.frames import FrameStore
-from avatarrex.training.core.pass_one import BodyPass, FacePass
-from avatarrex.training.core.pass_two import PatchPass
-from avatarrex.training.core.stage import Stage, stages
+from avatarrex.training.core.stage import stages
 from avatarrex.training.core.warm_start import warm_start
-from avatarrex.training.recipe import PassOne, Recipe
+from avatarrex.training.core.work import Work, pass_of
+from avatarrex.training.recipe import Recipe
 
 PILOT = 8
 
@@ -50,36 +48,31 @@ def step_timing(capture: Capture, recipe: Recipe, part: str, seed: int) -> StepT
         if steps:
             warm_start(avatar, (capture.rigs.get(other) or rig).signals, other, steps, seed)
     fixed = time.process_time() - begun
-    passes = 0.0
+    passes, perceptual = 0.0, Perceptual.load()
     for stage in (stage for stage in stages(recipe, (part,)) if stage.recipe.steps):
         store = FrameStore(avatar, rig, part, hidden, stage.name == "II")
         store.renew(0)
-        passes += _seconds(avatar, store, stage, recipe.interval, seed)
+        still = replace(stage, recipe=replace(stage.recipe, rate=0.0))
+        passes += _seconds(Work(still, pass_of(still, avatar, store, perceptual, seed), None), store, recipe.interval)
     return StepTiming(fixed, passes)
 
 
-def _seconds(avatar: Avatar, store: FrameStore, stage: Stage, interval: int, seed: int) -> float:
+def _seconds(work: Work, store: FrameStore, interval: int) -> float:
     """Of one pass."""
-    work: BodyPass | FacePass | PatchPass
-    one = isinstance(stage.recipe, PassOne)
-    if isinstance(stage.recipe, PassOne):
-        work = (FacePass if stage.part == "face" else BodyPass)(avatar, store, stage.recipe, seed)
-    else:
-        work = PatchPass(avatar, store, stage.part, stage.recipe, Perceptual.load(), seed)
-    stepper = Stepper(work, 0.0)
-    chosen = np.linspace(stage.begin, stage.end - 1, PILOT).astype(int).tolist()
+    stage, frames = work.stage, store.rig.frames
+    one, steps = stage.name == "I", stage.recipe.steps
     times, seen, pictures = [], set(), 0
     for _ in range(2):
         begun = time.process_time()
-        for step in chosen:
-            result, _ = stepper.step(step, stage.gamma(step))
+        for step in np.linspace(stage.begin, stage.end - 1, PILOT).astype(int).tolist():
+            work.step = step
+            result, total = work.evaluate()
+            work.descend(total)
             seen |= {frame for frame, _ in result.pictures}
             pictures = len(result.pictures)
         times.append(time.process_time() - begun)
-    for parameter in stepper.parameters:
-        parameter.requires_grad_(False)
+    work.close()
     posing = max(times[0] - times[1], 0.0) / max(len(seen), 1)
-    frames, steps = store.rig.frames, stage.recipe.steps
     draws = pictures * (min(interval, steps) if one else steps)
     posed = frames * (1 - (1 - 1 / frames) ** draws) * (math.ceil(steps / interval) if one else 1)
     return steps * times[1] / PILOT + posed * posing

@@ -11,6 +11,7 @@ person is not trained.
 
 from __future__ import annotations
 
+import json
 import platform
 import time
 from collections.abc import Iterator
@@ -25,14 +26,14 @@ import torch
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Capture
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, check
 from avatarrex.measure.ablation.step_timing import step_timing
 from avatarrex.measure.ablation.variants import VARIANTS, Variant, recipe_of, scaled
-from avatarrex.measure.bench.clock import Times, timed
+from avatarrex.measure.bench.contest import Times, timed
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.baselines import baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
-from avatarrex.metrics.evaluate import Choice, default_frames, evaluate, observations
+from avatarrex.metrics.evaluate import Choice, default_frames, evaluate, observations, spread
 from avatarrex.metrics.face_region import face_alone
 from avatarrex.metrics.measures import Networks
 from avatarrex.signals.driving import Signals
@@ -44,7 +45,7 @@ from avatarrex.training.runs.events import EventReader
 from avatarrex.training.runs.folder import Run, read_about
 
 FORMAT = 1
-VIEWS = 8
+CAMERAS_MEASURED = 8
 """Cameras that held-out poses are seen from, evenly chosen among those trained on."""
 SLOW = (2, 1)
 """Frames and cameras of a drawing that takes minutes."""
@@ -65,14 +66,13 @@ class Study:
 
     def __post_init__(self) -> None:
         """Raises `InputError` where the folder holds another study, or the capture nothing held out."""
-        if self.part not in self.capture.rigs:
-            raise InputError(self.capture.path, "--parts", "one of " + ", ".join(self.capture.rigs), self.part)
-        self.rig = self.capture.rigs[self.part]
-        if not self.rig.held_out_frames:
-            raise InputError(self.capture.path, "held-out frames", "some (--held-out-frames A:B:S)", "none")
+        rigs, path = self.capture.rigs, self.capture.path
+        check(self.part in rigs, path, "--parts", "one of " + ", ".join(rigs), self.part)
+        self.rig = rigs[self.part]
+        check(self.rig.held_out_frames, path, "held-out frames", "some (--held-out-frames A:B:S)", "none")
         about = {
             "format": FORMAT,
-            "capture": str(self.capture.path),
+            "capture": str(path),
             "part": self.part,
             "minutes": self.minutes,
             "held_out": {"frames": sorted(self.rig.held_out_frames), "views": sorted(self.rig.held_out_views)},
@@ -115,7 +115,9 @@ class Study:
         file = self.folder / "baselines.json"
         found = read_json(file)
         if found is None:
-            found = self._evaluated(baselines(self.capture.person, observations(self.rig)), self._views(VIEWS))
+            found = self._evaluated(
+                baselines(self.capture.person, observations(self.rig)), self._views(CAMERAS_MEASURED)
+            )
             write_json(file, found)
         return found
 
@@ -131,8 +133,7 @@ class Study:
             recipe = replace(scaled(self.recipe(pilot, seed), self.part, factor), name=recipe.name)
         elif self.minutes is not None:
             factor = step_timing(self.capture, recipe, self.part, seed).factor(60 * self.minutes)
-            if factor <= 0:
-                raise InputError("--minutes", "", "more than the warm start takes", self.minutes)
+            check(factor > 0, "--minutes", "", "more than the warm start takes", self.minutes)
             recipe = scaled(recipe, self.part, factor)
         self.about["recipes"][variant.name] = _plain(recipe)
         self._note()
@@ -173,7 +174,7 @@ class Study:
         folder, avatar = self.run_folder(variant, seed), load_avatar(self._avatar(variant, seed))
         one, two = getattr(self.recipe(variant, seed), self.part)
         return {
-            **self._evaluated([AvatarDrawer(avatar)], self._views(VIEWS)),
+            **self._evaluated([AvatarDrawer(avatar)], self._views(CAMERAS_MEASURED)),
             "variant": variant.name,
             "seed": seed,
             "steps": [one.steps, two.steps],
@@ -202,7 +203,7 @@ class Study:
             rig, compared = face_alone(self.capture.person, rig, compared)
         networks = Networks.load()
         frames = self._frames() if frames is None else frames
-        capture = replace(self.capture, ground_truth=None)
+        capture = replace(self.capture, ground_truth={})
         found = evaluate(capture, rig, compared, networks, Choice(frames, views), progress=True)
         split = found.grouped("split")["held-out pose"]
         return {
@@ -218,8 +219,7 @@ class Study:
 
     def _views(self, count: int) -> list[int]:
         """Evenly chosen among those trained on."""
-        trained = [view for view in range(len(self.rig.views)) if view not in self.rig.held_out_views]
-        return [trained[k] for k in np.unique(np.linspace(0, len(trained) - 1, count).round().astype(int))]
+        return spread([view for view in range(len(self.rig.views)) if view not in self.rig.held_out_views], count)
 
     def _avatar(self, variant: Variant, seed: int) -> Path:
         """Beside the last checkpoint of its finished run."""
@@ -279,5 +279,5 @@ def _same(folder: Path, place: str, wanted: Any, found: Any) -> None:
 
 def _plain(recipe: Recipe) -> dict[str, Any]:
     """As JSON gives it back: lists, not tuples."""
-    data = recipe.to_json()
-    return {key: list(value) if isinstance(value, tuple) else value for key, value in data.items()}
+    plain: dict[str, Any] = json.loads(json.dumps(recipe.to_json()))
+    return plain

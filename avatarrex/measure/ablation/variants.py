@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
-from avatarrex.errors import InputError
+from avatarrex.errors import check
 from avatarrex.training.recipe import LossWeights, PassOne, PassTwo, Recipe
 
 Pass = TypeVar("Pass", PassOne, PassTwo)
@@ -109,8 +109,7 @@ def chosen_variants(names: tuple[str, ...] | None, part: str) -> list[Variant]:
     known = [name for name, variant in VARIANTS.items() if part in variant.parts]
     wanted = set(known if names is None else names)
     for name in sorted(wanted):
-        if name not in known:
-            raise InputError("--variants", "", f"variants of the {part}: " + ", ".join(known), name or "nothing")
+        check(name in known, "--variants", "", f"variants of the {part}: " + ", ".join(known), name or "nothing")
     while missing := {need for name in wanted for need in VARIANTS[name].needs} - wanted:
         wanted |= missing
     return [VARIANTS[name] for name in known if name in wanted]

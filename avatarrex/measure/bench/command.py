@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 
-from avatarrex.errors import InputError
-from avatarrex.files.gate import check_writable, what_is, write_text
+from avatarrex.errors import check
+from avatarrex.files.gate import check_writable, what_is
+from avatarrex.files.json_text import write_json
 from avatarrex.measure.bench.stages import STAGES, chosen, measure
 from avatarrex.measure.plotting import require_matplotlib
+from avatarrex.settings import DEVICE
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
     if options.record is not None:
         written.append(Path(options.record or gate.baseline_path(report)))
     for out in written:
-        write_text(out, json.dumps(report.to_json(), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+        write_json(out, asdict(report))
         print(out)
     for out in plots.plot(metrics, Path(options.plot)) if options.plot else ():
         print(out)
@@ -72,9 +74,10 @@ def _check(options: argparse.Namespace) -> None:
         check_writable(path)
     if options.plot:
         require_matplotlib()
-        if what_is(options.plot) not in ("a folder", "nothing there"):
-            raise InputError("--plot", "", "a folder", what_is(options.plot))
-    if options.json == "":
-        raise InputError("--json", "", "a file", "nothing")
-    if options.capture is not None and what_is(options.capture) not in ("a file", "a folder"):
-        raise InputError(options.capture or "--capture", "", "a capture's folder or .zip", what_is(options.capture))
+        check(what_is(options.plot) in ("a folder", "nothing there"), "--plot", "", "a folder", what_is(options.plot))
+    device = options.device
+    check(DEVICE.fullmatch(device), "--device", "", "cpu, cuda, cuda:1, mps or xpu", device or "nothing")
+    check(options.json != "", "--json", "", "a file", "nothing")
+    if options.capture is not None:
+        found = what_is(options.capture)
+        check(found in ("a file", "a folder"), options.capture or "--capture", "", "a capture's folder or .zip", found)

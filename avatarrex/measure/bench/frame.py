@@ -16,7 +16,7 @@ import numpy as np
 
 from avatarrex.frame import Frame
 from avatarrex.levels import DEFERRED_LEVELS, dragged, level
-from avatarrex.measure.bench.metric import FASTER, Metric
+from avatarrex.measure.bench.report import FASTER, Metric
 from avatarrex.measure.bench.rivals import textured_mesh, volume_rendering
 from avatarrex.measure.bench.session import Bench
 from avatarrex.pipeline import render_frame
@@ -42,12 +42,12 @@ def measure(bench: Bench) -> list[Metric]:
     errors = bench.once(level_errors)
     metrics, new_pose = [], {}
     for name, settings in DEFERRED_LEVELS.items():
-        frames = sequence(bench, settings, large, poses, posing(bench))
+        frames = sequence(bench, settings, large, poses, posing)
         new_pose[name] = _total(frames)
         error = {**errors[name], **by_stage(frames)}
         metrics.append(Metric(f"frame.level.{name}.ms", new_pose[name], "ms", error=error))
-    turned = _total(sequence(bench, level(EVERYDAY), small, views, turning(bench)))
-    drags = sequence(bench, dragged(level(DRAGGING)), drag, views, dragging(bench))
+    turned = _total(sequence(bench, level(EVERYDAY), small, views, turning))
+    drags = sequence(bench, dragged(level(DRAGGING)), drag, views, dragging)
     drag_errors = {**errors["dragged"], **lag(bench, drags[-1]), **by_stage(drags)}
     metrics += [
         Metric("frame.new_pose_512_ms", new_pose[EVERYDAY], "ms", error=errors[EVERYDAY], target=500.0),
@@ -67,11 +67,8 @@ def of_a_gpu(bench: Bench) -> list[Metric]:
     """Frames at 1024²; targets are those of one H100: everything changes, and the view alone."""
     size, cuda = bench.side(1024, 1024), bench.device.startswith("cuda")
     error = bench.once(level_errors)[EVERYDAY]
-    found = []
-    for name, target, count, change in (
-        ("new_pose", 120.0, bench.count(6, 2), posing(bench)),
-        ("view", 300.0, bench.count(12, 4), turning(bench)),
-    ):
+    found, new_pose = [], ("new_pose", 120.0, bench.count(6, 2), posing)
+    for name, target, count, change in (new_pose, ("view", 300.0, bench.count(12, 4), turning)):
         frames = sequence(bench, level(EVERYDAY), size, count, change)
         by = {**error, **by_stage(frames), "networks": frames[-1].device}
         fps = 1e3 / _total(frames)
@@ -88,37 +85,32 @@ def level_errors(bench: Bench) -> dict[str, dict[str, Any]]:
     return {name: asdict(depth_report(frame, exact)) for name, frame in frames.items()}
 
 
-Change = Callable[[int], tuple[Signals, float]]
+Change = Callable[[Bench, int], tuple[Signals, float]]
 """Signals and the camera's azimuth of frame k."""
 
 
-def posing(bench: Bench) -> Change:
+def posing(bench: Bench, k: int) -> tuple[Signals, float]:
     """A new body pose in every frame."""
-    return lambda k: (bench.signals(2 * k + 1), 20.0)
+    return bench.signals(2 * k + 1), 20.0
 
 
-def turning(bench: Bench) -> Change:
+def turning(bench: Bench, k: int) -> tuple[Signals, float]:
     """The camera goes around somebody who stands."""
-    return lambda k: (bench.signals(), 20.0 + 5 * k)
+    return bench.signals(), 20.0 + 5 * k
 
 
-def dragging(bench: Bench) -> Change:
+def dragging(bench: Bench, k: int) -> tuple[Signals, float]:
     """One arm is lifted."""
-    rest = bench.signals()
-
-    def at(k: int) -> tuple[Signals, float]:
-        pose = np.array(rest.body_pose)
-        pose[LEFT_SHOULDER] += [0, 0, 0.05 * k]
-        return rest.replace(body_pose=pose), 20.0
-
-    return at
+    pose = np.array(bench.signals().body_pose)
+    pose[LEFT_SHOULDER] += [0, 0, 0.05 * k]
+    return bench.signals().replace(body_pose=pose), 20.0
 
 
 def sequence(bench: Bench, settings: RenderSettings, size: int, count: int, change: Change) -> list[Frame]:
     """`count` frames after `WARM` others."""
     frames: list[Frame] = []
     for k in range(count + WARM):
-        signals, azimuth = change(k)
+        signals, azimuth = change(bench, k)
         previous = frames[-1] if frames else None
         frames.append(render_frame(bench.placed, signals, bench.camera(size, azimuth), settings, previous))
     return frames[WARM:]

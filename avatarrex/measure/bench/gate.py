@@ -12,11 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from avatarrex.errors import InputError
-from avatarrex.measure.bench.device import device_class
-from avatarrex.measure.bench.metric import Metric
-from avatarrex.measure.bench.report import Report, figure
-from avatarrex.measure.table import aligned
+from avatarrex.errors import check
+from avatarrex.measure.bench.report import Metric, Report, device_class, figure
+from avatarrex.metrics.table import aligned
 
 BASELINES = Path("avatarrex/measure/baselines")
 
@@ -43,8 +41,7 @@ def baseline_path(report: Report) -> Path:
 def read_baseline(path: Path, report: Report) -> Report:
     """Raises `InputError` where there is none, or one of another size."""
     baseline = Report.read(path)
-    if baseline.mode != report.mode:
-        raise InputError(path, "mode", f"{report.mode}, as this run", baseline.mode)
+    check(baseline.mode == report.mode, path, "mode", f"{report.mode}, as this run", baseline.mode)
     return baseline
 
 

@@ -11,7 +11,7 @@ One core, processor time. Letters: z y x voxels, k (voxel, node) pairs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
@@ -20,8 +20,8 @@ from scipy.ndimage import label
 
 from avatarrex.counters import Counters
 from avatarrex.fields import body
-from avatarrex.measure.bench.clock import Times, one_core, spent, timed
-from avatarrex.measure.bench.metric import SLOWER, Metric
+from avatarrex.measure.bench.contest import Times, one_core, spent, timed
+from avatarrex.measure.bench.report import SLOWER, Metric
 from avatarrex.measure.bench.session import Bench
 from avatarrex.settings import RenderSettings
 from avatarrex.templates.parts import PART_JOINT
@@ -32,91 +32,107 @@ from avatarrex.volume.narrow_band import unsettled
 from avatarrex.volume.small_components import without_small_components
 
 
-@dataclass
-class Found:
-    """Of a sequence, one entry a frame."""
-
-    band: list[Times] = field(default_factory=list)
-    full: list[Times] = field(default_factory=list)
-    lists: list[float] = field(default_factory=list)
-    """Processor milliseconds of the band in which pairs are listed."""
-    band_pairs: list[int] = field(default_factory=list)
-    full_pairs: list[int] = field(default_factory=list)
-    changed: int = 0
-    crossings: int = 0
-    needed_pairs: int = 0
-    """Of the corners of cells with crossings."""
-    bubbles: dict[str, int] = field(default_factory=lambda: {"voids": 0, "floaters": 0})
+@dataclass(frozen=True)
+class Bubbles:
     """Pieces of one sign that only evaluating everything finds: in the body, seen from nowhere, and in the air."""
-    blind: float = 0.0
+
+    voids: int
+    floaters: int
+    blind: float
     """Metres: the largest guess at one of them."""
-    nearer: list[float] = field(default_factory=list)
-    """Share of a frame's voxels in reach with a guess up to that of its own farthest bubble."""
-    shift: float = 0.0
+    nearer: float
+    """Share of the voxels in reach with a guess up to that of the farthest bubble."""
+
+    @classmethod
+    def of(cls, band: np.ndarray, full: np.ndarray, reached: np.ndarray) -> Bubbles:
+        """Connected voxels (z, y, x) of one sign in `band` and the other in `full`, of those `reached`."""
+        wrong = (band < 0) & (full >= 0), (band >= 0) & (full < 0)
+        farthest = [float(np.abs(band[one]).max()) for one in wrong if one.any()]
+        nearer = [float((np.abs(band) <= far)[reached].mean()) for far in farthest]
+        voids, floaters = (int(label(one, np.ones((3, 3, 3)))[1]) for one in wrong)
+        return cls(voids, floaters, max(farthest, default=0.0), max(nearer, default=0.0))
+
+
+@dataclass(frozen=True)
+class Found:
+    """Of one frame."""
+
+    band: Times
+    full: Times
+    lists: float
+    """Processor milliseconds of the band in which pairs are listed."""
+    band_pairs: int
+    full_pairs: int
+    needed_pairs: int
+    """Of the corners of cells with crossings."""
+    changed: int
+    crossings: int
+    shift: float
     """Metres, the largest."""
+    bubbles: Bubbles
 
 
 def measure(bench: Bench) -> list[Metric]:
     """See the module."""
     found = bench.once(compare)
+
+    def total(name: str) -> int:
+        return sum(getattr(frame, name) for frame in found)
+
+    bubbles = [frame.bubbles for frame in found]
     changed = {
-        "changed_crossings": found.changed,
-        "of": found.crossings,
-        "largest_shift_mm": 1e3 * found.shift,
-        **found.bubbles,
-        "farthest_bubble_mm": 1e3 * found.blind,
-        "evaluated_to_find_them": max(found.nearer, default=0.0),
+        "changed_crossings": total("changed"),
+        "of": total("crossings"),
+        "largest_shift_mm": 1e3 * max(frame.shift for frame in found),
+        "voids": sum(one.voids for one in bubbles),
+        "floaters": sum(one.floaters for one in bubbles),
+        "farthest_bubble_mm": 1e3 * max(one.blind for one in bubbles),
+        "evaluated_to_find_them": max(one.nearer for one in bubbles),
     }
-    least = {"least_without_a_changed_crossing": found.needed_pairs / sum(found.full_pairs)}
-    time = median(b.cpu[0] / f.cpu[0] for b, f in zip(found.band, found.full))
-    pairs = sum(found.band_pairs) / sum(found.full_pairs)
-    share = sum(found.lists) / sum(times.cpu[0] for times in found.band)
+    least = {"least_without_a_changed_crossing": total("needed_pairs") / total("full_pairs")}
+    time = median(frame.band.cpu_ms / frame.full.cpu_ms for frame in found)
+    share = sum(frame.lists for frame in found) / sum(frame.band.cpu_ms for frame in found)
+    pairs, band = total("band_pairs") / total("full_pairs"), median(frame.band.cpu_ms for frame in found)
+    full = median(frame.full.cpu_ms for frame in found)
     return [
         Metric("geometry.band_vs_full", time, SLOWER, error=changed, target=0.4),
         Metric("geometry.band_pairs", pairs, "of the pairs", error=changed | least, target=0.3),
-        Metric("geometry.changed_crossings", found.changed, "crossings", error=changed, target=0),
+        Metric("geometry.changed_crossings", total("changed"), "crossings", error=changed, target=0),
         Metric("geometry.pairlist_share", share, "of the pass", target=0.1),
-        Metric("geometry.body.band.ms", median(t.cpu[0] for t in found.band), "ms", error=changed),
-        Metric("geometry.body.full.ms", median(t.cpu[0] for t in found.full), "ms", error={"changed_crossings": 0}),
+        Metric("geometry.body.band.ms", band, "ms", error=changed),
+        Metric("geometry.body.full.ms", full, "ms", error={"changed_crossings": 0}),
     ]
 
 
-def compare(bench: Bench) -> Found:
-    """The whole sequence."""
-    found, settings = Found(), RenderSettings(hidden=frozenset(PART_JOINT))
+def compare(bench: Bench) -> list[Found]:
+    """The whole sequence; the first frame warms up and is not counted."""
+    settings, found = RenderSettings(hidden=frozenset(PART_JOINT)), []
     posed: PosedPerson | None = None
     volume: AvatarVolume | None = None
     with one_core():
-        for number, signals in enumerate(map(bench.signals, range(bench.count(33, 5) + 1))):
+        for signals in map(bench.signals, range(bench.count(33, 5) + 1)):
             posed = pose_person(bench.avatar.person, signals, Counters(), posed)
-            volume = _frame(bench, posed, volume, settings, found if number else None)
-    return found
+            volume, frame = _frame(bench, posed, volume, settings)
+            found.append(frame)
+    return found[1:]
 
 
 def _frame(
-    bench: Bench, posed: PosedPerson, before: AvatarVolume | None, settings: RenderSettings, found: Found | None
-) -> AvatarVolume:
-    """Both grids of one frame; the first frame warms up and is not counted."""
+    bench: Bench, posed: PosedPerson, before: AvatarVolume | None, settings: RenderSettings
+) -> tuple[AvatarVolume, Found]:
+    """The band's volume, and how its grid differs from one with every voxel evaluated."""
     counters, all_counters = Counters(), Counters()
     with spent(body, "find_pairs") as lists:
         volume, band = timed(build_volume, bench.avatar, posed, settings, counters, before)
     every = replace(settings, everywhere=True)
     complete, full = timed(build_volume, bench.avatar, posed, every, all_counters, None)
-    if found is not None:
-        found.band.append(band)
-        found.full.append(full)
-        found.lists.append(sum(lists.cpu))
-        found.band_pairs.append(counters["local_mlp_evaluations"])
-        found.full_pairs.append(all_counters["local_mlp_evaluations"])
-        assert complete.grid.known is not None
-        ours, truth = volume.grid.sdf.numpy(), without_small_components(complete.grid).sdf.numpy()
-        _count_bubbles(ours, truth, complete.grid.known, found)
-        ours, truth = solid(ours), solid(truth)
-        found.needed_pairs += _pairs_needed(bench, volume, truth)
-        changed, crossings, shift = crossings_between(ours, truth, volume.grid.voxel)
-        found.changed, found.crossings = found.changed + changed, found.crossings + crossings
-        found.shift = max(found.shift, shift)
-    return volume
+    assert complete.grid.known is not None
+    ours, truth = volume.grid.sdf.numpy(), without_small_components(complete.grid).sdf.numpy()
+    bubbles = Bubbles.of(ours, truth, complete.grid.known)
+    ours, truth = solid(ours), solid(truth)
+    pairs, all_pairs = (counted["local_mlp_evaluations"] for counted in (counters, all_counters))
+    needed, crossings = _pairs_needed(bench, volume, truth), crossings_between(ours, truth, volume.grid.voxel)
+    return volume, Found(band, full, sum(lists.cpu), pairs, all_pairs, needed, *crossings, bubbles)
 
 
 def solid(sdf: np.ndarray) -> np.ndarray:
@@ -131,16 +147,6 @@ def _pairs_needed(bench: Bench, volume: AvatarVolume, full: np.ndarray) -> int:
     lattice = Lattice(volume.grid.origin, volume.grid.voxel, inside.shape)
     corners = lattice.position(unsettled(inside, np.zeros_like(inside)))
     return len(bench.avatar.body.pairs(volume.body_frame, torch.as_tensor(corners, dtype=torch.float32)).point)
-
-
-def _count_bubbles(band: np.ndarray, full: np.ndarray, reached: np.ndarray, found: Found) -> None:
-    """Connected voxels (z, y, x) of one sign in `band` and the other in `full`."""
-    for name, wrong in (("voids", (band < 0) & (full >= 0)), ("floaters", (band >= 0) & (full < 0))):
-        found.bubbles[name] += int(label(wrong, np.ones((3, 3, 3)))[1])
-        if wrong.any():
-            farthest = float(np.abs(band[wrong]).max())
-            found.blind = max(found.blind, farthest)
-            found.nearer.append(float((np.abs(band) <= farthest)[reached].mean()))
 
 
 def crossings_between(band: np.ndarray, full: np.ndarray, voxel: float) -> tuple[int, int, float]:

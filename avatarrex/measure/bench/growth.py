@@ -18,8 +18,8 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyField
 from avatarrex.fields.presets import PRESETS
 from avatarrex.frame import Frame
-from avatarrex.measure.bench.clock import interleaved
-from avatarrex.measure.bench.metric import Metric
+from avatarrex.measure.bench.contest import interleaved
+from avatarrex.measure.bench.report import Metric
 from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.pipeline import render_frame
 from avatarrex.settings import RenderSettings

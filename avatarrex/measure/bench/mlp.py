@@ -16,10 +16,9 @@ import torch
 from torch import Tensor
 
 from avatarrex.fields.presets import COORDINATE_OCTAVES, PAPER
-from avatarrex.measure.bench.clock import interleaved, one_core
-from avatarrex.measure.bench.metric import FASTER, Metric
+from avatarrex.measure.bench.contest import Contest, Contestant, Goal, installed, interleaved, one_core
 from avatarrex.measure.bench.mlp_peers import PEERS, Networks
-from avatarrex.measure.bench.peer import Contest, Contestant, Goal, installed
+from avatarrex.measure.bench.report import FASTER, Metric
 from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.ops.encoding import channels
 from avatarrex.ops.local_mlp import local_mlp
@@ -51,16 +50,13 @@ def measure(bench: Bench) -> list[Metric]:
     each = [contest for _, contest in found]
     bound = {contest.case: _advantage_at_peak(case, contest, peak) for case, contest in found}
     worst = max(contest.best.error["max_error"] for contest in each)
-    ahead = GOAL.metric(each, "by_kind", {"at_the_peak_it_would_be": bound, "max_error": worst, "cores": 1})
-    assert ahead is not None, "vmap is torch's own"
-    return [*metrics, ahead, *(metric for contest in each for metric in contest.metrics())]
+    ahead = GOAL.metrics(each, "by_kind", at_the_peak_it_would_be=bound, max_error=worst, cores=1)
+    return [*metrics, *ahead, *(metric for contest in each for metric in contest.metrics())]
 
 
 def _advantage_at_peak(case: Case, contest: Contest, peak: float) -> float:
     """How many times as long `vmap` takes as the bare products would at the peak: no program here can be ahead by more."""
-    vmap = contest.named("vmap")
-    assert vmap is not None
-    return 1e-3 * vmap.times.cpu_ms * peak / case.networks.flops
+    return 1e-3 * contest.named["vmap"].times.cpu_ms * peak / case.networks.flops
 
 
 def contests(bench: Bench) -> tuple[list[tuple[Case, Contest]], float]:

@@ -14,7 +14,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from avatarrex.measure.bench.peer import Peers
+from avatarrex.measure.bench.contest import Peers
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ Nothing is measured twice: the contests of the other stages are taken where they
 from __future__ import annotations
 
 from avatarrex.measure.bench import mlp, raycast, sdf, skinning
-from avatarrex.measure.bench.metric import Metric
-from avatarrex.measure.bench.peer import Contest
+from avatarrex.measure.bench.contest import Contest
+from avatarrex.measure.bench.report import Metric
 from avatarrex.measure.bench.session import Bench
 
 

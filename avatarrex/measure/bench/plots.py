@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from avatarrex.measure.bench.metric import Metric
+from avatarrex.measure.bench.report import Metric
 from avatarrex.measure.plotting import Axes, axes_beside, save
 
 Entry = tuple[str, float, float, str]

@@ -6,7 +6,7 @@ of their own (shaders/pointmap/plain.comp) on the same textures. In software the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import torch
@@ -14,11 +14,9 @@ import torch
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.gl.context import gl_context, gl_unavailable, renderer_name
-from avatarrex.measure.bench.clock import interleaved
-from avatarrex.measure.bench.metric import FASTER, SLOWER, Metric
-from avatarrex.measure.bench.mitsuba_peer import add_mitsuba
-from avatarrex.measure.bench.peer import Contest, Contestant, Goal
-from avatarrex.measure.bench.ray_truth import ray_error, truth
+from avatarrex.measure.bench.contest import Contest, Contestant, Goal, interleaved
+from avatarrex.measure.bench.raycast_peers import add_mitsuba, ray_error, truth
+from avatarrex.measure.bench.report import FASTER, SLOWER, Metric
 from avatarrex.measure.bench.session import Bench
 from avatarrex.pointmap.raycast_gl import BOXES, EXACT_LIST, TILE_LIST, TRACE_LIST, GlCaster, gl_caster
 from avatarrex.pointmap.raycast_torch import raycast_torch
@@ -27,7 +25,7 @@ from avatarrex.settings import RenderSettings
 from avatarrex.volume.build import build_volume
 from avatarrex.volume.sdf_volume import SdfVolume
 
-VIEWS = ((20, 10, 2.6, 40), (75, -20, 2.2, 45), (200, 35, 3.0, 40))
+ORBITS = ((20, 10, 2.6, 40), (75, -20, 2.2, 45), (200, 35, 3.0, 40))
 """Azimuth, elevation, distance, field of view."""
 GOALS = (
     Goal("raycast.vs_quarter_march", "quarter_march", FASTER, 10.0),
@@ -50,19 +48,17 @@ def measure(bench: Bench) -> list[Metric]:
         Metric("raycast.missed_plus_false", wrong / hits, "of hits", target=1e-5, error={"rays": wrong, "hits": hits}),
     ]
     for goal in GOALS:
-        theirs = {contest.case: peer.error for contest in found if (peer := contest.named(goal.peer)) is not None}
-        metric = goal.metric(found, "by_view", {"ours": by_view, "theirs": theirs})
-        if metric is None:
-            bench.absent[goal.name] = f"no OpenGL: {gl_unavailable()}"
-        else:
-            metrics.append(metric)
+        theirs = {contest.case: contest.named[goal.peer].error for contest in found if goal.peer in contest.named}
+        metrics += goal.metrics(found, "by_view", ours=by_view, theirs=theirs)
+    if missing := gl_unavailable():
+        bench.absent |= {goal.name: f"no OpenGL: {missing}" for goal in GOALS}
     return metrics + [metric for contest in found for metric in contest.metrics()]
 
 
 def contests(bench: Bench) -> list[Contest]:
     """One per view."""
     volume, size = stored_volume(bench), bench.side(512, 192)
-    views = VIEWS[:1] if bench.quick else VIEWS
+    views = ORBITS[:1] if bench.quick else ORBITS
     return [
         _contest(bench, volume, k, Camera.orbit(*view, (0, -0.05, 0), size, size)) for k, view in enumerate(views, 1)
     ]
@@ -77,23 +73,20 @@ def stored_volume(bench: Bench) -> SdfVolume:
 def _contest(bench: Bench, volume: SdfVolume, number: int, camera: Camera) -> Contest:
     exact, case = truth(volume, camera), f"raycast.view{number}"
     if gl_unavailable() is not None:
-        t = _torch_distances(volume, camera)
-        times = interleaved({"ours_torch": lambda: raycast_torch(volume, camera, False)}, bench.count(3, 2))
-        return Contest(case, (Contestant("ours_torch", times["ours_torch"], ray_error(t, exact), ours=True),), cpu=True)
+        took = interleaved({"ours_torch": lambda: raycast_torch(volume, camera, False)}, bench.count(3, 2))
+        error = ray_error(_torch_distances(volume, camera), exact)
+        return Contest(case, (Contestant("ours_torch", took["ours_torch"], error, ours=True),), cpu=True)
     caster = gl_caster()
-    methods = _methods(volume)
-    quick = {name: _runner(caster, volume, camera, methods[name]) for name in methods if name != "quarter_march"}
-    times = interleaved(quick, bench.count(7, 5))
-    slow = {"quarter_march": _runner(caster, volume, camera, methods["quarter_march"])}
-    times |= interleaved(slow, 1, warm=bench.quick)
+    runners = {name: partial(_cast, caster, volume, camera, passes) for name, passes in _methods(volume).items()}
+    slow = {"quarter_march": runners.pop("quarter_march")}
+    times = interleaved(runners, bench.count(7, 5)) | interleaved(slow, 1, warm=bench.quick)
     entries = []
-    for name, run in (quick | slow).items():
+    for name, run in (runners | slow).items():
         run()
         error = ray_error(caster.distances(camera).astype(np.float64), exact)
         entries.append(Contestant(name, times[name], error, ours=name == "ours"))
     add_mitsuba(bench, entries, volume, camera)
-    software = "llvmpipe" in renderer_name(gl_context())
-    return Contest(case, tuple(entries), cpu=software)
+    return Contest(case, tuple(entries), cpu="llvmpipe" in renderer_name(gl_context()))
 
 
 def _methods(volume: SdfVolume) -> dict[str, Passes]:
@@ -114,14 +107,11 @@ def _methods(volume: SdfVolume) -> dict[str, Passes]:
     }
 
 
-def _runner(caster: GlCaster, volume: SdfVolume, camera: Camera, passes: Passes) -> Callable[[], None]:
-    def run() -> None:
-        dispatch, _ = caster.prepare(volume, camera, antialias=False)
-        for label, over, constants in passes:
-            dispatch(label, over, **constants)
-        caster.context.finish()
-
-    return run
+def _cast(caster: GlCaster, volume: SdfVolume, camera: Camera, passes: Passes) -> None:
+    dispatch, _ = caster.prepare(volume, camera, antialias=False)
+    for label, over, constants in passes:
+        dispatch(label, over, **constants)
+    caster.context.finish()
 
 
 def _torch_distances(volume: SdfVolume, camera: Camera) -> np.ndarray:

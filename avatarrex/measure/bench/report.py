@@ -1,20 +1,109 @@
-"""A run as a table to read and as JSON to keep.
+"""The machine and its metrics: a run as a table to read and as JSON to keep (targets: docs/bench.md).
 
 {"device": {…}, "mode": "quick" | "full", "metrics": [{"name", "value", "unit", "direction", "error", "target",
  "tolerance"}, …], "absent": {name: why}}
+
+A metric's unit says how a gate may judge it: times depend on the machine, ratios were taken within one run, everything
+else (errors, counts, sizes) is what it is. The machine is described as far as figures depend on it; no names of hosts or users.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+import math
+import os
+import platform
+import re
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+import torch
 
 from avatarrex.errors import InputError
 from avatarrex.files.json_text import read_json
-from avatarrex.measure.bench.device import describe
-from avatarrex.measure.bench.metric import Metric
-from avatarrex.measure.table import aligned
+from avatarrex.gl.context import gl_context, gl_unavailable, renderer_name
+from avatarrex.metrics.table import aligned
+
+TIMES = ("ms", "fps")
+FASTER, SLOWER = "× as fast", "× the time"
+RATIOS = (FASTER, SLOWER)
+TOLERANCE = 0.25
+"""Relative. Ratios of two times in one run drift by this much on a shared 2-core machine."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A figure."""
+
+    name: str
+    """`stage.what`, or `stage.case.contestant.ms` where several do the same work."""
+    value: float
+    unit: str
+    direction: Literal["lower", "higher"] = "lower"
+    """Which way is better."""
+    error: dict[str, Any] | None = None
+    """The error that this time or ratio comes with, and what else is needed to read it."""
+    target: float | None = None
+    tolerance: float = TOLERANCE
+    """Share by which a later value may be worse."""
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value):
+            raise ArithmeticError(f"{self.name} is {self.value}")
+
+    @property
+    def kind(self) -> Literal["time", "ratio", "error"]:
+        """What a gate may do with it."""
+        return "time" if self.unit in TIMES else "ratio" if self.unit in RATIOS else "error"
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the target is met; None without one."""
+        if self.target is None:
+            return None
+        return self.value <= self.target if self.direction == "lower" else self.value >= self.target
+
+
+def describe(networks: str = "cpu") -> dict[str, Any]:
+    """Processor, cores, threads, renderer, GPU, versions, and where the networks of whole frames run."""
+    missing = gl_unavailable()
+    gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
+    return {
+        "cpu": _cpu(),
+        "vectors": torch.backends.cpu.get_cpu_capability(),
+        "cores": cores(),
+        "threads": torch.get_num_threads(),
+        "renderer": renderer_name(gl_context()) if missing is None else f"none: {missing}",
+        "gpu": gpu,
+        "networks": networks,
+        "torch": torch.__version__,
+        "python": platform.python_version(),
+        "system": platform.system(),
+    }
+
+
+def device_class(device: dict[str, Any]) -> str:
+    """Machines with comparable ratios, as a file's name: `linux-2-cores-avx2-llvmpipe`."""
+    drawn = re.split(r"[ (/:]", str(device["renderer"]))[0] or "none"
+    words = [device["system"], f"{device['cores']}-cores", device["vectors"], device["gpu"] or drawn]
+    placed = device.get("networks", "cpu")
+    words += [] if placed == "cpu" else ["networks", "on", placed]
+    return re.sub(r"[^a-z0-9]+", "-", " ".join(words).lower()).strip("-")
+
+
+def cores() -> int:
+    """Processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _cpu() -> str:
+    listed = Path("/proc/cpuinfo")
+    if listed.is_file():
+        found = re.search(r"^model name\s*:\s*(.+)$", listed.read_text(), re.MULTILINE)
+        if found:
+            return found[1]
+    return platform.processor() or platform.machine()
+
 
 HEADS = ("metric", "value", "unit", "target", "", "error")
 SHOWN = ("max_error_m", "sign_errors", "max_error", "mean_error_mm", "p99_error_mm", "missed", "false", "depth_mean_mm",
@@ -40,10 +129,6 @@ class Report:
     def named(self, name: str) -> Metric | None:
         """None where it was not measured."""
         return next((metric for metric in self.metrics if metric.name == name), None)
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return asdict(self)
 
     @staticmethod
     def read(path: str | Path) -> Report:

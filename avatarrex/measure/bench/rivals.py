@@ -8,6 +8,7 @@ scaled up; posing and its box are not counted. The mesh's texture comes from pic
 from __future__ import annotations
 
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,8 @@ from avatarrex.avatar import Avatar
 from avatarrex.capture.synthetic.subject_drawer import SubjectDrawer
 from avatarrex.frame import Frame
 from avatarrex.gl.context import gl_unavailable
-from avatarrex.measure.bench.clock import Times, interleaved, ratio, timed
-from avatarrex.measure.bench.metric import FASTER, Metric
+from avatarrex.measure.bench.contest import Times, interleaved, ratio, timed
+from avatarrex.measure.bench.report import FASTER, Metric
 from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.measure.volume_drawer import VolumeDrawer
 from avatarrex.metrics.baselines import MeshDrawer, Observation, baselines
@@ -28,7 +29,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.training.core.warm_start import warm_start
 
-SAMPLES = 64
+MARCH_SAMPLES = 64
 UNSEEN = 12
 """Frame of the motion in which images are compared; the texture has seen every other pose of `SEEN`."""
 SEEN = (0, 20)
@@ -49,7 +50,7 @@ def volume_rendering(bench: Bench, size: int) -> list[Metric]:
         camera = bench.camera(len(picture))
         drawers: dict[str, Drawer] = {
             "psnr_db": AvatarDrawer(bench.avatar),
-            "their_psnr_db": VolumeDrawer(bench.avatar, "body", SAMPLES),
+            "their_psnr_db": VolumeDrawer(bench.avatar, "body", MARCH_SAMPLES),
         }
         small |= {name: psnr(drawer.draw(signals, camera), picture) for name, drawer in drawers.items()}
     return [
@@ -109,15 +110,10 @@ def mesh_drawer(bench: Bench) -> MeshDrawer | None:
     drawer, size = bench.once(subject_drawer), bench.side(512, 256)
     if drawer is None:
         return None
-    seen = []
-    for frame in SEEN[:1] if bench.quick else SEEN:
-        signals = bench.signals(frame)
-        for azimuth in AROUND:
-            camera = bench.camera(size, azimuth)
-            picture = drawer.draw(signals, camera)
-            straight = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
-            colour, matte = (np.rint(255 * part.clip(0, 1)).astype(np.uint8) for part in (straight, picture[..., 3]))
-            seen.append(Observation(signals, camera, colour, matte))
+    pairs = product(
+        map(bench.signals, SEEN[:1] if bench.quick else SEEN), (bench.camera(size, turn) for turn in AROUND)
+    )
+    seen = [Observation.of(signals, camera, drawer.draw(signals, camera)) for signals, camera in pairs]
     return baselines(bench.subject.person, seen)[0]
 
 
@@ -133,7 +129,7 @@ def _against(bench: Bench, avatar: Avatar, size: int) -> dict[str, Any]:
     """Times of both, interleaved, and what was scaled."""
     few = bench.side(128, 64)
     camera, fewer = bench.camera(size), bench.camera(few)
-    drawer = VolumeDrawer(avatar, "body", SAMPLES)
+    drawer = VolumeDrawer(avatar, "body", MARCH_SAMPLES)
     deferred, marched = Times(), Times()
     previous: Frame | None = None
     for k in range(bench.count(3, 1) + 1):

@@ -14,9 +14,8 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from avatarrex.measure.bench.clock import interleaved, one_core, timed
-from avatarrex.measure.bench.metric import FASTER, SLOWER, Metric
-from avatarrex.measure.bench.peer import Contest, Contestant, Goal, installed
+from avatarrex.measure.bench.contest import Contest, Contestant, Goal, installed, interleaved, one_core, timed
+from avatarrex.measure.bench.report import FASTER, SLOWER, Metric
 from avatarrex.measure.bench.sdf_peers import BOUND, PEERS, SLOW, Measured, libigl, ours
 from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.ops.closest_point import closest_point
@@ -67,11 +66,8 @@ def measure(bench: Bench) -> list[Metric]:
         Metric("sdf.sign_errors", sum(error["sign_errors"] for error in mine.values()), "points", target=0, error=mine),
     ]
     for goal in GOALS:
-        metric = goal.metric(found, "by_mesh", {"max_error_m": worst, "cores": 1})
-        if metric is None:
-            bench.absent[goal.name] = f"not installed: {goal.peer}"
-        else:
-            metrics.append(metric)
+        metrics += goal.metrics(found, "by_mesh", max_error_m=worst, cores=1)
+    bench.absent |= {goal.name: f"not installed: {goal.peer}" for goal in GOALS if goal.peer not in found[0].named}
     return metrics + [metric for contest in found for metric in contest.metrics()]
 
 
@@ -84,9 +80,14 @@ def contests(bench: Bench) -> list[Contest]:
 def cases(bench: Bench) -> list[Case]:
     """Hand, body, slivers."""
     person, count = bench.avatar.person, bench.count(64_000, 16_000)
-    meshes = {"hand": person.left_hand.model, "body": person.body}
-    found = [_case(bench, name, *_skin(model), count) for name, model in meshes.items()]
-    return [*found, _case(bench, "sliver", *sliver_mesh(), count)]
+    meshes = {"hand": _skin(person.left_hand.model), "body": _skin(person.body), "sliver": sliver_mesh()}
+    return [_case(bench, name, *mesh, count) for name, mesh in meshes.items()]
+
+
+def _skin(model: TemplateModel) -> tuple[np.ndarray, np.ndarray]:
+    """Float64 vertices and faces."""
+    used, faces = torch.unique(model.skin_faces(), return_inverse=True)
+    return model.v_template.double().numpy()[used], faces.numpy()
 
 
 def sliver_mesh() -> tuple[np.ndarray, np.ndarray]:
@@ -96,26 +97,16 @@ def sliver_mesh() -> tuple[np.ndarray, np.ndarray]:
     angles = (wide * np.arange(around)[:, None] + [0, narrow]).reshape(-1)
     rings = [np.stack([0.05 * np.cos(angles), np.full_like(angles, y), 0.05 * np.sin(angles)], 1)
              for y in (-length, 0.0, length)]  # fmt: skip
-    count = len(angles)
+    a = np.arange(len(angles))
+    b, (bottom, middle, top) = np.roll(a, -1), len(angles) * np.arange(3)
+    sides = [
+        face
+        for low, high in ((bottom, middle), (middle, top))
+        for face in ((a + low, a + high, b + low), (b + low, a + high, b + high))
+    ]
+    lids = [(np.full_like(a, 3 * len(a)), a, b), (np.full_like(a, 3 * len(a) + 1), b + top, a + top)]
     vertices = np.concatenate([*rings, [[0, -length, 0], [0, length, 0]]])
-    faces = []
-    for k in range(count):
-        a, b = k, (k + 1) % count
-        for ring in (0, count):
-            faces += [(a + ring, a + ring + count, b + ring), (b + ring, a + ring + count, b + ring + count)]
-        faces += [(3 * count, a, b), (3 * count + 1, b + 2 * count, a + 2 * count)]
-    return vertices, np.array(faces)
-
-
-def _skin(model: TemplateModel) -> tuple[np.ndarray, np.ndarray]:
-    """Float64 vertices and the faces of the outer skin, which is closed: no eyeballs, teeth, tongue."""
-    inner = torch.zeros(len(model.v_template), dtype=torch.bool)
-    for name, vertices in model.groups.items():
-        if name != "body":
-            inner[vertices] = True
-    kept = model.faces[~inner[model.faces].any(1)]
-    used, faces = torch.unique(kept, return_inverse=True)
-    return model.v_template.double().numpy()[used], faces.numpy()
+    return vertices, np.stack([np.stack(face, 1) for face in (*sides, *lids)], 1).reshape(-1, 3)
 
 
 def _around(vertices: np.ndarray, count: int) -> np.ndarray:

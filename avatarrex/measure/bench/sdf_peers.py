@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from avatarrex.measure.bench.peer import Peers
+from avatarrex.measure.bench.contest import Peers
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.triangle import closest_on_triangle
 

@@ -22,7 +22,7 @@ Made = TypeVar("Made")
 SEED = 7
 WAY = ("stand", "wave", "walk", "squat", "dance")
 """Poses that the moving sequence passes."""
-STEPS = 8
+FRAMES_BETWEEN = 8
 """Frames from one pose of `WAY` to the next: at 24 Hz a third of a second."""
 
 
@@ -77,9 +77,9 @@ class Bench:
 
     def signals(self, frame: int = 0) -> Signals:
         """A frame of the motion of a person who stands at first; the root rests."""
-        place, step = divmod(frame, STEPS)
+        place, step = divmod(frame, FRAMES_BETWEEN)
         here, there = (Signals.rest().replace(body_pose=named_pose(WAY[(place + k) % len(WAY)])) for k in (0, 1))
-        return interpolate(here, there, step / STEPS)
+        return interpolate(here, there, step / FRAMES_BETWEEN)
 
     @cached_property
     def standing(self) -> PosedPerson:

@@ -11,9 +11,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from avatarrex.measure.bench.clock import interleaved, one_core
-from avatarrex.measure.bench.metric import SLOWER, Metric
-from avatarrex.measure.bench.peer import Contest, Contestant
+from avatarrex.measure.bench.contest import Contest, Contestant, interleaved, one_core
+from avatarrex.measure.bench.report import SLOWER, Metric
 from avatarrex.measure.bench.session import Bench
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.ops.skinning import blend, joint_transforms, skin, skinning_matrices
@@ -25,11 +24,9 @@ def measure(bench: Bench) -> list[Metric]:
     """See the module."""
     contest = bench.once(contests)
     best = contest.best
-    dense = contest.advantage("dense")
-    assert dense is not None
     return [
         Metric("skinning.max_error_m", best.error["max_error_m"], "m", target=1e-6, error=best.error),
-        Metric("skinning.vs_dense", 1 / dense, SLOWER, error=best.error),
+        Metric("skinning.vs_dense", 1 / contest.advantage("dense"), SLOWER, error=best.error),
         *contest.metrics(),
     ]
 

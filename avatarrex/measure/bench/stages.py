@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from avatarrex.errors import InputError
+from avatarrex.errors import check
 
 if TYPE_CHECKING:
-    from avatarrex.measure.bench.metric import Metric
+    from avatarrex.measure.bench.report import Metric
     from avatarrex.measure.bench.session import Bench
 
 STAGES = {
@@ -30,8 +30,7 @@ STAGES = {
 def chosen(names: Sequence[str]) -> list[str]:
     """The named stages in their order, all where none is named. Raises `InputError` for a name that is none."""
     for name in names:
-        if name not in STAGES:
-            raise InputError("bench", "stage", ", ".join(STAGES) + ", or ablation alone", name)
+        check(name in STAGES, "bench", "stage", ", ".join(STAGES) + ", or ablation alone", name)
     return [name for name in STAGES if name in names or not names]
 
 

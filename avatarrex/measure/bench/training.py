@@ -14,20 +14,17 @@ from tempfile import TemporaryDirectory
 from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.capture.synthetic.make import make_capture
-from avatarrex.errors import InputError
+from avatarrex.errors import check
 from avatarrex.gl.context import gl_unavailable
-from avatarrex.measure.bench.clock import Times, timed
-from avatarrex.measure.bench.metric import Metric
+from avatarrex.measure.bench.contest import Times, timed
+from avatarrex.measure.bench.report import Metric
 from avatarrex.measure.bench.session import SEED, Bench
-from avatarrex.measure.stepper import Stepper
 from avatarrex.training.core.frames import FrameStore
-from avatarrex.training.core.pass_one import BodyPass
-from avatarrex.training.core.volume_rendering import Gamma
+from avatarrex.training.core.pass_one import BodyPass, StepResult
+from avatarrex.training.core.stage import Stage
 from avatarrex.training.core.warm_start import warm_start
+from avatarrex.training.core.work import Work
 from avatarrex.training.recipe import QUICK
-
-SETTLED_STEP = 10**9
-"""A step at which γ has its last value."""
 
 
 def measure(bench: Bench) -> list[Metric]:
@@ -43,8 +40,7 @@ def measure(bench: Bench) -> list[Metric]:
 
 def _steps(bench: Bench, path: Path) -> list[Metric]:
     capture = open_capture(path)
-    if "body" not in capture.rigs:
-        raise InputError(path, "rigs", "a body rig", ", ".join(capture.rigs) or "none")
+    check("body" in capture.rigs, path, "rigs", "a body rig", ", ".join(capture.rigs) or "none")
     rig, known = capture.rigs["body"], bench.avatar
     avatar = Avatar.create(capture.person, QUICK.preset, SEED)
     if known.meta["preset"] == QUICK.preset and known.person.hash == capture.person.hash:
@@ -54,14 +50,16 @@ def _steps(bench: Bench, path: Path) -> list[Metric]:
         avatar.meta["untrained"] = ["face"]
         warm_start(avatar, rig.signals, "body", QUICK.body[0].warm_steps, SEED)
     full = QUICK.body[0]
-    recipe = replace(full, rays=bench.count(full.rays, 200), outline=bench.count(full.outline, 1000))
+    recipe = replace(
+        full, rays=bench.count(full.rays, 200), outline=bench.count(full.outline, 1000), gamma_extra=0.0,
+        rate=full.rate * full.geometry_rate, geometry_rate=1.0, still=0, decay=1.0,
+    )  # fmt: skip
     store = FrameStore(avatar, rig, "body", avatar.hidden)
     store.renew(0)
-    stepper = Stepper(BodyPass(avatar, store, recipe, SEED), recipe.rate * recipe.geometry_rate)
-    gamma = Gamma(extra=recipe.gamma_extra, steps=recipe.gamma_steps).at(SETTLED_STEP)
+    work = Work(Stage("body", "I", recipe, 0), BodyPass(avatar, store, recipe, SEED), None)
     times, results, losses = Times(), [], []
-    for number in range(bench.count(30, 8)):
-        (result, loss), took = timed(stepper.step, number, gamma)
+    for _ in range(bench.count(30, 8)):
+        (result, loss), took = timed(_step, work)
         times.add(took)
         results.append(result)
         losses.append(loss)
@@ -72,3 +70,11 @@ def _steps(bench: Bench, path: Path) -> list[Metric]:
         Metric("training.samples_per_ray", mean(samples), "samples", error=spread, target=6.0),
         Metric("training.step_ms", times.ms, "ms", error={"rays": recipe.rays, "loss": median(losses)}),
     ]
+
+
+def _step(work: Work) -> tuple[StepResult, float]:
+    """The next step, and its loss."""
+    result, total = work.evaluate()
+    work.descend(total)
+    work.step += 1
+    return result, float(total.detach())

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from avatarrex.counters import Counters
 from avatarrex.levels import DEFERRED_LEVELS
-from avatarrex.measure.bench.metric import Metric
+from avatarrex.measure.bench.report import Metric
 from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.ops.trilinear import trilinear
 from avatarrex.volume.build import build_volume

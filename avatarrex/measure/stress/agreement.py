@@ -15,8 +15,8 @@ from torch import Tensor
 from avatarrex.counters import Counters
 from avatarrex.measure.stress import driving
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
+from avatarrex.measure.stress.driving import double_body, subject
 from avatarrex.measure.stress.findings import Findings
-from avatarrex.measure.stress.subject import double_body, subject
 from avatarrex.ops import local_mlp
 from avatarrex.ops.encoding import encode, encode_reference
 from avatarrex.ops.rotation import matrix_from_rotvec
@@ -27,7 +27,7 @@ from avatarrex.templates.model import PosedTemplate, TemplateModel, pose_templat
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.build import body_frame
 
-POINTS, VERTICES = 200, 40
+QUERIED_POINTS, SKINNED_VERTICES = 200, 40
 
 
 def draw(rng: np.random.Generator, number: int) -> Inputs:
@@ -59,7 +59,7 @@ def check(inputs: Inputs, found: Findings) -> None:
 
 def _check_skinning(posed: PosedTemplate, rotvec: Tensor, generator: torch.Generator, found: Findings) -> None:
     model = _double("body")
-    rows = torch.randint(len(model.weights), (VERTICES,), generator=generator)
+    rows = torch.randint(len(model.weights), (SKINNED_VERTICES,), generator=generator)
     rotation, joints = matrix_from_rotvec(rotvec), model.joint_template
     rest, weights = model.v_template[rows], model.weights[rows]
     skinning = skinning_matrices(joint_transforms(rotation, joints, model.parents), joints)
@@ -70,8 +70,8 @@ def _check_skinning(posed: PosedTemplate, rotvec: Tensor, generator: torch.Gener
 def _check_body(inputs: Inputs, posed: PosedTemplate, generator: torch.Generator, found: Findings) -> None:
     person = pose_person(subject().person, driving.signals_of(inputs), Counters(), None)
     frame, body = body_frame(subject(), person), subject().body
-    rows = torch.randint(len(person.body.vertices), (POINTS,), generator=generator)
-    point = person.body.vertices[rows] + 0.01 * torch.randn(POINTS, 3, generator=generator)
+    rows = torch.randint(len(person.body.vertices), (QUERIED_POINTS,), generator=generator)
+    point = person.body.vertices[rows] + 0.01 * torch.randn(QUERIED_POINTS, 3, generator=generator)
     want = body.sdf(frame, point, impl="reference")
     found.finite("body distances finite", want)
     for impl in local_mlp.available()[1:]:
@@ -88,8 +88,8 @@ def _check_body(inputs: Inputs, posed: PosedTemplate, generator: torch.Generator
 def _check_hand(inputs: Inputs, generator: torch.Generator, found: Findings) -> None:
     field, shape = subject().left_hand, torch.as_tensor(inputs["shape"]).float()
     mesh = pose_hand(subject().person.left_hand, torch.as_tensor(inputs["left_hand_pose"]).float(), shape)
-    rows = torch.randint(len(mesh), (POINTS,), generator=generator)
-    point = mesh[rows] + 0.01 * torch.randn(POINTS, 3, generator=generator)
+    rows = torch.randint(len(mesh), (QUERIED_POINTS,), generator=generator)
+    point = mesh[rows] + 0.01 * torch.randn(QUERIED_POINTS, 3, generator=generator)
     off = field.sdf(mesh, point).sdf.abs() - field.sdf(mesh, point, impl="reference").sdf.abs()
     found.at_most("hand distance off brute force (m)", off.abs(), 5e-8)  # of coordinates of 30 cm in float32
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, check
 from avatarrex.files.json_text import parse_json
 from avatarrex.measure.stress.findings import Finding, Findings
 
@@ -89,38 +89,34 @@ def from_json(data: Any, kinds: Mapping[str, Kind], source: str) -> tuple[Kind, 
     """Kind, inputs and the name of the check that failed. Raises `InputError`."""
     if isinstance(data, str):
         data = parse_json(data, source)
-    if not isinstance(data, dict) or data.get("kind") != "stress case":
-        raise InputError(source, "kind", "a stress case", type(data).__name__)
-    if data.get("format") != FORMAT or isinstance(data["format"], bool):
-        raise InputError(source, "format", str(FORMAT), data.get("format"))
-    if not isinstance(data.get("case"), str) or data["case"] not in kinds:
-        raise InputError(source, "case", " or ".join(kinds), data.get("case"))
-    if not isinstance(data.get("check"), str):
-        raise InputError(source, "check", "the name of a check", data.get("check"))
+    data = data if isinstance(data, dict) else {}
+    known: dict[str, tuple[str, list[Any]]] = {
+        "kind": ("a stress case", ["stress case"]),
+        "format": (str(FORMAT), [FORMAT]),
+    }
+    for field, (expected, values) in {**known, "case": (" or ".join(kinds), list(kinds))}.items():
+        found = data.get(field)
+        check(type(found) is type(values[0]) and found in values, source, field, expected, found)
+    check(isinstance(data.get("check"), str), source, "check", "the name of a check", data.get("check"))
     kind, given = kinds[data["case"]], data.get("inputs")
-    if not isinstance(given, dict) or set(given) != set(kind.entries):
-        raise InputError(source, "inputs", ", ".join(kind.entries), sorted(given) if isinstance(given, dict) else given)
-    inputs = {name: _array(source, name, entry, given[name]) for name, entry in kind.entries.items()}
+    names = sorted(given) if isinstance(given, dict) else given
+    check(names == sorted(kind.entries), source, "inputs", ", ".join(kind.entries), names)
+    inputs = {name: _array(source, f"inputs: {name}", entry, given[name]) for name, entry in kind.entries.items()}
     return kind, inputs, data["check"]
 
 
-def _array(source: str, name: str, entry: Entry, given: Any) -> np.ndarray:
-    field = f"inputs: {name}"
-    if not isinstance(given, dict) or not isinstance(given.get("values"), list):
-        raise InputError(source, field, "shape and values", given)
-    shape: Any = given.get("shape")
-    values = given["values"]
-    known = isinstance(shape, list) and len(shape) == len(entry.shape)
-    free = (range(MOST_ROWS + 1) if want < 0 else (want,) for want in entry.shape)
-    fits = known and all(type(n) is int and n in allowed for n, allowed in zip(shape, free))
-    if not fits or math.prod(shape) != len(values):
-        raise InputError(source, field, f"shape {entry.shape} and as many values", f"{shape}, {len(values)} values")
+def _array(source: str, field: str, entry: Entry, given: Any) -> np.ndarray:
+    check(isinstance(given, dict) and isinstance(given.get("values"), list), source, field, "shape and values", given)
+    shape, values = given.get("shape"), given["values"]
+    fits = isinstance(shape, list) and len(shape) == len(entry.shape) and all(type(n) is int for n in shape)
+    fits = fits and all(0 <= n <= MOST_ROWS if want < 0 else n == want for n, want in zip(shape, entry.shape))
+    found = f"{shape}, {len(values)} values"
+    check(fits and math.prod(shape) == len(values), source, field, f"shape {entry.shape} and as many values", found)
     if entry.bounds is None:
         return np.array([_float(source, field, value) for value in values], dtype=np.float64).reshape(shape)
     low, high = entry.bounds
     for value in values:
-        if type(value) is not int or not low <= value <= high:
-            raise InputError(source, field, f"integers from {low} to {high}", value)
+        check(type(value) is int and low <= value <= high, source, field, f"integers from {low} to {high}", value)
     return np.array(values, dtype=np.int64).reshape(shape)
 
 
@@ -128,8 +124,8 @@ HEX = re.compile(r"-?(0x[01]\.?[0-9a-f]{0,13}p[+-][0-9]{1,4}|nan|inf)")
 
 
 def _float(source: str, field: str, value: Any) -> float:
-    if not isinstance(value, str) or not HEX.fullmatch(value):
-        raise InputError(source, field, "numbers as hexadecimal, e.g. 0x1.8p+1", value)
+    known = isinstance(value, str) and HEX.fullmatch(value)
+    check(known, source, field, "numbers as hexadecimal, e.g. 0x1.8p+1", value)
     try:
         return float.fromhex(value)
     except OverflowError:

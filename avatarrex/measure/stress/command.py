@@ -6,12 +6,12 @@ Exit status 0 where every check passed, 1 where one failed, 130 after Ctrl+C (wi
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from avatarrex.errors import InputError
-from avatarrex.files.gate import check_writable, read_text, what_is, write_text
+from avatarrex.errors import check
+from avatarrex.files.gate import check_writable, read_text, what_is
+from avatarrex.files.json_text import write_json
 
 if TYPE_CHECKING:
     from avatarrex.measure.stress.findings import Finding
@@ -41,8 +41,7 @@ def run(options: argparse.Namespace) -> int:
     processes = None if options.processes is None else _number("--processes", options.processes, 1, 256)
     if options.json is not None:
         check_writable(options.json)
-    if what_is(options.out) not in ("a folder", "nothing there"):
-        raise InputError("--out", "", "a folder", what_is(options.out))
+    check(what_is(options.out) in ("a folder", "nothing there"), "--out", "", "a folder", what_is(options.out))
     check_writable(Path(options.out) / "failure.json")
     return _search(count, seed, processes, options.json, Path(options.out))
 
@@ -50,9 +49,9 @@ def run(options: argparse.Namespace) -> int:
 def _search(count: int, seed: int, processes: int | None, json_path: str | None, out: Path) -> int:
     from tqdm import tqdm
 
-    from avatarrex.measure.bench.device import cores
+    from avatarrex.measure.bench.report import cores
     from avatarrex.measure.stress import run as stress
-    from avatarrex.measure.stress.tally import Tally
+    from avatarrex.measure.stress.findings import Tally
 
     tally, interrupted = Tally(), False
     failed: list[Outcome] = []
@@ -73,8 +72,8 @@ def _search(count: int, seed: int, processes: int | None, json_path: str | None,
     files = [] if interrupted else _write(failed, seed, out)
     done = sum(tally.cases.values())
     if json_path is not None:
-        report = {"n": count, "seed": seed, "interrupted": interrupted, **tally.to_json(), "files": files}
-        write_text(json_path, json.dumps(report, indent=1) + "\n")
+        about = {"n": count, "seed": seed, "interrupted": interrupted}
+        write_json(json_path, {**about, **tally.to_json(), "files": files})
     state = f"interrupted after {done} of {len(cases)} cases" if interrupted else f"{done} cases"
     print(f"{state}, seed {seed}: " + (f"{tally.failures} checks failed" if tally.failures else "every check passed"))
     return 130 if interrupted else int(tally.failures > 0)
@@ -95,7 +94,7 @@ def _write(failed: list[Outcome], seed: int, out: Path) -> list[str]:
         kind = KINDS[outcome.kind]
         small = shrink(kind, make(outcome.kind, outcome.number, seed), finding)
         path = out / f"{outcome.kind}_{seed}_{outcome.number}_{len(files)}.json"
-        write_text(path, json.dumps(to_json(kind, small.inputs, small.finding), indent=1) + "\n")
+        write_json(path, to_json(kind, small.inputs, small.finding))
         files.append(str(path))
         print(f"{outcome.kind} {outcome.number}: {finding.check}")
         print(f"  shrunk in {small.tried} tries; avatarrex-studio stress --replay {path}")
@@ -106,8 +105,8 @@ def _replay(path: str) -> int:
     """Examine the case of a file: 1 where the check that the file names fails still, 0 where it holds now."""
     text = read_text(path, "a failure written by stress")
     from avatarrex.measure.stress.case import examine, from_json
+    from avatarrex.measure.stress.findings import Tally
     from avatarrex.measure.stress.run import KINDS
-    from avatarrex.measure.stress.tally import Tally
 
     kind, inputs, check = from_json(text, KINDS, path)
     findings = examine(kind, inputs, repeated=True)
@@ -127,6 +126,5 @@ def _number(option: str, text: str, low: int, high: int) -> int:
         value = int(text)
     except ValueError:
         value = low - 1
-    if not low <= value <= high:
-        raise InputError(option, "", f"an integer from {low} to {high}", text or "nothing")
+    check(low <= value <= high, option, "", f"an integer from {low} to {high}", text or "nothing")
     return value

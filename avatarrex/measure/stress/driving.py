@@ -1,19 +1,38 @@
-"""Driving signals that look for trouble: every family takes its turn, the rest is drawn at random.
+"""Who is put under stress, and driving signals that look for trouble: every family takes its turn, the rest is random.
 
-Half turns, no turns, nearly both, opposed twists, hundreds of radians; shapes of ±5 σ, expressions out of bounds, roots
-1 km and 1000 km from the origin.
+The packaged avatar is loaded once for each process. Half turns, no turns, nearly both, opposed twists, hundreds of radians;
+shapes of ±5 σ, expressions out of bounds, roots 1 km and 1000 km from the origin.
 """
 
 from __future__ import annotations
 
+import copy
+from functools import cache
+
 import numpy as np
 
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
+from avatarrex.fields.body import BodyField
 from avatarrex.measure.stress.case import Entry, Inputs
 from avatarrex.signals.driving import LARGEST, SHAPES, Signals
 from avatarrex.signals.limits import random_signals
 
+
+@cache
+def subject() -> Avatar:
+    """The packaged avatar."""
+    return load_avatar()
+
+
+@cache
+def double_body() -> BodyField:
+    """Its body field in float64."""
+    return copy.deepcopy(subject().body).double()
+
+
 ENTRIES = {name: Entry(shape) for name, shape in SHAPES.items()}
-JOINTS = 55
+SMPLX_JOINTS = 55
 ALONG_X = (13, 14, 16, 17, 18, 19, 20, 21, *range(25, 55))
 """Joints with a bone along x in the T-pose: arms and fingers. All others: along y."""
 
@@ -35,20 +54,20 @@ def signals_of(inputs: Inputs) -> Signals:
     return Signals(**{name: inputs[name] for name in SHAPES})
 
 
-def directions(rng: np.random.Generator, count: int = JOINTS) -> np.ndarray:
+def directions(rng: np.random.Generator, count: int = SMPLX_JOINTS) -> np.ndarray:
     """Random unit vectors (count, 3)."""
     vector = rng.normal(size=(count, 3))
     return np.asarray(vector / np.linalg.norm(vector, axis=1, keepdims=True))
 
 
 def _anything(rng: np.random.Generator) -> np.ndarray:
-    return directions(rng) * rng.uniform(0, np.pi, (JOINTS, 1))
+    return directions(rng) * rng.uniform(0, np.pi, (SMPLX_JOINTS, 1))
 
 
 def _half_turns(rng: np.random.Generator) -> np.ndarray:
     """Exactly ±π about one of the axes."""
-    pose = np.zeros((JOINTS, 3))
-    pose[np.arange(JOINTS), rng.integers(3, size=JOINTS)] = rng.choice([-np.pi, np.pi], JOINTS)
+    pose = np.zeros((SMPLX_JOINTS, 3))
+    pose[np.arange(SMPLX_JOINTS), rng.integers(3, size=SMPLX_JOINTS)] = rng.choice([-np.pi, np.pi], SMPLX_JOINTS)
     return pose
 
 
@@ -61,26 +80,32 @@ def _limits(rng: np.random.Generator) -> np.ndarray:
 
 def _nothing(rng: np.random.Generator) -> np.ndarray:
     """0, −0, subnormal numbers, and angles about the series' limits (0.1 in float32, 3e-3 in float64)."""
-    angle = rng.choice([0.0, -0.0, 1e-320, 1e-44, 1e-30, 1e-12, 1e-7, 3e-3, 3.2e-3, 0.0999999, 0.1000001], (JOINTS, 1))
+    angle = rng.choice(
+        [0.0, -0.0, 1e-320, 1e-44, 1e-30, 1e-12, 1e-7, 3e-3, 3.2e-3, 0.0999999, 0.1000001], (SMPLX_JOINTS, 1)
+    )
     return np.asarray(directions(rng) * angle)
 
 
 def _nearly_half_turns(rng: np.random.Generator) -> np.ndarray:
-    return directions(rng) * np.pi * (1 + rng.choice([-1, 1], (JOINTS, 1)) * 10.0 ** rng.uniform(-16, -1, (JOINTS, 1)))
+    return (
+        directions(rng)
+        * np.pi
+        * (1 + rng.choice([-1, 1], (SMPLX_JOINTS, 1)) * 10.0 ** rng.uniform(-16, -1, (SMPLX_JOINTS, 1)))
+    )
 
 
 def _twists(rng: np.random.Generator) -> np.ndarray:
     """170° to 180° about the bones, of a third of the joints: blended matrices lose a dimension."""
-    pose = np.zeros((JOINTS, 3))
-    axis = np.where(np.isin(np.arange(JOINTS), ALONG_X), 0, 1)
-    turned = np.radians(rng.uniform(170, 180, JOINTS)) * rng.choice([-1, 1], JOINTS)
-    exact = rng.random(JOINTS) < 0.2
-    pose[np.arange(JOINTS), axis] = np.where(exact, np.pi, turned) * (rng.random(JOINTS) < 1 / 3)
+    pose = np.zeros((SMPLX_JOINTS, 3))
+    axis = np.where(np.isin(np.arange(SMPLX_JOINTS), ALONG_X), 0, 1)
+    turned = np.radians(rng.uniform(170, 180, SMPLX_JOINTS)) * rng.choice([-1, 1], SMPLX_JOINTS)
+    exact = rng.random(SMPLX_JOINTS) < 0.2
+    pose[np.arange(SMPLX_JOINTS), axis] = np.where(exact, np.pi, turned) * (rng.random(SMPLX_JOINTS) < 1 / 3)
     return pose
 
 
 def _many_turns(rng: np.random.Generator) -> np.ndarray:
-    return directions(rng) * LARGEST["body_pose"] * rng.uniform(0, 1, (JOINTS, 1))
+    return directions(rng) * LARGEST["body_pose"] * rng.uniform(0, 1, (SMPLX_JOINTS, 1))
 
 
 FAMILIES = (_anything, _half_turns, _limits, _nothing, _nearly_half_turns, _twists, _many_turns)

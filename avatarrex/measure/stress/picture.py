@@ -16,15 +16,15 @@ from avatarrex.frame import DeferredFrame
 from avatarrex.levels import LEVELS
 from avatarrex.measure.stress import driving, views
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
+from avatarrex.measure.stress.driving import subject
 from avatarrex.measure.stress.findings import Findings
-from avatarrex.measure.stress.subject import subject
 from avatarrex.pipeline import render_deferred
 from avatarrex.settings import RenderSettings
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.sdf_volume import sample
 
-SIDE = 64
-COARSE = RenderSettings(voxel=0.03, part_voxel=0.01)
+PICTURE_PIXELS = 64
+SEARCHED = RenderSettings(voxel=0.03, part_voxel=0.01)
 FINE_EVERY = 10
 ASIDE, CROSSING = 1e-4, 3e-4
 """Metres before and beyond a hit at which the field is evaluated, and what it may be there on the wrong side: a steep field."""
@@ -40,15 +40,15 @@ def draw(rng: np.random.Generator, number: int) -> Inputs:
     posed = pose_person(subject().person, signals, Counters(), None)
     place = posed.world_from_root(signals)
     surface = posed.body.vertices.double().numpy() @ place[:3, :3].T + place[:3, 3]
-    camera = views.draw_view(rng, number, surface, SIDE)
+    camera = views.draw_view(rng, number, surface, PICTURE_PIXELS)
     fine = np.array([int(number % FINE_EVERY == 0)])
     return {**driving.inputs_of(signals), **views.inputs_of(camera), "fine": fine}
 
 
 def check(inputs: Inputs, found: Findings) -> None:
     """All checks of the case."""
-    settings = LEVELS["balanced"] if inputs["fine"][0] else COARSE
-    frame = render_deferred(subject(), driving.signals_of(inputs), views.camera_of(inputs, SIDE), settings)
+    settings = LEVELS["balanced"] if inputs["fine"][0] else SEARCHED
+    frame = render_deferred(subject(), driving.signals_of(inputs), views.camera_of(inputs, PICTURE_PIXELS), settings)
     volume, points = frame.volume.sdf, frame.pointmap
     contacts = [part.contact.field for part in volume.parts if part.contact is not None]
     found.finite("frame's templates finite", frame.posed.body.vertices, *frame.posed.parts.values())

@@ -18,8 +18,8 @@ from avatarrex.fields.composition import BAND
 from avatarrex.fields.influence import RADIUS
 from avatarrex.measure.stress import driving
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
+from avatarrex.measure.stress.driving import subject
 from avatarrex.measure.stress.findings import Findings
-from avatarrex.measure.stress.subject import subject
 from avatarrex.ops.skinning import AMPLIFICATION
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.volume.build import body_frame

@@ -18,8 +18,8 @@ from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.frame import DeferredFrame
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
+from avatarrex.measure.stress.driving import subject
 from avatarrex.measure.stress.findings import Findings
-from avatarrex.measure.stress.subject import subject
 from avatarrex.pipeline import render_deferred
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.settings import RenderSettings

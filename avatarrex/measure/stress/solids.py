@@ -16,7 +16,7 @@ from avatarrex.pointmap.raycast import available, raycast
 from avatarrex.reference.solids import Solid, body_grid, capsule, part_box, rotation, union
 from avatarrex.volume.sdf_volume import SdfVolume
 
-SIDE = 24
+RAYS_A_SIDE = 24
 GRID = ((0.0, 0.0, 0.0), 0.02, (31, 31, 31))
 BOX_SIDE, BOX_VOXEL = 0.16, 0.005
 MOST_OFF = 1e-5
@@ -34,14 +34,14 @@ def draw(rng: np.random.Generator, number: int) -> Inputs:
     share = rng.random((200, 1))
     rows = rng.integers(count, size=200)
     skin = ends[rows, 0] * share + ends[rows, 1] * (1 - share) + radius[rows, None] * driving.directions(rng, 200)
-    camera = views.draw_view(rng, int(rng.integers(8)), skin, SIDE)
+    camera = views.draw_view(rng, int(rng.integers(8)), skin, RAYS_A_SIDE)
     box = np.array([float(number % 2), *rng.uniform(-90, 90, 2)])
     return {"solids": solids, "box": box, **views.inputs_of(camera)}
 
 
 def check(inputs: Inputs, found: Findings) -> None:
     """All checks of the case."""
-    volume, camera = _volume(inputs), views.camera_of(inputs, SIDE)
+    volume, camera = _volume(inputs), views.camera_of(inputs, RAYS_A_SIDE)
     truth = raycast(volume, camera, "reference", antialias=False)
     for impl in (name for name in available() if name != "reference"):
         one = raycast(volume, camera, impl, antialias=False)

@@ -21,7 +21,8 @@ def draw_view(rng: np.random.Generator, number: int, surface: np.ndarray, side: 
             return Camera.orbit(azimuth, elevation, 2.8, 45, middle + rng.normal(size=3) * 0.2, side, side)
         case "inside":  # the eye on the way from the middle to a point of the skin
             eye = middle + rng.uniform(0, 0.9) * (spot - middle)
-            return _at(eye, azimuth, elevation, 70, side)
+            there = Camera.orbit(azimuth, elevation, 1.0, 70, (0.0, 0.0, 0.0), side, side)
+            return Camera.orbit(azimuth, elevation, 1.0, 70, eye - there.centre, side, side)
         case "grazing":  # the eye level with a point of the skin, along the axes
             return Camera.orbit(90.0 * rng.integers(4), 0, 1.5, 30, spot, side, side)
         case "1 cm":
@@ -44,9 +45,3 @@ def inputs_of(camera: Camera) -> Inputs:
 def camera_of(inputs: Inputs, side: int) -> Camera:
     """Back again. Raises `InputError`."""
     return Camera(inputs["intrinsics"], inputs["camera_from_world"], side, side)
-
-
-def _at(eye: np.ndarray, azimuth: float, elevation: float, fov: float, side: int) -> Camera:
-    """A camera at `eye`."""
-    there = Camera.orbit(azimuth, elevation, 1.0, fov, (0.0, 0.0, 0.0), side, side)
-    return Camera.orbit(azimuth, elevation, 1.0, fov, eye - there.centre, side, side)

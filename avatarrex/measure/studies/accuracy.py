@@ -27,7 +27,8 @@ from avatarrex.capture.synthetic.subject import PosedSubject, Subject, load_subj
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.fields.local_frame import LOCAL_FRAMES
 from avatarrex.files.gate import write_text
-from avatarrex.measure.table import printed
+from avatarrex.metrics.mesh import silhouette_iou
+from avatarrex.metrics.table import printed
 from avatarrex.pipeline import render_deferred
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.settings import RenderSettings
@@ -106,8 +107,8 @@ def measure(avatar: Avatar, subject: Subject, signals: Signals) -> dict[str, Any
         for region, mask in zip(REGIONS, (~fingers & ~face, fingers, face)):
             distances[region].append(distance[mask])
     return {
-        "ceiling": iou(perfect.hit.numpy(), truth),
-        "avatar": iou(frame.pointmap.hit.numpy(), truth),
+        "ceiling": silhouette_iou(perfect.hit.numpy(), truth),
+        "avatar": silhouette_iou(frame.pointmap.hit.numpy(), truth),
         **{region: np.concatenate(values) for region, values in distances.items()},
     }
 
@@ -136,11 +137,6 @@ def exact(sdf: torch.Tensor, lattice: Lattice, root_from_lattice: np.ndarray, ta
     position = lattice.position(near) @ root_from_lattice[:3, :3].T + root_from_lattice[:3, 3]
     flat[torch.from_numpy(near)] = torch.as_tensor(target.signed_distance(position), dtype=sdf.dtype)
     return flat.reshape(sdf.shape)
-
-
-def iou(a: np.ndarray, b: np.ndarray) -> float:
-    """Intersection over union of two masks."""
-    return float((a & b).sum() / max((a | b).sum(), 1))
 
 
 def summary(measured: list[dict[str, Any]]) -> dict[str, Any]:

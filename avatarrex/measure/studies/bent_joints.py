@@ -18,7 +18,7 @@ from avatarrex.camera import Camera
 from avatarrex.capture.synthetic.subject import load_subject
 from avatarrex.capture.synthetic.subject_drawer import SubjectDrawer
 from avatarrex.counters import Counters
-from avatarrex.measure.table import printed
+from avatarrex.metrics.table import printed
 from avatarrex.pipeline import render_frame
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
@@ -27,7 +27,7 @@ from avatarrex.templates.posed import pose_person
 
 DEPTH_OFF = 0.01
 """Metres from which a pixel is wrong."""
-VIEWS = ((0, 0), (60, 10), (-60, 10), (180, 0), (0, -35))
+VIEW_ANGLES = ((0, 0), (60, 10), (-60, 10), (180, 0), (0, -35))
 """Azimuth and elevation, degrees."""
 NAMED = {
     "left_elbow": ("crossed_arms",),
@@ -63,7 +63,7 @@ def measure(
     at = x, y - (0.08 if joint == "pelvis" else 0.0), z
     inner = np.s_[RIM_PIXELS:-RIM_PIXELS, RIM_PIXELS:-RIM_PIXELS]
     pictures, error, holes, fringes, met, both = [], 0.0, 0, 0, 0, 0
-    for azimuth, elevation in VIEWS:
+    for azimuth, elevation in VIEW_ANGLES:
         camera = Camera.orbit(azimuth, elevation, 0.9, 28, at, side, side)
         frame = render_frame(avatar, signals, camera)
         there = truth.depth(signals, camera)[inner]

@@ -15,14 +15,14 @@ import torch
 
 from avatarrex.levels import level
 from avatarrex.measure.bench import frame as frames
-from avatarrex.measure.bench.clock import spent
+from avatarrex.measure.bench.contest import spent
 from avatarrex.measure.bench.session import Bench
-from avatarrex.measure.table import printed
+from avatarrex.metrics.table import printed
 from avatarrex.pipeline import render_frame
 from avatarrex.reference.error_report import depth_report
 from avatarrex.reference.oracle import render_oracle
 
-SIDE = 192
+DRAG_PIXELS = 192
 VOXELS, TOLERANCES = (0.02, 0.025, 0.03), (1e-3, 2e-3, 3e-3)
 
 
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> None:
         for tolerance in TOLERANCES:
             settings = replace(rough, reuse_tolerance=tolerance)
             with spent(frames, "render_frame") as times:
-                drawn = frames.sequence(bench, settings, SIDE, options.frames, frames.dragging(bench))
+                drawn = frames.sequence(bench, settings, DRAG_PIXELS, options.frames, frames.dragging)
             anew = (median(frame.counters[name] for frame in drawn) for name in ("voxels_evaluated", "pixels_shaded"))
             late = frames.lag(bench, drawn[-1])
             row(

@@ -18,9 +18,9 @@ coordinates and weights of all pairs.
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -29,6 +29,8 @@ from torch import Tensor
 from avatarrex.fields.body import BodyField, BodyFrame
 from avatarrex.fields.influence import Pairs, gate, influence, weighted_mean
 from avatarrex.fields.presets import COMPACT
+from avatarrex.measure.bench.contest import interleaved
+from avatarrex.metrics.table import printed
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.ops.closest_vertex import closest_vertex
 from avatarrex.ops.crossings import winding
@@ -39,18 +41,12 @@ from avatarrex.signals.limits import random_signals
 from avatarrex.templates.model import PosedTemplate, TemplateModel, pose_template
 from avatarrex.templates.person import load_person
 
-CHOICES = [
-    ("node", 2048),
-    ("blend", 2048),
-    *(("anchors", count) for count in (512, 1024, 2048)),
-    ("turned", 1024),
-    ("turned", 2048),
-    ("vertex", 2048),
-]
+ANCHORS = {"node": (2048,), "blend": (2048,), "anchors": (512, 1024, 2048), "turned": (1024, 2048), "vertex": (2048,)}
+"""Numbers of anchors that each is measured with."""
 COST_POINTS = 100_000
-WALKS, STEPS, STEP = 200, 100, 1e-4
+WALKS, WALK_STEPS, WALK_STEP = 200, 100, 1e-4
 """Straight walks in each pose, steps of each, and metres of one."""
-BESIDE = 0.002
+OFF_SKIN = 0.002
 """Metres off the skin at which a point may lie in another limb."""
 
 
@@ -82,11 +78,9 @@ def of_blended_nodes(pose: Pose, points: Tensor, pairs: Pairs) -> Tensor:
     leader[pairs.point[wins]] = pairs.node[wins]
     guess = skin(invert_affine(matrices)[leader], points)
     weight = weight * gate((guess[pairs.point] - pose.frame.node_rest[pairs.node]).square().sum(-1))
-    total = weight.new_zeros(count).index_add(0, pairs.point, weight)
     table = matrices.reshape(-1, 12)
-    summed = table.new_zeros(count, 12).index_add(0, pairs.point, weight[:, None] * table[pairs.node])
-    reached = (total > 0)[:, None]
-    matrix = torch.where(reached, summed / torch.where(reached, total[:, None], 1.0), table[leader])
+    mean, total = weighted_mean(table[pairs.node], weight, pairs, count)
+    matrix = torch.where(total[:, None] > 0, mean, table[leader])
     return skin(invert_affine(matrix.reshape(-1, 3, 4)), points)[pairs.point]
 
 
@@ -122,13 +116,8 @@ class Choice:
         local_frame = "anchors" if name in VARIANTS else name
         return cls(name, BodyField(model, widths, seed, local_frame).requires_grad_(False))
 
-    def poses(self, scale: float, options: argparse.Namespace, rng: np.random.Generator) -> Iterator[Pose]:
-        """Random body poses within `scale` times the joint limits."""
-        for _ in range(options.poses):
-            yield self.pose(scale, rng)
-
     def pose(self, scale: float, rng: np.random.Generator) -> Pose:
-        """One of them."""
+        """A random one of the body within `scale` times the joint limits."""
         model = self.field.template
         rotvec = torch.zeros(len(model.parents), 3)
         rotvec[1:22] = torch.tensor(random_signals(rng, scale).body_pose, dtype=torch.float32)
@@ -156,7 +145,7 @@ class Choice:
 
     def perfect_field(self, pose: Pose, points: Tensor) -> Tensor:
         """Σ w_i s(p̄_i) / Σ w_i with s the rest template's exact distance, metres."""
-        model, faces = self.field.template, skin_faces(self.field.template)
+        model, faces = self.field.template, self.field.template.skin_faces()
         if self.name != "node":
             return closest_point(model.v_template, faces, self.rest_position(pose, points)).sdf.float()
         pairs, local, weight = self.localise(pose, points, self.field.pairs(pose.frame, points))
@@ -173,81 +162,72 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Print the table."""
-    model = load_person().body
+    model, scales = load_person().body, (0.5, 1.0)
     print(
         f"{options.poses} poses each at half / full joint limits, {options.points} points per pose, seed {options.seed}"
     )
-    titles = ("median mm", "p95 mm", "p99 mm", "lost per 1000", "step mm")
-    print(f"{'local frame':<14}" + "".join(f" {title:>14}" for title in titles) + "   ms per 100 k points")
-    for name, anchors in CHOICES:
+    titles = ("median mm", "p95 mm", "p99 mm", "lost per 1000", "step mm", "ms per 100 k points")
+    row = printed("local frame", *titles, width=14)
+    for name, anchors in ((name, anchors) for name, counts in ANCHORS.items() for anchors in counts):
         choice = Choice.of(model, name, anchors, options.seed)
-        errors = [measure(choice, scale, options) for scale in (0.5, 1.0)]
+        works = (errors_of, lost_of, steps_of)
+        errors, lost, steps = ([over_poses(work, choice, scale, options) for scale in scales] for work in works)
         columns = [" / ".join(f"{np.percentile(e, q):.2f}" for e in errors) for q in (50, 95, 99)]
-        columns.append(" / ".join(f"{1000 * lost(choice, scale, options):.1f}" for scale in (0.5, 1.0)))
-        jumps = " / ".join(f"{steps(choice, scale, options):.2f}" for scale in (0.5, 1.0)) if name != "node" else "–"
-        label = name if name in VARIANTS else f"{name} {anchors}"
-        row = "".join(f" {column:>14}" for column in (*columns, jumps))
-        print(f"{label:<14}{row}   {cost(choice, options.seed):.0f}", flush=True)
+        columns.append(" / ".join(f"{1000 * found.mean():.1f}" for found in lost))
+        columns.append(" / ".join(f"{np.percentile(found, 99):.2f}" for found in steps) if name != "node" else "–")
+        row(name if name in VARIANTS else f"{name} {anchors}", *columns, f"{cost(choice, options.seed):.0f}")
 
 
-def measure(choice: Choice, scale: float, options: argparse.Namespace) -> np.ndarray:
-    """|perfect field| in mm at true surface points of random poses."""
-    rng, errors = np.random.default_rng(options.seed), []
-    for pose in choice.poses(scale, options, rng):
-        points = surface_points(choice.field.template, pose.template, options.points, rng)
-        errors.append(1000 * choice.perfect_field(pose, points).abs().numpy())
-    return np.concatenate(errors)
+Work = Callable[[Choice, Pose, int, np.random.Generator], np.ndarray]
+"""What a choice does at so many points of a pose."""
 
 
-def lost(choice: Choice, scale: float, options: argparse.Namespace) -> float:
-    """Share of points inside the posed body that the perfect field reads as outside."""
-    rng, found = np.random.default_rng(options.seed), []
-    for pose in choice.poses(scale, options, rng):
-        points = surface_points(choice.field.template, pose.template, options.points, rng).double()
-        points += 0.015 * torch.from_numpy(rng.normal(size=points.shape))
-        faces, mesh = skin_faces(choice.field.template), pose.template.vertices.double()
-        deep = closest_point(mesh, faces, points).sdf.abs() > 0.003
-        inside = deep & torch.from_numpy(
-            winding(SearchTree.of_triangles(mesh.numpy(), faces.numpy()), points.numpy()) > 0
-        )
-        found.append((choice.perfect_field(pose, points[inside].float()) > 0).numpy())
-    return float(np.concatenate(found).mean())
+def over_poses(work: Work, choice: Choice, scale: float, options: argparse.Namespace) -> np.ndarray:
+    """Of random poses, joined."""
+    rng = np.random.default_rng(options.seed)
+    return np.concatenate([work(choice, choice.pose(scale, rng), options.points, rng) for _ in range(options.poses)])
 
 
-def steps(choice: Choice, scale: float, options: argparse.Namespace) -> float:
-    """Largest step of the rest position in a walk that begins about 1 cm off the skin, p99 of the walks; millimetres."""
-    rng, found = np.random.default_rng(options.seed), []
-    for pose in choice.poses(scale, options, rng):
-        begin = surface_points(choice.field.template, pose.template, WALKS, rng)
-        begin = begin + 0.01 * torch.as_tensor(rng.normal(size=begin.shape), dtype=begin.dtype)
-        way = torch.nn.functional.normalize(torch.as_tensor(rng.normal(size=begin.shape), dtype=begin.dtype), dim=-1)
-        path = begin[:, None] + STEP * torch.arange(STEPS)[:, None] * way[:, None]
-        rest = choice.rest_position(pose, path.reshape(-1, 3)).reshape(path.shape)
-        found.append((rest[:, 1:] - rest[:, :-1]).norm(dim=-1).amax(1).numpy())
-    return float(1000 * np.percentile(np.concatenate(found), 99))
+def errors_of(choice: Choice, pose: Pose, count: int, rng: np.random.Generator) -> np.ndarray:
+    """|perfect field| in mm at true surface points."""
+    points = surface_points(choice.field.template, pose.template, count, rng)
+    return np.asarray(1000 * choice.perfect_field(pose, points).abs().numpy())
 
 
-def skin_faces(model: TemplateModel) -> Tensor:
-    """The outer skin: no teeth, tongue or eyeballs."""
-    inner = torch.zeros(len(model.v_template), dtype=torch.bool)
-    for name, vertices in model.groups.items():
-        if name != "body":
-            inner[vertices] = True
-    return model.faces[~inner[model.faces].any(1)]
+def lost_of(choice: Choice, pose: Pose, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Whether the perfect field reads points inside the posed body as outside."""
+    points = surface_points(choice.field.template, pose.template, count, rng).double()
+    points += 0.015 * torch.from_numpy(rng.normal(size=points.shape))
+    faces, mesh = choice.field.template.skin_faces(), pose.template.vertices.double()
+    deep = closest_point(mesh, faces, points).sdf.abs() > 0.003
+    tree = SearchTree.of_triangles(mesh.numpy(), faces.numpy())
+    inside = deep & torch.from_numpy(winding(tree, points.numpy()) > 0)
+    return (choice.perfect_field(pose, points[inside].float()) > 0).numpy()
+
+
+def steps_of(choice: Choice, pose: Pose, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Largest step of the rest position in each of `WALKS` that begin about 1 cm off the skin, millimetres."""
+    begin = surface_points(choice.field.template, pose.template, WALKS, rng)
+    begin = begin + 0.01 * torch.as_tensor(rng.normal(size=begin.shape), dtype=begin.dtype)
+    way = torch.nn.functional.normalize(torch.as_tensor(rng.normal(size=begin.shape), dtype=begin.dtype), dim=-1)
+    path = begin[:, None] + WALK_STEP * torch.arange(WALK_STEPS)[:, None] * way[:, None]
+    rest = choice.rest_position(pose, path.reshape(-1, 3)).reshape(path.shape)
+    return np.asarray(1000 * (rest[:, 1:] - rest[:, :-1]).norm(dim=-1).amax(1).numpy())
 
 
 def surface_points(model: TemplateModel, posed: PosedTemplate, count: int, rng: np.random.Generator) -> Tensor:
     """Uniform by area on the posed skin, of `count` points those that no other limb buries."""
-    a, b, c = posed.vertices[skin_faces(model)].double().unbind(1)
-    area = torch.linalg.cross(b - a, c - a).norm(dim=-1).numpy()
+    faces, vertices = model.skin_faces(), posed.vertices.double()
+    a, b, c = vertices[faces].unbind(1)
+    outward = torch.linalg.cross(b - a, c - a)
+    area = outward.norm(dim=-1).numpy()
     pick = rng.choice(len(area), count, p=area / area.sum())
     u, v = np.sqrt(rng.random(count)), rng.random(count)
     weight = torch.as_tensor(np.stack([1 - u, u * (1 - v), u * v], 1))
-    corners = torch.stack([a[pick], b[pick], c[pick]], 1)
-    points = (weight[:, :, None] * corners).sum(1)
-    outward = torch.nn.functional.normalize(torch.linalg.cross(b - a, c - a), dim=-1)[pick]
-    tree = SearchTree.of_triangles(posed.vertices.double().numpy(), skin_faces(model).numpy())
-    return points[torch.from_numpy(winding(tree, (points + BESIDE * outward).numpy()) <= 0)].float()
+    points = (weight[:, :, None] * vertices[faces[pick]]).sum(1)
+    beside = points + OFF_SKIN * torch.nn.functional.normalize(outward[pick], dim=-1)
+    tree = SearchTree.of_triangles(vertices.numpy(), faces.numpy())
+    return points[torch.from_numpy(winding(tree, beside.numpy()) <= 0)].float()
 
 
 def cost(choice: Choice, seed: int) -> float:
@@ -257,9 +237,4 @@ def cost(choice: Choice, seed: int) -> float:
     points = surface_points(choice.field.template, pose.template, COST_POINTS, rng)
     points = (points + 0.03 * torch.randn(points.shape))[points[:, 1].argsort()]
     pairs = choice.field.pairs(pose.frame, points)
-    best = np.inf
-    for _ in range(3):
-        start = time.perf_counter()
-        choice.localise(pose, points, pairs)
-        best = min(best, time.perf_counter() - start)
-    return 1000 * best
+    return min(interleaved({"": partial(choice.localise, pose, points, pairs)}, 3, warm=False)[""].wall)

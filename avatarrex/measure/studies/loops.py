@@ -17,8 +17,8 @@ from avatarrex.camera import Camera
 from avatarrex.fields.influence import RADIUS, find_pairs, weighted_mean
 from avatarrex.fields.patches import patch_features
 from avatarrex.fields.presets import COORDINATE_OCTAVES
-from avatarrex.measure.bench.clock import interleaved
-from avatarrex.measure.table import printed
+from avatarrex.measure.bench.contest import interleaved
+from avatarrex.metrics.table import printed
 from avatarrex.ops.encoding import Encoding
 from avatarrex.pipeline import render_deferred
 from avatarrex.signals.driving import Signals

@@ -10,42 +10,28 @@ import argparse
 import ctypes
 import json
 import statistics
-from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
-from avatarrex.files.gate import write_text
+from avatarrex.files.json_text import write_json
 from avatarrex.gl.context import gl_context, gl_unavailable
 from avatarrex.pipeline import render_frame
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.limits import random_signals
 
-COARSE = RenderSettings(voxel=0.04, part_voxel=0.0125)
-SETTINGS = (COARSE, replace(COARSE, bricks=2))
+SETTINGS = tuple(RenderSettings(voxel=0.04, part_voxel=0.0125, bricks=bricks) for bricks in (0, 2))
+"""Of every other frame."""
 PAGE = 4096
 """Bytes of a page: Linux on x86-64, the machine of the figures."""
 
 
-@dataclass(frozen=True)
-class Growth:
-    """What many frames leave in memory."""
-
-    frames: int
-    resident_mib: float
-    """At the end."""
-    growth_mib: float
-    first_objects: tuple[int, int] | None
-    """Textures and buffers of OpenGL after the warm-up; None without OpenGL."""
-    last_objects: tuple[int, int] | None
-    """The same at the end."""
-
-
-def measure(frames: int, warm_up: int) -> Growth:
-    """Render `frames` frames after `warm_up` others."""
+def measure(frames: int, warm_up: int) -> dict[str, Any]:
+    """What `frames` frames after `warm_up` others leave in memory; textures and buffers of OpenGL, None without."""
     rng, avatar, frame = np.random.default_rng(0), load_avatar(), None
     signals, resident, objects = Signals.rest(), [], None
     for number in range(warm_up + frames):
@@ -60,7 +46,10 @@ def measure(frames: int, warm_up: int) -> Growth:
             print(f"{number:6d} frames  {resident_mib():8.1f} MiB  textures, buffers {gl_objects()}", flush=True)
     quarter = max(frames // 4, 1)
     growth = statistics.median(resident[-quarter:]) - statistics.median(resident[:quarter])
-    return Growth(frames, resident[-1], growth, objects, gl_objects())
+    return {
+        "frames": frames, "resident_mib": resident[-1], "growth_mib": growth,
+        "first_objects": objects, "last_objects": gl_objects(),
+    }  # fmt: skip
 
 
 def changed(signals: Signals, rng: np.random.Generator, number: int) -> Signals:
@@ -102,7 +91,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Measure and print."""
-    growth = json.dumps(asdict(measure(options.frames, options.warm_up)))
-    print(growth)
+    growth = measure(options.frames, options.warm_up)
+    print(json.dumps(growth))
     if options.json:
-        write_text(options.json, growth + "\n")
+        write_json(options.json, growth)

@@ -25,9 +25,9 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.frame import DeferredFrame
 from avatarrex.levels import DEFERRED_LEVELS
-from avatarrex.measure.bench.clock import Times, interleaved, timed
+from avatarrex.measure.bench.contest import Times, interleaved, timed
 from avatarrex.measure.bench.session import Bench
-from avatarrex.measure.table import printed
+from avatarrex.metrics.table import printed
 from avatarrex.pipeline import render_deferred
 from avatarrex.pointmap.point_map import PointMap
 from avatarrex.pointmap.polish import polish
@@ -133,7 +133,7 @@ def cost(bench: Bench, options: argparse.Namespace) -> None:
         pointmap = replace(frame.pointmap, coverage=frame.pointmap.coverage * mask)
         for steps in (1, 2):
             counters = Counters()
-            field = composed_field(avatar, frame.posed, volume, counters)
+            field = composed_field(avatar, frame.posed, volume.body, volume.states, counters)
             spent = least(partial(polish, pointmap, field, volume.sdf, view, steps, counters))
             pairs, hits = (counters[key] // REPEATS for key in ("local_mlp_evaluations", "hits_polished"))
             print(f"polish {steps}, {name}: {spent:.0f} ms, {hits} hits, {pairs} local MLPs", flush=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 from collections import OrderedDict
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -18,14 +17,14 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Rig
 from avatarrex.counters import Counters
-from avatarrex.fields.template_distance import TemplateDistance
-from avatarrex.parts.face import Face
+from avatarrex.parts.face import Face, face_state
+from avatarrex.parts.part import PartState
 from avatarrex.settings import RenderSettings
 from avatarrex.templates.posed import PosedPerson, pose_person
-from avatarrex.volume.build import AvatarVolume, build_volume, template_distance
+from avatarrex.volume.build import AvatarVolume, build_volume
 
-FINE = RenderSettings()
-COARSE = RenderSettings(voxel=0.02, part_voxel=0.005)
+RENDERED = RenderSettings()
+SAMPLED = RenderSettings(voxel=0.02, part_voxel=0.005)
 """Enough to place samples; hand distances have this resolution while the body is trained."""
 KEPT = 256
 """Frames that stay posed: 10 MB each with their volume and hands."""
@@ -38,14 +37,13 @@ class TrainingFrame:
     index: int
     posed: PosedPerson
     world_from_root: np.ndarray
-    skin: TemplateDistance
     volume: AvatarVolume
     age: int
     """Of the fields that the volume was made from."""
 
-    def states(self) -> dict[str, Any]:
+    def states(self) -> dict[str, PartState]:
         """What each part prepared, by name, for one step: colour planes of a trained face are decoded anew in each."""
-        return {name: copy.copy(part.state) for name, part in self.volume.parts.items()}
+        return {name: copy.copy(state) for name, state in self.volume.states.items()}
 
     def camera(self, camera: Camera) -> Camera:
         """A camera of the rig in this frame's root frame."""
@@ -58,7 +56,7 @@ class FrameStore:
     def __init__(self, avatar: Avatar, rig: Rig, trained: str, hidden: frozenset[str], fine: bool = False) -> None:
         """`trained`: `body` or `face`, what changes with age; `fine` makes volumes as they are rendered."""
         self.avatar, self.rig, self.trained = avatar, rig, trained
-        self.settings = replace(FINE if fine else COARSE, hidden=hidden)
+        self.settings = replace(RENDERED if fine else SAMPLED, hidden=hidden)
         self.age = -1
         self._frames: OrderedDict[int, TrainingFrame] = OrderedDict()
         self._copy = avatar
@@ -67,7 +65,7 @@ class FrameStore:
         """From now on volumes come from the fields as they are."""
         if self.trained == "body":
             self.avatar.measure_clothing_offset()
-        self._copy = self.avatar.frozen_copy()
+        self._copy = replace(self.avatar.frozen_copy(), versions={self.trained: age})
         self.age = age
 
     def __getitem__(self, index: int) -> TrainingFrame:
@@ -88,16 +86,12 @@ class FrameStore:
         volume = build_volume(avatar, posed, self.settings, Counters(), None)
         if self.trained != "face":
             decode_face(avatar, volume)
-        return TrainingFrame(index, posed, posed.world_from_root(signals), self._skin(posed), volume, self.age)
+        return TrainingFrame(index, posed, posed.world_from_root(signals), volume, self.age)
 
     def _again(self, old: TrainingFrame) -> TrainingFrame:
         """The trained part's volume anew; nothing else has changed."""
-        outdated = old.volume.outdated(self.trained)
-        volume = build_volume(self._copy, old.posed, self.settings, Counters(), outdated)
-        return replace(old, volume=volume, skin=self._skin(old.posed), age=self.age)
-
-    def _skin(self, posed: PosedPerson) -> TemplateDistance:
-        return template_distance(self._copy, posed)
+        volume = build_volume(self._copy, old.posed, self.settings, Counters(), old.volume)
+        return replace(old, volume=volume, age=self.age)
 
 
 @torch.no_grad()
@@ -106,4 +100,4 @@ def decode_face(avatar: Avatar, volume: AvatarVolume) -> None:
     face = avatar.parts["face"]
     if "face" in volume.parts:
         assert isinstance(face, Face)
-        face.decode_colour(volume.parts["face"].state, Counters())
+        face.decode_colour(face_state(volume.states), Counters())

@@ -19,6 +19,7 @@ from torch import Tensor, nn
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.fields.code import embedding_loss, kl_loss, node_loss, sample_latent
+from avatarrex.parts.face import face_state
 from avatarrex.pointmap.rays import RayPlane
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.losses import eikonal_loss, mask_loss, rgb_loss, silhouette_loss
@@ -186,7 +187,7 @@ class FacePass(VolumePass):
 
     def field(self, frame: TrainingFrame, noise: torch.Generator) -> tuple[TrainedField, dict[str, Tensor]]:
         """The face, without regularisers."""
-        driven = frame.volume.parts["face"].state.driven
+        driven = face_state(frame.volume.states).driven
         return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(driven)), {}
 
     def window(self, frame: TrainingFrame, view: int) -> Box | None:
@@ -207,10 +208,9 @@ def face_window(avatar: Avatar, frame: TrainingFrame, camera: Camera) -> Box | N
     mesh = frame.posed.parts["face"][avatar.person.face.blend_weight > 0].double().numpy()
     head, view = frame.posed.root_from_part("face"), frame.camera(camera)
     placed = mesh @ head[:3, :3].T + head[:3, 3]
-    seen = placed @ view.camera_from_world[:3, :3].T + view.camera_from_world[:3, 3]
-    if (seen[:, 2] < 0.05).any():
+    pixel, depth = view.pixels(placed)
+    if (depth < 0.05).any():
         return None
-    pixel = (seen @ view.intrinsics.T)[:, :2] / seen[:, 2:]
     low, high = np.floor(pixel.min(0)).astype(int) - 2, np.ceil(pixel.max(0)).astype(int) + 2
     x0, y0 = max(int(low[0]), 0), max(int(low[1]), 0)
     x1, y1 = min(int(high[0]), camera.width), min(int(high[1]), camera.height)

@@ -21,7 +21,7 @@ from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.colour import SurfaceColour
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.pass_one import StepResult, face_window
-from avatarrex.training.core.pixels import cropped, foreground, training_pairs
+from avatarrex.training.core.pixels import foreground, training_pairs
 from avatarrex.training.core.trained_field import FACE, face_alone
 from avatarrex.training.recipe import PassTwo
 from avatarrex.volume.sdf_volume import sides
@@ -56,7 +56,7 @@ class PatchPass:
             torch.from_numpy(read(view, index)[rows, columns] / np.float32(255))
             for read in (self.store.rig.matte, self.store.rig.image)
         )
-        rendered, coverage = self.shade(frame, cropped(camera, x, y, width, height))
+        rendered, coverage = self.shade(frame, camera.cropped(x, y, width, height))
         both = torch.minimum(coverage, matte)[..., None]
         terms = self._compare(rendered * both, truth * both, both)
         per_ray = float((coverage > 0).sum()) / max(float((matte > 0.5).sum()), 1.0)

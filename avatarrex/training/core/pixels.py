@@ -13,7 +13,6 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Rig
 from avatarrex.errors import InputError
 
@@ -120,11 +119,3 @@ def _pixels(rig: Rig, view: int, frame: int, x: np.ndarray, y: np.ndarray) -> Pi
     colour = rig.image(view, frame)[y, x].astype(np.float32) / 255 * alpha[:, None]
     place = np.stack([x, y], 1).astype(np.float32) + 0.5
     return PixelBatch(torch.from_numpy(place), torch.from_numpy(colour), torch.from_numpy(alpha))
-
-
-def cropped(camera: Camera, x: int, y: int, width: int, height: int) -> Camera:
-    """The part of a view with (x, y) as its top left pixel."""
-    intrinsics = camera.intrinsics.copy()
-    intrinsics[0, 2] -= x
-    intrinsics[1, 2] -= y
-    return Camera(intrinsics, camera.camera_from_world, width, height)

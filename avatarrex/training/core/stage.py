@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from avatarrex.training.core.volume_rendering import Gamma
-from avatarrex.training.recipe import PARTS, PassOne, PassTwo, Recipe
+from avatarrex.training.recipe import TRAINED, PassOne, PassTwo, Recipe
 
 
 @dataclass
@@ -44,7 +44,7 @@ class Stage:
 def stages(recipe: Recipe, parts: tuple[str, ...]) -> list[Stage]:
     """All passes in order."""
     found = []
-    for part in (part for part in PARTS if part in parts):
+    for part in (part for part in TRAINED if part in parts):
         one, two = getattr(recipe, part)
         found += [Stage(part, "I", one, 0), Stage(part, "II", two, one.steps)]
     return found

@@ -27,7 +27,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.posed import PosedPerson, pose_person
 
-POINTS = 12_000
+POINTS_PER_FRAME = 12_000
 """Per frame, the same for all steps."""
 BATCH = 2500
 BODY_SPREAD = ((0.004, 0.35), (0.015, 0.35), (0.05, 0.3))
@@ -58,7 +58,7 @@ def supervision(
 
 def _body(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -> Draw:
     field, faces = avatar.body, avatar.person.body.faces
-    bank = [(f, distances_around(f.body.vertices, faces, POINTS, rng)) for f in frames]
+    bank = [(f, distances_around(f.body.vertices, faces, POINTS_PER_FRAME, rng)) for f in frames]
 
     def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         posed, (position, sdf) = bank[rng.integers(len(bank))]
@@ -80,7 +80,7 @@ def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -
 
     def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         views, position, sdf = bank[rng.integers(len(bank))]
-        rows = torch.from_numpy(rng.integers(POINTS, size=2 * BATCH))
+        rows = torch.from_numpy(rng.integers(POINTS_PER_FRAME, size=2 * BATCH))
         return field.sdf(field.geometry_planes(views), position[rows]), sdf[rows]
 
     return draw
@@ -119,8 +119,8 @@ def distances_before(
     """
     turned, places = _looks(field, mesh, inner)
     shown = _shown(field, mesh, turned, places)
-    chosen = mesh[near & shown][torch.from_numpy(rng.integers(int((near & shown).sum()), size=POINTS))]
-    position = chosen + torch.from_numpy(_aside(FACE_SPREAD, POINTS, rng)).to(mesh)
+    chosen = mesh[near & shown][torch.from_numpy(rng.integers(int((near & shown).sum()), size=POINTS_PER_FRAME))]
+    position = chosen + torch.from_numpy(_aside(FACE_SPREAD, POINTS_PER_FRAME, rng)).to(mesh)
     whole = shown[field.faces].all(1)
     normals = pseudonormals(mesh.double(), field.faces).of(whole)
     sdf = closest_point(mesh, field.faces[whole], position, normals=normals).sdf

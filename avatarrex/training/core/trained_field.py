@@ -71,7 +71,7 @@ class TrainedBody:
 
     def composed(self, position: Float[Tensor, "p 3"]) -> Composed:
         """See `TrainedField`."""
-        body = BodyWithoutHands(self.avatar.body, self.body_frame, self.frame.skin, None)
+        body = BodyWithoutHands(self.avatar.body, self.body_frame, self.frame.volume.skin, None)
         s_body = body.sdf(position, Counters())
         parts = stored_parts(self.frame.volume.sdf, position)
         own = s_body[:, None].expand_as(parts.sdf)
@@ -105,7 +105,7 @@ class TrainedFace:
     def composed(self, position: Float[Tensor, "p 3"]) -> Composed:
         """See `TrainedField`. Without the band of equation 13: a face that leaves it must not hand over to the body."""
         volume = self.frame.volume.sdf
-        body = _stored_body(volume, position)
+        body = _coarse_body(volume, position)
         omega = stored_parts(volume, position).omega
         rows = torch.nonzero(omega[:, FACE] > 0)[:, 0]
         share = omega[rows, FACE]
@@ -131,7 +131,8 @@ class TrainedFace:
         return SurfaceColour(self.avatar, frame.posed, frame.volume.body_frame, frame.states(), Counters())
 
 
-def _stored_body(volume: SdfVolume, position: Tensor) -> Tensor:
+def _coarse_body(volume: SdfVolume, position: Tensor) -> Tensor:
+    """The body grid alone, without bricks (training has none); beyond the border as at the nearest point of it."""
     grid = volume.body
     place = (position - torch.as_tensor(grid.origin).to(position)) / grid.voxel
     return trilinear(grid.sdf[..., None], place)[:, 0]

@@ -26,12 +26,10 @@ from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.held_out import HeldOut
 from avatarrex.training.core.mixed import in_bfloat16
-from avatarrex.training.core.pass_one import BodyPass, FacePass
-from avatarrex.training.core.pass_two import PatchPass
 from avatarrex.training.core.stage import Stage, stages
 from avatarrex.training.core.warm_start import warm_start
-from avatarrex.training.core.work import AnyPass, Work
-from avatarrex.training.recipe import PARTS, PassOne, PassTwo, Recipe
+from avatarrex.training.core.work import Work, pass_of
+from avatarrex.training.recipe import TRAINED, PassOne, Recipe
 from avatarrex.training.runs.folder import Run
 
 REPORT = 20
@@ -109,7 +107,7 @@ class Trainer:
         unseen = self.hidden | {"left_hand", "right_hand"} if stage.part == "face" else self.hidden
         store = FrameStore(self.avatar, rig, stage.part, unseen, stage.name == "II")
         store.renew(stage.begin if state is None else int(state["step"]))
-        work = Work(stage, self._pass(stage, store), state)
+        work = Work(stage, pass_of(stage, self.avatar, store, self.perceptual, self.seed), state)
         self.run.stage(stage.part, stage.name, stage.end)
         if state is None:
             self._save(number, work.step, work)
@@ -135,12 +133,6 @@ class Trainer:
             return code.unclamp()
         seen = [signals.body_pose for index, signals in enumerate(rig.signals) if index not in rig.held_out_frames]
         code.clamp_to(matrix_from_rotvec(torch.tensor(np.stack(seen), dtype=torch.float32)))
-
-    def _pass(self, stage: Stage, store: FrameStore) -> AnyPass:
-        if isinstance(stage.recipe, PassTwo):
-            return PatchPass(self.avatar, store, stage.part, stage.recipe, self.perceptual, self.seed)
-        kind = FacePass if stage.part == "face" else BodyPass
-        return kind(self.avatar, store, stage.recipe, self.seed)
 
     def _loop(self, number: int, work: Work, held_out: HeldOut) -> bool:
         """To the stage's end; False where it was stopped before the training's end."""
@@ -190,7 +182,9 @@ class Trainer:
             "modules": {name: dict(module.state_dict()) for name, module in self.avatar.modules().items()},
             **({} if work is None else work.state()),
         }
-        before = sum(self.recipe.steps()[part] for part in PARTS[: PARTS.index(self.run.part)] if part in self.parts)
+        before = sum(
+            self.recipe.steps()[part] for part in TRAINED[: TRAINED.index(self.run.part)] if part in self.parts
+        )
         self.run.save(before + step, state, avatar=self.avatar, score=score)
 
     def _provenance(self, step: int) -> dict[str, Any]:

@@ -11,18 +11,18 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
-import safetensors
 import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
 from avatarrex.files.assets import DATA
+from avatarrex.files.tensors import read_safetensors
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.training.core.losses import distance_loss
 from avatarrex.training.core.supervision import Draw, supervision
 
-FRAMES = 16
+WARM_FRAMES = 16
 RATE = 2e-3
 KNOWN_RATE = 5e-4
 """Where the prior has been loaded: only the person's own shape is left to find."""
@@ -53,10 +53,8 @@ def known_state(state: Mapping[str, Tensor], part: str) -> dict[str, Tensor]:
 
 
 def read_prior(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Tensors and description of a prior."""
-    with safetensors.safe_open(path, "pt") as file:
-        names = file.keys()
-        return {name: file.get_tensor(name) for name in names}, dict(file.metadata())
+    """Tensors and description of a prior. Raises `InputError`."""
+    return read_safetensors(path, "a prior's tensors")
 
 
 def load_prior(avatar: Avatar, part: str) -> bool:
@@ -105,7 +103,7 @@ def warm_start(avatar: Avatar, motion: SignalSequence, part: str, steps: int, se
     rate = KNOWN_RATE if load_prior(avatar, part) else RATE
     if part == "face":
         load_prior(avatar, "face_colour")
-    frames = sorted(set(np.linspace(0, len(motion) - 1, FRAMES).round().astype(int).tolist()))
+    frames = sorted(set(np.linspace(0, len(motion) - 1, WARM_FRAMES).round().astype(int).tolist()))
     rng = np.random.default_rng([seed, 17])
     fit = Fit(*supervision(avatar, [motion[index] for index in frames], part, rng))
     errors = [fit.step(rng, rate * 0.05 ** (k / steps)) for k in tqdm(range(steps), desc=f"{part}: warm start")]

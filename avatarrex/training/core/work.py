@@ -12,12 +12,22 @@ import torch
 from torch import Tensor, nn
 
 from avatarrex.avatar import Avatar
+from avatarrex.metrics.perceptual import Perceptual
+from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.losses import weighted
 from avatarrex.training.core.pass_one import BodyPass, FacePass, StepResult
 from avatarrex.training.core.pass_two import PatchPass
 from avatarrex.training.core.stage import Stage
+from avatarrex.training.recipe import PassTwo
 
 AnyPass = BodyPass | FacePass | PatchPass
+
+
+def pass_of(stage: Stage, avatar: Avatar, store: FrameStore, perceptual: Perceptual, seed: int) -> AnyPass:
+    """The losses of a stage."""
+    if isinstance(stage.recipe, PassTwo):
+        return PatchPass(avatar, store, stage.part, stage.recipe, perceptual, seed)
+    return (FacePass if stage.part == "face" else BodyPass)(avatar, store, stage.recipe, seed)
 
 
 class Diverged(ArithmeticError):

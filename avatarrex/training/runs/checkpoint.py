@@ -269,10 +269,8 @@ def _dropped(entries: list[Checkpoint]) -> list[str]:
 
 
 def _put(path: Path, content: bytes) -> None:
-    with open(path, "wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
+    path.write_bytes(content)
+    _sync(path)
 
 
 def _sync(path: Path) -> None:

@@ -33,6 +33,7 @@ from PIL import Image
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import save_avatar
 from avatarrex.errors import InputError
+from avatarrex.files.gate import written
 from avatarrex.training.runs import checkpoint
 from avatarrex.training.runs.control import (
     STATES,
@@ -128,14 +129,8 @@ class Run:
         content = io.BytesIO()
         Image.fromarray(pixels).save(content, format="PNG", compress_level=4)
         path = self.path / "samples" / name / f"step_{step:08d}.png"
-        temporary = path.with_name("." + path.name)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+        with written(path) as temporary:
             temporary.write_bytes(content.getvalue())
-            os.replace(temporary, path)
-        except OSError as error:
-            temporary.unlink(missing_ok=True)
-            raise cannot_write(path, error) from None
         self._writer.picture(step, f"samples/{name}", content.getvalue(), (pixels.shape[1], pixels.shape[0]))
         return path
 

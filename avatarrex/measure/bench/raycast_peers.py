@@ -1,25 +1,48 @@
-"""The stored body grid by Mitsuba's `sdfgrid`, an independent renderer of the same trilinear cells (JCGT 11(3), 2022).
+"""Where rays truly meet a stored volume, and the stored body grid by Mitsuba's `sdfgrid`, an independent renderer.
 
-It knows one grid: the parts' boxes are left out on both sides. `scalar_rgb` needs no compiler and takes one ray at a time, so
-its time says little. Letters: r rays. Root frame, metres.
+It reads the same trilinear cells (JCGT 11(3), 2022) and knows one grid: the parts' boxes are left out on both sides.
+`scalar_rgb` needs no compiler and takes one ray at a time, so its time says little. Letters: r rays. Root frame, metres.
 """
 
 from __future__ import annotations
 
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 import torch
 
 from avatarrex.camera import Camera
-from avatarrex.measure.bench.clock import timed
-from avatarrex.measure.bench.peer import Contestant
-from avatarrex.measure.bench.ray_truth import ray_error, truth
+from avatarrex.measure.bench.contest import Contestant, timed
 from avatarrex.measure.bench.session import Bench
+from avatarrex.pointmap.raycast_reference import first_crossing
 from avatarrex.pointmap.rays import RayPlane, Rays, pixel_centres
 from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
 
-SIDE = 96
+
+def truth(volume: SdfVolume, camera: Camera) -> np.ndarray:
+    """(r,) float64 t of every pixel's ray, +inf where it misses."""
+    rays = RayPlane.of(camera, volume.middle).rays(pixel_centres(camera, torch.float64))
+    return np.asarray(first_crossing(volume, rays))
+
+
+def ray_error(t: np.ndarray, exact: np.ndarray) -> dict[str, Any]:
+    """Of found t (r,), +inf where nothing was found, in millimetres along the rays that both hit."""
+    found, hit = np.isfinite(t), np.isfinite(exact)
+    error = 1e3 * np.abs(t[found & hit] - exact[found & hit])
+    if not len(error):
+        raise ArithmeticError("no ray hits: there is nothing to measure")
+    return {
+        "mean_error_mm": float(error.mean()),
+        "p99_error_mm": float(np.quantile(error, 0.99)),
+        "max_error_mm": float(error.max()),
+        "missed": int(np.sum(hit & ~found)),
+        "false": int(np.sum(found & ~hit)),
+        "hits": int(hit.sum()),
+    }
+
+
+MITSUBA_PIXELS = 96
 """Pixels: Python's rays are slow."""
 
 
@@ -58,7 +81,7 @@ def add_mitsuba(bench: Bench, entries: list[Contestant], volume: SdfVolume, came
     if find_spec("mitsuba") is None:
         bench.absent["peers.raycast.mitsuba_sdfgrid"] = "not installed: mitsuba"
         return
-    small = camera.resized(bench.side(SIDE, SIDE), bench.side(SIDE, SIDE))
+    small = camera.resized(bench.side(MITSUBA_PIXELS, MITSUBA_PIXELS), bench.side(MITSUBA_PIXELS, MITSUBA_PIXELS))
     alone = SdfVolume(volume.body)
     rays = RayPlane.of(small, alone.middle).rays(pixel_centres(small, torch.float64))
     found, took = timed(distances, volume.body, rays)
