@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -15,10 +14,9 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.shading.colour import SurfaceColour
 from avatarrex.signals.driving import Signals
-from avatarrex.templates.parts import PARTS
 from avatarrex.templates.posed import PosedPerson, pose_person
 from avatarrex.volume.build import body_frame, template_distance
-from avatarrex.volume.composed_field import ComposedField, PlacedPart
+from avatarrex.volume.composed_field import ComposedField, composed_field
 
 
 @dataclass(frozen=True)
@@ -34,25 +32,18 @@ class ExactPose:
         """Poses the templates and prepares the parts that the avatar draws."""
         counters = Counters()
         posed = pose_person(avatar.person, signals, counters, None)
-        body = BodyWithoutHands(
-            avatar.body, body_frame(avatar, posed), template_distance(avatar, posed), avatar.ownership
-        )
-        parts = []
-        for name, part in avatar.parts.items():
-            if name not in avatar.hidden:
-                state = part.prepare(posed.parts[name], posed.coefficients[name], counters)
-                place = np.linalg.inv(posed.root_from_part(name))
-                parts.append(PlacedPart.of(part, state, posed.parts[name], place))
-        states = {part.name: part.state for part in parts}
-        colours = SurfaceColour(avatar, posed, body.frame, states, counters)
-        return cls(posed, ComposedField(body, tuple(parts), counters), colours)
+        frame, skin = body_frame(avatar, posed), template_distance(avatar, posed)
+        body = BodyWithoutHands(avatar.body, frame, skin, avatar.ownership)
+        states = {
+            name: part.prepare(posed.parts[name], posed.coefficients[name], counters)
+            for name, part in avatar.parts.items()
+            if name not in avatar.hidden
+        }
+        colours = SurfaceColour(avatar, posed, frame, states, counters)
+        return cls(posed, composed_field(avatar, posed, body, states, counters), colours)
 
     @torch.no_grad()
     def colour(self, position: Float[Tensor, "p 3"], direction: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
         """sRGB of surface points seen along unit `direction` (from the eye)."""
         found = self.field(position)
         return self.colours.colour(position, normalize(direction, dim=-1), found.part_weight, found.side).clamp(0, 1)
-
-
-PART_NUMBER = {name: number for number, name in enumerate(PARTS, 1)}
-"""`Surface.part` of each part; the body is 0."""

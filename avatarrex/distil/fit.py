@@ -32,7 +32,7 @@ WIDEN = 0.1
 
 @dataclass(frozen=True)
 class Residuals:
-    """What skinning with the albedo of rest misses in each pose."""
+    """What skinning with the baked albedo misses in each pose."""
 
     signals: list[Signals]
     value: Float[np.ndarray, "n v 6"]
@@ -96,7 +96,7 @@ def _low_rank(feature: np.ndarray, residuals: Residuals, rows: np.ndarray) -> tu
     test = np.arange(n) >= round((1 - HELD_OUT) * n)
     ridge = min(RIDGES, key=lambda r: _miss(feature - centre, target, test, r))
     weights = _solve(feature - centre, target, ridge)
-    left, size, right = np.linalg.svd((feature - centre) @ weights, full_matrices=False)
+    _, size, right = np.linalg.svd((feature - centre) @ weights, full_matrices=False)
     rank = min(RANK, int((size > 1e-9 * max(size[0], 1e-30)).sum()))
     directions = right[:rank]
     used = weights @ directions.T

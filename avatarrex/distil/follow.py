@@ -62,7 +62,7 @@ def skinning(person: Person, signals: Signals) -> Float[Tensor, "55 4 4"]:
     pose = torch.as_tensor(signals.full_pose(), dtype=torch.float32)
     pose[0] = 0
     body = person.body
-    shape = torch.as_tensor(signals.shape, dtype=torch.float32)
+    shape = torch.tensor(signals.shape.tolist())
     joints = body.joint_template + body.joint_shapedirs[..., : len(shape)] @ shape[: body.joint_shapedirs.shape[2]]
     return skinning_matrices(joint_transforms(matrix_from_rotvec(pose), joints, body.parents), joints)
 
@@ -85,7 +85,7 @@ def follow(avatar: Avatar, mesh: RestMesh, exact: ExactPose, signals: Signals) -
             start[torch.as_tensor(own)] = _on_template(avatar, exact, name, mesh.template_vertex[own])
     faces = torch.as_tensor(mesh.faces.astype(np.int64))
     most = torch.as_tensor(np.array([MOST_OFF[number] for number in range(len(PARTS) + 1)]), dtype=torch.float32)
-    position, on_surface = _onto_field(exact, start, faces, most[torch.as_tensor(mesh.part.astype(np.int64))])
+    position, on_surface = onto_field(exact, start, faces, most[torch.as_tensor(mesh.part.astype(np.int64))])
     return Followed(position, skinned, matrix, vertex_normals(position, faces), on_surface & framed)
 
 
@@ -133,7 +133,7 @@ def _on_template(avatar: Avatar, exact: ExactPose, name: str, vertex: np.ndarray
 
 
 @torch.no_grad()
-def _onto_field(
+def onto_field(
     exact: ExactPose, start: Float[Tensor, "v 3"], faces: Tensor, most: Float[Tensor, " v"]
 ) -> tuple[Tensor, Tensor]:
     """Points moved along the mesh's normals onto the zero of the field, and whether they arrived."""

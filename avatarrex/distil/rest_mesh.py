@@ -19,7 +19,7 @@ from jaxtyping import Float32, Int32, UInt8
 from skimage.measure import marching_cubes
 
 from avatarrex.avatar import Avatar
-from avatarrex.distil.exact import PART_NUMBER, ExactPose
+from avatarrex.distil.exact import ExactPose
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.signals.driving import Signals
 from avatarrex.surface.surface import INFLUENCES
@@ -130,11 +130,10 @@ def _joined(avatar: Avatar, exact: ExactPose, vertices: np.ndarray, faces: np.nd
     weights = neighbours.mean(avatar.body.sample_weights).numpy()
     body = person.body
     drawn = [name for name in PARTS if name not in avatar.hidden]
-    omega = np.zeros((len(body.v_template), 0), np.float32)
     omega = person.blend_weight[:, [PARTS.index(name) for name in drawn]].numpy()
     own = body.faces.numpy()[(omega[body.faces.numpy()].min(1) > PART_BEGINS).any(-1)]
     used, own = np.unique(own, return_inverse=True)
-    number = np.array([PART_NUMBER[name] for name in drawn], np.uint8)
+    number = np.array([PARTS.index(name) + 1 for name in drawn], np.uint8)
     part = np.concatenate([np.zeros(len(rest), np.uint8), number[omega[used].argmax(1)]])
     joint, weight = _strongest(np.concatenate([weights, body.weights.numpy()[used]]))
     all_rest = np.concatenate([rest, body.v_template.numpy()[used]]).astype(np.float32)

@@ -1,0 +1,122 @@
+"""What a surface has to reproduce: where each vertex is on the exact surface of a pose, as a change of its rest position, and its albedo.
+
+Letters: v vertices. Metres at rest; colours sRGB-encoded with the light divided out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from avatarrex.avatar import Avatar
+from avatarrex.distil.exact import ExactPose
+from avatarrex.distil.follow import Followed, follow, lit_by, onto_field
+from avatarrex.distil.pattern import SLOPE, Pattern, neighbourhoods, sample_places, tangents
+from avatarrex.distil.rest_mesh import RestMesh
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.library import named_pose
+from avatarrex.templates.mesh import vertex_normals
+from avatarrex.templates.parts import PARTS
+
+SLIDES = 2
+"""Steps of `Pattern.slide`; a third changes the albedo's error by 2 %."""
+TRUSTED = 0.05
+"""Metres that a pattern may have slid at most in a sum of steps."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One pose."""
+
+    shift: Float[np.ndarray, "v 3"]
+    """Change of the rest position that skinning takes onto the exact surface."""
+    albedo: Float[np.ndarray, "v 3"]
+    found: Bool[np.ndarray, " v"]
+
+
+class Observer:
+    """Observes an avatar's poses on one mesh; patterns are followed from the standing pose."""
+
+    def __init__(self, avatar: Avatar, mesh: RestMesh) -> None:
+        self.avatar, self.mesh = avatar, mesh
+        self.faces = torch.as_tensor(mesh.faces.astype(np.int64))
+        self.lit = self._lit()
+        self.pattern: Pattern | None = None
+        self.pattern = self._reference()
+
+    def observe(self, signals: Signals) -> Observation:
+        """The vertices under `signals`."""
+        exact, followed = self.follow(signals)
+        back = torch.linalg.solve(followed.matrix[:, :, :3], (followed.position - followed.skinned)[:, :, None])
+        albedo = exact.colour(followed.position, -followed.normal) / self.light(followed)
+        return Observation(back[:, :, 0].numpy(), albedo.numpy(), followed.found.numpy())
+
+    def follow(self, signals: Signals) -> tuple[ExactPose, Followed]:
+        """The exact pose and the vertices on it, where their colours are."""
+        exact = ExactPose.of(self.avatar, signals)
+        followed = follow(self.avatar, self.mesh, exact, signals)
+        if self.pattern is None:
+            return exact, followed
+        return exact, self._slid(exact, followed, self.pattern)
+
+    def light(self, followed: Followed) -> Float[Tensor, "v 3"]:
+        """What the albedo is multiplied by in that pose: of the mesh's own normals, as it is drawn."""
+        return lit_by(self.avatar.light, followed.normal, self.lit)
+
+    def _slid(self, exact: ExactPose, followed: Followed, pattern: Pattern) -> Followed:
+        share = exact.field(followed.position).part_weight
+        trusted = pattern.at(followed.found[:, None].float())[:, 0]
+        linear, moved = followed.matrix[:, :, :3], followed
+        for _ in range(SLIDES):
+            step = pattern.slide(self._albedo(exact, moved, pattern, share), trusted)
+            position = moved.position + (linear @ step[:, :, None])[:, :, 0]
+            moved = replace(moved, position=position, normal=vertex_normals(position, self.faces))
+        slid = (moved.position - followed.position).norm(dim=-1) > 0
+        most = torch.where(slid, TRUSTED, 0.0)
+        position, on_surface = onto_field(exact, moved.position, self.faces, most)
+        found = followed.found & (on_surface | ~slid)
+        return replace(followed, position=position, normal=vertex_normals(position, self.faces), found=found)
+
+    def _albedo(
+        self, exact: ExactPose, followed: Followed, pattern: Pattern, share: Tensor, offset: Tensor | float = 0.0
+    ) -> Float[Tensor, "s 3"]:
+        """At the pattern's samples, moved by `offset` (s, 3)."""
+        position = pattern.at(followed.position) + offset
+        gaze = -normalize(pattern.at(followed.normal), dim=-1)
+        with torch.no_grad():
+            colour = exact.colours.colour(position, gaze, pattern.at(share)).clamp(0, 1)
+        return colour / pattern.at(self.light(followed))
+
+    def _reference(self) -> Pattern:
+        """The pattern of the standing pose."""
+        mesh = self.mesh
+        faces = mesh.faces[(mesh.part[mesh.faces] == 0).all(1)]
+        corner, barycentric = sample_places(faces)
+        gather, smooth = neighbourhoods(corner.numpy(), faces.astype(np.int64), len(mesh.vertices))
+        nothing = torch.zeros(len(corner), 3)
+        blank = Pattern(corner, barycentric, nothing, torch.zeros(len(corner), 3, 3), gather, smooth)
+        exact, followed = self.follow(Signals.rest().replace(body_pose=named_pose("stand")))
+        share = exact.field(followed.position).part_weight
+        ways = tangents(followed.position, corner)
+        slopes = []
+        for k in range(2):
+            ahead, back = (
+                self._albedo(exact, followed, blank, share, side * SLOPE * ways[:, k]) for side in (1.0, -1.0)
+            )
+            slopes.append((ahead - back) / (2 * SLOPE))
+        slope = torch.stack(slopes, -1) @ tangents(torch.as_tensor(mesh.vertices), corner)
+        return replace(blank, albedo=self._albedo(exact, followed, blank, share), slope=slope)
+
+    def _lit(self) -> Float[Tensor, " v"]:
+        """1 − ω of the face, which has its own tone."""
+        signals = Signals.rest()
+        exact = ExactPose.of(self.avatar, signals)
+        followed = follow(self.avatar, self.mesh, exact, signals)
+        share = exact.field(followed.position).part_weight[:, PARTS.index("face")]
+        share[torch.as_tensor(self.mesh.part == PARTS.index("face") + 1)] = 1
+        return 1 - share.clamp(0, 1)
