@@ -1,4 +1,4 @@
-"""The Performance panel: the level and its error, time per stage, what was worked and what was kept, memory of the volume.
+"""The Performance panel: the level and its error, times of surface and exact picture, what was worked and kept, memory.
 
 It reads what the studio keeps anyway and computes only while it is drawn. Milliseconds, MiB.
 """
@@ -7,24 +7,26 @@ from __future__ import annotations
 
 from statistics import median
 
+from avatarrex_studio.engine.request import Picture
 from avatarrex_studio.engine.skips import WORK, skipped
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.engine.work import Work
 from avatarrex_studio.panels import theme, widgets
+from avatarrex_studio.panels.status import condition
 from avatarrex_studio.session.commands import Command, SetLevel
-from avatarrex_studio.session.state import AUTO, LEVELS
+from avatarrex_studio.session.state import AUTO, LEVELS, LIVE
 from imgui_bundle import imgui
 
-from avatarrex.frame import Frame
 from avatarrex.reference.level_errors import level_errors
-from avatarrex.volume.memory import memory_of
+from avatarrex.volume.memory import Memory
 
 LABEL = 90.0
 COLUMN = 62.0
 """Width of a column of figures, points."""
 STAGES = ("templates", "volume", "pointmap", "shading")
 LEVEL_TEXT = {
-    AUTO: "the most exact level that the time at hand allows",
+    AUTO: "at rest balanced, then quality where it takes less than ten seconds",
+    LIVE: "the surface alone: nothing is rendered at rest",
     "paper": "2 cm body, 5 mm parts, every voxel, steps of 5 mm: to compare with",
     "fast": "2 cm body, 5 mm hands and face, no antialiasing; a drag may lag by 2 mm",
     "balanced": "2 cm body, 2.5 mm hands and face, antialiased",
@@ -57,13 +59,14 @@ OTHERS = {
 def draw(studio: Studio) -> list[Command]:
     """Draw the panel; the commands of this frame."""
     commands = _level(studio)
-    if studio.work is None:
-        widgets.caption("No picture yet.")
+    _rates(studio)
+    picture = studio.pictures.picture
+    if picture is None:
+        widgets.caption("No exact picture yet.")
         return commands
-    _times(studio, studio.work)
-    _work(studio.work)
-    if studio.engine.last is not None:
-        _memory(studio.engine.last)
+    _times(studio, picture)
+    _work(picture.work)
+    _memory(picture.work.memory)
     return commands
 
 
@@ -76,30 +79,43 @@ def error_text(name: str) -> str:
 
 
 def _level(studio: Studio) -> list[Command]:
-    current = studio.state.level
+    current, picture = studio.state.level, studio.pictures.picture
+    made = picture.work.level if picture else AUTO
     widgets.label("Level", False, LABEL)
     widgets.fill()
-    shown = f"{AUTO}: {studio.level}" if current == AUTO else current
+    shown = f"{AUTO}: {made}" if current == AUTO and picture else current
     picked = widgets.choice("##level", LEVELS, shown, current, LEVEL_TEXT)
     widgets.paragraph(LEVEL_TEXT[current])
     widgets.label("Depth error", False, LABEL)
-    imgui.text(error_text(studio.level if current == AUTO else current))
+    imgui.text(error_text(made if current == AUTO else current))
     return [SetLevel(picked)] if picked else []
 
 
-def _times(studio: Studio, work: Work) -> None:
-    imgui.separator_text("Last picture")
+def _rates(studio: Studio) -> None:
+    imgui.separator_text("On screen")
+    widgets.label("Interface", False, LABEL)
+    imgui.text(f"{imgui.get_io().framerate:.0f} fps")
+    widgets.label("Live", False, LABEL)
+    if studio.surface is None or studio.live is None:
+        imgui.text("no surface")
+        return
+    imgui.text("   ".join(f"{name} {value:.1f} ms" for name, value in studio.live.ms.items()))
+
+
+def _times(studio: Studio, picture: Picture) -> None:
+    imgui.separator_text("Exact picture")
+    work, history = picture.work, studio.pictures.history
     total = work.ms["total"]
-    width, height = studio.size
+    height, width = picture.image.shape[:2]
     imgui.text(f"{total:.0f} ms" if total >= 10 else f"{total:.1f} ms")
     imgui.same_line(0, 14)
     imgui.text(f"{1e3 / total:.1f} fps" if total > 0 else "- fps")
     imgui.same_line(0, 14)
-    widgets.caption(f"{width} × {height}, {work.level}")
-    middle = {name: median(ms[name] for ms in studio.history or (work.ms,)) for name in (*STAGES, "total")}
+    widgets.caption(f"{width} × {height}, {work.level}, {condition(studio)}")
+    middle = {name: median(ms[name] for ms in history or (work.ms,)) for name in (*STAGES, "total")}
     longest = max(1e-6, *(max(work.ms[name], middle[name]) for name in STAGES))
     right = imgui.get_cursor_pos_x() + widgets.room()
-    _figures(("last", f"median {len(studio.history)}"), right, theme.MUTED)
+    _figures(("last", f"median {len(history)}"), right, theme.MUTED)
     for name in STAGES:
         widgets.label(name.capitalize(), False, LABEL)
         _bar(work.ms[name] / longest, middle[name] / longest, right - 2 * COLUMN - imgui.get_cursor_pos_x() - 6)
@@ -157,9 +173,8 @@ def _row(title: str, count: int, reason: str | None) -> None:
         widgets.caption(f"{count:,}".replace(",", " "), colour)
 
 
-def _memory(frame: Frame) -> None:
+def _memory(memory: Memory) -> None:
     imgui.separator_text("Volume")
-    memory = memory_of(frame.volume.sdf)
     sizes = {"Body grid": memory.body, "Bricks": memory.bricks, "Part boxes": memory.parts, "Together": memory.total}
     for title, size in sizes.items():
         widgets.label(title, False, LABEL)

@@ -1,7 +1,7 @@
-"""The window: panels around a viewport, one OpenGL context for the interface and the rays.
+"""The window: panels around a viewport, one OpenGL context for the interface and the surface.
 
-Each frame: the studio renders what changed, the picture goes into a texture, the panels draw and return commands.
-Nothing is rendered while nothing changes; the loop then sleeps on events.
+Each frame: the studio draws the surface where something changed and takes what the exact engine sent, both go into one texture,
+the panels draw and return commands. It waits for nothing; while nothing changes the loop sleeps on events.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.studio import Studio, refusals_logged
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
@@ -43,7 +45,11 @@ from avatarrex.signals.library import named_hand, named_pose
 
 log = logging.getLogger(__name__)
 WARM_UP = 3
-"""Interface frames before the first render, so that the window is there before the avatar is computed."""
+"""Interface frames before the first picture: the viewport has its size then."""
+FPS = 60
+"""Interface frames a second at most, where the screen does not say."""
+WAITING_FPS, IDLE_FPS = 20, 4
+"""While something is to come, and while nothing is."""
 WHEEL_PAUSE = 0.5
 """Seconds between wheel notches that end one undo step."""
 
@@ -83,6 +89,7 @@ class Window:
         inner.show_menu_app = inner.show_menu_view = inner.show_status_fps = False
         inner.remember_status_bar_settings = False
         params.fps_idling.time_active_after_last_event = 0.5
+        params.fps_idling.fps_max = FPS
         options = hello_imgui.OpenGlOptions()
         options.major_version, options.minor_version = divmod(REQUIRED // 10, 10)
         options.use_core_profile = True
@@ -130,7 +137,7 @@ class Window:
         flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
         shown, _ = imgui.begin("Viewport", None, flags)
         imgui.pop_style_var()
-        commands = self.viewport.draw(self.studio, self.screen.picture) if shown else []
+        commands = self.viewport.draw(self.studio, self.screen.shown) if shown else []
         imgui.end()
         return commands
 
@@ -181,15 +188,17 @@ class Window:
             self._effects[entry.effect]()
 
     def _render(self) -> None:
-        """Render what changed and show it. Before the interface's frame, in the window's own context."""
+        """Show what changed. Before the interface's frame, in the window's own context."""
         context = self.screen.open()
         self._frames += 1
+        if context.version_code < REQUIRED:
+            self.studio.live = None
         if self._frames > WARM_UP:
-            self.studio.tick(self.viewport.size, any(imgui.get_io().mouse_down[button] for button in range(3)))
-            self.screen.show(self.studio.image, self.studio.state.background)
+            self.screen.show(self.studio, self.studio.tick(self.viewport.size))
         self.training.upload(context)
-        moving = self.studio.moving or self._frames <= WARM_UP + 1
-        hello_imgui.get_runner_params().fps_idling.enable_idling = not moving
+        idling = hello_imgui.get_runner_params().fps_idling
+        idling.enable_idling = not self.studio.moving and self._frames > WARM_UP + 1
+        idling.fps_idle = WAITING_FPS if self.studio.waiting else IDLE_FPS
         if context.screen:
             context.screen.use()
 
@@ -212,19 +221,20 @@ class Window:
 
     def _close(self) -> None:
         self.training.close()
+        self.studio.close()
         self.screen.close()
 
 
 def run_window(source: str = "default", device: str = "cpu") -> int:
     """Open the window on an avatar or a saved session, networks on `device`; returns the exit code. Raises `InputError`."""
     journal = Journal.load(source) if source.endswith(".json") else Journal(start(source))
-    engine = Engine(device=device)
-    engine.avatar(journal.state.avatar)
+    exact, avatars = ExactEngine(partial(Engine, device=device)), Avatars()
+    avatars.get(journal.state.avatar)  # while the engine starts
     import glfw  # after imgui_bundle, which brings its own library
 
     if not glfw.init():
         raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
-    window = Window(Studio(engine, journal), device=device)
+    window = Window(Studio(exact, avatars, journal), device=device)
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[window.console, logging.StreamHandler()])
     log.info("AvatarReX Studio. F1 shows the keys, Ctrl+P finds every command.")
     immapp.run(window.params())

@@ -42,7 +42,7 @@ class BallFrame(Frame):
             object.__setattr__(self, name, value)
 
 
-def render_ball(avatar, signals, camera, settings, previous=None):
+def render_ball(avatar, signals, camera, settings, previous=None, between=None):
     """A ball in the image's middle; colours from the signals, size from the camera's distance."""
     height, width = camera.height, camera.width
     numbers = np.concatenate([signals.full_pose().ravel(), signals.expression, signals.translation])
@@ -74,8 +74,8 @@ def render_ball(avatar, signals, camera, settings, previous=None):
     )
 
 
-def ball_engine(render=render_ball, settings=None, device="cpu"):
+def ball_engine(render=render_ball, settings=None, device="cpu", between=None):
     """An engine without an avatar file; the person is the true one."""
     avatar = object.__new__(Avatar)
     avatar.person = load_person("default")
-    return Engine(avatar=avatar, render=render, settings=settings, device=device)
+    return Engine(avatar=avatar, render=render, settings=settings, device=device, between=between)
