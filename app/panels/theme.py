@@ -15,7 +15,7 @@ WARNING = (0.95, 0.75, 0.35)
 FONT = "fonts/Roboto/Roboto-Regular.ttf"
 FONT_SIZE = 15.0
 _BASE = (0.094, 0.102, 0.118)
-_PANEL = (0.118, 0.129, 0.149)
+PANEL = (0.118, 0.129, 0.149)
 _FRAME = (0.169, 0.184, 0.212)
 _RAISED = (0.212, 0.231, 0.267)
 
@@ -52,11 +52,11 @@ def _colours() -> dict[str, tuple[float, float, float, float]]:
         return (*colour, alpha)
 
     return {
-        "text": over(TEXT), "text_disabled": over(MUTED), "window_bg": over(_PANEL), "child_bg": over(_PANEL, 0),
+        "text": over(TEXT), "text_disabled": over(MUTED), "window_bg": over(PANEL), "child_bg": over(PANEL, 0),
         "popup_bg": over((0.137, 0.149, 0.173), 0.98), "border": over((0.06, 0.065, 0.075)), "frame_bg": over(_FRAME),
         "frame_bg_hovered": over(_RAISED), "frame_bg_active": over((0.25, 0.27, 0.31)), "title_bg": over(_BASE),
         "title_bg_active": over(_BASE), "title_bg_collapsed": over(_BASE), "menu_bar_bg": over(_BASE),
-        "scrollbar_bg": over(_PANEL, 0), "scrollbar_grab": over((0.26, 0.28, 0.32)),
+        "scrollbar_bg": over(PANEL, 0), "scrollbar_grab": over((0.26, 0.28, 0.32)),
         "scrollbar_grab_hovered": over((0.32, 0.35, 0.40)), "scrollbar_grab_active": over(ACCENT),
         "check_mark": over(ACCENT),
         "slider_grab": over((0.52, 0.58, 0.68), 0.55), "slider_grab_active": over(ACCENT, 0.8),
@@ -64,13 +64,18 @@ def _colours() -> dict[str, tuple[float, float, float, float]]:
         "header": over((0.153, 0.169, 0.196)), "header_hovered": over(_RAISED), "header_active": over(ACCENT, 0.45),
         "separator": over((0.18, 0.195, 0.225)),
         "separator_hovered": over(ACCENT, 0.6), "separator_active": over(ACCENT),
-        "resize_grip": over(_PANEL, 0), "resize_grip_hovered": over(ACCENT, 0.5), "resize_grip_active": over(ACCENT),
-        "tab": over(_BASE), "tab_hovered": over(_RAISED), "tab_selected": over(_PANEL),
-        "tab_selected_overline": over(ACCENT), "tab_dimmed": over(_BASE), "tab_dimmed_selected": over(_PANEL),
+        "resize_grip": over(PANEL, 0), "resize_grip_hovered": over(ACCENT, 0.5), "resize_grip_active": over(ACCENT),
+        "tab": over(_BASE), "tab_hovered": over(_RAISED), "tab_selected": over(PANEL),
+        "tab_selected_overline": over(ACCENT), "tab_dimmed": over(_BASE), "tab_dimmed_selected": over(PANEL),
         "tab_dimmed_selected_overline": over(ACCENT, 0.5), "docking_preview": over(ACCENT, 0.4),
         "docking_empty_bg": over(_BASE), "text_selected_bg": over(ACCENT, 0.35), "nav_cursor": over(ACCENT, 0.8),
         "modal_window_dim_bg": (0.02, 0.02, 0.03, 0.55),
     }  # fmt: skip
+
+
+def window_background(alpha: float) -> None:
+    """How opaque windows are from here on: what is drawn twice over all of the screen takes 5 ms in software."""
+    imgui.get_style().set_color_(imgui.Col_.window_bg, vec4(PANEL, alpha))
 
 
 def colour(rgb: Rgb, alpha: float = 1.0) -> int:

@@ -51,10 +51,10 @@ class ViewportPanel:
         low, high = _fit(origin, room, picture)
         canvas = imgui.get_window_draw_list()
         red, green, blue, alpha = studio.state.background
+        corner = imgui.ImVec2(origin.x + room.x, origin.y + room.y)
         if alpha < 1:
             _checkers(canvas, origin, room)
-        else:
-            corner = imgui.ImVec2(origin.x + room.x, origin.y + room.y)
+        elif picture is None or (low, high) != (origin, corner):  # in software a layer over all of it takes 2 ms
             canvas.add_rect_filled(origin, corner, theme.colour((red, green, blue)))
         if picture:
             canvas.add_image(imgui.ImTextureRef(picture.texture), low, high)

@@ -19,7 +19,7 @@ from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.studio import Studio, refusals_logged
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
-from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status
+from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status, theme
 from avatarrex_studio.panels.console import ConsolePanel
 from avatarrex_studio.panels.face import FacePanel
 from avatarrex_studio.panels.files import FileDialogs
@@ -88,6 +88,7 @@ class Window:
         inner.show_menu_bar = inner.show_status_bar = True
         inner.show_menu_app = inner.show_menu_view = inner.show_status_fps = False
         inner.remember_status_bar_settings = False
+        inner.background_color = theme.vec4(theme.PANEL)
         params.fps_idling.time_active_after_last_event = 0.5
         params.fps_idling.fps_max = FPS
         options = hello_imgui.OpenGlOptions()
@@ -130,11 +131,14 @@ class Window:
 
     def _viewport(self) -> list[Command]:
         """The picture from edge to edge, without a tab of its own."""
+        theme.window_background(1.0)  # the first panel that is drawn after the space that all are docked in
         kind = imgui.WindowClass()
         kind.dock_node_flags_override_set = imgui.internal.DockNodeFlagsPrivate_.no_tab_bar
         imgui.set_next_window_class(kind)
         imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(0, 0))
-        flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+        flags = (
+            imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse | imgui.WindowFlags_.no_background
+        )
         shown, _ = imgui.begin("Viewport", None, flags)
         imgui.pop_style_var()
         commands = self.viewport.draw(self.studio, self.screen.shown) if shown else []
@@ -199,6 +203,7 @@ class Window:
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = not self.studio.moving and self._frames > WARM_UP + 1
         idling.fps_idle = WAITING_FPS if self.studio.waiting else IDLE_FPS
+        theme.window_background(0.0)
         if context.screen:
             context.screen.use()
 
