@@ -58,9 +58,9 @@ class Screen:
 
     def close(self) -> None:
         """Take the context back."""
-        for made in (self._exact, self._fade):
-            if made:
-                made.release()
+        _release(self._exact)
+        if self._fade:
+            self._fade.release()
         use_context(None)
 
 
@@ -73,6 +73,8 @@ class Fade:
         self._triangle = context.vertex_array(self._program, [])
         self._nothing = context.texture((1, 1), 4, bytes(4))
         self._texture: moderngl.Texture | None = None
+        self._retired: moderngl.Texture | None = None
+        """Of another size; the interface's present frame may show it yet."""
         self._target: moderngl.Framebuffer | None = None
 
     def draw(
@@ -85,8 +87,11 @@ class Fade:
     ) -> moderngl.Texture:
         """Straight-alpha sRGB bytes, (width, height); the same texture as long as the size stays."""
         texture = self._texture
+        _release(self._retired)
+        self._retired = None
         if texture is None or self._target is None or texture.size != size:
-            self._release_target()
+            _release(self._target)
+            self._retired = texture
             texture = self._texture = self._context.texture(size, 4)
             texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
             self._target = self._context.framebuffer([texture])
@@ -103,14 +108,13 @@ class Fade:
 
     def release(self) -> None:
         """Give everything back."""
-        self._release_target()
-        for item in (self._triangle, self._program, self._nothing):
-            item.release()
+        _release(self._target, self._texture, self._retired, self._triangle, self._program, self._nothing)
 
-    def _release_target(self) -> None:
-        for made in (self._target, self._texture):
-            if made:
-                made.release()
+
+def _release(*things: moderngl.Texture | moderngl.Framebuffer | moderngl.VertexArray | moderngl.Program | None) -> None:
+    for thing in things:
+        if thing:
+            thing.release()
 
 
 def _lend_context() -> moderngl.Context:

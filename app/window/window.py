@@ -1,7 +1,7 @@
 """The window: panels around a viewport, one OpenGL context for the interface and the surface.
 
-Each frame: the studio draws the surface where something changed and takes what the exact engine sent, both go into one texture,
-the panels draw and return commands. It waits for nothing; while nothing changes the loop sleeps on events.
+Each frame: the panels draw and return commands, the studio draws the surface where something changed and takes what the exact
+engine sent, both go into the texture that the viewport shows. It waits for nothing; while nothing changes the loop sleeps on events.
 """
 
 from __future__ import annotations
@@ -98,7 +98,8 @@ class Window:
         params.renderer_backend_options.open_gl_options = options
         calls = params.callbacks
         calls.setup_imgui_config = _configure
-        calls.pre_new_frame = self._render
+        calls.pre_new_frame = self._prepare
+        calls.before_imgui_render = self._render
         calls.show_gui = self._over
         calls.show_menus = lambda: self._run(menu.draw(self.studio.journal))
         calls.show_status = self._status
@@ -191,19 +192,22 @@ class Window:
         elif entry.effect:
             self._effects[entry.effect]()
 
+    def _prepare(self) -> None:
+        """Before the interface's frame."""
+        self.training.upload(self.screen.open())
+        theme.window_background(0.0)
+
     def _render(self) -> None:
-        """Show what changed. Before the interface's frame, in the window's own context."""
+        """Show what changed. After the panels, so that a picture follows the mouse in the same frame."""
         context = self.screen.open()
         self._frames += 1
         if context.version_code < REQUIRED:
             self.studio.live = None
         if self._frames > WARM_UP:
             self.screen.show(self.studio, self.studio.tick(self.viewport.size))
-        self.training.upload(context)
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = not self.studio.moving and self._frames > WARM_UP + 1
         idling.fps_idle = WAITING_FPS if self.studio.waiting else IDLE_FPS
-        theme.window_background(0.0)
         if context.screen:
             context.screen.use()
 

@@ -195,7 +195,11 @@ def test_the_interface_does_not_wait_for_the_engine(display, tmp_path):
         centre = test.item_info("//Viewport/picture").rect_full.get_center()
         test.mouse_move_to_pos(centre)
         drawn = len(surface.states)
-        test.mouse_drag_with_delta((80, -40))
+        test.mouse_down()
+        for k in range(8):
+            test.mouse_teleport_to_pos(imgui.ImVec2(centre.x + 10 * k, centre.y - 5 * k))
+            test.yield_()
+        test.mouse_up()
         test.yield_(2)
         seen["drag"], seen["dragged"] = len(surface.states) - drawn, len(studio.pictures.history) - pictures
         seen["weight"], seen["now"] = studio.weight, surface.states[-1].view == studio.state.view
