@@ -181,10 +181,11 @@ class PlainSurface:
         return SimpleNamespace(texture=self.kept[size])
 
 
-def test_the_interface_does_not_wait_for_the_engine(display, tmp_path):
+def test_the_interface_does_not_wait_for_the_engine(display, tmp_path, caplog):
     """A drag, a playback and a screenshot beside an engine that takes a second; then it is killed."""
     write_json(tmp_path / "turn.json", SignalSequence(tuple(
         Signals.rest().replace(translation=np.array([0.0, 0.0, 0.01 * k])) for k in range(60)), 30.0, "turn"))  # fmt: skip
+    caplog.set_level(logging.INFO)
     surface, seen, ends = PlainSurface(), {}, []
 
     def scenario(test, window):
