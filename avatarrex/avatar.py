@@ -24,6 +24,7 @@ from avatarrex.parts.face import Face
 from avatarrex.parts.hand import Hand
 from avatarrex.parts.part import Part
 from avatarrex.signals.driving import Signals
+from avatarrex.surface.surface import Surface
 from avatarrex.templates.parts import HANDS, PARTS
 from avatarrex.templates.person import Person
 from avatarrex.templates.posed import pose_person
@@ -49,6 +50,8 @@ class Avatar:
     meta: dict[str, Any] = field(default_factory=dict)
     device: str = "cpu"
     """Where the networks run."""
+    surface: Surface | None = None
+    """Distilled from the fields; what level `live` draws."""
 
     @classmethod
     def create(cls, person: Person, preset: str, seed: int = 0, local_frame: str = "turned") -> Avatar:

@@ -21,6 +21,8 @@ NAMES = (
     "body_pixels",
     "hand_pixels",
     "face_pixels",
+    "surface_vertices",
+    "surface_triangles",
     "bytes_uploaded",
     "bytes_read_back",
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +19,9 @@ from avatarrex.templates.posed import PosedPerson
 from avatarrex.volume.build import AvatarVolume
 
 
-@dataclass(frozen=True)
-class Frame:
-    """One picture of an avatar with its posed templates, volume, point map, times and counters.
+@dataclass(frozen=True, kw_only=True)
+class Frame(ABC):
+    """One picture of an avatar with its point map, times and counters.
 
     Given to the next `render` as `previous`, what has not changed since is not computed again.
     """
@@ -30,18 +31,39 @@ class Frame:
     """In the world."""
     settings: RenderSettings
     world_from_root: np.ndarray
-    """(4, 4) float64: volume and point map live in the root frame."""
-    surface: VisibleSurface
-    """Results of the stages templates, volume and pointmap."""
-    shading: Shading
+    """(4, 4) float64: the point map lives in the root frame."""
     ms: dict[str, float]
     """Wall-clock milliseconds by stage, and `total`."""
     counters: dict[str, int]
     """Work by name (counters.py)."""
     notes: tuple[str, ...]
-    """What a person should know: the renderer that cast the rays."""
+    """What a person should know: the renderer."""
     device: str = "cpu"
     """Where the networks ran."""
+
+    @property
+    @abstractmethod
+    def image(self) -> Float32[Tensor, "h w 4"]:
+        """Premultiplied sRGB-encoded colour and coverage, row 0 at the top."""
+
+    @property
+    @abstractmethod
+    def pointmap(self) -> PointMap:
+        """Where the rays meet the avatar, Step II."""
+
+    @property
+    def view(self) -> Camera:
+        """`camera` as seen from the root frame."""
+        return self.camera.seen_from(self.world_from_root)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeferredFrame(Frame):
+    """A frame of the deferred pipeline (pipeline.py): every level but `live`."""
+
+    surface: VisibleSurface
+    """Results of the stages templates, volume and pointmap."""
+    shading: Shading
 
     @property
     def image(self) -> Float32[Tensor, "h w 4"]:

@@ -1,5 +1,7 @@
 """Levels: named trades of run time against error in one pipeline. A level is data, a `RenderSettings`.
 
+`live` draws the surface that was distilled from the avatar (surface/), for whatever moves; the others draw its field:
+
 | level    | body voxels                     | part voxels | rays                | what it is for              |
 |----------|---------------------------------|-------------|---------------------|-----------------------------|
 | paper    | 2 cm, all that a node reaches   | 5 mm, all   | steps of 5 mm       | comparing; paper sec. 4     |
@@ -18,14 +20,16 @@ from dataclasses import replace
 from avatarrex.errors import InputError
 from avatarrex.settings import RenderSettings
 
-LEVELS: dict[str, RenderSettings] = {
+DEFERRED_LEVELS: dict[str, RenderSettings] = {
     "paper": RenderSettings(everywhere=True, part_voxel=0.005, march="fixed", antialias=False),
     "fast": RenderSettings(part_voxel=0.005, antialias=False),
     "balanced": RenderSettings(),
     "fine": RenderSettings(bricks=2),
     "quality": RenderSettings(bricks=4, polish=1),
 }
-"""The paper's, then from the quickest to the most exact."""
+"""Of the deferred pipeline: the paper's, then from the quickest to the most exact."""
+LEVELS: dict[str, RenderSettings] = {"live": RenderSettings(surface=True), **DEFERRED_LEVELS}
+"""All that can be chosen."""
 
 
 REUSE_TOLERANCE = 2e-3
@@ -40,7 +44,7 @@ def dragged(settings: RenderSettings) -> RenderSettings:
 
 
 def level(name: str) -> RenderSettings:
-    """The `RenderSettings` of a level: `paper`, `fast`, `balanced` (what `render` takes unless told), `fine` or `quality`.
+    """The `RenderSettings` of a level: `live`, `paper`, `fast`, `balanced` (what `render` takes unless told), `fine` or `quality`.
 
     From `fast` to `quality` errors fall and times grow (docs/accuracy.md). Raises `InputError` for a name that is none.
     """

@@ -1,4 +1,6 @@
-"""One frame of the deferred pipeline (paper sec. 4): signals → templates → fields → volume → pointmap → shading.
+"""One frame: of the deferred pipeline (paper sec. 4), or of the avatar's surface (live.py) at level `live`.
+
+signals → templates → fields → volume → pointmap → shading:
 
 | stage     | makes                                        | its key: what it depends on                        |
 |-----------|----------------------------------------------|----------------------------------------------------|
@@ -19,7 +21,8 @@ from dataclasses import replace
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters, StageClock
-from avatarrex.frame import Frame
+from avatarrex.frame import DeferredFrame, Frame
+from avatarrex.live import render_live
 from avatarrex.pointmap.surface import PointMapKey, VisibleSurface, refine_where_visible, visible_surface
 from avatarrex.settings import RenderSettings
 from avatarrex.shading.shade import shade
@@ -46,8 +49,25 @@ def render_frame(
     Raises `InputError` for signals or settings that cannot be drawn.
     """
     settings = settings or RenderSettings()
+    if settings.surface:
+        settings = replace(settings, hidden=settings.hidden | avatar.hidden)
+        return render_live(avatar, signals, camera, settings, previous)
+    return render_deferred(avatar, signals, camera, settings, previous, between)
+
+
+def render_deferred(
+    avatar: Avatar,
+    signals: Signals,
+    camera: Camera,
+    settings: RenderSettings | None = None,
+    previous: Frame | None = None,
+    between: Callable[[], None] | None = None,
+) -> DeferredFrame:
+    """`render_frame` at any level but `live`: the frame has its templates, volume and shading."""
+    settings = settings or RenderSettings()
     settings = replace(settings, hidden=settings.hidden | avatar.hidden)
-    clock, counters, old = StageClock(between), Counters(), previous.surface if previous else None
+    before = previous if isinstance(previous, DeferredFrame) else None
+    clock, counters, old = StageClock(between), Counters(), before.surface if before else None
     with clock("templates"):
         posed = pose_person(avatar.person, signals, counters, old.posed if old else None)
     world_from_root = posed.world_from_root(signals)
@@ -61,13 +81,21 @@ def render_frame(
             avatar, posed, volume, view, settings, counters
         )
     with clock("shading"):
-        kept = previous.shading if previous and previous.settings.detail_from == settings.detail_from else None
+        kept = before.shading if before and before.settings.detail_from == settings.detail_from else None
         shading = shade(avatar, surface, counters, kept, settings.detail_from)
     notes = (f"rays: {surface.pointmap.renderer}",)
-    return Frame(
-        signals, camera, settings, world_from_root, surface, shading, clock.milliseconds(), counters.as_dict(), notes,
-        avatar.device,
-    )  # fmt: skip
+    return DeferredFrame(
+        signals=signals,
+        camera=camera,
+        settings=settings,
+        world_from_root=world_from_root,
+        ms=clock.milliseconds(),
+        counters=counters.as_dict(),
+        notes=notes,
+        device=avatar.device,
+        surface=surface,
+        shading=shading,
+    )
 
 
 def _reused(

@@ -11,6 +11,8 @@ from avatarrex.signals.driving import Signals
 class RenderSettings:
     """One trade of run time against error; levels.py names the useful ones."""
 
+    surface: bool = False
+    """Draw the avatar's surface (surface/) instead of its field: what follows, but `antialias` and `hidden`, says nothing then."""
     voxel: float = 0.02
     """Side of a body voxel, metres; it grows where 128 of them would cut the person off."""
     part_voxel: float = 0.0025

@@ -9,7 +9,7 @@ import numpy as np
 
 import avatarrex as ax
 from avatarrex.files.images import composite, write_png
-from avatarrex.levels import LEVELS
+from avatarrex.levels import DEFERRED_LEVELS
 from avatarrex.reference.level_errors import level_errors
 
 out, size = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 320
@@ -17,10 +17,10 @@ avatar, signals = ax.load("default"), ax.Signals.rest().replace(body_pose=ax.nam
 camera = ax.Camera.orbit(azimuth_deg=30, elevation_deg=5, distance=1.2, target=(0.05, 0.1, 0), width=size, height=size)
 
 pictures = []
-for settings in LEVELS.values():
+for settings in DEFERRED_LEVELS.values():
     ax.render(avatar, signals, camera.resized(16, 16), settings)  # the first frame of a process also compiles
 print(f"{'level':10}{'seconds':>8}{'depth error, mean':>20}{'99 %':>10}")
-for name in LEVELS:
+for name in DEFERRED_LEVELS:
     frame = ax.render(avatar, signals, camera, ax.level(name))
     pictures.append(composite(frame.image, (1.0, 1.0, 1.0, 1.0)))
     error = level_errors()[name]  # measured against the exact frame, over poses and views (docs/accuracy.md)

@@ -27,6 +27,7 @@ ROOMS = (
     ("avatarrex.pointmap",),
     ("avatarrex.shading",),
     ("avatarrex.frame",),
+    ("avatarrex.live",),
     ("avatarrex.pipeline",),
     ("avatarrex.distil",),
     ("avatarrex.reference",),

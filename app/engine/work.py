@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from avatarrex.frame import Frame
+from avatarrex.frame import DeferredFrame
 from avatarrex.templates.parts import PARTS
 from avatarrex.volume.memory import Memory, memory_of
 
@@ -30,7 +30,7 @@ class Work:
     """Of the volume."""
 
     @classmethod
-    def of(cls, frame: Frame, level: str) -> Work:
+    def of(cls, frame: DeferredFrame, level: str) -> Work:
         """One frame's, rendered at `level`."""
         hidden, lags = frame.settings.hidden, frame.volume.changed is not None
         unseen = frozenset(PARTS) - hidden - frozenset(frame.volume.parts)

@@ -23,6 +23,7 @@ from avatarrex_studio.engine.work import Work
 
 from avatarrex.errors import InputError
 from avatarrex.files.images import composite, write_png
+from avatarrex.frame import DeferredFrame
 
 READY, CANCEL = "ready", "cancel"
 """Messages beside requests and answers: the engine is made; stop the picture under way."""
@@ -95,6 +96,7 @@ def answered(engine: Engine, request: Request) -> Answer:
         return Answer(request, error=shot.error)
     frame = shot.frame
     if not request.path:
+        assert isinstance(frame, DeferredFrame), "the surface is drawn by whoever shows it"
         image = np.rint(255 * frame.image.clamp(0, 1).cpu().numpy()).astype(np.uint8)
         depth = (frame.pointmap.depth * frame.pointmap.hit).float().cpu().numpy()
         return Answer(request, Picture(image, depth, Work.of(frame, request.state.level)))

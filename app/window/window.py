@@ -16,6 +16,7 @@ from pathlib import Path
 from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.exact import ExactEngine
+from avatarrex_studio.engine.live import LiveSurface
 from avatarrex_studio.engine.studio import Studio, refusals_logged
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
@@ -243,7 +244,7 @@ def run_window(source: str = "default", device: str = "cpu") -> int:
 
     if not glfw.init():
         raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
-    window = Window(Studio(exact, avatars, journal), device=device)
+    window = Window(Studio(exact, avatars, journal, LiveSurface()), device=device)
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[window.console, logging.StreamHandler()])
     log.info("AvatarReX Studio. F1 shows the keys, Ctrl+P finds every command.")
     immapp.run(window.params())

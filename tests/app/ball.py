@@ -11,7 +11,7 @@ from avatarrex_studio.engine.engine import Engine
 
 from avatarrex.avatar import Avatar
 from avatarrex.counters import NAMES
-from avatarrex.frame import Frame
+from avatarrex.frame import DeferredFrame
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import load_person
 from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
@@ -31,11 +31,11 @@ class BallMap:
     coverage: torch.Tensor
 
 
-class BallFrame(Frame):
+class BallFrame(DeferredFrame):
     """What the studio reads of a frame, and no more."""
 
     image = pointmap = volume = None
-    """Values of its own in place of `Frame`'s properties."""
+    """Values of its own in place of `DeferredFrame`'s properties."""
 
     def __init__(self, **values):
         for name, value in values.items():

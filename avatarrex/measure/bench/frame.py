@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from avatarrex.frame import Frame
-from avatarrex.levels import LEVELS, dragged, level
+from avatarrex.levels import DEFERRED_LEVELS, dragged, level
 from avatarrex.measure.bench.metric import FASTER, Metric
 from avatarrex.measure.bench.rivals import textured_mesh, volume_rendering
 from avatarrex.measure.bench.session import Bench
@@ -41,7 +41,7 @@ def measure(bench: Bench) -> list[Metric]:
     poses, views = bench.count(6, 2), bench.count(12, 4)
     errors = bench.once(level_errors)
     metrics, new_pose = [], {}
-    for name, settings in LEVELS.items():
+    for name, settings in DEFERRED_LEVELS.items():
         frames = sequence(bench, settings, large, poses, posing(bench))
         new_pose[name] = _total(frames)
         error = {**errors[name], **by_stage(frames)}
@@ -83,7 +83,7 @@ def level_errors(bench: Bench) -> dict[str, dict[str, Any]]:
     """`Accuracy` of every level against the exact frame, 64×64; `dragged`: with the voxels that a limb is dragged with."""
     signals, camera = bench.signals(JUDGED), bench.camera(bench.side(64, 64))
     exact = render_oracle(bench.avatar, signals, camera)
-    every = {**LEVELS, "dragged": dragged(level(DRAGGING))}
+    every = {**DEFERRED_LEVELS, "dragged": dragged(level(DRAGGING))}
     frames = {name: render_frame(bench.placed, signals, camera, settings) for name, settings in every.items()}
     return {name: asdict(depth_report(frame, exact)) for name, frame in frames.items()}
 

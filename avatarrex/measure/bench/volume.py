@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from avatarrex.counters import Counters
-from avatarrex.levels import LEVELS
+from avatarrex.levels import DEFERRED_LEVELS
 from avatarrex.measure.bench.metric import Metric
 from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.ops.trilinear import trilinear
@@ -44,7 +44,7 @@ def measure(bench: Bench) -> list[Metric]:
 def of_levels(bench: Bench) -> dict[str, SdfVolume]:
     """Of the avatar as it stands, by level."""
     avatar, posed = bench.avatar, bench.standing
-    return {name: build_volume(avatar, posed, level, Counters(), None).sdf for name, level in LEVELS.items()}
+    return {name: build_volume(avatar, posed, level, Counters(), None).sdf for name, level in DEFERRED_LEVELS.items()}
 
 
 def megabytes(stored: Any) -> float:

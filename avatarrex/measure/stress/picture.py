@@ -12,13 +12,13 @@ from scipy.spatial import cKDTree
 from avatarrex.counters import Counters
 from avatarrex.fields.body import MAX_CLOTHING_OFFSET
 from avatarrex.fields.template_distance import MAX_DEVIATION
-from avatarrex.frame import Frame
+from avatarrex.frame import DeferredFrame
 from avatarrex.levels import LEVELS
 from avatarrex.measure.stress import driving, views
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
 from avatarrex.measure.stress.findings import Findings
 from avatarrex.measure.stress.subject import subject
-from avatarrex.pipeline import render_frame
+from avatarrex.pipeline import render_deferred
 from avatarrex.settings import RenderSettings
 from avatarrex.templates.posed import pose_person
 from avatarrex.volume.sdf_volume import sample
@@ -48,7 +48,7 @@ def draw(rng: np.random.Generator, number: int) -> Inputs:
 def check(inputs: Inputs, found: Findings) -> None:
     """All checks of the case."""
     settings = LEVELS["balanced"] if inputs["fine"][0] else COARSE
-    frame = render_frame(subject(), driving.signals_of(inputs), views.camera_of(inputs, SIDE), settings)
+    frame = render_deferred(subject(), driving.signals_of(inputs), views.camera_of(inputs, SIDE), settings)
     volume, points = frame.volume.sdf, frame.pointmap
     contacts = [part.contact.field for part in volume.parts if part.contact is not None]
     found.finite("frame's templates finite", frame.posed.body.vertices, *frame.posed.parts.values())
@@ -66,7 +66,7 @@ def check(inputs: Inputs, found: Findings) -> None:
     _check_surface(frame, found)
 
 
-def _check_surface(frame: Frame, found: Findings) -> None:
+def _check_surface(frame: DeferredFrame, found: Findings) -> None:
     """Hits are crossings of the stored field, from outside to inside; its fill keeps to the template's distance."""
     volume, points = frame.volume.sdf, frame.pointmap
     hit = points.position[points.hit].double()

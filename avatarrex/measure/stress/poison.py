@@ -16,11 +16,11 @@ import torch
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
-from avatarrex.frame import Frame
+from avatarrex.frame import DeferredFrame
 from avatarrex.measure.stress.case import Entry, Inputs, Kind
 from avatarrex.measure.stress.findings import Findings
 from avatarrex.measure.stress.subject import subject
-from avatarrex.pipeline import render_frame
+from avatarrex.pipeline import render_deferred
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.settings import RenderSettings
 from avatarrex.shading.shade import shade
@@ -35,9 +35,9 @@ MAPS = ("position", "normal", "depth", "coverage", "part_weight")
 
 
 @cache
-def clean() -> Frame:
+def clean() -> DeferredFrame:
     """The frame that is poisoned: a T-pose, 16 × 16 pixels."""
-    return render_frame(subject(), Signals.rest(), CAMERA, SETTINGS)
+    return render_deferred(subject(), Signals.rest(), CAMERA, SETTINGS)
 
 
 def draw(rng: np.random.Generator, number: int) -> Inputs:

@@ -28,7 +28,7 @@ from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.fields.local_frame import LOCAL_FRAMES
 from avatarrex.files.gate import write_text
 from avatarrex.measure.table import printed
-from avatarrex.pipeline import render_frame
+from avatarrex.pipeline import render_deferred
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
@@ -94,10 +94,10 @@ def sets(options: argparse.Namespace) -> Iterator[tuple[str, list[Signals]]]:
 def measure(avatar: Avatar, subject: Subject, signals: Signals) -> dict[str, Any]:
     """Both IoU and the surface distances (metres) of one pose."""
     target = subject.pose(signals)
-    frame = render_frame(avatar, signals, CAMERA, SETTINGS)
+    frame = render_deferred(avatar, signals, CAMERA, SETTINGS)
     truth = visible_faces(target.vertices, target.faces, CAMERA)[0] >= 0
     perfect = raycast(exact_volume(frame.volume.sdf, target), CAMERA, antialias=False)
-    back = render_frame(avatar, signals, BACK, SETTINGS, frame)
+    back = render_deferred(avatar, signals, BACK, SETTINGS, frame)
     distances: dict[str, list[np.ndarray]] = {region: [] for region in REGIONS}
     for view in (frame, back):
         hit, weight = view.pointmap.hit, view.pointmap.part_weight

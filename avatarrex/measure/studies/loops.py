@@ -20,7 +20,7 @@ from avatarrex.fields.presets import COORDINATE_OCTAVES
 from avatarrex.measure.bench.clock import interleaved
 from avatarrex.measure.table import printed
 from avatarrex.ops.encoding import Encoding
-from avatarrex.pipeline import render_frame
+from avatarrex.pipeline import render_deferred
 from avatarrex.signals.driving import Signals
 
 TURNS = 9
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> None:
     torch.set_num_threads(options.threads)
     avatar = load_avatar()
     camera = Camera.orbit(20, 5, 2.6, 40, (0, 0, 0), options.size, options.size)
-    frame = render_frame(avatar, Signals.rest(), camera)
+    frame = render_deferred(avatar, Signals.rest(), camera)
     body, posed, seen = avatar.body, frame.volume.body_frame, frame.pointmap
     point = seen.position[(seen.coverage > 0) & (seen.part_weight.sum(-1) < 0.999)]
     samples, pairs = posed.samples, body.pairs(posed, point)

@@ -23,12 +23,12 @@ from tqdm import tqdm
 
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.frame import Frame
-from avatarrex.levels import LEVELS
+from avatarrex.frame import DeferredFrame
+from avatarrex.levels import DEFERRED_LEVELS
 from avatarrex.measure.bench.clock import Times, interleaved, timed
 from avatarrex.measure.bench.session import Bench
 from avatarrex.measure.table import printed
-from avatarrex.pipeline import render_frame
+from avatarrex.pipeline import render_deferred
 from avatarrex.pointmap.point_map import PointMap
 from avatarrex.pointmap.polish import polish
 from avatarrex.reference.error_report import Accuracy, PixelErrors, depth_report, pixel_errors
@@ -76,10 +76,10 @@ def levels(bench: Bench, options: argparse.Namespace) -> None:
     errors: dict[tuple[str, int], list[PixelErrors]] = {}
     for signals, camera in views(bench, options.size):
         oracle = render_oracle(bench.avatar, signals, camera)
-        for name, settings in LEVELS.items():
+        for name, settings in DEFERRED_LEVELS.items():
             frame = None
             for steps in (0, 1, 2):
-                frame = render_frame(bench.avatar, signals, camera, replace(settings, polish=steps), frame)
+                frame = render_deferred(bench.avatar, signals, camera, replace(settings, polish=steps), frame)
                 errors.setdefault((name, steps), []).append(pixel_errors(frame, oracle))
     for (name, steps), found in errors.items():
         row(name, steps, *cells(Accuracy.of(found)))
@@ -105,7 +105,7 @@ def seams(bench: Bench, options: argparse.Namespace) -> None:
     row = printed("seam", "part voxel", "polish", *HEADS)
     avatar, signals = bench.avatar, POSES["walk"]
     for name, (joint, azimuth, columns) in SEAMS.items():
-        frame = render_frame(avatar, signals, Camera.orbit(), RenderSettings())
+        frame = render_deferred(avatar, signals, Camera.orbit(), RenderSettings())
         target = frame.posed.body.joints[joint].numpy()
         camera = Camera.orbit(azimuth, 10, 0.7, 20, target, options.size, options.size)
         oracle = render_oracle(avatar, signals, camera)
@@ -113,10 +113,10 @@ def seams(bench: Bench, options: argparse.Namespace) -> None:
         for part_voxel in (0.005, 0.0025):
             for steps in (0, 1, 2):
                 settings = RenderSettings(part_voxel=part_voxel, antialias=False, polish=steps)
-                frame = render_frame(avatar, signals, camera, settings)
+                frame = render_deferred(avatar, signals, camera, settings)
                 row(name, f"{1e3 * part_voxel:.1f} mm", steps, *cells(depth_report(frame, oracle, among)))
                 if options.pictures:
-                    large = render_frame(avatar, signals, camera.resized(512, 512), settings)
+                    large = render_deferred(avatar, signals, camera.resized(512, 512), settings)
                     picture(relief(large.pointmap, large), options.pictures / f"{name}_{part_voxel}_{steps}.png")
         if options.pictures:
             picture(relief(oracle.pointmap, frame), options.pictures / f"{name}_oracle.png")
@@ -125,7 +125,7 @@ def seams(bench: Bench, options: argparse.Namespace) -> None:
 def cost(bench: Bench, options: argparse.Namespace) -> None:
     """Processor milliseconds at 512², the least of three, body and parts apart."""
     avatar, signals, camera = bench.avatar, POSES["walk"], bench.camera(512)
-    frame = render_frame(avatar, signals, camera, RenderSettings(antialias=False))
+    frame = render_deferred(avatar, signals, camera, RenderSettings(antialias=False))
     view, volume = camera.seen_from(frame.world_from_root), frame.volume
     weight = frame.pointmap.part_weight.sum(-1)
     some = {"all": weight >= 0, "body": weight == 0, "parts": weight > 0}
@@ -143,16 +143,16 @@ def cost(bench: Bench, options: argparse.Namespace) -> None:
 
 def flicker(bench: Bench, options: argparse.Namespace) -> None:
     """Mean |I(t−1) − 2 I(t) + I(t+1)| of pixels that all sequences cover, in 1/255, and its ratio to the oracle's."""
-    sequences: dict[str, list[Tensor]] = {"oracle": [], **{name: [] for name in LEVELS}}
-    covered, last = [], dict.fromkeys(LEVELS)
+    sequences: dict[str, list[Tensor]] = {"oracle": [], **{name: [] for name in DEFERRED_LEVELS}}
+    covered, last = [], dict.fromkeys(DEFERRED_LEVELS)
     for azimuth in tqdm(ORBIT, leave=False):
         camera = bench.camera(options.size, azimuth)
         oracle = render_oracle(bench.avatar, POSES["walk"], camera)
         sequences["oracle"].append(oracle.image[..., :3].float())
         hits = [oracle.pointmap.hit]
-        for name, settings in LEVELS.items():
+        for name, settings in DEFERRED_LEVELS.items():
             plain = replace(settings, antialias=False)
-            last[name] = frame = render_frame(bench.avatar, POSES["walk"], camera, plain, last[name])
+            last[name] = frame = render_deferred(bench.avatar, POSES["walk"], camera, plain, last[name])
             sequences[name].append(frame.image[..., :3])
             hits.append(frame.pointmap.hit)
         covered.append(torch.stack(hits).all(0))
@@ -181,7 +181,7 @@ def cells(a: Accuracy) -> list[str]:
     return [str(a.pixels), *(f"{value:.4f}" for value in depth), *(f"{value:.2f}" for value in rest)]
 
 
-def relief(pointmap: PointMap, frame: Frame) -> np.ndarray:
+def relief(pointmap: PointMap, frame: DeferredFrame) -> np.ndarray:
     """The surface that the positions themselves make, lit from the camera's upper left; (h, w, 3) bytes."""
     row = torch.as_tensor(frame.camera.seen_from(frame.world_from_root).camera_from_world[:3, :3])
     across, down = (slope(pointmap.position.double(), axis) for axis in (1, 0))

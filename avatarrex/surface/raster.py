@@ -1,0 +1,247 @@
+"""Pictures of a posed surface by OpenGL, in whichever context is in use (gl/context.py): the window's own, or one without a window.
+
+    colour = clip((albedo(uv)·albedo_scale + tint) · mix(1, E(n), lit))       alpha = covered share of the samples
+
+A picture stays on the graphics card until it is read. Rows are stored from the top: the texture's first row is the image's, v = 0
+its top edge. Samples are averaged sRGB-encoded, as avatars are composited. The side of a triangle that is seen faces the viewer.
+
+Letters: h w pixels. Root frame, metres, OpenCV camera; pixel centres at +0.5.
+"""
+
+from __future__ import annotations
+
+import weakref
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+
+from avatarrex.camera import Camera
+from avatarrex.counters import Counters
+from avatarrex.fields.light import DARKEST
+from avatarrex.gl.context import NoContext, current_context, per_context
+from avatarrex.gl.shader import draw_program
+from avatarrex.surface.extent import Box, Extent
+from avatarrex.surface.pose import PosedSurface
+from avatarrex.surface.surface import Surface
+from avatarrex.surface.upload import UploadedSurface
+
+SAMPLES = 4
+"""Of a pixel: what every OpenGL 4.3 has, and Mesa's llvmpipe at most."""
+TILE = 1024
+"""Pixels a side of the multisampled target, 32 MB; a larger picture is drawn in pieces."""
+Target = tuple[tuple[moderngl.Texture, ...], moderngl.Framebuffer]
+"""Textures, and the framebuffer that draws into them."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePicture:
+    """A picture in a context. When nobody has it any more, its texture serves another one."""
+
+    texture: moderngl.Texture
+    """RGBA8, premultiplied sRGB-encoded, first row at the top."""
+
+    @property
+    def renderer(self) -> str:
+        """GL_RENDERER, e.g. `llvmpipe (LLVM 15.0.6, 256 bits)`."""
+        return str(self.texture.ctx.info["GL_RENDERER"])
+
+    def read(self, counters: Counters | None = None) -> Float32[np.ndarray, "h w 4"]:
+        """The image. Raises `NoContext` where another context than the picture's is in use."""
+        with current_context() as context:
+            if self.texture.ctx is not context:
+                raise NoContext("the picture was drawn in another OpenGL context")
+            data = self.texture.read()
+        if counters is not None:
+            counters.add("bytes_read_back", len(data))
+        width, height = self.texture.size
+        return np.frombuffer(data, np.uint8).reshape(height, width, 4).astype(np.float32) / 255
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceGeometry:
+    """What is under each pixel's centre; zero where nothing is."""
+
+    position: Float32[np.ndarray, "h w 3"]
+    """Root frame, metres."""
+    normal: Float32[np.ndarray, "h w 3"]
+    """Unit, root frame, of the side that is seen."""
+    depth: Float32[np.ndarray, "h w"]
+    """Camera z, metres."""
+    hit: Bool[np.ndarray, "h w"]
+    part: Float32[np.ndarray, "h w 3"]
+    """Share of left hand, right hand, face."""
+
+
+def draw_surface(
+    posed: PosedSurface,
+    harmonics: Float[np.ndarray, "8 3"],
+    view: Camera,
+    samples: int = SAMPLES,
+    hidden: frozenset[str] = frozenset(),
+    counters: Counters | None = None,
+) -> SurfacePicture:
+    """`posed` seen by `view`, whose world is the root frame, without the parts `hidden`; nothing is read back.
+
+    `harmonics` are the avatar's (`Light.harmonics`); `samples` 1, 2 or 4. `counters`: `surface_triangles` in sight or not,
+    `bytes_uploaded`. Raises `NoContext` without OpenGL 4.3.
+    """
+    with current_context() as context:
+        raster = per_context(context, _Raster, lambda: _Raster(context))
+        return raster.draw(posed, np.asarray(harmonics, np.float64), view, samples, hidden, counters or Counters())
+
+
+def surface_geometry(
+    posed: PosedSurface, view: Camera, hidden: frozenset[str] = frozenset(), counters: Counters | None = None
+) -> SurfaceGeometry:
+    """Positions, normals and depth of the same; they are read back. Raises `NoContext`."""
+    with current_context() as context:
+        raster = per_context(context, _Raster, lambda: _Raster(context))
+        return raster.geometry(posed, view, hidden, counters or Counters())
+
+
+class _Raster:
+    """What one context draws surfaces with; it is current while this is used."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._programs = {
+            name: draw_program(context, "surface/mesh.vert", f"surface/{name}.frag", {"DARKEST": DARKEST})
+            for name in ("colour", "geometry")
+        }
+        self._surfaces: weakref.WeakKeyDictionary[Surface, UploadedSurface] = weakref.WeakKeyDictionary()
+        self._gone: list[UploadedSurface] = []
+        """Of surfaces that are no more."""
+        self._free: list[Target] = []
+        """Of pictures that are no more."""
+
+    def draw(
+        self,
+        posed: PosedSurface,
+        harmonics: np.ndarray,
+        view: Camera,
+        samples: int,
+        hidden: frozenset[str],
+        counters: Counters,
+    ) -> SurfacePicture:
+        """See `draw_surface`."""
+        uploaded, extent = self._bound(posed, counters), Extent.of(posed.bounds, view)
+        self._programs["colour"]["u_albedo_scale"] = posed.surface.albedo_scale
+        self._programs["colour"]["u_harmonics"] = [tuple(row) for row in harmonics.tolist()]
+        picture = self._picture((view.width, view.height))
+        sampled = per_context(self._context, ("surface", samples), lambda: self._sampled(samples))
+        before = self._context.fbo
+        picture[1].clear()
+        for clip, tile in extent.tiles(view, TILE) if extent else ():
+            self._render("colour", uploaded, hidden, sampled, (clip, tile), counters)
+            self._average(sampled, samples, picture[1], tile)
+        _restore(before)
+        drawn = SurfacePicture(picture[0][0])
+        weakref.finalize(drawn, self._free.append, picture).atexit = False
+        return drawn
+
+    def geometry(
+        self, posed: PosedSurface, view: Camera, hidden: frozenset[str], counters: Counters
+    ) -> SurfaceGeometry:
+        """See `surface_geometry`."""
+        uploaded, extent = self._bound(posed, counters), Extent.of(posed.bounds, view)
+        target = per_context(self._context, "surface geometry", lambda: self._target((TILE, TILE), "f4", 3))
+        found = np.zeros((view.height, view.width, 3, 4), np.float32)
+        before = self._context.fbo
+        for clip, tile in extent.tiles(view, TILE) if extent else ():
+            self._render("geometry", uploaded, hidden, target, (clip, tile), counters)
+            left, top, width, height = tile
+            for index in range(3):
+                data = target[1].read((0, 0, width, height), 4, attachment=index, dtype="f4")
+                counters.add("bytes_read_back", len(data))
+                read = np.frombuffer(data, np.float32).reshape(height, width, 4)
+                found[top : top + height, left : left + width, index] = read
+        _restore(before)
+        position, normal, part = (found[:, :, index, :3].copy() for index in range(3))
+        hit, row = found[:, :, 0, 3] > 0, view.camera_from_world[2]
+        depth = np.where(hit, position @ row[:3] + row[3], 0).astype(np.float32)
+        return SurfaceGeometry(position, normal, depth, hit, part)
+
+    def _bound(self, posed: PosedSurface, counters: Counters) -> UploadedSurface:
+        """The surface with this pose, bound."""
+        while self._gone:
+            self._gone.pop().release()
+        surface = posed.surface
+        if surface not in self._surfaces:
+            self._surfaces[surface] = uploaded = UploadedSurface(self._context, surface)
+            weakref.finalize(surface, self._gone.append, uploaded).atexit = False
+        counters.add("bytes_uploaded", self._surfaces[surface].bind(posed))
+        return self._surfaces[surface]
+
+    def _render(
+        self,
+        name: str,
+        uploaded: UploadedSurface,
+        hidden: frozenset[str],
+        target: Target,
+        place: tuple[np.ndarray, Box],
+        counters: Counters,
+    ) -> None:
+        """The tile into the target's first pixels."""
+        context, triangles, (clip, tile) = self._context, uploaded.triangles(hidden, self._programs), place
+        self._programs[name]["u_clip_from_root"] = tuple(clip.T.ravel().tolist())
+        viewport = (0, 0, *tile[2:])
+        target[1].use()
+        target[1].viewport = viewport
+        target[1].clear(viewport=viewport)
+        context.disable(moderngl.BLEND)
+        context.enable(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        context.front_face = "cw"  # rows run downwards
+        shape, first = triangles.shapes[name], 3 * triangles.one_sided
+        if triangles.one_sided:
+            shape.render(moderngl.TRIANGLES, vertices=first)
+        context.disable(moderngl.CULL_FACE)
+        if triangles.both_sided:
+            shape.render(moderngl.TRIANGLES, vertices=3 * triangles.both_sided, first=first)
+        context.disable(moderngl.DEPTH_TEST)
+        context.front_face = "ccw"
+        counters.add("surface_triangles", triangles.one_sided + triangles.both_sided)
+
+    def _average(self, sampled: Target, samples: int, picture: moderngl.Framebuffer, tile: Box) -> None:
+        """The samples' mean into the tile of the picture."""
+        program, viewport = per_context(self._context, ("surface average", samples), lambda: self._averaging(samples))
+        program["u_corner"] = tile[:2]
+        sampled[0][0].use(0)
+        picture.use()
+        picture.viewport = tile
+        viewport.render(moderngl.TRIANGLES, vertices=3)
+
+    def _averaging(self, samples: int) -> tuple[moderngl.Program, moderngl.VertexArray]:
+        program = draw_program(self._context, "surface/average.vert", "surface/average.frag", {"SAMPLES": samples})
+        return program, self._context.vertex_array(program, [])
+
+    def _picture(self, size: tuple[int, int]) -> Target:
+        """A texture that no picture needs; those of other sizes are given back."""
+        found = None
+        while self._free:
+            textures, framebuffer = self._free.pop()
+            if found is None and textures[0].size == size:
+                found = textures, framebuffer
+            else:
+                framebuffer.release()
+                textures[0].release()
+        if found is not None:
+            return found
+        texture = self._context.texture(size, 4)
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texture.repeat_x = texture.repeat_y = False
+        return (texture,), self._context.framebuffer([texture])
+
+    def _sampled(self, samples: int) -> Target:
+        return self._target((TILE, TILE), "f1", 1, samples)
+
+    def _target(self, size: tuple[int, int], kind: str, count: int, samples: int = 0) -> Target:
+        context = self._context
+        textures = tuple(context.texture(size, 4, samples=samples, dtype=kind) for _ in range(count))
+        return textures, context.framebuffer(textures, context.depth_renderbuffer(size, samples=samples))
+
+
+def _restore(before: moderngl.Framebuffer | None) -> None:
+    if before is not None:
+        before.use()

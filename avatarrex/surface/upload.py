@@ -1,0 +1,123 @@
+"""A surface on the graphics card: what never changes is uploaded once, what a pose makes when it is another one.
+
+The back of a triangle is never seen where its piece of mesh is closed: those come first and are drawn with one side, which takes
+half the time in software. A piece with a border has two.
+
+Letters: v vertices, t texture vertices, f faces.
+"""
+
+from __future__ import annotations
+
+import weakref
+from dataclasses import dataclass
+from functools import cached_property
+
+import moderngl
+import numpy as np
+from jaxtyping import Bool
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from avatarrex.surface.pose import PosedSurface
+from avatarrex.surface.surface import Surface
+from avatarrex.templates.parts import PARTS
+
+ANISOTROPY = 8.0
+"""Texels along the longer side of a pixel's footprint, by graphics hardware; in software it takes 4 ms of a picture of 512² pixels."""
+SOFTWARE = ("llvmpipe", "softpipe", "swiftshader")
+CORNER = np.dtype([("uv", "f4", 2), ("lit", "f4"), ("vertex", "i4"), ("part", "i4")])
+LAYOUT = ("2f 1f 1i 1i", "in_uv", "in_lit", "in_vertex", "in_part")
+
+
+def two_sided(faces: np.ndarray) -> Bool[np.ndarray, " f"]:
+    """Whether the piece of mesh that a face belongs to has a border: an edge that no neighbour runs the other way."""
+    v = int(faces.max(initial=-1)) + 1
+    start, end = faces.ravel().astype(np.int64), np.roll(faces, -1, 1).ravel().astype(np.int64)
+    border = ~np.isin(start * v + end, end * v + start)
+    _, piece = connected_components(coo_array((np.ones(len(start), bool), (start, end)), (v, v)), directed=False)
+    return np.asarray(np.isin(piece[faces[:, 0]], piece[start[border]]))
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """Those of a surface that are drawn."""
+
+    indices: moderngl.Buffer
+    shapes: dict[str, moderngl.VertexArray]
+    """By program."""
+    one_sided: int
+    """How many have one side; they come first."""
+    both_sided: int
+
+    def release(self) -> None:
+        """Give the memory back; the context is current."""
+        for shape in self.shapes.values():
+            shape.release()
+        self.indices.release()
+
+
+class UploadedSurface:
+    """A surface in a context, which is current while this is used."""
+
+    def __init__(self, context: moderngl.Context, surface: Surface) -> None:
+        self._context, self._surface = context, weakref.ref(surface)
+        corner = np.zeros(len(surface.uv), CORNER)
+        vertex = surface.uv_vertex
+        corner["uv"], corner["lit"], corner["vertex"], corner["part"] = (
+            surface.uv, surface.lit[vertex], vertex, surface.part[vertex]
+        )  # fmt: skip
+        self._corners = context.buffer(corner.tobytes())
+        size = 12 * len(surface.vertices)
+        self._posed = [context.buffer(reserve=size) for _ in range(3)]
+        self._current: weakref.ref[PosedSurface] | None = None
+        self._triangles: dict[frozenset[str], Triangles] = {}
+        self._albedo = context.texture(surface.albedo.shape[1::-1], 3, surface.albedo.tobytes(), alignment=1)
+        self._albedo.build_mipmaps()
+        self._albedo.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        self._albedo.repeat_x = self._albedo.repeat_y = False
+        software = any(name in context.info["GL_RENDERER"].lower() for name in SOFTWARE)
+        self._albedo.anisotropy = 1.0 if software else min(ANISOTROPY, context.max_anisotropy)
+
+    def bind(self, posed: PosedSurface) -> int:
+        """Bind albedo (unit 0) and the posed arrays (storage 0 to 2); the bytes that were uploaded."""
+        self._albedo.use(0)
+        arrays = (posed.vertices, posed.normals, posed.tint)
+        new = self._current is None or self._current() is not posed
+        for binding, (buffer, array) in enumerate(zip(self._posed, arrays)):
+            if new:
+                buffer.write(np.ascontiguousarray(array))
+            buffer.bind_to_storage_buffer(binding)
+        self._current = weakref.ref(posed)
+        return sum(array.nbytes for array in arrays) if new else 0
+
+    def triangles(self, hidden: frozenset[str], programs: dict[str, moderngl.Program]) -> Triangles:
+        """Those that do not belong to the parts `hidden`."""
+        if hidden not in self._triangles:
+            surface = self._surface()
+            assert surface is not None, "a surface is drawn while it is there"
+            of = surface.part[surface.faces]
+            unseen = np.isin(of, [PARTS.index(name) + 1 for name in hidden]).all(1)
+            faces, both = surface.uv_faces[~unseen], self._two_sided[~unseen]
+            indices = self._context.buffer(np.concatenate([faces[~both], faces[both]]).astype(np.uint32).tobytes())
+            shapes = {
+                name: self._context.vertex_array(
+                    program, [(self._corners, *LAYOUT)], indices, index_element_size=4, skip_errors=True
+                )
+                for name, program in programs.items()
+            }
+            self._triangles[hidden] = Triangles(indices, shapes, int((~both).sum()), int(both.sum()))
+        return self._triangles[hidden]
+
+    @cached_property
+    def _two_sided(self) -> Bool[np.ndarray, " f"]:
+        surface = self._surface()
+        assert surface is not None
+        return two_sided(surface.faces)
+
+    def release(self) -> None:
+        """Give the memory back."""
+        for triangles in self._triangles.values():
+            triangles.release()
+        for buffer in (self._corners, *self._posed):
+            buffer.release()
+        self._albedo.release()

@@ -1,0 +1,30 @@
+// One texture vertex of a posed surface. Reads positions (m), normals, tints of its vertex in the root frame; writes clip
+// coordinates with the picture's top as the first row.
+layout(std430, binding = 0) readonly buffer Positions { float in_position[]; };  // 3 a vertex each
+layout(std430, binding = 1) readonly buffer Normals { float in_normal[]; };
+layout(std430, binding = 2) readonly buffer Tints { float in_tint[]; };
+
+in vec2 in_uv;
+in float in_lit;
+in int in_vertex;
+in int in_part;  // 0 the body, 1.. in the order of PARTS
+
+uniform mat4 u_clip_from_root;
+
+out vec2 v_uv;
+out vec3 v_position;  // root frame, metres
+out vec3 v_normal;    // root frame, not unit
+out vec3 v_tint;      // sRGB-encoded
+out float v_lit;
+out vec3 v_part;      // share of each part
+
+void main() {
+    int x = 3 * in_vertex, y = x + 1, z = x + 2;
+    v_position = vec3(in_position[x], in_position[y], in_position[z]);
+    v_normal = vec3(in_normal[x], in_normal[y], in_normal[z]);
+    v_tint = vec3(in_tint[x], in_tint[y], in_tint[z]);
+    v_uv = in_uv;
+    v_lit = in_lit;
+    v_part = vec3(in_part == 1, in_part == 2, in_part == 3);
+    gl_Position = u_clip_from_root * vec4(v_position, 1);
+}
