@@ -8,8 +8,19 @@ from avatarrex_studio.session.state import LIVE, StudioState
 
 from avatarrex import levels
 from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.live import LiveFrame, render_live
+from avatarrex.signals.driving import Signals
+from avatarrex.surface.pose import pose_surface
 from avatarrex.surface.raster import SurfacePicture
+
+
+def read_avatar(name: str) -> Avatar:
+    """An avatar whose surface was posed once: what is compiled at first use does not make the interface wait. Raises `InputError`."""
+    avatar = load_avatar(name)
+    if avatar.surface is not None:
+        pose_surface(avatar.surface, avatar.person, Signals.rest())
+    return avatar
 
 
 class LiveSurface:

@@ -16,7 +16,7 @@ from pathlib import Path
 from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.exact import ExactEngine
-from avatarrex_studio.engine.live import LiveSurface
+from avatarrex_studio.engine.live import LiveSurface, read_avatar
 from avatarrex_studio.engine.studio import Studio, refusals_logged
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
@@ -238,7 +238,7 @@ class Window:
 def run_window(source: str = "default", device: str = "cpu") -> int:
     """Open the window on an avatar or a saved session, networks on `device`; returns the exit code. Raises `InputError`."""
     journal = Journal.load(source) if source.endswith(".json") else Journal(start(source))
-    exact, avatars = ExactEngine(partial(Engine, device=device)), Avatars()
+    exact, avatars = ExactEngine(partial(Engine, device=device)), Avatars(read_avatar)
     avatars.get(journal.state.avatar)  # while the engine starts
     import glfw  # after imgui_bundle, which brings its own library
 
