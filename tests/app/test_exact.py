@@ -187,6 +187,7 @@ def test_a_process_that_dies_is_reported_and_started_again(exact, working, caplo
     time.sleep(0.2)
     if not working:
         assert exact.poll() is None
+        assert exact.process not in (None, first), "at once, not with the next request"
         exact.request(Request(turned(1), SIZE))
     (answer,) = answers(exact, 1)
     assert answer.picture is not None
