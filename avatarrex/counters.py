@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 NAMES = (
@@ -49,13 +49,16 @@ class Counters:
 
 
 class StageClock:
-    """Wall-clock milliseconds per stage: `with clock("volume"): …`."""
+    """Wall-clock milliseconds per stage: `with clock("volume"): …`. `between` is called before each."""
 
-    def __init__(self) -> None:
+    def __init__(self, between: Callable[[], None] | None = None) -> None:
         self._stages: dict[str, float] = {}
+        self._between = between
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
+        if self._between:
+            self._between()
         start = time.perf_counter()
         yield
         self._stages[stage] = self._stages.get(stage, 0.0) + (time.perf_counter() - start) * 1e3

@@ -15,6 +15,7 @@ also reuse what has hardly moved since the previous frame (volume/temporal_reuse
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from avatarrex.avatar import Avatar
@@ -37,19 +38,21 @@ def render_frame(
     camera: Camera,
     settings: RenderSettings | None = None,
     previous: Frame | None = None,
+    between: Callable[[], None] | None = None,
 ) -> Frame:
     """Render `avatar` under the driving `signals` seen by `camera`.
 
     `settings` are a level's (`level("fine")`) or your own, `balanced` unless given. With `previous`, a frame of the same
     avatar, a stage is skipped while what it depends on has not changed: `frame.counters` say what was done. The image is
     (h, w, 4), premultiplied sRGB and coverage; depth, normals and positions are in `frame.pointmap` (metres, root frame).
+    `between` is called before every stage; what it raises ends the frame and reaches the caller.
     Raises `InputError` for signals or settings that cannot be drawn.
     """
     settings = settings or RenderSettings()
     if settings.surface:
         settings = replace(settings, hidden=settings.hidden | avatar.hidden)
         return render_live(avatar, signals, camera, settings, previous)
-    return render_deferred(avatar, signals, camera, settings, previous)
+    return render_deferred(avatar, signals, camera, settings, previous, between)
 
 
 def render_deferred(
@@ -58,12 +61,13 @@ def render_deferred(
     camera: Camera,
     settings: RenderSettings | None = None,
     previous: Frame | None = None,
+    between: Callable[[], None] | None = None,
 ) -> DeferredFrame:
     """`render_frame` at any level but `live`: the frame has its templates, volume and shading."""
     settings = settings or RenderSettings()
     settings = replace(settings, hidden=settings.hidden | avatar.hidden)
     before = previous if isinstance(previous, DeferredFrame) else None
-    clock, counters, old = StageClock(), Counters(), before.surface if before else None
+    clock, counters, old = StageClock(between), Counters(), before.surface if before else None
     with clock("templates"):
         posed = pose_person(avatar.person, signals, counters, old.posed if old else None)
     world_from_root = posed.world_from_root(signals)

@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from avatarrex_studio.engine.auto_level import ORDER
 from avatarrex_studio.engine.framing import Outline
 from avatarrex_studio.session.state import AUTO, StudioState
 
@@ -28,6 +27,8 @@ from avatarrex.settings import RenderSettings
 
 log = logging.getLogger(__name__)
 RenderFrame = Callable[..., Frame]
+QUICKEST, MOST_EXACT = "fast", "quality"
+"""Levels: of what moves, and of `auto` where one picture is waited for."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Engine:
     """Renders states. `avatar` is a loaded one; without it each state's own is read by name or path.
 
     `settings` says how rays are cast and which pose's patches are decoded; the rest comes from each state's level. Networks of
-    avatars that it reads run on `device`.
+    avatars that it reads run on `device`. `between` is called between stages; what it raises ends the frame.
     """
 
     def __init__(
@@ -53,32 +54,24 @@ class Engine:
         load: Callable[..., Any] = load_avatar,
         settings: RenderSettings | None = None,
         device: str = "cpu",
+        between: Callable[[], None] | None = None,
     ) -> None:
         self._avatar, self._given = avatar, avatar is not None
-        self._render, self._load = render, partial(load, device=device)
+        self._render = partial(render, between=between) if between else render
+        self._load = partial(load, device=device)
         self._settings = settings or RenderSettings()
         self._name: str | None = None
         self._previous: Frame | None = None
-        self._outline: Outline | None = None
 
-    def render(
-        self,
-        state: StudioState,
-        size: tuple[int, int] | None = None,
-        rows: tuple[int, int] | None = None,
-        dragged: bool = False,
-    ) -> Shot:
-        """The frame of `state` at `size` (width, height), else at the state's own fixed size; of `rows` [a, b) alone.
+    def render(self, state: StudioState, size: tuple[int, int] | None = None, dragged: bool = False) -> Shot:
+        """The frame of `state` at `size` (width, height), else at the state's own fixed size.
 
         `dragged`: the next one comes at once, and this one may be rougher and lag behind the pose at the level `fast` (`levels.dragged`).
         Never raises for what a user can set: the error comes back as one line with the last good frame.
         """
         try:
             width, height = size or state.size.fixed or (512, 512)
-            camera = state.view.camera(width, height)
-            if rows:
-                camera = camera.cropped(0, rows[0], width, rows[1] - rows[0])
-            return Shot(self.frame(state, camera, dragged))
+            return Shot(self.frame(state, state.view.camera(width, height), dragged))
         except InputError as error:
             return Shot(self._previous, str(error))
         except Exception as error:  # a fault of ours: its trace goes to the log, its line over the last good image
@@ -102,20 +95,12 @@ class Engine:
 
     def outline(self, state: StudioState) -> np.ndarray:
         """(p, 3) world metres: points of the posed body, for framing it. Raises `InputError`."""
-        person = self.avatar(state.avatar).person
-        if self._outline is None or self._outline.body is not person.body:
-            self._outline = Outline(person.body)
-        return self._outline.points(state.signals)
+        return Outline(self.avatar(state.avatar).person.body).points(state.signals)
 
     def settings(self, state: StudioState, dragged: bool = False) -> RenderSettings:
         """The pipeline's settings for `state`; `auto` is the most exact level, for whoever waits for one picture."""
-        chosen = levels.level(ORDER[-1] if state.level == AUTO else state.level)
-        if dragged and state.level == ORDER[0]:
+        chosen = levels.level(MOST_EXACT if state.level == AUTO else state.level)
+        if dragged and state.level == QUICKEST:
             chosen = levels.dragged(chosen)
         kept = self._settings
         return replace(chosen, hidden=state.hidden, raycast=kept.raycast, detail_from=kept.detail_from)
-
-    @property
-    def last(self) -> Frame | None:
-        """The last frame, or strip of one."""
-        return self._previous

@@ -1,36 +1,53 @@
-"""The studio without its window: the journal, the engine, the resolution and the playback.
+"""The studio without its window: the journal, the playback, and what is on screen of surface and exact pictures.
 
-`tick` renders when something changed and says whether there is a new picture; everything a user does goes through `do`.
+`tick` draws the surface when something changed, passes requests to the exact engine and says whether there is anything new to
+show; it waits for nothing. Everything a user does goes through `do`.
 """
 
 from __future__ import annotations
 
 import logging
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
-from avatarrex_studio.engine.auto_level import ORDER, AutoLevel, Change
-from avatarrex_studio.engine.engine import Engine, Shot
-from avatarrex_studio.engine.framing import framed
-from avatarrex_studio.engine.resolution import Activity, Resolution
-from avatarrex_studio.engine.strips import STRIP_SECONDS, Strips
-from avatarrex_studio.engine.work import Work
+import moderngl
+from avatarrex_studio.engine.avatars import Avatars
+from avatarrex_studio.engine.framing import Outline, framed
+from avatarrex_studio.engine.pictures import Pictures, Subject
+from avatarrex_studio.engine.request import Exact
 from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.playback import Playback
-from avatarrex_studio.session.state import AUTO, OrbitView, StudioState
-from torch import Tensor
+from avatarrex_studio.session.state import OrbitView, StudioState
 
+from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
-from avatarrex.files.images import composite, write_png
-from avatarrex.frame import Frame
 
 log = logging.getLogger(__name__)
-KEPT = 60
-"""Pictures whose times are kept."""
+
+
+@runtime_checkable
+class Drawn(Protocol):
+    """A picture in the OpenGL context; its texture is its own as long as it is kept."""
+
+    @property
+    def texture(self) -> moderngl.Texture:
+        """Premultiplied sRGB-encoded, first row at the top."""
+
+
+@runtime_checkable
+class Live(Protocol):
+    """Draws an avatar's surface, fast enough for every frame of the interface, in the OpenGL context that is current."""
+
+    @property
+    def ms(self) -> dict[str, float]:
+        """Milliseconds of the last picture by stage, and `total`."""
+
+    def draw(self, avatar: Avatar, state: StudioState, size: tuple[int, int]) -> Drawn | None:
+        """The picture, (width, height) pixels; None for an avatar without a surface."""
 
 
 @contextmanager
@@ -46,30 +63,24 @@ class Studio:
     """An open session without its window: state, engine, playback and the picture as far as it is rendered."""
 
     def __init__(
-        self, engine: Engine, journal: Journal | None = None, clock: Callable[[], float] = time.monotonic
+        self,
+        exact: Exact,
+        avatars: Avatars,
+        journal: Journal | None = None,
+        live: Live | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.engine = engine
+        self.avatars, self.live = avatars, live
         self.journal = journal or Journal()
-        self.resolution = Resolution()
-        self.auto = AutoLevel()
-        self.level = ORDER[0]
-        """Of the last picture."""
-        self.shot = Shot(None)
-        self.image: Tensor | None = None
-        """What is shown, premultiplied (h, w, 4): the frame's image, or the one that grows strip by strip."""
-        self.work: Work | None = None
-        """What the last picture cost."""
-        self.history: deque[dict[str, float]] = deque(maxlen=KEPT)
-        """Milliseconds per stage of the last whole pictures."""
-        self.size = (0, 0)
-        """Raster of the last frame."""
+        self.pictures = Pictures(exact)
         self.playback = Playback()
+        self.surface: Drawn | None = None
+        """The surface of the present state; None where the avatar has none."""
+        self.weight = 0.0
+        """Share of the exact picture over the surface, 0 to 1."""
         self._clock = clock
-        self._rendered: tuple[tuple[object, ...], tuple[int, int], str] | None = None
-        self._change: Change | None = None
-        self._seen: tuple[object, ...] | None = None
-        self._failed: tuple[object, ...] | None = None
-        self._strips: Strips | None = None
+        self._drawn: Subject | None = None
+        self._faulty: Avatar | None = None
 
     @property
     def state(self) -> StudioState:
@@ -90,125 +101,63 @@ class Studio:
         """Forward again."""
         self.journal.redo()
 
-    def tick(self, viewport: tuple[int, int], pressed: bool = False) -> bool:
-        """Advance the motion, render what changed; True where the picture is new.
-
-        `pressed`: a mouse button is down, so that the picture is about to change again.
-        """
-        now = self._clock()
+    def tick(self, viewport: tuple[int, int]) -> bool:
+        """Advance the motion, draw the surface, take and request exact pictures; whether there is something new to show."""
+        now, before = self._clock(), self.weight
         due = self.playback.due(self.state, now)
         if due is not None:
             self.go_to(due, self.playback.gesture)
-        state = self.state
-        full = state.size.pixels(viewport)
-        key = (state.avatar, state.signals, state.hidden, state.view, state.level, full)
-        self.resolution.tick(now, key != self._seen or (pressed and self._seen is not None and self.moving))
-        self._seen = key
-        if key == self._failed:
+        size = self.state.size.pixels(viewport)
+        drawn = self._draw(size)
+        new = self.pictures.tick(now, self.state, size, self.surface is not None, self.playback.playing)
+        self.weight = self.pictures.weight(now, self.surface is not None)
+        return drawn or new or self.weight != before
+
+    def _draw(self, size: tuple[int, int]) -> bool:
+        """Draw the surface where what it shows has changed; whether it was drawn."""
+        subject, avatar = Subject.of(self.state, size), self.avatars.ready(self.state.avatar)
+        if self.live is None or avatar is None or avatar is self._faulty:
+            self.surface = self._drawn = None
             return False
-        size, level = self._raster(key, full)
-        dragged = self.resolution.state is not Activity.FULL
-        same = (key, size, level) == self._rendered
-        caught_up = same and not dragged and self.work is not None and (self.work.lags or self.work.rough)
-        if same and not caught_up:
-            return self._grow()
-        enlarged = self._rendered is not None and self._rendered[0] == key and self.image is not None
-        self._change = None if caught_up else self._what_changes(key, level)
-        self._rendered, self._strips, self._failed, self.level = (key, size, level), None, None, level
-        state = state.change(level=level)
-        if enlarged and size[0] * size[1] * self.resolution.seconds_per_pixel > 2 * STRIP_SECONDS:
-            assert self.image is not None
-            cost = self.resolution.seconds_per_pixel
-            self._strips = Strips(self.engine, state, size, self.image, cost, dragged)
-            self.size = size
-            return self._grow()
-        self.shot = self.engine.render(state, size, dragged=dragged)
-        if self.shot.error:
-            self._failed = key
-            log.error("%s", self.shot.error)
-        elif self.shot.frame is not None:
-            self.image, self.size, self.work = self.shot.frame.image, size, Work.of(self.shot.frame, level)
-            self._measure(self.shot.frame)
-            self._finished()
-        return True
-
-    def _raster(self, key: tuple[object, ...], full: tuple[int, int]) -> tuple[tuple[int, int], str]:
-        """Size and level of the next picture; under `auto` the size is what the quickest level affords."""
-        chosen = self.state.level
-        self.resolution.at(ORDER[0] if chosen == AUTO else chosen)
-        size = self.resolution.size(full)
-        if chosen == AUTO:
-            same = self._rendered is not None and self._rendered[0] == key
-            kept = same and (self._strips is not None or self.resolution.state is Activity.MOVING)
-            chosen = self.level if kept else self._best(key, size)
-            self.resolution.at(chosen)
-        return size, chosen
-
-    def _best(self, key: tuple[object, ...], size: tuple[int, int]) -> str:
-        change = self._what_changes(key, self.level) or Change.POSE
-        return self.auto.choose(self.level, change, self.resolution.state, size[0] * size[1])
-
-    def _what_changes(self, key: tuple[object, ...], level: str) -> Change | None:
-        """What sets a picture apart from the last one; None where it is the first, or of another view and level.
-
-        A new pose is made anew at any level: it counts as such, whatever level the picture before had.
-        """
-        if self._rendered is None:
-            return None
-        last, _, before = self._rendered
-        if last[:3] != key[:3]:
-            return Change.POSE
-        if level == before:
-            return Change.VIEW
-        return Change.LEVEL if last[:4] == key[:4] else None
-
-    def _grow(self) -> bool:
-        """The next strip of a picture that is being refined."""
-        if self._strips is None:
+        if subject == self._drawn:
             return False
-        first = self._strips.done == 0
-        shot = self._strips.step()
-        if shot.error:
-            log.error("%s", shot.error)
-            self.shot = Shot(self.shot.frame, shot.error)
-            self._failed = None if self._rendered is None else self._rendered[0]
-        elif shot.frame is not None:
-            self.work = Work.of(shot.frame, self.level) if first or self.work is None else self.work.plus(shot.frame)
-            self._measure(shot.frame)
-        self.image = self._strips.image.clone()
-        if self._strips.finished:
-            self._strips = None
-            if not shot.error:
-                self._finished()
-        return True
+        try:
+            self.surface, self._drawn = self.live.draw(avatar, self.state, size), subject
+        except Exception:  # a fault of ours: its trace goes to the log, and exact pictures are shown
+            log.exception("the surface could not be drawn")
+            self.surface, self._drawn, self._faulty = None, None, avatar
+        return self.surface is not None
 
-    def _measure(self, frame: Frame) -> None:
-        seconds = (frame.ms["pointmap"] + frame.ms["shading"]) / 1e3
-        self.resolution.measured(self._clock(), frame.image.shape[0] * frame.image.shape[1], seconds)
+    @property
+    def fading(self) -> bool:
+        """Whether the exact picture is being faded in."""
+        return self.pictures.current and self.weight < 1
 
-    def _finished(self) -> None:
-        """A whole picture is there: remember what it cost."""
-        assert self.work is not None
-        ms = self.work.ms
-        self.history.append(ms)
-        if self._change is not None:
-            pixels = self.size[0] * self.size[1]
-            fixed, growing = ms["templates"] + ms["volume"], ms["pointmap"] + ms["shading"]
-            self.auto.measured(self.level, self._change, pixels, fixed, growing)
+    @property
+    def age(self) -> float:
+        """Seconds since the last exact picture came."""
+        return self._clock() - self.pictures.came_at
 
     @property
     def moving(self) -> bool:
-        """Whether the picture will still change by itself."""
-        if self.playback.playing or self._strips is not None or self.resolution.wait(self._clock()) is not None:
-            return True
-        if self.state.level != AUTO or self._rendered is None or self._failed is not None:
-            return False
-        return self._best(self._rendered[0], self.size) != self.level
+        """Whether what is shown changes by itself, or the state has just changed."""
+        return self.playback.playing or self.fading or not self.pictures.rests(self._clock())
+
+    @property
+    def waiting(self) -> bool:
+        """Whether something is to come that is not there yet: an exact picture, a file, an avatar."""
+        return self.pictures.exact.busy or self.avatars.reading
+
+    def close(self) -> None:
+        """End the exact engine."""
+        self.pictures.exact.close()
+        self.avatars.close()
 
     def frame_person(self, viewport: tuple[int, int]) -> None:
         """The front view with the whole person in it."""
         with refusals_logged():
-            view = framed(OrbitView(), self.engine.outline(self.state), self.state.size.pixels(viewport))
+            points = Outline(self.avatars.get(self.state.avatar).person.body).points(self.state.signals)
+            view = framed(OrbitView(), points, self.state.size.pixels(viewport))
             self.do(SetCamera(view.azimuth, view.elevation, view.distance, view.fov, view.target))
 
     def open_motion(self, path: str) -> None:
@@ -246,17 +195,11 @@ class Studio:
         """Go on from a saved journal."""
         with refusals_logged():
             journal = Journal.load(path)
-            self.engine.avatar(journal.state.avatar)  # a session without its avatar does not replace this one
+            self.avatars.get(journal.state.avatar)  # a session without its avatar does not replace this one
             self.journal = journal
             self.playback.close()
             log.info("opened %s", path)
 
     def save_image(self, path: str | Path, viewport: tuple[int, int]) -> None:
-        """Render the state at its full raster and write it as PNG."""
-        shot = self.engine.render(self.state, self.state.size.pixels(viewport))
-        if shot.error or shot.frame is None:
-            log.error("no picture: %s", shot.error)
-            return
-        with refusals_logged():
-            write_png(path, composite(shot.frame.image, self.state.background))
-            log.info("wrote %s", path)
+        """Have the state rendered at its full raster and written as PNG; the console tells when it is there."""
+        self.pictures.save(self.state, self.state.size.pixels(viewport), str(path))

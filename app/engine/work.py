@@ -1,12 +1,12 @@
-"""What a picture cost: times, counters and notes of one frame or of several strips."""
+"""What a picture cost: times, counters, notes and memory of its frame, as plain values."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from avatarrex.frame import DeferredFrame, Frame
-from avatarrex.levels import LEVELS
+from avatarrex.frame import DeferredFrame
 from avatarrex.templates.parts import PARTS
+from avatarrex.volume.memory import Memory, memory_of
 
 
 @dataclass(frozen=True)
@@ -22,29 +22,17 @@ class Work:
     level: str
     hidden: frozenset[str]
     """Parts that were not drawn with their own fields."""
-    unseen: frozenset[str] = frozenset()
+    unseen: frozenset[str]
     """Parts that are drawn, but were not built: off screen, or occluded by the body."""
-    lags: bool = False
+    lags: bool
     """Whether what a drag hardly moved was kept from the picture before."""
-    rough: bool = False
-    """Whether a drag may have coarser voxels than the level."""
+    memory: Memory
+    """Of the volume."""
 
     @classmethod
-    def of(cls, frame: Frame, level: str) -> Work:
+    def of(cls, frame: DeferredFrame, level: str) -> Work:
         """One frame's, rendered at `level`."""
-        hidden, lags = frame.settings.hidden, isinstance(frame, DeferredFrame) and frame.volume.changed is not None
-        rough = frame.settings.voxel > LEVELS[level].voxel
-        unseen = frozenset(PARTS) - hidden - _built(frame)
-        return cls(frame.ms, frame.counters, frame.notes, frame.device, level, hidden, unseen, lags, rough)
-
-    def plus(self, frame: Frame) -> Work:
-        """With another strip's."""
-        ms = {name: value + frame.ms[name] for name, value in self.ms.items()}
-        counters = {name: count + frame.counters[name] for name, count in self.counters.items()}
-        unseen = self.unseen - _built(frame)
-        return replace(self, ms=ms, counters=counters, notes=frame.notes, unseen=unseen)
-
-
-def _built(frame: Frame) -> frozenset[str]:
-    """Parts that the frame has; a surface has all of them."""
-    return frozenset(frame.volume.parts if isinstance(frame, DeferredFrame) else PARTS)
+        hidden, lags = frame.settings.hidden, frame.volume.changed is not None
+        unseen = frozenset(PARTS) - hidden - frozenset(frame.volume.parts)
+        memory = memory_of(frame.volume.sdf)
+        return cls(frame.ms, frame.counters, frame.notes, frame.device, level, hidden, unseen, lags, memory)

@@ -1,4 +1,4 @@
-"""The Performance panel: the level and its error, time per stage, what was worked and what was kept, memory of the volume.
+"""The Performance panel: the level and its error, times of surface and exact picture, what was worked and kept, memory.
 
 It reads what the studio keeps anyway and computes only while it is drawn. Milliseconds, MiB.
 """
@@ -8,24 +8,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from statistics import median
 
+from avatarrex_studio.engine.request import Picture
 from avatarrex_studio.engine.skips import WORK, skipped
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.engine.work import Work
 from avatarrex_studio.panels import theme, widgets
+from avatarrex_studio.panels.status import condition
 from avatarrex_studio.session.commands import Command, SetLevel
 from avatarrex_studio.session.state import AUTO, LEVELS
 from imgui_bundle import imgui
 
-from avatarrex.frame import DeferredFrame
 from avatarrex.levels import ABOUT
 from avatarrex.reference.level_errors import level_errors
-from avatarrex.volume.memory import memory_of
+from avatarrex.volume.memory import Memory
 
 LABEL = 90.0
 COLUMN = 62.0
 """Width of a column of figures, points."""
 STAGES = ("templates", "volume", "pointmap", "shading")
-LEVEL_TEXT = {AUTO: "the most exact level that the time at hand allows", **ABOUT}
+LEVEL_TEXT = {AUTO: "at rest balanced, then quality where it takes less than ten seconds", **ABOUT}
 COUNTERS = {
     "templates_posed": "Meshes posed",
     "voxels_evaluated": "Body voxels",
@@ -40,8 +41,6 @@ COUNTERS = {
     "body_pixels": "Body pixels",
     "hand_pixels": "Hand pixels",
     "face_pixels": "Face pixels",
-    "surface_vertices": "Surface vertices",
-    "surface_triangles": "Surface triangles",
     "bytes_uploaded": "Bytes uploaded",
     "bytes_read_back": "Bytes read back",
 }
@@ -51,13 +50,14 @@ COUNTERS = {
 def draw(studio: Studio) -> Iterator[Command]:
     """Draw the panel; the commands of this frame."""
     yield from _level(studio)
-    if studio.work is None:
-        widgets.caption("No picture yet.")
+    _rates(studio)
+    picture = studio.pictures.picture
+    if picture is None:
+        widgets.caption("No exact picture yet.")
         return
-    _times(studio, studio.work)
-    _work(studio.work)
-    if isinstance(studio.engine.last, DeferredFrame):
-        _memory(studio.engine.last)
+    _times(studio, picture)
+    _work(picture.work)
+    _memory(picture.work.memory)
 
 
 def error_text(name: str) -> str:
@@ -69,30 +69,43 @@ def error_text(name: str) -> str:
 
 
 def _level(studio: Studio) -> Iterator[Command]:
-    current = studio.state.level
+    current, picture = studio.state.level, studio.pictures.picture
+    made = picture.work.level if picture else AUTO
     widgets.label("Level", LABEL)
-    shown = f"{AUTO}: {studio.level}" if current == AUTO else current
+    shown = f"{AUTO}: {made}" if current == AUTO and picture else current
     picked = widgets.choice("##level", LEVELS, shown, current, LEVEL_TEXT)
     widgets.paragraph(LEVEL_TEXT[current])
     widgets.label("Depth error", LABEL)
-    imgui.text(error_text(studio.level if current == AUTO else current))
+    imgui.text(error_text(made if current == AUTO else current))
     if picked:
         yield SetLevel(picked)
 
 
-def _times(studio: Studio, work: Work) -> None:
-    imgui.separator_text("Last picture")
+def _rates(studio: Studio) -> None:
+    imgui.separator_text("On screen")
+    widgets.label("Interface", LABEL)
+    imgui.text(f"{imgui.get_io().framerate:.0f} fps")
+    widgets.label("Live", LABEL)
+    if studio.surface is None or studio.live is None:
+        imgui.text("no surface")
+        return
+    imgui.text("   ".join(f"{name} {value:.1f} ms" for name, value in studio.live.ms.items()))
+
+
+def _times(studio: Studio, picture: Picture) -> None:
+    imgui.separator_text("Exact picture")
+    work, history = picture.work, studio.pictures.history
     total = work.ms["total"]
-    width, height = studio.size
+    height, width = picture.image.shape[:2]
     imgui.text(f"{total:.0f} ms" if total >= 10 else f"{total:.1f} ms")
     imgui.same_line(0, 14)
     imgui.text(f"{1e3 / total:.1f} fps" if total > 0 else "- fps")
     imgui.same_line(0, 14)
-    widgets.caption(f"{width} × {height}, {work.level}")
-    middle = {name: median(ms[name] for ms in studio.history or (work.ms,)) for name in (*STAGES, "total")}
+    widgets.caption(f"{width} × {height}, {work.level}, {condition(studio)}")
+    middle = {name: median(ms[name] for ms in history or (work.ms,)) for name in (*STAGES, "total")}
     longest = max(1e-6, *(max(work.ms[name], middle[name]) for name in STAGES))
     right = imgui.get_cursor_pos_x() + widgets.room()
-    _figures(("last", f"median {len(studio.history)}"), right, theme.MUTED)
+    _figures(("last", f"median {len(history)}"), right, theme.MUTED)
     for name in STAGES:
         widgets.label(name.capitalize(), LABEL)
         _bar(work.ms[name] / longest, middle[name] / longest, right - 2 * COLUMN - imgui.get_cursor_pos_x() - 6)
@@ -137,9 +150,8 @@ def _row(title: str, count: int, reason: str | None) -> tuple[widgets.Cell, widg
     return (widgets.caption, title, colour), (widgets.paragraph, reason, theme.MUTED) if reason else number
 
 
-def _memory(frame: DeferredFrame) -> None:
+def _memory(memory: Memory) -> None:
     imgui.separator_text("Volume")
-    memory = memory_of(frame.volume.sdf)
     sizes = {"Body grid": memory.body, "Bricks": memory.bricks, "Part boxes": memory.parts, "Together": memory.total}
     for title, size in sizes.items():
         widgets.label(title, LABEL)

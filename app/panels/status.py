@@ -1,4 +1,4 @@
-"""The status bar: what the last frame cost, at which raster, on what, and which work it did not need to do."""
+"""The status bar: the interface's rate, what surface and exact picture cost, on what, and which work was not needed."""
 
 from __future__ import annotations
 
@@ -15,16 +15,25 @@ def machine(work: Work, renderer: str) -> tuple[str, ...]:
     return (f"torch: {work.device}", *(() if named else (f"OpenGL: {renderer}",)), *work.notes)
 
 
+def condition(studio: Studio) -> str:
+    """How the exact picture stands to the present state."""
+    if studio.pictures.exact.busy:
+        return "rendering…"
+    return f"{studio.age:.0f} s old" if studio.pictures.current else "of an earlier state"
+
+
 def draw(studio: Studio, renderer: str) -> None:
     """Draw the bar's items in one line; `renderer` is the window's GL_RENDERER."""
-    work = studio.work
+    picture = studio.pictures.picture
+    work = picture.work if picture else None
     items = [f"{hello_imgui.frame_rate():.0f} fps"]
-    if work is not None:
-        width, height = studio.size
+    if studio.surface is not None and studio.live is not None:
+        items.append(f"live {studio.live.ms['total']:.1f} ms")
+    if picture is not None and work is not None:
+        height, width = picture.image.shape[:2]
         items += [
-            f"{work.ms['total']:.0f} ms",
-            f"{width} × {height} {studio.resolution.state.value}",
-            f"level {work.level}",
+            f"{work.level} {work.ms['total']:.0f} ms",
+            f"{width} × {height} {condition(studio)}",
             "skipped: " + (", ".join(skipped(work)) or "nothing"),
             *machine(work, renderer),
         ]

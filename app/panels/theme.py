@@ -20,7 +20,7 @@ WARNING = (0.95, 0.75, 0.35)
 FONT = "fonts/Roboto/Roboto-Regular.ttf"
 FONT_SIZE = 15.0
 _BASE = (0.094, 0.102, 0.118)
-_PANEL = (0.118, 0.129, 0.149)
+PANEL = (0.118, 0.129, 0.149)
 _FRAME = (0.169, 0.184, 0.212)
 _RAISED = (0.212, 0.231, 0.267)
 SIZES: dict[str, Size] = {
@@ -30,11 +30,11 @@ SIZES: dict[str, Size] = {
     "popup_border_size": 1, "tab_bar_border_size": 0, "window_title_align": (0.02, 0.5),
 }  # fmt: skip
 COLOURS: dict[str, Rgba] = {
-    "text": (*TEXT, 1), "text_disabled": (*MUTED, 1), "window_bg": (*_PANEL, 1), "child_bg": (*_PANEL, 0),
+    "text": (*TEXT, 1), "text_disabled": (*MUTED, 1), "window_bg": (*PANEL, 1), "child_bg": (*PANEL, 0),
     "popup_bg": (0.137, 0.149, 0.173, 0.98), "border": (0.06, 0.065, 0.075, 1), "frame_bg": (*_FRAME, 1),
     "frame_bg_hovered": (*_RAISED, 1), "frame_bg_active": (0.25, 0.27, 0.31, 1), "title_bg": (*_BASE, 1),
     "title_bg_active": (*_BASE, 1), "title_bg_collapsed": (*_BASE, 1), "menu_bar_bg": (*_BASE, 1),
-    "scrollbar_bg": (*_PANEL, 0), "scrollbar_grab": (0.26, 0.28, 0.32, 1),
+    "scrollbar_bg": (*PANEL, 0), "scrollbar_grab": (0.26, 0.28, 0.32, 1),
     "scrollbar_grab_hovered": (0.32, 0.35, 0.40, 1), "scrollbar_grab_active": (*ACCENT, 1),
     "check_mark": (*ACCENT, 1),
     "slider_grab": (0.52, 0.58, 0.68, 0.55), "slider_grab_active": (*ACCENT, 0.8),
@@ -42,9 +42,9 @@ COLOURS: dict[str, Rgba] = {
     "header": (0.153, 0.169, 0.196, 1), "header_hovered": (*_RAISED, 1), "header_active": (*ACCENT, 0.45),
     "separator": (0.18, 0.195, 0.225, 1),
     "separator_hovered": (*ACCENT, 0.6), "separator_active": (*ACCENT, 1),
-    "resize_grip": (*_PANEL, 0), "resize_grip_hovered": (*ACCENT, 0.5), "resize_grip_active": (*ACCENT, 1),
-    "tab": (*_BASE, 1), "tab_hovered": (*_RAISED, 1), "tab_selected": (*_PANEL, 1),
-    "tab_selected_overline": (*ACCENT, 1), "tab_dimmed": (*_BASE, 1), "tab_dimmed_selected": (*_PANEL, 1),
+    "resize_grip": (*PANEL, 0), "resize_grip_hovered": (*ACCENT, 0.5), "resize_grip_active": (*ACCENT, 1),
+    "tab": (*_BASE, 1), "tab_hovered": (*_RAISED, 1), "tab_selected": (*PANEL, 1),
+    "tab_selected_overline": (*ACCENT, 1), "tab_dimmed": (*_BASE, 1), "tab_dimmed_selected": (*PANEL, 1),
     "tab_dimmed_selected_overline": (*ACCENT, 0.5), "docking_preview": (*ACCENT, 0.4),
     "docking_empty_bg": (*_BASE, 1), "text_selected_bg": (*ACCENT, 0.35), "nav_cursor": (*ACCENT, 0.8),
     "modal_window_dim_bg": (0.02, 0.02, 0.03, 0.55),
@@ -69,6 +69,11 @@ def dress(style: Any, names: Any, sizes: Mapping[str, Size], colours: Mapping[st
         setattr(style, name, imgui.ImVec2(*size) if isinstance(size, tuple) else size)
     for name, value in colours.items():
         style.set_color_(getattr(names, name), imgui.ImVec4(*value))
+
+
+def window_background(alpha: float) -> None:
+    """How opaque windows are from here on: what is drawn twice over all of the screen takes 5 ms in software."""
+    imgui.get_style().set_color_(imgui.Col_.window_bg, vec4(PANEL, alpha))
 
 
 def colour(rgb: Rgb, alpha: float = 1.0) -> int:

@@ -26,8 +26,8 @@ _BUTTONS = (
 
 
 @dataclass(frozen=True)
-class Picture:
-    """What is shown: a texture and its raster."""
+class Shown:
+    """What is on screen: a texture and its raster."""
 
     texture: int
     width: int
@@ -41,7 +41,7 @@ class ViewportPanel:
         self.size = (640, 480)
         """Pixels that the picture may fill."""
 
-    def draw(self, studio: Studio, picture: Picture | None) -> list[Command]:
+    def draw(self, studio: Studio, picture: Shown | None) -> list[Command]:
         """Draw the picture; the commands of this frame."""
         origin, room = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail()
         room = imgui.ImVec2(max(room.x, 16), max(room.y, 16))
@@ -51,14 +51,15 @@ class ViewportPanel:
         low, high = _fit(origin, room, picture)
         canvas = imgui.get_window_draw_list()
         red, green, blue, alpha = studio.state.background
+        corner = origin + room
         if alpha < 1:
             _checkers(canvas, origin, room)
-        else:
-            canvas.add_rect_filled(origin, origin + room, theme.colour((red, green, blue)))
+        elif picture is None or (low, high) != (origin, corner):  # in software a layer over all of it takes 2 ms
+            canvas.add_rect_filled(origin, corner, theme.colour((red, green, blue)))
         if picture:
             canvas.add_image(imgui.ImTextureRef(picture.texture), low, high)
-        if studio.shot.error:
-            _message(canvas, origin, room, studio.shot.error)
+        if studio.pictures.error:
+            _message(canvas, origin, room, studio.pictures.error)
         elif picture is None:
             _centred(canvas, origin, room, "Preparing the avatar…")
         return self._mouse(studio, low, high)
@@ -83,7 +84,7 @@ class ViewportPanel:
         return commands
 
 
-def _fit(origin: imgui.ImVec2, room: imgui.ImVec2, picture: Picture | None) -> tuple[imgui.ImVec2, imgui.ImVec2]:
+def _fit(origin: imgui.ImVec2, room: imgui.ImVec2, picture: Shown | None) -> tuple[imgui.ImVec2, imgui.ImVec2]:
     """Corners of the largest rectangle of the picture's shape in the room; the room where they nearly agree."""
     shape = picture.width / picture.height if picture else room.x / room.y
     width, height = (room.x, room.x / shape) if shape > room.x / room.y else (room.y * shape, room.y)
@@ -96,14 +97,17 @@ def _fit(origin: imgui.ImVec2, room: imgui.ImVec2, picture: Picture | None) -> t
 
 def _target(studio: Studio, mouse: imgui.ImVec2, low: imgui.ImVec2, high: imgui.ImVec2) -> Vector:
     """The surface point under the cursor in the world, else the person's middle."""
-    frame = studio.shot.frame
-    if frame is not None:
-        rows, columns = frame.pointmap.hit.shape
+    pictures = studio.pictures
+    if pictures.picture is not None and pictures.current:
+        depth = pictures.picture.depth
+        rows, columns = depth.shape
         column = min(max(int((mouse.x - low.x) / (high.x - low.x) * columns), 0), columns - 1)
         row = min(max(int((mouse.y - low.y) / (high.y - low.y) * rows), 0), rows - 1)
-        if frame.pointmap.hit[row, column]:
-            position = np.append(frame.pointmap.position[row, column].double().cpu(), 1)
-            return vector((frame.world_from_root @ position)[:3])
+        if depth[row, column] > 0:
+            camera = studio.state.view.camera(columns, rows)
+            ray = np.linalg.solve(camera.intrinsics, (column + 0.5, row + 0.5, 1.0))
+            rotation, translation = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
+            return vector(rotation.T @ (depth[row, column] * ray - translation))
     return OrbitView().moved(studio.state.signals.translation).target
 
 

@@ -21,7 +21,9 @@ from avatarrex.templates.parts import PARTS
 FORMAT = 1
 """Version of the JSON form; a reader refuses a newer one by name."""
 AUTO = "auto"
-"""The level that is chosen by measured cost."""
+"""The level of whoever lets the studio choose: at rest `balanced`, then `quality`."""
+LIVE = "live"
+"""The level of the surface alone."""
 LEVELS = (AUTO, *levels.LEVELS)
 SIZES = (16, 8192)
 """Smallest and largest side of an image, pixels."""

@@ -1,7 +1,7 @@
-"""The window: panels around a viewport, one OpenGL context for the interface and the rays.
+"""The window: panels around a viewport, one OpenGL context for the interface and the surface.
 
-Each frame: the studio renders what changed, the picture goes into a texture, the panels draw and return commands.
-Nothing is rendered while nothing changes; the loop then sleeps on events.
+Each frame: the panels draw and return commands, the studio draws the surface where something changed and takes what the exact
+engine sent, both go into the texture that the viewport shows. It waits for nothing; while nothing changes the loop sleeps on events.
 """
 
 from __future__ import annotations
@@ -13,11 +13,14 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 
+from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.exact import ExactEngine
+from avatarrex_studio.engine.live import LiveSurface, read_avatar
 from avatarrex_studio.engine.studio import Studio, refusals_logged
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
-from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status
+from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status, theme
 from avatarrex_studio.panels.console import ConsolePanel
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.files import FileDialogs
@@ -43,7 +46,11 @@ from avatarrex.signals.library import named_hand, named_pose
 
 log = logging.getLogger(__name__)
 WARM_UP = 3
-"""Interface frames before the first render, so that the window is there before the avatar is computed."""
+"""Interface frames before the first picture: the viewport has its size then."""
+FPS = 60
+"""Interface frames a second at most, where the screen does not say."""
+WAITING_FPS, IDLE_FPS = 20, 4
+"""While something is to come, and while nothing is."""
 WHEEL_PAUSE = 0.5
 """Seconds between wheel notches that end one undo step."""
 
@@ -82,7 +89,9 @@ class Window:
         inner.show_menu_bar = inner.show_status_bar = True
         inner.show_menu_app = inner.show_menu_view = inner.show_status_fps = False
         inner.remember_status_bar_settings = False
+        inner.background_color = theme.vec4(theme.PANEL)
         params.fps_idling.time_active_after_last_event = 0.5
+        params.fps_idling.fps_max = FPS
         options = hello_imgui.OpenGlOptions()
         options.major_version, options.minor_version = divmod(REQUIRED // 10, 10)
         options.use_core_profile = True
@@ -90,7 +99,8 @@ class Window:
         params.renderer_backend_options.open_gl_options = options
         calls = params.callbacks
         calls.setup_imgui_config = _configure
-        calls.pre_new_frame = self._render
+        calls.pre_new_frame = self._prepare
+        calls.before_imgui_render = self._render
         calls.show_gui = self._over
         calls.show_menus = lambda: self._run(menu.draw(self.studio.journal))
         calls.show_status = self._status
@@ -123,14 +133,17 @@ class Window:
 
     def _viewport(self) -> list[Command]:
         """The picture from edge to edge, without a tab of its own."""
+        theme.window_background(1.0)  # the first panel that is drawn after the space that all are docked in
         kind = imgui.WindowClass()
         kind.dock_node_flags_override_set = imgui.internal.DockNodeFlagsPrivate_.no_tab_bar
         imgui.set_next_window_class(kind)
         imgui.push_style_var(imgui.StyleVar_.window_padding, imgui.ImVec2(0, 0))
-        flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+        flags = (
+            imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse | imgui.WindowFlags_.no_background
+        )
         shown, _ = imgui.begin("Viewport", None, flags)
         imgui.pop_style_var()
-        commands = self.viewport.draw(self.studio, self.screen.picture) if shown else []
+        commands = self.viewport.draw(self.studio, self.screen.shown) if shown else []
         imgui.end()
         return commands
 
@@ -180,16 +193,22 @@ class Window:
         elif entry.effect:
             self._effects[entry.effect]()
 
+    def _prepare(self) -> None:
+        """Before the interface's frame."""
+        self.training.upload(self.screen.open())
+        theme.window_background(0.0)
+
     def _render(self) -> None:
-        """Render what changed and show it. Before the interface's frame, in the window's own context."""
+        """Show what changed. After the panels, so that a picture follows the mouse in the same frame."""
         context = self.screen.open()
         self._frames += 1
+        if context.version_code < REQUIRED:
+            self.studio.live = None
         if self._frames > WARM_UP:
-            self.studio.tick(self.viewport.size, any(imgui.get_io().mouse_down[button] for button in range(3)))
-            self.screen.show(self.studio.image, self.studio.state.background)
-        self.training.upload(context)
-        moving = self.studio.moving or self._frames <= WARM_UP + 1
-        hello_imgui.get_runner_params().fps_idling.enable_idling = not moving
+            self.screen.show(self.studio, self.studio.tick(self.viewport.size))
+        idling = hello_imgui.get_runner_params().fps_idling
+        idling.enable_idling = not self.studio.moving and self._frames > WARM_UP + 1
+        idling.fps_idle = WAITING_FPS if self.studio.waiting else IDLE_FPS
         if context.screen:
             context.screen.use()
 
@@ -212,19 +231,20 @@ class Window:
 
     def _close(self) -> None:
         self.training.close()
+        self.studio.close()
         self.screen.close()
 
 
 def run_window(source: str = "default", device: str = "cpu") -> int:
     """Open the window on an avatar or a saved session, networks on `device`; returns the exit code. Raises `InputError`."""
     journal = Journal.load(source) if source.endswith(".json") else Journal(start(source))
-    engine = Engine(device=device)
-    engine.avatar(journal.state.avatar)
+    exact, avatars = ExactEngine(partial(Engine, device=device)), Avatars(read_avatar)
+    avatars.get(journal.state.avatar)  # while the engine starts
     import glfw  # after imgui_bundle, which brings its own library
 
     if not glfw.init():
         raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
-    window = Window(Studio(engine, journal), device=device)
+    window = Window(Studio(exact, avatars, journal, LiveSurface()), device=device)
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[window.console, logging.StreamHandler()])
     log.info("AvatarReX Studio. F1 shows the keys, Ctrl+P finds every command.")
     immapp.run(window.params())

@@ -14,7 +14,8 @@ from importlib.resources import files
 
 import moderngl
 
-VERSION = "#version 430\n"
+VERSION = 430
+"""Of GLSL, where nothing else is said."""
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _PLACE = re.compile(r"(?m)^(?:ERROR: )?(\d+)(:(\d+)\(\d+\)|\((\d+)\)|:(\d+))")
 
@@ -41,7 +42,9 @@ class ShaderSource:
         return _PLACE.sub(named, message)
 
 
-def load_shader(name: str, constants: Mapping[str, int | float | bool] | None = None) -> ShaderSource:
+def load_shader(
+    name: str, constants: Mapping[str, int | float | bool] | None = None, version: int = VERSION
+) -> ShaderSource:
     """Read `shaders/<name>` with its includes; `constants` become `#define`s ahead of the first line.
 
     Raises `ShaderError` for a missing file, naming the line that includes it.
@@ -49,7 +52,7 @@ def load_shader(name: str, constants: Mapping[str, int | float | bool] | None = 
     seen: list[str] = []
     body = _flatten(name, seen, included_by="")
     defines = "".join(f"#define {key} {_literal(value)}\n" for key, value in (constants or {}).items())
-    return ShaderSource(VERSION + defines + body, tuple(seen))
+    return ShaderSource(f"#version {version}\n" + defines + body, tuple(seen))
 
 
 def compute_shader(
@@ -70,7 +73,8 @@ def draw_program(
     constants: Mapping[str, int | float | bool] | None = None,
 ) -> moderngl.Program:
     """Compile and link the pair `shaders/<vertex>`, `shaders/<fragment>`. Raises `ShaderError`."""
-    sources = load_shader(vertex, constants), load_shader(fragment, constants)
+    version = min(VERSION, context.version_code)
+    sources = load_shader(vertex, constants, version), load_shader(fragment, constants, version)
     try:
         return context.program(vertex_shader=sources[0].text, fragment_shader=sources[1].text)
     except moderngl.Error as error:

@@ -11,7 +11,7 @@ from avatarrex_studio.engine.engine import Engine
 
 from avatarrex.avatar import Avatar
 from avatarrex.counters import NAMES
-from avatarrex.frame import Frame
+from avatarrex.frame import DeferredFrame
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import load_person
 from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
@@ -31,18 +31,18 @@ class BallMap:
     coverage: torch.Tensor
 
 
-class BallFrame(Frame):
+class BallFrame(DeferredFrame):
     """What the studio reads of a frame, and no more."""
 
     image = pointmap = volume = None
-    """Values of its own in place of `Frame`'s properties."""
+    """Values of its own in place of `DeferredFrame`'s properties."""
 
     def __init__(self, **values):
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
 
-def render_ball(avatar, signals, camera, settings, previous=None):
+def render_ball(avatar, signals, camera, settings, previous=None, between=None):
     """A ball in the image's middle; colours from the signals, size from the camera's distance."""
     height, width = camera.height, camera.width
     numbers = np.concatenate([signals.full_pose().ravel(), signals.expression, signals.translation])
@@ -74,8 +74,8 @@ def render_ball(avatar, signals, camera, settings, previous=None):
     )
 
 
-def ball_engine(render=render_ball, settings=None, device="cpu"):
+def ball_engine(render=render_ball, settings=None, device="cpu", between=None):
     """An engine without an avatar file; the person is the true one."""
     avatar = object.__new__(Avatar)
     avatar.person = load_person("default")
-    return Engine(avatar=avatar, render=render, settings=settings, device=device)
+    return Engine(avatar=avatar, render=render, settings=settings, device=device, between=between)

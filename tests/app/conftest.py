@@ -9,8 +9,7 @@ import subprocess
 import time
 
 import pytest
-from avatarrex_studio.engine.studio import Studio
-from ball import ball_engine
+from ball_studio import ball_studio
 
 
 class Clock:
@@ -30,7 +29,7 @@ def clock():
 
 @pytest.fixture
 def studio(clock):
-    return Studio(ball_engine(), clock=clock)
+    return ball_studio(clock)
 
 
 @pytest.fixture(scope="session")

@@ -21,11 +21,13 @@ import numpy as np
 import pytest
 from avatarrex_studio.cli import headless as _headless  # it must know the true engine before that is replaced
 from avatarrex_studio.cli import main as cli
+from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.session.commands import SetBackground, SetExpression
 from bad_files import AVATARS, MOTIONS, SESSIONS, Payload, bvh, csv
 from ball import ball_engine, render_ball
+from ball_studio import InlineExact
 from PIL import Image
 
 from avatarrex.signals.read import read_motion
@@ -403,25 +405,27 @@ def test_the_window_refuses_a_session_and_stays(name, studio, tmp_path, caplog):
 
 def test_the_window_keeps_its_avatar(clock, tmp_path, caplog):
     """A session whose avatar is lost does not replace the one that is open."""
-    studio = Studio(Engine(render=render_ball), clock=clock)
-    studio.tick((64, 48))
-    avatar, before = studio.engine.avatar("default"), studio.state
+    studio = Studio(InlineExact(Engine(render=render_ball)), Avatars(), clock=clock)
+    avatar, before = studio.avatars.get("default"), studio.state
     start = {"format": 1, "avatar": str(tmp_path / "lost.avatar")}
     (tmp_path / "s.json").write_text(json.dumps({"format": 1, "kind": "session", "start": start, "steps": []}))
     studio.open_session(str(tmp_path / "s.json"))
     assert "lost.avatar: expected an avatar folder or an .avatar file, found nothing there" in caplog.text
     assert studio.state is before
-    assert studio.engine.avatar("default") is avatar
-    clock.now += 1
+    assert studio.avatars.get("default") is avatar
     studio.do(SetExpression("jawOpen", 0.5))
-    assert studio.tick((64, 48))
-    assert studio.shot.error is None
+    for _ in range(3):
+        clock.now += 1
+        studio.tick((64, 48))
+    assert studio.pictures.error is None
+    assert studio.pictures.current
 
 
 def test_the_window_survives_files_that_cannot_be_written(studio, caplog):
     studio.do(SetBackground((1.0, 1.0, 1.0, 1.0)))
     before = studio.state
     studio.save_image("/proc/out.png", (32, 24))
+    studio.tick((32, 24))
     studio.save_session("/proc/out.json")
     errors = [record.getMessage() for record in caplog.records if record.levelname == "ERROR"]
     assert [error.split(":")[0] for error in errors] == ["/proc/out.png", "/proc/out.json"]

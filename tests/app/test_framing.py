@@ -83,7 +83,8 @@ def test_home_frames_the_person_as_it_stands(studio):
     studio.do(SetTranslation((3.0, 0.0, 8.0)))
     studio.do(SetCamera(azimuth=50.0, distance=0.5))
     studio.frame_person((400, 300))
-    high, low = reach(studio.state.view, studio.engine.outline(studio.state), (400, 300))
+    body = studio.avatars.get("default").person.body
+    high, low = reach(studio.state.view, Outline(body).points(studio.state.signals), (400, 300))
     assert max(*high, *-low) == pytest.approx(1 - FREE_SHARE)
     assert studio.state.view.azimuth == 0
     studio.undo()

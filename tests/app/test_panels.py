@@ -125,16 +125,18 @@ def test_the_other_panels_draw(screen, studio):
     assert screen.frame(lambda: TimelinePanel().draw(studio)) == []
 
 
-def test_the_performance_panel_before_and_after_a_picture(screen, studio, monkeypatch):
+def test_the_performance_panel_before_and_after_a_picture(screen, studio, clock, monkeypatch):
     said = []
     for name in ("text", "text_wrapped"):
         real = getattr(imgui, name)
         monkeypatch.setattr(imgui, name, lambda text, real=real: said.append(text) or real(text))
     assert screen.frame(lambda: performance.draw(studio)) == []
-    assert "No picture yet." in said
-    studio.tick((64, 48))
-    studio.do(OrbitBy(10.0, 0.0))
-    studio.tick((64, 48))
+    assert "No exact picture yet." in said
+    for _ in range(2):
+        studio.do(OrbitBy(10.0, 0.0))
+        for _ in range(20):
+            clock.now += 0.05
+            studio.tick((64, 48))
     said.clear()
     monkeypatch.setattr(performance, "level_errors", lambda: {"balanced": None})
     screen.frame(lambda: performance.draw(studio))

@@ -9,12 +9,11 @@ import time
 from pathlib import Path
 
 import pytest
-from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.window.runs_window import RunsWindow
 from avatarrex_studio.window.window import Window, start
-from ball import ball_engine
+from ball_studio import ball_studio
 from driving import drive
 from imgui_bundle import icons_fontawesome_6 as icons
 
@@ -75,7 +74,7 @@ def test_the_viewer_follows_live_runs_and_stands_broken_files(display, tmp_path)
 
 
 def test_the_training_tab_starts_pauses_resumes_stops_and_shows(display, tmp_path):
-    window = Window(Studio(ball_engine(), Journal(start())), tmp_path / "runs")
+    window = Window(ball_studio(time.monotonic, journal=Journal(start())), tmp_path / "runs")
     panel = window.training
     command = [*TINY, "--steps", "100000", "--seconds", "0.02", "--avatar"]
     panel.processes = TrainingProcesses(command)

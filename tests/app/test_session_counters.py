@@ -143,5 +143,5 @@ def test_a_state_s_level_is_what_is_rendered(session):
 
 def test_the_levels_of_the_state_are_those_of_the_library():
     assert set(LEVELS) == {"auto", *TABLE}
-    with pytest.raises(InputError, match=r"level.*auto or live or paper.*best"):
+    with pytest.raises(InputError, match=r"level.*auto or live.*best"):
         StudioState(level="best")

@@ -1,18 +1,14 @@
-"""The studio without a window: what is rendered when, resolution, playback, errors, actions."""
+"""The studio without a window: what is rendered when, playback, errors, actions. What is on screen: `test_pictures.py`."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
-from avatarrex_studio.engine.resolution import FLOOR_PIXELS, FULL_AFTER, Activity, Resolution
-from avatarrex_studio.engine.strips import Strips
-from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.session.actions import ACTIONS, action, find
 from avatarrex_studio.session.commands import OrbitBy, SetBackground, SetExpression, SetJoint, SetLevel
 from avatarrex_studio.session.motion import Motion
-from avatarrex_studio.session.state import StudioState
-from ball import ball_engine, render_ball
+from ball import render_ball
+from ball_studio import ball_studio
 
 from avatarrex.errors import InputError
 from avatarrex.levels import DRAGGED_VOXEL, REUSE_TOLERANCE, level
@@ -24,48 +20,14 @@ VIEWPORT = (320, 240)
 
 
 def settle(studio, clock):
-    """Tick until nothing new comes; returns the number of pictures."""
-    pictures = 0
+    """Tick until nothing new comes; returns how often there was something."""
+    new = 0
     for _ in range(400):
         clock.now += 0.05
-        pictures += studio.tick(VIEWPORT)
-        if not studio.moving:
-            return pictures
+        new += studio.tick(VIEWPORT)
+        if not (studio.moving or studio.waiting):
+            return new
     raise AssertionError("the picture never became final")
-
-
-def test_resolution_drops_while_moving_and_returns_at_rest():
-    resolution, full = Resolution(seconds_per_pixel=2e-6), (800, 600)
-    resolution.tick(0.0, True)
-    moving = resolution.size(full)
-    assert resolution.state is Activity.MOVING
-    resolution.tick(0.01, False)
-    still = resolution.size(full)
-    assert resolution.state is Activity.STILL
-    resolution.tick(FULL_AFTER, False)
-    assert resolution.state is Activity.FULL
-    assert moving[0] < still[0] < resolution.size(full)[0] == 800
-    assert moving[0] * moving[1] == pytest.approx(1 / 12 / 2e-6, rel=0.02)
-    assert moving[0] / moving[1] == pytest.approx(4 / 3, rel=0.02)
-
-
-def test_resolution_has_hysteresis_and_a_floor():
-    resolution, full = Resolution(seconds_per_pixel=1e-6), (800, 600)
-    resolution.tick(0.0, True)
-    first = resolution.size(full)
-    resolution.seconds_per_pixel *= 1.2
-    assert resolution.size(full) == first
-    resolution.seconds_per_pixel *= 2
-    assert resolution.size(full) < first
-    resolution.seconds_per_pixel = 1.0
-    assert min(resolution.size(full)) == FLOOR_PIXELS
-
-
-def test_a_slow_frame_does_not_count_as_rest():
-    resolution = Resolution()
-    resolution.tick(0.0, True)
-    resolution.measured(3.0, 1000, 3.0)
-    assert resolution.tick(3.01, False) is Activity.STILL
 
 
 def test_a_dragged_picture_may_lag_and_be_rough_and_the_one_that_stays_may_not(clock):
@@ -77,60 +39,48 @@ def test_a_dragged_picture_may_lag_and_be_rough_and_the_one_that_stays_may_not(c
         frame.volume.changed = "some of it" if settings.reuse_tolerance else None
         return frame
 
-    studio = Studio(ball_engine(render), clock=clock)
+    studio = ball_studio(clock, render)
     exact, coarse = (0.0, level("fast").voxel), (REUSE_TOLERANCE, DRAGGED_VOXEL)
-    for name, first in (("fast", coarse), ("balanced", exact)):
+    for k, name in enumerate(("fast", "balanced")):
         studio.do(SetLevel(name))
         settle(studio, clock)
         rendered.clear()
-        studio.do(SetJoint("left_shoulder", (0, 0, 0.1 + first[0])))
-        clock.now += 0.01
-        studio.tick((32, 24))  # so small that a drag has every pixel
-        assert rendered == [first]
+        studio.do(SetJoint("left_shoulder", (0, 0, 0.1 + 0.1 * k)))
         for _ in range(100):
             clock.now += 0.05
             studio.tick((32, 24))
-        assert rendered == ([coarse, exact] if name == "fast" else [exact])
-        assert not studio.work.lags
-        assert not studio.work.rough
+        assert rendered == [coarse if name == "fast" else exact, exact]
+        assert not studio.pictures.picture.work.lags
 
 
 def test_nothing_is_rendered_when_nothing_changes(studio, clock):
     assert settle(studio, clock) >= 1
-    assert studio.size == VIEWPORT
-    image = studio.image
-    for _ in range(5):
-        clock.now += 1
-        assert not studio.tick(VIEWPORT)
-    assert studio.image is image
-    studio.do(SetBackground((1.0, 1.0, 1.0, 1.0)))
-    clock.now += 1
-    assert not studio.tick(VIEWPORT), "the background is not the pipeline's business"
+    picture = studio.pictures.picture
+    assert picture.image.shape == (*reversed(VIEWPORT), 4)
+    requests = len(studio.pictures.exact.begun)
+    for background in (None, (1.0, 1.0, 1.0, 1.0)):
+        if background:
+            studio.do(SetBackground(background))
+        for _ in range(5):
+            clock.now += 1
+            assert not studio.tick(VIEWPORT), "the background is not the engine's business"
+    assert studio.pictures.picture is picture
+    assert len(studio.pictures.exact.begun) == requests
 
 
 def test_a_change_renders_small_first_and_full_in_the_end(studio, clock):
     settle(studio, clock)
-    before = studio.image.clone()
+    before = studio.pictures.picture.image
     studio.do(SetJoint("left_elbow", (0.0, -1.0, 0.0)))
     clock.now += 0.01
+    studio.tick(VIEWPORT)
+    clock.now += 0.01
     assert studio.tick(VIEWPORT)
-    assert studio.size < VIEWPORT
-    assert studio.work.counters["voxels_evaluated"] == 100
+    assert studio.pictures.picture.image.size < before.size
+    assert studio.pictures.picture.work.counters["voxels_evaluated"] == 100
     settle(studio, clock)
-    assert studio.size == VIEWPORT
-    assert not torch.equal(studio.image, before)
-
-
-def test_strips_make_the_whole_picture():
-    state, size = StudioState(), (64, 50)
-    whole = ball_engine().render(state, size).frame.image
-    strips = Strips(ball_engine(), state, size, torch.zeros(5, 6, 4), seconds_per_pixel=1e-4)
-    steps = 0
-    while not strips.finished:
-        strips.step()
-        steps += 1
-    assert steps == 3
-    assert torch.equal(strips.image, whole)
+    assert studio.pictures.picture.image.shape == before.shape
+    assert not np.array_equal(studio.pictures.picture.image, before)
 
 
 def test_an_error_leaves_the_last_good_picture(clock, caplog):
@@ -139,17 +89,17 @@ def test_an_error_leaves_the_last_good_picture(clock, caplog):
             raise RuntimeError("the network has no such face")
         return render_ball(avatar, signals, camera, settings, previous)
 
-    studio = Studio(ball_engine(sometimes), clock=clock)
+    studio = ball_studio(clock, sometimes)
     settle(studio, clock)
-    image, frame = studio.image, studio.shot.frame
+    picture = studio.pictures.picture
     studio.do(SetExpression("jawOpen", 0.5))
     settle(studio, clock)
-    assert "no such face" in studio.shot.error
-    assert studio.image is image
-    assert studio.shot.frame is frame
+    assert "no such face" in studio.pictures.error
+    assert studio.pictures.picture is picture
+    assert studio.weight == 1
     studio.undo()
     settle(studio, clock)
-    assert studio.shot.error is None
+    assert studio.pictures.error is None
     assert "no such face" in caplog.text
 
 
@@ -215,23 +165,9 @@ def test_actions_are_named_once_and_all_can_be_done(studio, motion_file):
     assert find("pose wave")[0].title == "Pose: wave"
 
 
-def test_the_engine_renders_a_part_of_the_rows():
-    seen = []
-
-    def spy(avatar, signals, camera, settings, previous=None):
-        seen.append(camera)
-        return render_ball(avatar, signals, camera, settings, previous)
-
-    ball_engine(spy).render(StudioState(), (64, 48), rows=(10, 30))
-    assert (seen[0].width, seen[0].height) == (64, 20)
-    assert seen[0].intrinsics[1, 2] == 24 - 10
-
-
 def test_a_saved_session_opens_again(studio, clock, tmp_path):
     studio.do(OrbitBy(20.0, 5.0))
     studio.save_session(str(tmp_path / "a.json"))
-    other = Studio(ball_engine(), clock=clock)
+    other = ball_studio(clock)
     other.open_session(str(tmp_path / "a.json"))
     assert other.state == studio.state
-    studio.save_image(tmp_path / "a.png", VIEWPORT)
-    assert (tmp_path / "a.png").stat().st_size > 100

@@ -3,32 +3,46 @@
 from __future__ import annotations
 
 import logging
+import os
+import signal
 import time
 from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
 
 import driving
 import numpy as np
 import pytest
-import torch
+from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import performance
 from avatarrex_studio.panels.keys import chord
+from avatarrex_studio.session.commands import OrbitBy
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.window.window import Window, start
-from ball import ball_engine
+from ball import ball_engine, render_ball
 from imgui_bundle import imgui
 
 from avatarrex.avatar import Avatar
-from avatarrex.pipeline import render_frame
+from avatarrex.gl.context import current_context
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.read import write_json
+from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.person import load_person
 
 pytestmark = pytest.mark.window
 
 
-def drive(engine, scenario, size=(1280, 800)):
-    """Open a window on `engine`, run `scenario(test, window)` beside it, close it."""
-    window = Window(Studio(engine, Journal(start())))
+def compact_engine(*, between):
+    """Untrained fields, through the true pipeline."""
+    return Engine(avatar=Avatar.create(load_person("default"), "compact"), between=between)
+
+
+def drive(make, scenario, size=(1280, 800), live=None):
+    """Open a window on the engine that `make` makes in a process of its own, run `scenario(test, window)`, close it."""
+    window = Window(Studio(ExactEngine(make), Avatars(), Journal(start()), live))
     logging.getLogger().addHandler(window.console)
     try:
         driving.drive(window, lambda test: scenario(test, window), size)
@@ -41,9 +55,12 @@ def rest(test, window, seconds=60):
     """Let the window draw until the picture is final."""
     until = time.monotonic() + seconds
     test.yield_(6)
-    while window.studio.moving and time.monotonic() < until:
+    studio = window.studio
+    while (studio.moving or studio.waiting or not studio.pictures.current) and time.monotonic() < until:
         test.yield_()
-    assert not window.studio.moving
+    assert studio.pictures.current
+    assert not studio.moving
+    assert not studio.waiting
 
 
 def test_a_slider_moves_the_picture_and_undo_brings_it_back(display):
@@ -51,23 +68,22 @@ def test_a_slider_moves_the_picture_and_undo_brings_it_back(display):
 
     def scenario(test, window):
         rest(test, window)
-        seen["before"], seen["size"] = window.studio.image, window.studio.size
+        seen["before"], seen["size"] = window.studio.pictures.picture.image, window.screen.shown
         test.window_focus("//Face")
         test.item_input_value("//Face/##jawOpen", 0.5)
         rest(test, window)
         seen["value"] = window.studio.state.signals.expression.max()
-        seen["after"] = window.studio.image
+        seen["after"] = window.studio.pictures.picture.image
         test.key_press(chord("Ctrl+Z"))
         rest(test, window)
-        seen["undone"] = window.studio.image
+        seen["undone"] = window.studio.pictures.picture.image
 
-    window = drive(ball_engine(), scenario)
+    drive(ball_engine, scenario)
     assert seen["value"] == pytest.approx(0.5)
-    assert seen["before"].shape == seen["after"].shape == (*reversed(seen["size"]), 4)
-    assert min(seen["size"]) > 400
-    assert not torch.equal(seen["before"], seen["after"])
-    assert torch.equal(seen["before"], seen["undone"])
-    assert window.screen.picture.width == seen["size"][0]
+    assert seen["before"].shape == seen["after"].shape == (seen["size"].height, seen["size"].width, 4)
+    assert min(seen["size"].width, seen["size"].height) > 400
+    assert not np.array_equal(seen["before"], seen["after"])
+    assert np.array_equal(seen["before"], seen["undone"])
 
 
 def test_mouse_palette_and_keys(display):
@@ -94,7 +110,7 @@ def test_mouse_palette_and_keys(display):
         test.yield_(3)
         states["squat"] = window.studio.state
 
-    drive(ball_engine(), scenario)
+    drive(ball_engine, scenario)
     assert states["orbit"].view.azimuth < -10
     assert states["orbit"].view.elevation < -5
     assert states["steps"] == 1, "a whole drag is one undo step"
@@ -113,22 +129,22 @@ def test_the_performance_panel_changes_the_level_and_costs_nothing_when_hidden(d
         test.yield_(3)
         drawn.clear()
         test.yield_(5)
-        seen["hidden"], seen["pictures"] = len(drawn), len(window.studio.history)
+        seen["hidden"], seen["pictures"] = len(drawn), len(window.studio.pictures.history)
         test.window_focus("//Performance")
         test.yield_(5)
         seen["shown"] = len(drawn)
         test.set_ref("//Performance")
         test.combo_click("##level/quality")
         rest(test, window)
-        seen["level"], seen["work"] = window.studio.state.level, window.studio.work.level
+        seen["level"], seen["work"] = window.studio.state.level, window.studio.pictures.picture.work.level
         test.key_press(chord("Ctrl+Z"))
         rest(test, window)
-        seen["undone"] = window.studio.work.level
-        seen["image"], seen["done"] = window.studio.image, len(window.studio.history)
+        seen["undone"] = window.studio.pictures.picture.work.level
+        seen["image"], seen["done"] = window.studio.pictures.picture.image, len(window.studio.pictures.history)
         test.yield_(20)
-        seen["still"], seen["idle"] = window.studio.image, len(window.studio.history)
+        seen["still"], seen["idle"] = window.studio.pictures.picture.image, len(window.studio.pictures.history)
 
-    drive(ball_engine(), scenario)
+    drive(ball_engine, scenario)
     assert seen["hidden"] == 0 < seen["shown"]
     assert seen["level"] == seen["work"] == "quality"
     assert seen["undone"] == "balanced"
@@ -137,24 +153,128 @@ def test_the_performance_panel_changes_the_level_and_costs_nothing_when_hidden(d
     assert seen["still"] is seen["image"]
 
 
+def slow_ball(avatar, signals, camera, settings, previous=None, between=None):
+    """A ball that takes a second, in a hundred stages."""
+    for _ in range(100):
+        between()
+        time.sleep(0.01)
+    return render_ball(avatar, signals, camera, settings, previous)
+
+
+def slow_engine(*, between):
+    return ball_engine(slow_ball, between=between)
+
+
+class PlainSurface:
+    """A surface of one colour that follows the view."""
+
+    ms = {"pose": 0.0, "draw": 0.0, "total": 0.0}  # noqa: RUF012
+
+    def __init__(self):
+        self.states, self.kept = [], {}
+
+    def draw(self, avatar, state, size):
+        self.states.append(state)
+        with current_context() as context:
+            shade = round(state.view.azimuth) % 200
+            self.kept[size] = context.texture(size, 4, bytes([shade, 40, 60, 255]) * (size[0] * size[1]))
+        return SimpleNamespace(texture=self.kept[size])
+
+
+def test_the_interface_does_not_wait_for_the_engine(display, tmp_path, caplog):
+    """A drag, a playback and a screenshot beside an engine that takes a second; then it is killed."""
+    write_json(tmp_path / "turn.json", SignalSequence(tuple(
+        Signals.rest().replace(translation=np.array([0.0, 0.0, 0.01 * k])) for k in range(60)), 30.0, "turn"))  # fmt: skip
+    caplog.set_level(logging.INFO)
+    surface, seen, ends = PlainSurface(), {}, []
+
+    def scenario(test, window):
+        studio = window.studio
+        rest(test, window)
+        seen["fade"] = studio.weight
+        pictures = len(studio.pictures.history)
+        centre = test.item_info("//Viewport/picture").rect_full.get_center()
+        test.mouse_move_to_pos(centre)
+        drawn = len(surface.states)
+        test.mouse_down()
+        for k in range(8):
+            test.mouse_teleport_to_pos(imgui.ImVec2(centre.x + 10 * k, centre.y - 5 * k))
+            test.yield_()
+        test.mouse_up()
+        test.yield_(2)
+        seen["drag"], seen["dragged"] = len(surface.states) - drawn, len(studio.pictures.history) - pictures
+        seen["weight"], seen["now"] = studio.weight, surface.states[-1].view == studio.state.view
+        studio.open_motion(str(tmp_path / "turn.json"))
+        test.key_press(chord("Space"))
+        drawn, until = len(surface.states), time.monotonic() + 2
+        while time.monotonic() < until:
+            test.yield_()
+        test.key_press(chord("Space"))
+        seen["played"] = len(surface.states) - drawn
+        start = len(ends)
+        studio.save_image(tmp_path / "a.png", (32, 24))
+        while not (tmp_path / "a.png").exists() and len(ends) < start + 2000:
+            test.yield_()
+        seen["frames beside the file"] = len(ends) - start
+        rest(test, window)
+        os.kill(studio.pictures.exact.process, signal.SIGKILL)
+        test.yield_(20)
+        test.key_press(chord("3"))
+        rest(test, window)
+        seen["end"] = studio.weight
+
+    window = Window(Studio(ExactEngine(slow_engine), Avatars(), Journal(start()), surface))
+    ticked = window.studio.tick
+    window.studio.tick = lambda viewport: (ended(ends), ticked(viewport))[1]
+    logging.getLogger().addHandler(window.console)
+    try:
+        driving.drive(window, lambda test: scenario(test, window))
+    finally:
+        logging.getLogger().removeHandler(window.console)
+    assert seen["fade"] == seen["end"] == 1
+    assert seen["drag"] > 3
+    assert seen["dragged"] == 0
+    assert seen["weight"] == 0
+    assert seen["now"], "the surface shows the newest state"
+    assert seen["played"] > 10
+    assert seen["frames beside the file"] > 10
+    assert (tmp_path / "a.png").stat().st_size > 100
+    lines = "\n".join(line for _, line in window.console.lines)
+    assert "killed by SIGKILL" in lines
+    assert "wrote" in lines
+    assert not Path(f"/proc/{window.studio.pictures.exact.process}").exists(), "closing the window ends the engine"
+
+
+def ended(ends):
+    """Note that an interface frame has begun."""
+    ends.append(time.monotonic())
+
+
 @pytest.mark.slow
 def test_the_real_pipeline_in_the_window(display):
     """What a user moves is what is computed: the face, the body, rays and colour alone, or nothing at all."""
-    frames, done, images = [], {}, {}
-
-    def render(*arguments):
-        frames.append(render_frame(*arguments))
-        return frames[-1]
+    done, images = {}, {}
 
     def scenario(test, window):
+        works = []
+        take = window.studio.pictures._take
+
+        def taken(now, answer, live):
+            works.extend([answer.picture.work] if answer.picture else [])
+            return take(now, answer, live)
+
+        window.studio.pictures._take = taken
+
         def note(name):
             rest(test, window, 240)
-            done[name] = (
-                {key: sum(frame.counters[key] for frame in frames) for key in frames[0].counters} if frames else {}
+            done[name] = {key: sum(work.counters[key] for work in works) for key in works[0].counters} if works else {}
+            images[name], done[name + " notes"] = (
+                window.studio.pictures.picture.image,
+                window.studio.pictures.picture.work.notes,
             )
-            images[name], done[name + " notes"] = window.studio.image, window.studio.work.notes
-            frames.clear()
+            works.clear()
 
+        window.studio.do(OrbitBy(0.5, 0.0))
         note("first")
         test.window_focus("//Face")
         test.item_input_value("//Face/##jawOpen", 0.8)
@@ -167,11 +287,11 @@ def test_the_real_pipeline_in_the_window(display):
         test.yield_(10)
         note("nothing")
 
-    drive(Engine(avatar=Avatar.create(load_person("default"), "compact"), render=render), scenario, (640, 420))
-    assert "OpenGL" in done["first notes"][0], "the window lends its context"
+    drive(compact_engine, scenario, (640, 420))
+    assert "OpenGL" in done["first notes"][0], "the engine has a context of its own"
     steps = ("first", "expression", "body", "camera")
     assert all(done[name]["rays"] and done[name]["pixels_shaded"] for name in steps)
-    assert not any(torch.equal(images[a], images[b]) for a, b in pairwise(steps))
+    assert not any(np.array_equal(images[a], images[b]) for a, b in pairwise(steps))
     assert done["expression"]["face_evaluations"] > 0 == done["expression"]["hand_distances"]
     assert done["body"]["voxels_evaluated"] > 0 == done["body"]["hand_distances"] == done["body"]["face_evaluations"]
     still = ("voxels_evaluated", "hand_distances", "face_evaluations", "templates_posed")

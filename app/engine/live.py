@@ -1,0 +1,44 @@
+"""The surface in the window: level `live` of the one pipeline, its picture left in the OpenGL context that is current."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from avatarrex_studio.session.state import LIVE, StudioState
+
+from avatarrex import levels
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
+from avatarrex.live import LiveFrame, render_live
+from avatarrex.signals.driving import Signals
+from avatarrex.surface.pose import pose_surface
+from avatarrex.surface.raster import SurfacePicture
+
+
+def read_avatar(name: str) -> Avatar:
+    """An avatar whose surface was posed once: what is compiled at first use does not make the interface wait. Raises `InputError`."""
+    avatar = load_avatar(name)
+    if avatar.surface is not None:
+        pose_surface(avatar.surface, avatar.person, Signals.rest())
+    return avatar
+
+
+class LiveSurface:
+    """Draws the surface of the avatar that is open, and remembers the frame before."""
+
+    def __init__(self) -> None:
+        self.ms: dict[str, float] = {"surface": 0.0, "raster": 0.0, "total": 0.0}
+        """Milliseconds of the last picture by stage; in software the rasteriser goes on after that."""
+        self._avatar: Avatar | None = None
+        self._previous: LiveFrame | None = None
+
+    def draw(self, avatar: Avatar, state: StudioState, size: tuple[int, int]) -> SurfacePicture | None:
+        """The picture, (width, height) pixels; None for an avatar without a surface."""
+        if avatar.surface is None:
+            return None
+        if avatar is not self._avatar:
+            self._avatar, self._previous = avatar, None
+        settings = replace(levels.level(LIVE), hidden=state.hidden | avatar.hidden)
+        frame = render_live(avatar, state.signals, state.view.camera(*size), settings, self._previous)
+        self._previous, self.ms = frame, frame.ms
+        return frame.picture

@@ -1,0 +1,108 @@
+"""The process of the exact engine: it takes a request from the pipe, renders, answers, and sleeps until the next.
+
+A thread reads the pipe, so that a picture can be cancelled between two stages and the process ends when the pipe breaks.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+import threading
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.pages import keep_pages
+from avatarrex_studio.engine.request import Answer, Picture, Request
+from avatarrex_studio.engine.work import Work
+
+from avatarrex.errors import InputError
+from avatarrex.files.images import composite, write_png
+from avatarrex.frame import DeferredFrame
+
+READY, CANCEL = "ready", "cancel"
+"""Messages beside requests and answers: the engine is made; stop the picture under way."""
+NICENESS = 5
+"""The interface comes first."""
+
+
+@runtime_checkable
+class Make(Protocol):
+    """Makes the engine, in its process."""
+
+    def __call__(self, *, between: Callable[[], None]) -> Engine:
+        """`between` is to be called between stages and may raise `Cancelled`."""
+
+
+class Cancelled(BaseException):
+    """The picture is not wanted any more; no error, so that nothing on the way takes it for one."""
+
+
+class Inbox:
+    """What the pipe brings."""
+
+    def __init__(self, connection: Connection) -> None:
+        self.requests: SimpleQueue[Request] = SimpleQueue()
+        self._cancelled = threading.Event()
+        threading.Thread(target=self._read, args=(connection,), daemon=True).start()
+
+    def check(self) -> None:
+        """Raise `Cancelled` where the request under way is not wanted any more."""
+        if self._cancelled.is_set():
+            raise Cancelled
+
+    def _read(self, connection: Connection) -> None:
+        """One request is under way at a time: a new one means that the last was answered."""
+        try:
+            while True:
+                message = connection.recv()
+                if message == CANCEL:
+                    self._cancelled.set()
+                else:
+                    self._cancelled.clear()
+                    self.requests.put(message)
+        except (EOFError, OSError):
+            os._exit(0)  # whoever sent it is gone; a picture under way is of no use
+
+
+def serve(connection: Connection, make: Make) -> None:
+    """The process's main function."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl+C is for the window, and the pipe tells
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    keep_pages()
+    inbox = Inbox(connection)
+    engine = make(between=inbox.check)
+    connection.send(READY)
+    while True:
+        request = inbox.requests.get()
+        try:
+            answer = answered(engine, request)
+        except Cancelled:
+            answer = Answer(request, cancelled=True)
+        connection.send(answer)
+
+
+def answered(engine: Engine, request: Request) -> Answer:
+    """Render and, where the request names a file, write it."""
+    shot = engine.render(request.state, request.size, request.dragged)
+    if shot.error or shot.frame is None:
+        return Answer(request, error=shot.error)
+    frame = shot.frame
+    if not request.path:
+        assert isinstance(frame, DeferredFrame), "the surface is drawn by whoever shows it"
+        image = np.rint(255 * frame.image.clamp(0, 1).cpu().numpy()).astype(np.uint8)
+        depth = (frame.pointmap.depth * frame.pointmap.hit).float().cpu().numpy()
+        return Answer(request, Picture(image, depth, Work.of(frame, request.state.level)))
+    try:
+        pixels = composite(frame.image, request.state.background)
+        write_png(request.path, pixels, {"avatarrex": json.dumps(request.state.to_json())})
+    except InputError as error:
+        return Answer(request, error=str(error))
+    return Answer(request)
