@@ -31,6 +31,7 @@ ROOMS = (
     ("avatarrex.pipeline",),
     ("avatarrex.distil",),
     ("avatarrex.reference",),
+    ("avatarrex.export",),
     ("avatarrex.capture",),
     ("avatarrex.metrics",),
     ("avatarrex.training",),
