@@ -43,7 +43,7 @@ class Clip:
         flips = np.sign((turned[1:] * turned[:-1]).sum(-1))
         flips[flips == 0] = 1
         turned[1:] *= np.cumprod(flips, 0)[..., None]
-        return turned
+        return np.asarray(turned)
 
     def translations(self) -> Float64[np.ndarray, "t 3"]:
         """Metres that the pelvis is moved."""

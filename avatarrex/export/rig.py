@@ -115,7 +115,7 @@ def _morph(surface: Surface, expression: int) -> Morph:
 
 def _summing_to_one(weight: np.ndarray) -> np.ndarray:
     """Single precision; what rounding leaves goes to the strongest."""
-    rounded = (weight / weight.sum(1, keepdims=True)).astype(np.float32)
+    rounded: np.ndarray = (weight / weight.sum(1, keepdims=True)).astype(np.float32)
     rounded[:, 0] += 1 - rounded.sum(1, dtype=np.float64).astype(np.float32)
     return rounded
 

@@ -28,7 +28,7 @@ def light_on(surface: Surface, normals: Float[Tensor, "v 3"], light: Light) -> F
     """What the albedo is multiplied by at each vertex, under unit normals in the root frame."""
     with torch.no_grad():
         share = torch.from_numpy(surface.lit)[:, None]
-        return (1 + share * (light(normals.float()) - 1)).numpy()
+        return np.asarray((1 + share * (light(normals.float()) - 1)).numpy())
 
 
 def baked_texture(
@@ -40,7 +40,7 @@ def baked_texture(
     if tint is not None:
         colour = colour + 255 * spread(surface, tint, height, width)
     factor = spread(surface, light_on(surface, normals, light), height, width)
-    return np.clip(np.rint(colour * factor), 0, 255).astype(np.uint8)
+    return np.asarray(np.rint(np.clip(colour * factor, 0, 255)), np.uint8)
 
 
 def vertex_colours(
@@ -52,7 +52,7 @@ def vertex_colours(
     texel = np.clip((surface.uv * [width, height]).astype(np.int64), 0, [width - 1, height - 1])
     place[surface.uv_vertex] = texel
     albedo = surface.albedo[place[:, 1], place[:, 0]] * (surface.albedo_scale / 255)
-    return np.clip((albedo + tint) * light_on(surface, normals, light), 0, 1)
+    return np.asarray(np.clip((albedo + tint) * light_on(surface, normals, light), 0, 1))
 
 
 def spread(surface: Surface, values: np.ndarray, height: int, width: int) -> np.ndarray:
