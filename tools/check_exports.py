@@ -25,12 +25,16 @@ from PIL import Image
 
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
+from avatarrex.camera import Camera
 from avatarrex.export.clips import Clip, read_clips
 from avatarrex.export.export import export_avatar
 from avatarrex.export.losses import Source
-from avatarrex.export.rig import Rig, rig_of
+from avatarrex.export.rig import Rig, lifted, rig_of
 from avatarrex.export.target import BONES
 from avatarrex.files.gate import written
+from avatarrex.files.images import composite
+from avatarrex.levels import level
+from avatarrex.pipeline import render_frame
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
 
@@ -69,7 +73,8 @@ class Check:
 
     def rig(self, bones: int = 8) -> Rig:
         assert self.avatar.surface is not None
-        return rig_of(self.avatar.surface, self.avatar.person, self.avatar.light).limited(bones)
+        light = np.ones_like(self.avatar.surface.vertices)  # places alone are compared
+        return rig_of(self.avatar.surface, self.avatar.person, light).limited(bones)
 
     def frame(self) -> Signals:
         return self.clips[0].sequence[FRAME]
@@ -137,6 +142,26 @@ def check_three(check: Check) -> None:
         f"authors {', '.join(facts['authors'])}; a raised arm within {error:.1e} m"
     )
     check.say("a.vrm", "@pixiv/three-vrm, Chromium", words, error < CLOSE and _moved(check, "vrm_face", "vrm_happy"))
+
+
+def check_look(check: Check) -> None:
+    """three.js' pictures beside the studio's own of level `live`, by the same camera."""
+    wide, high = 512, 640  # of page.js, as distance, height and angle are
+    angle = 2 * np.degrees(np.arctan(np.tan(np.radians(32 / 2)) * wide / high))
+    assert check.avatar.surface is not None
+    floor = lifted(check.avatar.surface)[1]
+    for name, signals in (("rest", Signals.rest()), ("clip", check.frame())):
+        camera = Camera.orbit(0, 0, 3.9, float(angle), (0.0, 0.9 - floor, 0.0), wide, high)
+        drawn = render_frame(check.avatar, signals, camera, level("live")).image
+        ours = composite(drawn, (0x2B / 255, 0x2F / 255, 0x36 / 255, 1.0))[..., :3].astype(np.float64)
+        with Image.open(check.pictures / f"glb_{name}.png") as image:
+            theirs = np.asarray(image.convert("RGB"), np.float64)
+        inside = (drawn[..., 3].numpy() == 1) & (np.abs(theirs - [0x2B, 0x2F, 0x36]).max(-1) > 2)
+        error = float(10 * np.log10(255**2 / np.mean((ours - theirs)[inside] ** 2)))
+        beside = np.concatenate([theirs, ours, np.clip(np.abs(ours - theirs) * 3, 0, 255)], 1)
+        Image.fromarray(beside.astype(np.uint8)).save(check.pictures / f"beside_{name}.png")
+        say = f"{name}: {error:.1f} dB inside both against level live"
+        check.say("a.glb", "three.js beside the studio", say, error > 15)
 
 
 def check_page(check: Check) -> None:
@@ -260,14 +285,8 @@ def main() -> int:
     options = parser.parse_args()
     check = Check(options.folder.resolve(), load_avatar(options.avatar), read_clips(options.motion))
     write_files(check)
-    steps = {
-        "a.glb, a.vrm": check_validator,
-        "a.glb": check_three,
-        "a.html": check_page,
-        "a.usdz": check_usd,
-        "a.obj": check_trimesh,
-    }
-    for name, step in steps.items():
+    steps = (check_validator, check_three, check_look, check_page, check_usd, check_trimesh)
+    for name, step in zip(("a.glb, a.vrm", "a.glb", "a.glb", "a.html", "a.usdz", "a.obj, a.ply"), steps):
         attempt(check, name, lambda step=step: step(check))  # type: ignore[misc]
     if options.blender:
         attempt(check, "a.glb", lambda: check_blender(check, os.path.abspath(options.blender)))

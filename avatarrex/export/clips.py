@@ -7,7 +7,7 @@ Letters: t frames, j joints, e expressions.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -55,12 +55,22 @@ class Clip:
 
 
 def read_clips(motions: Sequence[str | Path], poses: Sequence[str] = ()) -> tuple[Clip, ...]:
-    """A clip of each motion file, called as the file, and of each named pose, one frame long. Raises `InputError`."""
-    clips = [Clip(Path(path).stem, read_motion(path)) for path in motions]
+    """A clip of each motion file, called as the file, and of each named pose, one frame long; the body's shape is the avatar's.
+
+    Raises `InputError`.
+    """
+    clips = [Clip(Path(path).stem, _of_mean_shape(read_motion(path))) for path in motions]
     for pose in poses:
         still = Signals.rest().replace(body_pose=named_pose(pose))
         clips.append(Clip(pose, SignalSequence((still,), 30.0, pose)))
     return _named_apart(clips)
+
+
+def _of_mean_shape(sequence: SignalSequence) -> SignalSequence:
+    mean = np.zeros(10)
+    return replace(
+        sequence, frames=tuple(frame.replace(shape=mean) if frame.shape.any() else frame for frame in sequence)
+    )
 
 
 def _named_apart(clips: Sequence[Clip]) -> tuple[Clip, ...]:

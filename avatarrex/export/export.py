@@ -21,7 +21,7 @@ from avatarrex.errors import InputError
 from avatarrex.export.clips import Clip
 from avatarrex.export.glb import glb_document, jpeg
 from avatarrex.export.label import Label
-from avatarrex.export.losses import Source, animated_losses, still_losses
+from avatarrex.export.losses import Source, animated_losses, frames_of, still_losses
 from avatarrex.export.mesh_files import write_meshes
 from avatarrex.export.rig import rig_of
 from avatarrex.export.target import BONES, MESHES, check_export
@@ -52,7 +52,8 @@ def export_avatar(avatar: Avatar, path: str | Path, clips: Sequence[Clip] = ()) 
         frames = list(clips[0].sequence) if clips else [Signals.rest()]
         label = replace(label, losses=still_losses(source, ending == ".obj", len(frames)))
         return Exported(tuple(write_meshes(source, path, frames, label)), label)
-    rig = rig_of(source.surface, avatar.person, avatar.light).limited(BONES[ending])
+    light = source.mean_factor(frames_of(clips))
+    rig = rig_of(source.surface, avatar.person, light).limited(BONES[ending])
     label = replace(label, losses=animated_losses(source, rig, clips, jpeg(rig.texture)))
     if ending in (".usdz", ".usdc"):
         return Exported(tuple(write_usd(rig, clips, label, path)), label)

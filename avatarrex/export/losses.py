@@ -18,7 +18,7 @@ from PIL import Image
 from avatarrex.export.clips import Clip
 from avatarrex.export.label import Losses
 from avatarrex.export.rig import Rig, lifted
-from avatarrex.export.texture import vertex_colours
+from avatarrex.export.texture import light_on, vertex_colours
 from avatarrex.fields.light import Light
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_hand, named_pose
@@ -49,9 +49,17 @@ class Source:
         world = posed.world_from_root(signals)
         return np.asarray(posed.vertices @ world[:3, :3].T + (world[:3, 3] + lifted(self.surface)))
 
+    def factor(self, posed: PosedSurface) -> np.ndarray:
+        """(v, 3): the light that falls on a pose."""
+        return light_on(self.surface, torch.from_numpy(posed.normals), self.light)
+
     def colours(self, posed: PosedSurface) -> np.ndarray:
         """(v, 3) in [0, 1]."""
-        return vertex_colours(self.surface, torch.from_numpy(posed.normals), self.light, posed.tint)
+        return vertex_colours(self.surface, self.factor(posed), posed.tint)
+
+    def mean_factor(self, frames: Sequence[Signals]) -> np.ndarray:
+        """(v, 3): the mean light of some poses, which a texture for all of them gets."""
+        return np.asarray(np.mean([self.factor(self.posed(signals)) for signals in frames], 0))
 
 
 def frames_of(clips: Sequence[Clip]) -> list[Signals]:
@@ -60,7 +68,11 @@ def frames_of(clips: Sequence[Clip]) -> list[Signals]:
         fists = {f"{side}_hand_pose": named_hand("fist", side) for side in ("left", "right")}
         smile = named_expression("smile")
         return [Signals.rest().replace(body_pose=named_pose(pose), expression=smile, **fists) for pose in POSES]
-    frames = [frame for clip in clips for frame in clip.sequence]
+    return some_of([frame for clip in clips for frame in clip.sequence])
+
+
+def some_of(frames: Sequence[Signals]) -> list[Signals]:
+    """At most `FRAMES`, evenly spaced, the first and the last among them."""
     return [frames[k] for k in np.unique(np.linspace(0, len(frames) - 1, FRAMES).round().astype(int))]
 
 
@@ -68,14 +80,14 @@ def animated_losses(source: Source, rig: Rig, clips: Sequence[Clip], encoded: by
     """Of a file with skeleton, morph targets and the texture `encoded`."""
     surface = source.surface
     dropped = 100 * surface.weight[:, rig.joint.shape[1] :].sum(1, dtype=np.float64)
-    frames, rest = frames_of(clips), source.colours(source.posed(Signals.rest()))
-    distance, light, tint = [], [], []
+    frames, none = frames_of(clips), np.zeros_like(surface.vertices)
+    baked = vertex_colours(surface, source.mean_factor(frames), none)
+    distance, light, whole = [], [], []
     for signals in frames:
         posed = source.posed(signals)
         distance.append(1000 * np.linalg.norm(rig.moved(signals) - source.world(posed, signals), axis=1))
-        colour, normals = source.colours(posed), torch.from_numpy(posed.normals)
-        light.append(np.abs(vertex_colours(surface, normals, source.light, np.zeros_like(posed.tint)) - rest))
-        tint.append(np.abs(colour - rest))
+        light.append(np.abs(vertex_colours(surface, source.factor(posed), none) - baked))
+        whole.append(np.abs(source.colours(posed) - baked))
     far = np.concatenate(distance)
     return {
         **_counts(surface),
@@ -86,9 +98,9 @@ def animated_losses(source: Source, rig: Rig, clips: Sequence[Clip], encoded: by
         "corrections by the pose": "dropped",
         "place against the whole surface, mm, mean": float(far.mean()),
         "place against the whole surface, mm, p99": float(np.percentile(far, 99)),
-        "light": "baked as it falls at rest",
+        "light": "baked: the mean of these frames",
         "colour lost by baked light, of 255": 255 * float(np.mean(light)),
-        "colour lost by light and corrections, of 255": 255 * float(np.mean(tint)),
+        "colour lost by light and corrections, of 255": 255 * float(np.mean(whole)),
         "texture as JPEG, dB": _psnr(rig.texture, encoded),
         **_exact(surface),
     }
@@ -96,7 +108,7 @@ def animated_losses(source: Source, rig: Rig, clips: Sequence[Clip], encoded: by
 
 def still_losses(source: Source, textured: bool, frames: int) -> Losses:
     """Of posed meshes, whose vertices are the whole surface's."""
-    colour = "texture with the light of the pose" if frames == 1 else "one texture, its light as it falls at rest"
+    colour = "texture with the light of the pose" if frames == 1 else "one texture with the mean light of the frames"
     return {
         **_counts(source.surface),
         "skeleton, expressions": "none: a posed mesh" if frames == 1 else f"none: {frames:,} posed meshes",

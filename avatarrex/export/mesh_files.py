@@ -1,7 +1,7 @@
 """Posed meshes by trimesh: OBJ with material and texture, PLY with vertex colours; one, or a numbered sequence.
 
 The vertices are the whole surface's, corrections included, with the root's turn and place, feet on y = 0. A single OBJ has the light
-of its pose in its texture; a sequence shares one texture, with the light as it falls at rest.
+of its pose in its texture; a sequence shares one texture, with the mean light of its frames.
 """
 
 from __future__ import annotations
@@ -11,12 +11,11 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
-import torch
 import trimesh
 from PIL import Image
 
 from avatarrex.export.label import Label
-from avatarrex.export.losses import Source
+from avatarrex.export.losses import Source, some_of
 from avatarrex.export.target import files_of, numbered
 from avatarrex.export.texture import baked_texture
 from avatarrex.files.gate import written
@@ -54,8 +53,8 @@ def _write_obj(source: Source, vertices: np.ndarray, posed: PosedSurface, name: 
 
 def _write_material(source: Source, frames: list[Signals], targets: dict[Path, Path], path: Path) -> None:
     """The texture, and a material that shows it as it is."""
-    posed = source.posed(frames[0] if len(frames) == 1 else Signals.rest())
-    texture = baked_texture(source.surface, torch.from_numpy(posed.normals), source.light, posed.tint)
+    tint = source.posed(frames[0]).tint if len(frames) == 1 else None
+    texture = baked_texture(source.surface, source.mean_factor(some_of(frames)), tint)
     Image.fromarray(texture).save(targets[path.with_suffix(".png")], "PNG")
     lines = [f"newmtl {path.stem}", "Ka 1 1 1", "Kd 1 1 1", "Ks 0 0 0", "illum 0", f"map_Kd {path.stem}.png"]
     targets[path.with_suffix(".mtl")].write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -2,8 +2,8 @@
 
     p = Σ_k w_k A_{j_k} (p̄ + morph·ψ)
 
-What formats cannot say is left out: corrections by the pose, changes of colour, light that follows the normal (it is baked
-as it falls at rest). Feet stand on y = 0, the person faces +Z, +Y is up: glTF's own convention, and VRM's T-pose.
+What formats cannot say is left out: corrections by the pose, changes of colour, light that follows the normal (its mean is baked).
+Feet stand on y = 0, the person faces +Z, +Y is up: glTF's own convention, and VRM's T-pose.
 
 Letters: v vertices, t texture vertices, f faces, k joints of a vertex, j joints, m vertices of a morph target. Metres.
 """
@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Float64, Int32, UInt8
+from jaxtyping import Float, Float32, Float64, Int32, UInt8
 
 from avatarrex.export.texture import baked_texture
-from avatarrex.fields.light import Light
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.ops.skinning import blend, joint_transforms, skin, skinning_matrices
 from avatarrex.signals.driving import Signals
@@ -79,8 +78,8 @@ class Rig:
         return np.asarray(posed.numpy() + signals.translation)
 
 
-def rig_of(surface: Surface, person: Person, light: Light) -> Rig:
-    """The rig of a distilled surface in the person's mean shape."""
+def rig_of(surface: Surface, person: Person, factor: Float[np.ndarray, "v 3"]) -> Rig:
+    """The rig of a distilled surface in the person's mean shape; `factor` is the light that its texture gets (texture.py)."""
     normals = vertex_normals(torch.from_numpy(surface.vertices), torch.from_numpy(surface.faces).long())
     up = lifted(surface)
     weight = _summing_to_one(surface.weight.astype(np.float64))
@@ -96,7 +95,7 @@ def rig_of(surface: Surface, person: Person, light: Light) -> Rig:
         places=person.body.joint_template.double().numpy() + up,
         parents=person.body.parents,
         morphs=tuple(_morph(surface, e) for e in range(len(EXPRESSION_NAMES))),
-        texture=baked_texture(surface, normals, light),
+        texture=baked_texture(surface, factor),
     )
 
 

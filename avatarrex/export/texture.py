@@ -1,4 +1,4 @@
-"""The colours of a surface as one ordinary picture: albedo times the light as it falls in one pose.
+"""The colours of a surface as one ordinary picture: albedo times the light that falls on it.
 
     texture(u) = clip((albedo(u) · s + tint(u)) · (1 + l(u) (E(n(u)) − 1)))
 
@@ -32,19 +32,19 @@ def light_on(surface: Surface, normals: Float[Tensor, "v 3"], light: Light) -> F
 
 
 def baked_texture(
-    surface: Surface, normals: Float[Tensor, "v 3"], light: Light, tint: Float[np.ndarray, "v 3"] | None = None
+    surface: Surface, factor: Float[np.ndarray, "v 3"], tint: Float[np.ndarray, "v 3"] | None = None
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """The texture under the light that falls on `normals` (root frame)."""
+    """The texture under a light, `factor` (`light_on`)."""
     height, width = surface.albedo.shape[:2]
     colour = surface.albedo * surface.albedo_scale
     if tint is not None:
         colour = colour + 255 * spread(surface, tint, height, width)
-    factor = spread(surface, light_on(surface, normals, light), height, width)
-    return np.asarray(np.rint(np.clip(colour * factor, 0, 255)), np.uint8)
+    colour = colour * spread(surface, factor, height, width)
+    return np.asarray(np.rint(np.clip(colour, 0, 255)), np.uint8)
 
 
 def vertex_colours(
-    surface: Surface, normals: Float[Tensor, "v 3"], light: Light, tint: Float[np.ndarray, "v 3"]
+    surface: Surface, factor: Float[np.ndarray, "v 3"], tint: Float[np.ndarray, "v 3"]
 ) -> Float[np.ndarray, "v 3"]:
     """Colours in [0, 1] of the vertices: the equation of the module, without a texture of its own."""
     height, width = surface.albedo.shape[:2]
@@ -52,7 +52,7 @@ def vertex_colours(
     texel = np.clip((surface.uv * [width, height]).astype(np.int64), 0, [width - 1, height - 1])
     place[surface.uv_vertex] = texel
     albedo = surface.albedo[place[:, 1], place[:, 0]] * (surface.albedo_scale / 255)
-    return np.asarray(np.clip((albedo + tint) * light_on(surface, normals, light), 0, 1))
+    return np.asarray(np.clip((albedo + tint) * factor, 0, 1))
 
 
 def spread(surface: Surface, values: np.ndarray, height: int, width: int) -> np.ndarray:

@@ -10,14 +10,14 @@ import torch
 from export_surface import seamed_surface
 
 from avatarrex.export.rig import rig_of
-from avatarrex.export.texture import baked_texture, spread, texel_faces, vertex_colours
+from avatarrex.export.texture import baked_texture, light_on, spread, texel_faces, vertex_colours
 from avatarrex.fields.light import Light
 from avatarrex.signals.driving import Signals
 
 
 def test_without_corrections_the_rig_is_the_surface(source, moving):
     source = replace(source, surface=seamed_surface(0.0))
-    rig = rig_of(source.surface, source.person, source.light)
+    rig = rig_of(source.surface, source.person, np.ones_like(source.surface.vertices))
     for signals in (moving.sequence[0], moving.sequence[-1]):
         whole = source.world(source.posed(signals), signals)
         # single precision, and morphs below 1e-5 m left out
@@ -71,12 +71,20 @@ def test_light_is_baked_where_it_follows_the_normal(source):
     with torch.no_grad():
         light.harmonics[1] = -0.5  # E(up) = 0.5
     up = torch.tensor([[0.0, 1.0, 0.0]]).expand(v, 3)
-    dark = baked_texture(replace(surface, lit=np.ones(v, np.float32)), up, light)
+    all_lit, none_lit = (replace(surface, lit=np.full(v, share, np.float32)) for share in (1, 0))
+    dark = baked_texture(all_lit, light_on(all_lit, up, light))
     assert np.abs(dark - 0.5 * surface.albedo).max() <= 0.5
-    plain = baked_texture(replace(surface, lit=np.zeros(v, np.float32)), up, light)
-    assert np.array_equal(plain, surface.albedo)
+    assert np.array_equal(baked_texture(none_lit, light_on(none_lit, up, light)), surface.albedo)
     tint = np.full((v, 3), 0.1, np.float32)
-    assert np.abs(baked_texture(surface, up, Light(), tint) - np.minimum(surface.albedo + 25.5, 255)).max() <= 0.51
+    tinted = baked_texture(surface, light_on(surface, up, Light()), tint)
+    assert np.abs(tinted - np.minimum(surface.albedo + 25.5, 255)).max() <= 0.51
+
+
+def test_the_light_of_several_poses_is_their_mean(source, moving):
+    first, last = moving.sequence[0], moving.sequence[-1]
+    one, other = (source.factor(source.posed(signals)) for signals in (first, last))
+    assert np.allclose(source.mean_factor([first, last]), (one + other) / 2, atol=1e-6)
+    assert np.abs(one - other).max() > 0.1
 
 
 def test_vertex_colours_are_the_texture_s(source):
@@ -84,8 +92,9 @@ def test_vertex_colours_are_the_texture_s(source):
     surface, v = source.surface, len(source.surface.vertices)
     surface = replace(surface, lit=np.ones(v, np.float32))
     normals = torch.tensor([[0.6, 0.8, 0.0]]).expand(v, 3)
-    texture = baked_texture(surface, normals, source.light)
-    colours = vertex_colours(surface, normals, source.light, np.zeros((v, 3), np.float32))
+    factor = light_on(surface, normals, source.light)
+    texture = baked_texture(surface, factor)
+    colours = vertex_colours(surface, factor, np.zeros((v, 3), np.float32))
     last = np.zeros(v, int)
     last[surface.uv_vertex] = np.arange(len(surface.uv))
     x, y = np.clip((surface.uv[last] * [128, 128]).astype(int), 0, 127).T
