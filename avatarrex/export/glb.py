@@ -191,7 +191,10 @@ def _material(document: Document, rig: Rig) -> None:
 
 
 def _animation(document: Document, rig: Rig, clip: Clip) -> None:
-    """Channels of what leaves rest: joints' rotations, the pelvis' place, the morph targets' weights."""
+    """Channels of what leaves rest: joints' rotations, the morph targets' weights, the pelvis' place.
+
+    So a program can play a face recording on top of a motion.
+    """
     animation = gltf.Animation(name=clip.name)
     times = document.accessor(clip.times.astype(np.float32), bounds=True)
 
@@ -204,8 +207,9 @@ def _animation(document: Document, rig: Rig, clip: Clip) -> None:
     rotations = clip.rotations()
     for j in np.flatnonzero(np.abs(rotations[..., :3]).max((0, 2)) > 0):
         channel(rotations[:, j], int(j), "rotation")
-    channel(rig.places[0] + clip.translations(), 0, "translation")
-    expressions = clip.expressions()
+    expressions, moved = clip.expressions(), clip.translations()
     if expressions.any():
         channel(expressions.reshape(-1), MESH_NODE, "weights")
+    if moved.any() or not animation.channels:  # at least one is to be there
+        channel(rig.places[0] + moved, 0, "translation")
     document.gltf.animations.append(animation)

@@ -63,12 +63,16 @@ class Source:
 
 
 def frames_of(clips: Sequence[Clip]) -> list[Signals]:
-    """Frames, evenly spaced over all clips; poses of the library where there is none."""
+    """Frames, evenly spaced over all clips; poses of the library where there is none.
+
+    Those of a face recording, whose body stays in its T-pose, count where there are no others.
+    """
     if not clips:
         fists = {f"{side}_hand_pose": named_hand("fist", side) for side in ("left", "right")}
         smile = named_expression("smile")
         return [Signals.rest().replace(body_pose=named_pose(pose), expression=smile, **fists) for pose in POSES]
-    return some_of([frame for clip in clips for frame in clip.sequence])
+    frames = [frame for clip in clips for frame in clip.sequence]
+    return some_of([frame for frame in frames if frame.body_pose.any()] or frames)
 
 
 def some_of(frames: Sequence[Signals]) -> list[Signals]:

@@ -22,7 +22,7 @@ from avatarrex.export.texture import baked_texture
 from avatarrex.export.vrm import PRESETS, human_bones
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
-from avatarrex.signals.library import coefficients
+from avatarrex.signals.library import coefficients, named_expression
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
 
@@ -197,8 +197,17 @@ def test_a_joint_that_stays_at_rest_has_no_channel(avatar, tmp_path):
     turned = np.zeros((21, 3))
     turned[0] = 0.5
     still = Signals.rest().replace(body_pose=turned)
-    export_avatar(avatar, tmp_path / "a.glb", [Clip("one", SignalSequence((still,), 30.0))])
-    assert set(Glb((tmp_path / "a.glb").read_bytes()).channels("one")) == {(1, "rotation"), (0, "translation")}
+    face = Signals.rest().replace(expression=named_expression("smile"))
+    clips = [
+        Clip(name, SignalSequence((one,), 30.0))
+        for name, one in (("hip", still), ("face", face), ("rest", Signals.rest()))
+    ]
+    export_avatar(avatar, tmp_path / "a.glb", clips)
+    found = Glb((tmp_path / "a.glb").read_bytes())
+    assert set(found.channels("hip")) == {(1, "rotation")}
+    assert set(found.channels("face")) == {(55, "weights")}
+    assert set(found.channels("rest")) == {(0, "translation")}
+    assert frames_of(clips) == [still]
 
 
 def test_two_half_turns_are_one_way_round(rig):
