@@ -21,6 +21,7 @@ from avatarrex.export.rig import Rig, lifted
 from avatarrex.export.texture import light_on, vertex_colours
 from avatarrex.fields.light import Light
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.joints import BODY_GROUPS, BODY_JOINTS
 from avatarrex.signals.library import named_expression, named_hand, named_pose
 from avatarrex.surface.pose import PosedSurface, pose_surface
 from avatarrex.surface.surface import Surface
@@ -30,6 +31,8 @@ FRAMES = 12
 """Most frames of the clips that are measured."""
 POSES = ("stand", "wave", "walk", "run", "squat", "sit", "arms_up", "think")
 """What is measured where there are no clips; with fists and a smile."""
+
+_LIMBS = [row for row, joint in enumerate(BODY_JOINTS) if joint not in BODY_GROUPS["head"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +68,14 @@ class Source:
 def frames_of(clips: Sequence[Clip]) -> list[Signals]:
     """Frames, evenly spaced over all clips; poses of the library where there is none.
 
-    Those of a face recording, whose body stays in its T-pose, count where there are no others.
+    Those of a face recording, which turns the head above a T-pose, count where there are no others.
     """
     if not clips:
         fists = {f"{side}_hand_pose": named_hand("fist", side) for side in ("left", "right")}
         smile = named_expression("smile")
         return [Signals.rest().replace(body_pose=named_pose(pose), expression=smile, **fists) for pose in POSES]
     frames = [frame for clip in clips for frame in clip.sequence]
-    return some_of([frame for frame in frames if frame.body_pose.any()] or frames)
+    return some_of([frame for frame in frames if frame.body_pose[_LIMBS].any()] or frames)
 
 
 def some_of(frames: Sequence[Signals]) -> list[Signals]:

@@ -197,7 +197,7 @@ def test_a_joint_that_stays_at_rest_has_no_channel(avatar, tmp_path):
     turned = np.zeros((21, 3))
     turned[0] = 0.5
     still = Signals.rest().replace(body_pose=turned)
-    face = Signals.rest().replace(expression=named_expression("smile"))
+    face = Signals.rest().replace(expression=named_expression("smile"), eye_pose=np.full((2, 3), 0.1))
     clips = [
         Clip(name, SignalSequence((one,), 30.0))
         for name, one in (("hip", still), ("face", face), ("rest", Signals.rest()))
@@ -205,9 +205,12 @@ def test_a_joint_that_stays_at_rest_has_no_channel(avatar, tmp_path):
     export_avatar(avatar, tmp_path / "a.glb", clips)
     found = Glb((tmp_path / "a.glb").read_bytes())
     assert set(found.channels("hip")) == {(1, "rotation")}
-    assert set(found.channels("face")) == {(55, "weights")}
+    assert set(found.channels("face")) == {(55, "weights"), (23, "rotation"), (24, "rotation")}
     assert set(found.channels("rest")) == {(0, "translation")}
-    assert frames_of(clips) == [still]
+    nod = np.zeros((21, 3))
+    nod[14] = 0.2  # the head
+    talking = Clip("talk", SignalSequence((face.replace(body_pose=nod),), 30.0))
+    assert frames_of([*clips, talking]) == [still]
 
 
 def test_two_half_turns_are_one_way_round(rig):

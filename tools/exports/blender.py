@@ -55,7 +55,7 @@ def main() -> None:
 def _vertices(mesh: bpy.types.Object, every: int) -> list[list[float]]:
     """Evaluated positions, glTF's axes (Blender's z is up)."""
     evaluated = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
-    points = [mesh.matrix_world @ vertex.co for vertex in evaluated.vertices[::every]]
+    points = [mesh.matrix_world @ vertex.co for vertex in list(evaluated.vertices)[::every]]
     return [[point.x, point.z, -point.y] for point in points]
 
 
