@@ -22,6 +22,7 @@ VERBS = {
     "open": "open the window (also without a verb)",
     "render": "render without a display",
     "replay": "render the end of a saved session",
+    "export": "an avatar as a file for other programs: GLB, VRM, USD, OBJ, PLY, a web page",
     "inspect": "say what an avatar, motion or session file holds",
     "runs": "watch trainings: curves, samples, time left",
     "capture": "captures: images of a person from many sides",

@@ -1,6 +1,6 @@
-"""The texture atlas of a surface, and which place of the mesh each texel is.
+"""The texture atlas of a surface.
 
-Letters: v vertices, t texture vertices, f faces, x texels inside charts, h w texels.
+Letters: t texture vertices, f faces.
 """
 
 from __future__ import annotations
@@ -9,11 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import xatlas
-from jaxtyping import Bool, Float32, Int, Int32
-from scipy.ndimage import distance_transform_edt
-
-from avatarrex.camera import Camera
-from avatarrex.capture.zbuffer import visible_faces
+from jaxtyping import Float32, Int32
 
 SIDE = 2048
 """Texels: about 1 mm on the body."""
@@ -30,27 +26,6 @@ class Atlas:
     uv: Float32[np.ndarray, "t 2"]
     uv_vertex: Int32[np.ndarray, " t"]
     uv_faces: Int32[np.ndarray, "f 3"]
-
-
-@dataclass(frozen=True)
-class Texels:
-    """The texels whose centre is inside a chart."""
-
-    inside: Bool[np.ndarray, "h w"]
-    face: Int[np.ndarray, " x"]
-    barycentric: Float32[np.ndarray, "x 3"]
-
-    def interpolated(self, faces: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Vertex values (v, …) at the texels (x, …)."""
-        corners = faces[self.face]
-        return sum(self.barycentric[:, k, None] * values[corners[:, k]] for k in range(3))
-
-    def image(self, values: np.ndarray) -> np.ndarray:
-        """(x, c) as (h, w, c), with the nearest chart's colours between the charts."""
-        out = np.zeros((*self.inside.shape, values.shape[1]), values.dtype)
-        out[self.inside] = values
-        nearest = distance_transform_edt(~self.inside, return_distances=False, return_indices=True)
-        return out[tuple(nearest)]
 
 
 def make_atlas(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Atlas:
@@ -76,11 +51,3 @@ def make_atlas(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Atl
     return Atlas(
         np.concatenate(uv).astype(np.float32), np.concatenate(uv_vertex).astype(np.int32), uv_faces.astype(np.int32)
     )
-
-
-def texels(atlas: Atlas, side: int = SIDE) -> Texels:
-    """The place on the mesh of every texel of a square texture."""
-    flat = np.concatenate([atlas.uv * side, np.ones((len(atlas.uv), 1))], 1).astype(np.float64)
-    face, barycentric, _ = visible_faces(flat, atlas.uv_faces, Camera(np.eye(3), np.eye(4), side, side))
-    inside = face >= 0
-    return Texels(inside, face[inside], barycentric[inside].astype(np.float32))

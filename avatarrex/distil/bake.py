@@ -10,9 +10,9 @@ import torch
 from jaxtyping import Float32
 from torch.nn.functional import normalize
 
-from avatarrex.distil.atlas import Texels
 from avatarrex.distil.exact import ExactPose
 from avatarrex.distil.follow import Followed
+from avatarrex.distil.texels import Texels
 
 BLOCK = 200_000
 """Texels at a time."""

@@ -18,12 +18,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from avatarrex.avatar import Avatar
-from avatarrex.distil.atlas import Atlas, Texels, make_atlas, texels
+from avatarrex.distil.atlas import SIDE, Atlas, make_atlas
 from avatarrex.distil.bake import Bake
 from avatarrex.distil.fit import Residuals, fit_correction
 from avatarrex.distil.observe import Observation, Observer
 from avatarrex.distil.poses import fitting_poses, single_expressions
 from avatarrex.distil.rest_mesh import rest_mesh
+from avatarrex.distil.texels import Texels, texels
 from avatarrex.files.gate import written
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
@@ -68,7 +69,7 @@ def distil(avatar: Avatar, work: Path | None = None, poses: int = POSES, progres
     seen = _observed(observer, signals, work, "pose", tell)
     expressions = _expressions(observer, work, tell)
     atlas = make_atlas(mesh.vertices, mesh.faces, mesh.part)
-    places = texels(atlas)
+    places = texels(atlas.uv, atlas.uv_faces, SIDE, SIDE)
     albedo, at_vertices = _baked(observer, places, tell)
     tell("corrections", 0, 1)
     value = np.stack([np.concatenate([one.shift, one.albedo - at_vertices], 1) for one in seen])

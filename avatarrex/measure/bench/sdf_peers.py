@@ -91,7 +91,7 @@ def trimesh(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> Meas
 
     def measure() -> np.ndarray:
         mesh = tm.Trimesh(vertices, faces, process=False)
-        return -np.asarray(tm.proximity.signed_distance(mesh, points))  # type: ignore[no-untyped-call]
+        return -np.asarray(tm.proximity.signed_distance(mesh, points))
 
     return measure
 
