@@ -127,18 +127,18 @@ def _observed(observer: Observer, signals: list[Signals], work: Path, name: str,
         if not file.is_file():
             found = observer.observe(one)
             with written(file) as temporary, open(temporary, "wb") as out:
-                np.savez(out, shift=found.shift, albedo=found.albedo, found=found.found)
+                np.savez(out, guess=found.guess, shift=found.shift, albedo=found.albedo, found=found.found)
         with np.load(file) as arrays:
-            seen.append(Observation(arrays["shift"], arrays["albedo"], arrays["found"]))
+            seen.append(Observation(**arrays))
     return seen
 
 
 def _expressions(observer: Observer, work: Path, tell: Progress) -> Expressions:
-    neutral = observer.observe(Signals.rest())
+    neutral = observer.neutral
+    assert neutral is not None
     seen = _observed(observer, single_expressions(), work, "expression", tell)
     shift = np.stack([one.shift - neutral.shift for one in seen])
-    both = np.stack([one.found & neutral.found for one in seen])
-    colour = np.stack([one.albedo - neutral.albedo for one in seen]) * both[..., None]
+    colour = np.stack([observer.tinted(one) for one in seen])
     moved = (np.abs(shift).max((0, 2)) > MOVED) | (np.abs(colour).max((0, 2)) > TINTED)
     vertex = np.flatnonzero(moved)
     return Expressions(vertex, shift[:, vertex], colour[:, vertex])

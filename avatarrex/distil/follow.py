@@ -36,10 +36,10 @@ LONGEST_STEP = 0.01
 MISSED = 0.004
 """Metres off its own rest position from which a vertex is not trusted: where limbs touch, no point may have that rest position."""
 SURFACE_STEPS = 3
-MOST_OFF = {0: 0.02, 1: 0.004, 2: 0.004, 3: 0.006}
-"""Metres that a vertex may go from where skin or template has it, by part: teeth and tongue shall not come out of the lips."""
 ON_SURFACE = 5e-4
 """Metres of |s| up to which a vertex counts as on the surface."""
+SEEN = 3e-3
+"""Likewise of an inner vertex, which is not moved: its colour is that of the surface."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,8 @@ class Followed:
     """The vertices in one pose."""
 
     position: Float[Tensor, "v 3"]
+    start: Float[Tensor, "v 3"]
+    """Before they went along the normal."""
     skinned: Float[Tensor, "v 3"]
     """Where plain skinning puts them."""
     matrix: Float[Tensor, "v 3 4"]
@@ -84,9 +86,9 @@ def follow(avatar: Avatar, mesh: RestMesh, exact: ExactPose, signals: Signals) -
         if own.any():
             start[torch.as_tensor(own)] = _on_template(avatar, exact, name, mesh.template_vertex[own])
     faces = torch.as_tensor(mesh.faces.astype(np.int64))
-    most = torch.as_tensor(np.array([MOST_OFF[number] for number in range(len(PARTS) + 1)]), dtype=torch.float32)
-    position, on_surface = onto_field(exact, start, faces, most[torch.as_tensor(mesh.part.astype(np.int64))])
-    return Followed(position, skinned, matrix, vertex_normals(position, faces), on_surface & framed)
+    position, missed = onto_field(exact, start, faces, torch.as_tensor(mesh.reach))
+    found = framed & (missed < torch.where(torch.as_tensor(mesh.inner), SEEN, ON_SURFACE))
+    return Followed(position, start, skinned, matrix, vertex_normals(position, faces), found)
 
 
 def lit_by(light: Light, normal: Float[Tensor, "v 3"], lit: Float[Tensor, " v"]) -> Float[Tensor, "v 3"]:
@@ -136,13 +138,13 @@ def _on_template(avatar: Avatar, exact: ExactPose, name: str, vertex: np.ndarray
 def onto_field(
     exact: ExactPose, start: Float[Tensor, "v 3"], faces: Tensor, most: Float[Tensor, " v"]
 ) -> tuple[Tensor, Tensor]:
-    """Points moved along the mesh's normals onto the zero of the field, and whether they arrived."""
+    """Points moved along the mesh's normals onto the zero of the field, at most so far, and how far off they are, metres."""
     position = start
     for _ in range(SURFACE_STEPS):
         step = -exact.field.sdf(position)[:, None] * vertex_normals(position, faces)
         position = start + _at_most(position + _at_most(step, torch.tensor(LONGEST_STEP)) - start, most)
-    good = exact.field.sdf(position).abs() < ON_SURFACE
-    return torch.where(good[:, None], position, start), good
+    missed = exact.field.sdf(position).abs()
+    return torch.where((missed < ON_SURFACE)[:, None], position, start), missed
 
 
 def _at_most(move: Float[Tensor, "v 3"], length: Tensor) -> Float[Tensor, "v 3"]:

@@ -15,7 +15,7 @@ from torch.nn.functional import normalize
 
 from avatarrex.avatar import Avatar
 from avatarrex.distil.exact import ExactPose
-from avatarrex.distil.follow import Followed, follow, lit_by, onto_field
+from avatarrex.distil.follow import ON_SURFACE, Followed, follow, lit_by, onto_field
 from avatarrex.distil.pattern import SLOPE, Pattern, neighbourhoods, sample_places, tangents
 from avatarrex.distil.rest_mesh import RestMesh
 from avatarrex.signals.driving import Signals
@@ -25,6 +25,8 @@ from avatarrex.templates.parts import PARTS
 
 SLIDES = 2
 """Steps of `Pattern.slide`; a third changes the albedo's error by 2 %."""
+STEADYING = 2
+"""Means over the neighbours on hands and face, some 5 mm each."""
 TRUSTED = 0.05
 """Metres that a pattern may have slid at most in a sum of steps."""
 
@@ -33,6 +35,8 @@ TRUSTED = 0.05
 class Observation:
     """One pose."""
 
+    guess: Float[np.ndarray, "v 3"]
+    """Change of the rest position that skinning takes to where skin or template has the vertex."""
     shift: Float[np.ndarray, "v 3"]
     """Change of the rest position that skinning takes onto the exact surface."""
     albedo: Float[np.ndarray, "v 3"]
@@ -47,14 +51,44 @@ class Observer:
         self.faces = torch.as_tensor(mesh.faces.astype(np.int64))
         self.lit = self._lit()
         self.pattern: Pattern | None = None
+        self.neutral: Observation | None = None
+        self.own = mesh.part > 0
+        self.smooth = neighbourhoods(mesh.faces[:0], mesh.faces.astype(np.int64), len(mesh.vertices))[1]
         self.pattern = self._reference()
+        self.neutral = self.observe(Signals.rest())
 
     def observe(self, signals: Signals) -> Observation:
         """The vertices under `signals`."""
         exact, followed = self.follow(signals)
-        back = torch.linalg.solve(followed.matrix[:, :, :3], (followed.position - followed.skinned)[:, :, None])
+        back = followed.matrix[:, :, :3].inverse()
+        guess, shift = (
+            (back @ (place - followed.skinned)[:, :, None])[:, :, 0].numpy()
+            for place in (followed.start, followed.position)
+        )
+        if self.neutral is not None:
+            shift = np.where(self.own[:, None], self._steady(guess, shift, followed.found.numpy()), shift)
         albedo = exact.colour(followed.position, -followed.normal) / self.light(followed)
-        return Observation(back[:, :, 0].numpy(), albedo.numpy(), followed.found.numpy())
+        return Observation(guess, shift, albedo.numpy(), followed.found.numpy())
+
+    def _steady(self, guess: np.ndarray, shift: np.ndarray, found: np.ndarray) -> np.ndarray:
+        """The template's own motion, and how the skin's offset from it differs from the neutral pose: smooth along the skin.
+
+        Flesh that opens or closes makes single vertices jump onto another sheet of the surface; a mean of neighbours does not.
+        """
+        assert self.neutral is not None
+        trusted = (found & self.neutral.found & ~self.mesh.inner)[:, None].astype(float)
+        offset = trusted * ((shift - guess) - (self.neutral.shift - self.neutral.guess))
+        for _ in range(STEADYING):
+            offset, trusted = self.smooth @ offset, self.smooth @ trusted
+        offset = np.where(self.mesh.inner[:, None], 0, offset / np.maximum(trusted, 1e-3))
+        return guess + (self.neutral.shift - self.neutral.guess) + offset
+
+    def tinted(self, observation: Observation) -> np.ndarray:
+        """(v, 3): how the albedo differs from the neutral pose, mean of the neighbours that were found; 0 where none was."""
+        assert self.neutral is not None
+        trusted = observation.found[:, None].astype(float)
+        change = self.smooth @ (trusted * (observation.albedo - self.neutral.albedo))
+        return np.asarray(change / np.maximum(self.smooth @ trusted, 1e-3))
 
     def follow(self, signals: Signals) -> tuple[ExactPose, Followed]:
         """The exact pose and the vertices on it, where their colours are."""
@@ -78,8 +112,8 @@ class Observer:
             moved = replace(moved, position=position, normal=vertex_normals(position, self.faces))
         slid = (moved.position - followed.position).norm(dim=-1) > 0
         most = torch.where(slid, TRUSTED, 0.0)
-        position, on_surface = onto_field(exact, moved.position, self.faces, most)
-        found = followed.found & (on_surface | ~slid)
+        position, missed = onto_field(exact, moved.position, self.faces, most)
+        found = followed.found & ((missed < ON_SURFACE) | ~slid)
         return replace(followed, position=position, normal=vertex_normals(position, self.faces), found=found)
 
     def _albedo(

@@ -15,7 +15,7 @@ import fast_simplification
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Float32, Int32, UInt8
+from jaxtyping import Bool, Float32, Int32, UInt8
 from skimage.measure import marching_cubes
 
 from avatarrex.avatar import Avatar
@@ -23,6 +23,8 @@ from avatarrex.distil.exact import ExactPose
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.signals.driving import Signals
 from avatarrex.surface.surface import INFLUENCES
+from avatarrex.templates.albedo import inside_mouth
+from avatarrex.templates.model import TemplateModel
 from avatarrex.templates.parts import PARTS
 
 CELL = 0.006
@@ -35,6 +37,9 @@ BODY_TRIANGLES = 16000
 """Edges of 1.3 cm: a limb of 5 cm radius is 0.4 mm off between its vertices."""
 PART_BEGINS, PART_ALONE = 0.5, 0.85
 """Shares ω between which both meshes are there."""
+REACH = np.array([0.02, 0.004, 0.004, 0.006], np.float32)
+"""Metres, of body, hands and face."""
+EYE_REACH = 0.004
 SMALLEST_PIECE = 0.02
 """Share of the largest piece's area below which a piece is a crumb of the field."""
 
@@ -52,6 +57,10 @@ class RestMesh:
     part: UInt8[np.ndarray, " v"]
     template_vertex: Int32[np.ndarray, " v"]
     """The template's vertex that each is, −1 those of the cubes."""
+    reach: Float32[np.ndarray, " v"]
+    """Metres that the exact surface may be off the place where skin or template has a vertex; 0: it is not looked for."""
+    inner: Bool[np.ndarray, " v"]
+    """Eyes, and what the lips enclose: other flesh may lie over them."""
     residual: Float32[np.ndarray, "n 3"]
     """Δn_i of the open pose: the nodes' places that the rest positions refer to."""
 
@@ -137,6 +146,10 @@ def _joined(avatar: Avatar, exact: ExactPose, vertices: np.ndarray, faces: np.nd
     part = np.concatenate([np.zeros(len(rest), np.uint8), number[omega[used].argmax(1)]])
     joint, weight = _strongest(np.concatenate([weights, body.weights.numpy()[used]]))
     all_rest = np.concatenate([rest, body.v_template.numpy()[used]]).astype(np.float32)
+    reach, inner = REACH[part].copy(), np.zeros(len(part), bool)
+    eyes, mouth = _inner(body)
+    inner[len(rest) :] = (eyes | mouth)[used]
+    reach[len(rest) :][eyes[used]], reach[len(rest) :][mouth[used]] = EYE_REACH, 0
     found = closest_point(body.v_template, body.faces, torch.as_tensor(all_rest), None)
     return RestMesh(
         vertices=all_rest,
@@ -147,8 +160,18 @@ def _joined(avatar: Avatar, exact: ExactPose, vertices: np.ndarray, faces: np.nd
         barycentric=found.barycentric.numpy().astype(np.float32),
         part=part,
         template_vertex=np.concatenate([np.full(len(rest), -1), used]).astype(np.int32),
+        reach=reach,
+        inner=inner,
         residual=frame.code.residual.numpy(),
     )
+
+
+def _inner(body: TemplateModel) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices of the template (v,) that are eyes, and those that the lips enclose."""
+    eyes = np.zeros(len(body.v_template), bool)
+    for name in ("left_eye", "right_eye"):
+        eyes[body.groups[name].numpy() if name in body.groups else []] = True
+    return eyes, inside_mouth(body.v_template, body.groups).numpy()
 
 
 def _strongest(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -31,6 +31,7 @@ from avatarrex.avatar_file import load_avatar
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 from avatarrex.files.assets import DATA
+from avatarrex.files.json_text import parse_json
 from avatarrex.metrics.weights import read_weights
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.read import read_motion

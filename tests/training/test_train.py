@@ -24,7 +24,7 @@ from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.training.core import work
 from avatarrex.training.core.stage import Stage
 from avatarrex.training.core.trainer import Trainer
-from avatarrex.training.core.work import Diverged
+from avatarrex.training.core.work import Diverged, pass_of
 from avatarrex.training.runs.events import EventReader
 from avatarrex.training.runs.folder import Run, read_about
 
@@ -143,13 +143,12 @@ def test_a_stop_is_saved_and_gone_on_with(capture, tmp_path, monkeypatch):
     assert state["step"] == 2
 
 
-def test_nan_stops_with_the_batch_described(capture, tmp_path):
+def test_nan_stops_with_the_batch_described(capture, tmp_path, monkeypatch):
     run, trainer = start(capture, tmp_path / "run")
     steps = []
-    real = trainer._pass
 
-    def spoiled(stage, store):
-        work = real(stage, store)
+    def spoiled(*arguments):
+        work = pass_of(*arguments)
         step = work.step
 
         def once(number: int, gamma: float):
@@ -161,7 +160,7 @@ def test_nan_stops_with_the_batch_described(capture, tmp_path):
         work.step = once
         return work
 
-    trainer._pass = spoiled
+    monkeypatch.setattr("avatarrex.training.core.trainer.pass_of", spoiled)
     with pytest.raises(Diverged, match="step 3: rgb is not finite"), run:
         trainer.train()
     described = json.loads((tmp_path / "run" / "failed_step.json").read_text())
