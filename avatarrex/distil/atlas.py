@@ -43,14 +43,14 @@ class Texels:
     def interpolated(self, faces: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Vertex values (v, …) at the texels (x, …)."""
         corners = faces[self.face]
-        return sum(self.barycentric[:, k, None] * values[corners[:, k]] for k in range(3))
+        return np.asarray(sum(self.barycentric[:, k, None] * values[corners[:, k]] for k in range(3)))
 
     def image(self, values: np.ndarray) -> np.ndarray:
         """(x, c) as (h, w, c), with the nearest chart's colours between the charts."""
         out = np.zeros((*self.inside.shape, values.shape[1]), values.dtype)
         out[self.inside] = values
         nearest = distance_transform_edt(~self.inside, return_distances=False, return_indices=True)
-        return out[tuple(nearest)]
+        return np.asarray(out[tuple(nearest)])
 
 
 def make_atlas(vertices: np.ndarray, faces: np.ndarray, part: np.ndarray) -> Atlas:
