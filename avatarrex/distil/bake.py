@@ -1,4 +1,4 @@
-"""The albedo texture: the exact colours at every texel, light divided out, mean over some poses.
+"""The albedo texture: the exact colours at every texel, light divided out, in a reference pose; from others where it hides a texel.
 
 Letters: v vertices, x texels, h w texture. sRGB-encoded.
 """
@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from jaxtyping import Float
+from torch import Tensor
 from torch.nn.functional import normalize
 
 from avatarrex.distil.exact import ExactPose
@@ -21,31 +22,30 @@ FAINT = 1e-3
 
 
 class Bake:
-    """Sums colours over poses."""
+    """Sums colours over poses, at texels and at vertices."""
 
-    def __init__(self, texels: Texels, faces: np.ndarray) -> None:
+    def __init__(self, texels: Texels, faces: np.ndarray, vertices: int) -> None:
         self.texels, self.faces = texels, faces
-        self.sum = np.zeros((len(texels.face), 3))
-        self.weight = np.zeros((len(texels.face), 1))
+        self.texel_sum, self.vertex_sum = np.zeros((len(texels.face), 4)), np.zeros((vertices, 4))
 
     @torch.no_grad()
-    def add(self, exact: ExactPose, followed: Followed, light: Float32[np.ndarray, "v 3"]) -> None:
-        """The colours of one pose; `light` (v, 3) is what an albedo is multiplied by there."""
+    def add(self, exact: ExactPose, followed: Followed, light: Float[Tensor, "v 3"], weight: float) -> None:
+        """The colours of one pose, of that weight; `light` (v, 3) is what an albedo is multiplied by there."""
         share = exact.field(followed.position).part_weight.numpy()
-        columns = (
-            followed.position.numpy(), followed.normal.numpy(), share, light, followed.found[:, None].numpy().astype(np.float32)
-        )  # fmt: skip
-        for start in range(0, len(self.sum), BLOCK):
+        trust = weight * followed.found[:, None].float().clamp_min(FAINT)
+        at_vertex = exact.colour(followed.position, -followed.normal) / light
+        self.vertex_sum += torch.cat([trust * at_vertex, trust], 1).numpy()
+        columns = (followed.position.numpy(), followed.normal.numpy(), share, light.numpy(), trust.numpy())
+        for start in range(0, len(self.texel_sum), BLOCK):
             rows = slice(start, start + BLOCK)
             block = Texels(self.texels.inside, self.texels.face[rows], self.texels.barycentric[rows])
-            position, normal, weight, lit, found = (
+            position, normal, part_weight, lit, trusted = (
                 torch.as_tensor(block.interpolated(self.faces, column)) for column in columns
             )
-            colour = exact.colours.colour(position, -normalize(normal, dim=-1), weight).clamp(0, 1) / lit
-            trust = found.clamp_min(FAINT).numpy()
-            self.sum[rows] += trust * colour.numpy()
-            self.weight[rows] += trust
+            colour = exact.colours.colour(position, -normalize(normal, dim=-1), part_weight).clamp(0, 1) / lit
+            self.texel_sum[rows] += torch.cat([trusted * colour, trusted], 1).numpy()
 
-    def albedo(self) -> Float32[np.ndarray, "x 3"]:
-        """Means over the poses so far."""
-        return (self.sum / self.weight).astype(np.float32)
+    def texels_and_vertices(self) -> tuple[Float[np.ndarray, "x 3"], Float[np.ndarray, "v 3"]]:
+        """Weighted means over the poses so far."""
+        texel, vertex = (sums[:, :3] / sums[:, 3:] for sums in (self.texel_sum, self.vertex_sum))
+        return texel, vertex

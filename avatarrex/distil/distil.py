@@ -11,15 +11,16 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from avatarrex.avatar import Avatar
-from avatarrex.distil.atlas import SIDE, Atlas, make_atlas
+from avatarrex.distil.atlas import SIDE, make_atlas
 from avatarrex.distil.bake import Bake
+from avatarrex.distil.errors import surface_errors
 from avatarrex.distil.fit import Residuals, fit_correction
 from avatarrex.distil.observe import Observation, Observer
 from avatarrex.distil.poses import fitting_poses, single_expressions
@@ -27,17 +28,24 @@ from avatarrex.distil.rest_mesh import rest_mesh
 from avatarrex.distil.texels import Texels, texels
 from avatarrex.files.gate import written
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.library import named_pose
+from avatarrex.signals.library import named_expression, named_pose
 from avatarrex.surface.surface import Surface
 from avatarrex.surface.surface_file import weights_key
 
-POSES = 240
-"""Observed poses: errors fall by 4 % from 160 to 240 (docs/surface.md)."""
-BAKED = ("stand", "apose", "walk", "wave")
-"""Poses whose colours the texture is the mean of."""
+POSES = 160
+"""Observed poses: with 240 the errors are the same (docs/surface.md)."""
+BAKED = {"stand": 1.0, "apose": 0.02, "walk": 0.02, "arms_up": 0.02}
+"""Poses whose colours the texture takes, with their weights: the standing one's, to which patterns are followed, where it can."""
+MOUTH = 0.01
+"""Weight of the standing pose with an open mouth."""
 MOVED = 1e-4
 """Metres by which an expression has to move a vertex to be stored."""
 TINTED = 4 / 255
+"""Change of albedo likewise."""
+BRIGHTEST = 0.9999
+"""Share of the texels' values that the texture's bytes reach."""
+OF_MESH = ("faces", "joint", "weight", "template_face", "barycentric", "part")
+"""What the surface takes from its mesh as it is."""
 Progress = Callable[[str, int, int], None]
 """Called with what is done, how many steps of it, of how many."""
 
@@ -63,48 +71,45 @@ def distil(avatar: Avatar, work: Path | None = None, poses: int = POSES, progres
     key = weights_key(avatar)
     _claim(work, f"{key} {poses}")
     tell("mesh", 0, 1)
-    mesh = rest_mesh(avatar)
-    observer = Observer(avatar, mesh)
+    observer = Observer(avatar, rest_mesh(avatar))
     signals = fitting_poses(poses)
     seen = _observed(observer, signals, work, "pose", tell)
-    expressions = _expressions(observer, work, tell)
+    faces = _observed(observer, single_expressions(), work, "expression", tell)
+    surface = replace(_textured(observer, signals, seen, faces, tell), key=key)
+    tell("errors", 0, 1)
+    errors = surface_errors(avatar, surface)
+    about = {"seconds": round(time.monotonic() - begun, 1), "poses": poses, "triangles": len(surface.faces)}
+    shutil.rmtree(work)
+    return replace(surface, meta={**about, **errors})
+
+
+def _textured(
+    observer: Observer, signals: list[Signals], seen: list[Observation], faces: list[Observation], tell: Progress
+) -> Surface:
+    """Atlas, albedo and corrections; without key and errors."""
+    mesh = observer.mesh
     atlas = make_atlas(mesh.vertices, mesh.faces, mesh.part)
     places = texels(atlas.uv, atlas.uv_faces, SIDE, SIDE)
     albedo, at_vertices = _baked(observer, places, tell)
     tell("corrections", 0, 1)
+    expressions = _expressions(observer, faces, at_vertices)
     value = np.stack([np.concatenate([one.shift, one.albedo - at_vertices], 1) for one in seen])
     residuals = Residuals(signals, value, np.stack([one.found for one in seen]))
-    mean, correction = fit_correction(residuals, mesh.joint[:, 0].astype(int), avatar.person.body.parents)
+    parents = observer.avatar.person.body.parents
+    mean, correction = fit_correction(residuals, mesh.joint[:, 0].astype(int), parents)
     albedo = albedo + places.interpolated(mesh.faces, mean[:, 3:])
-    scale = float(np.quantile(albedo, 0.9999))
-    image = places.image(np.clip(np.rint(255 * albedo / scale), 0, 255).astype(np.uint8))
-    meta = {"seconds": round(time.monotonic() - begun, 1), "poses": poses}
-    surface = _assembled(mesh, mean, atlas, image, scale, observer, expressions, correction, key, meta)
-    shutil.rmtree(work)
-    return surface
-
-
-def _assembled(mesh, mean, atlas: Atlas, image, scale, observer, expressions, correction, key, meta) -> Surface:  # type: ignore[no-untyped-def]
+    scale = float(np.quantile(albedo, BRIGHTEST))
     return Surface(
+        **{name: getattr(mesh, name) for name in OF_MESH},
+        **vars(atlas),
         vertices=(mesh.vertices + mean[:, :3]).astype(np.float32),
-        faces=mesh.faces,
-        joint=mesh.joint,
-        weight=mesh.weight,
-        template_face=mesh.template_face,
-        barycentric=mesh.barycentric,
-        part=mesh.part,
-        uv=atlas.uv,
-        uv_vertex=atlas.uv_vertex,
-        uv_faces=atlas.uv_faces,
-        albedo=image,
+        albedo=places.image(np.clip(np.rint(255 * albedo / scale), 0, 255).astype(np.uint8)),
         albedo_scale=scale,
         lit=observer.lit.numpy().astype(np.float32),
         morph_vertex=expressions.vertex.astype(np.int32),
         morph=expressions.shift.astype(np.float32),
         morph_colour=expressions.colour.astype(np.float32),
         correction=correction,
-        key=key,
-        meta=meta,
     )
 
 
@@ -133,12 +138,12 @@ def _observed(observer: Observer, signals: list[Signals], work: Path, name: str,
     return seen
 
 
-def _expressions(observer: Observer, work: Path, tell: Progress) -> Expressions:
+def _expressions(observer: Observer, seen: list[Observation], at_vertices: np.ndarray) -> Expressions:
     neutral = observer.neutral
     assert neutral is not None
-    seen = _observed(observer, single_expressions(), work, "expression", tell)
+    before = np.where(neutral.found[:, None], neutral.albedo, at_vertices)
     shift = np.stack([one.shift - neutral.shift for one in seen])
-    colour = np.stack([observer.tinted(one) for one in seen])
+    colour = np.stack([observer.tinted(one, before) for one in seen])
     moved = (np.abs(shift).max((0, 2)) > MOVED) | (np.abs(colour).max((0, 2)) > TINTED)
     vertex = np.flatnonzero(moved)
     return Expressions(vertex, shift[:, vertex], colour[:, vertex])
@@ -146,11 +151,12 @@ def _expressions(observer: Observer, work: Path, tell: Progress) -> Expressions:
 
 def _baked(observer: Observer, places: Texels, tell: Progress) -> tuple[np.ndarray, np.ndarray]:
     """Albedo of the texels (x, 3), and of the vertices (v, 3) in the same poses."""
-    bake, at_vertices = Bake(places, observer.mesh.faces), []
-    for number, name in enumerate(BAKED):
-        tell("texture", number, len(BAKED))
-        exact, followed = observer.follow(Signals.rest().replace(body_pose=named_pose(name)))
-        light = observer.light(followed)
-        bake.add(exact, followed, light.numpy())
-        at_vertices.append((exact.colour(followed.position, -followed.normal) / light).numpy())
-    return bake.albedo(), np.mean(at_vertices, 0)
+    mesh = observer.mesh
+    bake = Bake(places, mesh.faces, len(mesh.vertices))
+    poses = [(Signals.rest().replace(body_pose=named_pose(name)), weight) for name, weight in BAKED.items()]
+    poses.append((poses[0][0].replace(expression=named_expression("jaw_open")), MOUTH))
+    for number, (signals, weight) in enumerate(poses):
+        tell("texture", number, len(poses))
+        exact, followed = observer.follow(signals)
+        bake.add(exact, followed, observer.light(followed), weight)
+    return bake.texels_and_vertices()

@@ -94,7 +94,8 @@ def follow(avatar: Avatar, mesh: RestMesh, exact: ExactPose, signals: Signals) -
 def lit_by(light: Light, normal: Float[Tensor, "v 3"], lit: Float[Tensor, " v"]) -> Float[Tensor, "v 3"]:
     """1 + lit (E(n) − 1): what an albedo is multiplied by."""
     with torch.no_grad():
-        return 1 + lit[:, None] * (light(normalize(normal, dim=-1)) - 1)
+        full: Tensor = light(normalize(normal, dim=-1))
+    return 1 + lit[:, None] * (full - 1)
 
 
 def _in_local_frame(
@@ -148,4 +149,5 @@ def onto_field(
 
 
 def _at_most(move: Float[Tensor, "v 3"], length: Tensor) -> Float[Tensor, "v 3"]:
-    return move * (length / move.norm(dim=-1).clamp_min(1e-9)).clamp(max=1)[:, None]
+    shorter: Tensor = (length / move.norm(dim=-1).clamp_min(1e-9)).clamp(max=1)
+    return move * shorter[:, None]

@@ -81,13 +81,12 @@ class Observer:
         for _ in range(STEADYING):
             offset, trusted = self.smooth @ offset, self.smooth @ trusted
         offset = np.where(self.mesh.inner[:, None], 0, offset / np.maximum(trusted, 1e-3))
-        return guess + (self.neutral.shift - self.neutral.guess) + offset
+        return np.asarray(guess + (self.neutral.shift - self.neutral.guess) + offset)
 
-    def tinted(self, observation: Observation) -> np.ndarray:
-        """(v, 3): how the albedo differs from the neutral pose, mean of the neighbours that were found; 0 where none was."""
-        assert self.neutral is not None
+    def tinted(self, observation: Observation, before: Float[np.ndarray, "v 3"]) -> np.ndarray:
+        """(v, 3): how the albedo differs from `before`, mean of the neighbours that were found; 0 where none was."""
         trusted = observation.found[:, None].astype(float)
-        change = self.smooth @ (trusted * (observation.albedo - self.neutral.albedo))
+        change = self.smooth @ (trusted * (observation.albedo - before))
         return np.asarray(change / np.maximum(self.smooth @ trusted, 1e-3))
 
     def follow(self, signals: Signals) -> tuple[ExactPose, Followed]:

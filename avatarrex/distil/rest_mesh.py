@@ -41,7 +41,7 @@ REACH = np.array([0.02, 0.004, 0.004, 0.006], np.float32)
 """Metres, of body, hands and face."""
 EYE_REACH = 0.004
 SMALLEST_PIECE = 0.02
-"""Share of the largest piece's area below which a piece is a crumb of the field."""
+"""Share of the largest piece's area below which a piece is none of the surface."""
 
 
 @dataclass(frozen=True)
@@ -98,12 +98,12 @@ def _cubes(exact: ExactPose) -> tuple[np.ndarray, np.ndarray]:
     points = torch.as_tensor(low + index * CELL, dtype=torch.float32)
     values = torch.cat([exact.field.sdf(part) for part in points.split(200_000)])
     grid[tuple(index.T)] = values.numpy()
-    vertices, faces, _, _ = marching_cubes(grid, 0.0, spacing=(CELL,) * 3)
+    vertices, faces, _, _ = marching_cubes(grid, 0.0, spacing=(CELL,) * 3)  # type: ignore[no-untyped-call]
     mesh = trimesh.Trimesh(vertices + low, faces, process=True)
-    pieces = mesh.split(only_watertight=False)
-    largest = max(piece.area for piece in pieces)
-    kept = trimesh.util.concatenate([piece for piece in pieces if piece.area > SMALLEST_PIECE * largest])
-    return np.asarray(kept.vertices), np.asarray(kept.faces)
+    groups = trimesh.graph.connected_components(mesh.face_adjacency, nodes=np.arange(len(mesh.faces)))
+    areas = [float(mesh.area_faces[group].sum()) for group in groups]
+    kept = np.concatenate([group for group, area in zip(groups, areas) if area > SMALLEST_PIECE * max(areas)])
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)[np.sort(kept)]
 
 
 def _simplified(

@@ -37,6 +37,9 @@ SAMPLES_UNIT = 1
 """Texture unit; the albedo has 0 (`UploadedSurface.bind`)."""
 Target = tuple[tuple[moderngl.Texture, ...], moderngl.Framebuffer]
 """Textures, and the framebuffer that draws into them."""
+LOD_BIAS = -1.0
+"""Of the albedo's mipmaps: the exact levels take a pixel's colour at its centre; the mean over it is 1 dB farther from them."""
+CONSTANTS = {"DARKEST": DARKEST, "LOD_BIAS": LOD_BIAS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +114,7 @@ class _Raster:
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
         self._programs = {
-            name: draw_program(context, "surface/mesh.vert", f"surface/{name}.frag", {"DARKEST": DARKEST})
+            name: draw_program(context, "surface/mesh.vert", f"surface/{name}.frag", CONSTANTS)
             for name in ("colour", "geometry")
         }
         self._surfaces: weakref.WeakKeyDictionary[Surface, UploadedSurface] = weakref.WeakKeyDictionary()
@@ -195,15 +198,11 @@ class _Raster:
         context.disable(moderngl.BLEND)
         context.enable(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         context.front_face = "cw"  # rows run downwards
-        shape, first = triangles.shapes[name], 3 * triangles.one_sided
-        if triangles.one_sided:
-            shape.render(moderngl.TRIANGLES, vertices=first)
+        triangles.shapes[name].render(moderngl.TRIANGLES)
         context.disable(moderngl.CULL_FACE)
-        if triangles.both_sided:
-            shape.render(moderngl.TRIANGLES, vertices=3 * triangles.both_sided, first=first)
         context.disable(moderngl.DEPTH_TEST)
         context.front_face = "ccw"
-        counters.add("surface_triangles", triangles.one_sided + triangles.both_sided)
+        counters.add("surface_triangles", triangles.count)
 
     def _average(self, sampled: Target, samples: int, picture: moderngl.Framebuffer, tile: Box) -> None:
         """The samples' mean into the tile of the picture."""

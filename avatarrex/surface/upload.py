@@ -1,7 +1,7 @@
 """A surface on the graphics card: what never changes is uploaded once, what a pose makes when it is another one.
 
-The back of a triangle is never seen where its piece of mesh is closed: those come first and are drawn with one side, which takes
-half the time in software. A piece with a border has two.
+Backs of triangles are not drawn, which halves the time in software: a surface is closed, but for borders that lie beneath
+another part.
 
 Letters: v vertices, t texture vertices, f faces.
 """
@@ -10,13 +10,9 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import dataclass
-from functools import cached_property
 
 import moderngl
 import numpy as np
-from jaxtyping import Bool
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from avatarrex.surface.pose import PosedSurface
 from avatarrex.surface.surface import Surface
@@ -29,15 +25,6 @@ CORNER = np.dtype([("uv", "f4", 2), ("lit", "f4"), ("vertex", "i4"), ("part", "i
 LAYOUT = ("2f 1f 1i 1i", "in_uv", "in_lit", "in_vertex", "in_part")
 
 
-def two_sided(faces: np.ndarray) -> Bool[np.ndarray, " f"]:
-    """Whether the piece of mesh that a face belongs to has a border: an edge that no neighbour runs the other way."""
-    v = int(faces.max(initial=-1)) + 1
-    start, end = faces.ravel().astype(np.int64), np.roll(faces, -1, 1).ravel().astype(np.int64)
-    border = ~np.isin(start * v + end, end * v + start)
-    _, piece = connected_components(coo_array((np.ones(len(start), bool), (start, end)), (v, v)), directed=False)
-    return np.asarray(np.isin(piece[faces[:, 0]], piece[start[border]]))
-
-
 @dataclass(frozen=True, eq=False)
 class Triangles:
     """Those of a surface that are drawn."""
@@ -45,9 +32,7 @@ class Triangles:
     indices: moderngl.Buffer
     shapes: dict[str, moderngl.VertexArray]
     """By program."""
-    one_sided: int
-    """How many have one side; they come first."""
-    both_sided: int
+    count: int
 
     def release(self) -> None:
         """Give the memory back; the context is current."""
@@ -97,22 +82,16 @@ class UploadedSurface:
             assert surface is not None, "a surface is drawn while it is there"
             of = surface.part[surface.faces]
             unseen = np.isin(of, [PARTS.index(name) + 1 for name in hidden]).all(1)
-            faces, both = surface.uv_faces[~unseen], self._two_sided[~unseen]
-            indices = self._context.buffer(np.concatenate([faces[~both], faces[both]]).astype(np.uint32).tobytes())
+            faces = surface.uv_faces[~unseen]
+            indices = self._context.buffer(faces.astype(np.uint32).tobytes())
             shapes = {
                 name: self._context.vertex_array(
                     program, [(self._corners, *LAYOUT)], indices, index_element_size=4, skip_errors=True
                 )
                 for name, program in programs.items()
             }
-            self._triangles[hidden] = Triangles(indices, shapes, int((~both).sum()), int(both.sum()))
+            self._triangles[hidden] = Triangles(indices, shapes, len(faces))
         return self._triangles[hidden]
-
-    @cached_property
-    def _two_sided(self) -> Bool[np.ndarray, " f"]:
-        surface = self._surface()
-        assert surface is not None
-        return two_sided(surface.faces)
 
     def release(self) -> None:
         """Give the memory back."""

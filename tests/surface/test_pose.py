@@ -221,7 +221,7 @@ def test_a_shape_that_the_template_does_not_have_is_refused():
         pose_surface(template_surface(), replace(PERSON, body=body), drawn(0))
 
 
-def test_rings_hold_each_face_at_each_of_its_corners():
+def test_rings_have_each_face_at_each_of_its_corners():
     start, ring = rings(np.array([[0, 1, 2], [0, 2, 3]], np.int32), 5)
     assert start.tolist() == [0, 2, 3, 5, 6, 6]
     assert ring.tolist() == [[1, 2], [2, 3], [2, 0], [0, 1], [3, 0], [0, 2]]

@@ -21,7 +21,6 @@ from avatarrex.surface.extent import Extent
 from avatarrex.surface.pose import PosedSurface, pose_surface
 from avatarrex.surface.raster import TILE, draw_surface, surface_geometry
 from avatarrex.surface.surface import Surface
-from avatarrex.surface.upload import two_sided
 from avatarrex.templates.person import load_person
 
 PERSON = load_person()
@@ -139,20 +138,12 @@ def test_the_first_row_is_the_top(posed):
     assert (image[..., 3] > 0).any(1).argmax() == pytest.approx(found.hit.any(1).argmax(), abs=1)
 
 
-def test_both_sides_of_an_open_piece_are_seen_and_face_the_viewer():
-    at = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
-    sheet = _of(at, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
-    for azimuth, facing in ((0, 1), (180, -1)):
-        found = surface_geometry(sheet, Camera.orbit(azimuth, 0, 4, width=32, height=32))
-        assert found.hit[16, 16]
-        assert found.normal[16, 16] == pytest.approx((0, 0, facing), abs=1e-6)
-
-
-def test_backs_of_closed_pieces_are_not_drawn():
+def test_backs_are_not_drawn():
+    sheet = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
+    for azimuth, drawn in ((0, True), (180, False)):
+        view = Camera.orbit(azimuth, 0, 4, width=32, height=32)
+        assert surface_geometry(_of(sheet, np.array([[0, 1, 2], [0, 2, 3]], np.int32)), view).hit[16, 16] == drawn
     closed = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int32)
-    both = np.concatenate([closed, closed[:3] + 4])
-    assert two_sided(closed).tolist() == [False] * 4
-    assert two_sided(both).tolist() == [False] * 4 + [True] * 3
     at = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32) - 0.25
     for azimuth in (0, 70, 200, 300):
         view = Camera.orbit(azimuth, 20, 4, width=64, height=64)
