@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import SimpleNamespace
 
+import avatarrex_studio.cli.headless  # noqa: F401  its annotations take the true engine, before a test puts another in its place
 import numpy as np
 import torch
 from avatarrex_studio.engine.engine import Engine
