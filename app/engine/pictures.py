@@ -73,6 +73,7 @@ class Pictures:
         self.history: deque[dict[str, float]] = deque(maxlen=KEPT)
         """Milliseconds per stage of the last pictures."""
         self._subject: Subject | None = None
+        self._level = AUTO
         self._changed_at = -math.inf
         self._under_way: Wanted | None = None
         self._since = -math.inf
@@ -85,7 +86,7 @@ class Pictures:
 
     def tick(self, now: float, state: StudioState, size: tuple[int, int], live: bool, playing: bool = False) -> bool:
         """Take what came and request what is missing; whether there is another picture. `live`: a surface is on screen."""
-        subject = Subject.of(state, size)
+        subject, self._level = Subject.of(state, size), state.level
         if subject != self._subject:
             self._subject, self._changed_at = subject, now
         if playing:
@@ -106,11 +107,16 @@ class Pictures:
         """Whether the picture shows the present state."""
         return self.shown is not None and self.shown.subject == self._subject
 
+    @property
+    def covers(self) -> bool:
+        """Whether the picture belongs over a surface: it shows the present state, whose level is not the surface alone."""
+        return self.current and self._level != LIVE
+
     def weight(self, now: float, live: bool) -> float:
         """Share of the picture over the surface, 0 to 1."""
         if not live:
             return float(self.picture is not None)
-        return min(max((now - self._fade_from) / FADE, 0.0), 1.0) if self.current else 0.0
+        return min(max((now - self._fade_from) / FADE, 0.0), 1.0) if self.covers else 0.0
 
     def save(self, state: StudioState, size: tuple[int, int], path: str) -> None:
         """Have the state rendered and written; the console tells when it is there."""

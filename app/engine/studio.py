@@ -131,7 +131,7 @@ class Studio:
     @property
     def fading(self) -> bool:
         """Whether the exact picture is being faded in."""
-        return self.pictures.current and self.weight < 1
+        return self.pictures.covers and self.weight < 1
 
     @property
     def age(self) -> float:

@@ -239,8 +239,7 @@ def test_the_size_while_moving_follows_from_what_a_pixel_took(clock):
     assert sized(1e4) == pytest.approx(low**0.5, abs=0.01)
 
 
-def test_the_level_live_requests_nothing_at_rest_where_there_is_a_surface(live, bare, clock, monkeypatch):
-    monkeypatch.setattr("avatarrex_studio.session.state.LEVELS", ("live", "fast", "balanced"))
+def test_the_level_live_requests_nothing_at_rest_where_there_is_a_surface(live, bare, clock):
     for studio in (live, bare):
         studio.do(SetLevel("live"))
         tick(studio, clock, 1.0)
@@ -249,6 +248,20 @@ def test_the_level_live_requests_nothing_at_rest_where_there_is_a_surface(live, 
     assert live.pictures.exact.begun == []
     assert levels(bare)[-1] == "fast"
     assert not bare.pictures.exact.begun[-1].dragged
+
+
+def test_the_level_live_takes_the_exact_picture_away(live, clock):
+    tick(live, clock, 2 * REST)
+    answer(live, clock)
+    tick(live, clock, 2 * FADE)
+    assert live.weight == 1
+    live.do(SetLevel("live"))
+    assert tick(live, clock), "another picture is shown"
+    assert live.weight == 0
+    assert not live.moving
+    live.undo()
+    assert tick(live, clock)
+    assert live.weight == 1, "it is there yet"
 
 
 def test_files_are_written_beside_pictures_and_survive_a_change(live, clock, tmp_path, caplog):

@@ -16,16 +16,20 @@ import pytest
 from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.exact import ExactEngine
+from avatarrex_studio.engine.live import LiveSurface
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import performance
 from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.session.commands import OrbitBy
 from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.window.screen import Screen
 from avatarrex_studio.window.window import Window, start
 from ball import ball_engine, render_ball
 from imgui_bundle import imgui
+from surface.template_surface import template_surface
 
 from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
 from avatarrex.gl.context import current_context
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.read import write_json
@@ -40,9 +44,9 @@ def compact_engine(*, between):
     return Engine(avatar=Avatar.create(load_person("default"), "compact"), between=between)
 
 
-def drive(make, scenario, size=(1280, 800), live=None):
+def drive(make, scenario, size=(1280, 800), live=None, load=load_avatar):
     """Open a window on the engine that `make` makes in a process of its own, run `scenario(test, window)`, close it."""
-    window = Window(Studio(ExactEngine(make), Avatars(), Journal(start()), live))
+    window = Window(Studio(ExactEngine(make), Avatars(load), Journal(start()), live))
     logging.getLogger().addHandler(window.console)
     try:
         driving.drive(window, lambda test: scenario(test, window), size)
@@ -163,6 +167,48 @@ def slow_ball(avatar, signals, camera, settings, previous=None, between=None):
 
 def slow_engine(*, between):
     return ball_engine(slow_ball, between=between)
+
+
+def surfaced(name):
+    """Untrained fields with the template as their surface."""
+    avatar = Avatar.create(load_person("default"), "compact")
+    avatar.surface = template_surface()
+    return avatar
+
+
+def test_the_level_live_shows_the_surface_alone(display, monkeypatch):
+    """The texture that is shown is read back by the thread that drew it."""
+    seen, shown = {}, {}
+
+    def read(screen, studio, new, show=Screen.show):
+        show(screen, studio, new)
+        if new and screen.shown:
+            texture = screen.context.external_texture(
+                screen.shown.texture, (screen.shown.width, screen.shown.height), 4, 0, "f1"
+            )
+            shown["image"] = np.frombuffer(texture.read(), np.uint8).reshape(-1, 4)
+
+    def scenario(test, window):
+        rest(test, window)
+        seen["exact"] = shown["image"]
+        test.window_focus("//Performance")
+        test.set_ref("//Performance")
+        test.combo_click("##level/live")
+        test.yield_(10)
+        studio = window.studio
+        seen["live"], seen["stages"] = shown["image"], set(studio.live.ms)
+        seen["now"] = (studio.moving, studio.waiting, studio.pictures.error)
+        test.key_press(chord("Ctrl+Z"))
+        rest(test, window)
+        seen["undone"] = shown["image"]
+
+    monkeypatch.setattr(Screen, "show", read)
+    drive(ball_engine, scenario, live=LiveSurface(), load=surfaced)
+    assert not np.array_equal(seen["exact"], seen["live"])
+    assert np.array_equal(seen["exact"], seen["undone"])
+    assert len(np.unique(seen["live"], axis=0)) > 50, "more than a background"
+    assert seen["stages"] == {"surface", "raster", "total"}
+    assert seen["now"] == (False, False, None)
 
 
 class PlainSurface:
