@@ -1,12 +1,14 @@
 """Avatars on disk: one folder, or one `.avatar` zip.
 
 `avatar.json` says what it is (format version, preset, template with its hash and size, provenance, licence), `weights.safetensors`
-contains every parameter and buffer. Spec: `assets_spec/avatar.json`.
+contains every parameter and buffer, `surface.safetensors`, which may be missing, the surface that was distilled from these weights
+(surface/surface_file.py). Spec: `assets_spec/avatar.json`.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ import torch
 from torch import Tensor
 
 from avatarrex.avatar import FORMAT, Avatar
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, plain
 from avatarrex.fields.local_frame import UNSAID
 from avatarrex.fields.placement import device_named
 from avatarrex.fields.presets import BASES, PRESETS
@@ -25,14 +27,20 @@ from avatarrex.files.assets import DATA
 from avatarrex.files.gate import decode, read_bytes, what_is, written
 from avatarrex.files.json_text import SMALL, parse_json
 from avatarrex.files.zips import open_zip, refusing, unpack
+from avatarrex.surface import surface_file
+from avatarrex.surface.surface import Surface
+from avatarrex.surface.surface_file import read_surface, surface_bytes, weights_key
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit
 
+log = logging.getLogger(__name__)
 SINCE = {"tone.": 2, "light.": 3, "body.code_network.least": 3, "body.code_network.most": 3}
 """Format since which there are weights of such names; avatars of before have the identity."""
 FILES = {"avatar.json": SMALL, "weights.safetensors": 2**30}
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
+SURFACE = surface_file.FILE
+WHOLE = "an avatar folder or a whole .avatar file"
 LARGEST_WEIGHT = float(torch.finfo(torch.half).max)
 """What half precision, in which avatars are stored, can say: 65504."""
 
@@ -41,11 +49,13 @@ def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
     """Read an avatar: "default" for the packaged one, an avatar folder, or an `.avatar` file.
 
     The networks run on `device`, any that torch has ("cpu", "cuda", …). Raises `InputError` for what is not there, not an
-    avatar, of a newer format, or damaged, with file and field; and for a device that cannot be had.
+    avatar, of a newer format, or damaged, with file and field; and for a device that cannot be had. A surface that is damaged, or of
+    other weights, is left out with a warning in the log.
     """
     device_named(device)  # what cannot be had is said before the work
-    path = DATA / "default.avatar" if str(source) == "default" else Path(source)
-    text, weights = _read(path)
+    path = avatar_path(source)
+    content = _read(path)
+    text = decode(content["avatar.json"], f"{path}: avatar.json", "text")
     meta = _meta(path, parse_json(text, path, "avatar.json"))
     person = load_person(meta.get("person", "default"))
     if "person_fit" in meta:
@@ -56,22 +66,27 @@ def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
         )
     avatar = Avatar.create(person, meta["preset"], meta.get("seed", 0), meta.get("local_frame", UNSAID))
     try:
-        state = safetensors.torch.load(weights)
+        state = safetensors.torch.load(content["weights.safetensors"])
     except (safetensors.SafetensorError, ValueError) as error:
         raise InputError(path, "weights.safetensors", "a safetensors file", error) from None
     _fill(path, avatar, state, meta["format"])
     avatar.meta = meta
+    avatar.surface = _surface(path, avatar)
     avatar.place(device)
     return avatar
+
+
+def avatar_path(source: str | Path) -> Path:
+    """Where an avatar is: "default" is the packaged one."""
+    return DATA / "default.avatar" if str(source) == "default" else Path(source)
 
 
 def save_avatar(avatar: Avatar, path: str | Path, half: bool = True) -> None:
     """Write `avatar` to a folder, or to one file when `path` ends in `.avatar`; all or nothing.
 
-    Floating-point weights are stored in half precision when `half` (the surface moves by less than 0.1 mm). `load` reads
-    it back. Raises `OSError` where `path` cannot be written.
+    Floating-point weights are stored in half precision when `half` (the surface moves by less than 0.1 mm). A surface of other
+    weights than the avatar has by now is left out. `load` reads it back. Raises `InputError` where `path` cannot be written.
     """
-    path = Path(path)
     state = {
         name: value.half() if half and value.is_floating_point() else value for name, value in avatar.state().items()
     }
@@ -80,43 +95,90 @@ def save_avatar(avatar: Avatar, path: str | Path, half: bool = True) -> None:
     if avatar.person.fit is not None:
         meta["person_fit"] = avatar.person.fit.to_json()
     text = json.dumps(meta, indent=2, ensure_ascii=False) + "\n"
-    weights = safetensors.torch.save(state)
-    if path.suffix == ".avatar":
-        with written(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-            archive.writestr("avatar.json", text)
-            archive.writestr("weights.safetensors", weights, zipfile.ZIP_DEFLATED)
+    content = {"weights.safetensors": safetensors.torch.save(state), "avatar.json": text.encode()}
+    if avatar.surface is not None and avatar.surface.key == weights_key(avatar):
+        content[SURFACE] = surface_bytes(avatar.surface)
+    _write(Path(path), content)
+    if SURFACE not in content and Path(path).is_dir():
+        (Path(path) / SURFACE).unlink(missing_ok=True)
+
+
+def store_surface(source: str | Path, surface: Surface, target: str | Path | None = None) -> None:
+    """Write the avatar at `source` with `surface` to `target`, or in its place; weights and `avatar.json` stay byte for byte.
+
+    Raises `InputError` where `source` cannot be read or `target` not be written.
+    """
+    path = avatar_path(source)
+    content = {**_read(path), SURFACE: surface_bytes(surface)}
+    if target is None and path.is_dir():
+        content = {SURFACE: content[SURFACE]}
+    _write(path if target is None else Path(target), content)
+
+
+def _write(path: Path, content: dict[str, bytes]) -> None:
+    """The files of an avatar. In a folder each is whole; a surface beside other weights does not count."""
+    if path.suffix == ".avatar" and not path.is_dir():
+        with written(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name in sorted(content):
+                archive.writestr(name, content[name])
         return
-    for name, content in (("weights.safetensors", weights), ("avatar.json", text.encode())):
+    for name, data in content.items():
         with written(path / name) as temporary:
-            temporary.write_bytes(content)
+            temporary.write_bytes(data)
 
 
-def _read(path: Path) -> tuple[str, bytes]:
-    """The text of `avatar.json` and the bytes of the weights, from a folder or a zip."""
+def _read(path: Path) -> dict[str, bytes]:
+    """The bytes of `avatar.json` and of the weights, from a folder or a zip."""
     found = what_is(path)
     if found == "a folder":
         for name in FILES:
             if what_is(path / name) == "nothing there":
                 raise InputError(path, name, "the file to be in the avatar", "nothing there")
-        content = {name: read_bytes(path / name, "a file", most) for name, most in FILES.items()}
-    elif found == "a file":
-        content = _members(path)
-    else:
-        raise InputError(path, "", "an avatar folder or an .avatar file", found)
-    return decode(content["avatar.json"], f"{path}: avatar.json", "text"), content["weights.safetensors"]
+        return {name: read_bytes(path / name, "a file", most) for name, most in FILES.items()}
+    if found == "a file":
+        return _members(path)
+    raise InputError(path, "", "an avatar folder or an .avatar file", found)
 
 
 def _members(path: Path) -> dict[str, bytes]:
     """The two files of a zip."""
-    expected = "an avatar folder or a whole .avatar file"
     content = {}
-    with open_zip(path, expected) as archive:
+    with open_zip(path, WHOLE) as archive:
         for name, most in FILES.items():
             if name not in archive.namelist():
                 raise InputError(path, name, "the file to be in the avatar", "nothing there")
-            with refusing(path, name, expected):
+            with refusing(path, name, WHOLE):
                 content[name] = bytes(unpack(archive, name, most, path, name))
     return content
+
+
+def _surface(path: Path, avatar: Avatar) -> Surface | None:
+    """The surface beside the weights, if there is one that fits them."""
+    try:
+        content = _surface_content(path)
+        if content is None:
+            return None
+        surface = read_surface(content, path, len(avatar.person.body.faces))
+        key = weights_key(avatar)
+        if surface.key != key:
+            raise InputError(path, f"{SURFACE}: key", f"that of these weights ({key})", surface.key or "none")
+    except InputError as error:
+        log.warning("%s; `avatarrex-studio distil %s` makes it anew", error, plain(str(path)))
+        return None
+    return surface
+
+
+def _surface_content(path: Path) -> bytes | None:
+    """The bytes of the surface; None where there is none."""
+    if path.is_dir():
+        if what_is(path / SURFACE) == "nothing there":
+            return None
+        return read_bytes(path / SURFACE, "a file", surface_file.LARGEST, SURFACE)
+    with open_zip(path, WHOLE) as archive:
+        if SURFACE not in archive.namelist():
+            return None
+        with refusing(path, SURFACE, WHOLE):
+            return bytes(unpack(archive, SURFACE, surface_file.LARGEST, path, SURFACE))
 
 
 def _meta(path: Path, meta: Any) -> dict[str, Any]:

@@ -8,8 +8,9 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import warnings
 from dataclasses import fields
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import safetensors
@@ -17,9 +18,11 @@ import safetensors.numpy
 from PIL import Image
 from torch import Tensor
 
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, check
 from avatarrex.files.json_text import parse_json
+from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.surface.surface import INFLUENCES, Correction, Surface
+from avatarrex.templates.parts import PARTS
 
 FILE = "surface.safetensors"
 LARGEST = 2**27
@@ -28,10 +31,16 @@ QUALITY = 93
 """Of the JPEG: 40 dB."""
 HALVED = ("weight", "morph", "morph_colour", "correction.basis")
 """Stored in half precision."""
-MOST_SIDE = 8192
-"""Texels a side."""
+MOST_SIDE = 4096
+"""Texels a side: twice what is distilled."""
+KINDS: dict[str, type] = {
+    **dict.fromkeys(("joint", "part", "albedo", "correction.group"), np.uint8),
+    **dict.fromkeys(("faces", "template_face", "uv_vertex", "uv_faces", "morph_vertex", "correction.joints"), np.int32),
+}
+"""Of the arrays that are no floating-point numbers."""
 
 
+@runtime_checkable
 class Weighted(Protocol):
     """What has weights: an avatar."""
 
@@ -60,12 +69,19 @@ def surface_bytes(surface: Surface) -> bytes:
     return safetensors.numpy.save(contiguous, {"surface": json.dumps(about)})
 
 
-def read_surface(content: bytes, source: object) -> Surface:
-    """From `surface_bytes`. Raises `InputError` with file and field."""
+def read_surface(content: bytes, source: object, template_faces: int | None = None) -> Surface:
+    """From `surface_bytes`. Raises `InputError` with file and field; also where it is of another template than of so many faces."""
     try:
         arrays = safetensors.numpy.load(content)
-        about = parse_json(_metadata(content).get("surface", ""), f"{source}: {FILE}")
-    except (safetensors.SafetensorError, ValueError) as error:
+        about = parse_json(_description(content), f"{source}: {FILE}")
+    except InputError:
+        raise
+    except (
+        safetensors.SafetensorError,
+        ValueError,
+        TypeError,
+        KeyError,
+    ) as error:  # the last two: kinds that numpy has not
         raise InputError(source, FILE, "a safetensors file of a surface", error) from None
     if not isinstance(about, dict):
         raise InputError(source, FILE, "a description of the surface", type(about).__name__)
@@ -76,15 +92,19 @@ def read_surface(content: bytes, source: object) -> Surface:
     values: dict[str, Any] = {
         name: value.astype(np.float32) if value.dtype == np.float16 else value for name, value in arrays.items()
     }
+    for name, value in values.items():
+        kind = KINDS.get(name, np.float32)
+        check(value.dtype == kind, source, f"{FILE}: {name}", f"numbers as {kind.__name__}", value.dtype)
     values["albedo"] = _image(values["albedo"], source)
     _check(values, about, source)
+    _check_indices(values, template_faces, source)
     parts = {name.removeprefix("correction."): values.pop(name) for name in list(values) if "." in name}
     return Surface(
         **values,
         correction=Correction(**parts),
         albedo_scale=float(about["albedo_scale"]),
         key=str(about.get("key", "")),
-        meta=about.get("meta") or {},
+        meta=about["meta"],
     )
 
 
@@ -99,29 +119,36 @@ def _arrays(surface: Surface) -> dict[str, np.ndarray]:
     return {name: value for name, value in {**own, **inner}.items() if isinstance(value, np.ndarray)}
 
 
-def _metadata(content: bytes) -> dict[str, str]:
-    """The description in a safetensors header, which `safetensors.numpy.load` leaves out."""
+def _description(content: bytes) -> str:
+    """The text in a safetensors header, which `safetensors.numpy.load` has found to be in order and leaves out."""
     length = int.from_bytes(content[:8], "little")
     header = parse_json(content[8 : 8 + length].decode(), FILE)
-    return dict(header.get("__metadata__") or {}) if isinstance(header, dict) else {}
+    return str((header.get("__metadata__") or {}).get("surface", ""))
 
 
 def _image(packed: np.ndarray, source: object) -> np.ndarray:
+    """JPEG bytes as (h, w, 3); the size is judged by the header."""
+    field = f"{FILE}: albedo"
+    bomb = Image.DecompressionBombWarning
     try:
-        with Image.open(io.BytesIO(packed.tobytes())) as image:
-            if max(image.size) > MOST_SIDE:
-                raise InputError(source, f"{FILE}: albedo", f"at most {MOST_SIDE} texels a side", image.size)
+        with (
+            warnings.catch_warnings(action="error", category=bomb),
+            Image.open(io.BytesIO(packed.tobytes()), formats=("JPEG",)) as image,
+        ):
+            check(max(image.size) <= MOST_SIDE, source, field, f"at most {MOST_SIDE} texels a side", image.size)
             return np.asarray(image.convert("RGB"))
-    except OSError as error:
-        raise InputError(source, f"{FILE}: albedo", "a JPEG image", error) from None
+    except InputError:
+        raise
+    except (OSError, ValueError, SyntaxError, bomb, Image.DecompressionBombError) as error:
+        raise InputError(source, field, "a JPEG image", error) from None
 
 
 def _check(values: dict[str, np.ndarray], about: dict[str, Any], source: object) -> None:
-    """Shapes, index ranges, finite numbers."""
+    """Shapes, finite numbers, the description."""
     v, t, f, m = (len(values[name]) for name in ("vertices", "uv", "faces", "morph_vertex"))
     g, q = values["correction.joints"].shape if values["correction.joints"].ndim == 2 else (0, 0)
     r = values["correction.basis"].shape[1] if values["correction.basis"].ndim == 3 else 0
-    e = len(values["morph"])
+    e = len(EXPRESSION_NAMES)
     shapes = {
         "vertices": (v, 3), "faces": (f, 3), "joint": (v, INFLUENCES), "weight": (v, INFLUENCES), "template_face": (v,),
         "barycentric": (v, 3), "part": (v,), "uv": (t, 2), "uv_vertex": (t,), "uv_faces": (f, 3), "lit": (v,),
@@ -130,16 +157,27 @@ def _check(values: dict[str, np.ndarray], about: dict[str, Any], source: object)
         "correction.high": (g, r), "correction.basis": (v, r, 6),
     }  # fmt: skip
     for name, shape in shapes.items():
-        if values[name].shape != shape:
-            raise InputError(source, f"{FILE}: {name}", f"shape {shape}", values[name].shape)
-        if values[name].dtype.kind == "f" and not np.isfinite(values[name]).all():
-            raise InputError(source, f"{FILE}: {name}", "finite numbers", "NaN or Inf")
-    limits = {
-        "faces": v, "joint": 55, "uv_vertex": v, "uv_faces": t, "morph_vertex": v, "correction.group": g, "part": 4
+        check(values[name].shape == shape, source, f"{FILE}: {name}", f"shape {shape}", values[name].shape)
+        if values[name].dtype.kind == "f":
+            check(np.isfinite(values[name]).all(), source, f"{FILE}: {name}", "finite numbers", "NaN or Inf")
+    scale, meta = about.get("albedo_scale"), about.get("meta")
+    number = isinstance(scale, (int, float)) and not isinstance(scale, bool)
+    check(number and 0 < scale < 1e3, source, f"{FILE}: albedo_scale", "a number from 0 to 1000", scale)  # type: ignore[operator]
+    check(isinstance(meta, dict), source, f"{FILE}: meta", "an object", type(meta).__name__)
+
+
+def _check_indices(values: dict[str, np.ndarray], template_faces: int | None, source: object) -> None:
+    """Every index is of something, and the texture's mesh is the mesh."""
+    v, t, joints = len(values["vertices"]), len(values["uv"]), len(JOINT_NAMES)
+    ranges = {
+        "faces": (0, v), "joint": (0, joints), "uv_vertex": (0, v), "uv_faces": (0, t), "morph_vertex": (0, v),
+        "correction.group": (0, len(values["correction.joints"])), "correction.joints": (-1, joints),
+        "part": (0, len(PARTS) + 1), "template_face": (0, 2**31 if template_faces is None else template_faces),
     }  # fmt: skip
-    for name, limit in limits.items():
-        if values[name].size and not (values[name].min() >= 0 and values[name].max() < limit):
-            raise InputError(source, f"{FILE}: {name}", f"indices from 0 to {limit - 1}", int(values[name].max()))
-    scale = about.get("albedo_scale")
-    if not isinstance(scale, (int, float)) or not 0 < scale < 1e3:
-        raise InputError(source, f"{FILE}: albedo_scale", "a number from 0 to 1000", scale)
+    for name, (least, end) in ranges.items():
+        indices = values[name]
+        low, high = (int(indices.min()), int(indices.max())) if indices.size else (least, least)
+        wanted = f"indices from {least} to {end - 1}"
+        check(low >= least and high < end, source, f"{FILE}: {name}", wanted, low if low < least else high)
+    same = np.array_equal(values["uv_vertex"][values["uv_faces"]], values["faces"])
+    check(same, source, f"{FILE}: uv_faces", "the faces of the mesh", "others")
