@@ -29,10 +29,12 @@ class Bake:
         self.texel_sum, self.vertex_sum = np.zeros((len(texels.face), 4)), np.zeros((vertices, 4))
 
     @torch.no_grad()
-    def add(self, exact: ExactPose, followed: Followed, light: Float[Tensor, "v 3"], weight: float) -> None:
-        """The colours of one pose, of that weight; `light` (v, 3) is what an albedo is multiplied by there."""
+    def add(
+        self, exact: ExactPose, followed: Followed, light: Float[Tensor, "v 3"], weight: Float[Tensor, " v"]
+    ) -> None:
+        """The colours of one pose, of that weight at each vertex; `light` (v, 3) is what an albedo is multiplied by there."""
         share = exact.field(followed.position).part_weight.numpy()
-        trust = weight * followed.found[:, None].float().clamp_min(FAINT)
+        trust = weight[:, None] * followed.found[:, None].float().clamp_min(FAINT)
         at_vertex = exact.colour(followed.position, -followed.normal) / light
         self.vertex_sum += torch.cat([trust * at_vertex, trust], 1).numpy()
         columns = (followed.position.numpy(), followed.normal.numpy(), share, light.numpy(), trust.numpy())

@@ -16,6 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import torch
 
 from avatarrex.avatar import Avatar
 from avatarrex.distil.atlas import SIDE, make_atlas
@@ -36,8 +37,8 @@ POSES = 160
 """Observed poses: with 240 the errors are the same (docs/surface.md)."""
 BAKED = {"stand": 1.0, "apose": 0.02, "walk": 0.02, "arms_up": 0.02}
 """Poses whose colours the texture takes, with their weights: the standing one's, to which patterns are followed, where it can."""
-MOUTH = 0.01
-"""Weight of the standing pose with an open mouth."""
+HIDDEN = 1e-5
+"""Weight of poses with a closed mouth inside of it, and of the open mouth elsewhere."""
 MOVED = 1e-4
 """Metres by which an expression has to move a vertex to be stored."""
 TINTED = 4 / 255
@@ -153,8 +154,12 @@ def _baked(observer: Observer, places: Texels, tell: Progress) -> tuple[np.ndarr
     """Albedo of the texels (x, 3), and of the vertices (v, 3) in the same poses."""
     mesh = observer.mesh
     bake = Bake(places, mesh.faces, len(mesh.vertices))
-    poses = [(Signals.rest().replace(body_pose=named_pose(name)), weight) for name, weight in BAKED.items()]
-    poses.append((poses[0][0].replace(expression=named_expression("jaw_open")), MOUTH))
+    mouth = torch.as_tensor(mesh.mouth)
+    poses = [
+        (Signals.rest().replace(body_pose=named_pose(name)), torch.where(mouth, HIDDEN, weight))
+        for name, weight in BAKED.items()
+    ]
+    poses.append((poses[0][0].replace(expression=named_expression("jaw_open")), torch.where(mouth, 1.0, HIDDEN)))
     for number, (signals, weight) in enumerate(poses):
         tell("texture", number, len(poses))
         exact, followed = observer.follow(signals)

@@ -84,10 +84,13 @@ class Observer:
         return np.asarray(guess + (self.neutral.shift - self.neutral.guess) + offset)
 
     def tinted(self, observation: Observation, before: Float[np.ndarray, "v 3"]) -> np.ndarray:
-        """(v, 3): how the albedo differs from `before`, mean of the neighbours that were found; 0 where none was."""
-        trusted = observation.found[:, None].astype(float)
+        """(v, 3): how the albedo differs from `before`, mean of the neighbours that were found; 0 where none was,
+        and in the mouth, whose texture is that of the open one.
+        """
+        trusted = (observation.found & ~self.mesh.mouth)[:, None].astype(float)
         change = self.smooth @ (trusted * (observation.albedo - before))
-        return np.asarray(change / np.maximum(self.smooth @ trusted, 1e-3))
+        tint = change / np.maximum(self.smooth @ trusted, 1e-3)
+        return np.where(self.mesh.mouth[:, None], 0, tint)
 
     def follow(self, signals: Signals) -> tuple[ExactPose, Followed]:
         """The exact pose and the vertices on it, where their colours are."""

@@ -61,6 +61,8 @@ class RestMesh:
     """Metres that the exact surface may be off the place where skin or template has a vertex; 0: it is not looked for."""
     inner: Bool[np.ndarray, " v"]
     """Eyes, and what the lips enclose: other flesh may lie over them."""
+    mouth: Bool[np.ndarray, " v"]
+    """What the lips enclose."""
     residual: Float32[np.ndarray, "n 3"]
     """Δn_i of the open pose: the nodes' places that the rest positions refer to."""
 
@@ -146,10 +148,7 @@ def _joined(avatar: Avatar, exact: ExactPose, vertices: np.ndarray, faces: np.nd
     part = np.concatenate([np.zeros(len(rest), np.uint8), number[omega[used].argmax(1)]])
     joint, weight = _strongest(np.concatenate([weights, body.weights.numpy()[used]]))
     all_rest = np.concatenate([rest, body.v_template.numpy()[used]]).astype(np.float32)
-    reach, inner = REACH[part].copy(), np.zeros(len(part), bool)
-    eyes, mouth = _inner(body)
-    inner[len(rest) :] = (eyes | mouth)[used]
-    reach[len(rest) :][eyes[used]], reach[len(rest) :][mouth[used]] = EYE_REACH, 0
+    eyes, mouth = (np.concatenate([np.zeros(len(rest), bool), group[used]]) for group in _inner(body))
     found = closest_point(body.v_template, body.faces, torch.as_tensor(all_rest), None)
     return RestMesh(
         vertices=all_rest,
@@ -160,8 +159,9 @@ def _joined(avatar: Avatar, exact: ExactPose, vertices: np.ndarray, faces: np.nd
         barycentric=found.barycentric.numpy().astype(np.float32),
         part=part,
         template_vertex=np.concatenate([np.full(len(rest), -1), used]).astype(np.int32),
-        reach=reach,
-        inner=inner,
+        reach=np.where(mouth, 0, np.where(eyes, EYE_REACH, REACH[part])).astype(np.float32),
+        inner=eyes | mouth,
+        mouth=mouth,
         residual=frame.code.residual.numpy(),
     )
 
