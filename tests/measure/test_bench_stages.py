@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from contextlib import contextmanager
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from avatarrex_studio.cli.main import main
 from surface.template_surface import template_surface
 
 from avatarrex.camera import Camera
+from avatarrex.gl.context import current_context
 from avatarrex.measure.bench import geometry, live, motion, raycast, raycast_peers, sdf, skinning
 from avatarrex.measure.bench.raycast_peers import ray_error, truth
 from avatarrex.measure.bench.report import Metric
@@ -21,6 +25,7 @@ from avatarrex.measure.bench.stages import measure
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.reference.solids import capsule_man
 from avatarrex.surface.pose import pose_surface
+from avatarrex.surface.raster import SurfacePicture
 from avatarrex.volume.sdf_volume import SdfVolume
 
 
@@ -150,8 +155,8 @@ def test_everything_is_new_in_every_frame(bench):
 
 
 def test_a_surface_is_drawn_and_judged():
-    bench, surface = Bench(quick=True, scale=0.2), template_surface(amplitude=0.02)
-    bench.avatar.surface = surface
+    bench = Bench(quick=True, scale=0.2)
+    bench.avatar.surface = template_surface(amplitude=0.02)
     found = {metric.name: metric for metric in live.of_the_surface(bench)}
     assert {name: metric.target for name, metric in found.items()} == {
         "frame.live_512_fps": 60, "frame.live_1024_fps": 25, "frame.live_view_512_fps": 100,
@@ -165,15 +170,28 @@ def test_a_surface_is_drawn_and_judged():
         assert metric.error["below_balanced_db"] > 0, "the template has not the subject's colours"
     rival, ours = found["frame.rival.clothed_mesh_512_fps"].error, found["frame.live_512_fps"].error
     assert rival["iou"] > ours["iou"], "the stand-in's corrections are noise"
+
+
+def test_frames_are_finished_and_not_read_back(bench, monkeypatch):
+    surface, done = template_surface(), []
+    avatar = replace(bench.avatar, surface=surface)
+
+    @contextmanager
+    def watched():
+        with current_context() as context:
+            yield SimpleNamespace(finish=lambda: done.append(context.finish()))
+
+    monkeypatch.setattr(live, "current_context", watched)
+    monkeypatch.setattr(SurfacePicture, "read", lambda *_: pytest.fail("a picture was read back"))
     frame, counters = None, []
     for k, change in enumerate((motion.everything, motion.everything, motion.turning, motion.turning)):
         signals, azimuth = change(bench, k)
-        frame = live.finished(bench.avatar, signals, bench.camera(32, azimuth), frame)
+        frame = live.finished(avatar, signals, bench.camera(32, azimuth), frame)
         counters.append(frame.counters)
+    assert len(done) == 4
     assert all(one["surface_vertices"] > 0.9 * len(surface.vertices) for one in counters[:3])
     assert counters[3]["surface_vertices"] == 0, "the camera alone has turned"
     assert all(one["surface_triangles"] > 0 for one in counters)
-    assert all(one["bytes_read_back"] == 0 for one in counters)
 
 
 def test_the_clothed_mesh_has_four_bones_and_no_corrections(bench):
