@@ -33,17 +33,24 @@ def surface_errors(avatar: Avatar, surface: Surface, frames: int = FRAMES) -> di
     if reason:
         return {"errors": f"not measured: {reason}"}
     owner = replace(avatar, surface=surface)
-    rng = np.random.default_rng(SEED)
     rows = []
-    for signals in fitting_poses(frames, SEED):
-        lively = signals.replace(expression=rng.random(52) * (rng.random(52) < 0.1))
-        camera = whole_person(owner, surface, lively, float(rng.uniform(0, 360)))
-        shown = {name: render_frame(owner, lively, camera, level(name)) for name in ("live", "balanced", "quality")}
+    for signals, camera in unfitted(avatar, surface, frames):
+        shown = {name: render_frame(owner, signals, camera, level(name)) for name in ("live", "balanced", "quality")}
         rows.append([compared(shown[name], shown["quality"]) for name in ("live", "balanced")])
     live, balanced = np.median(np.array(rows), 0)
     names = ("depth_mm", "depth_p99_mm", "iou", "psnr_db")
     found = {f"live.{name}": round(float(value), 4) for name, value in zip(names, live)}
     return {**found, **{f"balanced.{name}": round(float(value), 4) for name, value in zip(names, balanced)}}
+
+
+def unfitted(avatar: Avatar, surface: Surface, count: int) -> list[tuple[Signals, Camera]]:
+    """Poses with expressions that no surface is fitted to, each with a view of the whole person."""
+    rng = np.random.default_rng(SEED)
+    found = []
+    for signals in fitting_poses(count, SEED):
+        lively = signals.replace(expression=rng.random(52) * (rng.random(52) < 0.1))
+        found.append((lively, whole_person(avatar, surface, lively, float(rng.uniform(0, 360)))))
+    return found
 
 
 def compared(frame: Frame, exact: Frame) -> tuple[float, float, float, float]:

@@ -5,20 +5,27 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from contextlib import contextmanager
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 from avatarrex_studio.cli.main import main
+from surface.template_surface import template_surface
 
 from avatarrex.camera import Camera
-from avatarrex.measure.bench import geometry, raycast, raycast_peers, sdf, skinning
+from avatarrex.gl.context import current_context
+from avatarrex.measure.bench import geometry, live, motion, raycast, raycast_peers, sdf, skinning
 from avatarrex.measure.bench.raycast_peers import ray_error, truth
 from avatarrex.measure.bench.report import Metric
 from avatarrex.measure.bench.session import Bench
 from avatarrex.measure.bench.stages import measure
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.reference.solids import capsule_man
+from avatarrex.surface.pose import pose_surface
+from avatarrex.surface.raster import SurfacePicture
 from avatarrex.volume.sdf_volume import SdfVolume
 
 
@@ -136,6 +143,76 @@ def test_posing_is_exact_and_so_is_the_peer(bench):
     assert skinning.contests(bench).best.name == "body"
 
 
+def test_everything_is_new_in_every_frame(bench):
+    moving = ("body_pose", "left_hand_pose", "right_hand_pose", "expression")
+    for k in range(20):
+        (before, azimuth), (after, turned) = (motion.everything(bench, n) for n in (k, k + 1))
+        assert all(np.abs(getattr(after, name) - getattr(before, name)).max() > 1e-3 for name in moving)
+        assert turned != azimuth
+        (before, azimuth), (after, turned) = (motion.expressing(bench, n) for n in (k, k + 1))
+        assert [name for name in moving if (getattr(after, name) != getattr(before, name)).any()] == ["expression"]
+        assert turned == azimuth
+
+
+def test_a_surface_is_drawn_and_judged():
+    bench = Bench(quick=True, scale=0.2)
+    bench.avatar.surface = template_surface(amplitude=0.02)
+    found = {metric.name: metric for metric in live.of_the_surface(bench)}
+    assert {name: metric.target for name, metric in found.items()} == {
+        "frame.live_512_fps": 60, "frame.live_1024_fps": 25, "frame.live_view_512_fps": 100,
+        "frame.rival.clothed_mesh_512_fps": None,
+    }  # fmt: skip
+    for metric in found.values():
+        assert 0 < metric.error["depth_mean_mm"] <= metric.error["depth_p99_mm"]
+        assert metric.error["depth_mean_mm"] < 100
+        assert 0.5 < metric.error["iou"] < 1
+        assert metric.error["psnr_db"] > 5 < metric.error["picture_psnr_db"]
+        assert metric.error["below_balanced_db"] > 0, "the template has not the subject's colours"
+    rival, ours = found["frame.rival.clothed_mesh_512_fps"].error, found["frame.live_512_fps"].error
+    assert rival["iou"] > ours["iou"], "the stand-in's corrections are noise"
+
+
+def test_frames_are_finished_and_not_read_back(bench, monkeypatch):
+    surface, done = template_surface(), []
+    avatar = replace(bench.avatar, surface=surface)
+
+    @contextmanager
+    def watched():
+        with current_context() as context:
+            yield SimpleNamespace(finish=lambda: done.append(context.finish()))
+
+    monkeypatch.setattr(live, "current_context", watched)
+    monkeypatch.setattr(SurfacePicture, "read", lambda *_: pytest.fail("a picture was read back"))
+    frame, counters = None, []
+    for k, change in enumerate((motion.everything, motion.everything, motion.turning, motion.turning)):
+        signals, azimuth = change(bench, k)
+        frame = live.finished(avatar, signals, bench.camera(32, azimuth), frame)
+        counters.append(frame.counters)
+    assert len(done) == 4
+    assert all(one["surface_vertices"] > 0.9 * len(surface.vertices) for one in counters[:3])
+    assert counters[3]["surface_vertices"] == 0, "the camera alone has turned"
+    assert all(one["surface_triangles"] > 0 for one in counters)
+
+
+def test_the_clothed_mesh_has_four_bones_and_no_corrections(bench):
+    surface, person = template_surface(amplitude=0.02), bench.avatar.person
+    game, signals = live.four_bones(surface), motion.everything(bench, 3)[0]
+    assert game.joint.shape == game.weight.shape == (len(surface.vertices), 4)
+    np.testing.assert_allclose(game.weight.sum(1), 1, atol=1e-6)
+    shown = pose_surface(game, person, signals).vertices
+    skinned = pose_surface(template_surface(), person, signals).vertices
+    corrected = pose_surface(surface, person, signals).vertices
+    assert np.linalg.norm(shown - skinned, axis=1).max() < 0.01
+    assert np.linalg.norm(corrected - skinned, axis=1).max() > 0.03, "the stand-in's corrections are large"
+
+
+def test_an_avatar_without_a_surface_has_a_note(bench):
+    bench.avatar.surface = None
+    assert live.of_the_surface(bench) == []
+    assert "avatarrex-studio distil" in bench.absent["frame.live"]
+    assert bench.absent["frame.rival.clothed_mesh"] == bench.absent["frame.live"]
+
+
 @pytest.mark.slow
 def test_whole_frames(body_alone):
     found = run("frame", body_alone)
@@ -147,6 +224,15 @@ def test_whole_frames(body_alone):
     assert found["frame.view_1024_fps"].error["networks"] == "cpu"
     assert found["frame.view_1024_fps"].met is None, "a target of a GPU"
     assert found["frame.vs_paper_level"].value > 0
+    assert found["frame.everything_512_ms"].value == found["frame.everything_512.balanced.ms"].value
+    assert (
+        found["frame.everything_512.quality.ms"].error["depth_mean_mm"]
+        < found["frame.everything_512_ms"].error["depth_mean_mm"]
+    )
+    wanted = {
+        name: found[f"frame.{name}"].target for name in ("everything_512_ms", "expression_512_ms", "view_512_fps")
+    }
+    assert wanted == {"everything_512_ms": 250, "expression_512_ms": 120, "view_512_fps": 20}
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Stage `frame`: whole frames of every level, beside volume rendering of the same avatar and a skinned textured mesh.
+"""Stage `frame`: whole frames of every level, beside volume rendering of the same avatar and textured meshes.
 
 Frames follow each other as in the studio: the frame before is at hand. Times are what a user waits (wall clock); ratios and
 errors come from the same run. Errors of levels: against the oracle's exact frame (reference/error_report.py). Networks run on the session's
@@ -7,32 +7,24 @@ device, those of the oracle and of rivals on the CPU.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, replace
-from statistics import median
 from typing import Any
-
-import numpy as np
 
 from avatarrex.frame import Frame
 from avatarrex.levels import DEFERRED_LEVELS, dragged, level
+from avatarrex.measure.bench.live import of_the_surface
+from avatarrex.measure.bench.motion import by_stage, dragging, everything, expressing, posing, sequence, total, turning
 from avatarrex.measure.bench.report import FASTER, Metric
-from avatarrex.measure.bench.rivals import textured_mesh, volume_rendering
+from avatarrex.measure.bench.rivals import naked_template, volume_rendering
 from avatarrex.measure.bench.session import Bench
 from avatarrex.pipeline import render_frame
 from avatarrex.reference.error_report import depth_report
 from avatarrex.reference.oracle import render_oracle
-from avatarrex.settings import RenderSettings
-from avatarrex.signals.driving import Signals
 
 JUDGED = 5
 """Frame of the motion that errors are measured in: an arm on its way up."""
 EVERYDAY, DRAGGING = "balanced", "fast"
 """Levels that the targets of a whole frame are about."""
-WARM = 2
-"""Frames that are not counted: shaders are compiled, caches filled."""
-LEFT_SHOULDER = 15
-"""Row of the body pose."""
 
 
 def measure(bench: Bench) -> list[Metric]:
@@ -43,24 +35,50 @@ def measure(bench: Bench) -> list[Metric]:
     metrics, new_pose = [], {}
     for name, settings in DEFERRED_LEVELS.items():
         frames = sequence(bench, settings, large, poses, posing)
-        new_pose[name] = _total(frames)
+        new_pose[name] = total(frames)
         error = {**errors[name], **by_stage(frames)}
         metrics.append(Metric(f"frame.level.{name}.ms", new_pose[name], "ms", error=error))
-    turned = _total(sequence(bench, level(EVERYDAY), small, views, turning))
+    turned = total(sequence(bench, level(EVERYDAY), small, views, turning))
     drags = sequence(bench, dragged(level(DRAGGING)), drag, views, dragging)
     drag_errors = {**errors["dragged"], **lag(bench, drags[-1]), **by_stage(drags)}
     metrics += [
         Metric("frame.new_pose_512_ms", new_pose[EVERYDAY], "ms", error=errors[EVERYDAY], target=500.0),
         Metric("frame.view_256_fps", 1e3 / turned, "fps", "higher", errors[EVERYDAY], 15.0),
-        Metric("frame.drag_fps", 1e3 / _total(drags), "fps", "higher", drag_errors, 10.0),
+        Metric("frame.drag_fps", 1e3 / total(drags), "fps", "higher", drag_errors, 10.0),
         Metric("frame.idle_work", idle_work(bench, small), "counts", target=0),
+        *of_a_person(bench),
         *of_a_gpu(bench),
+        *of_the_surface(bench),
         *volume_rendering(bench, large),
-        *textured_mesh(bench, large),
+        *naked_template(bench, large),
     ]
     error = {"ours": errors[EVERYDAY], "paper": errors["paper"]}
     faster = new_pose["paper"] / new_pose[EVERYDAY]
     return [*metrics, Metric("frame.vs_paper_level", faster, FASTER, "higher", error, 3.0)]
+
+
+def of_a_person(bench: Bench) -> list[Metric]:
+    """Body, hands, face and camera all new, at every level but `live`; an expression alone, and the view alone."""
+    large, larger = bench.side(512, 512), bench.side(1024, 1024)
+    poses, views = bench.count(6, 2), bench.count(12, 4)
+    errors, everyday = bench.once(level_errors), level(EVERYDAY)
+    found, all_new = [], {}
+    for name, settings in DEFERRED_LEVELS.items():
+        frames = sequence(bench, settings, large, poses, everything)
+        all_new[name] = total(frames)
+        error = {**errors[name], **by_stage(frames)}
+        found.append(Metric(f"frame.everything_512.{name}.ms", all_new[name], "ms", error=error))
+    found.append(Metric("frame.everything_512_ms", all_new[EVERYDAY], "ms", error=errors[EVERYDAY], target=250.0))
+    for name, size, change, target in (
+        ("everything_1024_ms", larger, everything, None),
+        ("expression_512_ms", large, expressing, 120.0),
+    ):
+        frames = sequence(bench, everyday, size, poses, change)
+        error = {**errors[EVERYDAY], **by_stage(frames)}
+        found.append(Metric(f"frame.{name}", total(frames), "ms", error=error, target=target))
+    turned = sequence(bench, everyday, large, views, turning)
+    error = {**errors[EVERYDAY], **by_stage(turned)}
+    return [*found, Metric("frame.view_512_fps", 1e3 / total(turned), "fps", "higher", error, 20.0)]
 
 
 def of_a_gpu(bench: Bench) -> list[Metric]:
@@ -71,7 +89,7 @@ def of_a_gpu(bench: Bench) -> list[Metric]:
     for name, target, count, change in (new_pose, ("view", 300.0, bench.count(12, 4), turning)):
         frames = sequence(bench, level(EVERYDAY), size, count, change)
         by = {**error, **by_stage(frames), "networks": frames[-1].device}
-        fps = 1e3 / _total(frames)
+        fps = 1e3 / total(frames)
         found.append(Metric(f"frame.{name}_1024_fps", fps, "fps", "higher", by, target if cuda else None))
     return found
 
@@ -83,37 +101,6 @@ def level_errors(bench: Bench) -> dict[str, dict[str, Any]]:
     every = {**DEFERRED_LEVELS, "dragged": dragged(level(DRAGGING))}
     frames = {name: render_frame(bench.placed, signals, camera, settings) for name, settings in every.items()}
     return {name: asdict(depth_report(frame, exact)) for name, frame in frames.items()}
-
-
-Change = Callable[[Bench, int], tuple[Signals, float]]
-"""Signals and the camera's azimuth of frame k."""
-
-
-def posing(bench: Bench, k: int) -> tuple[Signals, float]:
-    """A new body pose in every frame."""
-    return bench.signals(2 * k + 1), 20.0
-
-
-def turning(bench: Bench, k: int) -> tuple[Signals, float]:
-    """The camera goes around somebody who stands."""
-    return bench.signals(), 20.0 + 5 * k
-
-
-def dragging(bench: Bench, k: int) -> tuple[Signals, float]:
-    """One arm is lifted."""
-    pose = np.array(bench.signals().body_pose)
-    pose[LEFT_SHOULDER] += [0, 0, 0.05 * k]
-    return bench.signals().replace(body_pose=pose), 20.0
-
-
-def sequence(bench: Bench, settings: RenderSettings, size: int, count: int, change: Change) -> list[Frame]:
-    """`count` frames after `WARM` others."""
-    frames: list[Frame] = []
-    for k in range(count + WARM):
-        signals, azimuth = change(bench, k)
-        previous = frames[-1] if frames else None
-        frames.append(render_frame(bench.placed, signals, bench.camera(size, azimuth), settings, previous))
-    return frames[WARM:]
 
 
 def lag(bench: Bench, frame: Frame) -> dict[str, float]:
@@ -134,12 +121,3 @@ def idle_work(bench: Bench, size: int) -> int:
     signals, camera = bench.signals(), bench.camera(size)
     frame = render_frame(bench.placed, signals, camera, level(EVERYDAY))
     return sum(render_frame(bench.placed, signals, camera, level(EVERYDAY), frame).counters.values())
-
-
-def by_stage(frames: list[Frame]) -> dict[str, float]:
-    """Medians, milliseconds."""
-    return {f"{name}_ms": median(frame.ms[name] for frame in frames) for name in frames[0].ms if name != "total"}
-
-
-def _total(frames: list[Frame]) -> float:
-    return median(frame.ms["total"] for frame in frames)

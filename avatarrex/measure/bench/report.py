@@ -107,7 +107,7 @@ def _cpu() -> str:
 
 HEADS = ("metric", "value", "unit", "target", "", "error")
 SHOWN = ("max_error_m", "sign_errors", "max_error", "mean_error_mm", "p99_error_mm", "missed", "false", "depth_mean_mm",
-         "depth_p99_mm", "flips", "colour_psnr_db", "psnr_db", "their_psnr_db", "changed_crossings", "largest_deviation",
+         "depth_p99_mm", "flips", "iou", "colour_psnr_db", "psnr_db", "their_psnr_db", "changed_crossings", "largest_deviation",
          "note")  # fmt: skip
 """What of an error a line of the table has room for; all of it is in the JSON."""
 

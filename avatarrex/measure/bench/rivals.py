@@ -60,8 +60,8 @@ def volume_rendering(bench: Bench, size: int) -> list[Metric]:
     ]
 
 
-def textured_mesh(bench: Bench, size: int) -> list[Metric]:
-    """Time and image error of the mesh and of the avatar in a pose that the texture has not seen."""
+def naked_template(bench: Bench, size: int) -> list[Metric]:
+    """Time and image error of the textured template and of the avatar in a pose that the texture has not seen."""
     truth, mesh = bench.once(unseen), bench.once(mesh_drawer)
     if truth is None or mesh is None:
         bench.absent["frame.rival"] = f"the subject cannot be drawn: {gl_unavailable()}"
@@ -72,7 +72,7 @@ def textured_mesh(bench: Bench, size: int) -> list[Metric]:
     def moved(drawer: Drawer) -> None:
         drawer.draw(bench.signals(UNSEEN + next(turn)), camera)
 
-    drawers: dict[str, Drawer] = {"avatar": AvatarDrawer(bench.avatar), "textured_mesh": mesh}
+    drawers: dict[str, Drawer] = {"avatar": AvatarDrawer(bench.avatar), "naked_template": mesh}
     times = interleaved({name: partial(moved, drawer) for name, drawer in drawers.items()}, bench.count(5, 2))
     found = {name: psnr(one.draw(signals, bench.camera(len(picture))), picture) for name, one in drawers.items()}
     return [

@@ -15,6 +15,7 @@ import torch
 
 from avatarrex.levels import level
 from avatarrex.measure.bench import frame as frames
+from avatarrex.measure.bench import motion
 from avatarrex.measure.bench.contest import spent
 from avatarrex.measure.bench.session import Bench
 from avatarrex.metrics.table import printed
@@ -45,12 +46,12 @@ def run(options: argparse.Namespace) -> None:
         error = depth_report(render_frame(bench.avatar, signals, camera, rough), exact)
         for tolerance in TOLERANCES:
             settings = replace(rough, reuse_tolerance=tolerance)
-            with spent(frames, "render_frame") as times:
-                drawn = frames.sequence(bench, settings, DRAG_PIXELS, options.frames, frames.dragging)
+            with spent(motion, "render_frame") as times:
+                drawn = motion.sequence(bench, settings, DRAG_PIXELS, options.frames, motion.dragging)
             anew = (median(frame.counters[name] for frame in drawn) for name in ("voxels_evaluated", "pixels_shaded"))
             late = frames.lag(bench, drawn[-1])
             row(
                 f"{100 * voxel:3.1f} cm", f"{1e3 * tolerance:.0f} mm", *(f"{count:.0f}" for count in anew),
-                f"{median(times.cpu[frames.WARM :]):.0f}", f"{late['lag_mean_mm']:.2f}", f"{late['lag_p99_mm']:.2f}",
+                f"{median(times.cpu[motion.WARM :]):.0f}", f"{late['lag_mean_mm']:.2f}", f"{late['lag_p99_mm']:.2f}",
                 f"{late['lag_psnr_db']:.1f}", f"{error.depth_mean_mm:.2f}", f"{error.depth_p99_mm:.1f}",
             )  # fmt: skip
