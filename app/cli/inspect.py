@@ -52,6 +52,7 @@ def _avatar(path: str) -> list[str]:
     return [
         f"{path}: an avatar of {avatar.person.name} ({avatar.person.hash})",
         *(f"  {name}: {value}" for name, value in kept.items()),
+        "  surface: " + (f"{len(avatar.surface.faces):,} triangles" if avatar.surface else "none"),
         *(f"  {name} field: {count:,} parameters" for name, count in counts.items()),
     ]
 

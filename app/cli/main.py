@@ -27,6 +27,7 @@ VERBS = {
     "capture": "captures: images of a person from many sides",
     "evaluate": "measure an avatar against a capture's pictures",
     "sheet": "contact sheets of an avatar, and what floats about it",
+    "distil": "make an avatar's surface, which level live draws",
     "train": "train an avatar from a capture",
     "bench": "run time against error, stage by stage",
     "bench ablation": "what feature patches, pass II, sampling … are worth, trained for real",
