@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from avatarrex_studio.cli import options
 
 from avatarrex.capture.readers.choice import cameras, held_out
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, plain
 from avatarrex.training.recipe import RECIPES, Recipe
 
 if TYPE_CHECKING:
@@ -20,8 +21,11 @@ if TYPE_CHECKING:
     from avatarrex.templates.person import Person
     from avatarrex.training.runs.folder import Run
 
+log = logging.getLogger(__name__)
 STOPPED = 130
 """Exit status of a run that was stopped before its end."""
+WITHOUT = 1
+"""Exit status of a training whose surface could not be made."""
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -36,6 +40,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add("--seed", default="0", metavar="N", help="of everything random (0)")
     options.add_held_out(verb, "body cameras", "kept from training")
     add("--start", metavar="AVATAR", help="an avatar to go on from (with --recipe refine), in place of the template")
+    add("--no-surface", action="store_true", help="end without distilling the avatar's surface, which level live draws")
     add("--mixed", action="store_true", help="colours in bfloat16 while training: for a processor with units for it")
     options.add_device(verb)
     for part in ("body", "face"):
@@ -72,9 +77,35 @@ def run(arguments: argparse.Namespace) -> int:
         trainer = Trainer(capture, recipe, trained, start, str(device))
         print(trainer.perceptual.note)
         finished = trainer.train()
-        trained.close("finished" if finished else "stopped")
+        if not finished:
+            trained.close("stopped")
+        elif arguments.no_surface:
+            trained.close("finished")
+        else:
+            return _with_surface(trained, device)
     print(f"{trained.path}: " + ("finished" if finished else "stopped; --resume goes on"))
     return 0 if finished else STOPPED
+
+
+def _with_surface(trained: Run, device: str) -> int:
+    """Give the trained avatar its surface and end the run; what fails or stops here is gone on with by `--resume`."""
+    from avatarrex.training.distilled import Stopped, add_surface
+
+    try:
+        add_surface(trained, device)
+    except (KeyboardInterrupt, Stopped):
+        trained.close("stopped")
+        print(f"{trained.path}: trained; stopped before its surface was made; --resume goes on")
+        return STOPPED
+    except Exception as error:  # the avatar is trained and saved: whatever this is, the training has not failed
+        log.exception("%s: no surface", trained.path)
+        reason = plain((str(error) or type(error).__name__).splitlines()[0])
+        trained.close("finished", f"no surface: {reason}")
+        print(f"{trained.path}: finished without a surface ({reason}); --resume tries again")
+        return WITHOUT
+    trained.close("finished")
+    print(f"{trained.path}: finished")
+    return 0
 
 
 def trained_on(rig: Rig, arguments: argparse.Namespace) -> Rig:
