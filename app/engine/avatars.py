@@ -35,6 +35,11 @@ class Avatars:
         done = self._reading.done() and self._reading.exception() is None
         return self._reading.result() if done else None
 
+    def read_again(self, name: str) -> None:
+        """Read the avatar anew, where it is the open one: its file has changed."""
+        if name == self._name:
+            self._reading = self._threads.submit(self._load, name)
+
     @property
     def reading(self) -> bool:
         """Whether one is being read."""

@@ -22,8 +22,8 @@ def condition(studio: Studio) -> str:
     return f"{studio.age:.0f} s old" if studio.pictures.current else "of an earlier state"
 
 
-def draw(studio: Studio, renderer: str) -> None:
-    """Draw the bar's items in one line; `renderer` is the window's GL_RENDERER."""
+def draw(studio: Studio, renderer: str, job: str = "") -> None:
+    """Draw the bar's items in one line; `renderer` is the window's GL_RENDERER, `job` what is under way in the background."""
     picture = studio.pictures.picture
     work = picture.work if picture else None
     items = [f"{hello_imgui.frame_rate():.0f} fps"]
@@ -37,6 +37,7 @@ def draw(studio: Studio, renderer: str) -> None:
             "skipped: " + (", ".join(skipped(work)) or "nothing"),
             *machine(work, renderer),
         ]
+    items += [job] if job else []
     for number, item in enumerate(items):
         if number:
             imgui.same_line(0, 10)

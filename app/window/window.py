@@ -18,6 +18,7 @@ from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.live import LiveSurface, read_avatar
 from avatarrex_studio.engine.studio import Studio, refusals_logged
+from avatarrex_studio.jobs.distilling import Distilling
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status, theme
@@ -35,6 +36,7 @@ from avatarrex_studio.session.commands import Command, SetSignals, ZoomBy
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.window.docking import docking
+from avatarrex_studio.window.own_surface import OwnSurface
 from avatarrex_studio.window.runner import runner_params
 from avatarrex_studio.window.screen import Screen
 from imgui_bundle import hello_imgui, imgui, immapp
@@ -66,6 +68,8 @@ class Window:
         self.body, self.left, self.right = body_panel(), hand_panel("left"), hand_panel("right")
         self.face, self.poses, self.palette, self.files = face_panel(), PosesPanel(), Palette(), FileDialogs()
         self.screen = Screen()
+        self.distilling = Distilling(device=device)
+        self.own_surface = OwnSurface(studio.avatars, self.distilling)
         self._frames = self._gesture = 0
         self._wheel = (0.0, 0)
         self._chords = [(keys.chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut]
@@ -166,7 +170,7 @@ class Window:
 
     def _status(self) -> None:
         context = self.screen.context
-        status.draw(self.studio, renderer_name(context) if context else "none")
+        status.draw(self.studio, renderer_name(context) if context else "none", self.own_surface.words)
 
     def _timeline(self) -> None:
         frame = self.timeline.draw(self.studio)
@@ -206,6 +210,7 @@ class Window:
             self.studio.live = None
         if self._frames > WARM_UP:
             self.screen.show(self.studio, self.studio.tick(self.viewport.size))
+            self.own_surface.tend(self.studio.state.avatar)
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = not self.studio.moving and self._frames > WARM_UP + 1
         idling.fps_idle = WAITING_FPS if self.studio.waiting else IDLE_FPS
@@ -231,6 +236,7 @@ class Window:
 
     def _close(self) -> None:
         self.training.close()
+        self.distilling.close()
         self.studio.close()
         self.screen.close()
 

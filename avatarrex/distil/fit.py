@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from avatarrex.fields.body import VISIBLE
 from avatarrex.ops.rotation import matrix_from_rotvec
@@ -81,7 +81,7 @@ def _near(joint: int, parents: tuple[int, ...]) -> np.ndarray:
     return np.array(near + [-1] * (MOST_JOINTS - len(near)))
 
 
-def _features(turns: np.ndarray, near: np.ndarray) -> Float[np.ndarray, "n 9*q"]:
+def _features(turns: np.ndarray, near: Int[np.ndarray, " q"]) -> Float[np.ndarray, "n 9*q"]:
     return np.where(near[None, :, None] < 0, 0, turns[:, near]).reshape(len(turns), -1)
 
 

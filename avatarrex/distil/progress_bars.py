@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 
 class ProgressBars:
-    """What `distil` takes as `progress`, on the terminal or in a log; `then` is told the same."""
+    """What `distil` takes as `progress`, on the terminal or in a log; `then` is told the same before."""
 
     def __init__(self, then: Callable[[str, int, int], None] | None = None) -> None:
         self._then = then
@@ -18,13 +18,13 @@ class ProgressBars:
 
     def __call__(self, what: str, done: int, of: int) -> None:
         """`done` of `of` steps of `what`; another `what` than before says that all steps of that one are done."""
+        if self._then is not None:
+            self._then(what, done, of)
         if what != self._what:
             self._finish()
             self._what, self._bar = what, tqdm(total=of, desc=f"surface: {what}")
         if self._bar is not None:
             self._bar.update(done - self._bar.n)
-        if self._then is not None:
-            self._then(what, done, of)
 
     def __enter__(self) -> ProgressBars:
         return self

@@ -1,0 +1,74 @@
+"""The avatar that is open gets a surface of its own: distilled in the background, once, and then shown."""
+
+from __future__ import annotations
+
+import logging
+from typing import Protocol, runtime_checkable
+
+from avatarrex_studio.engine.studio import refusals_logged
+
+from avatarrex.avatar import Avatar
+from avatarrex.files.assets import DATA
+
+log = logging.getLogger(__name__)
+
+
+@runtime_checkable
+class Reader(Protocol):
+    """What `engine.avatars.Avatars` does."""
+
+    def ready(self, name: str) -> Avatar | None:
+        """The avatar where it has been read."""
+
+    def read_again(self, name: str) -> None:
+        """Read it anew."""
+
+
+@runtime_checkable
+class Distiller(Protocol):
+    """What `jobs.distilling.Distilling` does."""
+
+    def start(self, avatar: str) -> None:
+        """Begin, or go on."""
+
+    def progress(self) -> tuple[str, int, int] | None:
+        """What is being made, how many steps of it are done, of how many."""
+
+    def working(self) -> bool:
+        """Whether it is at work."""
+
+    def finished(self) -> bool:
+        """Whether the avatar has got its surface."""
+
+
+class OwnSurface:
+    """Looks after the surface of whichever avatar is open."""
+
+    def __init__(self, avatars: Reader, distiller: Distiller) -> None:
+        self._avatars, self._distiller = avatars, distiller
+        self._for = ""
+        self._tried: set[str] = set()
+
+    def tend(self, name: str) -> None:
+        """Begin a distillation where the avatar `name` has been read and has no surface; show one that is done."""
+        if self._for:
+            if self._distiller.working():
+                return
+            if self._distiller.finished():
+                log.info("%s has its surface now", self._for)
+                self._avatars.read_again(self._for)
+            self._for = ""
+        avatar = self._avatars.ready(name)
+        packaged = name == "default" or name.startswith(str(DATA))
+        if avatar is None or avatar.surface is not None or packaged or name in self._tried:
+            return
+        self._tried.add(name)
+        with refusals_logged():
+            self._distiller.start(name)
+            self._for = name
+
+    @property
+    def words(self) -> str:
+        """What is under way, for the status bar; empty where nothing is."""
+        progress = self._distiller.progress() if self._for else None
+        return "" if progress is None else "distilling: {} {}/{}".format(*progress)

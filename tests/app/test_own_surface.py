@@ -1,0 +1,81 @@
+"""The window gives an avatar without a surface one, in the background, once."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from avatarrex_studio.window.own_surface import OwnSurface
+
+from avatarrex.errors import InputError
+
+
+class Avatars:
+    def __init__(self, surface=None):
+        self.avatar, self.again = SimpleNamespace(surface=surface), []
+
+    def ready(self, name):
+        return self.avatar
+
+    def read_again(self, name):
+        self.again.append(name)
+        self.avatar = SimpleNamespace(surface="a surface")
+
+
+class Distiller:
+    def __init__(self, refuses=False):
+        self.started, self.state, self.refuses = [], "", refuses
+
+    def start(self, avatar):
+        if self.refuses:
+            raise InputError(avatar, "", "a folder that can be written", "Permission denied")
+        self.started.append(avatar)
+        self.state = "working"
+
+    def progress(self):
+        return ("poses", 3, 160) if self.state == "working" else None
+
+    def working(self):
+        return self.state == "working"
+
+    def finished(self):
+        return self.state == "finished"
+
+
+def test_an_avatar_without_a_surface_is_distilled_once_and_read_again():
+    avatars, distiller = Avatars(), Distiller()
+    own = OwnSurface(avatars, distiller)
+    for _ in range(3):
+        own.tend("me.avatar")
+    assert distiller.started == ["me.avatar"]
+    assert own.words == "distilling: poses 3/160"
+    assert avatars.again == []
+    distiller.state = "finished"
+    own.tend("me.avatar")
+    assert avatars.again == ["me.avatar"]
+    assert own.words == ""
+    own.tend("me.avatar")
+    assert distiller.started == ["me.avatar"]
+
+
+def test_one_that_fails_or_is_refused_is_not_tried_again(caplog):
+    avatars, distiller = Avatars(), Distiller()
+    own = OwnSurface(avatars, distiller)
+    own.tend("me.avatar")
+    distiller.state = "failed"
+    own.tend("me.avatar")
+    own.tend("me.avatar")
+    assert distiller.started == ["me.avatar"]
+    assert avatars.again == []
+    own = OwnSurface(Avatars(), Distiller(refuses=True))
+    own.tend("me.avatar")
+    own.tend("me.avatar")
+    assert [record.getMessage() for record in caplog.records].count(
+        "me.avatar: expected a folder that can be written, found Permission denied"
+    ) == 1
+
+
+def test_nothing_is_begun_for_an_avatar_with_a_surface_or_the_packaged_one():
+    distiller = Distiller()
+    OwnSurface(Avatars("a surface"), distiller).tend("me.avatar")
+    OwnSurface(Avatars(), distiller).tend("default")
+    assert distiller.started == []
