@@ -27,12 +27,15 @@ from avatarrex.distil.observe import Observation, Observer
 from avatarrex.distil.poses import fitting_poses, single_expressions
 from avatarrex.distil.rest_mesh import rest_mesh
 from avatarrex.distil.texels import Texels, texels
+from avatarrex.errors import InputError
 from avatarrex.files.gate import written
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_pose
 from avatarrex.surface.surface import Surface
 from avatarrex.surface.surface_file import weights_key
 
+FORMAT = 1
+"""Of the observed poses: those of another one are not gone on with."""
 POSES = 160
 """Observed poses: with 240 the errors are the same (docs/surface.md)."""
 BAKED = {"stand": 1.0, "apose": 0.02, "walk": 0.02, "arms_up": 0.02}
@@ -70,7 +73,7 @@ def distil(avatar: Avatar, work: Path | None = None, poses: int = POSES, progres
     begun = time.monotonic()
     tell = progress or (lambda what, done, of: None)
     key = weights_key(avatar)
-    _claim(work, f"{key} {poses}")
+    _claim(work, f"{key} {poses} {FORMAT}")
     tell("mesh", 0, 1)
     observer = Observer(avatar, rest_mesh(avatar))
     signals = fitting_poses(poses)
@@ -115,8 +118,10 @@ def _textured(
 
 
 def _claim(work: Path, owner: str) -> None:
-    """Make the work folder this distillation's own: what another one left in it is removed."""
+    """Make the work folder this distillation's own: what another one left in it is removed. Raises `InputError` for other files."""
     note = work / "of.txt"
+    if work.is_dir() and not note.is_file() and any(work.iterdir()):
+        raise InputError(work, "", "an empty folder, or one of a distillation", "other files")
     if work.exists() and (not note.is_file() or note.read_text() != owner):
         shutil.rmtree(work)
     work.mkdir(parents=True, exist_ok=True)

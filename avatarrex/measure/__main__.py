@@ -25,6 +25,7 @@ TOOLS = {
     "drag": ("studies.drag", "voxels and tolerance of a dragged limb: error against time"),
     "local-frames": ("studies.local_frames", "error and cost of every local frame"),
     "loops": ("studies.loops", "compiled loops of the body's colour beside torch"),
+    "surface-errors": ("studies.surface_errors", "level live over motions that no surface was fitted to"),
     "memory": ("studies.memory", "memory and OpenGL objects over many frames"),
 }  # fmt: skip
 """Module of each tool, and what it measures."""
@@ -58,7 +59,7 @@ def run(words: Sequence[str], program: str = PROGRAM) -> int:
 def main(words: Sequence[str]) -> int:
     """Run a tool; wrong input is one line and status 2, Ctrl+C status 130."""
     if not words or words[0] in ("-h", "--help"):
-        print(f"usage: {PROGRAM} NAME …\n", *(f"  {name:14}{what}" for name, (_, what) in TOOLS.items()), sep="\n")
+        print(f"usage: {PROGRAM} NAME …\n", *(f"  {name:15}{what}" for name, (_, what) in TOOLS.items()), sep="\n")
         return 0
     try:
         return run(words)

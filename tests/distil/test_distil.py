@@ -16,6 +16,7 @@ from avatarrex.distil import distil as module
 from avatarrex.distil.distil import distil
 from avatarrex.distil.exact import ExactPose
 from avatarrex.distil.observe import Observation, Observer
+from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.library import named_pose
@@ -143,3 +144,10 @@ def test_another_avatar_or_other_options_begin_anew(avatar, quick_observing, tmp
         0,
         7,
     ]
+
+
+def test_a_folder_with_other_files_is_not_emptied(avatar, tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(InputError, match="expected an empty folder, or one of a distillation, found other files"):
+        distil(avatar, tmp_path, POSES)
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
