@@ -64,7 +64,9 @@ def _target(source: str, out: str | None) -> Path:
         if (Path(source).absolute().parent / "manifest.json").exists():
             raise InputError("--out", "", "OUT.avatar with it: a checkpoint stays as it is", "nothing")
     target = Path(source if out is None else out)
-    if (target.suffix == ".avatar" and not target.is_dir()) or target.is_file():
+    if target.is_file() and target.suffix != ".avatar":
+        raise InputError(target, "", "a folder, or a file that ends in .avatar", target.name)
+    if target.suffix == ".avatar" and not target.is_dir():
         check_writable(target)
         return target
     return output_folder(str(target), "surface.safetensors")

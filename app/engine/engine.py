@@ -80,8 +80,11 @@ class Engine:
 
     def frame(self, state: StudioState, camera: Camera, dragged: bool = False) -> Frame:
         """The frame of `state` through `camera`; errors are raised."""
-        avatar = self.avatar(state.avatar)
-        frame = self._render(avatar, state.signals, camera, self.settings(state, dragged), self._previous)
+        avatar, settings = self.avatar(state.avatar), self.settings(state, dragged)
+        if settings.surface and avatar.surface is None and not self._given:
+            self._name = None  # it may have got one meanwhile
+            avatar = self.avatar(state.avatar)
+        frame = self._render(avatar, state.signals, camera, settings, self._previous)
         self._previous = frame
         return frame
 

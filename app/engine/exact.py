@@ -33,6 +33,7 @@ class ExactEngine:
         self._make = make
         self._picture: Request | None = None
         self._files: deque[Request] = deque()
+        self._dropped: deque[Request] = deque()
         self._current: Request | None = None
         self._tries = 0
         self._ready = self._closed = False
@@ -42,7 +43,7 @@ class ExactEngine:
     @property
     def busy(self) -> bool:
         """Whether an answer is to come."""
-        return bool(self._current or self._picture or self._files)
+        return bool(self._current or self._picture or self._files or self._dropped)
 
     @property
     def process(self) -> int | None:
@@ -58,13 +59,17 @@ class ExactEngine:
         self._send()
 
     def cancel(self) -> None:
-        """Drop the picture that was not begun, and end the one under way at its next stage; files go on."""
-        self._picture = None
+        """Drop the picture that was not begun, and end the one under way at its next stage; files go on. Both are answered."""
+        if self._picture:
+            self._dropped.append(self._picture)
+            self._picture = None
         if self._current and not self._current.path:
             self._write(CANCEL)
 
     def poll(self) -> Answer | None:
         """The next answer, where one has come."""
+        if self._dropped:
+            return Answer(self._dropped.popleft(), cancelled=True)
         while True:
             try:
                 message = self._inbox.get_nowait()

@@ -60,7 +60,7 @@ class Exact(Protocol):
         """Render this next. It takes the place of a picture that was not begun; files to write are all written."""
 
     def cancel(self) -> None:
-        """Drop the picture that was not begun, and end the one under way at its next stage; files go on."""
+        """Drop the picture that was not begun, and end the one under way at its next stage; files go on. Both are answered."""
 
     def poll(self) -> Answer | None:
         """The next answer, where one has come."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from avatarrex_studio.engine.studio import refusals_logged
@@ -59,8 +60,7 @@ class OwnSurface:
                 self._avatars.read_again(self._for)
             self._for = ""
         avatar = self._avatars.ready(name)
-        packaged = name == "default" or name.startswith(str(DATA))
-        if avatar is None or avatar.surface is not None or packaged or name in self._tried:
+        if avatar is None or avatar.surface is not None or name in self._tried or not _of_the_user(name):
             return
         self._tried.add(name)
         with refusals_logged():
@@ -72,3 +72,13 @@ class OwnSurface:
         """What is under way, for the status bar; empty where nothing is."""
         progress = self._distiller.progress() if self._for else None
         return "" if progress is None else "distilling: {} {}/{}".format(*progress)
+
+
+def _of_the_user(name: str) -> bool:
+    """Whether the avatar's file may be rewritten: neither the packaged one nor one that a training keeps."""
+    path = Path(name).absolute()
+    return (
+        name != "default"
+        and DATA not in path.parents
+        and not {"checkpoints", "avatars"} & {p.name for p in path.parents}
+    )

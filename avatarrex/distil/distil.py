@@ -8,7 +8,6 @@ Letters: n poses, v vertices, e expressions, m vertices that an expression moves
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -66,7 +65,10 @@ class Expressions:
 
 
 def distil(avatar: Avatar, work: Path | None = None, poses: int = POSES, progress: Progress | None = None) -> Surface:
-    """The surface of `avatar`. With `work`, a folder, a stopped distillation goes on there; it is removed at the end."""
+    """The surface of `avatar`. With `work`, a folder, a stopped distillation goes on there; remove it once the surface is stored.
+
+    Raises `InputError` for a folder of other files.
+    """
     if work is None:
         with TemporaryDirectory() as folder:
             return distil(avatar, Path(folder) / "work", poses, progress)
@@ -83,7 +85,6 @@ def distil(avatar: Avatar, work: Path | None = None, poses: int = POSES, progres
     tell("errors", 0, 1)
     errors = surface_errors(avatar, surface)
     about = {"seconds": round(time.monotonic() - begun, 1), "poses": poses, "triangles": len(surface.faces)}
-    shutil.rmtree(work)
     return replace(surface, meta={**about, **errors})
 
 
@@ -120,11 +121,16 @@ def _textured(
 def _claim(work: Path, owner: str) -> None:
     """Make the work folder this distillation's own: what another one left in it is removed. Raises `InputError` for other files."""
     note = work / "of.txt"
-    if work.is_dir() and not note.is_file() and any(work.iterdir()):
-        raise InputError(work, "", "an empty folder, or one of a distillation", "other files")
-    if work.exists() and (not note.is_file() or note.read_text() != owner):
-        shutil.rmtree(work)
+    if work.exists() and not work.is_dir():
+        raise InputError(work, "", "a folder", "a file")
     work.mkdir(parents=True, exist_ok=True)
+    own = [path for path in work.iterdir() if path == note or path.suffix == ".npz" or path.name.startswith(".")]
+    others = sorted(set(work.iterdir()) - set(own))
+    if others:
+        raise InputError(work, "", "an empty folder, or one of a distillation", others[0].name)
+    if not note.is_file() or note.read_text() != owner:
+        for path in own:
+            path.unlink()
     with written(note) as temporary:
         temporary.write_text(owner)
 

@@ -37,6 +37,9 @@ def surface_errors(avatar: Avatar, surface: Surface, frames: int = FRAMES) -> di
     for signals, camera in unfitted(avatar, surface, frames):
         shown = {name: render_frame(owner, signals, camera, level(name)) for name in ("live", "balanced", "quality")}
         rows.append([compared(shown[name], shown["quality"]) for name in ("live", "balanced")])
+    rows = [row for row in rows if np.isfinite(row).all()]
+    if not rows:
+        return {"errors": "not measured: surface and field have no pixel in common"}
     live, balanced = np.median(np.array(rows), 0)
     names = ("depth_mm", "depth_p99_mm", "iou", "psnr_db")
     found = {f"live.{name}": round(float(value), 4) for name, value in zip(names, live)}
@@ -57,6 +60,8 @@ def compared(frame: Frame, exact: Frame) -> tuple[float, float, float, float]:
     """Mean and 99th percentile of the depth's error in mm, IoU, and PSNR in dB where both have the person."""
     hit, true = frame.pointmap.hit.numpy(), exact.pointmap.hit.numpy()
     both = hit & true
+    if not both.any():
+        return float("nan"), float("nan"), 0.0, float("nan")
     depth = 1e3 * np.abs(frame.pointmap.depth.numpy() - exact.pointmap.depth.numpy())[both]
     square = np.square(frame.image.numpy() - exact.image.numpy())[both][:, :3].mean()
     psnr = -10 * np.log10(max(float(square), 1e-12))

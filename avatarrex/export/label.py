@@ -54,11 +54,17 @@ class Label:
             if not any(value is choice or (value == choice and isinstance(value, str)) for choice in CHOICES[name]):
                 raise InputError("avatar.json", f"allowed_use: {name}", " or ".join(map(str, CHOICES[name])), value)
         authors = meta.get("authors") or ()
+        listed = isinstance(authors, (list, tuple)) and all(isinstance(author, str) for author in authors)
+        if not (listed or isinstance(authors, str)):
+            raise InputError("avatar.json", "authors", "a text or a list of texts", authors)
+        for name in ("name", "licence", "consent"):
+            if not isinstance(meta.get(name) or "", str):
+                raise InputError("avatar.json", name, "a text", meta[name])
         return cls(
             name=str(meta.get("name") or "avatar"),
             licence=str(meta.get("licence") or UNSTATED),
             consent=str(meta.get("consent") or UNSTATED),
-            authors=(authors,) if isinstance(authors, str) else tuple(map(str, authors)),
+            authors=(authors,) if isinstance(authors, str) else tuple(authors),
             allowed_use=dict(allowed),
             provenance={key: meta[key] for key in ("origin", "person", "person_hash", "training") if key in meta},
         )

@@ -7,6 +7,7 @@ The trained avatar is on the disk before: whatever stops this leaves it as it is
 
 from __future__ import annotations
 
+import shutil
 import time
 
 from avatarrex.avatar_file import load_avatar
@@ -46,7 +47,10 @@ def add_surface(run: Run, device: str = "cpu", poses: int = POSES) -> None:
         if wish == "stop":
             raise Stopped
 
+    work = run.path / "distil"
+    work.mkdir(exist_ok=True)
     with ProgressBars(report) as bars:
-        avatar.surface = distil(avatar, run.path / "distil", poses, bars)
+        avatar.surface = distil(avatar, work, poses, bars)
     run.stage(entry.manifest.part, "surface", 0)
     run.save(entry.manifest.step, state, avatar, entry.manifest.score)
+    shutil.rmtree(work)

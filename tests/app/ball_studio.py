@@ -20,6 +20,7 @@ class InlineExact:
         self.engine = engine or ball_engine()
         self.picture = None
         self.files = deque()
+        self.dropped = deque()
         self.begun = []
         """Every request that was rendered or cancelled under way, in order."""
         self.cancelled = self.closed = self.paused = False
@@ -27,7 +28,7 @@ class InlineExact:
 
     @property
     def busy(self):
-        return bool(self._under_way or self.picture or self.files)
+        return bool(self._under_way or self.picture or self.files or self.dropped)
 
     def request(self, request):
         if request.path:
@@ -37,10 +38,14 @@ class InlineExact:
         self._begin()
 
     def cancel(self):
-        self.picture = None
+        if self.picture:
+            self.dropped.append(self.picture)
+            self.picture = None
         self.cancelled = self._under_way is not None and not self._under_way.path
 
     def poll(self):
+        if self.dropped:
+            return Answer(self.dropped.popleft(), cancelled=True)
         request = self._under_way
         if request is None or (self.paused and not self.cancelled):
             return None

@@ -137,7 +137,9 @@ def test_a_picture_under_way_is_cancelled_between_stages():
         time.sleep(0.1)
         engine.request(Request(turned(2), SIZE))
         engine.cancel()
-        (answer,) = answers(engine, 1, 40.0)
+        dropped, answer = answers(engine, 2, 40.0)
+        assert dropped.cancelled
+        assert dropped.request.state == turned(2)
         assert answer.cancelled
         assert answer.picture is None is answer.error
         assert answer.request.state == turned(1)
@@ -170,7 +172,9 @@ def test_files_are_all_written_and_not_cancelled(exact, tmp_path):
     exact.request(Request(turned(2), SIZE, path="/proc/c.png"))
     exact.request(Request(turned(3), SIZE))
     exact.cancel()
-    got = answers(exact, 3)
+    dropped, *got = answers(exact, 4)
+    assert dropped.cancelled
+    assert not dropped.request.path
     assert [answer.error is None for answer in got] == [True, True, False]
     assert got[2].error.startswith("/proc/c.png")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()

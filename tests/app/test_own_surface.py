@@ -77,5 +77,6 @@ def test_one_that_fails_or_is_refused_is_not_tried_again(caplog):
 def test_nothing_is_begun_for_an_avatar_with_a_surface_or_the_packaged_one():
     distiller = Distiller()
     OwnSurface(Avatars("a surface"), distiller).tend("me.avatar")
-    OwnSurface(Avatars(), distiller).tend("default")
+    for name in ("default", "runs/me/checkpoints/step_10/avatar", "runs/me/avatars/best.avatar"):
+        OwnSurface(Avatars(), distiller).tend(name)
     assert distiller.started == []

@@ -279,3 +279,16 @@ def test_files_are_written_beside_pictures_and_survive_a_change(live, clock, tmp
     assert (tmp_path / "a.png").stat().st_size > 100
     assert f"wrote {tmp_path / 'a.png'}" in caplog.text
     assert any(r.levelname == "ERROR" and r.getMessage().startswith("/proc/b.png:") for r in caplog.records)
+
+
+def test_a_picture_that_waits_for_a_file_and_is_dropped_is_requested_again(live, clock, tmp_path):
+    tick(live, clock)
+    live.save_image(tmp_path / "a.png", VIEWPORT)
+    tick(live, clock, 2 * REST)
+    live.do(OrbitBy(5.0, 0.0))
+    tick(live, clock)
+    for _ in range(3):
+        answer(live, clock)
+    tick(live, clock, 2 * REST)
+    answer(live, clock)
+    assert live.pictures.current
