@@ -48,9 +48,9 @@ def add_surface(run: Run, device: str = "cpu", poses: int = POSES) -> None:
             raise Stopped
 
     work = run.path / "distil"
-    work.mkdir(exist_ok=True)
     with ProgressBars(report) as bars:
         avatar.surface = distil(avatar, work, poses, bars)
     run.stage(entry.manifest.part, "surface", 0)
     run.save(entry.manifest.step, state, avatar, entry.manifest.score)
-    shutil.rmtree(work)
+    if work.exists():
+        shutil.rmtree(work)
