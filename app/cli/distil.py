@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from avatarrex_studio.cli import options
 from avatarrex_studio.cli.output import output_folder
-from avatarrex_studio.jobs.distilling import POSES, work_folder
+from avatarrex_studio.jobs.distilling import POSES, parent_ended, refuse_another, work_folder
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import check_writable
@@ -42,9 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     poses = options.whole("--poses", arguments.poses, FEWEST, MOST) if arguments.poses is not None else None
     target = _target(source, arguments.out)
     folder = work_folder(target)
-    beat = Heartbeat.read(folder)
-    if beat is not None and beat.alive():
-        raise InputError(folder, "", "a distillation that no other process works on", f"process {beat.pid}")
+    refuse_another(folder)
     from avatarrex.avatar_file import load_avatar, store_surface
 
     avatar = load_avatar(source, arguments.device)
@@ -83,6 +81,8 @@ def _distil(avatar: Avatar, folder: Path, poses: int | None) -> Surface:
         if not now["pass_name"] and (kept := sum(1 for _ in (folder / POSES).glob("*.npz"))):
             print(f"{folder}: going on, {kept} observations are there", flush=True)
         now.update(pass_name=what, step=done, steps=of)
+        if parent_ended():
+            raise KeyboardInterrupt
 
     folder.mkdir(parents=True, exist_ok=True)
     heart = Heart(folder, lambda: Heartbeat(time.time(), os.getpid(), socket.gethostname(), "surface", **now))

@@ -42,7 +42,11 @@ def run(arguments: Namespace) -> int:
     from avatarrex.avatar_file import load_avatar
     from avatarrex.export.export import export_avatar
 
-    exported = export_avatar(load_avatar(arguments.avatar), arguments.out, clips)
+    avatar = load_avatar(arguments.avatar)
+    if avatar.surface is None:
+        remedy = f"an avatar with a surface (avatarrex-studio distil {arguments.avatar} makes it)"
+        raise InputError(arguments.avatar, "surface", remedy, "none")
+    exported = export_avatar(avatar, arguments.out, clips)
     print("\n".join(exported.label.lines()))
     for name in exported.label.missing:
         print(f"note: this avatar does not state its {name}, and the file says so")

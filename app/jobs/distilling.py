@@ -24,6 +24,8 @@ from avatarrex.training.runs.control import Heartbeat
 
 log = logging.getLogger(__name__)
 POSES, LOG, HEART = "poses", "distil.log", "heartbeat.json"
+PARENT = "AVATARREX_PARENT"
+"""Environment variable: the process without which a distillation in the background ends."""
 NICE = 19
 """The lowest priority: whoever draws comes first."""
 PATIENCE = 5.0
@@ -39,6 +41,19 @@ def work_folder(avatar: Path) -> Path:
         if others:
             raise InputError(folder, "", "a folder of a distillation, which is removed at the end", others[0])
     return folder
+
+
+def refuse_another(folder: Path) -> None:
+    """Raise `InputError` where another process works in a work folder."""
+    beat = Heartbeat.read(folder)
+    if beat is not None and beat.alive():
+        raise InputError(folder, "", "a distillation that no other process works on", f"process {beat.pid}")
+
+
+def parent_ended() -> bool:
+    """Whether the window that began this process has ended, however it did."""
+    parent = os.environ.get(PARENT)
+    return parent is not None and os.getppid() != int(parent)
 
 
 class Distilling:
@@ -61,13 +76,15 @@ class Distilling:
             raise InputError(path, "", "no other avatar to be distilled now", self.avatar.name)
         check_writable(path / "surface.safetensors" if path.is_dir() else path)
         self._folder, self.avatar, self.error = work_folder(path), path, ""
+        refuse_another(self._folder)
         words = ["distil", str(path), *([] if self._device == "cpu" else ["--device", self._device])]
         try:
             self._folder.mkdir(exist_ok=True)
-            with open(self._folder / LOG, "wb") as output:
+            with open(self._folder / LOG, "ab") as output:
                 self._process = subprocess.Popen(
                     [*self._command, *words],
                     stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True,
+                    env={**os.environ, PARENT: str(os.getpid())},
                 )  # fmt: skip
             if hasattr(os, "setpriority"):
                 os.setpriority(os.PRIO_PROCESS, self._process.pid, NICE)

@@ -64,8 +64,10 @@ def surface_bytes(surface: Surface) -> bytes:
     jpeg = io.BytesIO()
     Image.fromarray(surface.albedo).save(jpeg, "JPEG", quality=QUALITY, subsampling=0)
     packed["albedo"] = np.frombuffer(jpeg.getvalue(), np.uint8)
-    about = {"albedo_scale": surface.albedo_scale, "key": surface.key, "meta": surface.meta}
     contiguous = {name: np.ascontiguousarray(value) for name, value in packed.items()}
+    about = {
+        "albedo_scale": surface.albedo_scale, "key": surface.key, "content": _digest(contiguous), "meta": surface.meta
+    }  # fmt: skip
     return safetensors.numpy.save(contiguous, {"surface": json.dumps(about)})
 
 
@@ -98,6 +100,12 @@ def read_surface(content: bytes, source: object, template_faces: int | None = No
     values["albedo"] = _image(values["albedo"], source)
     _check(values, about, source)
     _check_indices(values, template_faces, source)
+    sums = values["weight"].sum(1)
+    check(
+        np.abs(sums - 1).max(initial=0) < 0.02, source, f"{FILE}: weight", "rows that sum to one", f"{sums.min():.3g}"
+    )
+    whole = about.get("content") in (None, _digest(arrays))
+    check(whole, source, FILE, "the arrays that were written", "others")
     parts = {name.removeprefix("correction."): values.pop(name) for name in list(values) if "." in name}
     return Surface(
         **values,
@@ -106,6 +114,14 @@ def read_surface(content: bytes, source: object, template_faces: int | None = No
         key=str(about.get("key", "")),
         meta=about["meta"],
     )
+
+
+def _digest(arrays: dict[str, np.ndarray]) -> str:
+    """First 16 hex digits of SHA-256 over the stored arrays: a byte that changed in a folder is found by nothing else."""
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        digest.update(name.encode() + arrays[name].tobytes())
+    return digest.hexdigest()[:16]
 
 
 def _names() -> list[str]:

@@ -233,3 +233,33 @@ def test_where_nothing_can_be_written_it_says_so(avatar, monkeypatch):
 def test_the_work_folder_has_the_avatars_name(tmp_path):
     assert work_folder(tmp_path / "v1.2.avatar") == tmp_path / "v1.2.distil"
     assert work_folder(tmp_path / "v1.2") == tmp_path / "v1.2.distil"
+
+
+def test_it_ends_with_a_window_that_was_killed(avatar):
+    words = f"""
+import sys, time
+from avatarrex_studio.jobs.distilling import Distilling
+background = Distilling([sys.executable, "-c", {WORKER!r}])
+background.start({str(avatar)!r})
+print(background._process.pid, flush=True)
+time.sleep(60)
+"""
+    window = subprocess.Popen([sys.executable, "-c", words], stdout=subprocess.PIPE, text=True)
+    distilling = int(window.stdout.readline())
+    until(lambda: (avatar.parent / "me.distil/poses/pose_000.npz").exists())
+    window.kill()
+    window.communicate()
+    until(lambda: "interrupted" in (avatar.parent / "me.distil/distil.log").read_text())
+    until(lambda: not Path(f"/proc/{distilling}").exists() or "Z" in Path(f"/proc/{distilling}/stat").read_text())
+
+
+def test_a_process_that_is_at_work_is_left_alone(avatar):
+    background = Distilling([sys.executable, "-c", WORKER])
+    background.start(avatar)
+    try:
+        until(lambda: background.progress() is not None)
+        with pytest.raises(InputError, match="that no other process works on, found process"):
+            Distilling(["false"]).start(avatar)
+        assert background.working()
+    finally:
+        background.close()

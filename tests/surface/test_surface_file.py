@@ -279,3 +279,16 @@ def test_a_surface_is_stored_beside_weights_as_they_were(name: str, fitting: Sur
         store_surface(tmp_path / name, fitting, tmp_path / target)
         assert weights(tmp_path / target) == before
         assert load_avatar(tmp_path / target).surface is not None
+
+
+def test_a_byte_that_changed_is_found(surface: Surface) -> None:
+    content = bytearray(surface_bytes(surface))
+    place = content.rindex(surface.uv.tobytes()[:16])
+    content[place] ^= 1
+    with pytest.raises(InputError, match="expected the arrays that were written, found others"):
+        read_surface(bytes(content), "a")
+
+
+def test_weights_sum_to_one(surface: Surface) -> None:
+    with pytest.raises(InputError, match="weight: expected rows that sum to one, found 0"):
+        read_surface(packed(surface, lambda arrays: arrays["weight"].fill(0)), "a")
