@@ -19,7 +19,7 @@ from avatarrex.signals.joints import EXPRESSION_NAMES, FINGERS, JOINT_NAMES
 from avatarrex.signals.library import EXPRESSIONS, coefficients
 
 LICENCE_URL = "https://vrm.dev/licenses/1.0/"
-"""The only one that VRM 1.0 knows; ours stand in `otherLicense…` and `copyrightInformation`."""
+"""The only one that VRM 1.0 knows; ours stand in `thirdPartyLicenses` and `copyrightInformation`."""
 TORSO = {
     "hips": "pelvis", "spine": "spine1", "chest": "spine2", "upperChest": "spine3", "neck": "neck", "head": "head", "jaw": "jaw",
     "leftEye": "left_eye", "rightEye": "right_eye",
