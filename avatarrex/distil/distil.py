@@ -36,7 +36,7 @@ from avatarrex.surface.surface_file import weights_key
 FORMAT = 1
 """Of the observed poses: those of another one are not gone on with."""
 POSES = 160
-"""Observed poses: with 240 the errors are the same (docs/surface.md)."""
+"""Observed poses: with 240 the errors are the same (ROADMAP.md)."""
 BAKED = {"stand": 1.0, "apose": 0.02, "walk": 0.02, "arms_up": 0.02}
 """Poses whose colours the texture takes, with their weights: the standing one's, to which patterns are followed, where it can."""
 HIDDEN = 1e-5

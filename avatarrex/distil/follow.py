@@ -19,6 +19,7 @@ from torch.nn.functional import normalize
 
 from avatarrex.avatar import Avatar
 from avatarrex.distil.exact import ExactPose
+from avatarrex.distil.onto_field import LONGEST_STEP, ON_SURFACE, at_most, onto_field
 from avatarrex.distil.rest_mesh import RestMesh
 from avatarrex.fields.influence import weighted_mean
 from avatarrex.fields.light import Light
@@ -31,15 +32,10 @@ from avatarrex.templates.person import Person
 
 FRAME_STEPS = 4
 """Fixed-point steps into the local frame: halve the miss each."""
-LONGEST_STEP = 0.01
-"""Metres of one step, of either kind."""
 MISSED = 0.004
 """Metres off its own rest position from which a vertex is not trusted: where limbs touch, no point may have that rest position."""
-SURFACE_STEPS = 3
-ON_SURFACE = 5e-4
-"""Metres of |s| up to which a vertex counts as on the surface."""
 SEEN = 3e-3
-"""Likewise of an inner vertex, which is not moved: its colour is that of the surface."""
+"""Metres of |s| up to which an inner vertex, which is not moved, has the colour of the surface."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +105,7 @@ def _in_local_frame(
     position = start
     for _ in range(FRAME_STEPS):
         miss = rest - _material(exact, residual, position)
-        position = position + _at_most((linear @ miss[:, :, None])[:, :, 0], torch.tensor(LONGEST_STEP))
+        position = position + at_most((linear @ miss[:, :, None])[:, :, 0], torch.tensor(LONGEST_STEP))
     good = (rest - _material(exact, residual, position)).norm(dim=-1) < MISSED
     return torch.where(good[:, None], position, start), good
 
@@ -133,21 +129,3 @@ def _on_template(avatar: Avatar, exact: ExactPose, name: str, vertex: np.ndarray
     local = exact.posed.parts[name][index[torch.as_tensor(vertex.astype(np.int64))]]
     place = torch.as_tensor(exact.posed.root_from_part(name), dtype=torch.float32)
     return local @ place[:3, :3].T + place[:3, 3]
-
-
-@torch.no_grad()
-def onto_field(
-    exact: ExactPose, start: Float[Tensor, "v 3"], faces: Tensor, most: Float[Tensor, " v"]
-) -> tuple[Tensor, Tensor]:
-    """Points moved along the mesh's normals onto the zero of the field, at most so far, and how far off they are, metres."""
-    position = start
-    for _ in range(SURFACE_STEPS):
-        step = -exact.field.sdf(position)[:, None] * vertex_normals(position, faces)
-        position = start + _at_most(position + _at_most(step, torch.tensor(LONGEST_STEP)) - start, most)
-    missed = exact.field.sdf(position).abs()
-    return torch.where((missed < ON_SURFACE)[:, None], position, start), missed
-
-
-def _at_most(move: Float[Tensor, "v 3"], length: Tensor) -> Float[Tensor, "v 3"]:
-    shorter: Tensor = (length / move.norm(dim=-1).clamp_min(1e-9)).clamp(max=1)
-    return move * shorter[:, None]

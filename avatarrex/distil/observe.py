@@ -15,7 +15,8 @@ from torch.nn.functional import normalize
 
 from avatarrex.avatar import Avatar
 from avatarrex.distil.exact import ExactPose
-from avatarrex.distil.follow import ON_SURFACE, Followed, follow, lit_by, onto_field
+from avatarrex.distil.follow import Followed, follow, lit_by
+from avatarrex.distil.onto_field import ON_SURFACE, onto_field
 from avatarrex.distil.pattern import SLOPE, Pattern, neighbourhoods, sample_places, tangents
 from avatarrex.distil.rest_mesh import RestMesh
 from avatarrex.signals.driving import Signals

@@ -15,11 +15,13 @@ import fast_simplification
 import numpy as np
 import torch
 import trimesh
-from jaxtyping import Bool, Float32, Int32, UInt8
+from jaxtyping import Bool, Float, Float32, Int32, UInt8
 from skimage.measure import marching_cubes
+from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.distil.exact import ExactPose
+from avatarrex.distil.onto_field import onto_field
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.signals.driving import Signals
 from avatarrex.surface.surface import INFLUENCES
@@ -80,8 +82,10 @@ def rest_mesh(avatar: Avatar, triangles: int = BODY_TRIANGLES) -> RestMesh:
     exact = ExactPose.of(avatar, open_pose())
     vertices, faces = _cubes(exact)
     vertices, faces = _simplified(exact, vertices, faces, triangles)
-    vertices = onto_surface(exact, vertices, faces)
-    return _joined(avatar, exact, vertices, faces)
+    most = torch.full((len(vertices),), float(REACH[0]))
+    start = torch.as_tensor(vertices, dtype=torch.float32)
+    position, _ = onto_field(exact, start, torch.as_tensor(faces), most)
+    return _joined(avatar, exact, position, faces)
 
 
 def _cubes(exact: ExactPose) -> tuple[np.ndarray, np.ndarray]:
@@ -123,29 +127,17 @@ def _simplified(
     return points.astype(np.float64), fewer.astype(np.int64)
 
 
-def onto_surface(exact: ExactPose, vertices: np.ndarray, faces: np.ndarray, steps: int = 3) -> np.ndarray:
-    """Vertices moved along their normals onto the zero of the field."""
-    for _ in range(steps):
-        normal = trimesh.Trimesh(vertices, faces, process=False).vertex_normals
-        s = exact.field.sdf(torch.as_tensor(vertices, dtype=torch.float32)).numpy()
-        vertices = vertices - np.clip(s, -CELL, CELL)[:, None] * normal
-    return vertices
-
-
-def _joined(avatar: Avatar, exact: ExactPose, vertices: np.ndarray, faces: np.ndarray) -> RestMesh:
+def _joined(avatar: Avatar, exact: ExactPose, position: Float[Tensor, "p 3"], faces: np.ndarray) -> RestMesh:
     """The cubes' mesh taken to rest, and the parts' own vertices."""
     person, frame = avatar.person, exact.field.body.frame
-    position = torch.as_tensor(vertices, dtype=torch.float32)
     neighbours = frame.samples.neighbours_of(position)
     rest = frame.samples.rest_position(position, neighbours).numpy()
     weights = neighbours.mean(avatar.body.sample_weights).numpy()
     body = person.body
-    drawn = [name for name in PARTS if name not in avatar.hidden]
-    omega = person.blend_weight[:, [PARTS.index(name) for name in drawn]].numpy()
+    omega = person.blend_weight.numpy() * [name not in avatar.hidden for name in PARTS]
     own = body.faces.numpy()[(omega[body.faces.numpy()].min(1) > PART_BEGINS).any(-1)]
     used, own = np.unique(own, return_inverse=True)
-    number = np.array([PARTS.index(name) + 1 for name in drawn], np.uint8)
-    part = np.concatenate([np.zeros(len(rest), np.uint8), number[omega[used].argmax(1)]])
+    part = np.concatenate([np.zeros(len(rest)), omega[used].argmax(1) + 1]).astype(np.uint8)
     joint, weight = _strongest(np.concatenate([weights, body.weights.numpy()[used]]))
     all_rest = np.concatenate([rest, body.v_template.numpy()[used]]).astype(np.float32)
     eyes, mouth = (np.concatenate([np.zeros(len(rest), bool), group[used]]) for group in _inner(body))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.counters import Counters
 from avatarrex.distil import distil as module
+from avatarrex.distil import rest_mesh
 from avatarrex.distil.distil import distil
 from avatarrex.distil.exact import ExactPose
 from avatarrex.distil.observe import Observation, Observer
@@ -151,3 +153,12 @@ def test_a_folder_with_other_files_is_not_emptied(avatar, tmp_path):
     with pytest.raises(InputError, match=r"expected an empty folder, or one of a distillation, found thesis\.tex"):
         distil(avatar, tmp_path, POSES)
     assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+def test_an_avatar_whose_parts_were_never_trained_has_a_mesh_of_the_body_alone(avatar, monkeypatch):
+    monkeypatch.setattr(rest_mesh, "CELL", 0.012)
+    body = replace(avatar, meta={**avatar.meta, "untrained": list(PARTS)})
+    mesh = rest_mesh.rest_mesh(body, 2500)
+    assert (mesh.part == 0).all()
+    assert (mesh.template_vertex == -1).all()
+    assert mesh.faces.max() < len(mesh.vertices)
