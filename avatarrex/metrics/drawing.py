@@ -47,9 +47,7 @@ class Drawer(Protocol):
 
 
 class AvatarDrawer:
-    """The avatar by the deferred pipeline; cameras after one another on one pose share its volume."""
-
-    name = "avatar"
+    """The avatar at a level; cameras after one another on one pose share its volume."""
 
     def __init__(
         self,
@@ -57,8 +55,10 @@ class AvatarDrawer:
         samples: int = 1,
         settings: RenderSettings | None = None,
         render: Callable[..., Frame] = render_frame,
+        name: str = "avatar",
     ) -> None:
-        """`samples` along each side of a pixel are averaged; 1 is what the studio shows."""
+        """`settings`: `balanced` unless given; `samples` along each side of a pixel are averaged; 1 is what the studio shows."""
+        self.name = name
         self._avatar, self._samples, self._settings, self._render = avatar, samples, settings, render
         self._previous: Frame | None = None
 

@@ -39,6 +39,7 @@ def no_weights(monkeypatch, tmp_path):
         (["--frames", "5:9"], "--frames: expected some of the 3 frames"),
         (["--held-out-views", "3"], "--held-out-views: expected cameras 0 to 2"),
         (["--samples", "0"], "--samples: expected 1 to 8 samples along a pixel's side, found 0"),
+        (["--levels", "live,best"], "--levels: expected some of live,"),
         (["--rig", "face"], "--rig: expected one of body, found face"),
         (["--sheet", "sheet.jpg"], "sheet.jpg: expected OUT.png, found .jpg"),
         (["--vgg", "nowhere.pth"], "nowhere.pth: expected a weights file such as vgg16-397923af.pth"),
@@ -88,3 +89,14 @@ def test_the_default_avatar_is_measured(capture, capsys, tmp_path):
     assert data["surface"]["held-out pose"]["avatar"]["to_truth"]["mean_mm"] < 60
     with Image.open(sheet) as picture:
         assert picture.width > 300
+
+
+def test_levels_are_subjects_of_their_own(capture, capsys, tmp_path):
+    """Each is drawn with its own settings: their figures differ, and `balanced` keeps its name."""
+    figures = tmp_path / "levels.json"
+    words = ["--frames", "0:1", "--views", "front", "--levels", "live,balanced,fine", "--json", str(figures)]
+    assert main(["evaluate", "default", capture, *words]) == 0
+    assert "avatar, live" in capsys.readouterr().out
+    found = json.loads(figures.read_text())["splits"]["train"]
+    assert list(found) == ["avatar, live", "avatar", "avatar, fine"]
+    assert len({values["psnr"] for values in found.values()}) == 3
