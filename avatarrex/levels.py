@@ -24,6 +24,8 @@ DEFERRED_LEVELS: dict[str, RenderSettings] = {
 """Of the deferred pipeline: the paper's, then from the quickest to the most exact."""
 LEVELS: dict[str, RenderSettings] = {"live": RenderSettings(surface=True), **DEFERRED_LEVELS}
 """All that can be chosen."""
+DEFAULT_LEVEL = "balanced"
+"""What is rendered and measured unless told."""
 ABOUT = {
     "live": "the textured mesh distilled from the avatar",
     "paper": "2 cm body, 5 mm parts, every voxel, steps of 5 mm: to compare with",

@@ -14,10 +14,7 @@ from avatarrex_studio.cli.output import output_file, write_json
 from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 from avatarrex.files.gate import check_writable
-from avatarrex.levels import LEVELS
 
-LEVEL = "balanced"
-"""What an avatar is drawn at unless chosen."""
 SHEET = 8
 """Pictures on a contact sheet."""
 
@@ -33,8 +30,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     options.add_held_out(verb, "cameras", "that were not trained on")
     add("--size", metavar="N", help="pixels of the longer side at most (the capture's)")
     samples = "samples averaged along each side of a pixel (1, what the window shows)"
-    levels = f"levels that the avatar is drawn at, comma separated: {','.join(LEVELS)} ({LEVEL})"
-    add("--levels", default=LEVEL, metavar="L,…", help=levels)
+    options.add_levels(verb)
     add("--samples", default="1", metavar="N", help=samples)
     add("--baselines", action="store_true", help="the skinned textured and mean-colour template beside it")
     add("--face-only", action="store_true", help="everything cut by where the template's face is seen")
@@ -52,17 +48,20 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.size is not None:
         size = options.whole("--size", arguments.size, 32, 8192, "32 to 8192 pixels of the longer side")
     samples = options.whole("--samples", arguments.samples, 1, 8, "1 to 8 samples along a pixel's side")
-    options.some_of("--levels", arguments.levels, LEVELS)
+    levels = options.levels(arguments.levels)
     if arguments.json is not None:
         check_writable(arguments.json)
     sheet = output_file(arguments.sheet, "OUT.png") if arguments.sheet is not None else None
     if arguments.face_only and size is not None:
         own = "the pictures' own with --face-only: its mattes are cut pixel by pixel"
         raise InputError("--size", "", own, size)
-    return _evaluate(arguments, size, samples, sheet)
+    return _evaluate(arguments, size, (levels, samples), sheet)
 
 
-def _evaluate(arguments: argparse.Namespace, size: int | None, samples: int, sheet: Path | None) -> int:
+def _evaluate(
+    arguments: argparse.Namespace, size: int | None, drawn: tuple[tuple[str, ...], int], sheet: Path | None
+) -> int:
+    """`drawn`: at which levels, with how many samples a pixel's side."""
     from avatarrex.avatar_file import load_avatar
     from avatarrex.capture.readers.rigs import open_capture
     from avatarrex.files.images import write_png
@@ -81,10 +80,7 @@ def _evaluate(arguments: argparse.Namespace, size: int | None, samples: int, she
     for note in (*capture.notes, *notes):
         print(note, file=sys.stderr)
     start = time.perf_counter()
-    subjects: list[drawing.Drawer] = [
-        drawing.AvatarDrawer(avatar, samples, LEVELS[level], name="avatar" if level == LEVEL else f"avatar, {level}")
-        for level in options.some_of("--levels", arguments.levels, LEVELS)
-    ]
+    subjects: list[drawing.Drawer] = [*drawing.by_level("avatar", avatar, *drawn)]
     if arguments.baselines:
         subjects += baselines.baselines(capture.person, evaluate.observations(rig))
     if arguments.face_only:

@@ -12,6 +12,7 @@ from avatarrex_studio.session.state import SIZES
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import what_is
+from avatarrex.levels import DEFAULT_LEVEL, LEVELS
 from avatarrex.settings import DEVICE
 
 
@@ -25,6 +26,17 @@ def add_device(verb: argparse.ArgumentParser) -> None:
 
     where = "where the networks run: cpu, cuda, cuda:1, mps, xpu … (cpu)"
     verb.add_argument("--device", default="cpu", type=device, metavar="D", help=where)
+
+
+def add_levels(verb: argparse.ArgumentParser) -> None:
+    """`--levels`, at each of which an avatar is a subject of its own; `levels` reads it."""
+    words = f"levels that the avatar is drawn at, comma separated: {','.join(LEVELS)} ({DEFAULT_LEVEL})"
+    verb.add_argument("--levels", default=DEFAULT_LEVEL, metavar="L,…", help=words)
+
+
+def levels(text: str) -> tuple[str, ...]:
+    """Names of levels."""
+    return some_of("--levels", text, LEVELS)
 
 
 def add_held_out(verb: argparse.ArgumentParser, cameras: str, what: str) -> None:

@@ -30,6 +30,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add("--other", metavar="AVATAR2", help="a second avatar that follows the same motion")
     add("--frames", metavar="A:B:S", help=f"frames of the motion ({COLUMNS}, evenly spaced)")
     add("--only", metavar="NAMES", help=f"some of {','.join(SHEETS)} (all)")
+    options.add_levels(verb)
     add("--samples", default="2", metavar="N", help="samples averaged along each side of a pixel (2)")
 
 
@@ -50,6 +51,7 @@ def read_order(arguments: Namespace) -> SheetOrder:
     if arguments.truth is not None and arguments.truth not in TRUTHS:
         raise InputError("--truth", "", " or ".join(TRUTHS), arguments.truth)
     samples = options.whole("--samples", arguments.samples, 1, MOST_SAMPLES, f"1 to {MOST_SAMPLES}")
+    levels = options.levels(arguments.levels)
     only = options.some_of("--only", arguments.only, SHEETS) if arguments.only else SHEETS
     motion = None
     if arguments.motion is None:
@@ -62,7 +64,7 @@ def read_order(arguments: Namespace) -> SheetOrder:
     out = output_folder(arguments.out, "sheet.json")
     drawn = tuple(name for name in SHEETS if name in only and (motion or name != "motion"))
     truth = TRUTHS[arguments.truth] if arguments.truth else None
-    return SheetOrder(arguments.avatar, out, drawn, truth, arguments.other, motion, frames, samples)
+    return SheetOrder(arguments.avatar, out, drawn, truth, arguments.other, motion, frames, samples, levels)
 
 
 def _frames(text: str | None, motion: Motion) -> tuple[int, ...]:

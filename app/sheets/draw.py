@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from avatarrex_studio.sheets import pages
 from avatarrex_studio.sheets.order import SheetOrder
-from avatarrex_studio.sheets.pages import Artist, Page, Scene
+from avatarrex_studio.sheets.pages import Artist, Page
 from avatarrex_studio.sheets.paper import laid_out, write_jpeg
 from tqdm import tqdm
 
@@ -20,7 +20,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.errors import InputError
 from avatarrex.gl.context import NoContext
-from avatarrex.metrics.drawing import AvatarDrawer
+from avatarrex.metrics.drawing import AvatarDrawer, by_level
 from avatarrex.metrics.floaters import SILHOUETTE_PIXELS, Floaters, find_floaters
 
 FORMAT = 1
@@ -33,14 +33,14 @@ def run(order: SheetOrder) -> dict[str, Any]:
     """Draw what the order names, print what floats; returns the report for `sheet.json`. Raises `InputError`."""
     avatar = load_avatar(order.avatar)
     name = _name(order.avatar)
-    artists = [_avatar_artist(name, avatar, order.samples)]
+    artists = _avatar_artists(name, avatar, order)
     if order.truth and set(order.only) - {"floaters"}:
         artists.insert(0, _truth_artist(order.truth))
     among = list(artists)
     if order.other:
         other = _name(order.other)
         label = other if other != name else f"{other} (2)"
-        among.append(_avatar_artist(label, load_avatar(order.other), order.samples))
+        among += _avatar_artists(label, load_avatar(order.other), order)
     seconds: dict[str, float] = {}
     floaters: list[Floaters] | None = None
     for sheet in order.only:
@@ -57,6 +57,7 @@ def run(order: SheetOrder) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "avatar": order.avatar,
+        "levels": list(order.levels),
         "other": order.other,
         "truth": order.truth,
         "motion": order.motion and {"file": order.motion.path, "frames": list(order.frames)},
@@ -93,13 +94,13 @@ def _name(source: str) -> str:
     return "default avatar" if source == "default" else Path(source).stem
 
 
-def _avatar_artist(name: str, avatar: Avatar, samples: int) -> Artist:
-    drawer = AvatarDrawer(avatar, samples)
+def _avatar_artists(name: str, avatar: Avatar, order: SheetOrder) -> list[Artist]:
+    """One for each level."""
 
-    def draw(scene: Scene) -> np.ndarray:
-        return drawer.draw(scene.signals, scene.camera).image.numpy()
+    def artist(drawer: AvatarDrawer) -> Artist:
+        return Artist(drawer.name, lambda scene: drawer.draw(scene.signals, scene.camera).image.numpy())
 
-    return Artist(name, draw)
+    return [artist(drawer) for drawer in by_level(name, avatar, order.levels, order.samples)]
 
 
 def _truth_artist(subject: str) -> Artist:

@@ -27,3 +27,4 @@ class SheetOrder:
     motion: Motion | None
     frames: tuple[int, ...]
     samples: int
+    levels: tuple[str, ...]

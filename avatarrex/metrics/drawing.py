@@ -5,7 +5,7 @@ Letters: h w pixels. World metres; colours sRGB-encoded, premultiplied, so that 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -18,6 +18,7 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.frame import Frame
+from avatarrex.levels import DEFAULT_LEVEL, LEVELS
 from avatarrex.pipeline import render_frame
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
@@ -75,6 +76,12 @@ class AvatarDrawer:
         normal = points.normal[pick].double().cpu().numpy() @ world[:3, :3].T
         image = frame.image.cpu().float().reshape(height, s, width, s, 4).mean((1, 3))
         return Drawing(image, _seen(position, hit), _seen(normal, hit), hit)
+
+
+def by_level(name: str, avatar: Avatar, levels: Sequence[str], samples: int) -> list[AvatarDrawer]:
+    """A drawer for each of `levels`: `name` alone is the avatar at `DEFAULT_LEVEL`."""
+    names = {level: name if level == DEFAULT_LEVEL else f"{name}, {level}" for level in levels}
+    return [AvatarDrawer(avatar, samples, LEVELS[level], name=names[level]) for level in levels]
 
 
 @dataclass(frozen=True, eq=False)

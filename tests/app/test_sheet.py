@@ -20,6 +20,7 @@ from bad_files import bvh, csv
 from PIL import Image
 
 from avatarrex.gl.context import gl_unavailable
+from avatarrex.metrics.drawing import by_level
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_hand
 from avatarrex.signals.read import write_json
@@ -210,6 +211,23 @@ def overlap(one, two):
 
 
 @needs_gl
+def test_levels_are_rows_of_one_sheet(monkeypatch, walk, tmp_path, capsys):
+    """An avatar is drawn once for each level, by its settings."""
+    seen = []
+    monkeypatch.setattr(draw, "by_level", lambda *order: seen.append(order) or by_level(*order))
+    words = ["--motion", str(walk), "--frames", "0:10:10", "--samples", "1", "--levels", "live,balanced"]
+    assert cli.main(["sheet", "default", str(tmp_path / "out"), "--only", "motion", *words]) == 0
+    ((name, _, levels, samples),) = seen
+    assert (name, levels, samples) == ("default avatar", ("live", "balanced"), 1)
+    assert json.loads((tmp_path / "out" / "sheet.json").read_text())["levels"] == ["live", "balanced"]
+    made = loaded(tmp_path / "out" / "motion.jpg").astype(float)
+    rows = (len(made) - HEADING - sheet_paper.EDGE // 2) // 2
+    figures = (np.abs(made - sheet_paper.GROUND).max(-1) > 40)[HEADING:]
+    live, balanced = (figures[k * rows : k * rows + rows - LINE] for k in (0, 1))
+    assert overlap(live, balanced) > 0.9
+
+
+@needs_gl
 def test_floaters_are_told_and_written(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(draw, "FLOATING", ())
     monkeypatch.setattr(draw, "SILHOUETTE_PIXELS", 96)
@@ -258,6 +276,7 @@ REFUSED = {
     "default {out} --motion {motion} --frames 50:60": "some of the 40 frames",
     "default {out} --motion {motion} --other nobody": "nobody: expected an avatar folder",
     "default {out} --samples 0": "--samples: expected 1 to 4, found 0",
+    "default {out} --levels live,best": "--levels: expected some of live,.*, found best",
     "default {out} --samples many": "--samples: expected 1 to 4, found many",
     "default {out} --motion \0": "--motion: expected a value, found nothing",
     "default \0": "OUT_DIR: expected a value, found nothing",
