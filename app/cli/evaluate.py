@@ -32,7 +32,11 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     samples = "samples averaged along each side of a pixel (1, what the window shows)"
     options.add_levels(verb)
     add("--samples", default="1", metavar="N", help=samples)
-    add("--baselines", action="store_true", help="the skinned textured and mean-colour template beside it")
+    add(
+        "--baselines",
+        action="store_true",
+        help="the textured and the mean-colour template beside it, and with the avatar's own skin",
+    )
     add("--face-only", action="store_true", help="everything cut by where the template's face is seen")
     add("--json", metavar="FILE.json", help="every figure")
     add("--sheet", metavar="OUT.png", help="a contact sheet: ground truth, avatar, difference")
@@ -83,6 +87,8 @@ def _evaluate(
     subjects: list[drawing.Drawer] = [*drawing.by_level("avatar", avatar, *drawn)]
     if arguments.baselines:
         subjects += baselines.baselines(capture.person, evaluate.observations(rig))
+        if avatar.person.fit is not None and other:
+            subjects += baselines.baselines(avatar.person, evaluate.observations(rig), "fitted textured mesh")[:1]
     if arguments.face_only:
         rig, subjects = face_region.face_alone(capture.person, rig, subjects)
         capture = replace(capture, ground_truth={})

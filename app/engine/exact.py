@@ -12,11 +12,13 @@ import multiprocessing
 import signal
 import threading
 from collections import deque
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from queue import Empty, SimpleQueue
 
 from avatarrex_studio.engine.request import Answer, Request
+from avatarrex_studio.engine.slices import receive
 from avatarrex_studio.engine.worker import CANCEL, READY, Make, serve
 
 log = logging.getLogger(__name__)
@@ -31,6 +33,8 @@ class ExactEngine:
 
     def __init__(self, make: Make) -> None:
         self._make = make
+        self.arrived: Callable[[], None] = lambda: None
+        """Called by another thread when there may be something to poll: an interface that sleeps on events is woken."""
         self._picture: Request | None = None
         self._files: deque[Request] = deque()
         self._dropped: deque[Request] = deque()
@@ -103,7 +107,7 @@ class ExactEngine:
         self._process = context.Process(target=serve, args=(theirs, self._make), name="exact engine", daemon=True)
         self._process.start()
         theirs.close()
-        threading.Thread(target=_receive, args=(self._connection, self._inbox), daemon=True).start()
+        threading.Thread(target=self._receive, args=(self._connection, self._inbox), daemon=True).start()
 
     def _send(self) -> None:
         """Begin the next request, where none is under way."""
@@ -151,14 +155,16 @@ class ExactEngine:
             self._picture = current
         return None
 
-
-def _receive(connection: Connection, inbox: SimpleQueue[object]) -> None:
-    """Bring what the process sends into `inbox`; None when it is gone."""
-    try:
-        while True:
-            inbox.put(connection.recv())
-    except (EOFError, OSError):
-        inbox.put(None)
+    def _receive(self, connection: Connection, inbox: SimpleQueue[object]) -> None:
+        """Bring what the process sends into `inbox`; None when it is gone."""
+        try:
+            while True:
+                inbox.put(receive(connection))
+                self.arrived()
+        except (EOFError, OSError):
+            inbox.put(None)
+            if not self._closed:
+                self.arrived()
 
 
 def _cause(code: int | None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from avatarrex_studio.session.state import LIVE, StudioState
+from avatarrex_studio.session.state import LIVE, StudioState, Vector, vector
 
 from avatarrex import levels
 from avatarrex.avatar import Avatar
@@ -12,7 +12,7 @@ from avatarrex.avatar_file import load_avatar
 from avatarrex.live import LiveFrame, render_live
 from avatarrex.signals.driving import Signals
 from avatarrex.surface.pose import pose_surface
-from avatarrex.surface.raster import SurfacePicture
+from avatarrex.surface.raster import SurfacePicture, surface_geometry
 
 
 def read_avatar(name: str) -> Avatar:
@@ -42,3 +42,14 @@ class LiveSurface:
         frame = render_live(avatar, state.signals, state.view.camera(*size), settings, self._previous)
         self._previous, self.ms = frame, frame.ms
         return frame.picture
+
+    def point(self, column: int, row: int) -> Vector | None:
+        """World metres: the surface under the centre of a pixel of the last picture; None where there is none."""
+        frame = self._previous
+        if frame is None:
+            return None
+        found = surface_geometry(frame.posed, frame.view.cropped(column, row, 1, 1), frame.settings.hidden)
+        if not found.hit[0, 0]:
+            return None
+        world = frame.world_from_root
+        return vector(world[:3, :3] @ found.position[0, 0] + world[:3, 3])

@@ -12,9 +12,10 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
 from avatarrex_studio.engine.engine import QUICKEST
 from avatarrex_studio.engine.request import Answer, Exact, Picture, Request
-from avatarrex_studio.session.state import AUTO, LIVE, StudioState
+from avatarrex_studio.session.state import AUTO, LIVE, OrbitView, StudioState, Vector, vector
 
 log = logging.getLogger(__name__)
 REST = 0.15
@@ -40,7 +41,7 @@ class Subject:
     avatar: str
     signals: object
     hidden: frozenset[str]
-    view: object
+    view: OrbitView
     size: tuple[int, int]
 
     @classmethod
@@ -117,6 +118,20 @@ class Pictures:
         if not live:
             return float(self.picture is not None)
         return min(max((now - self._fade_from) / FADE, 0.0), 1.0) if self.covers else 0.0
+
+    def point(self, x: float, y: float) -> Vector | None:
+        """World metres under a place of the picture, shares of its width and height; None where there is none of the present state."""
+        if self.picture is None or self.shown is None or not self.current:
+            return None
+        depth, view = self.picture.depth, self.shown.subject.view
+        height, width = depth.shape
+        column, row = min(int(x * width), width - 1), min(int(y * height), height - 1)
+        if depth[row, column] <= 0:
+            return None
+        camera = view.camera(width, height)
+        ray = np.linalg.solve(camera.intrinsics, (column + 0.5, row + 0.5, 1.0))
+        rotation, translation = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
+        return vector(rotation.T @ (depth[row, column] * ray - translation))
 
     def save(self, state: StudioState, size: tuple[int, int], path: str) -> None:
         """Have the state rendered and written; the console tells when it is there."""

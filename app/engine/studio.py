@@ -21,7 +21,7 @@ from avatarrex_studio.engine.request import Exact
 from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.playback import Playback
-from avatarrex_studio.session.state import OrbitView, StudioState
+from avatarrex_studio.session.state import OrbitView, StudioState, Vector
 
 from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
@@ -48,6 +48,9 @@ class Live(Protocol):
 
     def draw(self, avatar: Avatar, state: StudioState, size: tuple[int, int]) -> Drawn | None:
         """The picture, (width, height) pixels; None for an avatar without a surface."""
+
+    def point(self, column: int, row: int) -> Vector | None:
+        """World metres: what is under the centre of a pixel of the last picture; None where nothing is."""
 
 
 @contextmanager
@@ -128,6 +131,13 @@ class Studio:
             self.surface, self._drawn, self._faulty = None, None, avatar
         return self.surface is not None
 
+    def point(self, x: float, y: float) -> Vector | None:
+        """World metres: what the picture shows at a place, shares of its width and height; None for the background."""
+        if self.surface is None or self.live is None:
+            return self.pictures.point(x, y)
+        width, height = self.surface.texture.size
+        return self.live.point(min(int(x * width), width - 1), min(int(y * height), height - 1))
+
     @property
     def fading(self) -> bool:
         """Whether the exact picture is being faded in."""
@@ -142,11 +152,6 @@ class Studio:
     def moving(self) -> bool:
         """Whether what is shown changes by itself, or the state has just changed."""
         return self.playback.playing or self.fading or not self.pictures.rests(self._clock())
-
-    @property
-    def waiting(self) -> bool:
-        """Whether something is to come that is not there yet: an exact picture, a file, an avatar."""
-        return self.pictures.exact.busy or self.avatars.reading
 
     def close(self) -> None:
         """End the exact engine."""

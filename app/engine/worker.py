@@ -19,6 +19,7 @@ import numpy as np
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.pages import keep_pages
 from avatarrex_studio.engine.request import Answer, Picture, Request
+from avatarrex_studio.engine.slices import send
 from avatarrex_studio.engine.work import Work
 
 from avatarrex.errors import InputError
@@ -79,14 +80,14 @@ def serve(connection: Connection, make: Make) -> None:
     keep_pages()
     inbox = Inbox(connection)
     engine = make(between=inbox.check)
-    connection.send(READY)
+    send(connection, READY)
     while True:
         request = inbox.requests.get()
         try:
             answer = answered(engine, request)
         except Cancelled:
             answer = Answer(request, cancelled=True)
-        connection.send(answer)
+        send(connection, answer)
 
 
 def answered(engine: Engine, request: Request) -> Answer:

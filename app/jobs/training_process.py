@@ -20,7 +20,9 @@ from avatarrex.training.recipe import TRAINED
 from avatarrex.training.runs.control import request
 
 log = logging.getLogger(__name__)
-COMMAND = (sys.executable, "-c", "from avatarrex_studio.cli.main import main; raise SystemExit(main())")
+INTERRUPTIBLE = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+"""What a process does first that is to end by the signal of Ctrl+C: of a window started by a shell's `&` it inherits that it is ignored."""
+COMMAND = (sys.executable, "-c", INTERRUPTIBLE + "from avatarrex_studio.cli.main import main; raise SystemExit(main())")
 PATIENCE = 60.0
 """Seconds that a training has to end by itself; then it gets the signal of Ctrl+C."""
 

@@ -15,14 +15,16 @@ from avatarrex_studio.engine.work import Work
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.panels.status import condition
 from avatarrex_studio.session.commands import Command, SetLevel
-from avatarrex_studio.session.state import AUTO, LEVELS
+from avatarrex_studio.session.state import AUTO, LEVELS, LIVE
 from imgui_bundle import imgui
 
 from avatarrex.levels import ABOUT
 from avatarrex.reference.level_errors import level_errors
+from avatarrex.surface.surface import Surface
 from avatarrex.volume.memory import Memory
 
 LABEL = 90.0
+NOT_MEASURED = "not measured"
 COLUMN = 62.0
 """Width of a column of figures, points."""
 STAGES = ("templates", "volume", "pointmap", "shading")
@@ -60,12 +62,19 @@ def draw(studio: Studio) -> Iterator[Command]:
     _memory(picture.work.memory)
 
 
-def error_text(name: str) -> str:
-    """The measured depth error of a level, in words."""
+def error_text(name: str, surface: Surface | None = None) -> str:
+    """The measured depth error of a level, in words; that of `live` is what the avatar's own surface says."""
+    if name == LIVE and surface is not None:
+        return error_words(surface.meta.get("live.depth_mm"), surface.meta.get("live.depth_p99_mm"))
     error = level_errors().get(name)
-    if error is None:
-        return "not measured"
-    return f"mean {error.depth_mean_mm:.3g} mm, p99 {error.depth_p99_mm:.3g} mm"
+    return error_words(error.depth_mean_mm, error.depth_p99_mm) if error else NOT_MEASURED
+
+
+def error_words(mean: object, p99: object) -> str:
+    """Both in millimetres; what is no number was not measured."""
+    if not isinstance(mean, int | float) or not isinstance(p99, int | float):
+        return NOT_MEASURED
+    return f"mean {mean:.3g} mm, p99 {p99:.3g} mm"
 
 
 def _level(studio: Studio) -> Iterator[Command]:
@@ -76,7 +85,8 @@ def _level(studio: Studio) -> Iterator[Command]:
     picked = widgets.choice("##level", LEVELS, shown, current, LEVEL_TEXT)
     widgets.paragraph(LEVEL_TEXT[current])
     widgets.label("Depth error", LABEL)
-    imgui.text(error_text(made if current == AUTO else current))
+    avatar = studio.avatars.ready(studio.state.avatar)
+    imgui.text(error_text(made if current == AUTO else current, avatar.surface if avatar else None))
     if picked:
         yield SetLevel(picked)
 

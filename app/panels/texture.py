@@ -17,5 +17,5 @@ def uploaded(
             texture.release()
         texture = context.texture((width, height), channels, alignment=1)
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-    texture.write(np.ascontiguousarray(pixels).tobytes())
+    texture.write(np.ascontiguousarray(pixels))
     return texture

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import theme
 from avatarrex_studio.session.commands import Command, OrbitBy, PanBy, SetCamera, ZoomBy
-from avatarrex_studio.session.state import OrbitView, Vector, vector
+from avatarrex_studio.session.state import OrbitView, Vector
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
@@ -97,18 +96,9 @@ def _fit(origin: imgui.ImVec2, room: imgui.ImVec2, picture: Shown | None) -> tup
 
 def _target(studio: Studio, mouse: imgui.ImVec2, low: imgui.ImVec2, high: imgui.ImVec2) -> Vector:
     """The surface point under the cursor in the world, else the person's middle."""
-    pictures = studio.pictures
-    if pictures.picture is not None and pictures.current:
-        depth = pictures.picture.depth
-        rows, columns = depth.shape
-        column = min(max(int((mouse.x - low.x) / (high.x - low.x) * columns), 0), columns - 1)
-        row = min(max(int((mouse.y - low.y) / (high.y - low.y) * rows), 0), rows - 1)
-        if depth[row, column] > 0:
-            camera = studio.state.view.camera(columns, rows)
-            ray = np.linalg.solve(camera.intrinsics, (column + 0.5, row + 0.5, 1.0))
-            rotation, translation = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
-            return vector(rotation.T @ (depth[row, column] * ray - translation))
-    return OrbitView().moved(studio.state.signals.translation).target
+    x, y = (mouse.x - low.x) / (high.x - low.x), (mouse.y - low.y) / (high.y - low.y)
+    point = studio.point(x, y) if 0 <= x < 1 and 0 <= y < 1 else None
+    return point or OrbitView().moved(studio.state.signals.translation).target
 
 
 def _checkers(canvas: imgui.ImDrawList, origin: imgui.ImVec2, room: imgui.ImVec2, side: float = 16) -> None:

@@ -51,8 +51,8 @@ WARM_UP = 3
 """Interface frames before the first picture: the viewport has its size then."""
 FPS = 60
 """Interface frames a second at most, where the screen does not say."""
-WAITING_FPS, IDLE_FPS = 20, 4
-"""While something is to come, and while nothing is."""
+READING_FPS, TYPING_FPS, IDLE_FPS = 20, 4, 1
+"""While an avatar is read, while a text has a cursor that blinks, and while nothing moves; a picture that comes wakes the loop."""
 WHEEL_PAUSE = 0.5
 """Seconds between wheel notches that end one undo step."""
 
@@ -213,7 +213,8 @@ class Window:
             self.own_surface.tend(self.studio.state.avatar)
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = not self.studio.moving and self._frames > WARM_UP + 1
-        idling.fps_idle = WAITING_FPS if self.studio.waiting else IDLE_FPS
+        typing = TYPING_FPS if imgui.get_io().want_text_input else IDLE_FPS
+        idling.fps_idle = READING_FPS if self.studio.avatars.reading else typing
         if context.screen:
             context.screen.use()
 
@@ -250,6 +251,7 @@ def run_window(source: str = "default", device: str = "cpu") -> int:
 
     if not glfw.init():
         raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
+    exact.arrived = glfw.post_empty_event
     window = Window(Studio(exact, avatars, journal, LiveSurface()), device=device)
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[window.console, logging.StreamHandler()])
     log.info("AvatarReX Studio. F1 shows the keys, Ctrl+P finds every command.")

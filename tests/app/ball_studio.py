@@ -79,6 +79,9 @@ class FakeLive:
         self.drawn.append((state, size))
         return SimpleNamespace(texture=f"texture {len(self.drawn)}")
 
+    def point(self, column, row):
+        return None
+
 
 def ball_studio(clock, render=None, live=None, journal=None, exact=None):
     """A studio whose avatar is read when it is first looked for."""

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from avatarrex_studio.cli.main import main
 from avatarrex_studio.jobs.distilling import Distilling, work_folder
+from avatarrex_studio.jobs.training_process import COMMAND, INTERRUPTIBLE
 from surface.template_surface import template_surface
 
 from avatarrex.avatar_file import load_avatar
@@ -193,6 +194,17 @@ def test_in_the_background_with_progress_until_the_window_closes(avatar):
     assert not background.finished()
     assert background.error == ""
     assert (avatar.parent / "me.distil/poses/pose_000.npz").exists()
+    assert "interrupted" in (avatar.parent / "me.distil/distil.log").read_text()
+
+
+def test_it_ends_at_once_with_a_window_that_a_shell_started_beside_itself(avatar):
+    """There the signal of Ctrl+C is ignored, and what is started from there inherits that."""
+    assert COMMAND[-1].startswith(INTERRUPTIBLE)
+    ignoring = ["sh", "-c", 'trap "" INT; exec "$@"', "sh"]
+    background = Distilling([*ignoring, sys.executable, "-c", INTERRUPTIBLE + WORKER])
+    background.start(avatar)
+    until(lambda: background.progress() is not None)
+    background.close()
     assert "interrupted" in (avatar.parent / "me.distil/distil.log").read_text()
 
 

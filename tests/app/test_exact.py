@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.request import Request
+from avatarrex_studio.engine.slices import SLICE, receive, send
 from avatarrex_studio.session.commands import OrbitBy, SetExpression
 from avatarrex_studio.session.state import StudioState
 from ball import ball_engine, render_ball
@@ -103,6 +106,35 @@ def test_a_picture_is_what_the_engine_renders_here(exact):
     assert answer.picture.work.counters == {**frame.counters, "voxels_evaluated": 0}, "it remembers the frame before"
     assert answer.picture.work.memory.total == 2**20
     assert not exact.busy
+
+
+def test_arrays_larger_than_a_slice_arrive_whole():
+    rng = np.random.default_rng(0)
+    large = rng.integers(0, 255, SLICE + 12345, np.uint8)
+    message = {"large": large, "empty": large[:0], "strided": large[:1000:3], "words": "at last"}
+    ours, theirs = multiprocessing.Pipe()
+    sender = threading.Thread(target=lambda: (send(theirs, message), send(theirs, "next")))
+    sender.start()
+    got = receive(ours)
+    assert got["words"] == "at last"
+    assert all(np.array_equal(got[name], message[name]) for name in ("large", "empty", "strided"))
+    assert got["large"].flags.writeable
+    assert receive(ours) == "next"
+    sender.join()
+    theirs.close()
+    with pytest.raises(EOFError):
+        receive(ours)
+
+
+def test_whoever_sleeps_is_woken_when_there_is_something_to_poll(exact):
+    woken = threading.Event()
+    exact.arrived = woken.set
+    exact.request(Request(turned(3), SIZE))
+    assert woken.wait(PATIENCE)
+    assert exact.poll().picture is not None
+    woken.clear()
+    os.kill(exact.process, signal.SIGKILL)
+    assert woken.wait(PATIENCE), "that it has died is something, too"
 
 
 def test_of_pictures_that_are_not_begun_the_newest_is_rendered(exact):
@@ -238,6 +270,7 @@ sys.path.insert(0, {tests!r})
 from functools import partial
 from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.request import Request
+from avatarrex_studio.engine.slices import SLICE, receive, send
 from avatarrex_studio.session.state import StudioState
 from test_exact import slow_engine
 engine = ExactEngine(partial(slow_engine, {seconds}))

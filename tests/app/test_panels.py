@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from avatarrex_studio.panels import camera, keys, performance, render, scene
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.joints import body_panel, hand_panel
 from avatarrex_studio.panels.poses import PosesPanel
 from avatarrex_studio.panels.timeline import TimelinePanel
-from avatarrex_studio.panels.viewport import ViewportPanel
+from avatarrex_studio.panels.viewport import Shown, ViewportPanel
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.actions import ACTIONS
 from avatarrex_studio.session.commands import OrbitBy, PanBy, ResetGroup, SetExpression, SetJoint, ZoomBy
-from avatarrex_studio.session.state import LEVELS, StudioState
+from avatarrex_studio.session.state import LEVELS, OrbitView, StudioState
 from avatarrex_studio.window.window import Window
+from ball_studio import ball_studio
 from imgui_bundle import imgui
+from surface.template_surface import template_surface
 
 from avatarrex.reference.level_errors import LevelError
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
@@ -170,6 +175,60 @@ def test_the_viewport_mouse(screen, studio):
     (zoom,) = screen.frame(draw)
     assert isinstance(zoom, ZoomBy)
     assert zoom.factor < 1
+
+
+def test_the_error_of_live_is_what_the_avatars_surface_says():
+    surface = replace(template_surface(), meta={"live.depth_mm": 1.54, "live.depth_p99_mm": 10.1})
+    assert performance.error_text("live", surface) == "mean 1.54 mm, p99 10.1 mm"
+    assert performance.error_text("balanced", surface) == performance.error_text("balanced") != "not measured"
+    for meta in ({}, {"errors": "not measured: no OpenGL"}):
+        assert performance.error_text("live", replace(surface, meta=meta)) == "not measured"
+    assert performance.error_text("live") == "not measured"
+
+
+def double_click(screen, draw, place):
+    commands = []
+    for seconds, pressed in ((1.0, None), *((0.02, pressed) for pressed in (True, False, True, False))):
+        screen.seconds = seconds
+        screen.io.add_mouse_pos_event(*place)
+        if pressed is not None:
+            screen.io.add_mouse_button_event(0, pressed)
+        commands += screen.frame(draw)
+    return commands
+
+
+def test_a_double_click_centres_on_what_is_under_the_mouse(screen, clock):
+    """On the exact picture where it is all there is; on the surface, whatever is moving, where there is one."""
+    studio, panel = ball_studio(clock), ViewportPanel()
+    screen.frame(lambda: panel.draw(studio, None))
+    for _ in range(20):
+        clock.now += 0.05
+        studio.tick(panel.size)
+    width, height = panel.size
+    shown = Shown(1, width, height)
+
+    def draw():
+        return panel.draw(studio, shown)
+
+    middle = (8 + width / 2, 8 + height / 2)
+    (centre,) = double_click(screen, draw, middle)
+    view = studio.state.view
+    camera = view.camera(width, height)
+    depth = studio.pictures.picture.depth[height // 2, width // 2]
+    assert camera.camera_from_world[2] @ (*centre.target, 1) == pytest.approx(depth, abs=1e-4)
+    assert camera.pixels(np.array([centre.target]))[0][0] == pytest.approx((width / 2, height / 2), abs=1)
+    studio.do(OrbitBy(5.0, 0.0))
+    studio.surface = SimpleNamespace(texture=SimpleNamespace(size=(2 * width, 2 * height)))
+    asked = []
+    studio.live = SimpleNamespace(
+        ms={}, draw=lambda avatar, state, size: None, point=lambda column, row: asked.append((column, row)) or (1.0, 2.0, 3.0)
+    )  # fmt: skip
+    (centre,) = double_click(screen, draw, middle)
+    assert centre.target == (1, 2, 3)
+    assert np.abs(np.array(asked) - (width, height)).max() <= 1
+    studio.live.point = lambda column, row: None
+    (centre,) = double_click(screen, draw, middle)
+    assert centre.target == OrbitView().moved(studio.state.signals.translation).target
 
 
 def test_a_changed_group_offers_its_reset(screen, monkeypatch):

@@ -70,7 +70,7 @@ def test_at_rest_one_exact_picture_is_requested_and_faded_in(live, clock):
     assert (request.size, request.dragged, request.state.level) == (VIEWPORT, False, "balanced")
     assert not tick(live, clock, 1.0)
     assert not live.moving
-    assert live.waiting
+    assert live.pictures.exact.busy
     assert answer(live, clock)
     assert live.weight == 0
     weights = []
@@ -81,7 +81,7 @@ def test_at_rest_one_exact_picture_is_requested_and_faded_in(live, clock):
     assert len(weights) == pytest.approx(FADE / TICK, abs=1)
     assert weights[-1] == 1
     assert not tick(live, clock, 5.0)
-    assert not live.waiting
+    assert not live.pictures.exact.busy
     assert len(live.pictures.exact.begun) == len(live.live.drawn) == 1, "at rest nothing is done again"
 
 
@@ -91,7 +91,7 @@ def test_a_change_cancels_what_is_under_way_and_takes_the_picture_from_the_scree
     assert tick(live, clock)
     assert live.pictures.exact.cancelled
     tick(live, clock)
-    assert not live.waiting
+    assert not live.pictures.exact.busy
     assert live.pictures.picture is None
     tick(live, clock, 2 * REST)
     answer(live, clock)
@@ -148,7 +148,7 @@ def test_auto_gives_up_what_takes_too_long_and_does_not_try_it_again(live, clock
     tick(live, clock, PATIENCE)
     assert not live.pictures.exact.cancelled
     tick(live, clock, 4 * TICK)
-    assert not live.waiting
+    assert not live.pictures.exact.busy
     assert levels(live) == ["balanced", "quality"]
     live.do(OrbitBy(5.0, 0.0))
     for _ in range(4):
@@ -158,7 +158,7 @@ def test_auto_gives_up_what_takes_too_long_and_does_not_try_it_again(live, clock
     live.do(SetLevel("quality"))
     tick(live, clock)
     tick(live, clock, 2 * PATIENCE)
-    assert live.waiting, "who chooses it gets it"
+    assert live.pictures.exact.busy, "who chooses it gets it"
 
 
 def test_a_failed_picture_is_not_tried_again_until_something_changes(clock, caplog):
@@ -273,7 +273,7 @@ def test_files_are_written_beside_pictures_and_survive_a_change(live, clock, tmp
     for _ in range(4):
         tick(live, clock)
     assert not (tmp_path / "a.png").exists()
-    assert live.waiting
+    assert live.pictures.exact.busy
     for _ in range(4):
         answer(live, clock)
     assert (tmp_path / "a.png").stat().st_size > 100

@@ -25,7 +25,7 @@ def settle(studio, clock):
     for _ in range(400):
         clock.now += 0.05
         new += studio.tick(VIEWPORT)
-        if not (studio.moving or studio.waiting):
+        if not (studio.moving or studio.pictures.exact.busy):
             return new
     raise AssertionError("the picture never became final")
 
