@@ -104,8 +104,8 @@ class MeshDrawer:
         return Drawing(torch.from_numpy(image), position, normal, first)
 
 
-def baselines(person: Person, observations: Iterable[Observation]) -> list[MeshDrawer]:
-    """The textured and the mean-colour mesh of `person`. Raises `InputError` where no picture shows any of it."""
+def baselines(person: Person, observations: Iterable[Observation], textured: str = "textured mesh") -> list[MeshDrawer]:
+    """The mesh of `person` that is called `textured`, and the mean-colour mesh. Raises `InputError` where no picture shows any of it."""
     mesh, colour, weight = PosedMesh(person), np.zeros(3), 0.0
     observed = []
     for observation in observations:
@@ -115,7 +115,7 @@ def baselines(person: Person, observations: Iterable[Observation]) -> list[MeshD
         observed.append(_texels_in(mesh, observation))
     check(weight, "baselines", "training pictures", "some with a foreground", "none")
     mean = np.broadcast_to((colour / weight).astype(np.float32), (len(mesh.faces), *lattice().shape))
-    return [MeshDrawer("textured mesh", mesh, _texels(mesh, observed)), MeshDrawer("mean-colour mesh", mesh, mean)]
+    return [MeshDrawer(textured, mesh, _texels(mesh, observed)), MeshDrawer("mean-colour mesh", mesh, mean)]
 
 
 def _texels_in(mesh: PosedMesh, observation: Observation) -> UInt8[np.ndarray, "p 4"]:

@@ -5,6 +5,7 @@ Letters: v vertices. Root frame, metres, OpenCV camera; pixels, image row 0 at t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,15 +48,24 @@ class Extent:
         near = max(NEAR_PLANE, float(nearest - MARGIN * abs(nearest)))
         return cls((int(first[0]), int(first[1]), width, height), near, float(farthest * (1 + MARGIN)))
 
-    def tiles(self, camera: Camera, side: int) -> list[tuple[np.ndarray, Box]]:
-        """The box in pieces of at most `side` pixels a side, each with its `clip_from_root`."""
+    @classmethod
+    def around(cls, extents: Sequence[Extent]) -> Extent | None:
+        """What contains several; None: there is none."""
+        if not extents:
+            return None
+        boxes = np.array([one.box for one in extents])
+        first, last = boxes[:, :2].min(0), (boxes[:, :2] + boxes[:, 2:]).max(0)
+        box = (int(first[0]), int(first[1]), int(last[0] - first[0]), int(last[1] - first[1]))
+        return cls(box, min(one.near for one in extents), max(one.far for one in extents))
+
+    def tiles(self, side: int) -> list[Box]:
+        """The box in pieces of at most `side` pixels a side."""
         left, top, width, height = self.box
-        tiles = [
+        return [
             (x, y, min(side, left + width - x), min(side, top + height - y))
             for y in range(top, top + height, side)
             for x in range(left, left + width, side)
         ]
-        return [(self.clip_from_root(camera, tile), tile) for tile in tiles]
 
     def clip_from_root(self, camera: Camera, tile: Box) -> Float[np.ndarray, "4 4"]:
         """The tile fills [−1, 1]², its top row first; w is the camera's z."""

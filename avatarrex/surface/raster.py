@@ -11,7 +11,7 @@ Letters: h w pixels. Root frame, metres, OpenCV camera; pixel centres at +0.5.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -81,6 +81,29 @@ class SurfaceGeometry:
     """Share of left hand, right hand, face."""
 
 
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A posed surface in a picture."""
+
+    posed: PosedSurface
+    harmonics: Float[np.ndarray, "8 3"]
+    """The avatar's light (`Light.harmonics`)."""
+    view: Camera
+    """The picture's camera, seen from this surface's root frame."""
+    hidden: frozenset[str] = frozenset()
+    """Parts that are not drawn."""
+
+
+def draw_surfaces(shown: Sequence[Placed], samples: int = SAMPLES, counters: Counters | None = None) -> SurfacePicture:
+    """At least one surface in one picture, nearer ones before farther ones; nothing is read back.
+
+    `samples` 1, 2 or 4. `counters`: `surface_triangles` in sight or not, `bytes_uploaded`. Raises `NoContext` without OpenGL 4.3.
+    """
+    with current_context() as context:
+        raster = per_context(context, _Raster, lambda: _Raster(context))
+        return raster.draw(shown, samples, counters or Counters())
+
+
 def draw_surface(
     posed: PosedSurface,
     harmonics: Float[np.ndarray, "8 3"],
@@ -89,14 +112,8 @@ def draw_surface(
     hidden: frozenset[str] = frozenset(),
     counters: Counters | None = None,
 ) -> SurfacePicture:
-    """`posed` seen by `view`, whose world is the root frame, without the parts `hidden`; nothing is read back.
-
-    `harmonics` are the avatar's (`Light.harmonics`); `samples` 1, 2 or 4. `counters`: `surface_triangles` in sight or not,
-    `bytes_uploaded`. Raises `NoContext` without OpenGL 4.3.
-    """
-    with current_context() as context:
-        raster = per_context(context, _Raster, lambda: _Raster(context))
-        return raster.draw(posed, np.asarray(harmonics, np.float64), view, samples, hidden, counters or Counters())
+    """`posed` alone seen by `view`, whose world is the root frame, without the parts `hidden`; see `draw_surfaces`."""
+    return draw_surfaces([Placed(posed, np.asarray(harmonics, np.float64), view, hidden)], samples, counters)
 
 
 def surface_geometry(
@@ -123,29 +140,30 @@ class _Raster:
         self._free: list[Target] = []
         """Of pictures that are no more."""
 
-    def draw(
-        self,
-        posed: PosedSurface,
-        harmonics: np.ndarray,
-        view: Camera,
-        samples: int,
-        hidden: frozenset[str],
-        counters: Counters,
-    ) -> SurfacePicture:
-        """See `draw_surface`."""
-        uploaded, extent = self._bound(posed, counters), Extent.of(posed.bounds, view)
-        self._programs["colour"]["u_albedo_scale"] = posed.surface.albedo_scale
-        self._programs["colour"]["u_harmonics"] = [tuple(row) for row in harmonics.tolist()]
+    def draw(self, shown: Sequence[Placed], samples: int, counters: Counters) -> SurfacePicture:
+        """See `draw_surfaces`."""
+        view = shown[0].view
+        extent = Extent.around([found for one in shown if (found := Extent.of(one.posed.bounds, one.view))])
         picture = self._picture((view.width, view.height))
         sampled = per_context(self._context, ("surface", samples), lambda: self._sampled(samples))
         with _target_kept(self._context):
             picture[1].clear()
-            for clip, tile in extent.tiles(view, TILE) if extent else ():
-                self._render("colour", uploaded, hidden, sampled, (clip, tile), counters)
-                self._average(sampled, samples, picture[1], tile)
+            if extent:
+                for tile in extent.tiles(TILE):
+                    self._begin(sampled, tile)
+                    for one in shown:
+                        self._colour(one, extent.clip_from_root(one.view, tile), counters)
+                    self._average(sampled, samples, picture[1], tile)
         drawn = SurfacePicture(picture[0][0])
         weakref.finalize(drawn, self._free.append, picture).atexit = False
         return drawn
+
+    def _colour(self, one: Placed, clip: np.ndarray, counters: Counters) -> None:
+        """One of them, into the target in use."""
+        uploaded, program = self._bound(one.posed, counters), self._programs["colour"]
+        program["u_albedo_scale"] = one.posed.surface.albedo_scale
+        program["u_harmonics"] = [tuple(row) for row in one.harmonics.tolist()]
+        self._render("colour", uploaded, one.hidden, clip, counters)
 
     def geometry(
         self, posed: PosedSurface, view: Camera, hidden: frozenset[str], counters: Counters
@@ -155,8 +173,10 @@ class _Raster:
         target = per_context(self._context, "surface geometry", lambda: self._target((TILE, TILE), "f4", 3))
         found = np.zeros((view.height, view.width, 3, 4), np.float32)
         with _target_kept(self._context):
-            for clip, tile in extent.tiles(view, TILE) if extent else ():
-                self._render("geometry", uploaded, hidden, target, (clip, tile), counters)
+            clips = [(tile, extent.clip_from_root(view, tile)) for tile in extent.tiles(TILE)] if extent else []
+            for tile, clip in clips:
+                self._begin(target, tile)
+                self._render("geometry", uploaded, hidden, clip, counters)
                 left, top, width, height = tile
                 for index in range(3):
                     data = target[1].read((0, 0, width, height), 4, attachment=index, dtype="f4")
@@ -179,22 +199,19 @@ class _Raster:
         counters.add("bytes_uploaded", self._surfaces[surface].bind(posed))
         return self._surfaces[surface]
 
-    def _render(
-        self,
-        name: str,
-        uploaded: UploadedSurface,
-        hidden: frozenset[str],
-        target: Target,
-        place: tuple[np.ndarray, Box],
-        counters: Counters,
-    ) -> None:
-        """The tile into the target's first pixels."""
-        context, triangles, (clip, tile) = self._context, uploaded.triangles(hidden, self._programs), place
-        self._programs[name]["u_clip_from_root"] = tuple(clip.T.ravel().tolist())
+    def _begin(self, target: Target, tile: Box) -> None:
+        """What follows goes into the target's first pixels, as many as the tile has."""
         viewport = (0, 0, *tile[2:])
         target[1].use()
         target[1].viewport = viewport
         target[1].clear(viewport=viewport)
+
+    def _render(
+        self, name: str, uploaded: UploadedSurface, hidden: frozenset[str], clip: np.ndarray, counters: Counters
+    ) -> None:
+        """Into the target in use."""
+        context, triangles = self._context, uploaded.triangles(hidden, self._programs)
+        self._programs[name]["u_clip_from_root"] = tuple(clip.T.ravel().tolist())
         context.disable(moderngl.BLEND)
         context.enable(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         context.front_face = "cw"  # rows run downwards

@@ -17,7 +17,7 @@ from surface.template_surface import template_surface
 
 from avatarrex.camera import Camera
 from avatarrex.gl.context import current_context
-from avatarrex.measure.bench import geometry, live, motion, raycast, raycast_peers, sdf, skinning
+from avatarrex.measure.bench import geometry, live, motion, raycast, raycast_peers, rivals, sdf, skinning
 from avatarrex.measure.bench.raycast_peers import ray_error, truth
 from avatarrex.measure.bench.report import Metric
 from avatarrex.measure.bench.session import Bench
@@ -25,7 +25,7 @@ from avatarrex.measure.bench.stages import measure
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.reference.solids import capsule_man
 from avatarrex.surface.pose import pose_surface
-from avatarrex.surface.raster import SurfacePicture
+from avatarrex.surface.raster import SurfacePicture, draw_surfaces, surface_geometry
 from avatarrex.volume.sdf_volume import SdfVolume
 
 
@@ -157,10 +157,12 @@ def test_everything_is_new_in_every_frame(bench):
 def test_a_surface_is_drawn_and_judged():
     bench = Bench(quick=True, scale=0.2)
     bench.avatar.surface = template_surface(amplitude=0.02)
-    found = {metric.name: metric for metric in live.of_the_surface(bench)}
+    found = {metric.name.removeprefix("frame."): metric for metric in live.of_the_surface(bench)}
+    crowds = {f"live_{number}_avatars_512_fps": number for number in (1, 2, 4, 8)}
+    fitted = found.pop("rival.fitted_template_512_fps").error
+    assert {found.pop(name).error["avatars"]: None for name in crowds} == dict.fromkeys(crowds.values())
     assert {name: metric.target for name, metric in found.items()} == {
-        "frame.live_512_fps": 60, "frame.live_1024_fps": 25, "frame.live_view_512_fps": 100,
-        "frame.rival.clothed_mesh_512_fps": None,
+        "live_512_fps": 60, "live_1024_fps": 25, "live_view_512_fps": 100, "rival.clothed_mesh_512_fps": None,
     }  # fmt: skip
     for metric in found.values():
         assert 0 < metric.error["depth_mean_mm"] <= metric.error["depth_p99_mm"]
@@ -168,8 +170,42 @@ def test_a_surface_is_drawn_and_judged():
         assert 0.5 < metric.error["iou"] < 1
         assert metric.error["psnr_db"] > 5 < metric.error["picture_psnr_db"]
         assert metric.error["below_balanced_db"] > 0, "the template has not the subject's colours"
-    rival, ours = found["frame.rival.clothed_mesh_512_fps"].error, found["frame.live_512_fps"].error
+    rival, ours = found["rival.clothed_mesh_512_fps"].error, found["live_512_fps"].error
     assert rival["iou"] > ours["iou"], "the stand-in's corrections are noise"
+    assert fitted["picture_psnr_db"] > ours["picture_psnr_db"] + 3, (
+        "it has the subject's colours, the stand-in has none"
+    )
+    assert fitted["live_psnr_db"] == pytest.approx(ours["picture_psnr_db"])
+
+
+def test_the_fitted_skin_is_nearer_to_the_mattes_than_the_naked_one():
+    """In the pose that neither texture nor skin has seen."""
+    bench = Bench(quick=True, scale=0.7)
+    signals, picture = bench.once(rivals.unseen)
+    camera = bench.camera(len(picture))
+    matte = picture[..., 3] > 0.5
+    share = []
+    for mesh in (bench.once(rivals.mesh_drawer), bench.once(rivals.fitted_mesh)):
+        drawn = mesh.draw(signals, camera).image[..., 3].numpy() > 0.5
+        share.append((drawn & matte).sum() / (drawn | matte).sum())
+    assert share[1] > share[0] + 0.02
+
+
+def test_a_crowd_is_one_picture_with_everybody_in_it(bench, monkeypatch):
+    surface, drawn = template_surface(), []
+    bench.avatar.surface = surface
+    monkeypatch.setattr(live, "draw_surfaces", lambda placed: drawn.append(placed) or draw_surfaces(placed))
+    posed = live.crowd(bench, 3, 4, 96)
+    assert [one.posed for one in drawn[0]] == list(posed)
+    assert len({one.posed.key for one in drawn[0]}) == 3, "each in a pose of its own"
+    columns = []
+    for one in drawn[0]:
+        hit = surface_geometry(one.posed, one.view).hit
+        assert hit.any(0).sum() > 8
+        assert not hit[[0, -1]].any(), "whole persons"
+        columns.append(np.argwhere(hit)[:, 1].mean())
+    assert columns == sorted(columns)
+    assert columns[2] - columns[0] > 30
 
 
 def test_frames_are_finished_and_not_read_back(bench, monkeypatch):

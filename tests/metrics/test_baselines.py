@@ -7,6 +7,9 @@ from drawn_capture import painted, poses
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.metrics.baselines import EDGE, Observation, PosedMesh, baselines, lattice, look_up
+from avatarrex.metrics.mesh_surface import mesh_surface
+from avatarrex.surface.pose import pose_surface
+from avatarrex.surface.raster import draw_surface
 from avatarrex.templates.person import load_person
 
 
@@ -90,3 +93,19 @@ def test_nothing_to_gather_is_refused():
     empty = Observation(poses(1)[0], Camera.orbit(width=32, height=32), black, black[..., 0])
     with pytest.raises(InputError, match="training pictures"):
         baselines(person, [empty])
+
+
+def test_opengl_draws_what_the_software_draws(gathered):
+    """A pose with hands, jaw and an expression: the same outline, the same colours within a texel."""
+    textured = gathered[2][0]
+    surface, person = mesh_surface(textured, 512), textured.mesh.person
+    signals = poses(2)[1].replace(expression=0.5 * np.eye(52)[17], jaw_pose=np.array([0.2, 0, 0]))
+    camera = Camera.orbit(40, 5, 2.6, 40, (0, -0.1, 0), 200, 200)
+    posed = pose_surface(surface, person, signals)
+    view = camera.seen_from(posed.world_from_root(signals))
+    ours = draw_surface(posed, np.zeros((8, 3)), view).read()
+    theirs = textured.draw(signals, camera).image.numpy()
+    both = (ours[..., 3] == 1) & (theirs[..., 3] == 1)
+    assert both.sum() > 1500
+    assert np.abs(ours[..., 3] - theirs[..., 3]).mean() < 0.01
+    assert np.sqrt(np.square(ours - theirs)[both].mean()) < 0.04

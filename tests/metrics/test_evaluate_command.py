@@ -2,17 +2,20 @@
 
 import json
 
+import numpy as np
 import pytest
 import torch
 from avatarrex_studio.cli.main import main
 from drawn_capture import write_capture
 from PIL import Image
 
-from avatarrex.avatar_file import load_avatar
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.metrics.drawing import AvatarDrawer
 from avatarrex.metrics.face_region import face_alone
-from avatarrex.templates.person import load_person
+from avatarrex.templates.person import load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +103,25 @@ def test_levels_are_subjects_of_their_own(capture, capsys, tmp_path):
     found = json.loads(figures.read_text())["splits"]["train"]
     assert list(found) == ["avatar, live", "avatar", "avatar, fine"]
     assert len({values["psnr"] for values in found.values()}) == 3
+
+
+def test_the_avatars_own_skin_has_a_baseline_of_its_own(capture, capsys, tmp_path):
+    person = resize_person(load_person(), PersonFit(np.eye(10)[0], np.zeros((55, 3))))
+    avatar = Avatar.create(person, "compact")
+    avatar.meta["untrained"] = ["face", "left_hand", "right_hand"]
+    save_avatar(avatar, tmp_path / "me.avatar")
+    words = [
+        "--frames",
+        "0:1",
+        "--views",
+        "front",
+        "--size",
+        "32",
+        "--baselines",
+        "--json",
+        str(tmp_path / "found.json"),
+    ]
+    assert main(["evaluate", str(tmp_path / "me.avatar"), capture, *words]) == 0
+    found = json.loads((tmp_path / "found.json").read_text())["splits"]["train"]
+    assert list(found) == ["avatar", "textured mesh", "mean-colour mesh", "fitted textured mesh"]
+    assert found["fitted textured mesh"]["iou"] != found["textured mesh"]["iou"]

@@ -19,7 +19,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
 from avatarrex.surface.extent import Extent
 from avatarrex.surface.pose import PosedSurface, pose_surface
-from avatarrex.surface.raster import TILE, draw_surface, surface_geometry
+from avatarrex.surface.raster import TILE, Placed, draw_surface, draw_surfaces, surface_geometry
 from avatarrex.surface.surface import Surface
 from avatarrex.templates.person import load_person
 
@@ -199,13 +199,35 @@ def test_a_picture_larger_than_a_tile_is_the_same_picture(posed, samples):
     size = TILE + 200
     large = Camera.orbit(0, 0, 0.9, target=(0, 0.4, 0), width=size, height=size)
     extent = Extent.of(posed.bounds, large)
-    assert len(extent.tiles(large, TILE)) > 1
+    assert len(extent.tiles(TILE)) > 1
     shifted = large.intrinsics.copy()
     shifted[:2, 2] -= TILE - 64
     part = Camera(shifted, large.camera_from_world, 128, 128)
     whole, cut = (draw_surface(posed, HARMONICS, view, samples).read() for view in (large, part))
     seam = whole[TILE - 64 : TILE + 64, TILE - 64 : TILE + 64]
     assert (np.abs(seam - cut) > 1 / 255).mean() < 2e-3
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_several_hide_each_other_by_their_distance(posed, order):
+    """One stands behind the other's arm: each pixel is the nearer one's picture."""
+    other = pose_surface(template_surface(texture=32), PERSON, Signals.rest())
+    shift = np.eye(4)
+    shift[:3, 3] = 0.35, 0.1, -0.2
+    views = camera(), camera().seen_from(shift)
+    one, two = (Placed(mesh, HARMONICS, view) for mesh, view in zip((posed, other), views))
+    alone = [draw_surface(placed.posed, HARMONICS, placed.view, 1).read() for placed in (one, two)]
+    seen = [surface_geometry(placed.posed, placed.view) for placed in (one, two)]
+    counters = Counters()
+    both = draw_surfaces([one, two][::order], 1, counters).read()
+    depth = np.stack([np.where(found.hit, found.depth, np.inf) for found in seen])
+    nearer = np.where((depth[0] <= depth[1])[..., None], *alone)
+    sure = np.abs(np.nan_to_num(depth[0] - depth[1], posinf=1, neginf=1)) > 1e-3
+    assert (seen[0].hit & seen[1].hit).sum() > 200
+    assert (depth[0] < depth[1])[seen[0].hit & seen[1].hit].mean() not in (0, 1)
+    assert (np.abs(both - nearer).max(-1) > 1 / 255 + 1e-6)[sure].mean() < 2e-3
+    faces = sum(len(mesh.surface.faces) for mesh in (posed, other))
+    assert counters.as_dict()["surface_triangles"] == faces
 
 
 def test_what_has_not_changed_is_not_uploaded_again(posed):

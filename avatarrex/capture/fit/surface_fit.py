@@ -12,8 +12,9 @@ Joints stay. Letters: v vertices, n nodes of the field, e edges, k constraints. 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -21,9 +22,11 @@ from scipy.sparse import hstack
 from scipy.spatial import cKDTree
 from tqdm import tqdm
 
+from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import FOREGROUND, compared_frames, posed_in_world, reduced, silhouette
-from avatarrex.capture.readers.rigs import Capture, Rig
+from avatarrex.capture.readers.rigs import Capture
 from avatarrex.ops.skinning import blend
+from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
 
@@ -42,6 +45,18 @@ OUTLINE_PIXELS = 512
 """Pixels of the longer side of the template's silhouette."""
 RIM_PIXELS = 1.6
 """Pixels of that silhouette within which an edge belongs to its rim; others are folds inside."""
+
+
+Sight = tuple[Camera, Callable[[], np.ndarray]]
+"""A camera, and what reads its matte (h, w), bytes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Somebody in one pose, from some sides."""
+
+    signals: Signals
+    pictures: tuple[Sight, ...]
 
 
 @dataclass(frozen=True)
@@ -66,17 +81,19 @@ def fit_surface(
 
     `frames` and `views` by rig narrow the choice. Raises `InputError` for a picture that cannot be decoded.
     """
-    chosen = _pictures(capture, frames or {}, views or {}, count)
-    base = load_person(capture.person.name)
-    fit = capture.person.fit or PersonFit(np.zeros(10), np.zeros((55, 3)))
-    field = _Field(base)
+    return fit_to_mattes(capture.person, _seen(capture, frames or {}, views or {}, count))
+
+
+def fit_to_mattes(person: Person, seen: Sequence[Seen]) -> Person:
+    """`person` with its skin moved onto the mattes of somebody of its size. What reading a matte raises is raised."""
+    base, field = load_person(person.name), _Field(load_person(person.name))
+    fit = person.fit or PersonFit(np.zeros(10), np.zeros((55, 3)))
     offsets = np.zeros((len(field.nodes), 3))
-    person = capture.person
-    with tqdm(total=len(OUTLIERS) * len(chosen), desc="fit surface", unit="frame", leave=False) as bar:
+    with tqdm(total=len(OUTLIERS) * len(seen), desc="fit surface", unit="frame", leave=False) as bar:
         for outlier in OUTLIERS:
             found: list[Outline] = []
-            for rig, frame, seen in chosen:
-                found += _outlines(person, rig, frame, seen)
+            for one in seen:
+                found += _outlines(person, one)
                 bar.update()
             offsets = field.solve(found, offsets, outlier)
             surface = SurfaceOffsets(tuple(field.nodes.tolist()), offsets)
@@ -84,16 +101,18 @@ def fit_surface(
     return person
 
 
-def _pictures(
+def _seen(
     capture: Capture, frames: dict[str, Iterable[int]], views: dict[str, Iterable[int]], count: int
-) -> list[tuple[Rig, int, tuple[int, ...]]]:
-    """(rig, frame, views) to compare."""
+) -> list[Seen]:
+    """What is compared."""
     chosen = []
     for name, rig in capture.rigs.items():
         allowed = sorted(set(frames.get(name, range(rig.frames))) - rig.held_out_frames)
-        seen = sorted(set(views.get(name, range(len(rig.views)))) - rig.held_out_views)
+        cameras = sorted(set(views.get(name, range(len(rig.views)))) - rig.held_out_views)
         for frame in (allowed[place] for place in compared_frames(len(allowed), count)):
-            chosen.append((rig, frame, tuple(view for view in seen if rig.available(view, frame))))
+            there = [view for view in cameras if rig.available(view, frame)]
+            pictures = tuple((rig.views[view].camera, partial(rig.matte, view, frame)) for view in there)
+            chosen.append(Seen(rig.signals[frame], pictures))
     return chosen
 
 
@@ -136,8 +155,8 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
     return np.array(chosen)
 
 
-def _outlines(person: Person, rig: Rig, frame: int, views: tuple[int, ...]) -> list[Outline]:
-    posed, world = posed_in_world(person, rig.signals[frame])
+def _outlines(person: Person, seen: Seen) -> list[Outline]:
+    posed, world = posed_in_world(person, seen.signals)
     vertices = posed.vertices.double().numpy() @ world[:3, :3].T + world[:3, 3]
     turn = world[:3, :3] @ blend(posed.skinning, person.body.weights)[:, :3, :3].double().numpy()
     faces = person.body.faces.numpy()
@@ -147,8 +166,7 @@ def _outlines(person: Person, rig: Rig, frame: int, views: tuple[int, ...]) -> l
     normal = np.zeros_like(vertices)
     np.add.at(normal, faces.T, face_normal)
     found = []
-    for view in views:
-        camera = rig.views[view].camera
+    for camera, matte in seen.pictures:
         towards = np.einsum("fc,fc->f", face_normal, a - camera.centre)
         rim = np.flatnonzero((towards[sides[:, 0]] < 0) != (towards[sides[:, 1]] < 0))
         ends = edges[rim]
@@ -165,7 +183,7 @@ def _outlines(person: Person, rig: Rig, frame: int, views: tuple[int, ...]) -> l
         factor = small.width / camera.width
         mask = 255 * silhouette(vertices, faces, small).astype(np.float32)
         own = _to_edge(mask, pixel * factor, along, scale * factor)
-        distance = _to_edge(rig.matte(view, frame), pixel, along, scale) - own
+        distance = _to_edge(matte(), pixel, along, scale) - own
         inside = ((pixel > 2) & (pixel < np.array([camera.width, camera.height]) - 2)).all(1)
         keep = inside & np.isfinite(distance) & (np.abs(own) * scale * factor < RIM_PIXELS)
         direction = np.einsum("kcd,kc->kd", turn[ends[keep]].mean(1), outward[keep])

@@ -20,15 +20,22 @@ from avatarrex.levels import level
 from avatarrex.measure.bench.contest import Times, timed
 from avatarrex.measure.bench.motion import WARM, Change, everything, turning
 from avatarrex.measure.bench.report import Metric
-from avatarrex.measure.bench.rivals import psnr, unseen
+from avatarrex.measure.bench.rivals import fitted_mesh, psnr, unseen
 from avatarrex.measure.bench.session import Bench
 from avatarrex.metrics.drawing import AvatarDrawer
+from avatarrex.metrics.mesh_surface import mesh_surface
 from avatarrex.pipeline import render_frame
 from avatarrex.signals.driving import Signals
+from avatarrex.surface.pose import PosedSurface, pose_surface
+from avatarrex.surface.raster import Placed, draw_surfaces
 from avatarrex.surface.surface import Surface
 
 BONES = 4
 """Of a vertex in a game engine."""
+CROWDS = (1, 2, 4, 8)
+"""How many avatars are drawn in one picture."""
+WIDTH = 1.6
+"""Metres of the camera's distance for each avatar in a row, a metre apart, with a view of 40 degrees."""
 ERRORS = ("depth_mean_mm", "depth_p99_mm", "iou", "psnr_db")
 """What `compared` gives."""
 
@@ -41,7 +48,7 @@ def of_the_surface(bench: Bench) -> list[Metric]:
     if avatar.surface is None or why:
         bench.absent.update({"frame.live": str(why), "frame.rival.clothed_mesh": str(why)})
         return []
-    errors, large, larger = bench.once(surface_errors), bench.side(512, 512), bench.side(1024, 1024)
+    errors, large, larger = bench.once(against_quality), bench.side(512, 512), bench.side(1024, 1024)
     owners = {"live": avatar, "clothed_mesh": replace(avatar, surface=four_bones(avatar.surface))}
     lines: tuple[tuple[str, str, int, Change, float | None], ...] = (
         ("live_512_fps", "live", large, everything, 60.0),
@@ -50,9 +57,61 @@ def of_the_surface(bench: Bench) -> list[Metric]:
         ("rival.clothed_mesh_512_fps", "clothed_mesh", large, everything, None),
     )
     return [
-        Metric(f"frame.{name}", rate(bench, owners[who], size, change), "fps", "higher", errors[who], target)
-        for name, who, size, change, target in lines
+        *_fitted(bench, large),
+        *(
+            Metric(f"frame.{name}", rate(bench, owners[who], size, change), "fps", "higher", errors[who], target)
+            for name, who, size, change, target in lines
+        ),
+        *crowds(bench, large),
     ]
+
+
+def _fitted(bench: Bench, size: int) -> list[Metric]:
+    """The textured template whose skin was fitted to the mattes, drawn as the others are, and its picture beside the avatar's."""
+    mesh, truth = bench.once(fitted_mesh), bench.once(unseen)
+    assert mesh is not None, "there is OpenGL"
+    assert truth is not None
+    owner = replace(bench.avatar, person=mesh.mesh.person, surface=four_bones(mesh_surface(mesh)))
+    error = {**_against_a_picture(bench, owner), "pose": "not seen"}
+    for name in ("live", "balanced"):
+        drawing = AvatarDrawer(bench.avatar, settings=level(name)).draw(truth[0], bench.camera(len(truth[1])))
+        error[f"{name}_psnr_db"] = psnr(drawing, truth[1])
+    fps = rate(bench, owner, size, everything)
+    return [Metric("frame.rival.fitted_template_512_fps", fps, "fps", "higher", error)]
+
+
+def crowds(bench: Bench, size: int) -> list[Metric]:
+    """Pictures a second of several avatars beside each other in one, everything new in each of them and in the view."""
+    found = []
+    for number in CROWDS:
+        times = Times()
+        previous: tuple[PosedSurface, ...] = ()
+        for k in range(bench.count(30, 10) + WARM):
+            previous, took = timed(crowd, bench, number, k, size, previous)
+            if k >= WARM:
+                times.add(took)
+        error = {"avatars": number, "triangles": number * len(previous[0].surface.faces)}
+        found.append(Metric(f"frame.live_{number}_avatars_512_fps", 1e3 / times.ms, "fps", "higher", error))
+    return found
+
+
+def crowd(
+    bench: Bench, number: int, frame: int, size: int, previous: tuple[PosedSurface, ...] = ()
+) -> tuple[PosedSurface, ...]:
+    """Pose `number` avatars in a row and draw them in one picture that the graphics card is done with."""
+    avatar, distance = bench.placed, max(2.6, WIDTH * number)
+    assert avatar.surface is not None
+    camera = Camera.orbit(20 * np.sin(frame), 5, distance, 40, (0, -0.05, 0), size, size)
+    harmonics = avatar.light.harmonics.detach().double().cpu().numpy()
+    placed = []
+    for k in range(number):
+        signals = everything(bench, frame + 5 * k)[0].replace(translation=np.array([k - (number - 1) / 2, 0, 0]))
+        posed = pose_surface(avatar.surface, avatar.person, signals, previous[k] if previous else None)
+        placed.append(Placed(posed, harmonics, camera.seen_from(posed.world_from_root(signals))))
+    draw_surfaces(placed)
+    with current_context() as context:
+        context.finish()
+    return tuple(one.posed for one in placed)
 
 
 def four_bones(surface: Surface) -> Surface:
@@ -83,7 +142,7 @@ def finished(avatar: Avatar, signals: Signals, camera: Camera, previous: Frame |
     return frame
 
 
-def surface_errors(bench: Bench) -> dict[str, dict[str, Any]]:
+def against_quality(bench: Bench) -> dict[str, dict[str, Any]]:
     """Of `live` and `clothed_mesh`: medians of `compared` over the views, how far below `balanced` the worst of them is."""
     avatar, surface = bench.avatar, bench.avatar.surface
     assert surface is not None

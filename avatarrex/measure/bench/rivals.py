@@ -2,7 +2,8 @@
 
 Volume rendering takes 64 samples per ray between the near and the far side of the body's box, queries the nodes within reach of each
 sample by the same kernels, and colours where a sample's share shows. It is measured on fewer rays of the same picture and
-scaled up; posing and its box are not counted. The mesh's texture comes from pictures of the subject in other poses.
+scaled up; posing and its box are not counted. The meshes' textures, and the skin of the fitted one, come from pictures of the subject in
+other poses.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 import torch
 
 from avatarrex.avatar import Avatar
+from avatarrex.capture.fit.surface_fit import Seen, Sight, fit_to_mattes
 from avatarrex.capture.synthetic.subject_drawer import SubjectDrawer
 from avatarrex.frame import Frame
 from avatarrex.gl.context import gl_unavailable
@@ -107,14 +109,31 @@ def subject_drawer(bench: Bench) -> SubjectDrawer | None:
 
 def mesh_drawer(bench: Bench) -> MeshDrawer | None:
     """The textured template; None without OpenGL."""
+    seen = bench.once(observed)
+    return baselines(bench.subject.person, seen)[0] if seen else None
+
+
+def fitted_mesh(bench: Bench) -> MeshDrawer | None:
+    """The same with its skin moved onto the mattes of those pictures, as training does it; None without OpenGL."""
+    seen = bench.once(observed)
+    if not seen:
+        return None
+    sides: dict[Signals, list[Sight]] = {}
+    for one in seen:
+        sides.setdefault(one.signals, []).append((one.camera, partial(np.asarray, one.matte)))
+    person = fit_to_mattes(bench.subject.person, [Seen(signals, tuple(found)) for signals, found in sides.items()])
+    return baselines(person, seen)[0]
+
+
+def observed(bench: Bench) -> list[Observation]:
+    """Pictures of the subject that textures and skins come from; none without OpenGL."""
     drawer, size = bench.once(subject_drawer), bench.side(512, 256)
     if drawer is None:
-        return None
+        return []
     pairs = product(
         map(bench.signals, SEEN[:1] if bench.quick else SEEN), (bench.camera(size, turn) for turn in AROUND)
     )
-    seen = [Observation.of(signals, camera, drawer.draw(signals, camera)) for signals, camera in pairs]
-    return baselines(bench.subject.person, seen)[0]
+    return [Observation.of(signals, camera, drawer.draw(signals, camera)) for signals, camera in pairs]
 
 
 def psnr(drawing: Drawing, picture: np.ndarray) -> float:
