@@ -24,8 +24,13 @@ def check_export(path: str | Path, clips: int = 0, frames: int = 1) -> Path:
         raise InputError(path, "", "no motion and no pose for a .vrm, which has no clips (a .glb has)", clips)
     if ending in MESHES and clips > 1:
         raise InputError(path, "", f"one motion or pose for {ending}", clips)
-    for target in files_of(path, frames if ending in MESHES else 1):
+    frames = frames if ending in MESHES else 1
+    for target in files_of(path, frames):
         check_writable(target)
+    if not numbered(path, frames)[0].exists():  # no export that is made anew: what lies there is somebody else's
+        for target in _beside(path):
+            if target.exists():
+                raise InputError(target, "", f"nothing there: it is written beside {path.name}", "a file")
     if ending in (".usdz", ".usdc") and find_spec("pxr") is None:
         raise InputError(path, "", "usd-core for USD (pip install 'avatarrex-studio[usd]')", "it is not installed")
     return path
@@ -33,8 +38,7 @@ def check_export(path: str | Path, clips: int = 0, frames: int = 1) -> Path:
 
 def files_of(path: Path, frames: int) -> list[Path]:
     """Every file that is written, in the order in which they appear."""
-    beside = {".obj": (".png", ".mtl"), ".usdc": (".jpg",)}.get(path.suffix.lower(), ())
-    return [*(path.with_suffix(suffix) for suffix in beside), *numbered(path, frames)]
+    return [*_beside(path), *numbered(path, frames)]
 
 
 def numbered(path: Path, frames: int) -> list[Path]:
@@ -43,3 +47,9 @@ def numbered(path: Path, frames: int) -> list[Path]:
         return [path]
     digits = max(4, len(str(frames)))
     return [path.with_name(f"{path.stem}_{k:0{digits}d}{path.suffix}") for k in range(1, frames + 1)]
+
+
+def _beside(path: Path) -> list[Path]:
+    """Texture and material."""
+    suffixes = {".obj": (".png", ".mtl"), ".usdc": (".jpg",)}.get(path.suffix.lower(), ())
+    return [path.with_suffix(suffix) for suffix in suffixes]

@@ -109,7 +109,9 @@ def check_writable(path: str | Path) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise InputError(path, "", f"a folder at {folder} that can be written", error.strerror or error) from None
+        takes_none = isinstance(error, FileNotFoundError)  # the folder is there: /proc
+        found = "one that takes no files" if takes_none else error.strerror or str(error)
+        raise InputError(path, "", f"a folder at {folder} that can be written", found) from None
 
 
 @contextmanager

@@ -116,7 +116,7 @@ EXPRESSIONS: dict[str, dict[str, float]] = {
 def named_pose(name: str) -> np.ndarray:
     """θ (21, 3) of a named body pose: rotation vectors in radians, SMPL-X order; `avatarrex.signals.library.POSES` lists them.
 
-    Raises `InputError` with the near matches for a name that is none.
+    Raises `InputError` with all names, the near ones first, for one that is none.
     """
     return turned(np.zeros((21, 3)), _look_up("pose", name, POSES))
 
@@ -125,7 +125,7 @@ def named_hand(name: str, side: str) -> np.ndarray:
     """φ (15, 3) of a named hand pose for `side` "left" or "right": rotation vectors in radians, MANO order (index, middle,
     pinky, ring, thumb × 3); `avatarrex.signals.library.HANDS` lists them.
 
-    Raises `InputError` with the near matches for a name that is none.
+    Raises `InputError` with all names, the near ones first, for one that is none.
     """
     pose = np.zeros((15, 3))
     for joint, degrees in _look_up("hand", name, HANDS).items():
@@ -137,7 +137,7 @@ def named_expression(name: str) -> np.ndarray:
     """ψ (52,) of a named expression: coefficients from 0 to 1 in Apple's order; `avatarrex.signals.library.EXPRESSIONS`
     lists them.
 
-    Raises `InputError` with the near matches for a name that is none.
+    Raises `InputError` with all names, the near ones first, for one that is none.
     """
     return coefficients(_look_up("expression", name, EXPRESSIONS))
 
@@ -176,6 +176,6 @@ def _other_sides(names: tuple[str, ...]) -> list[int]:
 
 def _look_up(kind: str, name: str, table: Mapping[str, _T]) -> _T:
     if name not in table:
-        near = difflib.get_close_matches(name, table, 3, 0.4) or list(table)
-        raise InputError(kind, name, "one of " + ", ".join(near), "an unknown name")
+        names = dict.fromkeys([*difflib.get_close_matches(name, table, 3, 0.4), *table])
+        raise InputError(kind, name, "one of " + ", ".join(names), "an unknown name")
     return table[name]

@@ -176,6 +176,16 @@ def test_a_folder_in_the_way_of_the_texture_is_refused(tmp_path):
         check_export(tmp_path / "a.obj")
 
 
+@pytest.mark.parametrize(("name", "taken"), [("a.obj", "a.png"), ("a.obj", "a.mtl"), ("a.usdc", "a.jpg")])
+def test_a_file_of_somebody_elses_beside_it_is_not_replaced(tmp_path, name, taken):
+    check_export(tmp_path / name)
+    (tmp_path / taken).write_text("mine")
+    with pytest.raises(InputError, match=rf"{taken}: expected nothing there"):
+        check_export(tmp_path / name)
+    (tmp_path / name).write_text("an export before")
+    check_export(tmp_path / name)
+
+
 @pytest.mark.parametrize("ending", [".glb", ".obj", ".usdz", ".html"])
 def test_what_fails_midway_leaves_nothing(avatar, moving, tmp_path, monkeypatch, ending):
     def fail(*_, **__):
