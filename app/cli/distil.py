@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from avatarrex_studio.cli import options
-from avatarrex_studio.cli.output import output_folder
+from avatarrex_studio.cli.output import output_folder, print_figures
 from avatarrex_studio.jobs.distilling import POSES, parent_ended, refuse_another, work_folder
 
 from avatarrex.errors import InputError
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     surface = _distil(avatar, folder, poses)
     store_surface(source, surface, target)
     shutil.rmtree(folder)
-    print("\n".join(_table(surface.meta)))
+    print_figures(surface.meta)
     print(target)
     return 0
 
@@ -95,12 +95,3 @@ def _distil(avatar: Avatar, folder: Path, poses: int | None) -> Surface:
     finally:
         heart.stop()
         (folder / "heartbeat.json").unlink(missing_ok=True)
-
-
-def _table(figures: dict[str, Any]) -> list[str]:
-    """A line for each number or word."""
-    flat = {name: value for name, value in figures.items() if isinstance(value, int | float | str)}
-    width = max(map(len, flat), default=0)
-    return [
-        f"{name:{width}}  {value if isinstance(value, str) else format(value, 'g')}" for name, value in flat.items()
-    ]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from avatarrex.errors import InputError
 from avatarrex.files import json_text
@@ -32,6 +33,14 @@ def write_json(path: str | Path, data: object) -> None:
     """Write figures as JSON and name the file."""
     json_text.write_json(path, data)
     print(path)
+
+
+def print_figures(figures: Mapping[str, Any]) -> None:
+    """A line for each number or word; what is deeper is left out."""
+    flat = {name: value for name, value in figures.items() if isinstance(value, int | float | str)}
+    width = max(map(len, flat), default=0)
+    for name, value in flat.items():
+        print(f"{name:{width}}  {value if isinstance(value, str) else format(value, 'g')}")
 
 
 def name_files(written: Sequence[Path]) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from avatarrex_studio.cli import options
+from avatarrex_studio.cli.output import print_figures
 
 from avatarrex.capture.readers.choice import cameras, held_out
 from avatarrex.errors import InputError, plain
@@ -92,7 +93,7 @@ def _with_surface(trained: Run, device: str) -> int:
     from avatarrex.training.distilled import Stopped, add_surface
 
     try:
-        add_surface(trained, device)
+        surface = add_surface(trained, device)
     except (KeyboardInterrupt, Stopped):
         trained.close("stopped")
         print(f"{trained.path}: trained; stopped before its surface was made; --resume goes on")
@@ -104,6 +105,7 @@ def _with_surface(trained: Run, device: str) -> int:
         print(f"{trained.path}: finished without a surface ({reason}); --resume tries again")
         return WITHOUT
     trained.close("finished")
+    print_figures(surface.meta)
     print(f"{trained.path}: finished")
     return 0
 

@@ -9,7 +9,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from avatarrex_studio.sheets import pages
 from avatarrex_studio.sheets.order import SheetOrder
 from avatarrex_studio.sheets.pages import Artist, Page

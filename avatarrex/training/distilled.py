@@ -14,6 +14,7 @@ from avatarrex.avatar_file import load_avatar
 from avatarrex.distil.distil import POSES, distil
 from avatarrex.distil.progress_bars import ProgressBars
 from avatarrex.errors import InputError
+from avatarrex.surface.surface import Surface
 from avatarrex.training.runs import checkpoint
 from avatarrex.training.runs.folder import Run
 
@@ -25,8 +26,8 @@ class Stopped(Exception):
     """A viewer requested a stop."""
 
 
-def add_surface(run: Run, device: str = "cpu", poses: int = POSES) -> None:
-    """Distil the avatar of the last checkpoint of `run`, unless it has a surface, and store it there.
+def add_surface(run: Run, device: str = "cpu", poses: int = POSES) -> Surface:
+    """The surface of the avatar of the last checkpoint of `run`: distilled and stored there unless it has one.
 
     Obeys pause and stop: raises `Stopped`. Raises `InputError` where there is no avatar, or the disk does not take it.
     """
@@ -36,7 +37,7 @@ def add_surface(run: Run, device: str = "cpu", poses: int = POSES) -> None:
     entry, state = found
     avatar = load_avatar(entry.path / checkpoint.AVATAR_FILE, device)
     if avatar.surface is not None:
-        return
+        return avatar.surface
 
     def report(what: str, done: int, of: int) -> None:
         if (what, of) != (run.pass_name, run.steps):
@@ -54,3 +55,4 @@ def add_surface(run: Run, device: str = "cpu", poses: int = POSES) -> None:
     run.save(entry.manifest.step, state, avatar, entry.manifest.score)
     if work.exists():
         shutil.rmtree(work)
+    return avatar.surface

@@ -86,7 +86,9 @@ def test_a_finished_run_without_one_goes_on_with_it(capture, run_folder, monkeyp
     )  # fmt: skip
     assert kept.keys() == state.keys()
     assert read_about(run_folder)["state"] == "finished"
-    assert "surface: poses: 100%" in capsys.readouterr().err
+    told = capsys.readouterr()
+    assert "surface: poses: 100%" in told.err
+    assert told.out.splitlines()[-2:] == [f"poses  {distilled.POSES}", f"{run_folder}: finished"], "its figures, last"
     assert not (run_folder / "distil").exists()
     monkeypatch.setattr(distilled, "distil", None)
     assert main([*words(capture, run_folder), "--resume"]) == 0
