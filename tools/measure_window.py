@@ -264,7 +264,12 @@ class Measuring:
         words = f"of 255: mean over the person, {len(steps)} steps in {fading[-1][0] - fading[0][0]:.2f} s"
         self._row("settling, surface to exact", f"{whole[0]:.1f}", f"{whole[1]:.0f}", words)
         largest = max(steps)
-        self._row("settling, the largest step", f"{largest[0]:.1f}", f"{largest[1]:.0f}", f"{fading[0][0]:.1f} s after")
+        self._row(
+            "settling, the largest step",
+            f"{largest[0]:.1f}",
+            f"{largest[1]:.0f}",
+            f"first one {fading[0][0] - moving[-1][0]:.1f} s after the last of the surface",
+        )
 
     def _nudged(self, display: Display, number: int) -> None:
         """The view turned a little, and the engine begun."""

@@ -74,7 +74,8 @@ class ViewportPanel:
                 commands.append(SetCamera(target=_target(studio, io.mouse_pos, low, high)))
             if io.mouse_wheel:
                 commands.append(ZoomBy(ZOOM_PER_NOTCH**io.mouse_wheel))
-        if imgui.is_item_active() and (io.mouse_delta.x or io.mouse_delta.y):
+        dragged = imgui.is_item_active() and not imgui.is_item_activated()  # a press brings the way to it with it
+        if dragged and (io.mouse_delta.x or io.mouse_delta.y):
             x, y = io.mouse_delta.x, io.mouse_delta.y
             if imgui.is_mouse_down(imgui.MouseButton_.left) and not io.key_shift:
                 commands.append(OrbitBy(-DEGREES_PER_POINT * x, DEGREES_PER_POINT * y))

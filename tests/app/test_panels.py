@@ -231,6 +231,24 @@ def test_a_double_click_centres_on_what_is_under_the_mouse(screen, clock):
     assert centre.target == OrbitView().moved(studio.state.signals.translation).target
 
 
+def test_a_press_far_from_where_the_mouse_was_turns_nothing(screen, studio):
+    """A pen or a finger comes down anywhere: place and press are of one frame."""
+    panel = ViewportPanel()
+
+    def draw():
+        return panel.draw(studio, None)
+
+    screen.io.add_mouse_pos_event(300, 40)
+    screen.frame(draw)
+    screen.frame(draw)
+    screen.io.add_mouse_pos_event(100, 100)
+    screen.io.add_mouse_button_event(0, True)
+    assert screen.frame(draw) == []
+    screen.io.add_mouse_pos_event(110, 100)
+    (orbit,) = screen.frame(draw)
+    assert orbit.azimuth == pytest.approx(-4)
+
+
 def test_a_changed_group_offers_its_reset(screen, monkeypatch):
     state = SetJoint("left_elbow", (0.0, -0.5, 0.0)).apply(StudioState())
     monkeypatch.setattr(imgui, "small_button", lambda label: label.endswith("body.left arm"))

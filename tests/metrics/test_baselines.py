@@ -8,6 +8,7 @@ from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.metrics.baselines import EDGE, Observation, PosedMesh, baselines, lattice, look_up
 from avatarrex.metrics.mesh_surface import mesh_surface
+from avatarrex.signals.driving import Signals
 from avatarrex.surface.pose import pose_surface
 from avatarrex.surface.raster import draw_surface
 from avatarrex.templates.person import load_person
@@ -102,7 +103,14 @@ def test_opengl_draws_what_the_software_draws(gathered):
     signals = poses(2)[1].replace(expression=0.5 * np.eye(52)[17], jaw_pose=np.array([0.2, 0, 0]))
     camera = Camera.orbit(40, 5, 2.6, 40, (0, -0.1, 0), 200, 200)
     posed = pose_surface(surface, person, signals)
-    view = camera.seen_from(posed.world_from_root(signals))
+    world = posed.world_from_root(signals)
+    placed = posed.vertices @ world[:3, :3].T + world[:3, 3]
+    apart = np.abs(placed - textured.mesh.surface(signals).vertices).max()
+    assert 1e-3 < apart < 6e-3, "it lacks the template's pose directions, and nothing else"
+    talking = Signals.rest().replace(expression=0.5 * np.eye(52)[17], left_hand_pose=signals.left_hand_pose)
+    bent = pose_surface(surface, person, talking).vertices
+    assert np.abs(bent - textured.mesh.surface(talking).vertices).max() < 1e-4
+    view = camera.seen_from(world)
     ours = draw_surface(posed, np.zeros((8, 3)), view).read()
     theirs = textured.draw(signals, camera).image.numpy()
     both = (ours[..., 3] == 1) & (theirs[..., 3] == 1)
