@@ -3,7 +3,7 @@
     python tools/measure_window.py [--motion FILE] [--seconds S] [--repeats N] [--only NAME …] [--strip OUT.png]
 
 Starts the window on an Xvfb of its own at 1280×800, moves the mouse by XTest (xdotool) and looks at the pixels in the server's
-memory (`Xvfb -fbdir`), so that nothing is asked of the window itself. A latency is the time from the line that xdotool is given
+memory (`Xvfb -fbdir`), so that the window itself does nothing for it. A latency is the time from the line that xdotool is given
 to the first changed pixel of a band that the person moves through; a rate counts its pictures. Processor time is
 that of the window's process and of its engine's. Run it on a quiet machine. Debian: xvfb, xdotool.
 """
@@ -80,7 +80,7 @@ class Display:
         until, last, since = time.monotonic() + PATIENCE, b"", time.monotonic()
         while time.monotonic() - since < still:
             if time.monotonic() > until:
-                raise SystemExit("the picture does not come to rest")
+                raise SystemExit("the picture goes on changing")
             time.sleep(0.02)
             now = self.look(place)
             if now != last:

@@ -219,13 +219,13 @@ def test_a_double_click_centres_on_what_is_under_the_mouse(screen, clock):
     assert camera.pixels(np.array([centre.target]))[0][0] == pytest.approx((width / 2, height / 2), abs=1)
     studio.do(OrbitBy(5.0, 0.0))
     studio.surface = SimpleNamespace(texture=SimpleNamespace(size=(2 * width, 2 * height)))
-    asked = []
+    wanted = []
     studio.live = SimpleNamespace(
-        ms={}, draw=lambda avatar, state, size: None, point=lambda column, row: asked.append((column, row)) or (1.0, 2.0, 3.0)
+        ms={}, draw=lambda avatar, state, size: None, point=lambda column, row: wanted.append((column, row)) or (1.0, 2.0, 3.0)
     )  # fmt: skip
     (centre,) = double_click(screen, draw, middle)
     assert centre.target == (1, 2, 3)
-    assert np.abs(np.array(asked) - (width, height)).max() <= 1
+    assert np.abs(np.array(wanted) - (width, height)).max() <= 1
     studio.live.point = lambda column, row: None
     (centre,) = double_click(screen, draw, middle)
     assert centre.target == OrbitView().moved(studio.state.signals.translation).target
