@@ -1,4 +1,4 @@
-"""A lattice halved, and the corners of its cells in which a sign changes, in compiled loops on a CPU (ops/native.py).
+"""A lattice halved, and the corners of its cells in which the side changes, in compiled loops on a CPU (ops/native.py).
 
 Both go over whole lattices, once for each round of a narrow band: numpy's passes over the same bytes take five times as long.
 
@@ -8,7 +8,7 @@ Letters: b lattices, z y x voxels, c channels.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Shaped
+from jaxtyping import Bool, Float, Int8, Shaped
 
 from avatarrex.ops.native import native, spread
 
@@ -38,29 +38,29 @@ def between_reference(values: Float[np.ndarray, "z y x *c"]) -> Float[np.ndarray
     return values
 
 
-def touched(inside: Bool[np.ndarray, "b z y x"]) -> Bool[np.ndarray, "b z y x"]:
-    """Corners of the cells that have corners of both kinds."""
-    inside = np.ascontiguousarray(inside)
-    lattices, z, y, x = inside.shape
-    found, crossed = np.empty(inside.shape, np.bool_), np.zeros((lattices, z + 1, y + 1, x + 1), np.bool_)
-    few = 1 if inside.size > SMALL else inside.size
-    spread(_crossed, lattices * (z - 1), inside, crossed, few=few)
+def touched(side: Int8[np.ndarray, "b z y x"]) -> Bool[np.ndarray, "b z y x"]:
+    """Corners of the cells that have corners of side −1 and of side 1; those of side 0 count as neither."""
+    side = np.ascontiguousarray(side)
+    lattices, z, y, x = side.shape
+    found, crossed = np.empty(side.shape, np.bool_), np.zeros((lattices, z + 1, y + 1, x + 1), np.bool_)
+    few = 1 if side.size > SMALL else side.size
+    spread(_crossed, lattices * (z - 1), side, crossed, few=few)
     spread(_touched, lattices * z, crossed, found, few=few)
     return found
 
 
-def touched_reference(inside: Bool[np.ndarray, "b z y x"]) -> Bool[np.ndarray, "b z y x"]:
+def touched_reference(side: Int8[np.ndarray, "b z y x"]) -> Bool[np.ndarray, "b z y x"]:
     """Cell by cell of whole arrays."""
-    some, every = inside, inside
+    low, high = side, side
     for axis in (-3, -2, -1):
-        some, every = (np.moveaxis(mask, axis, 0) for mask in (some, every))
-        some, every = some[BOTH[0]] | some[BOTH[1]], every[BOTH[0]] & every[BOTH[1]]
-        some, every = (np.moveaxis(mask, 0, axis) for mask in (some, every))
-    found = np.zeros(inside.shape, dtype=bool)
+        low, high = (np.moveaxis(mask, axis, 0) for mask in (low, high))
+        low, high = np.minimum(low[BOTH[0]], low[BOTH[1]]), np.maximum(high[BOTH[0]], high[BOTH[1]])
+        low, high = (np.moveaxis(mask, 0, axis) for mask in (low, high))
+    found = np.zeros(side.shape, dtype=bool)
     for z in BOTH:
         for y in BOTH:
             for x in BOTH:
-                found[..., z, y, x] |= some & ~every
+                found[..., z, y, x] |= (low < 0) & (high > 0)
     return found
 
 
@@ -83,20 +83,20 @@ def _between(begin: int, end: int, coarse: Array, fine: Array) -> None:
 
 
 @native
-def _crossed(begin: int, end: int, inside: Array, crossed: Array) -> None:
-    """Whether cell (b, z, y, x) has corners of both kinds, at (b, z + 1, y + 1, x + 1) of `crossed`; layers (b, z) as rows."""
-    _, layers, columns, rows = inside.shape
+def _crossed(begin: int, end: int, side: Array, crossed: Array) -> None:
+    """Whether cell (b, z, y, x) has corners of both sides, at (b, z + 1, y + 1, x + 1) of `crossed`; layers (b, z) as rows."""
+    _, layers, columns, rows = side.shape
     for layer in range(begin, end):
         b, k = layer // (layers - 1), layer % (layers - 1)
         for j in range(columns - 1):
             for i in range(rows - 1):
-                some, every = False, True
+                low, high = np.int8(0), np.int8(0)
                 for z in range(2):
                     for y in range(2):
                         for x in range(2):
-                            some |= inside[b, k + z, j + y, i + x]
-                            every &= inside[b, k + z, j + y, i + x]
-                crossed[b, k + 1, j + 1, i + 1] = some & (not every)
+                            low = min(low, side[b, k + z, j + y, i + x])
+                            high = max(high, side[b, k + z, j + y, i + x])
+                crossed[b, k + 1, j + 1, i + 1] = (low < 0) & (high > 0)
 
 
 @native

@@ -1,11 +1,12 @@
-"""Distances and winding numbers of a closed mesh at the voxels of a lattice, in compiled loops on a CPU: exact, float64.
+"""Distances and winding numbers of a mesh at the voxels of a lattice, in compiled loops on a CPU: exact, float64.
 
 Triangle by triangle, not voxel by voxel. `winding_lattice`: a triangle's shadow along z covers a few columns of the lattice;
 where its crossing with a column lies says which voxels of it lie below. The predicates are those of crossings.py, so the
 numbers are those of `winding`. `paint_near`: every triangle offers its distance to the voxels in its reach, row by row in vector
 registers; the distance to the nearest is then computed again as closest_triangle.py does. Its reference is that search.
+`nearest_vertex` does the same with vertices; its reference is closest_vertex.py.
 
-Letters: f faces, z y x voxels. Metres.
+Letters: f faces, v vertices, z y x voxels. Metres.
 """
 
 from __future__ import annotations
@@ -15,13 +16,15 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int16, Shaped
+from jaxtyping import Bool, Float, Int, Int16, Shaped
 
 from avatarrex.ops.closest_triangle import TINY, on_triangle
 from avatarrex.ops.crossings import left_of
 from avatarrex.ops.native import borrowing, native, spread
 from avatarrex.ops.triangle import THIN
 
+LANES = 8
+"""Voxels of a row that are looked at together, needed or not: rows are short, and a register holds so many numbers."""
 Array = Shaped[np.ndarray, "..."]
 fused = partial(native, fused=True, borrows=True)
 
@@ -34,6 +37,11 @@ class Grid(NamedTuple):
     voxel: float
     shape: tuple[int, int, int]
 
+    def position(self, index: Int[np.ndarray, " p"]) -> Float[np.ndarray, "p 3"]:
+        """Of voxels by their flat numbers."""
+        z, y, x = np.unravel_index(index, self.shape)
+        return np.asarray(self.origin + self.voxel * np.stack([x, y, z], -1))
+
 
 class PaintedMesh(NamedTuple):
     """A closed mesh and a number that is painted on it."""
@@ -45,12 +53,12 @@ class PaintedMesh(NamedTuple):
 
 
 class _Nearest(NamedTuple):
-    """Of each voxel the nearest triangle so far."""
+    """Of each voxel the nearest triangle, or vertex, so far."""
 
     square: Array
-    """(z, y, x) squared distance."""
+    """(z, y, x) squared distance; rows end with `LANES` voxels that are none."""
     face: Array
-    """(z, y, x); −1: none in reach."""
+    """The same; −1: none in reach."""
 
 
 class _Plan(NamedTuple):
@@ -87,10 +95,26 @@ def paint_near(
 
     How many voxels that are.
     """
-    found = _Nearest(np.full(grid.shape, within**2), np.full(grid.shape, -1, np.int32))
+    found = _nothing(grid, within)
     spread(_offer, grid.shape[0], mesh.corner, grid, within, found, few=1)
     spread(_write, grid.shape[0], mesh, grid, inside, found, values, few=1)
-    return int(np.count_nonzero(found.face >= 0))
+    return int(np.count_nonzero(found.face[:, :, : grid.shape[2]] >= 0))
+
+
+def nearest_vertex(
+    vertices: Float[np.ndarray, "v 3"], grid: Grid, within: float
+) -> tuple[Float[np.ndarray, "z y x"], Int[np.ndarray, "z y x"]]:
+    """Distances and numbers of the nearest vertices, of equals the first; ∞ and −1 where none is nearer than `within`."""
+    found = _nothing(grid, within)
+    spread(_offer_vertices, grid.shape[0], vertices, grid, within, found, few=1)
+    square, number = (each[:, :, : grid.shape[2]] for each in found)
+    return np.where(number < 0, np.inf, np.sqrt(square)), number.astype(np.int64)
+
+
+def _nothing(grid: Grid, within: float) -> _Nearest:
+    z, y, x = grid.shape
+    shape = z, y, x + LANES
+    return _Nearest(np.full(shape, within**2), np.full(shape, -1, np.int32))
 
 
 @borrowing
@@ -172,6 +196,7 @@ def _offer(begin: int, end: int, corner: Array, grid: Grid, within: float, found
         plan = _plan(corner, t)
         low_x, high_x = _extent(corner, t, 0)
         low_y, high_y = _extent(corner, t, 1)
+        first_x, last_x = _span(low_x - within, high_x + within, grid, 0)
         first_y, last_y = _span(low_y - within, high_y + within, grid, 1)
         for k in range(max(first_z, begin), min(last_z, end - 1) + 1):
             z = grid.origin[2] + grid.voxel * k
@@ -179,12 +204,9 @@ def _offer(begin: int, end: int, corner: Array, grid: Grid, within: float, found
             for j in range(first_y, last_y + 1):
                 y = grid.origin[1] + grid.voxel * j
                 gap_y = max(low_y - y, y - high_y, 0.0)
-                reach = within * within - gap_z * gap_z - gap_y * gap_y
-                if reach > 0:
-                    reach = math.sqrt(reach)
-                    first, last = _span(low_x - reach, high_x + reach, grid, 0)
+                if gap_z * gap_z + gap_y * gap_y < within * within:
                     start = grid.origin[0] - corner[t, 0, 0], y - corner[t, 0, 1], z - corner[t, 0, 2], grid.voxel
-                    _offer_row(plan, start, (k, j, first, last), t, found)
+                    _offer_row(plan, start, (k, j, first_x, last_x), t, found)
 
 
 @fused
@@ -197,24 +219,50 @@ def _offer_row(plan: Any, start: Any, row: tuple[int, int, int, int], t: int, fo
     v0, w0, height0 = v0 + y * vy + z * vz, y * wy + z * wz, y * ny + z * nz
     b0, c0, d0 = y * by + z * bz, y * cy + z * cz, (y - by) * dy + (z - bz) * dz
     a_square, b_square = y * y + z * z, (y - by) ** 2 + (z - bz) ** 2
-    k, j, first, last = row
     square, face = found
-    for i in range(first, last + 1):
-        x = x0 + voxel * i
-        v, w, height = v0 + x * vx, w0 + x * wx, height0 + x * nx
-        on_b, on_c, on_d = b0 + x * bx, c0 + x * cx, d0 + (x - bx) * dx
-        tb, tc, td = (
-            min(max(on_b * per_b, 0.0), 1.0),
-            min(max(on_c * per_c, 0.0), 1.0),
-            min(max(on_d * per_d, 0.0), 1.0),
-        )
-        to_a, to_b = a_square + x * x, b_square + (x - bx) * (x - bx)
-        edge = min(to_a + tb * (tb * bb - 2 * on_b), to_a + tc * (tc * cc - 2 * on_c))
-        edge = min(edge, to_b + td * (td * dd - 2 * on_d))
-        here = height * height * per_area if min(v, w, 1 - v - w) >= 0 else edge
-        nearer = here < square[k, j, i]
-        square[k, j, i] = here if nearer else square[k, j, i]
-        face[k, j, i] = t if nearer else face[k, j, i]
+    k, j = np.uint64(row[0]), np.uint64(row[1])  # signed ones might count from the end: no registers
+    for first in range(row[2], row[3] + 1, LANES):
+        for lane in range(LANES):
+            i = np.uint64(first) + np.uint64(lane)
+            x = x0 + voxel * (first + lane)
+            v, w, height = v0 + x * vx, w0 + x * wx, height0 + x * nx
+            on_b, on_c, on_d = b0 + x * bx, c0 + x * cx, d0 + (x - bx) * dx
+            tb, tc, td = (
+                min(max(on_b * per_b, 0.0), 1.0),
+                min(max(on_c * per_c, 0.0), 1.0),
+                min(max(on_d * per_d, 0.0), 1.0),
+            )
+            to_a, to_b = a_square + x * x, b_square + (x - bx) * (x - bx)
+            edge = min(to_a + tb * (tb * bb - 2 * on_b), to_a + tc * (tc * cc - 2 * on_c))
+            edge = min(edge, to_b + td * (td * dd - 2 * on_d))
+            here = height * height * per_area if min(v, w, 1 - v - w) >= 0 else edge
+            nearer = here < square[k, j, i]
+            square[k, j, i] = here if nearer else square[k, j, i]
+            face[k, j, i] = t if nearer else face[k, j, i]
+
+
+@native
+def _offer_vertices(begin: int, end: int, vertices: Array, grid: Grid, within: float, found: _Nearest) -> None:
+    """`found` of the layers z from `begin` to `end`; distances are rounded as those of closest_vertex.py."""
+    square, number = found
+    for v in range(len(vertices)):
+        vx, vy, vz = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+        first_z, last_z = _span(vz - within, vz + within, grid, 2)
+        first_y, last_y = _span(vy - within, vy + within, grid, 1)
+        first_x, last_x = _span(vx - within, vx + within, grid, 0)
+        for z in range(max(first_z, begin), min(last_z, end - 1) + 1):
+            z2 = (vz - (grid.origin[2] + grid.voxel * z)) ** 2
+            for y in range(first_y, last_y + 1):
+                y2 = (vy - (grid.origin[1] + grid.voxel * y)) ** 2
+                if y2 + z2 < within * within:
+                    k, j = np.uint64(z), np.uint64(y)  # see `_offer_row`
+                    for first in range(first_x, last_x + 1, LANES):
+                        for lane in range(LANES):
+                            i = np.uint64(first) + np.uint64(lane)
+                            here = (vx - (grid.origin[0] + grid.voxel * (first + lane))) ** 2 + y2 + z2
+                            nearer = here < square[k, j, i]
+                            square[k, j, i] = here if nearer else square[k, j, i]
+                            number[k, j, i] = v if nearer else number[k, j, i]
 
 
 @native

@@ -98,9 +98,10 @@ class Hand(Part[HandState]):
         faces = self.field.faces.numpy()
         return PaintedMesh(vertices.double().numpy()[faces], self.blend_weight.double().numpy()[faces])
 
-    def start(self, state: HandState, position: Float[np.ndarray, "p 3"], everywhere: bool) -> Start:
-        """Every point of the coarse lattice."""
-        return Start(np.zeros((len(position), 2), dtype=np.float32), np.arange(len(position)))
+    def start(self, state: HandState, grid: Grid, everywhere: bool) -> Start:
+        """Every voxel."""
+        count = math.prod(grid.shape)
+        return Start(np.zeros((count, 2), dtype=np.float32), np.arange(count))
 
     def evaluate(self, state: HandState, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 2"]:
         """The exact distance and the painted ω of the nearest surface point (paper eq. 8, 9)."""

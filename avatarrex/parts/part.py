@@ -92,8 +92,8 @@ class Part(ABC, Generic[State]):
         return None
 
     @abstractmethod
-    def start(self, state: State, position: Float[np.ndarray, "p 3"], everywhere: bool) -> Start:
-        """First values of the box; `everywhere`: evaluate all points that are used, not only those near the surface."""
+    def start(self, state: State, grid: Grid, everywhere: bool) -> Start:
+        """First values of the box, voxel by voxel; `everywhere`: evaluate all points that are used, not only those near the surface."""
 
     @abstractmethod
     def evaluate(self, state: State, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p _c"]:

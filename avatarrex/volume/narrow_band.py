@@ -17,9 +17,15 @@ from avatarrex.ops.halving import touched
 from avatarrex.volume.lattice import Lattice
 
 
-def unsettled(inside: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Flat indices of voxels that are not `known` (…, z, y, x) but corners of a cell in which `inside` (same) changes."""
-    corner = touched(inside.reshape(-1, *inside.shape[-3:])).reshape(inside.shape)
+def unsettled(inside: np.ndarray, known: np.ndarray, unused: np.ndarray | None = None) -> np.ndarray:
+    """Flat indices of voxels that are not `known` (…, z, y, x) but corners of a cell in which `inside` (same) changes.
+
+    `unused` voxels (same) are neither inside nor outside.
+    """
+    side = np.where(inside, np.int8(-1), np.int8(1))
+    if unused is not None:
+        side[unused] = 0
+    corner = touched(side.reshape(-1, *side.shape[-3:])).reshape(side.shape)
     return np.flatnonzero(corner & ~known)
 
 
@@ -28,19 +34,23 @@ def settle(
     first: np.ndarray,
     evaluate: Callable[[np.ndarray], np.ndarray],
     known: np.ndarray | None = None,
+    unused: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Replace guesses in `sdf` (z, y, x) by `evaluate(flat indices)`: the `first` ones, then whatever a crossing touches.
 
-    Voxels that are `known` (z, y, x) from the start stay as they are. Ends, because every round evaluates new voxels.
-    Returns the distances and which voxels are known now.
+    Voxels that are `known` (z, y, x) from the start stay as they are; those that are `unused` (same), too, and where they
+    meet others is no crossing. Ends, because every round evaluates new voxels. Returns the distances and which voxels are
+    known now.
     """
-    sdf = np.ascontiguousarray(sdf).copy()
+    sdf = np.array(sdf, order="C")
     known = np.zeros(sdf.shape, dtype=bool) if known is None else known.copy()
-    wanted = first if len(first) else unsettled(sdf < 0, known)
+    if unused is not None:
+        known |= unused
+    wanted = first if len(first) else unsettled(sdf < 0, known, unused)
     while len(wanted):
         sdf.reshape(-1)[wanted] = evaluate(wanted)
         known.reshape(-1)[wanted] = True
-        wanted = unsettled(sdf < 0, known)
+        wanted = unsettled(sdf < 0, known, unused)
     return sdf, known
 
 

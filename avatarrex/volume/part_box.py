@@ -64,12 +64,13 @@ def build_part_box(
     lattices = [coarse_lattice(part, vertices, voxel)]
     for _ in range(part.halvings):
         lattices.append(halved(lattices[-1]))
-    sampled = None
-    if not everywhere:
-        grids = [Grid(lattice.origin, lattice.voxel, lattice.shape) for lattice in lattices]
-        sampled = part.sample(state, grids, counters)
+    sampled = None if everywhere else part.sample(state, [_grid(lattice) for lattice in lattices], counters)
     values = _narrow_band(part, state, lattices, counters, everywhere) if sampled is None else sampled
     return UnplacedBox(part.name, lattices[-1].origin, lattices[-1].voxel, torch.from_numpy(values).half())
+
+
+def _grid(lattice: Lattice) -> Grid:
+    return Grid(lattice.origin, lattice.voxel, lattice.shape)
 
 
 def _narrow_band(
@@ -84,7 +85,7 @@ def _narrow_band(
         return values.numpy()
 
     first = lattices[0]
-    start = part.start(state, first.position(np.arange(np.prod(first.shape))), everywhere)
+    start = part.start(state, _grid(first), everywhere)
     found = evaluate(first, start.first)
     values = start.values
     values[start.first, : found.shape[1]] = found
@@ -113,5 +114,6 @@ def _refine(
         flat[index, : found.shape[1]] = found
         return found[:, 0]
 
-    values[..., 0], _ = settle(values[..., 0], np.flatnonzero(near if closed is None else near & ~closed), at, closed)
+    first = np.flatnonzero(near if closed is None else near & ~closed)
+    values[..., 0], _ = settle(values[..., 0], first, at, unused=closed)
     return values, closed

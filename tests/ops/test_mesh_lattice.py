@@ -8,8 +8,9 @@ import torch
 import trimesh
 
 from avatarrex.ops.closest_triangle import closest_triangle
+from avatarrex.ops.closest_vertex import closest_vertex
 from avatarrex.ops.crossings import winding
-from avatarrex.ops.mesh_lattice import Grid, PaintedMesh, paint_near, winding_lattice
+from avatarrex.ops.mesh_lattice import Grid, PaintedMesh, nearest_vertex, paint_near, winding_lattice
 from avatarrex.ops.search_tree import SearchTree
 from avatarrex.signals.library import named_hand
 from avatarrex.templates.hand import pose_hand
@@ -38,8 +39,7 @@ def around(vertices: np.ndarray, voxel: float) -> Grid:
 
 
 def positions(grid: Grid) -> np.ndarray:
-    z, y, x = np.unravel_index(np.arange(np.prod(grid.shape)), grid.shape)
-    return np.asarray(grid.origin + grid.voxel * np.stack([x, y, z], -1))
+    return grid.position(np.arange(np.prod(grid.shape)))
 
 
 def test_winding_numbers_of_a_fist_are_those_of_its_rays(threads: int) -> None:
@@ -89,3 +89,18 @@ def test_slivers_and_points_for_triangles_are_as_far_as_their_edges() -> None:
     segment = np.sqrt((x - x.clip(0, 1)) ** 2 + y**2 + z**2)
     want = np.minimum(segment, np.sqrt(x**2 + (y - 2) ** 2 + z**2))
     np.testing.assert_allclose(values[..., 0].ravel(), want, atol=1e-6)
+
+
+@pytest.mark.parametrize("within", [0.004, 0.03])
+def test_the_nearest_vertices_are_those_of_the_search(threads: int, within: float) -> None:
+    """To the bit, and of equals the first."""
+    vertices, _ = fist()
+    grid = around(vertices, 0.004)
+    vertices = np.concatenate(
+        [vertices, vertices[:50], grid.position(np.array([5000])) + np.array([[0.002, 0, 0], [-0.002, 0, 0]])]
+    )
+    distance, number = nearest_vertex(vertices, grid, within)
+    query = positions(grid)
+    want, first = closest_vertex(SearchTree.of_vertices(vertices), query, within)
+    assert np.array_equal(distance.ravel(), want)
+    assert np.array_equal(number.ravel(), np.where(np.isfinite(want), first, -1))
