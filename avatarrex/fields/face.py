@@ -15,8 +15,10 @@ from avatarrex.fields.local_networks import mlp
 from avatarrex.fields.orthographic import CHANNELS, HeadBox, Impl, project, render_views
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
 from avatarrex.fields.unet import UNet
-from avatarrex.ops.bilinear import bilinear
-from avatarrex.ops.encoding import channels, encode
+from avatarrex.ops.bilinear import bilinear_of_all
+from avatarrex.ops.encoding import Encoding, channels, encode
+from avatarrex.ops.local_mlp import local_mlp
+from avatarrex.ops.native import serves
 from avatarrex.templates.face import FaceTemplate
 
 VIEW_MARGIN = 0.03
@@ -106,18 +108,28 @@ class _TriPlaneNet(nn.Module):
         super().__init__()
         self.unets = nn.ModuleList(UNet(CHANNELS, levels, planes, stem) for _ in range(3))
         self.mlp = mlp((channels(COORDINATE_OCTAVES) + 3 * planes + extra, *hidden, out), activation)
+        self.activation = activation
 
     def planes(self, views: Tensor) -> Tensor:
         return torch.cat([unet(view[None]) for unet, view in zip(self.unets, views)])
 
     def forward(self, planes: Tensor, place: Tensor, extra: Tensor | None = None) -> Tensor:
         """At normalised points (p, 3)."""
-        count = len(place)
-        index = torch.arange(3, device=place.device).repeat_interleave(count)
-        feature = bilinear(planes, index, project(place).reshape(-1, 2)).reshape(3, count, planes.shape[1])
-        parts = [encode(place, COORDINATE_OCTAVES), *feature]
-        output: Tensor = self.mlp(torch.cat(parts if extra is None else [*parts, extra], -1))
+        blocks = [Encoding(place, COORDINATE_OCTAVES), bilinear_of_all(planes, project(place).contiguous())]
+        if extra is not None:
+            blocks.append(extra)
+        if serves(planes, place, *self.mlp.parameters()) and len(place):
+            return self._compiled(blocks)
+        values = [block.values() if isinstance(block, Encoding) else block for block in blocks]
+        output: Tensor = self.mlp(torch.cat(values, -1))
         return output
+
+    def _compiled(self, blocks: list[Encoding | Tensor]) -> Tensor:
+        """`mlp` as the network of a single node, in chunks that stay in cache."""
+        layers = [layer for layer in self.mlp if isinstance(layer, nn.Linear)]
+        weights, biases = [layer.weight.T[None] for layer in layers], [layer.bias[None] for layer in layers]
+        count = len(blocks[1])  # type: ignore[arg-type]
+        return local_mlp(blocks, torch.tensor([0, count]), weights, biases, self.activation, "native")
 
 
 class _CoefficientNet(nn.Module):

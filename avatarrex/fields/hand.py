@@ -9,7 +9,7 @@ Everything lives in the wrist frame, metres, and depends on φ (and shape) alone
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -36,6 +36,8 @@ TEST_SPACING = 0.006
 """Metres between tested places on a face, half of that on most: less than half a finger tip."""
 MOST_STEPS = 8
 """Such places along the side of a face, at most."""
+TESTS = 8
+"""Of a face, about: as many points are tested one by one sooner."""
 
 
 @dataclass(frozen=True)
@@ -64,54 +66,54 @@ class HandSurface:
     """A posed hand, prepared for many look-ups."""
 
     vertices: Float[Tensor, "v 3"]
+    faces: Int[Tensor, "f 3"]
     normals: Float[Tensor, "v 3"]
     pseudonormals: Pseudonormals
     tree: SearchTree | None
-    """On a CPU."""
-    buried: Bool[Tensor, " f"] | None
-    """Faces that lie, in part, in another finger's flesh or the palm's, or are turned inside out, and those around a corner that
-    does; None where there are none."""
+    """On a CPU; the reference has none, and the winding number decides every sign."""
 
     @classmethod
     def of(cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], impl: Impl = "auto") -> HandSurface:
-        """No gradient flows into it. `reference`: no tree, and the winding number decides every sign."""
+        """No gradient flows into it. `reference`: no tree."""
         mesh = vertices.detach()
-        exact, compiled = mesh.double(), mesh.device.type == "cpu" and impl != "reference"
-        outward = pseudonormals(exact, faces)
-        surface = cls(
-            mesh,
-            vertex_normals(mesh, faces),
-            outward,
-            SearchTree.of_triangles(mesh.numpy(), faces.numpy()) if compiled else None,
-            None,
-        )
-        if impl == "reference":
-            return replace(surface, buried=torch.ones(len(faces), dtype=torch.bool))
-        corner = surface.wrapped(faces, exact + TEST_HEIGHT * normalize(outward.vertex, dim=-1))
-        corner[faces[corner[faces].any(-1)]] = True
-        buried = corner[faces].any(-1) | surface._pierced(faces, exact[faces], normalize(outward.face, dim=-1))
-        return replace(surface, buried=buried) if buried.any() else surface
+        compiled = mesh.device.type == "cpu" and impl != "reference"
+        tree = SearchTree.of_triangles(mesh.numpy(), faces.numpy()) if compiled else None
+        return cls(mesh, faces, vertex_normals(mesh, faces), pseudonormals(mesh.double(), faces), tree)
 
-    def _pierced(
-        self, faces: Int[Tensor, "f 3"], corners: Float[Tensor, "f 3 3"], normal: Float[Tensor, "f 3"]
-    ) -> Bool[Tensor, " f"]:
+    @cached_property
+    def buried(self) -> Bool[Tensor, " f"]:
+        """Faces that lie, in part, in another finger's flesh or the palm's, or are turned inside out, and those around a corner
+        that does."""
+        faces, exact, outward = self.faces, self.vertices.double(), self.pseudonormals
+        corner = self.wrapped(exact + TEST_HEIGHT * normalize(outward.vertex, dim=-1))
+        corner[faces[corner[faces].any(-1)]] = True
+        return corner[faces].any(-1) | self._pierced(exact[faces], normalize(outward.face, dim=-1))
+
+    def doubtful(self, face: Int[Tensor, " p"]) -> Int[Tensor, " k"]:
+        """Which of the points closest to these faces the pseudonormal does not place: those of buried faces; all, where they
+        are fewer than the tests that find those."""
+        if self.tree is None or ("buried" not in self.__dict__ and len(face) < TESTS * len(self.faces)):
+            return torch.arange(len(face), device=face.device)
+        return torch.nonzero(self.buried[face])[:, 0]
+
+    def _pierced(self, corners: Float[Tensor, "f 3 3"], normal: Float[Tensor, "f 3"]) -> Bool[Tensor, " f"]:
         """Faces that other flesh contains between their corners: just outside of one there is flesh, or just inside none."""
         side = (corners - corners.roll(1, 1)).norm(dim=-1).amax(1)
         steps = (side / TEST_SPACING).ceil().long().clamp(2, MOST_STEPS)
-        found = torch.zeros(len(faces), dtype=torch.bool, device=faces.device)
+        found = torch.zeros(len(corners), dtype=torch.bool, device=corners.device)
         for count in steps.unique().tolist():
             rows = torch.nonzero(steps == count)[:, 0]
             place = _between(count).to(corners) @ corners[rows]
             lift = TEST_HEIGHT * normal[rows, None]
-            outside, inside = (self.wrapped(faces, (place + way).reshape(-1, 3)) for way in (lift, -lift))
+            outside, inside = (self.wrapped((place + way).reshape(-1, 3)) for way in (lift, -lift))
             found[rows] = (outside | ~inside).view(len(rows), -1).any(1)
         return found
 
-    def wrapped(self, faces: Int[Tensor, "f 3"], position: Float[Tensor, "p 3"]) -> Bool[Tensor, " p"]:
+    def wrapped(self, position: Float[Tensor, "p 3"]) -> Bool[Tensor, " p"]:
         """Whether the mesh winds about points."""
         if self.tree is not None:
             return torch.from_numpy(winding(self.tree, position.detach().numpy())) > 0
-        return winding_number(self.vertices.double(), faces, position.double()) > 0.5
+        return winding_number(self.vertices.double(), self.faces, position.double()) > 0.5
 
 
 @lru_cache
@@ -153,11 +155,11 @@ class HandField(nn.Module):
         known = HandSurface.of(vertices, self.faces, impl) if surface is None else surface
         found = closest_point(vertices, self.faces, position, bound, impl, known.pseudonormals, known.tree)
         sdf = found.sdf
-        if known.buried is not None:
-            unsure = torch.nonzero(known.buried[found.face])[:, 0]
-            within = known.wrapped(self.faces, position.detach()[unsure])
-            far = bound[1] if bound else torch.inf
-            sdf = sdf.index_copy(0, unsure, torch.where(within, -sdf[unsure].abs(), sdf[unsure].abs().clamp_max(far)))
+        unsure = known.doubtful(found.face)
+        within = known.wrapped(position.detach()[unsure])
+        wrong, far = within != (sdf.detach()[unsure] < 0), bound[1] if bound else torch.inf
+        unsure, within = unsure[wrong], within[wrong]
+        sdf = sdf.index_copy(0, unsure, torch.where(within, -sdf[unsure].abs(), sdf[unsure].abs().clamp_max(far)))
         normals = vertex_normals(vertices, self.faces) if surface is None else surface.normals
         normal = normalize((normals[self.faces[found.face]] * found.barycentric[..., None]).sum(1), dim=-1)
         return HandQuery(sdf, found.face, found.barycentric, normal)

@@ -14,8 +14,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from avatarrex.fields.orthographic_gl import draw_views
-from avatarrex.gl.context import gl_unavailable
+from avatarrex.ops.rasterise import rasterise
 from avatarrex.templates.mesh import vertex_normals
 
 VIEW_NAMES = ("front", "left", "right")
@@ -27,7 +26,7 @@ AXES = (
     ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
 )
 """Of each view: image right, image up, towards the camera. The left view looks at the person's left side from +X."""
-Impl = Literal["auto", "gl", "reference"]
+Impl = Literal["auto", "reference"]
 
 
 @dataclass(frozen=True)
@@ -64,16 +63,18 @@ def render_views(
 ) -> Float[Tensor, "3 7 h w"]:
     """The views of a posed face mesh (head frame, metres). Not differentiable; the same input gives the same bits.
 
-    `auto` draws with OpenGL where there is a context, else by `reference`, a z-buffer in torch. The two differ by
-    the 1/256 pixel to which OpenGL rounds corners: at silhouettes and creases single pixels flip.
+    `auto` draws in compiled loops on the CPU, `reference` by a z-buffer in torch: the same pixels.
     """
     with torch.no_grad():
         place = box.normalise(vertices).float()
-        normal = vertex_normals(vertices, faces).float()
-        if impl == "gl" or (impl == "auto" and gl_unavailable() is None):
-            return draw_views(place, albedo, normal, faces, place.new_tensor(AXES), size)
-        values = torch.cat([albedo.float(), normal], -1)
-        return torch.stack([_rasterise(xy, depth, faces, values, size) for xy, depth in _views(place)])
+        values = torch.cat([albedo.float(), vertex_normals(vertices, faces).float()], -1)
+        if impl == "reference":
+            return torch.stack([_rasterise(xy, depth, faces, values, size) for xy, depth in _views(place)])
+        pixel = (project(place).double() + 1) * (size / 2) - 0.5
+        depth = torch.stack([depth for _, depth in _views(place)]).double()
+        images = torch.from_numpy(rasterise(*(each.cpu().numpy() for each in (pixel, depth, faces, values)), size))
+        images[:, 3:6] /= images[:, 3:6].square().sum(1, keepdim=True).sqrt().clamp_min(1e-12)
+        return images.to(place.device)
 
 
 def render_places(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], box: HeadBox) -> Float[Tensor, "3 7 h w"]:

@@ -100,7 +100,10 @@ class TemplateDistance:
 
     def query(self, position: np.ndarray) -> NearestSkin:
         """`position` (p, 3)."""
-        distance, nearest = closest_vertex(self.closest, position)
+        return self.of_nearest(position, *closest_vertex(self.closest, position))
+
+    def of_nearest(self, position: np.ndarray, distance: np.ndarray, nearest: np.ndarray) -> NearestSkin:
+        """The same where the nearest vertices (p,) and their distances are known."""
         height = np.einsum("pc,pc->p", position - self.vertices[nearest], self.normals[nearest])
         aside = np.maximum(np.sqrt(np.maximum(distance**2 - height**2, 0)) - FLAT, 0)
         inside = (-height > STEEP * aside) & (self.closed | (aside < self.rim))

@@ -7,9 +7,16 @@ coordinates, which the eikonal loss needs and `torch.nn.functional.grid_sample` 
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 from torch import Tensor
+
+from avatarrex.ops.native import native, serves, spread
+
+Array = Shaped[np.ndarray, "..."]
 
 
 def bilinear(
@@ -17,6 +24,22 @@ def bilinear(
 ) -> Float[Tensor, "p c"]:
     """Feature of map `index` at `xy` for every sample."""
     return TexelTable.of(maps).at(index, xy)
+
+
+def bilinear_of_all(
+    maps: Float[Tensor, "m c h w"], xy: Float[Tensor, "m p 2"], impl: str = "auto"
+) -> Float[Tensor, "p _"]:
+    """Features (p, m·c) of every map side by side, each at its own coordinates; `impl`: `auto`, or `torch`, which is differentiable."""
+    count, channels, height, width = maps.shape
+    points = xy.shape[1]
+    if impl == "torch" or not (serves(maps, xy) and width > 1 and height > 1):
+        index = torch.arange(count, device=xy.device).repeat_interleave(points)
+        found = bilinear(maps, index, xy.reshape(-1, 2)).reshape(count, points, channels)
+        return found.transpose(0, 1).reshape(points, count * channels)
+    out = np.empty((points, count * channels), np.float32)
+    texel = maps.permute(0, 2, 3, 1).contiguous().detach().numpy()
+    spread(_sample, points, texel, xy.detach().contiguous().numpy(), out)
+    return torch.from_numpy(out)
 
 
 def bilinear_reference(
@@ -61,3 +84,22 @@ def _texel(at: Tensor, size: int) -> tuple[Tensor, Tensor, Tensor]:
     place = ((at + 1) * (size / 2) - 0.5).clamp(0, size - 1)
     lower = place.detach().floor().long().clamp(max=max(size - 2, 0))
     return (place - lower)[:, None], lower, (lower + 1).clamp(max=size - 1) - lower
+
+
+@native
+def _sample(begin: int, end: int, texel: Array, xy: Array, out: Array) -> None:
+    """out (p, m·c) of the points from `begin` to `end`: texel (m, h, w, c) at xy (m, p, 2)."""
+    maps, height, width, channels = texel.shape
+    half_x, half_y, half, one = np.float32(width / 2), np.float32(height / 2), np.float32(0.5), np.float32(1)
+    for p in range(begin, end):
+        for m in range(maps):
+            x = min(max((xy[m, p, 0] + one) * half_x - half, np.float32(0)), np.float32(width - 1))
+            y = min(max((xy[m, p, 1] + one) * half_y - half, np.float32(0)), np.float32(height - 1))
+            i, j = min(math.floor(x), width - 2), min(math.floor(y), height - 2)
+            u, v = np.float32(x - np.float32(i)), np.float32(y - np.float32(j))
+            for c in range(channels):
+                a, b = texel[m, j, i, c], texel[m, j, i + 1, c]
+                upper = a + u * (b - a)
+                a, b = texel[m, j + 1, i, c], texel[m, j + 1, i + 1, c]
+                lower = a + u * (b - a)
+                out[p, m * channels + c] = upper + v * (lower - upper)

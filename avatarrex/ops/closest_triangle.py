@@ -86,7 +86,7 @@ def signed_closest(
 
 
 @borrowing
-def _on_triangle(corner: Array, t: int, point: Point) -> tuple[float, float, float, float]:
+def on_triangle(corner: Array, t: int, point: Point) -> tuple[float, float, float, float]:
     """Squared distance and barycentrics of the closest point of triangle t: ops/triangle.py, step by step."""
     x, y, z = point
     ax, ay, az = corner[t, 0, 0], corner[t, 0, 1], corner[t, 0, 2]
@@ -126,7 +126,7 @@ def _on_triangle(corner: Array, t: int, point: Point) -> tuple[float, float, flo
 @borrowing
 def _nearer(tree: SearchTree, t: int, point: Point, _: Any, state: Any) -> Any:
     """State: squared distance, leaf and barycentrics of the closest triangle."""
-    square, u, v, w = _on_triangle(tree.corner, t, point)
+    square, u, v, w = on_triangle(tree.corner, t, point)
     if square < state[0]:
         return square, t, u, v, w
     return state
@@ -149,7 +149,7 @@ def _search(begin: int, end: int, query: Array, tree: SearchTree, face: Array, w
 @borrowing
 def _closest(tree: SearchTree, first: int, point: Point, stack: Stack) -> Any:
     """`_nearer`'s state of the closest triangle; the triangle `first` is tried before all."""
-    square, u, v, w = _on_triangle(tree.corner, first, point)
+    square, u, v, w = on_triangle(tree.corner, first, point)
     return _walk(tree, point, stack, (), (square, first, u, v, w))
 
 

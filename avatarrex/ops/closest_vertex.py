@@ -1,7 +1,7 @@
 """The closest vertex of a cloud, or several, by a search tree (search_tree.py) in compiled loops: exact, float64.
 
-One: of equals the first, and the search starts from the vertex that was closest to the point before, for points of a lattice lie
-in order. Several: any of equals. Letters: p points, v vertices, m vertices found of a point.
+Searches start from what was closest to the point before, for points of a lattice lie in order. One: of equals the first. Several:
+any of equals. Letters: p points, v vertices, m vertices found of a point.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def closest_vertices(
     query = finite(position)
     if not 0 < count <= len(tree.corner):
         raise ValueError(f"{count} of {len(tree.corner)} vertices")
-    square, vertex = np.full((len(query), count), np.inf), np.zeros((len(query), count), np.int64)
+    square, vertex = np.full((len(query), count), np.inf), np.full((len(query), count), -1)
     spread(_several, len(query), query, tree, square, vertex)
     return np.sqrt(square), vertex
 
@@ -68,17 +68,20 @@ def _first_of_equals(tree: SearchTree, k: int, point: Point, _: Any, state: Any)
 
 @borrowing
 def _insert(tree: SearchTree, k: int, point: Point, out: Any, state: Any) -> Any:
-    """State: limit, and the row of `out`: squared distances (p, m) and numbers (p, m), sorted."""
+    """State: limit, and the row of `out`: squared distances (p, m), sorted, and leaves (p, m), each of them once."""
     limit, p = state
     square, found = out
     here, m = _square(tree, k, point), square.shape[1] - 1
-    if here < limit:
-        while m and here < square[p, m - 1]:
-            square[p, m], found[p, m] = square[p, m - 1], found[p, m - 1]
-            m -= 1
-        square[p, m], found[p, m] = here, tree.number[k]
-        return square[p, -1], p
-    return limit, p
+    if here >= limit:
+        return limit, p
+    for there in range(m + 1):
+        if found[p, there] == k:
+            return limit, p
+    while m and here < square[p, m - 1]:
+        square[p, m], found[p, m] = square[p, m - 1], found[p, m - 1]
+        m -= 1
+    square[p, m], found[p, m] = here, k
+    return square[p, -1], p
 
 
 _walk_to_closest = specialised(point_gap, _first_of_equals)
@@ -103,7 +106,14 @@ def _closest(
 
 @native
 def _several(begin: int, end: int, query: Array, tree: SearchTree, square: Array, found: Array) -> None:
-    """square (p, m), all ∞ before, and found (p, m) of the points (p, 3)."""
+    """square (p, m), all ∞ before, and found (p, m), all −1 before, of the points (p, 3)."""
     stack, out = new_stack(), (square, found)
     for p in range(begin, end):
-        _walk_to_several(tree, (query[p, 0], query[p, 1], query[p, 2]), stack, out, (np.inf, p))
+        point, state = (query[p, 0], query[p, 1], query[p, 2]), (np.inf, p)
+        if p > begin:
+            for m in range(found.shape[1]):
+                state = _insert(tree, found[p - 1, m], point, out, state)
+        _walk_to_several(tree, point, stack, out, state)
+    for p in range(begin, end):
+        for m in range(found.shape[1]):
+            found[p, m] = tree.number[found[p, m]]

@@ -38,7 +38,7 @@ def _ray_gap(box: Array, b: int, point: Point) -> float:
 
 
 @borrowing
-def _left(x: float, y: float, corner: Array, t: int, i: int, j: int) -> bool:
+def left_of(x: float, y: float, corner: Array, t: int, i: int, j: int) -> bool:
     """Whether the triangle's shadow edge from corner i to j has (x, y) on its left."""
     turned = corner[t, i, 0] > corner[t, j, 0] or (
         corner[t, i, 0] == corner[t, j, 0] and corner[t, i, 1] > corner[t, j, 1]
@@ -54,8 +54,8 @@ def _left(x: float, y: float, corner: Array, t: int, i: int, j: int) -> bool:
 def _crossing(corner: Array, t: int, point: Point) -> int:
     """1 where the ray leaves through triangle t, −1 where it enters, 0 where it misses."""
     x, y, z = point
-    left = _left(x, y, corner, t, 0, 1)
-    if _left(x, y, corner, t, 1, 2) != left or _left(x, y, corner, t, 2, 0) != left:
+    left = left_of(x, y, corner, t, 0, 1)
+    if left_of(x, y, corner, t, 1, 2) != left or left_of(x, y, corner, t, 2, 0) != left:
         return 0
     ax, ay, az = corner[t, 0, 0], corner[t, 0, 1], corner[t, 0, 2]
     abx, aby, abz = corner[t, 1, 0] - ax, corner[t, 1, 1] - ay, corner[t, 1, 2] - az

@@ -14,6 +14,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.fields.tone import ToneMap
+from avatarrex.ops.mesh_lattice import Grid, nearest_vertex
 from avatarrex.parts.part import CLAMP, Impl, Part, PartState, Start, SurfacePoints
 from avatarrex.templates.mesh import vertex_normals
 
@@ -72,13 +73,19 @@ class Face(Part[FaceState]):
         skin = TemplateDistance.of(mesh, normals, self.blend_weight.double().numpy(), np.zeros(len(mesh)))
         return FaceState(skin, driven, self.field.geometry_planes(driven))
 
-    def start(self, state: FaceState, position: Float[np.ndarray, "p 3"], everywhere: bool) -> Start:
+    def start(self, state: FaceState, grid: Grid, everywhere: bool) -> Start:
         """The template's distance; points near the mesh are evaluated first."""
-        here = state.skin.query(position)
-        used = (here.distance < FACE_BAND) & (here.weight > 0)
-        guess = np.where(used, here.guess, CLAMP).clip(-CLAMP, CLAMP)
-        values = np.stack([guess, np.where(used, here.weight, 0)], -1).astype(np.float32)
-        return Start(values, np.flatnonzero(used & ((np.abs(guess) < FIRST_BAND) | everywhere)), ~used)
+        distance, nearest = (found.ravel() for found in nearest_vertex(state.skin.vertices, grid, FACE_BAND))
+        near = np.flatnonzero(nearest >= 0)
+        here = state.skin.of_nearest(grid.position(near), distance[near], nearest[near])
+        used = here.weight > 0
+        values = np.zeros((len(nearest), 2), np.float32)
+        values[:, 0] = CLAMP
+        values[near[used]] = np.stack([here.guess.clip(-CLAMP, CLAMP), here.weight], -1)[used]
+        unused = np.ones(len(nearest), bool)
+        unused[near[used]] = False
+        first = used if everywhere else used & (np.abs(here.guess) < FIRST_BAND)
+        return Start(values, near[first], unused)
 
     def evaluate(self, state: FaceState, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 1"]:
         """G_F (paper eq. 11); ω stays that of the start."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,6 +16,8 @@ from avatarrex.counters import Counters
 from avatarrex.fields.composition import BAND
 from avatarrex.fields.hand import HandField, HandQuery, HandSurface
 from avatarrex.fields.light import Light
+from avatarrex.ops.halving import between
+from avatarrex.ops.mesh_lattice import Grid, PaintedMesh, paint_near, winding_lattice
 from avatarrex.parts.part import CLAMP, Impl, Part, PartState, Start, SurfacePoints
 
 BOUND = (-CLAMP, 0.026)
@@ -72,9 +76,32 @@ class Hand(Part[HandState]):
         """See `Part`."""
         return HandState(self.field, vertices, coefficients)
 
-    def start(self, state: HandState, position: Float[np.ndarray, "p 3"], everywhere: bool) -> Start:
-        """Every point of the coarse lattice."""
-        return Start(np.zeros((len(position), 2), dtype=np.float32), np.arange(len(position)))
+    def sample(self, state: HandState, grids: Sequence[Grid], counters: Counters) -> Float[np.ndarray, "z y x 2"]:
+        """`evaluate` around the surface; farther off what lies between the voxels of the grid before. The winding number says
+        what is inside."""
+        mesh, last = self._painted(state.vertices), grids[-1]
+        inside = winding_lattice(mesh.corner, last) > 0
+        values = np.zeros((*grids[0].shape, 2), np.float32)
+        values[..., 0] = BOUND[1]
+        for k, grid in enumerate(grids):
+            # All that blends, and the far corners of cells in which it does; then what a crossing can touch.
+            within = 2 * grid.voxel if k else BAND[1] + math.sqrt(3) * grid.voxel
+            values = between(values) if k else values
+            step = 2 ** (len(grids) - 1 - k)
+            here = np.ascontiguousarray(inside[::step, ::step, ::step])
+            counters.add(self.work, paint_near(mesh, grid, here, within, values))
+            if not k:
+                values[..., 0].clip(*BOUND, out=values[..., 0])
+        return values
+
+    def _painted(self, vertices: Float[Tensor, "v 3"]) -> PaintedMesh:
+        faces = self.field.faces.numpy()
+        return PaintedMesh(vertices.double().numpy()[faces], self.blend_weight.double().numpy()[faces])
+
+    def start(self, state: HandState, grid: Grid, everywhere: bool) -> Start:
+        """Every voxel."""
+        count = math.prod(grid.shape)
+        return Start(np.zeros((count, 2), dtype=np.float32), np.arange(count))
 
     def evaluate(self, state: HandState, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 2"]:
         """The exact distance and the painted ω of the nearest surface point (paper eq. 8, 9)."""

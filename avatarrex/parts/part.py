@@ -7,7 +7,8 @@ the raycast has a slot for each of `PARTS`, up to four.
 | step     | needs from a part                                                       |
 |----------|-------------------------------------------------------------------------|
 | prepare  | its state under one driving signal: search tree, tri-planes             |
-| start    | where its box has to be evaluated first, and what stands there until then |
+| sample   | its whole box, where it knows where its surface is                      |
+| start    | else: where its box has to be evaluated first, and what stands there until then |
 | evaluate | values for the box, saturated outside the composition's band            |
 | distance | signed distance and ω at any points, for the exact composed field       |
 | colour   | sRGB at surface points                                                  |
@@ -18,6 +19,7 @@ Letters: v vertices, p points. Part frame, metres, negative inside.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
@@ -26,6 +28,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.counters import Counters
+from avatarrex.ops.mesh_lattice import Grid
 
 CLAMP = 0.051
 """Metres: beyond the deepest value that the composition needs (paper eq. 13), however half precision rounds it."""
@@ -84,9 +87,13 @@ class Part(ABC, Generic[State]):
     def prepare(self, vertices: Tensor, coefficients: Tensor, counters: Counters, impl: Impl = "auto") -> State:
         """Whatever the field needs of one driving signal, computed once from the posed mesh (v, 3) and the part's coefficients."""
 
+    def sample(self, state: State, grids: Sequence[Grid], counters: Counters) -> Float[np.ndarray, "z y x 2"] | None:
+        """(signed distance, ω) at the last of `grids`, each of half the voxel of the one before; None: evaluate it point by point."""
+        return None
+
     @abstractmethod
-    def start(self, state: State, position: Float[np.ndarray, "p 3"], everywhere: bool) -> Start:
-        """First values of the box; `everywhere`: evaluate all points that are used, not only those near the surface."""
+    def start(self, state: State, grid: Grid, everywhere: bool) -> Start:
+        """First values of the box, voxel by voxel; `everywhere`: evaluate all points that are used, not only those near the surface."""
 
     @abstractmethod
     def evaluate(self, state: State, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p _c"]:

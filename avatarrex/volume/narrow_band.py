@@ -13,24 +13,19 @@ from collections.abc import Callable
 
 import numpy as np
 
+from avatarrex.ops.halving import touched
 from avatarrex.volume.lattice import Lattice
 
-BOTH = (slice(None, -1), slice(1, None))
 
+def unsettled(inside: np.ndarray, known: np.ndarray, unused: np.ndarray | None = None) -> np.ndarray:
+    """Flat indices of voxels that are not `known` (…, z, y, x) but corners of a cell in which `inside` (same) changes.
 
-def unsettled(inside: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Flat indices of voxels that are not `known` (…, z, y, x) but corners of a cell in which `inside` (same) changes."""
-    some, every = inside, inside
-    for axis in (-3, -2, -1):
-        some, every = (np.moveaxis(mask, axis, 0) for mask in (some, every))
-        some, every = some[BOTH[0]] | some[BOTH[1]], every[BOTH[0]] & every[BOTH[1]]
-        some, every = (np.moveaxis(mask, 0, axis) for mask in (some, every))
-    crossed = some & ~every
-    corner = np.zeros(inside.shape, dtype=bool)
-    for z in BOTH:
-        for y in BOTH:
-            for x in BOTH:
-                corner[..., z, y, x] |= crossed
+    `unused` voxels (same) are neither inside nor outside.
+    """
+    side = np.where(inside, np.int8(-1), np.int8(1))
+    if unused is not None:
+        side[unused] = 0
+    corner = touched(side.reshape(-1, *side.shape[-3:])).reshape(side.shape)
     return np.flatnonzero(corner & ~known)
 
 
@@ -39,19 +34,23 @@ def settle(
     first: np.ndarray,
     evaluate: Callable[[np.ndarray], np.ndarray],
     known: np.ndarray | None = None,
+    unused: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Replace guesses in `sdf` (z, y, x) by `evaluate(flat indices)`: the `first` ones, then whatever a crossing touches.
 
-    Voxels that are `known` (z, y, x) from the start stay as they are. Ends, because every round evaluates new voxels.
-    Returns the distances and which voxels are known now.
+    Voxels that are `known` (z, y, x) from the start stay as they are; those that are `unused` (same), too, and where they
+    meet others is no crossing. Ends, because every round evaluates new voxels. Returns the distances and which voxels are
+    known now.
     """
-    sdf = np.ascontiguousarray(sdf).copy()
+    sdf = np.array(sdf, order="C")
     known = np.zeros(sdf.shape, dtype=bool) if known is None else known.copy()
-    wanted = first if len(first) else unsettled(sdf < 0, known)
+    if unused is not None:
+        known |= unused
+    wanted = first if len(first) else unsettled(sdf < 0, known, unused)
     while len(wanted):
         sdf.reshape(-1)[wanted] = evaluate(wanted)
         known.reshape(-1)[wanted] = True
-        wanted = unsettled(sdf < 0, known)
+        wanted = unsettled(sdf < 0, known, unused)
     return sdf, known
 
 
@@ -59,14 +58,3 @@ def halved(lattice: Lattice) -> Lattice:
     """The lattice of half the voxel whose every other voxel is one of `lattice`."""
     z, y, x = (2 * side - 1 for side in lattice.shape)
     return Lattice(lattice.origin, lattice.voxel / 2, (z, y, x))
-
-
-def between(values: np.ndarray) -> np.ndarray:
-    """(z, y, x, …) on a lattice -> the same on its `halved` lattice, new voxels by the mean of their neighbours."""
-    for axis in range(3):
-        values = np.moveaxis(values, axis, 0)
-        fine = np.empty((2 * len(values) - 1, *values.shape[1:]), dtype=values.dtype)
-        fine[::2] = values
-        fine[1::2] = (values[:-1] + values[1:]) / 2
-        values = np.moveaxis(fine, 0, axis)
-    return values

@@ -10,6 +10,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.composition import in_band
 from avatarrex.fields.template_distance import AIR, TemplateDistance
+from avatarrex.ops.halving import between
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_hand, named_pose
 from avatarrex.templates.model import skinned_normals
@@ -17,7 +18,7 @@ from avatarrex.templates.posed import pose_person
 from avatarrex.volume.body_grid import build_body_grid
 from avatarrex.volume.build import body_frame
 from avatarrex.volume.lattice import Lattice
-from avatarrex.volume.narrow_band import between, halved, settle, unsettled
+from avatarrex.volume.narrow_band import halved, settle, unsettled
 from avatarrex.volume.part_box import build_part_box
 
 LATTICE = Lattice(np.array([-0.5, -0.4, -0.45]), 0.05, (19, 17, 21))

@@ -17,9 +17,9 @@ from avatarrex.counters import Counters
 from avatarrex.levels import DEFERRED_LEVELS
 from avatarrex.measure.bench.report import Metric
 from avatarrex.measure.bench.session import SEED, Bench
+from avatarrex.ops.halving import between
 from avatarrex.ops.trilinear import trilinear
 from avatarrex.volume.build import build_volume
-from avatarrex.volume.narrow_band import between
 from avatarrex.volume.sdf_volume import SdfVolume
 
 LIMITS = {"fast": 8.0, "balanced": 10.0, "fine": 16.0, "quality": 16.0}
