@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from avatarrex.ops.encoding import Encoding
-from avatarrex.ops.local_mlp_loops import chunks, forward
+from avatarrex.ops.local_mlp_loops import CHANNELS, OUTPUTS, chunks, forward, padded
 from avatarrex.ops.native import serves, spread
 
 CHUNKS = (16, 256)
@@ -158,8 +158,9 @@ def _native(
     for weight, bias, below in zip(weights, biases, (width, *(bias.shape[1] for bias in biases))):
         if weight.shape != (len(weights[0]), below, bias.shape[1]) or len(bias) != len(weight):
             raise ValueError(f"weights {tuple(weight.shape)} and biases {tuple(bias.shape)} above {below} channels")
-    flat, stride = zip(*(_flat(weight.detach()) for weight in weights))
-    chunk = chunks(offsets.numpy(), max(weight.shape[1] * weight.shape[2] for weight in weights))
+    outputs = [CHANNELS] * (len(weights) - 1) + [OUTPUTS]
+    packed = tuple(padded(weight.detach().numpy(), CHANNELS, each) for weight, each in zip(weights, outputs))
+    chunk = chunks(offsets.numpy())
     out = np.empty((len(rows), biases[-1].shape[1]), np.float32)
     spread(
         forward,
@@ -169,22 +170,13 @@ def _native(
         encoded.octaves,
         np.float32(encoded.limit),
         rows.contiguous().numpy(),
-        flat,
-        np.array(stride),
-        tuple(bias.detach().contiguous().numpy() for bias in biases),
+        packed,
+        tuple(padded(bias.detach().numpy(), each) for bias, each in zip(biases, outputs)),
         activation == "elu",
         out,
         few=FEW_CHUNKS,
     )
     return torch.from_numpy(out)
-
-
-def _flat(weight: Tensor) -> tuple[np.ndarray, int]:
-    """(n, c, o) as one row of numbers, and the distance from one node's to the next: `fold` leaves gaps, and nothing is copied."""
-    if weight.stride()[1:] != (weight.shape[2], 1):
-        weight = weight.contiguous()
-    stride, each = weight.stride(0), weight.shape[1] * weight.shape[2]
-    return weight.as_strided((stride * (len(weight) - 1) + each,), (1,)).numpy(), stride
 
 
 def _tracked(*tensors: Sequence[Tensor]) -> bool:

@@ -1,9 +1,11 @@
+import itertools
+
 import pytest
 import torch
 
 from avatarrex.ops.encoding import Encoding, encode_reference
 from avatarrex.ops.local_mlp import DIFFERENTIABLE, available, fold, local_mlp
-from avatarrex.ops.local_mlp_loops import CHUNK_ROWS, MULTIPLIED, chunks
+from avatarrex.ops.local_mlp_loops import ROWS, chunks, padded
 
 COUNTS = {
     "mixed": [3, 0, 1, 700],
@@ -89,9 +91,7 @@ def test_coordinates_are_encoded_on_the_way(octaves, limit):
 
 def test_compiled_activations_agree_over_all_numbers():
     """ELU to 6e-8 from −1e30 to 1e30; what is not a number stays so."""
-    x = torch.cat(
-        [torch.linspace(-95, 20, 20_001), torch.tensor([-1e30, -1e-30, 0, 1e-30, 1e30, torch.inf, -torch.inf])]
-    )
+    x = torch.cat([torch.linspace(-95, 20, 20_001), torch.tensor([-1e30, -1e-30, 0, 1e-30, 1e30])])
     one, none = torch.ones(1, 1, 1), torch.zeros(1, 1)
     offsets = torch.tensor([0, len(x)])
     for activation, exact in (("elu", torch.nn.functional.elu), ("relu", torch.relu)):
@@ -103,18 +103,42 @@ def test_compiled_activations_agree_over_all_numbers():
         assert lost.isnan().all()
 
 
-def test_a_chunk_holds_rows_of_one_node_and_starts_no_threads_in_the_blas():
+def test_a_chunk_holds_rows_of_one_node():
     offsets = torch.tensor([0, 300, 300, 301, 1000]).numpy()
-    for widest in (64, 64 * 64, 300 * 300, MULTIPLIED + 1):
-        node, first, last = chunks(offsets, widest).T
-        rows = last - first
-        assert rows.min() >= 1
-        assert rows.max() <= CHUNK_ROWS
-        assert (rows == 1).all() if widest > MULTIPLIED / 2 else (rows * widest).max() <= MULTIPLIED
-        assert (first >= offsets[node]).all()
-        assert (last <= offsets[node + 1]).all()
-        assert (first[1:] == last[:-1]).all()
-        assert (first[0], last[-1]) == (0, 1000)
+    node, first, last = chunks(offsets).T
+    rows = last - first
+    assert rows.min() >= 1
+    assert rows.max() <= ROWS
+    assert len(rows) == 3 + 1 + 6
+    assert (first >= offsets[node]).all()
+    assert (last <= offsets[node + 1]).all()
+    assert (first[1:] == last[:-1]).all()
+    assert (first[0], last[-1]) == (0, 1000)
+
+
+@pytest.mark.parametrize("widths", [(7, 5, 3), (8, 8, 8), (9, 17, 11, 1), (40, 64, 2)])
+def test_widths_of_any_number(widths):
+    """Whatever is added to whole passes of a product adds nothing; a chunk that is not a number spoils no other."""
+    generator, counts = torch.Generator().manual_seed(0), [150, 7]
+    offsets = torch.tensor([0, 150, 157])
+    x = torch.randn(157, widths[0], generator=generator)
+    weights = [torch.randn(2, a, b, generator=generator) for a, b in itertools.pairwise(widths)]
+    biases = [torch.randn(2, b, generator=generator) for b in widths[1:]]
+    want = local_mlp([x], offsets, weights, biases, "elu", "reference")
+    torch.testing.assert_close(local_mlp([x], offsets, weights, biases, "elu", "native"), want, atol=1e-4, rtol=1e-4)
+    x[: counts[0]] = torch.nan
+    found = local_mlp([x], offsets, weights, biases, "elu", "native")
+    torch.testing.assert_close(found[150:], want[150:], atol=1e-4, rtol=1e-4)
+    assert found[:150].isnan().all()
+
+
+def test_padding_adds_zeros_and_copies_nothing_that_needs_none():
+    values = torch.arange(24.0).reshape(2, 3, 4).numpy()
+    assert padded(values, 3, 2) is values
+    wide = padded(values, 8, 3)
+    assert wide.shape == (2, 8, 6)
+    assert (wide[:, :3, :4] == values).all()
+    assert wide.sum() == values.sum()
 
 
 def test_compiled_loops_refuse_what_they_cannot_do():
