@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -33,9 +34,11 @@ class Counters:
 
     def __init__(self) -> None:
         self._counts = dict.fromkeys(NAMES, 0)
+        self._lock = threading.Lock()  # pieces of a volume are built side by side
 
     def add(self, name: str, amount: int) -> None:
-        self._counts[name] += int(amount)
+        with self._lock:
+            self._counts[name] += int(amount)
 
     def update(self, counts: Mapping[str, int]) -> None:
         for name, amount in counts.items():

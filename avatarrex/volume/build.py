@@ -1,4 +1,7 @@
-"""Step I: driving signals and fields to an SDF volume (paper sec. 4), with each piece reused while its key is the same."""
+"""Step I: driving signals and fields to an SDF volume (paper sec. 4).
+
+Each piece is reused while its key is the same; the others are built side by side.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.template_distance import TemplateDistance
+from avatarrex.ops.side_by_side import SideBySide
 from avatarrex.parts.part import PartState
 from avatarrex.settings import RenderSettings
 from avatarrex.templates.model import skinned_normals
@@ -54,6 +58,15 @@ class BuiltPart:
 
     box: UnplacedBox
     state: PartState
+
+
+@dataclass(frozen=True)
+class BuiltBody:
+    """The body's field in this pose and its grid, without bricks."""
+
+    field: BodyWithoutHands
+    grid: BodyGrid
+    changed: ChangedRegion | None
 
 
 @dataclass(frozen=True)
@@ -102,26 +115,16 @@ def build_volume(
     Parts `off_screen` are left out unless `previous` has them.
     """
     key = _key(avatar, posed, settings, previous, off_screen)
-    exact = previous is None or settings.reuse_tolerance > 0 or previous.changed is None  # enough for these settings
-    if previous and previous.key == key and exact:
+    if previous and previous.key == key and _enough(previous, settings):
         return previous
-    parts: dict[str, BuiltPart] = {}
-    for name in key.parts:
-        if previous and previous.key.parts.get(name) == key.parts[name]:
-            parts[name] = previous.parts[name]
-        else:
-            parts[name] = _part(avatar, posed, name, settings, counters)
-    if previous and previous.key.body == key.body and exact:
-        body, grid, changed = previous.body, previous.grid, previous.changed
-    else:
-        body, grid, changed = _body(avatar, posed, settings, counters, _reusable(previous, key, settings))
+    body, parts = _pieces(avatar, posed, settings, counters, previous, key)
     boxes = []
     for name, part in parts.items():
-        if previous and grid is previous.grid and previous.parts.get(name) is part:
+        if previous and body.grid is previous.grid and previous.parts.get(name) is part:
             boxes.append(next(box for box in previous.sdf.parts if box.name == name))
         else:
-            boxes.append(_place(body, grid, part.box, posed.root_from_part(name), counters))
-    return AvatarVolume(SdfVolume(grid, tuple(boxes)), body, grid, parts, changed, key)
+            boxes.append(_place(body, part.box, posed.root_from_part(name), counters))
+    return AvatarVolume(SdfVolume(body.grid, tuple(boxes)), body.field, body.grid, parts, body.changed, key)
 
 
 def refine_volume(
@@ -188,6 +191,36 @@ def _key(
     return VolumeKey(body, parts, settings.hidden, settings.bricks)
 
 
+def _enough(previous: AvatarVolume, settings: RenderSettings) -> bool:
+    """Whether its body is as exact as these settings want it."""
+    return settings.reuse_tolerance > 0 or previous.changed is None
+
+
+def _pieces(
+    avatar: Avatar,
+    posed: PosedPerson,
+    settings: RenderSettings,
+    counters: Counters,
+    previous: AvatarVolume | None,
+    key: VolumeKey,
+) -> tuple[BuiltBody, dict[str, BuiltPart]]:
+    """Body and parts of `key`: those of `previous` where theirs is the same, the others anew and side by side."""
+    kept, body = {}, None
+    if previous:
+        kept = {name: previous.parts[name] for name in key.parts if previous.key.parts.get(name) == key.parts[name]}
+        if previous.key.body == key.body and _enough(previous, settings):
+            body = BuiltBody(previous.body, previous.grid, previous.changed)
+    work = SideBySide()
+    common = avatar, posed, settings, counters
+    new_body = None if body else work.add(_body, *common, _reusable(previous, key, settings))
+    new = {name: work.add(_part, *common, name) for name in reversed(PARTS) if name in key.parts and name not in kept}
+    work.run()
+    if new_body:
+        body = new_body.result()
+    assert body is not None
+    return body, {name: kept[name] if name in kept else new[name].result() for name in key.parts}
+
+
 def _reusable(previous: AvatarVolume | None, key: VolumeKey, settings: RenderSettings) -> AvatarVolume | None:
     """`previous` where its body may be reused in part: it differs in its pose at most."""
     if not settings.reuse_tolerance or previous is None:
@@ -197,7 +230,7 @@ def _reusable(previous: AvatarVolume | None, key: VolumeKey, settings: RenderSet
 
 def _body(
     avatar: Avatar, posed: PosedPerson, settings: RenderSettings, counters: Counters, before: AvatarVolume | None
-) -> tuple[BodyWithoutHands, BodyGrid, ChangedRegion | None]:
+) -> BuiltBody:
     """The body of `posed`; what has not moved is reused from `before`, where that is given."""
     state = ReusableBody(body_frame(avatar, posed), *template_skin(avatar, posed), None)
     if before:
@@ -207,21 +240,19 @@ def _body(
     body = BodyWithoutHands(avatar.body, state.frame, skin, avatar.ownership)
     kept = PreviousGrid(before.grid, state.changed) if before and state.changed else None
     grid = build_body_grid(body, settings.voxel, counters, settings.everywhere, kept)
-    return body, grid if settings.everywhere else without_small_components(grid), state.changed
+    return BuiltBody(body, grid if settings.everywhere else without_small_components(grid), state.changed)
 
 
-def _part(avatar: Avatar, posed: PosedPerson, name: str, settings: RenderSettings, counters: Counters) -> BuiltPart:
+def _part(avatar: Avatar, posed: PosedPerson, settings: RenderSettings, counters: Counters, name: str) -> BuiltPart:
     part, vertices = avatar.parts[name], posed.parts[name]
     state = part.prepare(vertices, posed.coefficients[name], counters)
     box = build_part_box(part, state, vertices, settings.part_voxel, counters, settings.everywhere)
     return BuiltPart(box, state)
 
 
-def _place(
-    body: BodyWithoutHands, grid: BodyGrid, part: UnplacedBox, root_from_part: np.ndarray, counters: Counters
-) -> PartBox:
+def _place(body: BuiltBody, part: UnplacedBox, root_from_part: np.ndarray, counters: Counters) -> PartBox:
     part_from_box = np.eye(4)
     part_from_box[:3, 3] = part.origin
     box_from_root = np.linalg.inv(root_from_part @ part_from_box)
-    contact = find_contact(body, grid, part, root_from_part, counters)
+    contact = find_contact(body.field, body.grid, part, root_from_part, counters)
     return PartBox(part.name, box_from_root, part.voxel, part.field, contact)

@@ -1,0 +1,71 @@
+"""Work side by side: every result at its place, a thread each, errors and settings kept."""
+
+import threading
+
+import pytest
+import torch
+
+from avatarrex.ops.side_by_side import SideBySide
+
+
+@pytest.fixture(params=[1, 2, 4])
+def threads(request):
+    before = torch.get_num_threads()
+    torch.set_num_threads(request.param)
+    yield request.param
+    torch.set_num_threads(before)
+
+
+def test_each_result_belongs_to_its_work(threads):
+    work = SideBySide()
+    found = [work.add(lambda a, b=0: (a, b), k, b=10 * k) for k in range(9)]
+    work.run()
+    assert [future.result() for future in found] == [(k, 10 * k) for k in range(9)]
+    assert torch.get_num_threads() == threads
+
+
+def test_two_run_at_once_with_a_thread_each(threads):
+    """Each waits for the other: one after the other they would never meet."""
+    if threads == 1:
+        pytest.skip("one thread")
+    meeting = threading.Barrier(2, timeout=20)
+    work = SideBySide()
+
+    def meet() -> int:
+        meeting.wait()
+        return torch.get_num_threads()
+
+    found = [work.add(meet) for _ in range(2)]
+    work.run()
+    assert [future.result() for future in found] == [1, 1]
+
+
+def test_one_piece_keeps_all_threads(threads):
+    work = SideBySide()
+    alone = work.add(torch.get_num_threads)
+    work.run()
+    assert alone.result() == threads
+
+
+@pytest.mark.parametrize("gradients", [True, False])
+def test_gradients_are_as_where_it_was_added(threads, gradients):
+    work = SideBySide()
+    with torch.set_grad_enabled(gradients):
+        found = [work.add(torch.is_grad_enabled) for _ in range(4)]
+    work.run()
+    assert [future.result() for future in found] == [gradients] * 4
+
+
+def test_an_error_is_raised_where_its_result_is_taken(threads):
+    """The others are done all the same."""
+
+    def fails() -> None:
+        raise KeyError("this one")
+
+    work = SideBySide()
+    bad, good = work.add(fails), work.add(int, "7")
+    work.run()
+    assert good.result() == 7
+    with pytest.raises(KeyError, match="this one"):
+        bad.result()
+    assert torch.get_num_threads() == threads
