@@ -115,20 +115,20 @@ class _TriPlaneNet(nn.Module):
 
     def forward(self, planes: Tensor, place: Tensor, extra: Tensor | None = None) -> Tensor:
         """At normalised points (p, 3)."""
-        blocks = [Encoding(place, COORDINATE_OCTAVES), bilinear_of_all(planes, project(place).contiguous())]
+        feature = bilinear_of_all(planes, project(place))
+        blocks: list[Encoding | Tensor] = [Encoding(place, COORDINATE_OCTAVES), feature]
         if extra is not None:
             blocks.append(extra)
         if serves(planes, place, *self.mlp.parameters()) and len(place):
-            return self._compiled(blocks)
+            return self._compiled(blocks, len(place))
         values = [block.values() if isinstance(block, Encoding) else block for block in blocks]
         output: Tensor = self.mlp(torch.cat(values, -1))
         return output
 
-    def _compiled(self, blocks: list[Encoding | Tensor]) -> Tensor:
+    def _compiled(self, blocks: list[Encoding | Tensor], count: int) -> Tensor:
         """`mlp` as the network of a single node, in chunks that stay in cache."""
         layers = [layer for layer in self.mlp if isinstance(layer, nn.Linear)]
         weights, biases = [layer.weight.T[None] for layer in layers], [layer.bias[None] for layer in layers]
-        count = len(blocks[1])  # type: ignore[arg-type]
         return local_mlp(blocks, torch.tensor([0, count]), weights, biases, self.activation, "native")
 
 

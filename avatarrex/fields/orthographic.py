@@ -72,7 +72,8 @@ def render_views(
             return torch.stack([_rasterise(xy, depth, faces, values, size) for xy, depth in _views(place)])
         pixel = (project(place).double() + 1) * (size / 2) - 0.5
         depth = torch.stack([depth for _, depth in _views(place)]).double()
-        images = torch.from_numpy(rasterise(*(each.cpu().numpy() for each in (pixel, depth, faces, values)), size))
+        corners, heights, triangles, painted = (each.cpu().numpy() for each in (pixel, depth, faces, values))
+        images = torch.from_numpy(rasterise(corners, heights, triangles, painted, size))
         images[:, 3:6] /= images[:, 3:6].square().sum(1, keepdim=True).sqrt().clamp_min(1e-12)
         return images.to(place.device)
 

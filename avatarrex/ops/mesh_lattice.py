@@ -235,10 +235,10 @@ def _offer_row(plan: Any, start: Any, row: tuple[int, int, int, int], t: int, fo
             to_a, to_b = a_square + x * x, b_square + (x - bx) * (x - bx)
             edge = min(to_a + tb * (tb * bb - 2 * on_b), to_a + tc * (tc * cc - 2 * on_c))
             edge = min(edge, to_b + td * (td * dd - 2 * on_d))
-            here = height * height * per_area if min(v, w, 1 - v - w) >= 0 else edge
-            nearer = here < square[k, j, i]
-            square[k, j, i] = here if nearer else square[k, j, i]
-            face[k, j, i] = t if nearer else face[k, j, i]
+            over, best, before = height * height * per_area, square[k, j, i], face[k, j, i]
+            here = over if min(v, w, 1 - v - w) >= 0 else edge
+            square[k, j, i] = here if here < best else best
+            face[k, j, i] = t if here < best else before
 
 
 @native

@@ -138,3 +138,17 @@ def test_an_expression_changes_the_views_and_the_field() -> None:
     with torch.no_grad():
         sdf = [field().sdf(field().geometry_planes(v), near(50)) for v in views]
     assert not torch.equal(*sdf)
+
+
+@pytest.mark.parametrize("preset", ["paper", "compact"])
+def test_compiled_loops_find_what_the_differentiable_networks_find(preset: str) -> None:
+    face, points = field(preset), near(3000)
+    gaze = torch.nn.functional.normalize(torch.randn(3000, 3), dim=-1)
+    views = face.views(neutral(), impl="reference")
+    planes, colours = face.geometry_planes(views), face.colour_planes(views)
+    want, wanted_colour = face.sdf(planes, points), face.colour(colours, points, gaze)
+    assert want.requires_grad
+    with torch.no_grad():
+        torch.testing.assert_close(face.sdf(planes, points), want.detach(), atol=1e-6 * OUTPUT, rtol=1e-5)
+        torch.testing.assert_close(face.colour(colours, points, gaze), wanted_colour.detach(), atol=1e-5, rtol=0)
+        assert face.sdf(planes, points[:0]).shape == (0,)

@@ -82,6 +82,20 @@ def test_a_finger_tip_in_the_middle_of_a_large_face_is_found(pose: str, share: f
     )
 
 
+def test_few_points_are_tested_one_by_one_and_buried_faces_looked_for_only_for_many() -> None:
+    """Either way the signs are the same."""
+    curled = torch.as_tensor(named_hand("fist", "left")).float()
+    mesh = pose_hand(load_person().left_hand, curled, torch.zeros(10))
+    surface = hand().surface(mesh)
+    few = hand().sdf(mesh, near(mesh, 3000, 0.004), None, surface=surface).sdf
+    assert "buried" not in surface.__dict__
+    hand().sdf(mesh, near(mesh, 60_000, 0.004), None, surface=surface)
+    assert "buried" in surface.__dict__
+    assert len(surface.doubtful(torch.arange(len(hand().faces)))) < len(hand().faces)
+    again = hand().sdf(mesh, near(mesh, 3000, 0.004), None, surface=surface).sdf
+    assert torch.equal(few, again)
+
+
 def test_an_open_hand_needs_hardly_any_winding_numbers() -> None:
     """Skin that is turned inside out in a crease, no more."""
     buried = hand().surface(flat()).buried

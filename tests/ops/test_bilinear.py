@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from avatarrex.ops.bilinear import bilinear, bilinear_reference
+from avatarrex.ops.bilinear import bilinear, bilinear_of_all, bilinear_reference
 
 
 def maps(m: int = 3, c: int = 2, h: int = 5, w: int = 4) -> torch.Tensor:
@@ -39,3 +39,15 @@ def test_gradients_of_both_orders() -> None:
     leaves = maps().requires_grad_(), xy.requires_grad_()
     assert torch.autograd.gradcheck(lambda m, x: bilinear(m, index, x), leaves)
     assert torch.autograd.gradgradcheck(lambda m, x: bilinear(m, index, x), leaves)
+
+
+@pytest.mark.parametrize("shape", [(3, 12, 40, 30), (1, 1, 2, 2), (2, 3, 1, 5)])
+def test_all_maps_at_once_are_the_maps_one_by_one(shape: tuple[int, ...]) -> None:
+    """In compiled loops, beyond the borders, too; and a map of one row, which they leave to torch."""
+    torch.manual_seed(0)
+    maps, xy = torch.randn(shape), 3 * torch.rand(shape[0], 9000, 2) - 1.5
+    found = bilinear_of_all(maps, xy)
+    torch.testing.assert_close(found, bilinear_of_all(maps, xy, "torch"), atol=2e-6, rtol=0)
+    want = torch.cat([bilinear_reference(maps, torch.full((50,), m), xy[m, :50]) for m in range(shape[0])], 1)
+    torch.testing.assert_close(found[:50], want, atol=2e-5, rtol=0)
+    assert bilinear_of_all(maps, xy[:, :0]).shape == (0, shape[0] * shape[1])

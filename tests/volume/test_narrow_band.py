@@ -75,6 +75,28 @@ def test_known_voxels_are_not_queried() -> None:
     assert np.array_equal(settle(true, np.zeros(0, dtype=int), evaluate, known)[0], true)
 
 
+def test_no_crossing_is_followed_along_voxels_that_are_unused() -> None:
+    """Their values may have another sign than those beside them; what crosses on the other side of these is followed."""
+    true = everywhere(LATTICE)
+    unused = np.zeros(true.shape, dtype=bool)
+    unused[:9] = True
+    guess, queried = np.where(unused, np.float32(1), true), []
+
+    def evaluate(index: np.ndarray) -> np.ndarray:
+        assert not unused.reshape(-1)[index].any()
+        queried.append(index)
+        return true.reshape(-1)[index]
+
+    sdf, known = settle(guess, np.zeros(0, dtype=int), evaluate, unused=unused)
+    assert (sdf[:9] == 1).all()
+    assert known[:9].all()
+    corners = unsettled(true < 0, np.zeros_like(unused), unused)
+    assert np.array_equal(np.sort(np.concatenate(queried)), np.setdiff1d(corners, np.flatnonzero(unused)))
+    middle = np.ravel_multi_index((9, 8, 10), true.shape)
+    assert true.reshape(-1)[middle] < 0
+    assert middle not in corners
+
+
 def test_the_halved_lattice_keeps_every_voxel_and_interpolates_between() -> None:
     fine = halved(LATTICE)
     index = np.arange(np.prod(fine.shape)).reshape(fine.shape)
