@@ -42,6 +42,8 @@ BAKED = 8
 """Fitted poses whose colours the texture of body and hands takes in the mean, beside the standing one's: 160 are 0.1 dB better."""
 HIDDEN = 1e-5
 """Weight of poses with a closed mouth inside of it."""
+PARTED = 0.02
+"""Weight of the open mouth on the face: it decides where a closed one hides what the lips touch (`bake.FAINT`)."""
 MOVED = 1e-4
 """Metres by which an expression has to move a vertex to be stored."""
 TINTED = 4 / 255
@@ -98,7 +100,7 @@ def _textured(
     places = texels(atlas.uv, atlas.uv_faces, SIDE, SIDE)
     albedo, at_vertices = _baked(observer, signals[:BAKED], places, tell)
     tell("corrections", 0, 1)
-    expressions = _expressions(observer, faces, at_vertices)
+    expressions = _expressions(observer, faces)
     value = np.stack([np.concatenate([one.shift, one.albedo - at_vertices], 1) for one in seen])
     residuals = Residuals(signals, value, np.stack([one.found for one in seen]))
     parents = observer.avatar.person.body.parents
@@ -151,27 +153,26 @@ def _observed(observer: Observer, signals: list[Signals], work: Path, name: str,
     return seen
 
 
-def _expressions(observer: Observer, seen: list[Observation], at_vertices: np.ndarray) -> Expressions:
+def _expressions(observer: Observer, seen: list[Observation]) -> Expressions:
     neutral = observer.neutral
     assert neutral is not None
-    before = np.where(neutral.found[:, None], neutral.albedo, at_vertices)
     shift = np.stack([one.shift - neutral.shift for one in seen])
-    colour = np.stack([observer.tinted(one, before) for one in seen])
+    colour = np.stack([observer.tinted(one) for one in seen])
     moved = (np.abs(shift).max((0, 2)) > MOVED) | (np.abs(colour).max((0, 2)) > TINTED)
     vertex = np.flatnonzero(moved)
     return Expressions(vertex, shift[:, vertex], colour[:, vertex])
 
 
-def _baked(
-    observer: Observer, signals: list[Signals], places: Texels, tell: Progress
-) -> tuple[np.ndarray, np.ndarray]:
+def _baked(observer: Observer, signals: list[Signals], places: Texels, tell: Progress) -> tuple[np.ndarray, np.ndarray]:
     """Albedo of the texels (x, 3), and of the vertices (v, 3) in the same poses: the face of the standing one."""
     mesh = observer.mesh
     bake = Bake(places, mesh.faces, len(mesh.vertices))
     mouth, face = torch.as_tensor(mesh.mouth), torch.as_tensor(mesh.part == PARTS.index("face") + 1)
     stand = Signals.rest().replace(body_pose=named_pose("stand"))
     poses = [(stand, torch.where(mouth, HIDDEN, 1.0)), *((one, (~face).float()) for one in signals)]
-    poses.append((stand.replace(expression=named_expression("jaw_open")), mouth.float()))
+    poses.append((
+        stand.replace(expression=named_expression("jaw_open")), torch.where(mouth, 1.0, PARTED) * face
+    ))  # fmt: skip
     for number, (one, weight) in enumerate(poses):
         tell("texture", number, len(poses))
         exact, followed = observer.follow(one)

@@ -91,23 +91,24 @@ def corrections(
 ) -> None:
     """amount (g, r) = clip(Σ_n weights_n k(turn, fitted_n), low, high): pose_kernel.py of `turn` (j, 9) and `fitted` (n, j, 9)."""
     n, count = fitted.shape[:2]
-    alike, square, own = np.zeros((n, count)), np.zeros((n, count)), np.zeros(count)
-    for j in range(count):
-        for entry in range(9):
-            own[j] += turn[j, entry] * turn[j, entry]
-            for i in range(n):
-                alike[i, j] += turn[j, entry] * fitted[i, j, entry]
-                square[i, j] += fitted[i, j, entry] * fitted[i, j, entry]
+    alike, apart = np.empty((n, count)), np.empty((n, count))
+    for i in range(n):
+        for j in range(count):
+            dot, square = 0.0, 0.0
+            for entry in range(9):
+                dot += turn[j, entry] * fitted[i, j, entry]
+                square += (turn[j, entry] - fitted[i, j, entry]) ** 2
+            alike[i, j], apart[i, j] = dot, square
     for g in range(len(joints)):
         amount[g] = 0
         for i in range(n):
-            dot, apart = 0.0, 0.0
+            dot, square = 0.0, 0.0
             for q in range(joints.shape[1]):
                 j, c = joints[g, q], closeness[g, q]
                 if j >= 0:
                     dot += c * alike[i, j]
-                    apart += c * (own[j] + square[i, j] - 2 * alike[i, j])
-            kernel = dot + np.exp(-apart / 2)
+                    square += c * apart[i, j]
+            kernel = dot + np.exp(-square / 2)
             for r in range(amount.shape[1]):
                 amount[g, r] += weights[g, i, r] * kernel
         for r in range(amount.shape[1]):
