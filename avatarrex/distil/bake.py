@@ -1,4 +1,4 @@
-"""The albedo texture: the exact colours at every texel, light divided out, in a reference pose; from others where it hides a texel.
+"""The albedo texture: the exact colours at every texel, light divided out, mean over poses in which the texel is found.
 
 Letters: v vertices, x texels, h w texture. sRGB-encoded.
 """
@@ -32,14 +32,17 @@ class Bake:
     def add(
         self, exact: ExactPose, followed: Followed, light: Float[Tensor, "v 3"], weight: Float[Tensor, " v"]
     ) -> None:
-        """The colours of one pose, of that weight at each vertex; `light` (v, 3) is what an albedo is multiplied by there."""
+        """The colours of one pose, of that weight at each vertex; `light` (v, 3) is what an albedo is multiplied by there.
+
+        Texels of triangles without any weight are not computed.
+        """
         share = exact.field(followed.position).part_weight.numpy()
         trust = weight[:, None] * followed.found[:, None].float().clamp_min(FAINT)
         at_vertex = exact.colour(followed.position, -followed.normal) / light
         self.vertex_sum += torch.cat([trust * at_vertex, trust], 1).numpy()
         columns = (followed.position.numpy(), followed.normal.numpy(), share, light.numpy(), trust.numpy())
-        for start in range(0, len(self.texel_sum), BLOCK):
-            rows = slice(start, start + BLOCK)
+        counted = np.flatnonzero((weight.numpy()[self.faces] > 0).any(1)[self.texels.face])
+        for rows in np.array_split(counted, len(counted) // BLOCK + 1):
             block = Texels(self.texels.inside, self.texels.face[rows], self.texels.barycentric[rows])
             position, normal, part_weight, lit, trusted = (
                 torch.as_tensor(block.interpolated(self.faces, column)) for column in columns

@@ -1,8 +1,10 @@
-"""The linear corrections of a surface: ridge regression on joint rotations, group by group, then the strongest directions.
+"""The corrections of a surface: kernel ridge regression on joint rotations, group by group, then the strongest directions.
 
-    [Δp, Δc](v) = basis(v)ᵀ · clip(coefficientsᵀ f),   f = vec(R_j − I) of the joints near the group
+    [Δp, Δc](v) = basis(v)ᵀ · clip(weightsᵀ k),   k_n how like the pose is to the n-th observed one (surface/pose_kernel.py)
 
-Letters: n poses, v vertices, g groups, q joints of a group, r rank. Metres at rest; colours sRGB-encoded.
+Where a vertex was not found in a pose, what the fit says is taken for it, and the fit is made again (expectation and maximisation).
+
+Letters: n poses, v vertices, p vertices of a group, g groups, q joints of a group, r rank. Metres at rest; colours sRGB-encoded.
 """
 
 from __future__ import annotations
@@ -10,21 +12,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from avatarrex.fields.body import VISIBLE
-from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
+from avatarrex.surface.pose_kernel import pose_kernel, turns
 from avatarrex.surface.surface import Correction
 
-REACH = 2
+REACH = 3
 """Bones between a group's joint and those whose turns correct it."""
-MOST_JOINTS = 10
-RIDGES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
-"""Penalties per pose that are tried on held-out poses."""
+CLOSENESS = 0.25
+"""c of a joint by each bone that it is farther away."""
+MOST_JOINTS = 12
+RIDGES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""Penalties that are tried on held-out poses."""
 HELD_OUT = 0.2
 """Share of the poses that choose the penalty."""
+FILLED = 3
+"""How often what was not found is taken from the fit."""
 RANK = 12
 WIDEN = 0.1
 """Share of its range beyond which a coefficient is clipped."""
@@ -44,32 +49,26 @@ def fit_correction(residuals: Residuals, joint: np.ndarray, parents: tuple[int, 
     """The means (v, 6), and the correction around them; `joint` (v,) is the strongest of each vertex."""
     groups = np.unique(joint)
     group = np.searchsorted(groups, joint).astype(np.uint8)
-    joints = np.stack([_near(int(j), parents) for j in groups])
-    turns = rotations(residuals.signals)
-    v = len(joint)
+    joints, closeness = (np.stack(column) for column in zip(*(_near(int(j), parents) for j in groups)))
+    poses = np.stack([one.full_pose() for one in residuals.signals]).astype(np.float32)
+    turn, v = turns(poses), len(joint)
     mean, basis = np.zeros((v, 6), np.float32), np.zeros((v, RANK, 6), np.float32)
-    coefficients = np.zeros((len(groups), 9 * MOST_JOINTS, RANK), np.float32)
+    weights = np.zeros((len(groups), len(poses), RANK), np.float32)
     low, high = np.zeros((2, len(groups), RANK), np.float32)
-    for g, near in enumerate(joints):
+    for g in range(len(groups)):
         rows = np.flatnonzero(group == g)
-        feature = _features(turns, near)
-        mean[rows], weights, directions = _low_rank(feature, residuals, rows)
-        rank = weights.shape[1]
-        coefficients[g, :, :rank], basis[rows, :rank] = weights, directions
-        value = feature @ weights
+        kernel = pose_kernel(turn, turn, joints[g], closeness[g])
+        mean[rows], found, directions = _low_rank(kernel, residuals, rows)
+        rank = found.shape[1]
+        weights[g, :, :rank], basis[rows, :rank] = found, directions
+        value = kernel @ found
         wide = WIDEN * np.ptp(value, 0)
         low[g, :rank], high[g, :rank] = value.min(0) - wide, value.max(0) + wide
-    return mean, Correction(group, joints.astype(np.int32), coefficients, low, high, basis)
+    return mean, Correction(group, poses, joints, closeness, weights, low, high, basis)
 
 
-def rotations(signals: list[Signals]) -> Float[np.ndarray, "n 55 9"]:
-    """R_j − I of every joint, read row by row."""
-    pose = torch.as_tensor(np.stack([one.full_pose() for one in signals]))
-    return (matrix_from_rotvec(pose) - torch.eye(3, dtype=pose.dtype)).reshape(len(signals), 55, 9).numpy()
-
-
-def _near(joint: int, parents: tuple[int, ...]) -> np.ndarray:
-    """The joints within `REACH` bones, nearest first, padded with −1; the root does not turn."""
+def _near(joint: int, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """The joints within `REACH` bones, nearest first, padded with −1, and their c; the root does not turn."""
     distance = {joint: 0}
     for step in range(1, REACH + 1):
         edge = [j for j, d in distance.items() if d == step - 1]
@@ -78,38 +77,35 @@ def _near(joint: int, parents: tuple[int, ...]) -> np.ndarray:
                 if other >= 0:
                     distance.setdefault(other, step)
     near = [j for j in sorted(distance, key=lambda j: (distance[j], j)) if j != 0][:MOST_JOINTS]
-    return np.array(near + [-1] * (MOST_JOINTS - len(near)))
+    none = MOST_JOINTS - len(near)
+    closeness = [CLOSENESS ** distance[j] for j in near] + [0.0] * none
+    return np.array(near + [-1] * none, np.int32), np.array(closeness, np.float32)
 
 
-def _features(turns: np.ndarray, near: Int[np.ndarray, " q"]) -> Float[np.ndarray, "n 9*q"]:
-    return np.where(near[None, :, None] < 0, 0, turns[:, near]).reshape(len(turns), -1)
-
-
-def _low_rank(feature: np.ndarray, residuals: Residuals, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means (p, 6), coefficients (9q, r) and directions (p, r, 6) of the vertices `rows`."""
+def _low_rank(
+    kernel: Float[np.ndarray, "n n"], residuals: Residuals, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means (p, 6), weights (n, r) and directions (p, r, 6) of the vertices `rows`."""
     scale = np.array([1, 1, 1, *[1 / VISIBLE] * 3])
-    value, found = residuals.value[:, rows] * scale, residuals.found[:, rows]
-    n = len(feature)
-    mean = (value * found[..., None]).sum(0) / np.maximum(found.sum(0), 1)[:, None]
-    centre = feature.mean(0)
-    target = np.where(found[..., None], value - mean, 0).reshape(n, -1)
-    test = np.arange(n) >= round((1 - HELD_OUT) * n)
-    ridge = min(RIDGES, key=lambda r: _miss(feature - centre, target, test, r))
-    weights = _solve(feature - centre, target, ridge)
-    _, size, right = np.linalg.svd((feature - centre) @ weights, full_matrices=False)
+    value, found = residuals.value[:, rows] * scale, residuals.found[:, rows, None]
+    n = len(kernel)
+    mean = (value * found).sum(0) / np.maximum(found.sum(0), 1)
+    target = np.where(found, value - mean, 0).reshape(n, -1)
+    known = np.broadcast_to(found, value.shape).reshape(n, -1)
+    ridge = min(RIDGES, key=lambda penalty: _miss(kernel, target, known, penalty))
+    inverse = np.linalg.inv(kernel + ridge * np.eye(n))
+    for _ in range(FILLED):
+        target = np.where(known, target, kernel @ (inverse @ target))
+    weights = inverse @ target
+    _, size, right = np.linalg.svd(kernel @ weights, full_matrices=False)
     rank = min(RANK, int((size > 1e-9 * max(size[0], 1e-30)).sum()))
     directions = right[:rank]
-    used = weights @ directions.T
-    start = mean - ((centre @ used) @ directions).reshape(mean.shape)  # f, not f − its mean, is what is multiplied
-    return start / scale, used, directions.reshape(rank, len(rows), 6).transpose(1, 0, 2) / scale
+    return mean / scale, weights @ directions.T, directions.reshape(rank, len(rows), 6).transpose(1, 0, 2) / scale
 
 
-def _solve(feature: np.ndarray, target: np.ndarray, ridge: float) -> np.ndarray:
-    gram = feature.T @ feature + ridge * np.eye(feature.shape[1])
-    return np.linalg.solve(gram, feature.T @ target)
-
-
-def _miss(feature: np.ndarray, target: np.ndarray, test: np.ndarray, ridge: float) -> float:
+def _miss(kernel: np.ndarray, target: np.ndarray, known: np.ndarray, ridge: float) -> float:
     """Mean square on held-out poses."""
-    weights = _solve(feature[~test], target[~test], ridge)
-    return float(np.square(feature[test] @ weights - target[test]).mean())
+    n = len(kernel)
+    cut = round((1 - HELD_OUT) * n)
+    weights = np.linalg.solve(kernel[:cut, :cut] + ridge * np.eye(cut), target[:cut])
+    return float(np.square((kernel[cut:, :cut] @ weights - target[cut:])[known[cut:]]).mean())

@@ -28,6 +28,8 @@ SLIDES = 2
 """Steps of `Pattern.slide`; a third changes the albedo's error by 2 %."""
 STEADYING = 2
 """Means over the neighbours on hands and face, some 5 mm each."""
+LIPS = 4
+"""Triangles from the mouth to the edge of the lips, some 2 mm each."""
 TRUSTED = 0.05
 """Metres that a pattern may have slid at most in a sum of steps."""
 
@@ -55,6 +57,7 @@ class Observer:
         self.neutral: Observation | None = None
         self.own = mesh.part > 0
         self.smooth = neighbourhoods(mesh.faces[:0], mesh.faces.astype(np.int64), len(mesh.vertices))[1]
+        self.lips = self._lips()
         self.pattern = self._reference()
         self.neutral = self.observe(Signals.rest())
 
@@ -84,14 +87,17 @@ class Observer:
         offset = np.where(self.mesh.inner[:, None], 0, offset / np.maximum(trusted, 1e-3))
         return np.asarray(guess + (self.neutral.shift - self.neutral.guess) + offset)
 
-    def tinted(self, observation: Observation, before: Float[np.ndarray, "v 3"]) -> np.ndarray:
-        """(v, 3): how the albedo differs from `before`, mean of the neighbours that were found; 0 where none was,
-        and in the mouth, whose texture is that of the open one.
+    def tinted(self, observation: Observation) -> np.ndarray:
+        """(v, 3): how the albedo differs from the neutral face's, mean of the neighbours that were found in both.
+
+        0 where none was, in the mouth, whose texture is that of the open one, and on the lips, which open wider or less than those
+        of the template: what is seen at a lip's vertex may be skin or teeth.
         """
-        trusted = (observation.found & ~self.mesh.mouth)[:, None].astype(float)
-        change = self.smooth @ (trusted * (observation.albedo - before))
+        assert self.neutral is not None
+        trusted = (observation.found & self.neutral.found & ~self.mesh.mouth)[:, None].astype(float)
+        change = self.smooth @ (trusted * (observation.albedo - self.neutral.albedo))
         tint = change / np.maximum(self.smooth @ trusted, 1e-3)
-        return np.where(self.mesh.mouth[:, None], 0, tint)
+        return np.where(self.lips[:, None], 0, tint)
 
     def follow(self, signals: Signals) -> tuple[ExactPose, Followed]:
         """The exact pose and the vertices on it, where their colours are."""
@@ -148,6 +154,13 @@ class Observer:
             slopes.append((ahead - back) / (2 * SLOPE))
         slope = torch.stack(slopes, -1) @ tangents(torch.as_tensor(mesh.vertices), corner)
         return replace(blank, albedo=self._albedo(exact, followed, blank, share), slope=slope)
+
+    def _lips(self) -> Bool[np.ndarray, " v"]:
+        """The mouth, and what is few triangles from it."""
+        near = self.mesh.mouth.astype(float)
+        for _ in range(LIPS):
+            near = self.smooth @ near
+        return np.asarray(near > 0)
 
     def _lit(self) -> Float[Tensor, " v"]:
         """1 − ω of the face, which has its own tone."""

@@ -47,7 +47,7 @@ def mesh_surface(drawer: MeshDrawer, side: int = SIDE) -> Surface:
         morph_vertex=moved.astype(np.int32),
         morph=morph,
         morph_colour=np.zeros_like(morph),
-        correction=_none(len(rest)),
+        correction=Correction.none(len(rest)),
     )
 
 
@@ -55,15 +55,3 @@ def parts_of(person: Person) -> np.ndarray:
     """(v,) 0 the body, 1.. the part that most of a vertex belongs to."""
     share = person.blend_weight.numpy()
     return np.where(share.max(1) > 0.5, share.argmax(1) + 1, 0).astype(np.uint8)
-
-
-def _none(count: int) -> Correction:
-    """Of rank 0."""
-    return Correction(
-        group=np.zeros(count, np.uint8),
-        joints=np.full((1, 1), -1, np.int32),
-        coefficients=np.zeros((1, 9, 0), np.float32),
-        low=np.zeros((1, 0), np.float32),
-        high=np.zeros((1, 0), np.float32),
-        basis=np.zeros((count, 0, 6), np.float32),
-    )

@@ -29,7 +29,8 @@ from avatarrex.ops.native import spread
 from avatarrex.ops.skinning import tree_levels
 from avatarrex.signals.driving import Signals
 from avatarrex.surface import pose_loops as loops
-from avatarrex.surface.surface import Surface
+from avatarrex.surface.pose_kernel import pose_kernel, turns
+from avatarrex.surface.surface import Correction, Surface
 from avatarrex.templates.face import HEAD, JAW, LEFT_EYE, RIGHT_EYE
 from avatarrex.templates.model import TemplateModel
 from avatarrex.templates.person import Person
@@ -95,7 +96,8 @@ def pose_surface(
     transform, skinning = np.empty((2, len(joints), 3, 4))
     loops.joint_matrices(skeleton.order, skeleton.parents, turn, joints, transform, skinning)
     of, amount = surface.correction, np.empty(surface.correction.low.shape)
-    loops.corrections(turn, of.joints, of.coefficients, of.low, of.high, amount)
+    own = (turn - np.eye(3)).reshape(-1, 9)
+    loops.corrections(own, _fitted(of), of.joints, of.closeness, of.weights, of.low, of.high, amount)
     expression = np.ascontiguousarray(signals.expression[: mesh.morph.shape[1]])
     state = loops.State(_shaped(surface, person.body, signals.shape), skinning, amount, expression)
     vertices, normals, tint, placed = _placed(mesh, state, previous)
@@ -152,6 +154,7 @@ class _Skeleton:
 
 _MESHES: WeakKeyDictionary[Surface, loops.Mesh] = WeakKeyDictionary()
 _SKELETONS: WeakKeyDictionary[TemplateModel, _Skeleton] = WeakKeyDictionary()
+_FITTED: WeakKeyDictionary[Correction, np.ndarray] = WeakKeyDictionary()
 _SHAPED: WeakKeyDictionary[Surface, tuple[TemplateModel, bytes, np.ndarray]] = WeakKeyDictionary()
 """The last shape's rest vertices."""
 
@@ -174,6 +177,13 @@ def _mesh(surface: Surface) -> loops.Mesh:
             ring,
         )
     return _MESHES[surface]
+
+
+def _fitted(correction: Correction) -> Float64[np.ndarray, "n j 9"]:
+    """The turns of its poses, made once."""
+    if correction not in _FITTED:
+        _FITTED[correction] = turns(correction.poses)
+    return _FITTED[correction]
 
 
 def rings(faces: np.ndarray, v: int) -> tuple[np.ndarray, np.ndarray]:
@@ -247,10 +257,10 @@ def _posed_reference(surface: Surface, person: Person, signals: Signals, key: by
         transform[j] = local if above < 0 else transform[above] @ local
         skinning[j] = transform[j]
         skinning[j, :3, 3] -= transform[j, :3, :3] @ joints[j]
-    feature = np.concatenate([(turn - np.eye(3)).reshape(-1, 9), np.zeros((1, 9))])[
-        correction.joints
-    ]  # −1: the last, zero
-    amount = np.einsum("gf,gfr->gr", feature.reshape(len(feature), -1), correction.coefficients)
+    own, fitted = turns(signals.full_pose()[None]), turns(correction.poses)
+    near = zip(correction.joints, correction.closeness)
+    kernel = np.stack([pose_kernel(own, fitted, *row)[0] for row in near])
+    amount = np.einsum("gn,gnr->gr", kernel, correction.weights.astype(np.float64))
     amount = np.clip(amount, correction.low, correction.high)
     change = np.einsum("vrc,vr->vc", correction.basis, amount[correction.group])
     expression = signals.expression[: len(surface.morph)]

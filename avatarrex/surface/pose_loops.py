@@ -3,7 +3,7 @@
 What each computes is said in pose.py. Every vertex is computed alone and in the same order of operations, whichever others are:
 so what is kept from a previous pose equals what would be computed. Sums are float64, what is stored float32.
 
-Letters: v vertices, k joints of a vertex, j joints, g groups, q joints of a group, r rank, e expressions, n chosen rows.
+Letters: v vertices, k joints of a vertex, j joints, g groups, q joints of a group, r rank, e expressions, n chosen rows or fitted poses.
 """
 
 from __future__ import annotations
@@ -79,19 +79,38 @@ def joint_matrices(order: Array, parents: Array, turn: Array, joints: Array, tra
 
 
 @native
-def corrections(turn: Array, joints: Array, coefficients: Array, low: Array, high: Array, amount: Array) -> None:
-    """amount (g, r) = clip(coefficientsᵀ vec(R_j − I), low, high)."""
+def corrections(
+    turn: Array,
+    fitted: Array,
+    joints: Array,
+    closeness: Array,
+    weights: Array,
+    low: Array,
+    high: Array,
+    amount: Array,
+) -> None:
+    """amount (g, r) = clip(Σ_n weights_n k(turn, fitted_n), low, high): pose_kernel.py of `turn` (j, 9) and `fitted` (n, j, 9)."""
+    n, count = fitted.shape[:2]
+    alike, apart = np.empty((n, count)), np.empty((n, count))
+    for i in range(n):
+        for j in range(count):
+            dot, square = 0.0, 0.0
+            for entry in range(9):
+                dot += turn[j, entry] * fitted[i, j, entry]
+                square += (turn[j, entry] - fitted[i, j, entry]) ** 2
+            alike[i, j], apart[i, j] = dot, square
     for g in range(len(joints)):
         amount[g] = 0
-        for i in range(joints.shape[1]):
-            j = joints[g, i]
-            if j < 0:
-                continue
-            for entry in range(9):
-                feature = turn[j, entry // 3, entry % 3] - (entry % 4 == 0)
-                if feature != 0:
-                    for r in range(amount.shape[1]):
-                        amount[g, r] += coefficients[g, 9 * i + entry, r] * feature
+        for i in range(n):
+            dot, square = 0.0, 0.0
+            for q in range(joints.shape[1]):
+                j, c = joints[g, q], closeness[g, q]
+                if j >= 0:
+                    dot += c * alike[i, j]
+                    square += c * apart[i, j]
+            kernel = dot + np.exp(-square / 2)
+            for r in range(amount.shape[1]):
+                amount[g, r] += weights[g, i, r] * kernel
         for r in range(amount.shape[1]):
             amount[g, r] = min(max(amount[g, r], low[g, r]), high[g, r])
 

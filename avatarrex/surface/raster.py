@@ -37,8 +37,8 @@ SAMPLES_UNIT = 1
 """Texture unit; the albedo has 0 (`UploadedSurface.bind`)."""
 Target = tuple[tuple[moderngl.Texture, ...], moderngl.Framebuffer]
 """Textures, and the framebuffer that draws into them."""
-LOD_BIAS = -1.0
-"""Of the albedo's mipmaps: the exact levels take a pixel's colour at its centre; the mean over it is 1 dB farther from them."""
+LOD_BIAS = -3.0
+"""Of the albedo's mipmaps: the exact levels take a pixel's colour at its centre; the mean over it is 1 dB farther from them, −1 0.1 dB."""
 CONSTANTS = {"DARKEST": DARKEST, "LOD_BIAS": LOD_BIAS}
 
 

@@ -1,4 +1,4 @@
-"""The surface of an avatar: a textured mesh distilled from its exact field, skinned forward, with linear corrections.
+"""The surface of an avatar: a textured mesh distilled from its exact field, skinned forward, corrected by the pose.
 
     p̄' = p̄ + shape·β + morph·ψ + Δp(θ, φ)      p = Σ_k w_k A_{j_k} p̄'        colour = (albedo(uv) + Δc(θ, ψ)) · E(n)
 
@@ -6,7 +6,7 @@ A_j are the body template's skinning matrices (all 55 joints turn here: body, ja
 (fields/light.py) of the posed normal n, as far as `lit` says. Hands and face have the template's own vertices.
 
 Letters: v vertices, t texture vertices, f faces, k joints of a vertex, m vertices moved by expressions, e expressions,
-g groups, q joints of a group, r rank. Metres at rest (T-pose, neutral, flat hands), root frame; colours sRGB-encoded.
+g groups, q joints of a group, n fitted poses, r rank. Metres at rest (T-pose, neutral, flat hands), root frame; colours sRGB-encoded.
 """
 
 from __future__ import annotations
@@ -24,21 +24,39 @@ INFLUENCES = 8
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """How rest positions and colours change with the pose.
+    """How rest positions and colours change with the pose: by how like it is to each of the poses that were fitted (pose_kernel.py).
 
-        [Δp, Δc](v) = basis(v)ᵀ · clip(coefficients_gᵀ vec(R_j − I)_{j in joints_g}, low_g, high_g),   g = group(v)
+        [Δp, Δc](v) = basis(v)ᵀ · clip(Σ_n weights_gn k_g(R, R_n), low_g, high_g),   g = group(v)
 
-    R_j are the rotations of the driving signal (about each joint's rest axes), read row by row. A joint of −1 is none, its nine
-    features are zero. The clip keeps a pose far from all that were fitted near them.
+    R are the rotations of the driving signal (about each joint's rest axes). A joint of −1 is none. The clip keeps a pose far from
+    all that were fitted near them.
     """
 
     group: UInt8[np.ndarray, " v"]
+    poses: Float32[np.ndarray, "n 55 3"]
+    """Axis–angle vectors of the poses that were fitted."""
     joints: Int32[np.ndarray, "g q"]
-    coefficients: Float32[np.ndarray, "g 9*q r"]
+    closeness: Float32[np.ndarray, "g q"]
+    """c of those joints."""
+    weights: Float32[np.ndarray, "g n r"]
     low: Float32[np.ndarray, "g r"]
     high: Float32[np.ndarray, "g r"]
     basis: Float32[np.ndarray, "v r 6"]
     """Metres at rest, then sRGB."""
+
+    @classmethod
+    def none(cls, vertices: int) -> Correction:
+        """Of rank 0: a mesh of so many vertices that skinning alone moves."""
+        return cls(
+            group=np.zeros(vertices, np.uint8),
+            poses=np.zeros((1, 55, 3), np.float32),
+            joints=np.full((1, 1), -1, np.int32),
+            closeness=np.zeros((1, 1), np.float32),
+            weights=np.zeros((1, 1, 0), np.float32),
+            low=np.zeros((1, 0), np.float32),
+            high=np.zeros((1, 0), np.float32),
+            basis=np.zeros((vertices, 0, 6), np.float32),
+        )
 
 
 @dataclass(frozen=True, eq=False)

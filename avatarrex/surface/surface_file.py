@@ -163,14 +163,16 @@ def _check(values: dict[str, np.ndarray], about: dict[str, Any], source: object)
     """Shapes, finite numbers, the description."""
     v, t, f, m = (len(values[name]) for name in ("vertices", "uv", "faces", "morph_vertex"))
     g, q = values["correction.joints"].shape if values["correction.joints"].ndim == 2 else (0, 0)
+    n = len(values["correction.poses"])
     r = values["correction.basis"].shape[1] if values["correction.basis"].ndim == 3 else 0
     e = len(EXPRESSION_NAMES)
     shapes = {
         "vertices": (v, 3), "faces": (f, 3), "joint": (v, INFLUENCES), "weight": (v, INFLUENCES), "template_face": (v,),
         "barycentric": (v, 3), "part": (v,), "uv": (t, 2), "uv_vertex": (t,), "uv_faces": (f, 3), "lit": (v,),
         "morph_vertex": (m,), "morph": (e, m, 3), "morph_colour": (e, m, 3), "correction.group": (v,),
-        "correction.joints": (g, q), "correction.coefficients": (g, 9 * q, r), "correction.low": (g, r),
-        "correction.high": (g, r), "correction.basis": (v, r, 6),
+        "correction.poses": (n, len(JOINT_NAMES), 3), "correction.joints": (g, q), "correction.closeness": (g, q),
+        "correction.weights": (g, n, r), "correction.low": (g, r), "correction.high": (g, r),
+        "correction.basis": (v, r, 6),
     }  # fmt: skip
     for name, shape in shapes.items():
         check(values[name].shape == shape, source, f"{FILE}: {name}", f"shape {shape}", values[name].shape)

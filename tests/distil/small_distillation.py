@@ -31,7 +31,7 @@ def make_small(monkeypatch: pytest.MonkeyPatch) -> list[Signals]:
     monkeypatch.setattr(mesh_module, "CELL", 0.012)
     monkeypatch.setattr(module, "rest_mesh", lambda avatar: whole_mesh(avatar, TRIANGLES))
     monkeypatch.setattr(module, "texels", lambda uv, uv_faces, *size: whole_texels(uv, uv_faces, TEXELS, TEXELS))
-    monkeypatch.setattr(module, "BAKED", {"stand": module.BAKED["stand"]})
+    monkeypatch.setattr(module, "BAKED", 1)
     monkeypatch.setattr(module, "surface_errors", lambda avatar, surface: {"depth_mm": 1.25})
     monkeypatch.setattr(Observer, "observe", counted)
     return observed

@@ -54,14 +54,16 @@ def _parts(person: Person) -> np.ndarray:
 
 
 def _correction(group: np.ndarray, amplitude: float) -> Correction:
-    """Groups by the strongest joint; its own turn and its features move the vertex."""
-    groups, rank, v = 55, 4, len(group)
+    """Groups by the strongest joint; its own turn moves the vertex."""
+    groups, rank, n, v = 55, 4, 3, len(group)
     joints = np.stack([np.arange(groups), np.full(groups, -1)], 1).astype(np.int32)
     rng = np.random.default_rng(0)
     return Correction(
         group=group.astype(np.uint8),
+        poses=rng.normal(0, 0.5, (n, 55, 3)).astype(np.float32),
         joints=joints,
-        coefficients=rng.normal(size=(groups, 18, rank)).astype(np.float32),
+        closeness=np.full(joints.shape, 0.5, np.float32),
+        weights=rng.normal(size=(groups, n, rank)).astype(np.float32),
         low=np.full((groups, rank), -1, np.float32),
         high=np.full((groups, rank), 1, np.float32),
         basis=(amplitude * rng.normal(size=(v, rank, 6))).astype(np.float32),

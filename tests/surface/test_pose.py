@@ -140,14 +140,20 @@ def test_a_correction_is_clipped_to_what_was_fitted():
     assert np.allclose(clipped.tint, wanted + morph, atol=1e-6)
 
 
-def test_a_correction_reads_the_rotations_row_by_row():
+def test_a_correction_is_by_how_like_the_pose_is_to_those_that_were_fitted():
     base, pose = template_surface(1.0), np.zeros((55, 3))
     pose[ELBOW] = (0.1, 0.2, 0.3)
-    turn = Rotation.from_rotvec(pose[ELBOW]).as_matrix()
-    amount = pose_surface(base, PERSON, Signals.from_full_pose(pose)).state.amount
-    wanted = (turn - np.eye(3)).ravel() @ base.correction.coefficients[ELBOW, :9].astype(np.float64)
+    own = Rotation.from_rotvec(pose[ELBOW]).as_matrix()
+    wanted = np.zeros(4)
+    for fitted, weights in zip(base.correction.poses, base.correction.weights[ELBOW].astype(float)):
+        other = Rotation.from_rotvec(fitted[ELBOW].astype(float)).as_matrix()
+        alike = 0.5 * ((own - np.eye(3)) * (other - np.eye(3))).sum()
+        wanted += weights * (alike + np.exp(-0.25 * np.square(own - other).sum()))
+    still, amount = (
+        pose_surface(base, PERSON, Signals.from_full_pose(turned)).state.amount for turned in (np.zeros((55, 3)), pose)
+    )
     assert np.allclose(amount[ELBOW], np.clip(wanted, -1, 1))
-    assert not np.delete(amount, ELBOW, 0).any()
+    assert np.array_equal(np.delete(amount, ELBOW, 0), np.delete(still, ELBOW, 0))
 
 
 def changed(before: Signals, after: Signals) -> tuple[int, PosedSurface, PosedSurface]:

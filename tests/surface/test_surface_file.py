@@ -24,8 +24,8 @@ from avatarrex.surface.surface_file import FILE, KINDS, LARGEST, MOST_SIDE, read
 
 Arrays = dict[str, np.ndarray]
 TEMPLATE_FACES = int(template_surface().template_face.max()) + 1
-FLOATS = ("vertices", "weight", "barycentric", "uv", "lit", "morph", "morph_colour", "correction.coefficients",
-          "correction.low", "correction.high", "correction.basis")  # fmt: skip
+FLOATS = ("vertices", "weight", "barycentric", "uv", "lit", "morph", "morph_colour", "correction.poses",
+          "correction.closeness", "correction.weights", "correction.low", "correction.high", "correction.basis")  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,7 @@ from avatarrex.pipeline import render_frame
 from avatarrex.signals.driving import Signals
 from avatarrex.surface.pose import PosedSurface, pose_surface
 from avatarrex.surface.raster import Placed, draw_surfaces
-from avatarrex.surface.surface import Surface
+from avatarrex.surface.surface import Correction, Surface
 
 BONES = 4
 """Of a vertex in a game engine."""
@@ -116,11 +116,9 @@ def crowd(
 
 def four_bones(surface: Surface) -> Surface:
     """The same mesh, texture and expressions as a game engine has them."""
-    full, weight = surface.correction, surface.weight[:, :BONES]
-    low, high, basis = (values[:, :0] for values in (full.low, full.high, full.basis))
-    none = replace(full, coefficients=full.coefficients[..., :0], low=low, high=high, basis=basis)
+    weight = surface.weight[:, :BONES]
     weight = weight / weight.sum(1, keepdims=True)
-    return replace(surface, joint=surface.joint[:, :BONES], weight=weight, correction=none)
+    return replace(surface, joint=surface.joint[:, :BONES], weight=weight, correction=Correction.none(len(weight)))
 
 
 def rate(bench: Bench, avatar: Avatar, size: int, change: Change) -> float:
