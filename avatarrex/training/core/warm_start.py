@@ -7,7 +7,7 @@ from there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from tqdm import tqdm
 from avatarrex.avatar import Avatar
 from avatarrex.files.assets import DATA
 from avatarrex.files.tensors import read_safetensors
-from avatarrex.signals.sequence import SignalSequence
+from avatarrex.signals.driving import Signals
 from avatarrex.training.core.losses import distance_loss
 from avatarrex.training.core.supervision import Draw, supervision
 
@@ -95,17 +95,17 @@ class Fit:
         return float((predicted - truth).detach().abs().mean())
 
 
-def warm_start(avatar: Avatar, motion: SignalSequence, part: str, steps: int, seed: int) -> float:
-    """Load what is known of `body` or `face` and fit its geometry for `steps` steps on frames of a motion.
+def warm_start(avatar: Avatar, poses: Sequence[Signals], part: str, steps: int, seed: int) -> float:
+    """Load what is known of `body` or `face` and fit its geometry for `steps` steps on some of the training's poses.
 
     Returns the mean error of the last tenth, metres.
     """
     rate = KNOWN_RATE if load_prior(avatar, part) else RATE
     if part == "face":
         load_prior(avatar, "face_colour")
-    frames = sorted(set(np.linspace(0, len(motion) - 1, WARM_FRAMES).round().astype(int).tolist()))
+    frames = sorted(set(np.linspace(0, len(poses) - 1, WARM_FRAMES).round().astype(int).tolist()))
     rng = np.random.default_rng([seed, 17])
-    fit = Fit(*supervision(avatar, [motion[index] for index in frames], part, rng))
+    fit = Fit(*supervision(avatar, [poses[index] for index in frames], part, rng))
     errors = [fit.step(rng, rate * 0.05 ** (k / steps)) for k in tqdm(range(steps), desc=f"{part}: warm start")]
     for parameter in fit.parameters:
         parameter.requires_grad_(False)
