@@ -21,7 +21,7 @@ BODY = (
 )
 FACE = (
     replace(QUICK.face[0], steps=60, decay_steps=60, still=10, geometry_rate=0.3, outline=800, warm_steps=0),
-    replace(QUICK.face[1], steps=60, decay_steps=60, patch=64, rate=1e-3),
+    replace(QUICK.face[1], steps=60, decay=0.3, decay_steps=60, patch=64, rate=1.5e-3),
 )
 EVERY = 20
 MILESTONES = {

@@ -12,7 +12,9 @@ from training.miniature import perturbed, write_miniature
 from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.fields.code import BodyCode, embedding_loss, kl_loss, node_loss
+from avatarrex.fields.composition import Composed
 from avatarrex.metrics.perceptual import Perceptual
+from avatarrex.shading.colour import SurfaceColour
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.losses import NEARBY, eikonal_loss, mask_loss, rgb_loss, silhouette_loss
 from avatarrex.training.core.stage import Stage
@@ -21,15 +23,15 @@ from avatarrex.training.recipe import QUICK, LossWeights
 
 STEPS = 6
 ALONE = {
-    ("I", "rgb"): ({"colour", "geometry"}, {"encoder"}, 0.10),
+    ("I", "rgb"): ({"colour", "geometry"}, set(), 0.05),
     ("I", "mask"): ({"geometry"}, {"colour", "hands", "tone"}, 0.05),
     ("I", "silhouette"): ({"geometry"}, {"colour", "hands", "tone"}, 0.05),
     ("I", "eikonal"): ({"geometry"}, {"colour", "hands", "tone"}, 0.05),
-    ("I", "node"): ({"decoder"}, {"geometry", "encoder", "colour", "hands", "tone"}, 0.20),
-    ("I", "embedding"): ({"decoder"}, {"geometry", "encoder", "colour", "hands", "tone"}, 0.20),
+    ("I", "node"): ({"decoder", "encoder"}, {"geometry", "colour", "hands", "tone"}, 0.20),
+    ("I", "embedding"): ({"decoder", "encoder"}, {"geometry", "colour", "hands", "tone"}, 0.20),
     ("I", "kl"): ({"encoder"}, {"decoder", "geometry", "colour", "hands", "tone"}, 0.20),
     ("I", "tone"): ({"tone"}, {"decoder", "encoder", "geometry", "colour", "hands"}, 0.05),
-    ("II", "rgb"): ({"colour"}, {"decoder", "encoder", "geometry"}, 0.10),
+    ("II", "rgb"): ({"colour"}, {"decoder", "encoder", "geometry"}, 0.05),
     ("II", "perceptual"): ({"colour"}, {"decoder", "encoder", "geometry"}, 0.02),
     ("II", "tone"): ({"tone"}, {"decoder", "encoder", "geometry", "colour"}, 0.05),
 }
@@ -40,7 +42,7 @@ def test_colours_are_pulled_to_the_truth_by_their_error():
     colour = torch.tensor([[0.2, 0.5, 0.9], [0.4, 0.4, 0.4]], requires_grad=True)
     truth, weight = torch.tensor([[0.5, 0.5, 0.5], [0.1, 0.4, 0.4]]), torch.tensor([1.0, 3.0])
     loss = rgb_loss(colour, truth, weight)
-    assert float(loss) == pytest.approx((0.25 / 3 + 3 * 0.09 / 3) / 4)
+    assert float(loss.detach()) == pytest.approx((0.25 / 3 + 3 * 0.09 / 3) / 4)
     (slope,) = torch.autograd.grad(loss, colour)
     torch.testing.assert_close(slope, 2 * (colour - truth).detach() * weight[:, None] / (3 * 4))
 
@@ -48,7 +50,7 @@ def test_colours_are_pulled_to_the_truth_by_their_error():
 def test_opacity_is_pulled_to_the_matte_by_one_share_a_ray():
     opacity = torch.tensor([0.2, 0.9, 0.6], requires_grad=True)
     loss = mask_loss(opacity, torch.tensor([1.0, 0.0, 1.0]), torch.tensor([1.0, 1.0, 2.0]))
-    assert float(loss) == pytest.approx((0.8 + 0.9 + 2 * 0.4) / 4)
+    assert float(loss.detach()) == pytest.approx((0.8 + 0.9 + 2 * 0.4) / 4)
     (slope,) = torch.autograd.grad(loss, opacity)
     torch.testing.assert_close(slope, torch.tensor([-0.25, 0.25, -0.5]))
 
@@ -58,7 +60,7 @@ def test_a_silhouette_is_pushed_by_what_it_lacks():
     lowest = torch.tensor([0.002, -0.002, -0.001], requires_grad=True)
     matte, width = torch.tensor([1.0, 0.0, 0.5]), torch.full((3,), 0.001)
     loss = silhouette_loss(lowest, width, matte, torch.ones(3))
-    assert float(loss) == pytest.approx((0.0025 + 0.0025 + 0.001) / 3 / NEARBY)
+    assert float(loss.detach()) == pytest.approx((0.0025 + 0.0025 + 0.001) / 3 / NEARBY)
     (slope,) = torch.autograd.grad(loss, lowest)
     torch.testing.assert_close(slope, torch.tensor([1.0, -1.0, -1.0]) / (3 * NEARBY))
 
@@ -72,7 +74,14 @@ class Scaled:
     def alone(self, position: torch.Tensor) -> torch.Tensor:
         return self.factor * (position.norm(dim=-1) - 0.1)
 
-    composed = around = paint = None
+    def composed(self, position: torch.Tensor) -> Composed:
+        raise NotImplementedError
+
+    def around(self, count: int, noise: torch.Generator) -> torch.Tensor:
+        raise NotImplementedError
+
+    def paint(self) -> SurfaceColour:
+        raise NotImplementedError
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 1.6])
@@ -80,7 +89,7 @@ def test_slopes_are_pulled_to_one(factor):
     scale = torch.tensor(factor, requires_grad=True)
     points = torch.randn(200, 3, generator=torch.Generator().manual_seed(0))
     loss = eikonal_loss(Scaled(scale), points)
-    assert float(loss) == pytest.approx((factor - 1) ** 2, abs=1e-6)
+    assert float(loss.detach()) == pytest.approx((factor - 1) ** 2, abs=1e-6)
     (slope,) = torch.autograd.grad(loss, scale)
     assert float(slope) == pytest.approx(2 * (factor - 1), abs=1e-5)
 
@@ -88,8 +97,8 @@ def test_slopes_are_pulled_to_one(factor):
 def test_codes_are_pulled_to_nothing():
     residual, embedding = torch.full((4, 3), 0.02, requires_grad=True), torch.full((4, 5), -0.3, requires_grad=True)
     code = BodyCode(residual, embedding)
-    assert float(node_loss(code)) == pytest.approx(3 * 0.02**2)
-    assert float(embedding_loss(code)) == pytest.approx(5 * 0.3**2)
+    assert float(node_loss(code).detach()) == pytest.approx(3 * 0.02**2)
+    assert float(embedding_loss(code).detach()) == pytest.approx(5 * 0.3**2)
     slopes = torch.autograd.grad(node_loss(code) + embedding_loss(code), (residual, embedding))
     torch.testing.assert_close(slopes, (torch.full((4, 3), 0.01), torch.full((4, 5), -0.15)))
 
@@ -98,7 +107,7 @@ def test_the_posterior_is_pulled_to_the_prior():
     mean, log_variance = torch.tensor([[1.0, -2.0]], requires_grad=True), torch.tensor([[0.0, 1.0]], requires_grad=True)
     loss = kl_loss(mean, log_variance)
     e = torch.tensor(1.0).exp()
-    assert float(loss) == pytest.approx(0.5 * (1 + 4 + float(e) - 2), rel=1e-6)
+    assert float(loss.detach()) == pytest.approx(0.5 * (1 + 4 + float(e) - 2), rel=1e-6)
     slopes = torch.autograd.grad(loss, (mean, log_variance))
     torch.testing.assert_close(slopes, (torch.tensor([[1.0, -2.0]]), torch.stack([torch.zeros(()), (e - 1) / 2])[None]))
 
@@ -109,13 +118,13 @@ def test_the_perceptual_term_wants_the_edges_back():
     blurred = torch.nn.functional.avg_pool2d(truth, 3, 1, 1)
     perceptual, picture = Perceptual(None, "test"), blurred.clone().requires_grad_(True)
     assert float(perceptual(truth, truth)) == pytest.approx(0, abs=1e-6)
-    before = float(perceptual(picture, truth))
+    before = float(perceptual(blurred, truth))
     optimiser = torch.optim.Adam([picture], lr=0.02)
     for _ in range(8):
         optimiser.zero_grad()
         perceptual(picture, truth).backward()
         optimiser.step()
-    assert float(perceptual(picture, truth)) < 0.7 * before
+    assert float(perceptual(picture.detach(), truth)) < 0.7 * before
     assert (picture.detach() - truth).square().mean() < 0.9 * (blurred - truth).square().mean()
 
 
@@ -124,6 +133,9 @@ def seen(tmp_path_factory) -> tuple[Avatar, dict[str, FrameStore]]:
     """A perturbed avatar before a miniature capture."""
     folder: Path = write_miniature(tmp_path_factory.mktemp("terms"), "body")
     rig, avatar = open_capture(folder).rigs["body"], perturbed("body", 0)
+    with torch.no_grad():  # a tone that is off
+        for parameter in avatar.tone.parameters():
+            parameter.add_(0.05)
     stores = {name: FrameStore(avatar, rig, "body", frozenset({"face"}), name == "II") for name in ("I", "II")}
     for store in stores.values():
         store.renew(0)

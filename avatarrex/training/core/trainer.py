@@ -29,7 +29,7 @@ from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.held_out import HeldOut
 from avatarrex.training.core.mixed import in_bfloat16
 from avatarrex.training.core.stage import Stage, stages
-from avatarrex.training.core.warm_start import warm_start
+from avatarrex.training.core.warm_start import clear_space, warm_start
 from avatarrex.training.core.work import Work, pass_of
 from avatarrex.training.recipe import TRAINED, PassOne, PassTwo, Recipe
 from avatarrex.training.runs.folder import Run
@@ -126,6 +126,8 @@ class Trainer:
         """Fit the geometry of every part to the template: a part that is trained first is seen beside the others."""
         if self.start is not None:
             return self._take({name: module.state_dict() for name, module in self.start.modules().items()})
+        if not self.recipe.body[0].warm_steps:
+            clear_space(self.avatar)
         for part in ("body", "face"):
             steps = getattr(self.recipe, part)[0].warm_steps
             if steps and part not in self.hidden:

@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
+from avatarrex.fields.body import SDF_UNIT
 from avatarrex.files.assets import DATA
 from avatarrex.files.tensors import read_safetensors
 from avatarrex.signals.driving import Signals
@@ -27,6 +28,8 @@ RATE = 2e-3
 KNOWN_RATE = 5e-4
 """Where the prior has been loaded: only the person's own shape is left to find."""
 PRIOR = DATA / "prior.safetensors"
+CLEAR = 0.05
+"""Metres: at the first γ of the paper a ray through a node's sphere then loses a third."""
 KNOWN = {
     "body": (
         "code_network.decoder.",
@@ -93,6 +96,17 @@ class Fit:
         torch.autograd.backward(loss)
         self.optimiser.step()
         return float((predicted - truth).detach().abs().mean())
+
+
+@torch.no_grad()
+def clear_space(avatar: Avatar) -> None:
+    """Take an untrained body away from before the face: everywhere `CLEAR` from its surface, where its nodes reach.
+
+    As networks begin, distances are a few millimetres of either sign: fog about the whole person, which hides a face that
+    is trained first. The face's own fog is where it is looked for.
+    """
+    *_, last = avatar.body.geometry_blend.parameters()
+    last.fill_(CLEAR / SDF_UNIT)
 
 
 def warm_start(avatar: Avatar, poses: Sequence[Signals], part: str, steps: int, seed: int) -> float:
