@@ -122,7 +122,7 @@ def _with_surface(trained: Run, device: str) -> int:
 
 
 def split_as_wanted(capture: Capture, arguments: argparse.Namespace) -> Capture:
-    """The capture with what the options hold out, and what its training keeps for validation.
+    """The capture as the options split it, with what its training keeps for validation.
 
     A run that began when there was none goes on without.
     """

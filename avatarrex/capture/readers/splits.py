@@ -147,7 +147,7 @@ class SealedPictures(Pictures):
 
 
 class _Nothing:
-    """An object without any of its fields: whatever is asked of it raises `Sealed`."""
+    """An object without any of its fields: to read one raises `Sealed`."""
 
     def __init__(self, what: str) -> None:
         object.__setattr__(self, "_what", what)
