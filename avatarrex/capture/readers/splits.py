@@ -157,6 +157,9 @@ class _Nothing:
             raise AttributeError(name)
         raise Sealed(f"{self._what}: not in this split ({name})")
 
+    def __repr__(self) -> str:
+        return f"<{self._what}: not in this split>"
+
 
 class _SealedSignals(_Nothing, Signals):
     """Signals of another split's frame."""
