@@ -369,7 +369,8 @@ def test_from_scratch_no_template_is_looked_at(capture, tmp_path, monkeypatch):
     frame = trainer.avatar.body.frame(*rest_of(trainer.avatar))
     with torch.no_grad():
         away = trainer.avatar.body.sdf(frame, trainer.avatar.body.template.v_template)
-    assert away.min() > 0.03
+    assert away.min() > 0.01
+    assert away.mean() > 0.05
 
 
 def rest_of(avatar: Avatar):

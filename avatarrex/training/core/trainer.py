@@ -219,8 +219,11 @@ class Trainer:
 
 
 def training_signals(rig: Rig) -> list[Signals]:
-    """Of every frame that is not held out."""
-    return [rig.signals[frame] for frame in range(rig.frames) if frame not in rig.held_out_frames]
+    """Of every frame that is not held out. Raises `InputError` where there is none."""
+    found = [rig.signals[frame] for frame in range(rig.frames) if frame not in rig.held_out_frames]
+    if not found:
+        raise InputError(f"{rig.name} rig", "frames", "at least one that is not held out", "none")
+    return found
 
 
 @contextmanager
