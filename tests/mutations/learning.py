@@ -99,6 +99,20 @@ LEARNING: dict[str, Mutant] = {
     ),
     **{f"{line}, halved": _weight(line, value, 0.5) for line, value in WEIGHTS.items()},
     **{f"{line}, dropped": _weight(line, value, 0.0) for line, value in WEIGHTS.items()},
+    "a hundredth of the paper's steps": Mutant(
+        "numbers of the paper",
+        "avatarrex/training/recipe.py",
+        "    steps=200_000, frames=4,",
+        "    steps=2_000, frames=4,",
+        f"{PAPER}::test_paper_is_the_papers[I steps]",
+    ),
+    "nodes pulled ten times as much": Mutant(
+        "numbers of the paper",
+        "avatarrex/training/recipe.py",
+        "weights=LossWeights(silhouette=1.0, node=1.0),",
+        "weights=LossWeights(silhouette=1.0, node=10.0),",
+        f"{PAPER}::test_weights_of_other_recipes_are_the_papers_but_for_ours[quick]",
+    ),
     "weights without effect": Mutant(
         "numbers of the paper",
         f"{CORE}/losses.py",
