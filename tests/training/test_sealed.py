@@ -170,8 +170,7 @@ def test_what_a_sealed_rig_does_not_show_raises(capture):
             with pytest.raises(InputError, match=f"frame {frame}"):
                 read(0, frame)
         for kind in ("image", "matte"):
-            with pytest.raises(Sealed, match=f"{kind} of view 0, frame {frame}"):
-                learnt.pictures.get(kind, 0, frame)
+            assert refused(learnt.pictures, kind, frame)
         with pytest.raises(Sealed, match=f"signals of frame {frame}"):
             learnt.signals[frame].full_pose()
         with pytest.raises(Sealed, match=f"signals of frame {frame}"):
@@ -186,6 +185,15 @@ def test_what_a_sealed_rig_does_not_show_raises(capture):
         validation.signals[TEST_FRAME].full_pose()
     again = Splits.of(learnt)
     assert (again.train, again.validation.frames) == (Split((0,), (0, 2)), ()), "sealing leaves nothing to give up"
+
+
+def refused(pictures: Pictures, kind: str, frame: int) -> bool:
+    """Whether a picture of the first camera cannot be read."""
+    try:
+        pictures.get(kind, 0, frame)
+    except Sealed as error:
+        return f"{kind} of view 0, frame {frame}" in str(error)
+    return False
 
 
 def test_validation_is_the_middle_of_what_is_not_held_out(capture):
