@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from avatarrex_studio.cli import options
 from avatarrex_studio.cli.output import print_figures
 
-from avatarrex.capture.readers.choice import cameras, held_out
+from avatarrex.capture.readers.choice import cameras, frames, held_out
 from avatarrex.errors import InputError, plain
-from avatarrex.training.recipe import RECIPES, Recipe
+from avatarrex.training.recipe import RECIPES, Recipe, from_scratch
 
 if TYPE_CHECKING:
     from avatarrex.avatar import Avatar
@@ -39,8 +39,14 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add("--parts", metavar="PARTS", help="face, body or face,body (what the capture has)")
     add("--resume", action="store_true", help="go on from the run's last checkpoint")
     add("--seed", default="0", metavar="N", help="of everything random (0)")
-    options.add_held_out(verb, "body cameras", "kept from training")
+    options.add_held_out(verb, "body cameras", "kept from training, for `evaluate` alone")
+    add(
+        "--validation-frames",
+        metavar="A:B:S",
+        help="frames kept for the training's own figures, instead of some by rule",
+    )
     add("--start", metavar="AVATAR", help="an avatar to go on from (with --recipe refine), in place of the template")
+    add("--from-scratch", action="store_true", help="from nothing: neither the packaged prior nor the template's shape")
     add("--no-surface", action="store_true", help="end without distilling the avatar's surface, which level live draws")
     add("--mixed", action="store_true", help="colours in bfloat16 while training: for a processor with units for it")
     options.add_device(verb)
@@ -51,12 +57,17 @@ def add_options(verb: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Train, or go on with a training. Raises `InputError` before any work for a wrong option."""
     recipe = RECIPES[options.one_of("--recipe", arguments.recipe, RECIPES)]
+    if arguments.from_scratch:
+        if arguments.start:
+            raise InputError("--from-scratch", "", "no avatar to go on from with it", f"--start {arguments.start}")
+        recipe = from_scratch(recipe)
     recipe = replace(recipe, mixed=arguments.mixed)
     seed = options.whole("--seed", arguments.seed, 0)
     chosen = options.some_of("--parts", arguments.parts, recipe.steps()) if arguments.parts else None
     from avatarrex.avatar_file import load_avatar
     from avatarrex.capture.fit.surface_fit import fit_surface
     from avatarrex.capture.readers.rigs import open_capture
+    from avatarrex.capture.readers.splits import sealed
     from avatarrex.fields.placement import device_named
     from avatarrex.training.core.trainer import Trainer
 
@@ -65,16 +76,16 @@ def run(arguments: argparse.Namespace) -> int:
     capture = open_capture(arguments.capture)
     for note in capture.notes:
         print(note)
-    capture = replace(capture, rigs={name: trained_on(rig, arguments) for name, rig in capture.rigs.items()})
+    capture = split_as_wanted(capture, arguments)
     if start is not None:
         capture = replace(capture, person=_same_body(start, capture))
     elif capture.person.fit is not None:
         print("person: fitting the template's skin to the mattes")
-        capture = replace(capture, person=fit_surface(capture))
+        capture = replace(capture, person=fit_surface(sealed(capture, "train")))
     parts = tuple(part for part in recipe.steps() if part in (chosen or capture.rigs))
     trained = _open_run(arguments, _config(arguments, capture, recipe, parts, seed))
     with trained:
-        recipe = kept_recipe(trained.path, trained.config, arguments.mixed)
+        recipe = kept_recipe(trained.path, trained.config, arguments.mixed, arguments.from_scratch)
         trainer = Trainer(capture, recipe, trained, start, str(device))
         print(trainer.perceptual.note)
         finished = trainer.train()
@@ -110,6 +121,24 @@ def _with_surface(trained: Run, device: str) -> int:
     return 0
 
 
+def split_as_wanted(capture: Capture, arguments: argparse.Namespace) -> Capture:
+    """The capture as the options split it, with what its training keeps for validation.
+
+    A run that began when there was none goes on without.
+    """
+    from avatarrex.capture.readers.splits import with_validation
+    from avatarrex.training.runs.folder import read_about
+
+    capture = replace(capture, rigs={name: trained_on(rig, arguments) for name, rig in capture.rigs.items()})
+    if arguments.resume and "splits" not in read_about(Path(arguments.out))["config"]:
+        return with_validation(capture, dict.fromkeys(capture.rigs, ()))
+    if not arguments.validation_frames:
+        return with_validation(capture)
+    option = "--validation-frames"
+    named = {name: frames(arguments.validation_frames, rig.frames, option) for name, rig in capture.rigs.items()}
+    return with_validation(capture, named)
+
+
 def trained_on(rig: Rig, arguments: argparse.Namespace) -> Rig:
     """The rig with the options' frames (of every rig) and views held out; or all views but those to train on."""
     rig = held_out(rig, arguments.held_out_frames, arguments.held_out_views if rig.name == "body" else None)
@@ -127,7 +156,7 @@ def _same_body(start: Avatar, capture: Capture) -> Person:
     return start.person
 
 
-def kept_recipe(path: Path, config: Mapping[str, Any], mixed: bool) -> Recipe:
+def kept_recipe(path: Path, config: Mapping[str, Any], mixed: bool, scratch: bool = False) -> Recipe:
     """The one that the run began with, whatever `RECIPES` has under its name by now. Raises `InputError`."""
     try:
         recipe = Recipe.from_json(config["recipe"])
@@ -135,6 +164,8 @@ def kept_recipe(path: Path, config: Mapping[str, Any], mixed: bool) -> Recipe:
         raise InputError(path, "run.json: recipe", "a recipe of this version", repr(error)) from None
     if mixed and not recipe.mixed:
         raise InputError("--mixed", "", "as the run began, without", "--mixed")
+    if scratch and not recipe.scratch:
+        raise InputError("--from-scratch", "", "as the run began, without", "--from-scratch")
     return recipe
 
 
@@ -142,6 +173,8 @@ def _config(
     arguments: argparse.Namespace, capture: Capture, recipe: Recipe, parts: tuple[str, ...], seed: int
 ) -> dict[str, Any]:
     """What `run.json` records of a training."""
+    from avatarrex.capture.readers.splits import splits_of
+
     return {
         "part": ",".join(parts),
         "preset": recipe.name,
@@ -154,6 +187,7 @@ def _config(
             name: {"frames": sorted(rig.held_out_frames), "views": sorted(rig.held_out_views)}
             for name, rig in capture.rigs.items()
         },
+        "splits": splits_of(capture),
     }
 
 
@@ -164,8 +198,8 @@ def _open_run(arguments: argparse.Namespace, config: dict[str, Any]) -> Run:
     if not arguments.resume:
         return Run.create(arguments.out, config)
     begun = read_about(Path(arguments.out))["config"]
-    for key in ("part", "preset", "seed", "start", "held_out"):
-        if begun.get(key) != config[key]:
+    for key in ("part", "preset", "seed", "start", "held_out", "splits"):
+        if begun.get(key, config[key] if key == "splits" else None) != config[key]:
             raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as requested", begun.get(key))
-    kept_recipe(Path(arguments.out), begun, arguments.mixed)
+    kept_recipe(Path(arguments.out), begun, arguments.mixed, arguments.from_scratch)
     return Run.open(arguments.out)

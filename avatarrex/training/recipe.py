@@ -13,6 +13,8 @@ from typing import Any, Literal, TypeVar
 
 Sampling = Literal["near", "uniform"]
 Quadrature = Literal["interval", "point"]
+SCRATCH_SAMPLES = 64
+"""On a ray, where no surface is known: the paper's."""
 TRAINED = ("face", "body")
 """What has two passes of its own, in this order; the hands are trained with the body."""
 
@@ -54,7 +56,7 @@ class PassOne:
     gamma_steps: int
     """N of γ(n)."""
     warm_steps: int
-    """Steps that fit the geometry to the template before; 0 starts from scratch."""
+    """Steps that fit the geometry to the template before, from the packaged prior where it fits; 0 starts from scratch."""
     gamma_extra: float = 0.02
     """γ1, metres. With a warm start the surface is known to a centimetre: fog of two would wash it away first."""
     geometry_rate: float = 1.0
@@ -85,6 +87,10 @@ class PassTwo:
     rate: float
     decay: float
     decay_steps: int
+    patches: int = 1
+    """Of a batch, each of a picture of its own."""
+    clamped: bool = True
+    """Whether codes are first clamped to the middle of what the training's poses have (fields/code.py; ours)."""
     weights: LossWeights = LossWeights()
 
 
@@ -108,6 +114,8 @@ class Recipe:
     """Steps between held-out renderings."""
     mixed: bool = False
     """Colours in bfloat16 while training (mixed.py)."""
+    scratch: bool = False
+    """Nothing was known before it began (`from_scratch`)."""
 
     def steps(self) -> dict[str, int]:
         """Both passes' steps by part."""
@@ -144,12 +152,22 @@ def _lasting(stage: Pass, steps: int, decay: float, **changes: Any) -> Pass:
 
 _PAPER_ONE = PassOne(
     steps=200_000, frames=4, rays=400, samples=64, rate=5e-4, decay=0.8, decay_steps=20_000, gamma_steps=100_000,
-    warm_steps=2000,
+    warm_steps=0, sampling="uniform", quadrature="point", weights=LossWeights(tone=0.0),
 )  # fmt: skip
-_PAPER_TWO = PassTwo(steps=100_000, rate=1e-4, decay=0.8, decay_steps=20_000)
+_PAPER_TWO = PassTwo(
+    steps=100_000, rate=1e-4, decay=0.8, decay_steps=20_000, patches=4, clamped=False, weights=LossWeights(tone=0.0)
+)
 PAPER = Recipe(
-    name="paper", about="the paper's schedule and networks, for a GPU", preset="paper", interval=2000, evaluate=10_000,
-    face=(_PAPER_ONE, _PAPER_TWO), body=(replace(_PAPER_ONE, steps=300_000, warm_steps=4000), _PAPER_TWO),
+    name="paper", about="the paper's schedule and networks to the letter, for a GPU", preset="paper", interval=2000,
+    evaluate=10_000, face=(_PAPER_ONE, _PAPER_TWO), body=(replace(_PAPER_ONE, steps=300_000), _PAPER_TWO),
+)  # fmt: skip
+"""Line by line against the paper: tests/training/test_paper.py."""
+_PLUS_ONE: dict[str, Any] = {"sampling": "near", "quadrature": "interval", "weights": LossWeights()}
+_PLUS_TWO = replace(_PAPER_TWO, clamped=True, weights=LossWeights())
+PAPER_PLUS = replace(
+    PAPER, name="paper+", about="the paper's schedule and networks with our warm start, samples and regularisers, for a GPU",
+    face=(replace(PAPER.face[0], warm_steps=2000, **_PLUS_ONE), _PLUS_TWO),
+    body=(replace(PAPER.body[0], warm_steps=4000, **_PLUS_ONE), _PLUS_TWO),
 )  # fmt: skip
 _FACE = PassOne(
     steps=400, frames=1, rays=400, samples=5, rate=1.5e-3, decay=0.05, decay_steps=400, gamma_steps=1, warm_steps=60,
@@ -189,4 +207,20 @@ SMOKE = Recipe(
     name="smoke", about="a dozen steps, for tests", preset="compact", interval=5, evaluate=1000,
     face=(_SMOKE_ONE, _SMOKE_TWO), body=(_SMOKE_BODY, replace(_SMOKE_TWO, steps=4)),
 )  # fmt: skip
-RECIPES = {recipe.name: recipe for recipe in (PAPER, QUICK, LONG, REFINE, SMOKE)}
+RECIPES = {recipe.name: recipe for recipe in (PAPER, PAPER_PLUS, QUICK, LONG, REFINE, SMOKE)}
+
+
+def from_scratch(recipe: Recipe) -> Recipe:
+    """The recipe with nothing known before: neither prior nor template, and the paper's fog, in which a surface is found.
+
+    The geometry learns from the first step at the full rate, on samples all along the rays: there is no surface yet to
+    place them about. Fog lasts a third of pass I, as the paper's of the body does.
+    """
+    face, body = (
+        replace(
+            one, warm_steps=0, still=0, geometry_rate=1.0, gamma_extra=PassOne.gamma_extra,
+            gamma_steps=max(one.gamma_steps, one.steps // 3), sampling="uniform", samples=max(one.samples, SCRATCH_SAMPLES),
+        )
+        for one, _ in (recipe.face, recipe.body)
+    )  # fmt: skip
+    return replace(recipe, face=(face, recipe.face[1]), body=(body, recipe.body[1]), scratch=True)

@@ -42,8 +42,8 @@ def test_a_case_of_stress_is_run(tmp_path, capsys):
     [
         (["--variants", "face-mlp"], "--variants: expected variants of the body: full"),
         (["--arms", "face-mlp"], "--variants: expected variants of the body: full"),
-        (["--recipe", "huge"], "--recipe: expected one of paper, quick, long, refine, smoke, found huge"),
-        (["--preset", "huge"], "--recipe: expected one of paper, quick, long, refine, smoke, found huge"),
+        (["--recipe", "huge"], "--recipe: expected one of paper, paper+, quick, long, refine, smoke, found huge"),
+        (["--preset", "huge"], "--recipe: expected one of paper, paper+, quick, long, refine, smoke, found huge"),
         (["--minutes", "-1"], "--minutes: expected a positive number, found -1"),
         (["--scale", "much"], "--scale: expected a positive number, found much"),
         (["--seeds", "x"], "--seeds: expected integers from 0"),

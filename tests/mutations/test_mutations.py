@@ -1,4 +1,5 @@
-"""Every remedy against a numerical hazard, taken away in a copy of the packages: the test that guards it must fail.
+"""Every remedy against a numerical hazard taken away, and every sabotage of the training, in a copy of the packages: the test
+that guards it must fail.
 
 It must fail because it saw wrong numbers, not because the code broke: only assertions count.
 """
@@ -12,9 +13,12 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from mutations.mutants import MUTANTS, Mutant
+from mutations.learning import LEARNING
+from mutations.mutants import MUTANTS as HAZARDS
+from mutations.mutants import Mutant
 
 ROOT = Path(__file__).parents[2]
+MUTANTS = {**HAZARDS, **LEARNING}
 PACKAGES = {"avatarrex": "avatarrex", "app": "avatarrex_studio", "shaders": "avatarrex_shaders"}
 """Folder of the checkout -> the name that it is imported by."""
 TABLE = {
@@ -27,7 +31,7 @@ TABLE = {
 
 
 def test_every_hazard_has_a_mutant() -> None:
-    assert {mutant.hazard for mutant in MUTANTS.values()} == TABLE
+    assert {mutant.hazard for mutant in HAZARDS.values()} == TABLE
 
 
 @pytest.mark.parametrize("name", MUTANTS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,19 +13,23 @@ import pytest
 import tiny_recipe
 import torch
 from avatarrex_studio.cli.main import main, parse
-from avatarrex_studio.cli.train import kept_recipe, trained_on
+from avatarrex_studio.cli.train import kept_recipe, split_as_wanted, trained_on
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
 import avatarrex.training.core.trainer as train_module
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.ops.rotation import matrix_from_rotvec
+from avatarrex.signals.driving import Signals
+from avatarrex.templates.posed import pose_person
 from avatarrex.training.core import work
 from avatarrex.training.core.stage import Stage
 from avatarrex.training.core.trainer import Trainer
 from avatarrex.training.core.work import Diverged, pass_of
+from avatarrex.training.recipe import from_scratch
 from avatarrex.training.runs.events import EventReader
 from avatarrex.training.runs.folder import Run, read_about
 
@@ -325,6 +330,55 @@ def test_cameras_to_train_on_alone(capture):
         trained_on(rig, options("--body-views", "c7"))
 
 
+def test_frames_for_validation_are_chosen_and_kept(capture, tmp_path):
+    """By option; a run that began before there were any goes on without."""
+    opened = open_capture(capture)
+    chosen = split_as_wanted(opened, options("--validation-frames", "1:2", "--held-out-frames", "2:3")).rigs["body"]
+    assert (chosen.held_out_frames, chosen.validation_frames) == ({2}, {1})
+    assert split_as_wanted(opened, options()).rigs["body"].validation_frames is None
+    run = tmp_path / "run"
+    for config, frames in (({"part": "body"}, frozenset()), ({"part": "body", "splits": {}}, None)):
+        Run.create(run, config).close("stopped")
+        resumed = parse(["train", str(capture), "--out", str(run), "--resume"])
+        assert split_as_wanted(opened, resumed).rigs["body"].validation_frames == frames
+        shutil.rmtree(run)
+
+
+def test_nothing_goes_on_from_scratch(capture, tmp_path, capsys):
+    """An avatar to start from and a start from nothing are not wanted together."""
+    assert main(["train", str(capture), "--out", str(tmp_path / "run"), "--from-scratch", "--start", "default"]) == 2
+    assert "--from-scratch: expected no avatar to go on from" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_from_scratch_no_template_is_looked_at(capture, tmp_path, monkeypatch):
+    """Neither prior nor fit; the body begins away from where a face would be seen."""
+    monkeypatch.setattr(train_module, "warm_start", lambda *arguments: pytest.fail("a warm start"))
+    monkeypatch.setattr(Run, "control", lambda self: "stop")
+    run = Run.create(tmp_path / "run", {"part": "body", "seed": 1})
+    trainer = Trainer(open_capture(capture), from_scratch(TINY), run)
+    begun = {name: value.clone() for name, value in trainer.avatar.modules()["body"].state_dict().items()}
+    with run:
+        assert not trainer.train()
+    saved = load_avatar(sorted((tmp_path / "run" / "checkpoints").iterdir())[0] / "avatar.avatar")
+    assert saved.meta["training"]["from_scratch"]
+    changed = {
+        name for name, value in trainer.avatar.modules()["body"].state_dict().items() if not value.equal(begun[name])
+    }
+    assert changed
+    frame = trainer.avatar.body.frame(*rest_of(trainer.avatar))
+    with torch.no_grad():
+        away = trainer.avatar.body.sdf(frame, trainer.avatar.body.template.v_template)
+    assert away.min() > 0.01
+    assert away.mean() > 0.05
+
+
+def rest_of(avatar: Avatar):
+    """The posed template and code of the rest pose."""
+    posed = pose_person(avatar.person, Signals.rest(), Counters(), None)
+    return posed.body, avatar.body.code(posed.body_rotation)
+
+
 def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
     """Not that of the same name today; what is damaged, or wanted too late, is named."""
     config = {"recipe": TINY.to_json()}
@@ -333,6 +387,9 @@ def test_a_run_that_goes_on_keeps_its_recipe(tmp_path):
         kept_recipe(tmp_path, config, mixed=True)
     config["recipe"]["mixed"] = True
     assert kept_recipe(tmp_path, config, mixed=False).mixed
+    assert kept_recipe(tmp_path, {"recipe": from_scratch(TINY).to_json()}, False, True) == from_scratch(TINY)
+    with pytest.raises(InputError, match="--from-scratch: expected as the run began, without"):
+        kept_recipe(tmp_path, config, mixed=True, scratch=True)
     del config["recipe"]["body"]
     with pytest.raises(InputError, match="recipe: expected a recipe of this version, found KeyError"):
         kept_recipe(tmp_path, config, mixed=False)

@@ -1,6 +1,7 @@
 """`capture.json`: what a capture keeps from training, where it comes from, whether it is complete.
 
-{"format": 1, "held_out_frames": {rig: [frame]}, "held_out_cameras": {rig: [name]}, "provenance": {…}, "complete": true}
+{"format": 1, "held_out_frames": {rig: [frame]}, "held_out_cameras": {rig: [name]}, "validation_frames": {rig: [frame]},
+"provenance": {…}, "complete": true}; what is held out is for tests alone, what is validation's is read by splits.py.
 """
 
 from __future__ import annotations

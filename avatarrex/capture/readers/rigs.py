@@ -55,6 +55,8 @@ class Rig:
     held_out_frames: frozenset[int]
     held_out_views: frozenset[int]
     pictures: Pictures = field(repr=False)
+    validation_frames: frozenset[int] | None = None
+    """A training's own figures are of these; None: chosen by rule (splits.py)."""
 
     @property
     def frames(self) -> int:

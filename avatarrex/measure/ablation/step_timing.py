@@ -46,7 +46,7 @@ def step_timing(capture: Capture, recipe: Recipe, part: str, seed: int) -> StepT
     for other in (name for name in ("body", "face") if name not in hidden):
         steps = getattr(recipe, other)[0].warm_steps
         if steps:
-            warm_start(avatar, (capture.rigs.get(other) or rig).signals, other, steps, seed)
+            warm_start(avatar, (capture.rigs.get(other) or rig).signals.frames, other, steps, seed)
     fixed = time.process_time() - begun
     passes, perceptual = 0.0, Perceptual.load()
     for stage in (stage for stage in stages(recipe, (part,)) if stage.recipe.steps):

@@ -28,7 +28,6 @@ from avatarrex.metrics.baselines import MeshDrawer, Observation, baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
 from avatarrex.pipeline import render_frame
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.sequence import SignalSequence
 from avatarrex.training.core.warm_start import warm_start
 
 MARCH_SAMPLES = 64
@@ -87,8 +86,8 @@ def paper_avatar(bench: Bench) -> Avatar:
     """Networks as wide as the paper's, fitted to the template for some steps so that there is a person to draw."""
     avatar = Avatar.create(bench.avatar.person, "paper", SEED)
     avatar.meta["untrained"] = sorted({"face", *bench.avatar.hidden})
-    motion = SignalSequence(tuple(map(bench.signals, range(16))), 24.0)
-    warm_start(avatar, motion, "body", bench.count(60, 20), SEED)
+    poses = tuple(map(bench.signals, range(16)))
+    warm_start(avatar, poses, "body", bench.count(60, 20), SEED)
     avatar.measure_clothing_offset()
     return avatar
 

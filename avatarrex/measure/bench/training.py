@@ -48,7 +48,7 @@ def _steps(bench: Bench, path: Path) -> list[Metric]:
             avatar.modules()[name].load_state_dict(module.state_dict())
     else:  # another person: its template is near enough to place the samples
         avatar.meta["untrained"] = ["face"]
-        warm_start(avatar, rig.signals, "body", QUICK.body[0].warm_steps, SEED)
+        warm_start(avatar, rig.signals.frames, "body", QUICK.body[0].warm_steps, SEED)
     full = QUICK.body[0]
     recipe = replace(
         full, rays=bench.count(full.rays, 200), outline=bench.count(full.outline, 1000), gamma_extra=0.0,

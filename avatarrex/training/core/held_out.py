@@ -1,4 +1,4 @@
-"""Held-out figures while a training runs: the avatar drawn as the renderer draws it, beside held-out pictures."""
+"""Figures while a training runs: the avatar drawn as the renderer draws it, beside pictures kept for validation."""
 
 from __future__ import annotations
 
@@ -23,14 +23,12 @@ PICTURES = 3
 
 
 class HeldOut:
-    """A few held-out pictures of a rig; of the training's own where nothing is held out."""
+    """A few pictures of a rig sealed to the validation's; to the training's own, where it has none for validation."""
 
     def __init__(self, avatar: Avatar, rig: Rig, hidden: frozenset[str], run: Run, part: str) -> None:
         self.avatar, self.rig, self.run, self.part = avatar, rig, run, part
         self.settings = RenderSettings(hidden=hidden)
-        frames = sorted(rig.held_out_frames) or range(rig.frames)
-        views = [view for view in range(len(rig.views)) if view not in rig.held_out_views] or range(len(rig.views))
-        pairs = pictures(rig, frames, views)
+        pairs = pictures(rig, range(rig.frames), range(len(rig.views)))
         chosen = np.linspace(0, len(pairs) - 1, PICTURES).round().astype(int)
         self.pairs = list(dict.fromkeys(pairs[k] for k in chosen)) if pairs else []
 

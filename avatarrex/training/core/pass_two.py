@@ -45,9 +45,20 @@ class PatchPass:
         return [*self.avatar.body.colour_parameters(), *(p for module in others for p in module.parameters())]
 
     def step(self, step: int, gamma: float) -> StepResult:
-        """Losses of one patch; the same for the same step and weights."""
-        rng = np.random.default_rng([self.seed, 2, step])
-        index, view = self.pairs[rng.integers(len(self.pairs))]
+        """Mean of the terms over a batch of patches; the same for the same step and weights."""
+        rng, count = np.random.default_rng([self.seed, 2, step]), self.recipe.patches
+        result = StepResult({})
+        for _ in range(count):
+            index, view = self.pairs[rng.integers(len(self.pairs))]
+            terms, per_ray = self._patch(index, view, rng)
+            for name, value in terms.items():
+                result.terms[name] = result.terms.get(name, torch.zeros(())) + value / count
+            result.samples_per_ray += per_ray / count
+            result.pictures.append((index, view))
+        return result
+
+    def _patch(self, index: int, view: int, rng: np.random.Generator) -> tuple[dict[str, Tensor], float]:
+        """Losses of one patch of a picture, and shaded pixels for each that has the person."""
         frame = self.store[index]
         camera = self.store.rig.views[view].camera
         x, y, width, height = self._window(frame, view, camera, rng)
@@ -59,8 +70,7 @@ class PatchPass:
         rendered, coverage = self.shade(frame, camera.cropped(x, y, width, height))
         both = torch.minimum(coverage, matte)[..., None]
         terms = self._compare(rendered * both, truth * both, both)
-        per_ray = float((coverage > 0).sum()) / max(float((matte > 0.5).sum()), 1.0)
-        return StepResult(terms, per_ray, [(index, view)])
+        return terms, float((coverage > 0).sum()) / max(float((matte > 0.5).sum()), 1.0)
 
     def shade(self, frame: TrainingFrame, camera: Camera) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w"]]:
         """Straight colours, differentiable in the colour networks, and how much of each pixel counts."""

@@ -20,16 +20,18 @@ from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import Capture, Rig
+from avatarrex.capture.readers.splits import sealed, splits_of
 from avatarrex.errors import InputError
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.ops.rotation import matrix_from_rotvec
+from avatarrex.signals.driving import Signals
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.held_out import HeldOut
 from avatarrex.training.core.mixed import in_bfloat16
 from avatarrex.training.core.stage import Stage, stages
-from avatarrex.training.core.warm_start import warm_start
+from avatarrex.training.core.warm_start import clear_space, warm_start
 from avatarrex.training.core.work import Work, pass_of
-from avatarrex.training.recipe import TRAINED, PassOne, Recipe
+from avatarrex.training.recipe import TRAINED, PassOne, PassTwo, Recipe
 from avatarrex.training.runs.folder import Run
 
 REPORT = 20
@@ -44,9 +46,12 @@ class Trainer:
     ) -> None:
         """The run's configuration has the seed, and the parts to train; the networks run on `device`.
 
+        Of the capture only what is not held out is kept (capture/readers/splits.py): nothing here can read the test's.
         `start`: an avatar to go on from, in place of the warm start; of the recipe's networks and the capture's body.
         """
-        self.capture, self.recipe, self.run, self.device = capture, recipe, run, device
+        self.capture, self.validation = sealed(capture, "train"), sealed(capture, "validation")
+        self.splits = splits_of(capture)
+        self.recipe, self.run, self.device = recipe, run, device
         self.seed, self.parts = int(run.config["seed"]), tuple(run.config["part"].split(","))
         for part in self.parts:
             if part not in capture.rigs:
@@ -103,7 +108,7 @@ class Trainer:
         if state is None and number == 0:
             self._warm_start()
         if state is None and stage.part == "body":
-            self._clamp_codes(rig, fine=stage.name == "II")
+            self._clamp_codes(rig, stage.recipe)
         unseen = self.hidden | {"left_hand", "right_hand"} if stage.part == "face" else self.hidden
         store = FrameStore(self.avatar, rig, stage.part, unseen, stage.name == "II")
         store.renew(stage.begin if state is None else int(state["step"]))
@@ -111,7 +116,9 @@ class Trainer:
         self.run.stage(stage.part, stage.name, stage.end)
         if state is None:
             self._save(number, work.step, work)
-        done = self._loop(number, work, HeldOut(self.avatar, rig, self.hidden, self.run, stage.part))
+        own = self.validation.rigs[stage.part]
+        seen = own if len(own.held_out_frames) < own.frames else rig
+        done = self._loop(number, work, HeldOut(self.avatar, seen, self.hidden, self.run, stage.part))
         work.close()
         return done
 
@@ -119,19 +126,21 @@ class Trainer:
         """Fit the geometry of every part to the template: a part that is trained first is seen beside the others."""
         if self.start is not None:
             return self._take({name: module.state_dict() for name, module in self.start.modules().items()})
+        if not self.recipe.body[0].warm_steps:
+            clear_space(self.avatar)
         for part in ("body", "face"):
             steps = getattr(self.recipe, part)[0].warm_steps
             if steps and part not in self.hidden:
                 rig = self.capture.rigs.get(part) or self.capture.rigs[self.parts[0]]
-                error = warm_start(self.avatar, rig.signals, part, steps, self.seed)
+                error = warm_start(self.avatar, training_signals(rig), part, steps, self.seed)
                 self.run.scalars(0, {f"{part}/warm_start/error_mm": 1e3 * error})
 
-    def _clamp_codes(self, rig: Rig, fine: bool) -> None:
+    def _clamp_codes(self, rig: Rig, stage: PassOne | PassTwo) -> None:
         """The whole range while the geometry is trained, then that of the training poses' codes."""
         code = self.avatar.body.code_network
-        if not fine:
+        if isinstance(stage, PassOne) or not stage.clamped:
             return code.unclamp()
-        seen = [signals.body_pose for index, signals in enumerate(rig.signals) if index not in rig.held_out_frames]
+        seen = [signals.body_pose for signals in training_signals(rig)]
         code.clamp_to(matrix_from_rotvec(torch.tensor(np.stack(seen), dtype=torch.float32)))
 
     def _loop(self, number: int, work: Work, held_out: HeldOut) -> bool:
@@ -196,6 +205,8 @@ class Trainer:
             "at": f"{self.run.part} step {step}",
             "perceptual": self.perceptual.name,
             "seed": self.seed,
+            "from_scratch": self.recipe.scratch,
+            "splits": {part: self.splits[part] for part in self.parts},
         }
         if self.start is not None:
             training["start"] = self.start.meta.get("training", self.start.meta.get("origin"))
@@ -205,6 +216,14 @@ class Trainer:
             "untrained": sorted(self.hidden),
             "training": training,
         }
+
+
+def training_signals(rig: Rig) -> list[Signals]:
+    """Of every frame that is not held out. Raises `InputError` where there is none."""
+    found = [rig.signals[frame] for frame in range(rig.frames) if frame not in rig.held_out_frames]
+    if not found:
+        raise InputError(f"{rig.name} rig", "frames", "at least one that is not held out", "none")
+    return found
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +16,10 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
+from avatarrex.fields.body import SDF_UNIT
 from avatarrex.files.assets import DATA
 from avatarrex.files.tensors import read_safetensors
-from avatarrex.signals.sequence import SignalSequence
+from avatarrex.signals.driving import Signals
 from avatarrex.training.core.losses import distance_loss
 from avatarrex.training.core.supervision import Draw, supervision
 
@@ -27,6 +28,8 @@ RATE = 2e-3
 KNOWN_RATE = 5e-4
 """Where the prior has been loaded: only the person's own shape is left to find."""
 PRIOR = DATA / "prior.safetensors"
+CLEAR = 0.05
+"""Metres: at the first γ of the paper a ray through a node's sphere then loses a third."""
 KNOWN = {
     "body": (
         "code_network.decoder.",
@@ -95,17 +98,28 @@ class Fit:
         return float((predicted - truth).detach().abs().mean())
 
 
-def warm_start(avatar: Avatar, motion: SignalSequence, part: str, steps: int, seed: int) -> float:
-    """Load what is known of `body` or `face` and fit its geometry for `steps` steps on frames of a motion.
+@torch.no_grad()
+def clear_space(avatar: Avatar) -> None:
+    """Take an untrained body away from before the face: everywhere `CLEAR` from its surface, where its nodes reach.
+
+    As networks begin, distances are a few millimetres of either sign: fog about the whole person, which hides a face that
+    is trained first. The face's own fog is where it is looked for.
+    """
+    *_, last = avatar.body.geometry_blend.parameters()
+    last.fill_(CLEAR / SDF_UNIT)
+
+
+def warm_start(avatar: Avatar, poses: Sequence[Signals], part: str, steps: int, seed: int) -> float:
+    """Load what is known of `body` or `face` and fit its geometry for `steps` steps on some of the training's poses.
 
     Returns the mean error of the last tenth, metres.
     """
     rate = KNOWN_RATE if load_prior(avatar, part) else RATE
     if part == "face":
         load_prior(avatar, "face_colour")
-    frames = sorted(set(np.linspace(0, len(motion) - 1, WARM_FRAMES).round().astype(int).tolist()))
+    frames = sorted(set(np.linspace(0, len(poses) - 1, WARM_FRAMES).round().astype(int).tolist()))
     rng = np.random.default_rng([seed, 17])
-    fit = Fit(*supervision(avatar, [motion[index] for index in frames], part, rng))
+    fit = Fit(*supervision(avatar, [poses[index] for index in frames], part, rng))
     errors = [fit.step(rng, rate * 0.05 ** (k / steps)) for k in tqdm(range(steps), desc=f"{part}: warm start")]
     for parameter in fit.parameters:
         parameter.requires_grad_(False)

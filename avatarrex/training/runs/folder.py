@@ -6,8 +6,9 @@
     checkpoints/step_00001200/                     the state (checkpoint.py)
 
 Scalar tags: `PART/loss/TERM`, `PART/schedule/gamma`, `PART/schedule/lr`, `PART/rate/steps_per_s`,
-`PART/rate/samples_per_ray`, `PART/rate/silhouette_rays`, `PART/memory/mib`, `PART/heldout/psnr` (`ssim`, `iou`, `lpips`). Pictures
-of one view are named `VIEW/render` and `VIEW/truth`: a viewer shows them side by side. Steps count from 0 in each part.
+`PART/rate/samples_per_ray`, `PART/rate/silhouette_rays`, `PART/memory/mib`, `PART/heldout/psnr` (`ssim`, `iou`, `lpips`:
+of validation). Pictures of one view are named `VIEW/render` and `VIEW/truth`: a viewer shows them side by side. Steps count from 0 in each
+part.
 """
 
 from __future__ import annotations

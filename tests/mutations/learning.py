@@ -1,0 +1,154 @@
+"""Sabotage of the training, each as a text replacement and the test that must then fail (docs/training.md).
+
+Weights, schedules and terms by the table and closed forms, in seconds; what a training does by the first milestone that it
+misses.
+"""
+
+from __future__ import annotations
+
+from mutations.mutants import Mutant
+
+CORE, READERS = "avatarrex/training/core", "avatarrex/capture/readers"
+LEARNS = "tests/training/test_learning.py::test_a_perturbed_avatar_learns_what_was_held_out"
+PAPER, TERMS, SEALED = (f"tests/training/test_{name}.py" for name in ("paper", "terms", "sealed"))
+PATHS = f"{SEALED}::test_no_path_of_a_training_reads_what_is_not_in_its_split"
+WEIGHTS = {
+    "I weights.mask": "1.0",
+    "I weights.eikonal": "2.0",
+    "I weights.node": "0.04",
+    "I weights.embedding": "0.01",
+    "I weights.kl": "1e-6",
+    "II weights.perceptual": "1.0",
+}
+"""λ by its line of the table, as the recipe writes it."""
+
+
+def _weight(line: str, value: str, factor: float) -> Mutant:
+    """A λ times `factor`."""
+    stated, test = f"    {line.split('.')[1]}: float = {value}\n", f"{PAPER}::test_paper_is_the_papers[{line}]"
+    changed = stated.replace(value, f"{factor} * {value}")
+    return Mutant("numbers of the paper", "avatarrex/training/recipe.py", stated, changed, test)
+
+
+LEARNING: dict[str, Mutant] = {
+    "ascent": Mutant(
+        "what is learnt",
+        f"{CORE}/work.py",
+        "torch.autograd.backward(total)",
+        "torch.autograd.backward(-total)",
+        f"{LEARNS}[body]",
+    ),
+    "zero rate": Mutant(
+        "what is learnt", f"{CORE}/work.py", 'group["lr"] = rate', 'group["lr"] = 0.0', f"{LEARNS}[body]"
+    ),
+    "patches shuffled": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_two.py",
+        "self._compare(rendered * both, truth * both, both)",
+        "self._compare(rendered * both, truth.flip(0, 1) * both, both)",
+        f"{LEARNS}[face]",
+    ),
+    "wrong camera": Mutant(
+        "what is learnt",
+        f"{CORE}/pass_one.py",
+        "camera = frame.camera(rig.views[view].camera)",
+        "camera = frame.camera(rig.views[0].camera)",
+        f"{LEARNS}[body]",
+    ),
+    "colours in linear light": Mutant(
+        "what is learnt",
+        f"{CORE}/pixels.py",
+        "colour = rig.image(view, frame)[y, x].astype(np.float32) / 255 * alpha[:, None]",
+        "colour = (rig.image(view, frame)[y, x].astype(np.float32) / 255) ** 2.2 * alpha[:, None]",
+        f"{LEARNS}[body]",
+    ),
+    "mattes inverted": Mutant(
+        "what is learnt",
+        f"{CORE}/pixels.py",
+        "alpha = rig.matte(view, frame)[y, x].astype(np.float32) / 255",
+        "alpha = 1 - rig.matte(view, frame)[y, x].astype(np.float32) / 255",
+        f"{LEARNS}[body]",
+    ),
+    "no images at all": Mutant(
+        "what is learnt",
+        f"{CORE}/pixels.py",
+        "colour = rig.image(view, frame)[y, x].astype(np.float32) / 255 * alpha[:, None]",
+        "colour = 0 * rig.image(view, frame)[y, x].astype(np.float32) / 255 * alpha[:, None]",
+        f"{LEARNS}[body]",
+    ),
+    "geometry that stands still": Mutant(
+        "what is learnt",
+        f"{CORE}/stage.py",
+        "0.0 if step - self.begin < one.still else one.geometry_rate * rate",
+        "0.0",
+        f"{LEARNS}[face]",
+    ),
+    "γ frozen": Mutant(
+        "numbers of the paper",
+        f"{CORE}/volume_rendering.py",
+        "max(0.0, 1 - step / self.steps)",
+        "1.0",
+        f"{PAPER}::test_gamma_falls_as_the_paper_says",
+    ),
+    "a rate that does not decay": Mutant(
+        "numbers of the paper",
+        f"{CORE}/stage.py",
+        "float(self.recipe.decay ** ((step - self.begin) / self.recipe.decay_steps))",
+        "float(self.recipe.decay > 0)",
+        f"{PAPER}::test_rates_decay_by_one_factor_every_20k",
+    ),
+    **{f"{line}, halved": _weight(line, value, 0.5) for line, value in WEIGHTS.items()},
+    **{f"{line}, dropped": _weight(line, value, 0.0) for line, value in WEIGHTS.items()},
+    "a hundredth of the paper's steps": Mutant(
+        "numbers of the paper",
+        "avatarrex/training/recipe.py",
+        "    steps=200_000, frames=4,",
+        "    steps=2_000, frames=4,",
+        f"{PAPER}::test_paper_is_the_papers[I steps]",
+    ),
+    "nodes pulled ten times as much": Mutant(
+        "numbers of the paper",
+        "avatarrex/training/recipe.py",
+        "weights=LossWeights(silhouette=1.0, node=1.0),",
+        "weights=LossWeights(silhouette=1.0, node=10.0),",
+        f"{PAPER}::test_weights_of_other_recipes_are_the_papers_but_for_ours[quick]",
+    ),
+    "weights without effect": Mutant(
+        "numbers of the paper",
+        f"{CORE}/losses.py",
+        "getattr(weights, name) * value",
+        "value",
+        f"{PAPER}::test_weights_multiply_their_terms",
+    ),
+    "slopes of nothing": Mutant(
+        "what is learnt",
+        f"{CORE}/losses.py",
+        "(slope.norm(dim=-1) - 1).square()",
+        "slope.norm(dim=-1).square()",
+        f"{TERMS}::test_slopes_are_pulled_to_one",
+    ),
+    "a training that is not sealed": Mutant(
+        "sealed data",
+        f"{CORE}/trainer.py",
+        'self.capture, self.validation = sealed(capture, "train"), sealed(capture, "validation")',
+        'self.capture, self.validation = capture, sealed(capture, "validation")',
+        PATHS,
+    ),
+    "figures of the test while training": Mutant(
+        "sealed data",
+        f"{CORE}/trainer.py",
+        'self.capture, self.validation = sealed(capture, "train"), sealed(capture, "validation")',
+        'self.capture, self.validation = sealed(capture, "train"), capture',
+        PATHS,
+    ),
+    "a person fitted to what is held out": Mutant(
+        "sealed data", "app/cli/train.py", 'fit_surface(sealed(capture, "train"))', "fit_surface(capture)", PATHS
+    ),
+    "pictures that are not sealed": Mutant(
+        "sealed data",
+        f"{READERS}/splits.py",
+        '            raise Sealed(f"{self._rig} rig, {kind} of view {view}, frame {frame}: not in this split")',
+        "            pass",
+        f"{SEALED}::test_what_a_sealed_rig_does_not_show_raises",
+    ),
+}
