@@ -40,6 +40,13 @@ REUSE_TOLERANCE = 2e-3
 """Metres of `RenderSettings.reuse_tolerance` while somebody drags at `fast`; a picture that stays is exact at every level."""
 DRAGGED_VOXEL = 0.03
 """Side of a body voxel meanwhile, metres."""
+COLOUR_TOLERANCE = 0.008
+"""sRGB of `RenderSettings.colour_tolerance` while the view turns, at any level: pictures are 50 dB and more from those without."""
+
+
+def moving(settings: RenderSettings) -> RenderSettings:
+    """What a picture is made with that the next one follows at once: colours that earlier views tell are interpolated."""
+    return replace(settings, colour_tolerance=COLOUR_TOLERANCE)
 
 
 def dragged(settings: RenderSettings) -> RenderSettings:

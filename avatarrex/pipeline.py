@@ -10,7 +10,8 @@ signals → templates → fields → volume → pointmap → shading:
 | shading   | colours of the hit pixels (Step III)         | point map, posed meshes                            |
 
 A stage whose key has not changed returns the previous result and counts no work. With `reuse_tolerance`, volume and shading
-also reuse what has hardly moved since the previous frame (volume/temporal_reuse.py).
+also reuse what has hardly moved since the previous frame (volume/temporal_reuse.py); with `colour_tolerance`, shading interpolates
+between the points that earlier views of the pose coloured (shading/known_appearance.py).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters, StageClock
 from avatarrex.frame import DeferredFrame, Frame
 from avatarrex.live import render_live
+from avatarrex.ops.native import torch_on_one_thread
 from avatarrex.pointmap.surface import PointMapKey, VisibleSurface, refine_where_visible, visible_surface
 from avatarrex.settings import RenderSettings
 from avatarrex.shading.shade import shade
@@ -55,6 +57,7 @@ def render_frame(
     return render_deferred(avatar, signals, camera, settings, previous, between)
 
 
+@torch_on_one_thread()
 def render_deferred(
     avatar: Avatar,
     signals: Signals,
@@ -82,7 +85,7 @@ def render_deferred(
         )
     with clock("shading"):
         kept = before.shading if before and before.settings.detail_from == settings.detail_from else None
-        shading = shade(avatar, surface, counters, kept, settings.detail_from)
+        shading = shade(avatar, surface, counters, kept, settings)
     notes = (f"rays: {surface.pointmap.renderer}",)
     return DeferredFrame(
         signals=signals,

@@ -23,6 +23,8 @@ class RenderSettings:
     """Side of a voxel of the hand and face boxes, metres."""
     reuse_tolerance: float = 0.0
     """Metres by which the body may lag: what moved by less since the previous frame is reused (temporal_reuse.py)."""
+    colour_tolerance: float = 0.0
+    """sRGB by which colours of the body may be off a plane and yet be interpolated between those of earlier views of the pose."""
     everywhere: bool = False
     """Evaluate every voxel within reach of the fields, not only the narrow band around the surface."""
     bricks: int = 0

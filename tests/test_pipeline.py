@@ -12,6 +12,7 @@ from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.frame import Frame
 from avatarrex.levels import DEFERRED_LEVELS, level
+from avatarrex.ops.native import threads
 from avatarrex.pipeline import render_frame
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
@@ -46,6 +47,17 @@ def first(avatar: Avatar) -> Frame:
 
 def work(frame: Frame) -> set[str]:
     return {name for name, count in frame.counters.items() if count}
+
+
+def test_torchs_threads_rest_while_a_frame_is_made(avatar: Avatar) -> None:
+    before, seen = torch.get_num_threads(), []
+    torch.set_num_threads(2)
+    try:
+        render_frame(avatar, FIRST, camera(), SETTINGS, None, lambda: seen.append((torch.get_num_threads(), threads())))
+        assert set(seen) == {(1, 2)}
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_a_person_is_there(first: Frame) -> None:

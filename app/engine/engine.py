@@ -66,7 +66,8 @@ class Engine:
     def render(self, state: StudioState, size: tuple[int, int] | None = None, dragged: bool = False) -> Shot:
         """The frame of `state` at `size` (width, height), else at the state's own fixed size.
 
-        `dragged`: the next one comes at once, and this one may be rougher and lag behind the pose at the level `fast` (`levels.dragged`).
+        `dragged`: the next one comes at once, and this one may interpolate colours between earlier views (`levels.moving`)
+        and, at the level `fast`, be rougher and lag behind the pose (`levels.dragged`).
         Never raises for what a user can set: the error comes back as one line with the last good frame.
         """
         try:
@@ -103,7 +104,7 @@ class Engine:
     def settings(self, state: StudioState, dragged: bool = False) -> RenderSettings:
         """The pipeline's settings for `state`; `auto` is the most exact level, for whoever waits for one picture."""
         chosen = levels.level(MOST_EXACT if state.level == AUTO else state.level)
-        if dragged and state.level == QUICKEST:
-            chosen = levels.dragged(chosen)
+        if dragged:
+            chosen = levels.moving(levels.dragged(chosen) if state.level == QUICKEST else chosen)
         kept = self._settings
         return replace(chosen, hidden=state.hidden, raycast=kept.raycast, detail_from=kept.detail_from)

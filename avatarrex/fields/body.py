@@ -328,13 +328,36 @@ class BodyField(nn.Module):
         Where no node reaches, the colour of zero features: no such point lies on a surface.
         """
         pairs = self.pairs(frame, position) if pairs is None else pairs
+        return self.seen(*self.appearance(frame, patches, position, pairs, impl, light), view_direction)
+
+    def appearance(
+        self,
+        frame: BodyFrame,
+        patches: Float[Tensor, "n c s s"] | None,
+        position: Float[Tensor, "p 3"],
+        pairs: Pairs,
+        impl: str = "auto",
+        light: Light | None = None,
+    ) -> tuple[Float[Tensor, "p f"], Float[Tensor, "p 3"] | None]:
+        """What of `colour` belongs to the points alone, from wherever they are seen: Σ w_i 𝒞_i / Σ w_i, and the `light`
+        that falls on them (None without one).
+        """
         beside = frame.samples.neighbours_of(position)
         pairs, local, weight = self.localise(frame, position, pairs, self.widths.colour_cutoff, beside)
         feature = self._colour_features(frame, patches, pairs, local, impl)
         mean, _ = weighted_mean(feature, weight, pairs, len(position))
+        return mean, None if light is None else light(frame.samples.facing(beside))
+
+    def seen(
+        self,
+        feature: Float[Tensor, "p f"],
+        light: Float[Tensor, "p 3"] | None,
+        view_direction: Float[Tensor, "p 3"],
+    ) -> Float[Tensor, "p 3"]:
+        """The colour of an `appearance` along unit `view_direction`."""
         direction = encode(view_direction, DIRECTION_OCTAVES)
-        colour = torch.sigmoid(self.colour_blend(torch.cat([F.relu(mean), direction], -1)))
-        return colour if light is None else colour * light(frame.samples.facing(beside))
+        colour = torch.sigmoid(self.colour_blend(torch.cat([F.relu(feature), direction], -1)))
+        return colour if light is None else colour * light
 
     def _colour_features(
         self, frame: BodyFrame, patches: Tensor | None, pairs: Pairs, local: Float[Tensor, "k 3"], impl: str

@@ -120,7 +120,9 @@ def weighted_mean(
     if impl == "auto" and native.serves(value, weight):
         out, total = value.new_zeros(points, value.shape[1]), weight.new_zeros(points)
         tables = pairs.point, weight, value.contiguous(), total, out
-        native.spread(loops.mean, points, *(table.numpy() for table in tables))
+        native.spread(
+            loops.mean, points, *(table.numpy() for table in tables), pieces=1
+        )  # each looks through all pairs
         return out, total
     total = weight.new_zeros(points).index_add(0, pairs.point, weight)
     summed = value.new_zeros(points, value.shape[1]).index_add(0, pairs.point, value * weight[:, None])

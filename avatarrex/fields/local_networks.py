@@ -13,8 +13,12 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from avatarrex.ops import native
 from avatarrex.ops.encoding import Encoding
 from avatarrex.ops.local_mlp import fold, local_mlp
+
+MANY = 256
+"""Rows from which compiled loops are ahead of torch: they lay out the weights at every call."""
 
 
 class LocalNetworks(nn.Module):
@@ -46,9 +50,29 @@ class LocalNetworks(nn.Module):
         return local_mlp(blocks, offsets, weights, biases, self.activation, impl)
 
 
-def mlp(widths: Sequence[int], activation: str) -> nn.Sequential:
-    """Linear layers of the given widths with activations between them."""
-    layers: list[nn.Module] = []
-    for fan_in, fan_out in itertools.pairwise(widths):
-        layers += [nn.Linear(fan_in, fan_out), nn.ELU() if activation == "elu" else nn.ReLU()]
-    return nn.Sequential(*layers[:-1])
+class Mlp(nn.Sequential):
+    """Linear layers with the same activation between them: one network for all rows, in the compiled loops of N where those serve."""
+
+    def __init__(self, widths: Sequence[int], activation: str) -> None:
+        layers: list[nn.Module] = []
+        for fan_in, fan_out in itertools.pairwise(widths):
+            layers += [nn.Linear(fan_in, fan_out), nn.ELU() if activation == "elu" else nn.ReLU()]
+        super().__init__(*layers[:-1])
+        self.activation = activation
+
+    def forward(self, input: Float[Tensor, "*p c"]) -> Float[Tensor, "*p o"]:
+        """Layer after layer."""
+        linear = [layer for layer in self if isinstance(layer, nn.Linear)]
+        weights, biases = [layer.weight.T[None] for layer in linear], [layer.bias[None] for layer in linear]
+        rows = input.reshape(-1, input.shape[-1])
+        if len(rows) < MANY or not native.serves(input, *weights, *biases):
+            for layer in self:
+                input = layer(input)
+            return input
+        found = local_mlp([rows], torch.tensor([0, len(rows)]), weights, biases, self.activation, "native")
+        return found.reshape(*input.shape[:-1], -1)
+
+
+def mlp(widths: Sequence[int], activation: str) -> Mlp:
+    """A network of the given widths, `elu` or `relu` between its layers."""
+    return Mlp(widths, activation)

@@ -22,9 +22,12 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from avatarrex.fields import loops
+from avatarrex.fields.patch_loops import SIDE, decode
 from avatarrex.ops import native
 
-PATCH_PIXELS = 32
+PATCH_PIXELS = SIDE
+FEW = 2
+"""Patches up to which one thread is done before others have started."""
 EXTENT = 0.11
 """Half side of a patch, metres: 90 % of the blend weight lies within 0.108 m of a node."""
 
@@ -44,19 +47,31 @@ class PatchNetwork(nn.Module):
             self.biases.append(nn.Parameter(torch.zeros(nodes, fan_out)))
 
     def forward(
-        self, embedding: Float[Tensor, "n e"], nodes: Int[Tensor, " m"] | None = None
+        self, embedding: Float[Tensor, "n e"], nodes: Int[Tensor, " m"] | None = None, impl: str = "auto"
     ) -> Float[Tensor, "m c s s"]:
-        """Patches of all nodes, or of those listed in `nodes`."""
+        """Patches of all nodes, or of those listed in `nodes`. `impl`: `auto`, `torch`."""
         if nodes is not None and not len(nodes):
             return self.encoding.new_zeros(0, self.biases[-1].shape[1], PATCH_PIXELS, PATCH_PIXELS)
-        chosen = slice(None) if nodes is None else nodes
-        maps, kernel = self.encoding[chosen], self.kernels[0][chosen]
-        channels = maps.shape[1]
-        bias = self.biases[0][chosen] + torch.einsum("ne,noeyx->no", embedding[chosen], kernel[:, :, channels:])
-        maps = _grouped(maps, kernel[:, :, :channels], bias)
-        for kernel, bias in zip(self.kernels[1:], self.biases[1:]):
-            maps = _grouped(F.relu(maps), kernel[chosen], bias[chosen])
+        chosen = torch.arange(len(embedding), device=embedding.device) if nodes is None else nodes
+        channels = self.encoding.shape[1]
+        constant = torch.einsum("ne,noeyx->no", embedding[chosen], self.kernels[0][:, :, channels:][chosen])
+        biases = [self.biases[0][chosen] + constant, *(bias[chosen] for bias in self.biases[1:])]
+        if impl == "auto" and native.serves(embedding, self.encoding, *self.kernels, *biases):
+            return self._decoded(chosen, biases)
+        maps, kernel = self.encoding[chosen], self.kernels[0][:, :, :channels]
+        maps = _grouped(maps, kernel[chosen], biases[0])
+        for kernel, bias in zip(self.kernels[1:], biases[1:]):
+            maps = _grouped(F.relu(maps), kernel[chosen], bias)
         return maps
+
+    def _decoded(self, nodes: Tensor, biases: Sequence[Tensor]) -> Tensor:
+        """By compiled loops; in memory a texel's channels are adjacent."""
+        out = np.empty((len(nodes), PATCH_PIXELS, PATCH_PIXELS, biases[-1].shape[1]), np.float32)
+        kernels = tuple(kernel.detach().contiguous().numpy() for kernel in self.kernels)
+        encoding = self.encoding.detach().contiguous().numpy()
+        added = tuple(bias.detach().contiguous().numpy() for bias in biases)
+        native.spread(decode, len(nodes), nodes.numpy(), encoding, kernels, added, out, few=FEW)
+        return torch.from_numpy(out).permute(0, 3, 1, 2)
 
 
 class NoPatches(nn.Module):

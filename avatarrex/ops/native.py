@@ -16,8 +16,11 @@ import hashlib
 import inspect
 import itertools
 import os
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -29,6 +32,10 @@ from torch import Tensor
 FOLDER = Path(__file__).parent
 FEW = 4096
 """Rows up to which one thread is done before others have started."""
+PIECES = 4
+"""Of the work for each thread."""
+_threads: ContextVar[int] = ContextVar("threads", default=0)
+"""Those of compiled loops where torch has fewer; 0: as many as torch."""
 
 
 @cache
@@ -70,17 +77,67 @@ def serves(*tensors: Tensor) -> bool:
     )
 
 
-def spread(loop: Callable[..., Any], rows: int, *arguments: Any, few: int = FEW) -> None:
-    """`loop(begin, end, *arguments)` over pieces of the rows, one for each of torch's threads; `few` rows take one."""
-    pieces = torch.get_num_threads() if rows > few else 1
-    edges = [rows * piece // pieces for piece in range(pieces + 1)]
-    if pieces == 1:
+def threads() -> int:
+    """Of the compiled loops: as many as torch has, or had before `torch_on_one_thread`."""
+    return _threads.get() or torch.get_num_threads()
+
+
+@contextmanager
+def torch_on_one_thread() -> Iterator[None]:
+    """Meanwhile torch's own operations run on the thread that calls them; compiled loops keep their threads.
+
+    After every operation OpenMP's threads wait for the last one, which another program may keep from running for milliseconds;
+    then they spin, on the core that the thread of a compiled loop needs next.
+    """
+    with _limited(threads()):
+        yield
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Meanwhile compiled loops and torch's operations run on the thread that calls them."""
+    with _limited(1):
+        yield
+
+
+@contextmanager
+def _limited(loops: int) -> Iterator[None]:
+    """So many threads for loops, one for torch, in the thread that calls this."""
+    before, token = torch.get_num_threads(), _threads.set(loops)
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+        _threads.reset(token)
+
+
+def spread(loop: Callable[..., Any], rows: int, *arguments: Any, few: int = FEW, pieces: int = PIECES) -> None:
+    """`loop(begin, end, *arguments)` over pieces of the rows, `pieces` for each of the `threads()`; `few` rows take one.
+
+    A thread takes the next piece when it has done its last. One that another program keeps from running holds up its own
+    piece alone, and none where it has not begun.
+    """
+    count = threads() if rows > few else 1
+    if count == 1:
         loop(0, rows, *arguments)
         return
-    others = [_pool(pieces - 1).submit(loop, *edge, *arguments) for edge in itertools.pairwise(edges[1:])]
-    loop(edges[0], edges[1], *arguments)
+    edges = itertools.pairwise([rows * piece // (pieces * count) for piece in range(pieces * count + 1)])
+    next_edge = threading.Lock()
+
+    def work() -> None:
+        while True:
+            with next_edge:
+                edge = next(edges, None)
+            if edge is None:
+                return
+            loop(*edge, *arguments)
+
+    others = [_pool(count - 1).submit(work) for _ in range(count - 1)]
+    work()
     for other in others:
-        other.result()
+        if not other.cancel():
+            other.result()
 
 
 @cache

@@ -15,6 +15,8 @@ from typing import ParamSpec, TypeVar
 
 import torch
 
+from avatarrex.ops import native
+
 Takes = ParamSpec("Takes")
 Made = TypeVar("Made")
 
@@ -41,23 +43,19 @@ class SideBySide:
         return future
 
     def run(self) -> None:
-        """Do all of it: one after the other where there is one piece, or torch has one thread."""
-        threads = torch.get_num_threads()
-        others = min(threads, len(self._waiting)) - 1
+        """Do all of it: one after the other where there is one piece, or loops have one thread."""
+        others = min(native.threads(), len(self._waiting)) - 1
         if others < 1:
             self._work()
             return
         helping = [_pool(others).submit(self._work_alone) for _ in range(others)]
-        try:
-            self._work_alone()
-        finally:
-            for helper in helping:
-                helper.result()
-            torch.set_num_threads(threads)
+        self._work_alone()
+        for helper in helping:
+            helper.result()
 
     def _work_alone(self) -> None:
-        torch.set_num_threads(1)  # of this thread
-        self._work()
+        with native.one_thread():
+            self._work()
 
     def _work(self) -> None:
         while True:

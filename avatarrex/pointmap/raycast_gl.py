@@ -63,7 +63,8 @@ RECORD = np.dtype(
     ]
 )
 """Mirrors `struct Record` of shaders/pointmap/surface.comp."""
-HIT_BIT = np.uint32(1 << 31)
+HIT_BIT = -(1 << 31)
+"""Of a pixel's number as a signed one."""
 T, BEAM, RECORDS = 4, 8, 10
 """Places among `GlCaster.pixels`."""
 NO_HIT = np.float32(1e9)
@@ -118,7 +119,9 @@ class GlCaster:
             run("surface", COVERED_LIST + k, PARTS=parts)
         lists = np.frombuffer(self.lists.read(), LISTS)[0]
         covered = int(lists["lists"]["count"][COVERED_LIST : COVERED_LIST + 2].sum())
-        records = np.frombuffer(self.pixels[RECORDS].read(covered * RECORD.itemsize) if covered else b"", RECORD)
+        records = np.empty(covered, RECORD)
+        if covered:
+            self.pixels[RECORDS].read_into(records, covered * RECORD.itemsize)
         counters = {
             "rays": camera.width * camera.height + 16 * min(int(lists["edges"]), slots),
             "ray_steps": int(lists["steps"]),
@@ -272,17 +275,23 @@ def _uniforms(volume: SdfVolume, camera: Camera, slots: int) -> dict[str, object
 
 
 def _pointmap(records: np.ndarray, camera: Camera, renderer: str, counters: dict[str, int]) -> PointMap:
-    def tensor(name: str) -> torch.Tensor:
-        return torch.from_numpy(np.ascontiguousarray(records[name]))
-
-    records = records[records["coverage"] > 0]
+    table = torch.from_numpy(records.view("f4").reshape(-1, RECORD.itemsize // 4))
+    table = table[column(table, "coverage")[:, 0] > 0]
+    pixel = column(table, "pixel")[:, 0].view(torch.int32)
     covered = CoveredPixels(
-        pixel=torch.from_numpy((records["pixel"] & ~HIT_BIT).astype(np.int64)),
-        position=tensor("position"),
-        normal=tensor("normal"),
-        part_weight=tensor("weight"),
-        hit=torch.from_numpy((records["pixel"] & HIT_BIT) != 0),
-        coverage=tensor("coverage"),
-        steps=tensor("steps"),
+        pixel=(pixel & ~HIT_BIT).long(),
+        position=column(table, "position"),
+        normal=column(table, "normal"),
+        part_weight=column(table, "weight"),
+        hit=pixel < 0,
+        coverage=column(table, "coverage")[:, 0],
+        steps=column(table, "steps")[:, 0],
     )
     return covered.scatter(camera, renderer, counters)
+
+
+def column(table: torch.Tensor, name: str) -> torch.Tensor:
+    """The numbers (p, c) of a field of `RECORD` in a table (p, ·) of them; no copy."""
+    assert RECORD.fields
+    at = RECORD.fields[name][1]
+    return table[:, at // 4 : (at + RECORD[name].itemsize) // 4]

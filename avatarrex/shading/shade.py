@@ -19,11 +19,12 @@ from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.pointmap.surface import VisibleSurface
-from avatarrex.shading.colour import SurfaceColour
+from avatarrex.settings import RenderSettings
+from avatarrex.shading.colour import EarlierViews, SurfaceColour
+from avatarrex.shading.known_appearance import KnownAppearance
 from avatarrex.shading.patch_cache import PatchCache
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.parts import PARTS
-from avatarrex.templates.posed import PosedPerson
 from avatarrex.volume.sdf_volume import sides
 
 SAME_POSITION = 1e-5
@@ -39,6 +40,10 @@ class Shading:
     surface: VisibleSurface
     patches: PatchCache | None
     """Feature patches of this body pose, as far as pixels needed them."""
+    known: KnownAppearance | None
+    """What earlier views of this body pose showed, where `tolerance` is not zero."""
+    tolerance: float
+    """`RenderSettings.colour_tolerance`."""
 
 
 def shade(
@@ -46,54 +51,75 @@ def shade(
     surface: VisibleSurface,
     counters: Counters,
     previous: Shading | None,
-    detail_from: Signals | None = None,
+    settings: RenderSettings,
 ) -> Shading:
-    """Colour the covered pixels. `detail_from`: see `RenderSettings`; `previous` has the same."""
-    volume, pointmap = surface.volume, surface.pointmap
-    if previous and previous.surface.pointmap is pointmap and previous.surface.volume is volume:
+    """Colour the covered pixels; `previous` has the same `detail_from`."""
+    volume, pointmap, tolerance = surface.volume, surface.pointmap, settings.colour_tolerance
+    exact = previous is None or previous.tolerance <= tolerance  # enough for these settings
+    if previous and exact and previous.surface.pointmap is pointmap and previous.surface.volume is volume:
         return previous
     colours = SurfaceColour(avatar, surface.posed, volume.body_frame, volume.states, counters)
+    known = None
     if previous and previous.surface.volume.body_frame is volume.body_frame:
         colours.patches = previous.patches
-    if detail_from is not None and colours.patches is None:
-        colours.patches = _patches_of(avatar, detail_from)
+        if tolerance:  # a pose that is seen once teaches nobody
+            known = previous.known or KnownAppearance(avatar.body.widths.colour_feature + 3)
+            colours.earlier = EarlierViews(known, surface.view, tolerance)
+    if settings.detail_from is not None and colours.patches is None:
+        colours.patches = _patches_of(avatar, settings.detail_from)
     covered, image = pointmap.coverage > 0, torch.zeros(*pointmap.coverage.shape, 4)
-    if previous and volume.follows(previous.surface.volume) and detail_from is None:
-        if previous.patches:
-            colours.patches = previous.patches.moved(volume.body_frame.code.embedding)
-        if previous.surface.view.key() == surface.view.key():
-            same = _unchanged(previous.surface, surface)
-            image[same] = previous.image[same]
-            covered = covered & ~same
-    position = pointmap.position[covered]
+    follows = previous is not None and volume.follows(previous.surface.volume)
+    if previous and previous.patches and follows and settings.detail_from is None:
+        colours.patches = previous.patches.moved(volume.body_frame.code.embedding)
+    if previous and exact and previous.surface.view.key() == surface.view.key():
+        same = _unchanged(previous.surface, surface)
+        image[same] = previous.image[same]
+        covered = covered & ~same
+    row = torch.nonzero(covered.flatten())[:, 0]
+    position, normal, weight = (
+        values.flatten(0, 1).index_select(0, row)
+        for values in (pointmap.position, pointmap.normal, pointmap.part_weight)
+    )
     eye = torch.as_tensor(surface.view.centre, dtype=torch.float32)
     direction = torch.nn.functional.normalize(position - eye, dim=-1)
     counters.add("pixels_shaded", len(position))
     with torch.no_grad():
-        side = sides(volume.sdf, position) if pointmap.side is None else pointmap.side[covered]
-        colour = colours.colour(position, direction, pointmap.part_weight[covered], side)
-    coverage = pointmap.coverage[covered][:, None]
-    image[covered] = torch.cat([colour.clamp(0, 1) * coverage, coverage], -1)
-    return Shading(image, surface, colours.patches)
+        side = sides(volume.sdf, position) if pointmap.side is None else pointmap.side.flatten()[row]
+        colour = colours.colour(position, direction, weight, side, normal)
+    coverage = pointmap.coverage.flatten()[row, None]
+    image.view(-1, 4)[row] = torch.cat([colour.clamp(0, 1) * coverage, coverage], -1)
+    return Shading(image, surface, colours.patches, known, tolerance)
 
 
 def _unchanged(then: VisibleSurface, now: VisibleSurface) -> Bool[Tensor, "h w"]:
-    """Covered pixels of the same view whose point is where it was and within reach of nothing that changed."""
-    pointmap, old = now.pointmap, then.pointmap
-    assert now.volume.changed is not None
+    """Covered pixels of the same view whose point is where it was and within reach of nothing that changed.
+
+    Where the body is the very same, of a hand or a face that moves, their colours are exact; with temporal reuse, as it says.
+    """
+    pointmap, old, changed = now.pointmap, then.pointmap, now.volume.changed
+    unmoved = now.volume.body_frame is then.volume.body_frame and now.volume.sdf.body is then.volume.sdf.body
+    if not unmoved and not now.volume.follows(then.volume):
+        return torch.zeros_like(pointmap.hit)
+    shift, share = (0.0, 0.0) if unmoved else (SAME_POSITION, 1 / 255)
     same = (pointmap.coverage > 0) & (pointmap.coverage == old.coverage)
-    same &= (pointmap.position - old.position).abs().amax(-1) < SAME_POSITION
-    same &= (pointmap.part_weight - old.part_weight).abs().amax(-1) < 1 / 255
+    if pointmap.side is not None and old.side is not None:
+        same &= pointmap.side == old.side
+    same &= (pointmap.position - old.position).abs().amax(-1) <= shift
+    same &= (pointmap.part_weight - old.part_weight).abs().amax(-1) <= share
     for column, name in enumerate(PARTS):
-        if not _same_part(name, now.posed, then.posed):
+        if not _same_part(name, now, then):
             same &= pointmap.part_weight[..., column] == 0
-    same[same.clone()] = torch.from_numpy(~now.volume.changed.touches(pointmap.position[same].double().numpy()))
+            for box in (*now.volume.sdf.parts, *then.volume.sdf.parts):
+                if box.name == name and box.contact:  # the limb that a point is on may be another one
+                    same[same.clone()] = ~box.holds(pointmap.position[same])
+    if changed and not unmoved:
+        same[same.clone()] = torch.from_numpy(~changed.touches(pointmap.position[same].double().numpy()))
     return same
 
 
-def _same_part(name: str, posed: PosedPerson, then: PosedPerson) -> bool:
-    same_place = np.array_equal(posed.root_from_part(name), then.root_from_part(name))
-    return posed.parts[name] is then.parts[name] and same_place
+def _same_part(name: str, now: VisibleSurface, then: VisibleSurface) -> bool:
+    same_place = np.array_equal(now.posed.root_from_part(name), then.posed.root_from_part(name))
+    return same_place and now.volume.parts.get(name) is then.volume.parts.get(name)
 
 
 def _patches_of(avatar: Avatar, signals: Signals) -> PatchCache:

@@ -76,6 +76,11 @@ class PartBox:
         matrix = torch.as_tensor(self.box_from_root).to(position)
         return position @ matrix[:3, :3].T + matrix[:3, 3]
 
+    def holds(self, position: Float[Tensor, "p 3"]) -> Bool[Tensor, " p"]:
+        """Which root-frame points lie in the box."""
+        local = self.local(position)
+        return ((local >= 0) & (local <= torch.as_tensor(self.size).to(position))).all(-1)
+
 
 @dataclass(frozen=True, eq=False)
 class SdfVolume:
@@ -156,8 +161,7 @@ def _boxed(parts: tuple[PartBox, ...], position: Tensor) -> Tensor:
     """Rows of the points that lie in a part's box."""
     boxed = torch.zeros(len(position), dtype=torch.bool)
     for part in parts:
-        local = part.local(position)
-        boxed |= ((local >= 0) & (local <= torch.as_tensor(part.size).to(position))).all(-1)
+        boxed |= part.holds(position)
     return torch.nonzero(boxed)[:, 0]
 
 

@@ -17,10 +17,11 @@ void main() {
     uint walked = ray_walked[pixel], boxes = walked >> BOXES_SHIFT & EVERY_BOX, parts = boxes != 0u ? 1u : 0u, slot = NO_SLOT;
     atomicAdd(tally_steps, walked & STEPS);
     ivec2 place = ivec2(corner_of(pixel)), right = ivec2(1, 0), down = ivec2(0, 1);
-    bool hit = is_hit(place);
-    bool inner = ANTIALIAS == 0 || is_hit(place + right) && is_hit(place - right) && is_hit(place + down) && is_hit(place - down);
-    bool outer = ANTIALIAS == 1 && (is_hit(place + right) || is_hit(place - right) || is_hit(place + down) || is_hit(place - down));
-    bool edge = ANTIALIAS == 1 && (hit ? !inner : outer || (walked & GRAZES) != 0u);
+    bool hit = is_hit(place), edge = false;
+    if (ANTIALIAS == 1) {
+        bvec4 beside = bvec4(is_hit(place + right), is_hit(place - right), is_hit(place + down), is_hit(place - down));
+        edge = hit ? !all(beside) : any(beside) || (walked & GRAZES) != 0u;
+    }
     if (edge) {
         slot = atomicAdd(edge_count, 1u);
         if (slot < u_slots) {

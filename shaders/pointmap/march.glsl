@@ -15,7 +15,8 @@ struct Hit {
 
 Field field_on(Ray ray, float t) { return field_at(at(ray, t), body_at(ray, t), boxes_at(ray, t)); }
 
-Hit march(Ray ray, float start) {
+// `close`: whether t is wanted, and not only whether there is a hit.
+Hit march(Ray ray, float start, bool close) {
     Hit hit = Hit(NO_HIT, NO_HIT, NO_HIT, false, 0u);
     float t = max(ray.range.x, start), s = -1, before = t, earlier = t, s_before = -1, smallest = 0;
     bool found = false;
@@ -52,12 +53,12 @@ Hit march(Ray ray, float start) {
     hit.near = min(hit.near, before);
     float a = before, b = t, fa = s_before, fb = s, fm = 0;
     // `found` in the condition: where SIMD runs both sides of an `if`, it still leaves a loop that nobody is in.
-    for (int i = 0; i < SECANTS && found; ++i) {
+    for (int i = 0; i < SECANTS && found && close; ++i) {
         float m = clamp(a + (b - a) * fa / (fa - fb), a, b);
         fm = field_on(ray, m).sdf;
         if (fm < 0) { b = m; fb = fm; } else { a = m; fa = fm; }
     }
-    hit.steps += uint(SECANTS);
+    if (close) hit.steps += uint(SECANTS);
     hit.t = clamp(a + (b - a) * fa / max(fa - fb, 1e-12), a, b);
     if (abs(fm) > CONVERGED) hit.suspect = min(hit.suspect, before);
     return hit;

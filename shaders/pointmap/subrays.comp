@@ -10,7 +10,8 @@ void main() {
     const uint list = boxes_list(PARTS);
     if (row >= lists[LIST_EDGE + list].count) return;
     uint slot = edge_slots[list * u_slots + row], pixel = edge_pixels[slot];
-    Hit hit = march(ray_through(corner_of(pixel) + (vec2(k % 4u, k / 4u) + 0.5) / 4), ray_near[pixel]);
+    // Where the pixel's centre hits, its sub-rays are only counted.
+    Hit hit = march(ray_through(corner_of(pixel) + (vec2(k % 4u, k / 4u) + 0.5) / 4), ray_near[pixel], ray_t[pixel] == NO_HIT);
     sub_t[slot * 16u + k] = hit.t;
     atomicAdd(tally_steps, hit.steps);
 }

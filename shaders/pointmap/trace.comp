@@ -26,7 +26,7 @@ void main() {
         }
     }
 #endif
-    Hit hit = march(ray, start_of(pixel, ray));
+    Hit hit = march(ray, start_of(pixel, ray), true);
     ray_t[pixel] = hit.t;
     ray_near[pixel] = hit.near;
     ray_walked[pixel] = hit.steps | (hit.grazes ? GRAZES : 0u) | uint(PARTS) << BOXES_SHIFT;

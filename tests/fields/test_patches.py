@@ -30,6 +30,23 @@ def test_values_and_gradients_follow_the_reference(network):
         torch.testing.assert_close(got, want, atol=1e-10, rtol=1e-10)
 
 
+@pytest.mark.parametrize("widths", [((5, 4), 2), ((), 3), ((1,), 1)])
+def test_compiled_loops_follow_the_reference(widths):
+    torch.manual_seed(1)
+    network = PatchNetwork(nodes=4, embedding=3, encoding=2, hidden=widths[0], out=widths[1]).requires_grad_(False)
+    for bias in network.biases:
+        bias.normal_()
+    embedding, nodes = torch.randn(4, 3), torch.tensor([3, 0, 1])
+    found = network(embedding, nodes)
+    assert found.is_contiguous(memory_format=torch.channels_last)
+    assert found.dtype == torch.float32
+    for want in (
+        network(embedding, nodes, impl="torch"),
+        patches_reference(network.double(), embedding.double())[nodes],
+    ):
+        torch.testing.assert_close(found.to(want), want, atol=2e-6, rtol=2e-6)
+
+
 def test_some_nodes_only(network):
     embedding = torch.randn(4, 3, dtype=torch.float64)
     torch.testing.assert_close(network(embedding, torch.tensor([2, 0])), network(embedding)[[2, 0]])

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
+import threading
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
+import torch
 
 from avatarrex.ops import native
 
@@ -58,3 +61,42 @@ def test_a_loop_is_compiled_once_and_again_when_its_folder_changes(folder: Path)
     assert not compiled(path)
     path.write_text(SOURCE + "# a remark\n")
     assert compiled(path), "the loop's own file"
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_work_is_done_once_whoever_comes(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the other threads never begin; what fails in a piece is raised."""
+    monkeypatch.setattr(native.torch, "get_num_threads", lambda: threads)
+    done = np.zeros(1003, int)
+
+    def count(begin: int, end: int, done: np.ndarray) -> None:
+        done[begin:end] += 1
+
+    native.spread(count, len(done), done, few=0)
+    assert (done == 1).all()
+    release, pool = threading.Event(), native._pool(max(threads - 1, 1))
+    blocked = [pool.submit(release.wait, 60) for _ in range(threads - 1)]
+    native.spread(count, len(done), done, few=0, pieces=7)
+    assert (done == 2).all()
+    release.set()
+    assert all(future.result() for future in blocked)
+    with pytest.raises(ValueError, match="broken"):
+        native.spread(broken, len(done), few=0)
+
+
+def test_torch_has_one_thread_meanwhile_and_its_own_again_after_it() -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    try:
+        with native.torch_on_one_thread():
+            assert (torch.get_num_threads(), native.threads()) == (1, 3)
+            with pytest.raises(ValueError, match="broken 1 3"), native.torch_on_one_thread():
+                broken(torch.get_num_threads(), native.threads())
+            assert (torch.get_num_threads(), native.threads()) == (1, 3)
+        assert (torch.get_num_threads(), native.threads()) == (3, 3)
+    finally:
+        torch.set_num_threads(before)
+
+
+def broken(begin: int, end: int) -> None:
+    raise ValueError(f"broken {begin} {end}")

@@ -5,6 +5,8 @@ import threading
 import pytest
 import torch
 
+from avatarrex.ops.native import threads as native_threads
+from avatarrex.ops.native import torch_on_one_thread
 from avatarrex.ops.side_by_side import SideBySide
 
 
@@ -38,6 +40,19 @@ def test_two_run_at_once_with_a_thread_each(threads):
     found = [work.add(meet) for _ in range(2)]
     work.run()
     assert [future.result() for future in found] == [1, 1]
+
+
+def test_loops_keep_their_threads_while_torch_has_one(threads):
+    """As in a frame: pieces still run at once, each with one thread; one alone has them all."""
+    with torch_on_one_thread():
+        work = SideBySide()
+        found = [work.add(native_threads) for _ in range(2)]
+        work.run()
+        alone = SideBySide()
+        one = alone.add(native_threads)
+        alone.run()
+    assert [future.result() for future in found] == [1, 1]
+    assert one.result() == threads
 
 
 def test_one_piece_keeps_all_threads(threads):

@@ -1,0 +1,194 @@
+"""Colours that earlier views of a pose tell: interpolated on one sheet of one limb, evaluated at edges and where nothing was seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar
+from avatarrex.camera import Camera
+from avatarrex.frame import DeferredFrame
+from avatarrex.levels import COLOUR_TOLERANCE, LEVELS, level, moving
+from avatarrex.pipeline import render_deferred
+from avatarrex.shading.known_appearance import KnownAppearance
+from avatarrex.shading.known_loops import CROWDED, TOLD, UNKNOWN, UNTOLD
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.library import named_expression, named_hand, named_pose
+
+VIEW = Camera.orbit(10, 5, 1.0, 40, (0, 0, 0), 192, 192)
+PIXEL = 0.0038
+"""Metres between pixels of `VIEW` at its target."""
+
+
+def ball(count: int, seed: int) -> tuple[Tensor, Tensor]:
+    """Points of a sphere of 20 cm and their normals."""
+    normal = torch.randn(count, 3, generator=torch.Generator().manual_seed(seed))
+    normal = torch.nn.functional.normalize(normal, dim=-1)
+    return 0.2 * normal, normal
+
+
+def pattern(position: Tensor, slope: float, step: float) -> tuple[Tensor, Tensor]:
+    """Five channels of an appearance, and a colour: linear in the place, with an edge at x = 0."""
+    colour = 0.5 + slope * position + step * (position[:, :1] > 0)
+    return torch.cat([2 * colour, position[:, :2]], 1), colour
+
+
+def taught(slope: float = 1.0, step: float = 0.0, count: int = 100_000, side: int = 0) -> KnownAppearance:
+    known, (position, normal) = KnownAppearance(5), ball(count, 0)
+    known.add(position, normal, torch.full((count,), side), *pattern(position, slope, step))
+    return known
+
+
+def seen(count: int = 6000) -> tuple[Tensor, Tensor, Tensor]:
+    """Points on the side of the ball that the view sees, with sides."""
+    position, normal = ball(count, 1)
+    shown = ((position - torch.as_tensor(VIEW.centre).float()) * normal).sum(-1) < -0.3
+    return position[shown], normal[shown], torch.zeros(int(shown.sum()), dtype=torch.int64)
+
+
+@pytest.mark.parametrize("step", [0.0, 0.02, 0.3])
+@pytest.mark.parametrize("count", [20_000, 100_000, 500_000])
+def test_loops_are_the_least_squares_of_the_reference(step: float, count: int) -> None:
+    known, points = taught(3.0, step, count), seen(400)
+    (mine, answer), (theirs, expected) = (
+        known.interpolate(VIEW, *points, 0.01, impl) for impl in ("auto", "reference")
+    )
+    assert (answer == expected).float().mean() > 0.99
+    told = (answer == TOLD) & (expected == TOLD)
+    assert told.any()
+    torch.testing.assert_close(mine[told], theirs[told], atol=2e-4, rtol=1e-4)
+
+
+def test_what_is_linear_is_told_and_exact() -> None:
+    position, normal, side = seen()
+    found, answer = taught().interpolate(VIEW, position, normal, side, 0.01)
+    assert (answer == TOLD).float().mean() > 0.9
+    off = (found - pattern(position, 1.0, 0.0)[0])[answer == TOLD].abs()
+    assert off.quantile(0.99) < 2e-3
+    assert off.max() < 0.01, "the ball is not flat"
+
+
+def test_an_edge_is_evaluated() -> None:
+    position, normal, side = seen()
+    found, answer = taught(step=0.3).interpolate(VIEW, position, normal, side, 0.01)
+    at_edge, beside = position[:, 0].abs() < 0.1 * PIXEL, position[:, 0].abs() > 2 * PIXEL
+    assert not (answer[at_edge] == TOLD).any()
+    assert (answer[beside] == TOLD).float().mean() > 0.9
+    assert (found - pattern(position, 1.0, 0.3)[0])[answer == TOLD].abs().max() < 0.1
+
+
+def test_known_points_are_returned_as_they_are() -> None:
+    known, (position, normal) = taught(step=0.3), ball(100_000, 0)
+    shown = ((position - torch.as_tensor(VIEW.centre).float()) * normal).sum(-1) < -0.3
+    found, answer = known.interpolate(
+        VIEW, position[shown], normal[shown], torch.zeros(int(shown.sum()), dtype=torch.int64), 0.0
+    )
+    assert (answer == TOLD).all()
+    assert torch.equal(found, pattern(position, 1.0, 0.3)[0][shown])
+
+
+def test_another_limb_and_another_sheet_tell_nothing() -> None:
+    position, normal, side = seen()
+    assert not (taught(side=1).interpolate(VIEW, position, normal, side, 0.01)[1] == TOLD).any()
+    across = torch.nn.functional.normalize(torch.linalg.cross(normal, torch.tensor([[0.0, 1.0, 0.0]]), dim=-1), dim=-1)
+    assert not (taught().interpolate(VIEW, position, across, side, 0.01)[1] == TOLD).any()
+
+
+def test_the_back_tells_nothing_of_the_front() -> None:
+    known, (position, normal) = KnownAppearance(5), ball(100_000, 0)
+    hidden = ((position - torch.as_tensor(VIEW.centre).float()) * normal).sum(-1) > 0
+    known.add(
+        position[hidden],
+        normal[hidden],
+        torch.zeros(int(hidden.sum()), dtype=torch.int64),
+        *pattern(position[hidden], 1.0, 0),
+    )
+    assert (known.interpolate(VIEW, *seen(), 0.01)[1] == UNKNOWN).all()
+
+
+def test_where_it_is_crowded_no_more_is_kept() -> None:
+    known, (position, normal, side) = taught(step=0.3, count=1_800_000), seen()
+    _, answer = known.interpolate(VIEW, position, normal, side, 0.01)
+    middle = (position[:, 0].abs() < 0.1 * PIXEL) & (normal @ torch.as_tensor(VIEW.centre).float() > 0.8)
+    assert 1_800_000 / (4 * torch.pi * 0.2**2) * 9 * PIXEL**2 > CROWDED
+    assert (answer[middle] == UNTOLD).all()
+    assert middle.any()
+
+
+def test_what_a_view_does_not_see_is_forgotten_when_there_is_too_much() -> None:
+    known, (position, normal) = KnownAppearance(5, most=2000), ball(3000, 0)
+    side = torch.zeros(3000, dtype=torch.int64)
+    known.add(position, normal, side, *pattern(position, 1.0, 0.0))
+    before = KnownAppearance(5)
+    before.add(position, normal, side, *pattern(position, 1.0, 0.0))
+    (mine, answer), (theirs, expected) = (each.interpolate(VIEW, *seen(), 0.05) for each in (known, before))
+    assert known.count < 2000 < before.count == 3000
+    assert torch.equal(answer, expected)
+    assert torch.equal(mine[answer == TOLD], theirs[answer == TOLD])
+
+
+@pytest.fixture(scope="module")
+def avatar() -> Avatar:
+    return load_avatar()
+
+
+def turned(
+    avatar: Avatar, azimuth: float, before: DeferredFrame | None, tolerance: float = COLOUR_TOLERANCE
+) -> DeferredFrame:
+    camera = Camera.orbit(azimuth, 5, 1.0, 40, (0, 0.3, 0), 256, 256)
+    settings = replace(
+        moving(level("balanced")), raycast="torch", antialias=False, part_voxel=0.01, colour_tolerance=tolerance
+    )
+    return render_deferred(avatar, Signals.rest(), camera, settings, before)
+
+
+def test_a_view_that_turns_is_as_without_reuse_to_50_db(avatar: Avatar) -> None:
+    assert not any(settings.colour_tolerance for settings in LEVELS.values())
+    frame = turned(avatar, 0, turned(avatar, -5, None))
+    for azimuth in (5, 10):
+        before, frame = frame, turned(avatar, azimuth, frame)
+        exact = turned(avatar, azimuth, frame, 0.0)
+        assert exact.counters["body_pixels"] > 0.9 * exact.counters["pixels_shaded"] > 0
+        assert frame.counters["body_pixels"] < 0.6 * exact.counters["body_pixels"]
+        noise = (frame.image - exact.image)[frame.pointmap.hit][:, :3].square().mean()
+        assert -10 * noise.log10() > 50
+        alone = turned(avatar, azimuth, None, 0.0)
+        assert torch.equal(exact.image, alone.image), "whatever was before, without a tolerance"
+        again = turned(avatar, azimuth, exact)
+        assert again.shading is exact.shading, "an exact picture is good enough"
+    assert before.shading.known is frame.shading.known
+
+
+def test_a_pose_that_is_seen_once_is_not_kept(avatar: Avatar) -> None:
+    assert turned(avatar, 0, None).shading.known is None
+
+
+@pytest.mark.parametrize("pose", ["stand", "hands_on_hips"])
+def test_a_hand_or_a_face_that_moves_leaves_the_other_pixels(avatar: Avatar, pose: str) -> None:
+    """They are as if all were shaded, to the last digit; a hand that rests on the hip decides which limb the cloth beneath it is on."""
+    camera = Camera.orbit(10, 5, 2.2, 40, (0, 0, 0), 160, 160)
+    settings = replace(level("balanced"), part_voxel=0.005)
+    still = Signals.rest().replace(body_pose=named_pose(pose))
+    before = render_deferred(avatar, still, camera, settings)
+    smile = still.replace(expression=named_expression("smile"))
+    for signals in (smile, smile.replace(left_hand_pose=0.7 * named_hand("fist", "left"))):
+        frame = render_deferred(avatar, signals, camera, settings, before)
+        whole = render_deferred(avatar, signals, camera, settings)
+        assert 0 < frame.counters["pixels_shaded"] < 0.35 * whole.counters["pixels_shaded"]
+        torch.testing.assert_close(frame.image, whole.image, atol=2e-6, rtol=0)
+        before = frame
+
+
+def test_a_coarse_picture_is_evaluated(avatar: Avatar) -> None:
+    """A pixel of 6 mm: known points are farther apart than the texels of a pattern."""
+    settings, frame = replace(moving(level("fast")), raycast="torch", part_voxel=0.01), None
+    for azimuth in (0, 5, 10):
+        camera = Camera.orbit(azimuth, 5, 2.1, 40, (0, 0, 0), 256, 256)
+        frame = render_deferred(avatar, Signals.rest(), camera, settings, frame)
+    exact = render_deferred(avatar, Signals.rest(), camera, replace(settings, colour_tolerance=0.0))
+    assert frame
+    assert torch.equal(frame.image, exact.image)
