@@ -157,14 +157,14 @@ MUTANTS: dict[str, Mutant] = {
     "skin that is half buried": Mutant(
         "a hand that pierces itself",
         "avatarrex/fields/hand.py",
-        "corner[faces].any(-1) | surface._pierced(",
-        "surface._pierced(",
+        "corner[faces].any(-1) | self._pierced(",
+        "self._pierced(",
         "tests/fields/test_hand_field.py::test_a_finger_tip_in_the_middle_of_a_large_face_is_found",
     ),
     "faces that are pierced in the middle": Mutant(
         "a hand that pierces itself",
         "avatarrex/fields/hand.py",
-        " | surface._pierced(faces, exact[faces], normalize(outward.face, dim=-1))",
+        " | self._pierced(exact[faces], normalize(outward.face, dim=-1))",
         "",
         "tests/fields/test_hand_field.py::test_a_finger_tip_in_the_middle_of_a_large_face_is_found",
     ),
