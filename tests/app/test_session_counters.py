@@ -51,9 +51,9 @@ STEPS = {
     "idle again": (None, set()),
     "shown again": (commands.SetHidden("face", False), FACE - {"templates"} | CAST),
     "close to a foot": (commands.SetCamera(distance=0.5, target=(0.1, -0.9, 0.3)), CAST),
-    "off screen": (commands.ApplyExpression("jaw_open"), {"templates"} | CAST),
+    "off screen": (commands.ApplyExpression("jaw_open"), {"templates", "rays"}),
     "an expression off screen": (commands.ApplyExpression("neutral"), {"templates"}),
-    "a hand off screen": (commands.SetHandPose("right", "fist"), {"templates"} | CAST),
+    "a hand off screen": (commands.SetHandPose("right", "fist"), {"templates", "rays"}),
     "idle off screen": (None, set()),
     "all in view": (commands.SetCamera(distance=3.5, target=(0.1, 0.0, 0.2)), FACE - {"templates"} | {"hands"} | CAST),
 }
