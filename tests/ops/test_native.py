@@ -94,6 +94,8 @@ def test_torch_has_one_thread_meanwhile_and_its_own_again_after_it() -> None:
                 broken(torch.get_num_threads(), native.threads())
             assert (torch.get_num_threads(), native.threads()) == (1, 3)
         assert (torch.get_num_threads(), native.threads()) == (3, 3)
+        torch.set_num_threads(2)
+        assert native.threads() == 2, "loops follow torch again"
     finally:
         torch.set_num_threads(before)
 

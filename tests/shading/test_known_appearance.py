@@ -11,11 +11,13 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
+from avatarrex.counters import Counters
 from avatarrex.frame import DeferredFrame
 from avatarrex.levels import COLOUR_TOLERANCE, LEVELS, level, moving
 from avatarrex.pipeline import render_deferred
 from avatarrex.shading.known_appearance import KnownAppearance
 from avatarrex.shading.known_loops import CROWDED, TOLD, UNKNOWN, UNTOLD
+from avatarrex.shading.shade import shade
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_hand, named_pose
 
@@ -89,6 +91,26 @@ def test_known_points_are_returned_as_they_are() -> None:
     )
     assert (answer == TOLD).all()
     assert torch.equal(found, pattern(position, 1.0, 0.3)[0][shown])
+
+
+def test_nothing_is_told_far_beyond_what_is_known() -> None:
+    """Known is the half of the ball left of x = 0: a plane fitted to points on one side alone would extrapolate."""
+    (place, normal), known = ball(100_000, 0), KnownAppearance(5)
+    left = place[:, 0] < 0
+    known.add(
+        place[left], normal[left], torch.zeros(int(left.sum()), dtype=torch.int64), *pattern(place[left], 1.0, 0.0)
+    )
+    position, normal, side = seen(400_000)
+
+    def told(first: float, last: float, impl: str = "auto") -> Tensor:
+        """Of points from `first` to `last` pixels beyond."""
+        here = (position[:, 0] > first * PIXEL) & (position[:, 0] < last * PIXEL)
+        return known.interpolate(VIEW, position[here], normal[here], side[here], 0.05, impl)[1] == TOLD
+
+    assert told(-2, -1).float().mean() > 0.9
+    assert len(told(0.8, 1.4)) > 500
+    assert not told(0.8, 1.4).any()
+    assert (told(0.4, 0.8) == told(0.4, 0.8, "reference")).float().mean() > 0.995
 
 
 def test_another_limb_and_another_sheet_tell_nothing() -> None:
@@ -181,6 +203,32 @@ def test_a_hand_or_a_face_that_moves_leaves_the_other_pixels(avatar: Avatar, pos
         assert 0 < frame.counters["pixels_shaded"] < 0.35 * whole.counters["pixels_shaded"]
         torch.testing.assert_close(frame.image, whole.image, atol=2e-6, rtol=0)
         before = frame
+
+
+def test_a_pixel_whose_share_changed_or_in_a_contact_box_of_a_moved_hand_is_shaded(avatar: Avatar) -> None:
+    """The picture before is poisoned: what is kept of it shows."""
+    camera = Camera.orbit(10, 5, 2.2, 40, (0, 0, 0), 160, 160)
+    settings = replace(level("balanced"), part_voxel=0.005)
+    still = Signals.rest().replace(body_pose=named_pose("hands_on_hips"))
+    frame = render_deferred(avatar, still, camera, settings)
+    moved = render_deferred(
+        avatar, still.replace(left_hand_pose=0.1 * named_hand("fist", "left")), camera, settings, frame
+    )
+    poisoned = replace(frame.shading, image=torch.full_like(frame.shading.image, 7.0))
+    kept = (shade(avatar, moved.surface, Counters(), poisoned, settings).image == 7).all(-1)
+    (box,) = (box for box in moved.surface.volume.sdf.parts if box.name == "left_hand")
+    assert box.contact
+    there = box.holds(moved.pointmap.position.reshape(-1, 3)).reshape(kept.shape)
+    assert (there & (moved.pointmap.position == frame.pointmap.position).all(-1) & moved.pointmap.hit).sum() > 20
+    assert kept.sum() > 1000
+    assert not (kept & there).any()
+    row, column = (int(index[0]) for index in torch.nonzero(kept, as_tuple=True))
+    share = moved.pointmap.part_weight.clone()
+    share[row, column, 2] += 0.01
+    then = replace(poisoned, surface=replace(moved.surface, pointmap=replace(moved.pointmap, part_weight=share)))
+    again = (shade(avatar, moved.surface, Counters(), then, settings).image == 7).all(-1)
+    assert not again[row, column]
+    assert again.sum() == (moved.pointmap.coverage > 0).sum() - 1
 
 
 def test_a_coarse_picture_is_evaluated(avatar: Avatar) -> None:
