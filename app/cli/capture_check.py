@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from avatarrex_studio.cli.options import one_of
@@ -14,6 +15,7 @@ from avatarrex_studio.cli.options import one_of
 from avatarrex.capture.fit.check import CaptureReport, RigReport, check_capture, compared_frames
 from avatarrex.capture.fit.overlay import contact_sheet
 from avatarrex.capture.fit.surface_fit import fit_surface
+from avatarrex.capture.fit.verdict import judge
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.files.gate import write_text
 from avatarrex.files.images import write_png
@@ -22,19 +24,27 @@ OPTIONAL = {"unfitted": "before fit", "mesh": "own mesh"}
 """Silhouettes that not every capture has, with the heads of their columns."""
 
 
+UNUSABLE = 1
+"""Exit status where the capture cannot be trained on."""
+
+
 def check(path: str, rig: str | None, count: int, surface: bool, out: Path | None) -> int:
-    """Check `count` frames of one rig or all, print the table, write into `out`. Raises `InputError`."""
+    """Check `count` frames of one rig or all, print table and verdict, write into `out`. Raises `InputError`.
+
+    Returns `UNUSABLE` where the capture is that.
+    """
     capture = open_capture(path)
     rigs = (one_of("--rig", rig, capture.rigs),) if rig else tuple(capture.rigs)
-    if surface:
+    capture, report, verdict = judge(capture, rigs, count)
+    if surface and verdict.state != "unusable":
         note = "person: surface fitted to the mattes of the frames and views that are not held out"
         capture = replace(capture, person=fit_surface(capture), notes=(*capture.notes, note))
-    report = check_capture(capture, rigs, count)
-    print("\n".join(table(report)))
+        report = check_capture(capture, rigs, count)
+    print("\n".join([*table(report), "", *verdict.lines()]))
     if out is not None:
-        for written in _write(capture, report, count, out):
+        for written in _write(capture, {**report.to_json(), "verdict": verdict.to_json()}, count, out):
             print(written)
-    return 0
+    return UNUSABLE if verdict.state == "unusable" else 0
 
 
 def table(report: CaptureReport) -> list[str]:
@@ -82,11 +92,11 @@ def _ranges(numbers: tuple[int, ...]) -> str:
     return ", ".join(f"{run[0]}–{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs) or "none"
 
 
-def _write(capture: Capture, report: CaptureReport, count: int, out: Path) -> Iterator[Path]:
-    for name in (rig.rig for rig in report.rigs):
+def _write(capture: Capture, found: dict[str, Any], count: int, out: Path) -> Iterator[Path]:
+    for name in (rig["rig"] for rig in found["rigs"]):
         sheet = contact_sheet(capture, name, compared_frames(capture.rigs[name].frames, count))
         opaque = np.dstack([sheet, np.full(sheet.shape[:2], 255, np.uint8)])
         write_png(out / f"{name}.png", opaque)
         yield out / f"{name}.png"
-    write_text(out / "check.json", json.dumps(report.to_json(), indent=2, ensure_ascii=False) + "\n")
+    write_text(out / "check.json", json.dumps(found, indent=2, ensure_ascii=False) + "\n")
     yield out / "check.json"

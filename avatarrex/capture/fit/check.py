@@ -15,6 +15,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from avatarrex.camera import Camera
+from avatarrex.capture.fit.alignment import Alignment, alignment
 from avatarrex.capture.fit.person_fit import height
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.zbuffer import visible_faces
@@ -43,6 +44,8 @@ class Silhouette:
     """The same before the person's size was fitted."""
     mesh: float | None
     """IoU of the capture's own mesh."""
+    alignment: Alignment | None
+    """Of the person's template; None where either shows nothing."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,17 @@ class RigReport:
         """Mean of a `Silhouette`'s number over the compared frames, of one camera or of all."""
         values = [getattr(item, what) for item in self.silhouettes if view in (None, item.view)]
         return None if not values or None in values else float(np.mean(values))
+
+    def lean(self, view: int) -> float:
+        """Median degrees by which a camera's outlines lean, clockwise; 0 where nothing is elongated."""
+        leans = [item.alignment.lean_deg for item in self.silhouettes if item.view == view and item.alignment]
+        return float(np.median([lean for lean in leans if lean is not None] or [0.0]))
+
+    def shift(self, view: int) -> tuple[float, float]:
+        """Median shift of a camera's outlines, right and down, in units of the square root of the matte's area."""
+        shifts = [item.alignment.shift for item in self.silhouettes if item.view == view and item.alignment]
+        right, down = np.median(shifts or [(0.0, 0.0)], axis=0)
+        return float(right), float(down)
 
 
 @dataclass(frozen=True)
@@ -160,9 +174,10 @@ def _compare(rig: Rig, view: int, frame: int, meshes: dict[str, tuple[np.ndarray
     camera = reduced(rig.views[view].camera)
     matte = rig.matte(view, frame)
     inside = np.array(Image.fromarray(matte).resize((camera.width, camera.height), Image.Resampling.BOX)) > FOREGROUND
-    found = {name: iou(silhouette(*mesh, camera), inside) for name, mesh in meshes.items()}
-    coverage = float((matte > FOREGROUND).mean())
-    return Silhouette(view, frame, coverage, found["template"], found.get("unfitted"), found.get("mesh"))
+    drawn = {name: silhouette(*mesh, camera) for name, mesh in meshes.items()}
+    found = {name: iou(mask, inside) for name, mask in drawn.items()}
+    coverage, lies = float((matte > FOREGROUND).mean()), alignment(drawn["template"], inside)
+    return Silhouette(view, frame, coverage, found["template"], found.get("unfitted"), found.get("mesh"), lies)
 
 
 def reduced(camera: Camera, side: int = SILHOUETTE_PIXELS) -> Camera:

@@ -196,6 +196,7 @@ class Trainer:
             "at": f"{self.run.part} step {step}",
             "perceptual": self.perceptual.name,
             "seed": self.seed,
+            **{key: self.run.config[key] for key in ("capture_key", "held_out", "pelvis") if key in self.run.config},
         }
         if self.start is not None:
             training["start"] = self.start.meta.get("training", self.start.meta.get("origin"))
