@@ -22,6 +22,8 @@ class CapturedScene(Scene):
 
     picture: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 4)), compare=False)
     """Premultiplied RGBA (h, w, 4) in [0, 1], as the camera has it."""
+    seen: np.ndarray = field(default_factory=lambda: np.zeros((1, 1), bool), compare=False)
+    """(h, w) bool: inside the photograph; a square about a person may reach beyond its edge."""
 
 
 def captured_page(capture: Capture, rig: Rig, artists: int) -> Page:
@@ -47,6 +49,16 @@ def photograph() -> Artist:
     return Artist("ground truth", draw)
 
 
+def framed(artist: Artist) -> Artist:
+    """The artist without what lies beyond the photograph's edge."""
+
+    def draw(scene: Scene) -> np.ndarray:
+        assert isinstance(scene, CapturedScene)
+        return np.asarray(artist.draw(scene) * scene.seen[..., None])
+
+    return Artist(artist.name, draw)
+
+
 def _scene(capture: Capture, rig: Rig, view: int, frame: int, side: int) -> CapturedScene:
     camera, signals, matte = rig.views[view].camera, rig.signals[frame], rig.matte(view, frame)
     box = box_about(matte, template_surface(capture.person, signals)[0], camera)
@@ -54,4 +66,5 @@ def _scene(capture: Capture, rig: Rig, view: int, frame: int, side: int) -> Capt
     colour, alpha = resized(np.rint(inside).astype(np.uint8), box, side), resized(matte, box, side)
     label = f"{rig.views[view].name}, frame {frame}" + (" (held out)" if frame in rig.held_out_frames else "")
     picture = np.dstack([np.minimum(colour, alpha[..., None]), alpha]) / 255.0  # a cubic rings beyond an edge
-    return CapturedScene(signals, cut(camera, box, side), label, rig.name, picture)
+    seen = resized(np.full(matte.shape, 255, np.uint8), box, side) > 127
+    return CapturedScene(signals, cut(camera, box, side), label, rig.name, picture, seen)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from avatarrex_studio.sheets import pages
-from avatarrex_studio.sheets.captured import captured_page, photograph
+from avatarrex_studio.sheets.captured import captured_page, framed, photograph
 from avatarrex_studio.sheets.order import TRUTHS, SheetOrder
 from avatarrex_studio.sheets.pages import Artist, Page
 from avatarrex_studio.sheets.paper import laid_out, write_jpeg
@@ -59,7 +59,7 @@ def run(order: SheetOrder) -> dict[str, Any]:
             _draw(order, sheet, page, among, f"{Path(order.motion.path).name} · ")
         elif captured is not None and sheet in captured.rigs:
             rig = captured.rigs[sheet]
-            seen = [photograph(), *artists]
+            seen = [photograph(), *map(framed, artists)]
             _draw(order, sheet, captured_page(captured, rig, len(seen)), seen, f"{Path(captured.path).name} · ")
         else:
             _draw(order, sheet, PAGES[sheet](avatar.person, len(artists)), artists)

@@ -13,7 +13,7 @@ from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.sheets import draw
 from avatarrex_studio.sheets import pages as sheet_pages
 from avatarrex_studio.sheets import paper as sheet_paper
-from avatarrex_studio.sheets.captured import captured_page, photograph
+from avatarrex_studio.sheets.captured import captured_page, framed, photograph
 from avatarrex_studio.sheets.order import COLUMNS
 from avatarrex_studio.sheets.pages import Artist, body_page, drawn, face_page, hands_page, motion_page
 from avatarrex_studio.sheets.paper import HEADING, LINE, Tile, laid_out, over, tile_width, write_jpeg
@@ -271,6 +271,10 @@ def test_a_captures_pictures_are_seen_as_it_saw_them(capture, name):
         assert shown.shape == (scene.camera.height, scene.camera.width, 4)
         assert not shown[shown[..., 3] == 0].any()
         covered = silhouette(template_surface(read.person, scene.signals)[0], faces, scene.camera)
+        beyond, covered = covered & ~scene.seen, covered & scene.seen
+        assert beyond.any() == (name == "face"), "a square about the head and shoulders of an upright picture"
+        white = Artist("white", lambda scene: np.ones((*scene.seen.shape, 4)))
+        np.testing.assert_array_equal(framed(white).draw(scene)[..., 3], scene.seen)
         assert iou(covered, shown[..., 3] > 0.5) > 0.93
         assert covered.mean() > 0.08, "cut out about the person"
 
