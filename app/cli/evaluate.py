@@ -7,6 +7,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from avatarrex_studio.cli import options
 from avatarrex_studio.cli.output import output_file, write_json
@@ -15,8 +16,15 @@ from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 from avatarrex.files.gate import check_writable
 
+if TYPE_CHECKING:
+    from avatarrex.avatar import Avatar
+    from avatarrex.capture.readers.rigs import Capture, Rig
+    from avatarrex.metrics.baselines import MeshDrawer
+    from avatarrex.templates.person import Person
+
 SHEET = 8
 """Pictures on a contact sheet."""
+FITTED = "fitted textured mesh"
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -68,29 +76,31 @@ def _evaluate(
     """`drawn`: at which levels, with how many samples a pixel's side."""
     from avatarrex.avatar_file import load_avatar
     from avatarrex.capture.readers.rigs import open_capture
+    from avatarrex.capture.readers.splits import with_validation
     from avatarrex.files.images import write_png
-    from avatarrex.metrics import baselines, drawing, evaluate, face_region, measures, report
+    from avatarrex.metrics import drawing, evaluate, face_region, measures, report
+    from avatarrex.metrics.own_training import as_trained
 
     weights = (arguments.vgg, arguments.lpips, arguments.inception)
     networks = measures.Networks.load(*(Path(path) if path else None for path in weights))
     avatar, capture = load_avatar(arguments.avatar, arguments.device), open_capture(arguments.capture)
+    capture, own = as_trained(avatar, arguments.avatar, with_validation(capture))
     name = arguments.rig or ("body" if "body" in capture.rigs else next(iter(capture.rigs)))
     rig = capture.rigs[options.one_of("--rig", name, capture.rigs)]
     rig = choice.held_out(rig, arguments.held_out_frames, arguments.held_out_views)
     frames = _frames(arguments.frames, rig.held_out_frames, rig.frames) if arguments.frames else None
     views = choice.cameras(rig, arguments.views, "--views") if arguments.views else None
-    other = avatar.person.hash != capture.person.hash
+    other = not own and avatar.person.hash != capture.person.hash
     notes = ("avatar: made on another body than the capture's; it is posed on its own",) if other else ()
     for note in (*capture.notes, *notes):
         print(note, file=sys.stderr)
     start = time.perf_counter()
     subjects: list[drawing.Drawer] = [*drawing.by_level("avatar", avatar, *drawn)]
+    fitted = _person_fitted(avatar, capture, own) if arguments.baselines or arguments.face_only else capture.person
     if arguments.baselines:
-        subjects += baselines.baselines(capture.person, evaluate.observations(rig))
-        if avatar.person.fit is not None and other:
-            subjects += baselines.baselines(avatar.person, evaluate.observations(rig), "fitted textured mesh")[:1]
+        subjects += _rivals(avatar, capture, fitted, rig)
     if arguments.face_only:
-        rig, subjects = face_region.face_alone(capture.person, rig, subjects)
+        rig, subjects = face_region.face_alone(fitted, rig, subjects)
         capture = replace(capture, ground_truth={})
     shown = SHEET if sheet else 0
     chosen = evaluate.Choice(frames, views, size, shown)
@@ -103,6 +113,30 @@ def _evaluate(
         write_png(sheet, report.contact_sheet(found))
         print(sheet)
     return 0
+
+
+def _person_fitted(avatar: Avatar, capture: Capture, own: bool) -> Person:
+    """Whom a training on this capture poses: the avatar's body where that was it, else the person with its skin fitted."""
+    from avatarrex.capture.fit.surface_fit import fit_surface
+
+    if own or capture.person.fit is None or capture.person.hash == avatar.person.hash:
+        return avatar.person if own else capture.person
+    print("person: fitting the template's skin to the mattes", file=sys.stderr)
+    return fit_surface(capture)
+
+
+def _rivals(avatar: Avatar, capture: Capture, fitted: Person, rig: Rig) -> list[MeshDrawer]:
+    """The captured person's template in two kinds of colours, then the one with a fitted skin, or else with the avatar's own."""
+    from avatarrex.metrics.baselines import baselines
+    from avatarrex.metrics.evaluate import observations
+
+    person = capture.person
+    textured, mean = baselines(person, observations(rig))
+    if person.fit is not None and person.fit.surface is not None:
+        textured.name = FITTED
+    another = next((one for one in (fitted, avatar.person) if one.fit is not None and one.hash != person.hash), None)
+    rest = [] if another is None else baselines(another, observations(rig), FITTED)[:1]
+    return [textured, mean, *rest]
 
 
 def _frames(text: str, kept: frozenset[int], count: int) -> tuple[int, ...]:

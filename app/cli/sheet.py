@@ -8,13 +8,12 @@ from argparse import Namespace
 from avatarrex_studio.cli import options
 from avatarrex_studio.cli.output import output_folder, write_json
 from avatarrex_studio.session.motion import Motion
-from avatarrex_studio.sheets.order import COLUMNS, MOST, SHEETS, SheetOrder
+from avatarrex_studio.sheets.order import COLUMNS, MOST, SHEETS, TRUTHS, SheetOrder
 
 from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
+from avatarrex.files.gate import what_is
 
-TRUTHS = {"subject": "default", "loose": "loose"}
-"""The packaged subject of each word."""
 MOST_SAMPLES = 4
 """Most samples along a pixel's side."""
 
@@ -24,7 +23,12 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add = verb.add_argument
     add("avatar", help="name, folder or .avatar file")
     add("out", metavar="OUT_DIR", help="a folder for body.jpg, face.jpg, hands.jpg, motion.jpg and sheet.json")
-    add("--truth", metavar="S", help="the clothed subject beside every picture: " + " or ".join(TRUTHS))
+    words = "ground truth beside every picture: " + ", ".join(TRUTHS)
+    add(
+        "--truth",
+        metavar="S",
+        help=f"{words} (the clothed subject), or a capture (its own pictures, cameras and poses)",
+    )
     motions = ".bvh, .npz (SMPL-X, AMASS), .csv (Live Link Face) or .json"
     add("--motion", metavar="FILE", help=f"motion.jpg: frames of {motions}")
     add("--other", metavar="AVATAR2", help="a second avatar that follows the same motion")
@@ -48,8 +52,8 @@ def read_order(arguments: Namespace) -> SheetOrder:
     options.refuse_empty(arguments, avatar="AVATAR", out="OUT_DIR")
     for avatar in filter(None, (arguments.avatar, arguments.other)):
         options.avatar(avatar)
-    if arguments.truth is not None and arguments.truth not in TRUTHS:
-        raise InputError("--truth", "", " or ".join(TRUTHS), arguments.truth)
+    if arguments.truth is not None and arguments.truth not in TRUTHS and what_is(arguments.truth) == "nothing there":
+        raise InputError("--truth", "", ", ".join([*TRUTHS, "or a capture, a folder or a .zip file"]), arguments.truth)
     samples = options.whole("--samples", arguments.samples, 1, MOST_SAMPLES, f"1 to {MOST_SAMPLES}")
     levels = options.levels(arguments.levels)
     only = options.some_of("--only", arguments.only, SHEETS) if arguments.only else SHEETS
@@ -63,7 +67,7 @@ def read_order(arguments: Namespace) -> SheetOrder:
     frames = _frames(arguments.frames, motion) if motion else ()
     out = output_folder(arguments.out, "sheet.json")
     drawn = tuple(name for name in SHEETS if name in only and (motion or name != "motion"))
-    truth = TRUTHS[arguments.truth] if arguments.truth else None
+    truth = TRUTHS.get(arguments.truth, arguments.truth)
     return SheetOrder(arguments.avatar, out, drawn, truth, arguments.other, motion, frames, samples, levels)
 
 

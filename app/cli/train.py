@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from avatarrex_studio.cli import options
-from avatarrex_studio.cli.output import print_figures
+from avatarrex_studio.cli.output import output_folder, print_figures
 
 from avatarrex.capture.readers.choice import cameras, frames, held_out
 from avatarrex.errors import InputError, plain
@@ -19,7 +19,6 @@ from avatarrex.training.recipe import RECIPES, Recipe, from_scratch
 if TYPE_CHECKING:
     from avatarrex.avatar import Avatar
     from avatarrex.capture.readers.rigs import Capture, Rig
-    from avatarrex.templates.person import Person
     from avatarrex.training.runs.folder import Run
 
 log = logging.getLogger(__name__)
@@ -48,6 +47,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add("--start", metavar="AVATAR", help="an avatar to go on from (with --recipe refine), in place of the template")
     add("--from-scratch", action="store_true", help="from nothing: neither the packaged prior nor the template's shape")
     add("--no-surface", action="store_true", help="end without distilling the avatar's surface, which level live draws")
+    add("--force", action="store_true", help="train though the capture is unusable by `capture check`")
     add("--mixed", action="store_true", help="colours in bfloat16 while training: for a processor with units for it")
     options.add_device(verb)
     for part in ("body", "face"):
@@ -64,24 +64,20 @@ def run(arguments: argparse.Namespace) -> int:
     recipe = replace(recipe, mixed=arguments.mixed)
     seed = options.whole("--seed", arguments.seed, 0)
     chosen = options.some_of("--parts", arguments.parts, recipe.steps()) if arguments.parts else None
+    output_folder(arguments.out, "run.json")
     from avatarrex.avatar_file import load_avatar
-    from avatarrex.capture.fit.surface_fit import fit_surface
     from avatarrex.capture.readers.rigs import open_capture
-    from avatarrex.capture.readers.splits import sealed
     from avatarrex.fields.placement import device_named
     from avatarrex.training.core.trainer import Trainer
+    from avatarrex.training.runs.folder import check_free
 
+    check_free(Path(arguments.out), arguments.resume)
     device = str(device_named(arguments.device))
     start = load_avatar(arguments.start) if arguments.start else None
     capture = open_capture(arguments.capture)
     for note in capture.notes:
         print(note)
-    capture = split_as_wanted(capture, arguments)
-    if start is not None:
-        capture = replace(capture, person=_same_body(start, capture))
-    elif capture.person.fit is not None:
-        print("person: fitting the template's skin to the mattes")
-        capture = replace(capture, person=fit_surface(sealed(capture, "train")))
+    capture = _fitted(split_as_wanted(capture, arguments), start, arguments)
     parts = tuple(part for part in recipe.steps() if part in (chosen or capture.rigs))
     trained = _open_run(arguments, _config(arguments, capture, recipe, parts, seed))
     with trained:
@@ -149,11 +145,42 @@ def trained_on(rig: Rig, arguments: argparse.Namespace) -> Rig:
     return rig.holding_out(rig.held_out_frames, others)
 
 
-def _same_body(start: Avatar, capture: Capture) -> Person:
-    """The start's body, fitted before in size and skin; `InputError` where it is a modelled person's, but another."""
+def _fitted(capture: Capture, start: Avatar | None, arguments: argparse.Namespace) -> Capture:
+    """With the person's size and skin, or the start's body. Raises `InputError` for what cannot be trained on, unless forced."""
+    from avatarrex.capture.fit.surface_fit import fit_surface
+    from avatarrex.capture.fit.verdict import judge
+    from avatarrex.capture.readers.splits import sealed
+
+    if start is not None:
+        capture = _with_body(capture, start, arguments.start)
+    if not capture.sized:
+        print("person: fitting the template's size to the mattes")
+    capture, _, verdict = judge(capture)
+    if verdict.reasons:
+        print("\n".join(verdict.lines()))
+    if verdict.state == "unusable" and not (arguments.force or arguments.resume):
+        expected = "a capture that can be trained on (`capture check` shows it; --force trains anyway)"
+        worst = next(reason for reason in verdict.reasons if reason.state == "unusable")
+        raise InputError(arguments.capture, worst.where, expected, worst.what)
+    if start is not None or capture.person.fit is None:
+        return capture
+    print("person: fitting the template's skin to the mattes")
+    return replace(capture, person=fit_surface(sealed(capture, "train")))
+
+
+def _with_body(capture: Capture, start: Avatar, source: str) -> Capture:
+    """With the start's body, fitted before in size and skin; `InputError` where it is a modelled person's, but another."""
+    if not capture.sized:
+        from avatarrex.metrics.own_training import own_training
+
+        trained = own_training(start, source, capture)
+        if trained is None:
+            expected = "one trained on this capture, whose files do not say how large the person is"
+            raise InputError("--start", "", expected, source)
+        return trained.placed(capture, start.person)
     if (capture.person.fit is None) != (start.person.fit is None):
         raise InputError("--start", "body", capture.person.name, start.person.name)
-    return start.person
+    return replace(capture, person=start.person)
 
 
 def kept_recipe(path: Path, config: Mapping[str, Any], mixed: bool, scratch: bool = False) -> Recipe:
@@ -183,6 +210,8 @@ def _config(
         "start": arguments.start,
         "steps": {part: steps for part, steps in recipe.steps().items() if part in parts},
         "recipe": recipe.to_json(),
+        "capture_key": capture.key,
+        "pelvis": capture.pelvis.tolist(),
         "held_out": {
             name: {"frames": sorted(rig.held_out_frames), "views": sorted(rig.held_out_views)}
             for name, rig in capture.rigs.items()

@@ -10,17 +10,20 @@ from pathlib import Path
 from typing import Any
 
 from avatarrex_studio.sheets import pages
-from avatarrex_studio.sheets.order import SheetOrder
+from avatarrex_studio.sheets.captured import captured_page, framed, photograph
+from avatarrex_studio.sheets.order import TRUTHS, SheetOrder
 from avatarrex_studio.sheets.pages import Artist, Page
 from avatarrex_studio.sheets.paper import laid_out, write_jpeg
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
+from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 from avatarrex.gl.context import NoContext
 from avatarrex.metrics.drawing import AvatarDrawer, by_level
 from avatarrex.metrics.floaters import SILHOUETTE_PIXELS, Floaters, find_floaters
+from avatarrex.metrics.own_training import as_trained
 
 FORMAT = 1
 PAGES = {"body": pages.body_page, "face": pages.face_page, "hands": pages.hands_page}
@@ -33,8 +36,12 @@ def run(order: SheetOrder) -> dict[str, Any]:
     avatar = load_avatar(order.avatar)
     name = _name(order.avatar)
     artists = _avatar_artists(name, avatar, order)
+    captured = None
     if order.truth and set(order.only) - {"floaters"}:
-        artists.insert(0, _truth_artist(order.truth))
+        if order.truth in TRUTHS.values():
+            artists.insert(0, _truth_artist(order.truth))
+        else:
+            captured = as_trained(avatar, order.avatar, open_capture(order.truth))[0]
     among = list(artists)
     if order.other:
         other = _name(order.other)
@@ -50,6 +57,10 @@ def run(order: SheetOrder) -> dict[str, Any]:
             assert order.motion is not None
             page = pages.motion_page(avatar.person, len(among), order.motion, order.frames)
             _draw(order, sheet, page, among, f"{Path(order.motion.path).name} · ")
+        elif captured is not None and sheet in captured.rigs:
+            rig = captured.rigs[sheet]
+            seen = [photograph(), *map(framed, artists)]
+            _draw(order, sheet, captured_page(captured, rig, len(seen)), seen, f"{Path(captured.path).name} · ")
         else:
             _draw(order, sheet, PAGES[sheet](avatar.person, len(artists)), artists)
         seconds[sheet] = round(time.perf_counter() - start, 1)

@@ -11,6 +11,8 @@ SHEETS = ("body", "face", "hands", "motion", "floaters")
 """In their order; `floaters` is a list, the others are pictures."""
 COLUMNS, MOST = 8, 24
 """Frames of a motion in one band of its sheet, and unless others are named; and the most that a sheet has room for."""
+TRUTHS = {"subject": "default", "loose": "loose"}
+"""The packaged subject of each word that says who is drawn beside the avatar."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +24,7 @@ class SheetOrder:
     only: tuple[str, ...]
     """Of `SHEETS`, in their order; `motion` only where there is one."""
     truth: str | None
-    """The name of a packaged subject."""
+    """The name of a packaged subject, or the path of a capture."""
     other: str | None
     motion: Motion | None
     frames: tuple[int, ...]

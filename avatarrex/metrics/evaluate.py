@@ -1,11 +1,12 @@
-"""An avatar against a capture: pictures from its cameras under its signals, measured by held-out split.
+"""An avatar against a capture: pictures from its cameras under its signals, measured by split (`capture/readers/splits.py`).
 
-| split | the frame was | the camera was |
-|---|---|---|
-| `train` | trained on | trained on |
-| `held-out pose` | held out | trained on |
-| `held-out view` | trained on | held out |
-| `held-out both` | held out | held out |
+| split | part | the frame was | the camera was |
+|---|---|---|---|
+| `train` | | trained on | trained on |
+| `validation` | | kept for the training's own figures | trained on |
+| `test` | `held-out pose` | held out | trained on |
+| | `held-out view` | not held out | held out |
+| | `held-out both` | held out | held out |
 
 Pictures are compared over black: the captured one is premultiplied by its matte, at the evaluated size by a box filter.
 Where the capture has true meshes, the surfaces are compared too, per frame, over all cameras that are evaluated.
@@ -22,15 +23,18 @@ from tqdm import tqdm
 
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Capture, Rig
+from avatarrex.capture.readers.splits import Splits
 from avatarrex.errors import check
 from avatarrex.metrics.baselines import Observation
 from avatarrex.metrics.drawing import Drawer, Drawing, Truth, fitted, over_black
 from avatarrex.metrics.measures import Measured, Networks, means, measure
 from avatarrex.metrics.mesh import Surface, depth_surface, distances, sampled
 
-SPLITS = ("train", "held-out pose", "held-out view", "held-out both")
+TEST = ("held-out pose", "held-out view", "held-out both")
+"""Parts of the test."""
+SPLITS = ("train", "validation", "test", *TEST)
 FRAMES_EACH = 4
-"""Frames evaluated of those trained on, and of those held out, unless chosen."""
+"""Frames evaluated of each split, unless chosen."""
 OBSERVATIONS = 48
 """Training pictures that the baselines' colours come from: a texel on the side of the body is then seen by a dozen."""
 OBSERVED_SIZE = 1024
@@ -62,14 +66,15 @@ class Evaluation:
         return tuple(dict.fromkeys(picture.subject for picture in self.pictures))
 
     def grouped(self, key: str) -> dict[Any, dict[str, dict[str, float | None]]]:
-        """Means by `split`, `view` or `frame`, then by subject."""
-        places = dict.fromkeys(getattr(picture, key) for picture in self.pictures)
-        ordered = [split for split in SPLITS if split in places] if key == "split" else list(places)
+        """Means by `split` (of `SPLITS`; the test's pictures are in their part, too), `view` or `frame`, then by subject."""
+        groups: dict[Any, list[Measured]] = {}
+        for picture in self.pictures:
+            place = getattr(picture, key)
+            for group in ("test", place) if place in TEST else (place,):
+                groups.setdefault(group, []).append(picture)
+        ordered = [split for split in SPLITS if split in groups] if key == "split" else list(groups)
         return {
-            place: {
-                subject: means(p for p in self.pictures if getattr(p, key) == place and p.subject == subject)
-                for subject in self.subjects
-            }
+            place: {subject: means(p for p in groups[place] if p.subject == subject) for subject in self.subjects}
             for place in ordered
         }
 
@@ -77,13 +82,13 @@ class Evaluation:
         """Compare what the cameras saw of each subject with the true surface."""
         for name, drawings in drawn.items():
             if found := compare_surfaces(truth, drawings):
-                split = SPLITS[frame in self.rig.held_out_frames]
+                split = _frame_split(self.rig, frame)
                 self.surfaces.append({"subject": name, "frame": frame, "split": split, **found})
 
     def surface_means(self) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
-        """Split (`train` or `held-out pose`), subject, direction, measure: means over frames."""
+        """Split of the frame (`train`, `validation` or `held-out pose`), subject, direction, measure: means over frames."""
         found: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
-        for split in SPLITS[:2]:
+        for split in ("train", "validation", "held-out pose"):
             for subject in self.subjects:
                 rows = [row for row in self.surfaces if row["split"] == split and row["subject"] == subject]
                 if rows:
@@ -148,15 +153,23 @@ def evaluate(
 
 
 def split_of(rig: Rig, view: int, frame: int) -> str:
-    """Which of `SPLITS` a picture belongs to."""
-    return SPLITS[(frame in rig.held_out_frames) + 2 * (view in rig.held_out_views)]
+    """Which of `SPLITS` a picture belongs to; of the test the part."""
+    if view in rig.held_out_views:
+        return "held-out both" if frame in rig.held_out_frames else "held-out view"
+    return _frame_split(rig, frame)
 
 
 def default_frames(rig: Rig) -> tuple[int, ...]:
-    """`FRAMES_EACH` of those trained on and of those held out, evenly spread."""
-    held_out = sorted(rig.held_out_frames)
-    rest = [frame for frame in range(rig.frames) if frame not in rig.held_out_frames]
-    return tuple(sorted({*spread(held_out, FRAMES_EACH), *spread(rest, FRAMES_EACH)}))
+    """`FRAMES_EACH` of each split, evenly spread."""
+    splits = Splits.of(rig)
+    return tuple(sorted(frame for split in vars(splits).values() for frame in spread(split.frames, FRAMES_EACH)))
+
+
+def _frame_split(rig: Rig, frame: int) -> str:
+    """Of a camera that was trained on."""
+    if frame in rig.held_out_frames:
+        return "held-out pose"
+    return "validation" if frame in Splits.of(rig).validation.frames else "train"
 
 
 def captured(rig: Rig, view: int, frame: int, camera: Camera) -> Truth:

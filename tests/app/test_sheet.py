@@ -13,12 +13,16 @@ from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.sheets import draw
 from avatarrex_studio.sheets import pages as sheet_pages
 from avatarrex_studio.sheets import paper as sheet_paper
+from avatarrex_studio.sheets.captured import captured_page, framed, photograph
 from avatarrex_studio.sheets.order import COLUMNS
 from avatarrex_studio.sheets.pages import Artist, body_page, drawn, face_page, hands_page, motion_page
 from avatarrex_studio.sheets.paper import HEADING, LINE, Tile, laid_out, over, tile_width, write_jpeg
 from bad_files import bvh, csv
+from capture.tiny_capture import TinyCapture
 from PIL import Image
 
+from avatarrex.capture.fit.check import iou, silhouette, template_surface
+from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.gl.context import gl_unavailable
 from avatarrex.metrics.drawing import by_level
 from avatarrex.signals.driving import Signals
@@ -243,6 +247,55 @@ def test_floaters_are_told_and_written(monkeypatch, tmp_path, capsys):
     assert all(np.isfinite(lump["place"]).all() for lump in entry["lumps"])
 
 
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    """Of the default person, with a frame and a camera held out."""
+    files = TinyCapture.make(scale=2).manifest(held_out_frames={"body": [1]}, held_out_cameras={"body": ["c2"]})
+    return files.zip(tmp_path_factory.mktemp("sheet") / "tiny.zip")
+
+
+@pytest.mark.parametrize("name", ["body", "face"])
+def test_a_captures_pictures_are_seen_as_it_saw_them(capture, name):
+    """Every camera of what is held out; the template in the cut camera covers what the picture does."""
+    read = open_capture(capture)
+    rig = read.rigs[name]
+    page = captured_page(read, rig, 2)
+    scenes = [scene for who, scene in orders(page) if who == 0]
+    views = len(rig.views)
+    assert len(scenes) == (views if rig.held_out_frames else views * rig.frames)
+    assert [scene for who, scene in orders(page) if who == 1] == scenes
+    assert all(("(held out)" in scene.label) == bool(rig.held_out_frames) for scene in scenes)
+    faces = read.person.body.faces.numpy()
+    for scene in scenes:
+        shown = photograph().draw(scene)
+        assert shown.shape == (scene.camera.height, scene.camera.width, 4)
+        assert not shown[shown[..., 3] == 0].any()
+        covered = silhouette(template_surface(read.person, scene.signals)[0], faces, scene.camera)
+        beyond, covered = covered & ~scene.seen, covered & scene.seen
+        assert beyond.any() == (name == "face"), "a square about the head and shoulders of an upright picture"
+        white = Artist("white", lambda scene: np.ones((*scene.seen.shape, 4)))
+        np.testing.assert_array_equal(framed(white).draw(scene)[..., 3], scene.seen)
+        assert iou(covered, shown[..., 3] > 0.5) > 0.93
+        assert covered.mean() > 0.08, "cut out about the person"
+
+
+def test_the_capture_of_a_sheet_is_its_truth(monkeypatch, capture, tmp_path):
+    """The avatar is drawn from the capture's cameras; where the capture has no such rig, the library's poses are shown alone."""
+    drawn_pages = []
+    monkeypatch.setattr(
+        draw, "_draw", lambda order, name, page, artists, note="": drawn_pages.append((name, page, artists))
+    )
+    words = ["--truth", str(capture), "--only", "body,hands"]
+    assert cli.main(["sheet", "default", str(tmp_path / "out"), *words]) == 0
+    (body, page, artists), (hands, plain, alone) = drawn_pages
+    assert (body, hands) == ("body", "hands")
+    assert [artist.name for artist in artists] == ["ground truth", "default avatar"]
+    assert page.heading == "Body, as captured"
+    assert [artist.name for artist in alone] == ["default avatar"]
+    assert plain.heading == "Hands"
+    assert json.loads((tmp_path / "out" / "sheet.json").read_text())["truth"] == str(capture)
+
+
 def test_frames_unless_named():
     arguments = cli.parse(["sheet", "default", "/tmp/nowhere"])
     assert read_order(arguments).only == ("body", "face", "hands", "floaters"), "no motion sheet without a motion"
@@ -264,7 +317,7 @@ REFUSED = {
     "default {file}": "flat: expected a folder to write to, found a file",
     "default {file}/deeper": "sheet.json: expected a folder at .*flat, found a file",
     "default /proc/sheets": "a folder at /proc that can be written",
-    "default {out} --truth photograph": "--truth: expected subject or loose, found photograph",
+    "default {out} --truth photograph": "--truth: expected subject, loose, or a capture, a folder or a .zip file, found photograph",
     "default {out} --only body,feet": "--only: expected some of body,face,hands,motion,floaters, found feet",
     "default {out} --only motion": "--only: motion: expected --motion FILE with it",
     "default {out} --other default": "--other: expected --motion FILE with it, found no motion",

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from capture.tiny_capture import FRAMES, HEIGHT, WIDTH, TinyCapture, cameras, jpeg, npz
+from capture.tiny_capture import FRAMES, HEIGHT, WIDTH, TinyCapture, cameras, jpeg, npz, png
 
 from avatarrex.capture.readers.images_store import ByteCache
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.signals.joints import EXPRESSION_NAMES
+from avatarrex.signals.library import named_hand
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +67,69 @@ def test_a_bare_folder_is_the_body(copy: TinyCapture, tmp_path: Path) -> None:
     bare = open_capture(tmp_path / "folder" / "body")
     assert set(bare.rigs) == {"body"}
     assert bare.rigs["body"].signals.frames == whole.rigs["body"].signals.frames
+
+
+def test_a_bare_face_folder_is_a_face(copy: TinyCapture, tmp_path: Path) -> None:
+    whole = open_capture(copy.folder(tmp_path / "folder"))
+    bare = open_capture((tmp_path / "folder" / "face").rename(tmp_path / "close ups"))
+    assert set(bare.rigs) == {"face"}
+    assert bare.rigs["face"].signals.frames == whole.rigs["face"].signals.frames
+    millimetres = np.stack([frame.translation for frame in copy.signals]) * 1000
+    copy.calibrate("face", T=lambda given: (1000 * np.array(given)).tolist()).change("face", transl=millimetres)
+    files = {name.removeprefix("face/"): data for name, data in copy.files.items() if name.startswith("face/")}
+    again = open_capture(TinyCapture([], files).zip(tmp_path / "a.zip"))
+    assert set(again.rigs) == {"face"}
+    assert sum("in millimetres" in note for note in again.notes) == 2
+
+
+def test_without_a_face_rig_the_head_is_the_bodys(copy: TinyCapture, tmp_path: Path) -> None:
+    copy.files = {name: data for name, data in copy.files.items() if name.startswith("body/")}
+    notes = open_capture(copy.folder(tmp_path / "a")).notes
+    assert notes == ("face: no rig of its own: the head is learned from the body's cameras",)
+
+
+def test_hands_without_parameters_are_relaxed(copy: TinyCapture, tmp_path: Path) -> None:
+    copy.change(right_hand_pose=None)
+    capture = open_capture(copy.folder(tmp_path / "a"))
+    for signals, given in zip(capture.rigs["body"].signals, copy.signals):
+        np.testing.assert_array_equal(signals.left_hand_pose, given.left_hand_pose)
+        np.testing.assert_allclose(signals.right_hand_pose, named_hand("relaxed", "right"))
+    assert "body: hands: no right_hand_pose in the file: relaxed in every frame" in capture.notes
+    copy.change(left_hand_pose=None, flat_hand_mean=False)  # nothing to add a mean to
+    capture = open_capture(copy.folder(tmp_path / "a"))
+    np.testing.assert_allclose(capture.rigs["body"].signals[1].left_hand_pose, named_hand("relaxed", "left"))
+    assert any("no left_hand_pose and no right_hand_pose" in note for note in capture.notes)
+    assert not any("mean pose" in note for note in capture.notes)
+    copy.change(left_hand_pose=np.zeros((FRAMES, 45)), hands_meanl=np.full(45, 0.1))
+    capture = open_capture(copy.folder(tmp_path / "a"))  # the other hand's mean is not needed
+    np.testing.assert_allclose(capture.rigs["body"].signals[1].left_hand_pose, 0.1)
+    np.testing.assert_allclose(capture.rigs["body"].signals[1].right_hand_pose, named_hand("relaxed", "right"))
+
+
+def test_pictures_with_an_alpha_channel_are_their_own_mattes(copy: TinyCapture, tmp_path: Path) -> None:
+    rig = open_capture(copy.folder(tmp_path / "a")).rigs["body"]
+    image, matte = rig.image(1, 2), rig.matte(1, 2)
+    for frame in range(FRAMES):
+        pixels = np.dstack([rig.image(1, frame), rig.matte(1, frame)])
+        copy.files[f"body/c1/{frame:08d}.png"] = png(pixels)
+        del copy.files[f"body/c1/{frame:08d}.jpg"], copy.files[f"body/c1/mask/pha/{frame:08d}.jpg"]
+    capture = open_capture(copy.folder(tmp_path / "b"))
+    found = capture.rigs["body"]
+    assert "body: pictures of 1 of 3 cameras are their own mattes (alpha channel)" in capture.notes
+    assert not found.missing
+    np.testing.assert_array_equal(found.image(1, 2), image)
+    np.testing.assert_array_equal(found.matte(1, 2), matte)
+    copy.files["body/c1/00000001.png"] = png(image)
+    with pytest.raises(ValueError, match=r"c1/00000001\.png: expected an alpha channel.* found RGB"):
+        open_capture(copy.folder(tmp_path / "c")).rigs["body"].matte(1, 1)
+
+
+def test_a_captures_key_is_that_of_its_calibration_and_parameters(copy: TinyCapture, tmp_path: Path) -> None:
+    key = open_capture(copy.folder(tmp_path / "folder")).key
+    assert len(key) == 16
+    assert open_capture(copy.zip(tmp_path / "a.zip", prefix="person one/")).key == key
+    copy.change("face", transl=np.stack([frame.translation for frame in copy.signals]) + 0.01)
+    assert open_capture(copy.zip(tmp_path / "b.zip")).key != key
 
 
 def test_thuman_folders(copy: TinyCapture, tmp_path: Path) -> None:

@@ -166,6 +166,13 @@ def jpeg(pixels: np.ndarray) -> bytes:
     return stream.getvalue()
 
 
+def png(pixels: np.ndarray) -> bytes:
+    """(h, w, 3) or (h, w, 4) bytes as PNG."""
+    stream = io.BytesIO()
+    Image.fromarray(pixels).save(stream, "PNG")
+    return stream.getvalue()
+
+
 def npz(**arrays: Any) -> bytes:
     """Arrays as `.npz`."""
     stream = io.BytesIO()

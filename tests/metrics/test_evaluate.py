@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +17,17 @@ from avatarrex.errors import InputError
 from avatarrex.files.assets import SPECS
 from avatarrex.metrics.baselines import PosedMesh, baselines
 from avatarrex.metrics.drawing import AvatarDrawer, Drawing, fitted, over_black
-from avatarrex.metrics.evaluate import SPLITS, Choice, _thinned, captured, evaluate, observations, split_of
+from avatarrex.metrics.evaluate import (
+    SPLITS,
+    TEST,
+    Choice,
+    _thinned,
+    captured,
+    default_frames,
+    evaluate,
+    observations,
+    split_of,
+)
 from avatarrex.metrics.measures import KEYS, Measured, Networks, means, measure
 from avatarrex.metrics.report import contact_sheet, table, to_json
 from avatarrex.signals.driving import Signals
@@ -91,13 +102,37 @@ def test_its_surface_is_the_true_one(evaluation):
 def test_every_picture_is_in_its_split(evaluation, capture):
     rig = capture.rigs["body"]
     for picture in evaluation.pictures:
-        expected = SPLITS[(picture.frame == HELD_OUT_FRAME) + 2 * (picture.view == HELD_OUT_VIEW)]
+        expected = ("train", *TEST)[(picture.frame == HELD_OUT_FRAME) + 2 * (picture.view == HELD_OUT_VIEW)]
         assert picture.split == expected
     found = evaluation.grouped("split")
-    assert list(found) == list(SPLITS)
-    assert [found[split]["painted"]["pictures"] for split in SPLITS] == [4, 2, 2, 1]
+    assert {split: subjects["painted"]["pictures"] for split, subjects in found.items()} == {
+        "train": 4, "test": 5, "held-out pose": 2, "held-out view": 2, "held-out both": 1,
+    }  # fmt: skip
     assert set(evaluation.grouped("view")) == set(CAMERAS)
     assert split_of(rig, 0, 0) == "train"
+
+
+def test_validation_is_neither_trained_on_nor_the_test(capture):
+    """A frame that the training kept for its own figures; what a held-out camera saw of it is the test's."""
+    rig = replace(capture.rigs["body"], validation_frames=frozenset({0}))
+    assert default_frames(rig) == tuple(range(FRAMES))
+    found = evaluate(capture, rig, [painted(PosedMesh(capture.person))], NONE, Choice(size=32))
+    pictures = {split: subjects["painted"]["pictures"] for split, subjects in found.grouped("split").items()}
+    assert pictures == {
+        "train": 2,
+        "validation": 2,
+        "test": 5,
+        "held-out pose": 2,
+        "held-out view": 2,
+        "held-out both": 1,
+    }
+    assert list(pictures) == list(SPLITS)
+    assert split_of(rig, 0, 0) == "validation"
+    assert set(found.surface_means()) == {"train", "validation", "held-out pose"}
+    assert {(one.signals, one.camera.key()) for one in observations(rig)} == {
+        (rig.signals[1], view.camera.key()) for view in rig.views if view.name != HELD_OUT_VIEW
+    }
+    assert faults(json.loads(json.dumps(to_json(found, "default", "x.zip", 1.5))), SCHEMA) == []
 
 
 def test_baselines_stand_in_order(evaluation):
@@ -138,7 +173,7 @@ def test_the_table_says_what_is_missing_and_why(evaluation):
     text = table(evaluation)
     assert "LPIPS: n/a (no weights: vgg16-397923af.pth)" in text
     assert "FID: n/a (no weights: pt_inception.pth)" in text
-    for word in (*SPLITS, "painted", "textured mesh", "mean-colour mesh", "PSNR", "to truth mean mm"):
+    for word in ("train", "test", *TEST, "painted", "textured mesh", "mean-colour mesh", "PSNR", "to truth mean mm"):
         assert word in text
     heads = next(line for line in text.splitlines() if line.startswith("split"))
     row = next(line for line in text.splitlines() if line.startswith("train"))

@@ -86,7 +86,7 @@ def test_the_default_avatar_is_measured(capture, capsys, tmp_path):
     assert data["size"] == [48, 48]
     assert data["frames"] == [2]
     assert data["held_out"] == {"frames": [2], "views": ["side"]}
-    assert set(data["splits"]) == {"held-out pose", "held-out both"}
+    assert set(data["splits"]) == {"test", "held-out pose", "held-out both"}
     values = data["splits"]["held-out pose"]["avatar"]
     assert values["iou"] > 0.6  # the template it is a dressed version of
     assert data["surface"]["held-out pose"]["avatar"]["to_truth"]["mean_mm"] < 60

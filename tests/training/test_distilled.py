@@ -15,6 +15,7 @@ from tiny_recipe import TINY
 
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
+from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 from avatarrex.surface.surface import Surface
 from avatarrex.surface.surface_file import weights_key
@@ -69,6 +70,13 @@ def last(folder: Path) -> checkpoint.Checkpoint:
 def test_a_training_without_a_surface(trained):
     assert read_about(trained)["state"] == "finished"
     assert load_avatar(last(trained).path / "avatar.avatar").surface is None
+
+
+def test_provenance_says_what_of_which_capture_was_held_out(capture, trained):
+    training = load_avatar(last(trained).path / "avatar.avatar").meta["training"]
+    assert training["capture_key"] == open_capture(capture).key
+    assert training["splits"]["body"]["test"] == {"frames": "", "cameras": []}
+    assert training["pelvis"] == [0, 0, 0]
 
 
 def test_a_finished_run_without_one_goes_on_with_it(capture, run_folder, monkeypatch, capsys):

@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 import torch
+from avatarrex_studio.cli.main import main
 from tiny_run import fit
 
 from avatarrex.avatar import Avatar
@@ -215,9 +216,11 @@ def test_one_process_at_a_time(tmp_path):
     with Run.create(tmp_path / "run", {}):
         with pytest.raises(InputError, match="no other process works on"):
             Run.open(tmp_path / "run")
-        with pytest.raises(InputError, match="a folder without a run"):
+        with pytest.raises(InputError, match="no other process works on"):
             Run.create(tmp_path / "run", {})
     Run.open(tmp_path / "run").close()
+    with pytest.raises(InputError, match="a folder without a run"):
+        Run.create(tmp_path / "run", {})
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"format": 99}', '{"format": 1, "state": "x", "config": {}}'])
@@ -254,3 +257,21 @@ def test_order_does_not_depend_on_the_clock(tmp_path, monkeypatch):
     assert reader.series("a").values.tolist() == [2.0]
     assert checkpoint.found(tmp_path / "run/checkpoints")[0].manifest.time == 1e9
     json.loads((tmp_path / "run/run.json").read_text())
+
+
+def test_a_folder_in_use_is_refused_before_the_capture_is_read(tmp_path, capsys):
+    """By `train`, new or resumed; one that is not in use, or holds no run, is refused for that."""
+    out = str(tmp_path / "run")
+    with Run.create(out, {}):
+        for words in (["--resume"], []):
+            assert main(["train", "nowhere.zip", "--out", out, *words]) == 2
+            error = capsys.readouterr().err
+            assert "run: expected a run that no other process works on, found process" in error
+            assert len(error.splitlines()) == 1
+    assert main(["train", "nowhere.zip", "--out", out]) == 2
+    assert "run: expected a folder without a run (--resume goes on with one)" in capsys.readouterr().err
+    assert main(["train", "nowhere.zip", "--out", str(tmp_path / "new"), "--resume"]) == 2
+    assert "new: expected a run folder with run.json" in capsys.readouterr().err
+    for words in (["--resume"], []):
+        assert main(["train", "nowhere.zip", "--out", out if words else str(tmp_path / "new"), *words]) == 2
+        assert "nowhere.zip: expected a capture" in capsys.readouterr().err

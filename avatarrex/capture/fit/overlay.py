@@ -50,15 +50,15 @@ def _tile(rig: Rig, view: int, frame: int, vertices: np.ndarray, faces: np.ndarr
     if not rig.available(view, frame):
         return _labelled(np.full((side, side, 3), 60, np.uint8), f"{label}  missing", side)
     camera, matte = rig.views[view].camera, rig.matte(view, frame)
-    box = _box(matte, vertices, camera)
-    seen = _resized(np.full(matte.shape, 255, np.uint8), box, side) > FOREGROUND
-    covered = silhouette(vertices, faces, _cut(camera, box, side)) & seen
-    picture = _resized(rig.image(view, frame), box, side)
-    inside = _resized(matte, box, side) > FOREGROUND
+    box = box_about(matte, vertices, camera)
+    seen = resized(np.full(matte.shape, 255, np.uint8), box, side) > FOREGROUND
+    covered = silhouette(vertices, faces, cut(camera, box, side)) & seen
+    picture = resized(rig.image(view, frame), box, side)
+    inside = resized(matte, box, side) > FOREGROUND
     return _labelled(_drawn(picture, covered, inside), f"{label}  IoU {iou(covered, inside):.3f}", side)
 
 
-def _box(matte: np.ndarray, vertices: np.ndarray, camera: Camera) -> tuple[float, float, float, float]:
+def box_about(matte: np.ndarray, vertices: np.ndarray, camera: Camera) -> tuple[float, float, float, float]:
     """Left, top, right, bottom of a square about matte and template, inside the picture where that is possible."""
     pixels, depth = camera.pixels(vertices)
     rows, columns = np.nonzero(matte > FOREGROUND)
@@ -72,7 +72,7 @@ def _box(matte: np.ndarray, vertices: np.ndarray, camera: Camera) -> tuple[float
     return x - half, y - half, x + half, y + half
 
 
-def _cut(camera: Camera, box: tuple[float, float, float, float], side: int) -> Camera:
+def cut(camera: Camera, box: tuple[float, float, float, float], side: int) -> Camera:
     """The camera of the part `box` of its picture, `side` pixels square."""
     left, top, right, _ = box
     scale = side / (right - left)
@@ -80,7 +80,7 @@ def _cut(camera: Camera, box: tuple[float, float, float, float], side: int) -> C
     return Camera(change @ camera.intrinsics, camera.camera_from_world, side, side)
 
 
-def _resized(pixels: np.ndarray, box: tuple[float, float, float, float], side: int) -> np.ndarray:
+def resized(pixels: np.ndarray, box: tuple[float, float, float, float], side: int) -> np.ndarray:
     """The part `box` of an image, black beyond its edge."""
     left, top, right, bottom = box
     factor = (right - left) / side

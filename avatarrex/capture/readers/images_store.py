@@ -48,6 +48,14 @@ class ByteCache:
         return value
 
 
+def has_alpha(archive: Archive, name: str) -> bool:
+    """Whether a picture's header announces an alpha channel; one that cannot be read has none here and is refused later."""
+    try:
+        return bool(Image.open(io.BytesIO(archive.read(name, PICTURE_BYTES))).has_transparency_data)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return False
+
+
 class Pictures:
     """Decoded, undistorted pictures of one rig by (view, frame)."""
 
@@ -67,17 +75,26 @@ class Pictures:
 
         Raises `InputError` for a damaged file or another size than the calibration's.
         """
-        return self._cache.get(self._names[kind][view][frame], lambda: self._decode(kind, view, frame))
+        return self._cache.get((kind, self._names[kind][view][frame]), lambda: self._decode(kind, view, frame))
 
     def check_size(self, view: int, frame: int) -> None:
         """Raise `InputError` where a picture's header gives another size than the calibration; decodes nothing."""
         for kind in self._names:
             self._open(kind, view, frame)
 
+    def _alpha(self, view: int, frame: int) -> bool:
+        """Whether the matte is the image's own alpha channel."""
+        return self._names["matte"][view][frame] == self._names["image"][view][frame]
+
     def _decode(self, kind: str, view: int, frame: int) -> np.ndarray:
         picture = self._open(kind, view, frame)
+        own = kind == "matte" and self._alpha(view, frame)
+        if own and not picture.has_transparency_data:
+            expected = "an alpha channel, as the camera's first picture has, or a matte"
+            raise InputError(self._place(kind, view, frame), "", expected, picture.mode)
         try:
-            pixels = np.array(picture.convert("RGB" if kind == "image" else "L"))
+            chosen = picture.convert("RGBA").getchannel("A") if own else picture
+            pixels = np.array(chosen.convert("RGB" if kind == "image" else "L"))
         except (OSError, ValueError, SyntaxError, EOFError) as error:
             raise InputError(self._place(kind, view, frame), "", "a whole picture", error) from None
         if not self._lenses[view].distorts:

@@ -1,8 +1,8 @@
 """What the captured person did: `smpl_params.npz` of a rig in our joints and coefficients. Letters: t frames.
 
 SMPL-X order, rotation vectors, radians, metres; full axis-angle hands (no PCA), flat at zero unless the file says
-otherwise. `arkit52` (t, 52) with `arkit_names` are the expression, by name; `shape10` (10,) is this project's own β.
-`betas` and `expression` (t, 10) belong to the SMPL-X model and are not applied to another person.
+otherwise; a hand without parameters is relaxed. `arkit52` (t, 52) with `arkit_names` are the expression, by name; `shape10`
+(10,) is this project's own β. `betas` and `expression` (t, 10) belong to the SMPL-X model and are not applied to another person.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.assets import require
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_ROWS
+from avatarrex.signals.library import named_hand
 from avatarrex.signals.sequence import MOST_FRAMES, SignalSequence, check_rate
 from avatarrex.signals.smplx_npz import check_magnitudes, joint_rotations, rows
 
@@ -79,11 +80,19 @@ def _pose(arrays: dict[str, np.ndarray], source: str, notes: list[str]) -> np.nd
         if key not in arrays or not np.ndim(arrays[key]):
             require(arrays, source, key, (None, None))
     pose = joint_rotations(arrays, source, "body_pose")
+    given = [side for side in ("left", "right") if f"{side}_hand_pose" in arrays]
+    free = [side for side in ("left", "right") if side not in given]
+    for side in free:
+        pose[:, JOINT_ROWS[f"{side}_hand_pose"]] = named_hand("relaxed", side)
+    if free:
+        notes.append(
+            f"hands: no {' and no '.join(f'{side}_hand_pose' for side in free)} in the file: relaxed in every frame"
+        )
     flat = np.ravel(arrays.get("flat_hand_mean", True))
     if flat.size != 1:
         raise InputError(source, "flat_hand_mean", "one value", flat.shape)
-    if not flat[0]:
-        for side in ("left", "right"):
+    if given and not flat[0]:
+        for side in given:
             mean = require(arrays, source, f"hands_mean{side[0]}", (45,))
             pose[:, JOINT_ROWS[f"{side}_hand_pose"]] += mean.reshape(15, 3)
         notes.append("hands: the file's mean pose added (flat_hand_mean=False)")

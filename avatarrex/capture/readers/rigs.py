@@ -6,6 +6,7 @@ sRGB bytes without lens distortion, pixel centres at +0.5. Letters: h w pixels, 
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,10 +18,12 @@ from jaxtyping import UInt8
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.person_fit import check_height, fit_person
 from avatarrex.capture.readers.archive import Archive
-from avatarrex.capture.readers.calibration import Lens, read_calibration
+from avatarrex.capture.readers.calibration import read_calibration
+from avatarrex.capture.readers.framing import bare, shows_a_face
 from avatarrex.capture.readers.ground_truth import RigTruth
 from avatarrex.capture.readers.images_store import ByteCache, Pictures
 from avatarrex.capture.readers.layout import RigFiles, find_rigs
+from avatarrex.capture.readers.listing import missing_pictures, with_pictures
 from avatarrex.capture.readers.manifest import held_out, read_manifest
 from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES, Parameters, read_parameters
 from avatarrex.capture.readers.units import metres
@@ -107,6 +110,20 @@ class Capture:
     """What the reader decided or found odd, one sentence each."""
     manifest: dict[str, Any] = field(default_factory=dict)
     """`capture.json`, where there is one."""
+    pelvis: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """J_0, metres: where the capture's pelvis is at `transl` 0."""
+    key: str = ""
+    """SHA-256 of calibration and parameters, first 16 hex digits: the same for folder and zip, whatever it is called."""
+    sized: bool = True
+    """Whether the file says how large the person is; if not, `person` is the default one until `fit_size`."""
+
+    def moved(self, offset: np.ndarray) -> Capture:
+        """The same with its pelvis, in every frame, `offset` (3,) metres from there."""
+        rigs = {}
+        for name, rig in self.rigs.items():
+            frames = tuple(frame.replace(translation=frame.translation + offset) for frame in rig.signals)
+            rigs[name] = replace(rig, signals=replace(rig.signals, frames=frames))
+        return replace(self, rigs=rigs, pelvis=self.pelvis + offset)
 
 
 def open_capture(path: str | Path, memory_mb: float = 1024) -> Capture:
@@ -116,10 +133,14 @@ def open_capture(path: str | Path, memory_mb: float = 1024) -> Capture:
     """
     archive = Archive(path)
     root, rig_files = find_rigs(archive)
+    parameters = {name: _parameters(files) for name, files in rig_files.items()}
+    if bare(rig_files, root) and shows_a_face(rig_files["body"], parameters["body"].translation + SMPLX_PELVIS):
+        rig_files, parameters = {"face": rig_files["body"]}, {"face": parameters["body"]}
     manifest = read_manifest(archive, root, rig_files)
     notes = ["capture.json: the capture is not complete"] if manifest.get("complete") is False else []
-    parameters = {name: _parameters(files) for name, files in rig_files.items()}
-    person, pelvis, scale = _person(rig_files, parameters, notes)
+    if "face" not in rig_files:
+        notes.append("face: no rig of its own: the head is learned from the body's cameras")
+    person, pelvis, scale, sized = _person(rig_files, parameters, notes)
     cache = ByteCache(int(memory_mb * 2**20))
     rigs, truths = {}, {}
     for name, files in rig_files.items():
@@ -129,9 +150,18 @@ def open_capture(path: str | Path, memory_mb: float = 1024) -> Capture:
             truth.scale = scale
             truths[name] = truth
     made_on = (manifest.get("provenance") or {}).get("person_hash", person.hash)
-    if person.fit is None and made_on != person.hash:
+    if sized and person.fit is None and made_on != person.hash:
         notes.append(f"capture.json: made on another version of the person ({made_on}), not this one ({person.hash})")
-    return Capture(archive.path, rigs, person, truths, tuple(map(plain, notes)), manifest)
+    said = tuple(map(plain, notes))
+    return Capture(archive.path, rigs, person, truths, said, manifest, pelvis, _key(rig_files), sized)
+
+
+def _key(rigs: dict[str, RigFiles]) -> str:
+    digest = hashlib.sha256()
+    for name, files in rigs.items():
+        for part in (name.encode(), *map(files.archive.read, (files.calibration, files.parameters))):
+            digest.update(f"{len(part)};".encode() + part)
+    return digest.hexdigest()[:16]
 
 
 def _parameters(files: RigFiles) -> Parameters:
@@ -141,14 +171,16 @@ def _parameters(files: RigFiles) -> Parameters:
 
 def _person(
     files: dict[str, RigFiles], parameters: dict[str, Parameters], notes: list[str]
-) -> tuple[Person, np.ndarray, float]:
-    """The person, how far its J_0 is from ours as the capture places it, and the factor of its lengths to metres."""
+) -> tuple[Person, np.ndarray, float, bool]:
+    """The person, J_0 as the capture places it, the factor of its lengths to metres, and whether its size is known.
+
+    Ours has its J_0 at the origin, whatever its size.
+    """
     person = load_person("default")
-    ours = person.body.joint_template[0].double().numpy()
     for name, values in parameters.items():
         source = files[name].archive.place(files[name].parameters)
         if values.shape is not None:
-            return person, np.zeros(3), 1.0
+            return person, np.zeros(3), 1.0, True
         joints = values.joints
         if joints is None and files[name].ground_truth:
             truth = RigTruth(files[name])
@@ -162,9 +194,11 @@ def _person(
         person = fit_person(person, joints, source)
         check_height(person, source)
         notes.append("person: size fitted to the capture's T-pose joints")
-        return person, joints[0] - ours, scale
-    notes.append("person: the default size (the capture has neither its own shape nor T-pose joints)")
-    return person, SMPLX_PELVIS - ours, 1.0
+        return person, joints[0], scale, True
+    notes.append(
+        "person: the capture does not say its size (no shape10, no tpose_joints): it has to be fitted to the mattes"
+    )
+    return person, SMPLX_PELVIS, 1.0, False
 
 
 def _rig(
@@ -180,10 +214,10 @@ def _rig(
     archive, count = files.archive, len(values.pose)
     place = archive.place(files.calibration)
     lenses = read_calibration(archive.text(files.calibration), place)
-    lenses, images, mattes = _with_pictures(name, files, lenses, count, notes)
+    lenses, images, mattes = with_pictures(name, files, lenses, count, notes)
     lenses, scale = metres(lenses, values.translation, shift, place, f"{name}: ", notes)
     listed = files.listed_missing(tuple(lens.name for lens in lenses))
-    missing = _missing(name, images, mattes, listed, count, notes)
+    missing = missing_pictures(name, images, mattes, listed, count, notes)
     bent = [lens.name for lens in lenses if lens.distorts]
     if bent:
         notes.append(f"{name}: images of {len(bent)} of {len(lenses)} cameras are undistorted")
@@ -199,47 +233,3 @@ def _rig(
     truth = RigTruth(files, frames=count, lenses=lenses) if files.ground_truth else None
     kept = held_out(manifest, name, count, tuple(lens.name for lens in lenses), archive.place("capture.json"))
     return rig.holding_out(*kept), truth
-
-
-def _with_pictures(
-    name: str, files: RigFiles, lenses: tuple[Lens, ...], count: int, notes: list[str]
-) -> tuple[tuple[Lens, ...], tuple[dict[int, str], ...], tuple[dict[int, str], ...]]:
-    """The cameras that have any picture, with their images and mattes by frame."""
-    images = {lens.name: files.pictures(lens.name) for lens in lenses}
-    mattes = {lens.name: files.mattes(lens.name) for lens in lenses}
-    kept = tuple(lens for lens in lenses if set(images[lens.name]) & set(mattes[lens.name]) & set(range(count)))
-    if not kept:
-        raise InputError(
-            files.archive.place(files.folder), "", f"images with mattes of cameras {lenses[0].name}, …", "none"
-        )
-    for lens in lenses:
-        if lens not in kept:
-            part = "no mattes" if images[lens.name] else "no images"
-            notes.append(f"{name}: camera {lens.name} has {part}: left out")
-    beyond = max((frame for lens in kept for frame in images[lens.name]), default=0) + 1 - count
-    if beyond > 0:
-        notes.append(f"{name}: images of {beyond} frames beyond the parameters' {count} are not used")
-    return kept, tuple(images[lens.name] for lens in kept), tuple(mattes[lens.name] for lens in kept)
-
-
-def _missing(
-    name: str,
-    images: tuple[dict[int, str], ...],
-    mattes: tuple[dict[int, str], ...],
-    listed: frozenset[tuple[int, int]],
-    count: int,
-    notes: list[str],
-) -> frozenset[tuple[int, int]]:
-    """(view, frame) that are listed as missing, or lack an image or a matte."""
-    listed = frozenset((view, frame) for view, frame in listed if frame < count)
-    absent = {
-        (view, frame)
-        for view in range(len(images))
-        for frame in range(count)
-        if frame not in images[view] or frame not in mattes[view]
-    }
-    if listed:
-        notes.append(f"{name}: {len(listed)} pictures listed as missing")
-    if absent - listed:
-        notes.append(f"{name}: {len(absent - listed)} of {len(images) * count} pictures are not there")
-    return frozenset(absent | listed)

@@ -42,6 +42,10 @@ class Split:
     frames: tuple[int, ...]
     views: tuple[int, ...]
 
+    def pictures(self, rig: Rig) -> list[tuple[int, int]]:
+        """(view, frame) of those that are there, frame by frame."""
+        return [(view, frame) for frame in self.frames for view in self.views if rig.available(view, frame)]
+
 
 @dataclass(frozen=True)
 class Splits:

@@ -8,7 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from avatarrex.capture.fit.surface_fit import fit_surface
+from avatarrex.capture.fit.surface_fit import fit_capture
 from avatarrex.capture.readers.choice import held_out
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.errors import check
@@ -80,8 +80,7 @@ def _opened(options: argparse.Namespace) -> Capture:
         print(note, file=sys.stderr)
     frames, views = options.held_out_frames, options.held_out_views
     rigs = {name: held_out(rig, frames, views if name == "body" else None) for name, rig in capture.rigs.items()}
-    capture = replace(capture, rigs=rigs)
-    return capture if capture.person.fit is None else replace(capture, person=fit_surface(capture))
+    return fit_capture(replace(capture, rigs=rigs))
 
 
 def _seeds(text: str) -> list[int]:

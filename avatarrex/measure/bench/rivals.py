@@ -16,7 +16,8 @@ import numpy as np
 import torch
 
 from avatarrex.avatar import Avatar
-from avatarrex.capture.fit.surface_fit import Seen, Sight, fit_to_mattes
+from avatarrex.capture.fit.outlines import Seen, Sight
+from avatarrex.capture.fit.surface_fit import fit_to_mattes
 from avatarrex.capture.synthetic.subject_drawer import SubjectDrawer
 from avatarrex.frame import Frame
 from avatarrex.gl.context import gl_unavailable

@@ -207,6 +207,7 @@ class Trainer:
             "seed": self.seed,
             "from_scratch": self.recipe.scratch,
             "splits": {part: self.splits[part] for part in self.parts},
+            **{key: self.run.config[key] for key in ("capture_key", "pelvis") if key in self.run.config},
         }
         if self.start is not None:
             training["start"] = self.start.meta.get("training", self.start.meta.get("origin"))

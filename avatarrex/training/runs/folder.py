@@ -80,8 +80,7 @@ class Run:
         it are shown by viewers, and `steps` (a number, or one by part) for the time that is left. Raises `InputError`.
         """
         path = Path(path)
-        if (path / "run.json").exists():
-            raise InputError(path, "", "a folder without a run (--resume goes on with one)", "run.json")
+        check_free(path, resume=False)
         shown = {name: config.get(name) for name in ("part", "preset", "capture", "seed")}
         capture = None if shown["capture"] is None else str(shown["capture"])
         about: dict[str, Any] = {
@@ -98,10 +97,8 @@ class Run:
     def open(cls, path: str | Path) -> Run:
         """Go on with the run in a folder; no other process may have it open. Raises `InputError`."""
         path = Path(path)
+        check_free(path, resume=True)
         about = read_about(path)
-        beat = Heartbeat.read(path)
-        if about["state"] in ("running", "paused") and beat and beat.alive():
-            raise InputError(path, "", "a run that no other process works on", f"process {beat.pid} on {beat.host}")
         about["resumed"] = [*about.get("resumed", []), time.time()]
         return cls(path, about)
 
@@ -220,6 +217,17 @@ class Run:
     def _beat(self) -> Heartbeat:
         pid, host = os.getpid(), socket.gethostname()
         return Heartbeat(time.time(), pid, host, self.part, self.pass_name, self.step, self.steps)
+
+
+def check_free(path: Path, resume: bool) -> None:
+    """Raise `InputError` where another process works in the folder, or where it holds a run; with `resume`, where it holds none."""
+    if not resume and not (path / "run.json").exists():
+        return
+    about, beat = read_about(path), Heartbeat.read(path)
+    if about["state"] in ("running", "paused") and beat and beat.alive():
+        raise InputError(path, "", "a run that no other process works on", f"process {beat.pid} on {beat.host}")
+    if not resume:
+        raise InputError(path, "", "a folder without a run (--resume goes on with one)", "run.json")
 
 
 def read_about(path: Path) -> dict[str, Any]:

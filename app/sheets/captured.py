@@ -1,0 +1,70 @@
+"""Pages of a capture: its own pictures beside the avatar's, from the same cameras in the same poses, cut out about the person."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from avatarrex_studio.sheets.pages import WIDTH, Artist, Group, Page, Scene
+from avatarrex_studio.sheets.paper import tile_width
+
+from avatarrex.capture.fit.check import compared_frames, template_surface
+from avatarrex.capture.fit.overlay import box_about, cut, resized
+from avatarrex.capture.readers.rigs import Capture, Rig
+
+SHOWN, ACROSS = 8, 2
+"""Pictures of a page, and groups in a row."""
+
+
+@dataclass(frozen=True)
+class CapturedScene(Scene):
+    """One that was photographed."""
+
+    picture: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 4)), compare=False)
+    """Premultiplied RGBA (h, w, 4) in [0, 1], as the camera has it."""
+    seen: np.ndarray = field(default_factory=lambda: np.zeros((1, 1), bool), compare=False)
+    """(h, w) bool: inside the photograph; a square about a person may reach beyond its edge."""
+
+
+def captured_page(capture: Capture, rig: Rig, artists: int) -> Page:
+    """Held-out frames where there are any, from all sides; truth is the first of `artists`."""
+    side = tile_width(ACROSS, artists, WIDTH)
+    pairs = [
+        (view, frame) for frame in range(rig.frames) for view in range(len(rig.views)) if rig.available(view, frame)
+    ]
+    chosen = [pair for pair in pairs if pair[1] in rig.held_out_frames] or pairs
+    scenes = [_scene(capture, rig, *chosen[place], side) for place in compared_frames(len(chosen), SHOWN)]
+    groups: list[Group] = [[(who, scene) for who in range(artists)] for scene in scenes]
+    rows = [groups[k : k + ACROSS] for k in range(0, len(groups), ACROSS)]
+    return Page(f"{rig.name.capitalize()}, as captured", rows)
+
+
+def photograph() -> Artist:
+    """Who shows what the camera saw."""
+
+    def draw(scene: Scene) -> np.ndarray:
+        assert isinstance(scene, CapturedScene)
+        return scene.picture
+
+    return Artist("ground truth", draw)
+
+
+def framed(artist: Artist) -> Artist:
+    """The artist without what lies beyond the photograph's edge."""
+
+    def draw(scene: Scene) -> np.ndarray:
+        assert isinstance(scene, CapturedScene)
+        return np.asarray(artist.draw(scene) * scene.seen[..., None])
+
+    return Artist(artist.name, draw)
+
+
+def _scene(capture: Capture, rig: Rig, view: int, frame: int, side: int) -> CapturedScene:
+    camera, signals, matte = rig.views[view].camera, rig.signals[frame], rig.matte(view, frame)
+    box = box_about(matte, template_surface(capture.person, signals)[0], camera)
+    inside = np.where(matte[..., None] > 0, rig.image(view, frame), 0) * (matte[..., None] / 255.0)
+    colour, alpha = resized(np.rint(inside).astype(np.uint8), box, side), resized(matte, box, side)
+    label = f"{rig.views[view].name}, frame {frame}" + (" (held out)" if frame in rig.held_out_frames else "")
+    picture = np.dstack([np.minimum(colour, alpha[..., None]), alpha]) / 255.0  # a cubic rings beyond an edge
+    seen = resized(np.full(matte.shape, 255, np.uint8), box, side) > 127
+    return CapturedScene(signals, cut(camera, box, side), label, rig.name, picture, seen)
