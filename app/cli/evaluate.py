@@ -18,13 +18,11 @@ from avatarrex.files.gate import check_writable
 
 if TYPE_CHECKING:
     from avatarrex.avatar import Avatar
-    from avatarrex.capture.readers.rigs import Capture, Rig
-    from avatarrex.metrics.baselines import MeshDrawer
+    from avatarrex.capture.readers.rigs import Capture
     from avatarrex.templates.person import Person
 
 SHEET = 8
 """Pictures on a contact sheet."""
-FITTED = "fitted textured mesh"
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -43,7 +41,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add(
         "--baselines",
         action="store_true",
-        help="the textured and the mean-colour template beside it, and with the avatar's own skin",
+        help="beside it the template: naked, textured and in one colour; textured with its skin fitted to the mattes",
     )
     add("--face-only", action="store_true", help="everything cut by where the template's face is seen")
     add("--json", metavar="FILE.json", help="every figure")
@@ -78,7 +76,7 @@ def _evaluate(
     from avatarrex.capture.readers.rigs import open_capture
     from avatarrex.capture.readers.splits import with_validation
     from avatarrex.files.images import write_png
-    from avatarrex.metrics import drawing, evaluate, face_region, measures, report
+    from avatarrex.metrics import baselines, drawing, evaluate, face_region, measures, report
     from avatarrex.metrics.own_training import as_trained
 
     weights = (arguments.vgg, arguments.lpips, arguments.inception)
@@ -88,6 +86,7 @@ def _evaluate(
     name = arguments.rig or ("body" if "body" in capture.rigs else next(iter(capture.rigs)))
     rig = capture.rigs[options.one_of("--rig", name, capture.rigs)]
     rig = choice.held_out(rig, arguments.held_out_frames, arguments.held_out_views)
+    capture = replace(capture, rigs={**capture.rigs, name: rig})
     frames = _frames(arguments.frames, rig.held_out_frames, rig.frames) if arguments.frames else None
     views = choice.cameras(rig, arguments.views, "--views") if arguments.views else None
     other = not own and avatar.person.hash != capture.person.hash
@@ -98,7 +97,7 @@ def _evaluate(
     subjects: list[drawing.Drawer] = [*drawing.by_level("avatar", avatar, *drawn)]
     fitted = _person_fitted(avatar, capture, own) if arguments.baselines or arguments.face_only else capture.person
     if arguments.baselines:
-        subjects += _rivals(avatar, capture, fitted, rig)
+        subjects += baselines.rivals(capture, fitted, list(evaluate.observations(rig)))
     if arguments.face_only:
         rig, subjects = face_region.face_alone(fitted, rig, subjects)
         capture = replace(capture, ground_truth={})
@@ -123,20 +122,6 @@ def _person_fitted(avatar: Avatar, capture: Capture, own: bool) -> Person:
         return avatar.person if own else capture.person
     print("person: fitting the template's skin to the mattes", file=sys.stderr)
     return fit_surface(capture)
-
-
-def _rivals(avatar: Avatar, capture: Capture, fitted: Person, rig: Rig) -> list[MeshDrawer]:
-    """The captured person's template in two kinds of colours, then the one with a fitted skin, or else with the avatar's own."""
-    from avatarrex.metrics.baselines import baselines
-    from avatarrex.metrics.evaluate import observations
-
-    person = capture.person
-    textured, mean = baselines(person, observations(rig))
-    if person.fit is not None and person.fit.surface is not None:
-        textured.name = FITTED
-    another = next((one for one in (fitted, avatar.person) if one.fit is not None and one.hash != person.hash), None)
-    rest = [] if another is None else baselines(another, observations(rig), FITTED)[:1]
-    return [textured, mean, *rest]
 
 
 def _frames(text: str, kept: frozenset[int], count: int) -> tuple[int, ...]:

@@ -5,14 +5,15 @@
   A texel never seen has the colour of the nearest seen one at rest.
 - **mean-colour mesh**: one colour, the matte-weighted mean of the foreground over the same pictures.
 
-Texels lie on a lattice of each triangle, `EDGE` to an edge (about 4 mm apart on the default person), and are interpolated
-linearly. The mesh is the whole template: fingers and face move with φ and ψ. Letters: f faces, t texels of a face,
-p points, h w pixels. Metres; colours sRGB-encoded in [0, 1].
+Texels lie on a lattice of each triangle, `EDGE` to an edge (about 4 mm apart on the default person) or as many as the cameras
+resolve (`resolved_edge`), and are interpolated linearly. The mesh is the whole template: fingers and face move with φ and ψ.
+The template is `NAKED` as it is, `FITTED` with its skin on the mattes. Letters: f faces, t texels of a face, p points, h w
+pixels. Metres; colours sRGB-encoded in [0, 1].
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -24,6 +25,8 @@ from scipy.spatial import cKDTree
 
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import template_surface
+from avatarrex.capture.fit.surface_fit import fit_surface
+from avatarrex.capture.readers.rigs import Capture
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import check
 from avatarrex.metrics.drawing import Drawing
@@ -33,6 +36,15 @@ from avatarrex.templates.person import Person
 
 EDGE = 3
 """Texels along an edge are EDGE + 1; the default person's edges are 12 mm, a pixel of 512² on a whole person 4 mm."""
+FINEST_EDGE = 8
+"""At most: a megabyte of colours a picture and channel."""
+NAKED, FITTED, FINE, MEAN = (
+    "naked textured mesh",
+    "fitted textured mesh",
+    "fitted mesh, fine texels",
+    "mean-colour mesh",
+)
+"""Names of the kinds."""
 FACING = 0.3
 """Cosine from which a texel is believed: beyond 72 degrees a pixel covers three times its width."""
 DEPTH_TOLERANCE = 0.006
@@ -104,31 +116,66 @@ class MeshDrawer:
         return Drawing(torch.from_numpy(image), position, normal, first)
 
 
-def baselines(person: Person, observations: Iterable[Observation], textured: str = "textured mesh") -> list[MeshDrawer]:
-    """The mesh of `person` that is called `textured`, and the mean-colour mesh. Raises `InputError` where no picture shows any of it."""
+def rivals(capture: Capture, fitted: Person, seen: Sequence[Observation]) -> list[MeshDrawer]:
+    """The captured person's template as it is, in two kinds of colours, and with the skin of `fitted`, or else one that is fitted
+    here; that once more with finer texels where the cameras resolve them. Raises `InputError` as fitting does.
+    """
+    if fitted.fit is None or fitted.fit.surface is None:
+        fitted = fit_surface(capture)
+    naked, edge = capture.person.naked, resolved_edge(fitted, seen)
+    meshes = [textured_mesh(naked, seen), mean_colour_mesh(naked, seen), textured_mesh(fitted, seen, FITTED)]
+    return [*meshes, *([textured_mesh(fitted, seen, FINE, edge)] if edge > EDGE else [])]
+
+
+def textured_mesh(
+    person: Person, observations: Iterable[Observation], name: str = NAKED, edge: int = EDGE
+) -> MeshDrawer:
+    """The mesh of `person` with `edge` texels to an edge. Raises `InputError` where no picture shows any of it."""
+    mesh = PosedMesh(person)
+    return MeshDrawer(name, mesh, _texels(mesh, [_texels_in(mesh, one, edge) for one in observations], edge))
+
+
+def mean_colour_mesh(person: Person, observations: Iterable[Observation]) -> MeshDrawer:
+    """The mesh of `person` in the mean colour. Raises `InputError` where no picture has a foreground."""
     mesh, colour, weight = PosedMesh(person), np.zeros(3), 0.0
-    observed = []
     for observation in observations:
         matte = observation.matte.astype(np.float64)
         colour += (observation.image * matte[..., None]).sum((0, 1)) / 255
         weight += matte.sum()
-        observed.append(_texels_in(mesh, observation))
     check(weight, "baselines", "training pictures", "some with a foreground", "none")
-    mean = np.broadcast_to((colour / weight).astype(np.float32), (len(mesh.faces), *lattice().shape))
-    return [MeshDrawer(textured, mesh, _texels(mesh, observed)), MeshDrawer("mean-colour mesh", mesh, mean)]
+    mean = np.broadcast_to((colour / weight).astype(np.float32), (len(mesh.faces), *lattice(EDGE).shape))
+    return MeshDrawer(MEAN, mesh, mean)
 
 
-def _texels_in(mesh: PosedMesh, observation: Observation) -> UInt8[np.ndarray, "p 4"]:
+def resolved_edge(person: Person, observations: Iterable[Observation]) -> int:
+    """Texels to an edge at which they lie as close as the pixels of the nearest camera, `EDGE` to `FINEST_EDGE`.
+
+    An edge is the median one at rest; a pixel's width is that at the head or the pelvis, whichever is nearer.
+    """
+    rest, faces = person.body.v_template.numpy(), person.body.faces.numpy()
+    length = float(np.median(np.linalg.norm(rest[faces[:, 0]] - rest[faces[:, 1]], axis=1)))
+    width = min((_pixel_width(one, person) for one in observations), default=length)
+    return int(np.clip(np.ceil(length / width), EDGE, FINEST_EDGE))
+
+
+def _pixel_width(observation: Observation, person: Person) -> float:
+    joints = template_surface(person, observation.signals)[1]
+    depth = observation.camera.pixels(joints, nearest=1e-3)[1]
+    seen = depth[depth > 0]
+    return float(seen.min() / observation.camera.intrinsics[0, 0]) if len(seen) else np.inf
+
+
+def _texels_in(mesh: PosedMesh, observation: Observation, edge: int) -> UInt8[np.ndarray, "p 4"]:
     """Colours of all texels in one picture, and whether each is visible there."""
     camera, surface = observation.camera, mesh.surface(observation.signals)
-    points = _on_lattice(surface.vertices[surface.faces])
+    points = _on_lattice(surface.vertices[surface.faces], edge)
     pixel, depth = camera.pixels(points, nearest=1e-3)
     column, row = np.floor(pixel).astype(np.int64).T
     inside = (depth > 0.02) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
     column, row = np.where(inside, column, 0), np.where(inside, row, 0)
     nearest = mesh.visible(observation.signals, camera)[2][row, column]
     inside &= (depth < nearest + DEPTH_TOLERANCE) & (observation.matte[row, column] >= OPAQUE_MATTE)
-    inside &= np.repeat(_facing(surface, camera) > FACING, len(lattice()))
+    inside &= np.repeat(_facing(surface, camera) > FACING, len(lattice(edge)))
     colour = np.full((len(points), 4), 255, np.uint8)
     colour[:, 3] = inside
     place = pixel[inside, ::-1].T - 0.5
@@ -138,12 +185,13 @@ def _texels_in(mesh: PosedMesh, observation: Observation) -> UInt8[np.ndarray, "
     return colour
 
 
-def _texels(mesh: PosedMesh, observed: list[UInt8[np.ndarray, "p 4"]]) -> Float[np.ndarray, "f t 3"]:
+def _texels(mesh: PosedMesh, observed: list[UInt8[np.ndarray, "p 4"]], edge: int) -> Float[np.ndarray, "f t 3"]:
     """Medians over the pictures; a texel never visible has the colour of the nearest visible one at rest."""
+    check(observed, "baselines", "training pictures", "some", "none")
     middle = np.concatenate([_median(np.stack(part)) for part in zip(*(np.array_split(one, 16) for one in observed))])
     known = ~np.isnan(middle[:, 0])
     check(known.any(), "baselines", "training pictures", "some that show the template", "none")
-    place = _on_lattice(mesh.person.body.v_template.double().numpy()[mesh.faces])
+    place = _on_lattice(mesh.person.body.v_template.double().numpy()[mesh.faces], edge)
     middle[~known] = middle[known][cKDTree(place[known]).query(place[~known])[1]]
     return middle.reshape(len(mesh.faces), -1, 3)
 
@@ -153,32 +201,33 @@ def look_up(texels: Float[np.ndarray, "f t 3"], face: np.ndarray, weight: np.nda
 
     On the lattice a point lies in a small triangle that stands upright (fractions add to one) or on its head (to two).
     """
-    first, second, _ = (EDGE * lattice()).round().astype(int).T
-    table = np.zeros((EDGE + 1, EDGE + 1), np.int64)
+    edge = int(np.sqrt(2 * texels.shape[1])) - 1
+    first, second, _ = (edge * lattice(edge)).round().astype(int).T
+    table = np.zeros((edge + 1, edge + 1), np.int64)
     table[first, second] = np.arange(len(first))
-    scaled = EDGE * weight
+    scaled = edge * weight
     low = np.floor(scaled + 1e-9).astype(np.int64)
     part = np.clip(scaled - low, 0, 1)
-    rest = EDGE - low.sum(1)  # 0 at a texel, 1 upright, 2 on its head
+    rest = edge - low.sum(1)  # 0 at a texel, 1 upright, 2 on its head
     turned = rest == 2
     share = np.where(turned[:, None], 1 - part, part)
     colour = np.zeros((len(face), 3), np.float32)
     for axis in range(3):
         step = np.eye(3, dtype=np.int64)[axis]
         corner = np.where(turned[:, None], low + 1 - step, low + np.where(rest == 1, 1, 0)[:, None] * step)
-        corner = np.clip(corner, 0, EDGE)
+        corner = np.clip(corner, 0, edge)
         colour += share[:, axis, None] * texels[face, table[corner[:, 0], corner[:, 1]]]
     return np.where((rest == 0)[:, None], texels[face, table[low[:, 0], low[:, 1]]], colour)
 
 
-def lattice() -> Float[np.ndarray, "t 3"]:
-    """Barycentrics of a face's texels."""
-    return np.array([(i, j, EDGE - i - j) for i in range(EDGE + 1) for j in range(EDGE + 1 - i)]) / EDGE
+def lattice(edge: int) -> Float[np.ndarray, "t 3"]:
+    """Barycentrics of a face's texels, `edge` to an edge."""
+    return np.array([(i, j, edge - i - j) for i in range(edge + 1) for j in range(edge + 1 - i)]) / edge
 
 
-def _on_lattice(triangles: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "p 3"]:
+def _on_lattice(triangles: Float[np.ndarray, "f 3 3"], edge: int) -> Float[np.ndarray, "p 3"]:
     """Places of all texels."""
-    places: np.ndarray = (lattice()[None, :, :, None] * triangles[:, None]).sum(2)
+    places: np.ndarray = (lattice(edge)[None, :, :, None] * triangles[:, None]).sum(2)
     return places.reshape(-1, 3)
 
 

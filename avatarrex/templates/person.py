@@ -58,6 +58,13 @@ class Person:
         return {**parts, "face": self.face}[name]
 
     @property
+    def naked(self) -> Person:
+        """The person of this size with the template's own skin."""
+        if self.fit is None or self.fit.surface is None:
+            return self
+        return resize_person(load_person(self.name), replace(self.fit, surface=None))
+
+    @property
     def hand_weight(self) -> Float[Tensor, " v"]:
         """Painted ω of either hand on the body template."""
         return self.blend_weight[:, :2].amax(-1)

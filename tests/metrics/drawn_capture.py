@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from avatarrex.camera import Camera
-from avatarrex.metrics.baselines import MeshDrawer, PosedMesh, lattice
+from avatarrex.metrics.baselines import EDGE, MeshDrawer, PosedMesh, lattice
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.limits import random_signals
 from avatarrex.templates.person import load_person
@@ -27,11 +27,11 @@ def camera(azimuth: float, size: int = 96) -> Camera:
     return Camera(intrinsics, view.camera_from_world, size, size)
 
 
-def painted(mesh: PosedMesh) -> MeshDrawer:
-    """The template in a smooth pattern of its rest position."""
+def painted(mesh: PosedMesh, edge: int = EDGE, wave: float = 25.0) -> MeshDrawer:
+    """The template in a pattern of its rest position, smooth unless `wave`, radians a metre, is larger."""
     rest = mesh.person.body.v_template.double().numpy()[mesh.faces]
-    place = (lattice()[None, :, :, None] * rest[:, None]).sum(2)
-    colour = 0.5 + 0.4 * np.sin(25 * place + np.array([0.0, 1.0, 2.0]))
+    place = (lattice(edge)[None, :, :, None] * rest[:, None]).sum(2)
+    colour = 0.5 + 0.4 * np.sin(wave * place + np.array([0.0, 1.0, 2.0]))
     return MeshDrawer("painted", mesh, colour.astype(np.float32))
 
 

@@ -6,7 +6,16 @@ from drawn_capture import painted, poses
 
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
-from avatarrex.metrics.baselines import EDGE, Observation, PosedMesh, baselines, lattice, look_up
+from avatarrex.metrics.baselines import (
+    EDGE,
+    Observation,
+    PosedMesh,
+    lattice,
+    look_up,
+    mean_colour_mesh,
+    resolved_edge,
+    textured_mesh,
+)
 from avatarrex.metrics.mesh_surface import mesh_surface
 from avatarrex.signals.driving import Signals
 from avatarrex.surface.pose import pose_surface
@@ -23,26 +32,27 @@ def gathered():
         for azimuth in (20, 140, 260):
             camera = Camera.orbit(azimuth + 60 * number, 5, 2.6, 40, (0, -0.1, 0), 320, 320)
             seen.append(Observation.of(signals, camera, drawer.draw(signals, camera).image.numpy()))
-    return drawer, seen, baselines(mesh.person, seen)
+    return drawer, seen, (textured_mesh(mesh.person, seen), mean_colour_mesh(mesh.person, seen))
 
 
-def test_texels_give_back_themselves_and_every_linear_colour():
-    rng = np.random.default_rng(0)
-    texels = rng.random((4, len(lattice()), 3)).astype(np.float32)
-    for k, corner in enumerate(lattice()):
+@pytest.mark.parametrize("edge", [EDGE, 8])
+def test_texels_give_back_themselves_and_every_linear_colour(edge):
+    rng, corners = np.random.default_rng(0), lattice(edge)
+    texels = rng.random((4, len(corners), 3)).astype(np.float32)
+    for k, corner in enumerate(corners):
         weight = np.tile(corner, (4, 1))
         np.testing.assert_allclose(look_up(texels, np.arange(4), weight), texels[:, k], atol=1e-5)
     slope = rng.random((3, 3))
-    linear = np.broadcast_to((lattice() @ slope).astype(np.float32), (4, len(lattice()), 3))
+    linear = np.broadcast_to((corners @ slope).astype(np.float32), (4, len(corners), 3))
     weight = rng.dirichlet((1, 1, 1), 500)
     np.testing.assert_allclose(look_up(linear, rng.integers(0, 4, 500), weight), weight @ slope, atol=1e-5)
-    assert len(lattice()) == (EDGE + 1) * (EDGE + 2) // 2
+    assert len(corners) == (edge + 1) * (edge + 2) // 2
 
 
 def test_the_texture_is_found_again(gathered):
     drawer, seen, (textured, _) = gathered
     error = np.abs(textured.texels - drawer.texels).max((1, 2))
-    assert textured.name == "textured mesh"
+    assert textured.name == "naked textured mesh"
     assert np.median(error) < 0.03  # a pixel is 8 mm here, the pattern 25 cm long
     other = Camera.orbit(50, 0, 2.6, 40, (0, -0.1, 0), 160, 160)
     again, true = (who.draw(seen[0].signals, other).image.numpy() for who in (textured, drawer))
@@ -60,7 +70,7 @@ def test_half_a_pixel_off_is_noticed(gathered):
         intrinsics[:2, 2] -= 0.5
         camera = Camera(intrinsics, one.camera.camera_from_world, one.camera.width, one.camera.height)
         moved.append(Observation(one.signals, camera, one.image, one.matte))
-    off = baselines(textured.mesh.person, moved)[0]
+    off = textured_mesh(textured.mesh.person, moved)
     error = [np.median(np.abs(who.texels - drawer.texels).max((1, 2))) for who in (off, textured)]
     assert error[0] > 1.5 * error[1]
 
@@ -89,11 +99,13 @@ def test_its_geometry_is_the_posed_template(gathered):
 def test_nothing_to_gather_is_refused():
     person = load_person()
     with pytest.raises(InputError, match="training pictures"):
-        baselines(person, [])
+        textured_mesh(person, [])
     black = np.zeros((32, 32, 3), np.uint8)
     empty = Observation(poses(1)[0], Camera.orbit(width=32, height=32), black, black[..., 0])
     with pytest.raises(InputError, match="training pictures"):
-        baselines(person, [empty])
+        textured_mesh(person, [empty])
+    with pytest.raises(InputError, match="training pictures"):
+        mean_colour_mesh(person, [empty])
 
 
 def test_opengl_draws_what_the_software_draws(gathered):
@@ -117,3 +129,26 @@ def test_opengl_draws_what_the_software_draws(gathered):
     assert both.sum() > 1500
     assert np.abs(ours[..., 3] - theirs[..., 3]).mean() < 0.01
     assert np.sqrt(np.square(ours - theirs)[both].mean()) < 0.04
+
+
+def test_texels_are_as_fine_as_the_nearest_camera_resolves(gathered):
+    """A millimetre at the head: as many as 8 to an edge of 12 mm; 8 mm: no fewer than `EDGE`."""
+    person, seen = gathered[0].mesh.person, gathered[1]
+    assert resolved_edge(person, seen) == EDGE
+    near = Camera.orbit(20, 0, 0.6, 40, (0, 0.6, 0), 512, 512)
+    close = Observation(seen[0].signals, near, np.zeros((512, 512, 3), np.uint8), np.zeros((512, 512), np.uint8))
+    assert EDGE < resolved_edge(person, [*seen, close]) <= 8
+
+
+def test_finer_texels_carry_a_finer_pattern(gathered):
+    """Pictures of 1 mm: a pattern of 12 mm is lost between texels 4 mm apart, and found by finer ones."""
+    mesh = gathered[0].mesh
+    fine = painted(mesh, 8, wave=500.0)
+    signals, errors = poses(1)[0], []
+    view = Camera.orbit(20, 0, 0.8, 40, (0, 0.3, 0), 640, 640)
+    seen = [Observation.of(signals, view, fine.draw(signals, view).image.numpy())]
+    true = fine.draw(signals, view).image.numpy()
+    for edge in (EDGE, 8):
+        drawn = textured_mesh(mesh.person, seen, edge=edge).draw(signals, view).image.numpy()
+        errors.append(np.sqrt(np.square(drawn - true)[true[..., 3] == 1].mean()))
+    assert errors[1] < 0.7 * errors[0], errors

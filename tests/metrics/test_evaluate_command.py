@@ -123,5 +123,5 @@ def test_the_avatars_own_skin_has_a_baseline_of_its_own(capture, capsys, tmp_pat
     ]
     assert main(["evaluate", str(tmp_path / "me.avatar"), capture, *words]) == 0
     found = json.loads((tmp_path / "found.json").read_text())["splits"]["train"]
-    assert list(found) == ["avatar", "textured mesh", "mean-colour mesh", "fitted textured mesh"]
-    assert found["fitted textured mesh"]["iou"] != found["textured mesh"]["iou"]
+    assert list(found) == ["avatar", "naked textured mesh", "mean-colour mesh", "fitted textured mesh"]
+    assert found["fitted textured mesh"]["iou"] != found["naked textured mesh"]["iou"]

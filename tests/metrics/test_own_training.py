@@ -131,7 +131,7 @@ def test_the_command_measures_by_them_beside_the_fitted_mesh(
     found = json.loads((tmp_path / "a.json").read_text())
     assert found["held_out"] == {"frames": [0], "views": ["side"]}
     assert list(found["splits"]["held-out pose"]) == [
-        "avatar", "textured mesh", "mean-colour mesh", "fitted textured mesh",
+        "avatar", "naked textured mesh", "mean-colour mesh", "fitted textured mesh",
     ]  # fmt: skip
 
 

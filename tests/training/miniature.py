@@ -20,7 +20,7 @@ from avatarrex.camera import Camera
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.fields.body import SDF_UNIT
 from avatarrex.fields.face import OUTPUT
-from avatarrex.metrics.baselines import MeshDrawer, PosedMesh, lattice
+from avatarrex.metrics.baselines import EDGE, MeshDrawer, PosedMesh, lattice
 from avatarrex.metrics.drawing import AvatarDrawer
 from avatarrex.metrics.evaluate import Choice, evaluate
 from avatarrex.metrics.face_region import face_alone
@@ -62,7 +62,7 @@ def write_miniature(folder: Path, part: str, seed: int = 3) -> Path:
     """`folder` with one rig."""
     mesh, signals, rig = PosedMesh(load_person()), poses(part, seed), folder / part
     rest = mesh.person.body.v_template.double().numpy()[mesh.faces]
-    place = (lattice()[None, :, :, None] * rest[:, None]).sum(2)
+    place = (lattice(EDGE)[None, :, :, None] * rest[:, None]).sum(2)
     colour = 0.5 + 0.4 * np.sin(WAVES[part] * place + np.array([0.0, 1.0, 2.0]))
     drawer = MeshDrawer("painted", mesh, colour.astype(np.float32))
     for name, camera in CAMERAS[part].items():

@@ -31,7 +31,7 @@ from avatarrex.measure.ablation.step_timing import step_timing
 from avatarrex.measure.ablation.variants import VARIANTS, Variant, recipe_of, scaled
 from avatarrex.measure.bench.contest import Times, timed
 from avatarrex.measure.volume_drawer import VolumeDrawer
-from avatarrex.metrics.baselines import baselines
+from avatarrex.metrics.baselines import rivals
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
 from avatarrex.metrics.evaluate import Choice, default_frames, evaluate, observations, spread
 from avatarrex.metrics.face_region import face_alone
@@ -115,9 +115,8 @@ class Study:
         file = self.folder / "baselines.json"
         found = read_json(file)
         if found is None:
-            found = self._evaluated(
-                baselines(self.capture.person, observations(self.rig)), self._views(CAMERAS_MEASURED)
-            )
+            meshes = rivals(self.capture, self.capture.person, list(observations(self.rig)))
+            found = self._evaluated(meshes, self._views(CAMERAS_MEASURED))
             write_json(file, found)
         return found
 

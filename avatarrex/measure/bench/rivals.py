@@ -25,7 +25,7 @@ from avatarrex.measure.bench.contest import Times, interleaved, ratio, timed
 from avatarrex.measure.bench.report import FASTER, Metric
 from avatarrex.measure.bench.session import SEED, Bench
 from avatarrex.measure.volume_drawer import VolumeDrawer
-from avatarrex.metrics.baselines import MeshDrawer, Observation, baselines
+from avatarrex.metrics.baselines import FITTED, MeshDrawer, Observation, textured_mesh
 from avatarrex.metrics.drawing import AvatarDrawer, Drawer, Drawing
 from avatarrex.pipeline import render_frame
 from avatarrex.signals.driving import Signals
@@ -110,7 +110,7 @@ def subject_drawer(bench: Bench) -> SubjectDrawer | None:
 def mesh_drawer(bench: Bench) -> MeshDrawer | None:
     """The textured template; None without OpenGL."""
     seen = bench.once(observed)
-    return baselines(bench.subject.person, seen)[0] if seen else None
+    return textured_mesh(bench.subject.person, seen) if seen else None
 
 
 def fitted_mesh(bench: Bench) -> MeshDrawer | None:
@@ -122,7 +122,7 @@ def fitted_mesh(bench: Bench) -> MeshDrawer | None:
     for one in seen:
         sides.setdefault(one.signals, []).append((one.camera, partial(np.asarray, one.matte)))
     person = fit_to_mattes(bench.subject.person, [Seen(signals, tuple(found)) for signals, found in sides.items()])
-    return baselines(person, seen)[0]
+    return textured_mesh(person, seen, FITTED)
 
 
 def observed(bench: Bench) -> list[Observation]:
