@@ -9,6 +9,7 @@ Letters: h w pixels. Root frame, metres.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -56,4 +57,5 @@ class KeptHits:
             out.flatten(0, 1)[rows] = new.flatten(0, 1)[rows]
             return out
 
-        return replace(made, **{name: join(name) for name in IMAGES})
+        images: dict[str, Any] = {name: join(name) for name in IMAGES}
+        return replace(made, **images)

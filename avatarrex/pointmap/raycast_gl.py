@@ -296,7 +296,7 @@ def _asked_tiles(camera: Camera, only: Tensor | None) -> np.ndarray:
     beside = np.zeros((down * TILE + 2, across * TILE + 2), bool)
     for y, x in ((0, 1), (1, 0), (1, 1), (1, 2), (2, 1)):
         beside[y : y + camera.height, x : x + camera.width] |= only.numpy()
-    return beside[1:-1, 1:-1].reshape(down, TILE, across, TILE).any((1, 3))
+    return np.asarray(beside[1:-1, 1:-1].reshape(down, TILE, across, TILE).any((1, 3)))
 
 
 def _pixels_of(asked: np.ndarray, camera: Camera) -> int:

@@ -34,8 +34,9 @@ from avatarrex.templates.posed import PosedPerson
 
 Told = tuple[Float[Tensor, "p c"], UInt8[Tensor, " p"]]
 """Of `KnownAppearance.interpolate`."""
-PIECE = 8192
-"""Points of the body that one thread colours before it takes others: a fifth of a picture at 512²."""
+PIECE, LEAST_PIECE = 20_000, 2048
+"""Points of the body that one thread colours before it takes others: half a picture at 512², or less where there are fewer. Smaller
+pieces share fewer rows of a node (docs/performance.md)."""
 OPAQUE = 0.999
 """Summed ω from which the body's own colour is not computed: its share is below 1/255."""
 
@@ -122,7 +123,8 @@ class SurfaceColour:
         """Colours of the body to come, in pieces: points that lie together, row by row of the picture."""
         if len(position) and self.patches is None and not self.sparse:
             self.patches = PatchCache.of(self.avatar.body.patch_network, self.body_frame.code.embedding)
-        step = max(len(position), 1) if torch.is_grad_enabled() else PIECE
+        half = max(-(-len(position) // 2), LEAST_PIECE)
+        step = max(len(position), 1) if torch.is_grad_enabled() else min(half, PIECE)
         pieces = []
         for first in range(0, len(position), step):
             some = slice(first, first + step)
