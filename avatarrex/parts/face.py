@@ -77,7 +77,7 @@ class Face(Part[FaceState]):
 
     @torch.no_grad()
     def prepare(self, vertices: Tensor, coefficients: Tensor, counters: Counters, impl: Impl = "auto") -> FaceState:
-        """Views of the posed mesh in single precision, and three U-Net runs on them, when a value is first asked for."""
+        """Views of the posed mesh in single precision, and three U-Net runs on them, when a value is first chosen for."""
         counters.add("unet_runs", 3)
         mesh, normals = vertices.double().numpy(), vertex_normals(vertices, self.field.faces).double().numpy()
         skin = TemplateDistance.of(mesh, normals, self.blend_weight.double().numpy(), np.zeros(len(mesh)))

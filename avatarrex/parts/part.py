@@ -104,7 +104,7 @@ class Part(ABC, Generic[State]):
         """At points (p, 3): signed distance (p,), saturated outside the composition's band, and ω (p,). `reference` skips nothing."""
 
     def decode_colour(self, state: State, counters: Counters) -> object:
-        """Make what all colours of `state` need, before they are asked for side by side."""
+        """Make what all colours of `state` need, before they are chosen for side by side."""
         return None
 
     @abstractmethod

@@ -111,8 +111,8 @@ class GlCaster:
     ) -> PointMap:
         """All passes, one read-back."""
         antialias = antialias and march == "exact"
-        asked = _asked_tiles(camera, only)
-        run, uploaded = self.prepare(volume, camera, antialias, asked)
+        chosen = _wanted_tiles(camera, only)
+        run, uploaded = self.prepare(volume, camera, antialias, chosen)
         boxes = tuple(enumerate(BOXES if volume.parts else BOXES[:1]))
         variants = tuple(enumerate((0, BOXES[-1]) if volume.parts else (0,)))
         if march == "fixed":
@@ -137,7 +137,7 @@ class GlCaster:
         if covered:
             self.pixels[RECORDS].read_into(records, covered * RECORD.itemsize)
         counters = {
-            "rays": _pixels_of(asked, camera) + 16 * min(int(lists["edges"]), slots),
+            "rays": _pixels_of(chosen, camera) + 16 * min(int(lists["edges"]), slots),
             "ray_steps": int(lists["steps"]),
             "bytes_uploaded": uploaded,
             "bytes_read_back": LISTS.itemsize + records.nbytes,
@@ -153,17 +153,17 @@ class GlCaster:
         return np.where((t < NO_HIT) & (beam <= NO_HIT), t, np.inf).ravel()
 
     def prepare(
-        self, volume: SdfVolume, camera: Camera, antialias: bool, asked: np.ndarray | None = None
+        self, volume: SdfVolume, camera: Camera, antialias: bool, chosen: np.ndarray | None = None
     ) -> tuple[Callable[..., None], int]:
         """Bind everything; `run(pass, list, **constants)` to dispatch over all pixels or a list; bytes uploaded.
 
-        `asked`: tiles, a truth each, that are cast at all; None: all.
+        `chosen`: tiles, a truth each, that are cast at all; None: all.
         """
         uploaded = self._bind_volume(volume, camera)
         self._bind_buffers(camera.width * camera.height, _slots(camera, antialias), _tiles(camera))
         free = np.full(_tiles(camera), NO_HIT)
-        if asked is not None:
-            free[~asked.ravel()] = EMPTY
+        if chosen is not None:
+            free[~chosen.ravel()] = EMPTY
         self.pixels[BEAM].write(free.tobytes())
         contacts = int(any(part.contact is not None for part in volume.parts))
         uniforms = _uniforms(volume, camera, _slots(camera, antialias))
@@ -288,7 +288,7 @@ def _uniforms(volume: SdfVolume, camera: Camera, slots: int) -> dict[str, object
     }
 
 
-def _asked_tiles(camera: Camera, only: Tensor | None) -> np.ndarray:
+def _wanted_tiles(camera: Camera, only: Tensor | None) -> np.ndarray:
     """Whether each tile (down, across) holds a pixel that is to be cast, or one beside it."""
     down, across = -(-camera.height // TILE), -(-camera.width // TILE)
     if only is None:
@@ -299,9 +299,9 @@ def _asked_tiles(camera: Camera, only: Tensor | None) -> np.ndarray:
     return np.asarray(beside[1:-1, 1:-1].reshape(down, TILE, across, TILE).any((1, 3)))
 
 
-def _pixels_of(asked: np.ndarray, camera: Camera) -> int:
+def _pixels_of(chosen: np.ndarray, camera: Camera) -> int:
     """Pixels of the picture in these tiles."""
-    return int(asked.repeat(TILE, 0).repeat(TILE, 1)[: camera.height, : camera.width].sum())
+    return int(chosen.repeat(TILE, 0).repeat(TILE, 1)[: camera.height, : camera.width].sum())
 
 
 def _covered(records: np.ndarray, only: Tensor | None) -> CoveredPixels:

@@ -19,7 +19,7 @@ const float TRUSTED = 0.03;   // metres
 void main() {
     uint tile = (gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * 64u + gl_LocalInvocationIndex;
     if (tile >= tile_count()) return;
-    if (beam_free[tile] == EMPTY) return;  // nobody asks
+    if (beam_free[tile] == EMPTY) return;  // nobody looks at
     vec2 corner = corner_of_tile(tile);
     Ray ray = ray_through(corner + 4);
     float away = -ray.camera, wide = WIDE * ray.footprint;

@@ -68,7 +68,7 @@ def test_a_box_that_goes_or_comes(man: SdfVolume) -> None:
 
 
 def test_a_pixel_beside_the_window_is_cast_anew(man: SdfVolume) -> None:
-    """Its coverage asks whether the pixel in the window is hit."""
+    """Its coverage looks at whether the pixel in the window is hit."""
     kept, _ = again(man, changed(man, "right_hand", 0.0), FRONT)
     hand = next(box for box in man.parts if box.name == "right_hand")
     x0, y0, x1, y1 = box_window(hand, FRONT)
@@ -79,7 +79,7 @@ def test_a_pixel_beside_the_window_is_cast_anew(man: SdfVolume) -> None:
     assert columns[-1] >= np.ceil(x1)
 
 
-def test_only_what_is_asked_for_is_cast(man: SdfVolume) -> None:
+def test_only_what_is_chosen_for_is_cast(man: SdfVolume) -> None:
     whole = raycast(man, FRONT, "gl")
     only = torch.zeros_like(whole.hit)
     only[20, 30] = True  # a corner of a tile: its neighbours are those of three
@@ -114,7 +114,7 @@ def test_another_body_keeps_nothing(man: SdfVolume) -> None:
     assert not same.anew.any()
 
 
-def test_pixels_beside_what_is_asked_for_are_cast_too(man: SdfVolume) -> None:
+def test_pixels_beside_what_is_chosen_for_are_cast_too(man: SdfVolume) -> None:
     """A pixel at a tile's rim is covered in part where the next tile's is hit: every other tile is as if all were cast."""
     whole = raycast(man, FRONT)
     row, column = torch.meshgrid(torch.arange(FRONT.height) // 8, torch.arange(FRONT.width) // 8, indexing="ij")
