@@ -35,7 +35,7 @@ def raycast(
     `gl` runs the compute shaders, `torch` the same walk on tensors, `reference` walks every cell in float64 (small
     images); `auto` takes the shaders where a context can be had and torch elsewhere, and `renderer` says which. `march`
     is `exact`, or `fixed`: steps of a quarter of a body voxel and one linear interpolation, no antialiasing (to compare
-    with). `only`: pixels that are wanted, in an exact march; what the others then hold is left open. Not differentiable.
+    with). `only`: pixels that are wanted, in an exact march; the others may then be anything. Not differentiable.
     A ray that starts inside the avatar first leaves it. Raises `InputError` for an impl that is unknown or cannot run here,
     and for an unknown march.
     """
