@@ -81,7 +81,7 @@ def render_deferred(
         volume = refine_where_visible(volume, view, settings, counters, old)
     with clock("pointmap"):
         surface = _reused(old, posed, volume, view, settings) or visible_surface(
-            avatar, posed, volume, view, settings, counters
+            avatar, posed, volume, view, settings, counters, old
         )
     with clock("shading"):
         kept = before.shading if before and before.settings.detail_from == settings.detail_from else None

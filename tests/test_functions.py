@@ -18,6 +18,7 @@ EXCEPTIONS = {
     "avatarrex/fields/body.py:colour": "pairs, implementation and light are optional",
     "avatarrex/fields/face.py:__init__": "widths of one network",
     "avatarrex/fields/template_distance.py:of": "three of seven are optional",
+    "avatarrex/pointmap/surface.py:visible_surface": "the frame before is optional",
     "avatarrex/ops/closest_point.py:closest_point": "the mesh, the points, and what of it has been prepared",
     "avatarrex/ops/closest_point.py:_signed_distance": "as `closest_point`",
     "tools/convert_person.py:main": "the steps of a conversion that runs once, one after the other",

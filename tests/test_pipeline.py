@@ -14,6 +14,7 @@ from avatarrex.frame import Frame
 from avatarrex.levels import DEFERRED_LEVELS, level
 from avatarrex.ops.native import threads
 from avatarrex.pipeline import render_frame
+from avatarrex.pointmap.raycast import available
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_expression, named_hand, named_pose
@@ -203,3 +204,20 @@ def test_every_level_draws_the_same_person(avatar: Avatar) -> None:
 def test_an_unknown_level_is_named() -> None:
     with pytest.raises(InputError, match=r"paper or fast or balanced or fine or quality.*best"):
         level("best")
+
+
+@pytest.mark.skipif("gl" not in available(), reason="no OpenGL 4.3 here")
+@pytest.mark.parametrize(
+    "changes", [{"expression": named_expression("jaw_open")}, {"left_hand_pose": named_hand("fist", "left")}]
+)
+def test_rays_that_meet_no_changed_box_keep_their_hits(avatar: Avatar, changes: dict[str, np.ndarray]) -> None:
+    settings, view = replace(SETTINGS, raycast="gl", antialias=True), camera().resized(96, 96)
+    first = render_frame(avatar, FIRST, view, settings)
+    frame = render_frame(avatar, FIRST.replace(**changes), view, settings, first)
+    alone = render_frame(avatar, FIRST.replace(**changes), view, settings)
+    for name in ("position", "normal", "depth", "hit", "coverage", "part_weight", "steps"):
+        assert torch.equal(getattr(frame.pointmap, name), getattr(alone.pointmap, name)), name
+    assert 0 < frame.counters["rays"] < 0.5 * alone.counters["rays"]
+    assert frame.counters["ray_steps"] < 0.5 * alone.counters["ray_steps"]
+    turned = render_frame(avatar, FIRST.replace(**changes), camera(60).resized(96, 96), settings, frame)
+    assert turned.counters["rays"] >= 96 * 96

@@ -19,6 +19,7 @@ from avatarrex.ops.bilinear import bilinear_of_all
 from avatarrex.ops.encoding import Encoding, channels, encode
 from avatarrex.ops.local_mlp import local_mlp
 from avatarrex.ops.native import serves
+from avatarrex.ops.side_by_side import SideBySide
 from avatarrex.templates.face import FaceTemplate
 
 VIEW_MARGIN = 0.03
@@ -111,7 +112,12 @@ class _TriPlaneNet(nn.Module):
         self.activation = activation
 
     def planes(self, views: Tensor) -> Tensor:
-        return torch.cat([unet(view[None]) for unet, view in zip(self.unets, views)])
+        if not serves(views, *self.unets.parameters()):
+            return torch.cat([unet(view[None]) for unet, view in zip(self.unets, views)])
+        work = SideBySide()
+        made = [work.add(unet, view[None]) for unet, view in zip(self.unets, views)]
+        work.run()
+        return torch.cat([plane.result() for plane in made])
 
     def forward(self, planes: Tensor, place: Tensor, extra: Tensor | None = None) -> Tensor:
         """At normalised points (p, 3)."""

@@ -46,7 +46,7 @@ class SideBySide:
         """Do all of it: one after the other where there is one piece, or loops have one thread."""
         others = min(native.threads(), len(self._waiting)) - 1
         if others < 1:
-            self._work()
+            self.run_in_turn()
             return
         helping = [_pool(others).submit(self._work_alone) for _ in range(others)]
         self._work_alone()
@@ -55,9 +55,10 @@ class SideBySide:
 
     def _work_alone(self) -> None:
         with native.one_thread():
-            self._work()
+            self.run_in_turn()
 
-    def _work(self) -> None:
+    def run_in_turn(self) -> None:
+        """Do all of it in the thread that calls this."""
         while True:
             try:
                 do = self._waiting.popleft()

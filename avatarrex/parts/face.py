@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -15,6 +16,7 @@ from avatarrex.fields.face import FaceField
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.fields.tone import ToneMap
 from avatarrex.ops.mesh_lattice import Grid, nearest_vertex
+from avatarrex.ops.side_by_side import SideBySide
 from avatarrex.parts.part import CLAMP, Impl, Part, PartState, Start, SurfacePoints
 from avatarrex.templates.mesh import vertex_normals
 
@@ -29,12 +31,21 @@ class FaceState(PartState):
     """A posed face."""
 
     skin: TemplateDistance
-    driven: Float[Tensor, "..."]
-    """Orthographic views of the posed mesh (3, 7, 256, 256), or what else drives the field."""
-    geometry: Float[Tensor, "..."]
-    """Geometry tri-planes of this expression."""
+    _drive: Callable[[], Tensor]
+    _decode: Callable[[Tensor], Tensor]
     colour: Float[Tensor, "..."] | None = None
     """Colour tri-planes; decoded when a point is first coloured."""
+
+    @cached_property
+    def driven(self) -> Float[Tensor, "..."]:
+        """Orthographic views of the posed mesh (3, 7, 256, 256), or what else drives the field."""
+        return self._drive()
+
+    @cached_property
+    @torch.no_grad()
+    def geometry(self) -> Float[Tensor, "..."]:
+        """Geometry tri-planes of this expression."""
+        return self._decode(self.driven)
 
 
 def face_state(states: Mapping[str, PartState]) -> FaceState:
@@ -66,15 +77,26 @@ class Face(Part[FaceState]):
 
     @torch.no_grad()
     def prepare(self, vertices: Tensor, coefficients: Tensor, counters: Counters, impl: Impl = "auto") -> FaceState:
-        """Views of the posed mesh in single precision, and three U-Net runs on them."""
-        driven = self.field.driven(vertices.float(), coefficients.float(), impl).to(vertices.dtype)
+        """Views of the posed mesh in single precision, and three U-Net runs on them, when a value is first chosen for."""
         counters.add("unet_runs", 3)
         mesh, normals = vertices.double().numpy(), vertex_normals(vertices, self.field.faces).double().numpy()
         skin = TemplateDistance.of(mesh, normals, self.blend_weight.double().numpy(), np.zeros(len(mesh)))
-        return FaceState(skin, driven, self.field.geometry_planes(driven))
+
+        def drive() -> Tensor:
+            return self.field.driven(vertices.float(), coefficients.float(), impl).to(vertices.dtype)
+
+        return FaceState(skin, drive, self.field.geometry_planes)
 
     def start(self, state: FaceState, grid: Grid, everywhere: bool) -> Start:
-        """The template's distance; points near the mesh are evaluated first."""
+        """The template's distance; points near the mesh are evaluated first. Beside it the tri-planes are made."""
+        work = SideBySide()
+        planes = work.add(getattr, state, "geometry")
+        start = work.add(self._start, state, grid, everywhere)
+        work.run()
+        planes.result()
+        return start.result()
+
+    def _start(self, state: FaceState, grid: Grid, everywhere: bool) -> Start:
         distance, nearest = (found.ravel() for found in nearest_vertex(state.skin.vertices, grid, FACE_BAND))
         near = np.flatnonzero(nearest >= 0)
         here = state.skin.of_nearest(grid.position(near), distance[near], nearest[near])

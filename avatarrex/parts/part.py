@@ -103,6 +103,10 @@ class Part(ABC, Generic[State]):
     def distance(self, state: State, position: Tensor, impl: Impl = "auto") -> tuple[Tensor, Tensor]:
         """At points (p, 3): signed distance (p,), saturated outside the composition's band, and ω (p,). `reference` skips nothing."""
 
+    def decode_colour(self, state: State, counters: Counters) -> object:
+        """Make what all colours of `state` need, before they are chosen for side by side."""
+        return None
+
     @abstractmethod
     def colour(self, state: State, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
         """sRGB (p, 3); differentiable in the part's networks."""

@@ -11,16 +11,18 @@ from collections.abc import Callable
 import moderngl
 import numpy as np
 import torch
+from jaxtyping import Bool
+from torch import Tensor
 
 from avatarrex.camera import Camera
 from avatarrex.gl.context import current_context, gl_context, per_context, renderer_name
 from avatarrex.gl.grids import GridTextures
 from avatarrex.gl.shader import compute_shader
 from avatarrex.pointmap.point_map import CoveredPixels, PointMap
-from avatarrex.pointmap.rays import RayPlane
+from avatarrex.pointmap.rays import RayPlane, box_window
 from avatarrex.templates.parts import PARTS
 from avatarrex.volume.bricks import ROW
-from avatarrex.volume.sdf_volume import PartBox, SdfVolume
+from avatarrex.volume.sdf_volume import SdfVolume
 
 MOST_GROUPS = 65535
 """That OpenGL promises along one side of a dispatch."""
@@ -67,14 +69,18 @@ HIT_BIT = -(1 << 31)
 """Of a pixel's number as a signed one."""
 T, BEAM, RECORDS = 4, 8, 10
 """Places among `GlCaster.pixels`."""
-NO_HIT = np.float32(1e9)
-"""A tile that no pass visits has twice this."""
+NO_HIT, EMPTY = np.float32(1e9), np.float32(2e9)
+"""Of rays; of tiles that no pass visits."""
+TILE = 8
+"""Pixels along its side."""
 
 
 @current_context()
-def raycast_gl(volume: SdfVolume, camera: Camera, antialias: bool, march: str = "exact") -> PointMap:
+def raycast_gl(
+    volume: SdfVolume, camera: Camera, antialias: bool, march: str = "exact", only: Bool[Tensor, "h w"] | None = None
+) -> PointMap:
     """See `avatarrex.pointmap.raycast.raycast`."""
-    return gl_caster().cast(volume, camera, antialias, march)
+    return gl_caster().cast(volume, camera, antialias, march, only)
 
 
 def gl_caster() -> GlCaster:
@@ -95,10 +101,18 @@ class GlCaster:
         self.pixels: list[moderngl.Buffer] = []
         self.float_filter = int(self._filters_in_float())
 
-    def cast(self, volume: SdfVolume, camera: Camera, antialias: bool, march: str = "exact") -> PointMap:
+    def cast(
+        self,
+        volume: SdfVolume,
+        camera: Camera,
+        antialias: bool,
+        march: str = "exact",
+        only: Bool[Tensor, "h w"] | None = None,
+    ) -> PointMap:
         """All passes, one read-back."""
         antialias = antialias and march == "exact"
-        run, uploaded = self.prepare(volume, camera, antialias)
+        chosen = _wanted_tiles(camera, only)
+        run, uploaded = self.prepare(volume, camera, antialias, chosen)
         boxes = tuple(enumerate(BOXES if volume.parts else BOXES[:1]))
         variants = tuple(enumerate((0, BOXES[-1]) if volume.parts else (0,)))
         if march == "fixed":
@@ -123,12 +137,12 @@ class GlCaster:
         if covered:
             self.pixels[RECORDS].read_into(records, covered * RECORD.itemsize)
         counters = {
-            "rays": camera.width * camera.height + 16 * min(int(lists["edges"]), slots),
+            "rays": _pixels_of(chosen, camera) + 16 * min(int(lists["edges"]), slots),
             "ray_steps": int(lists["steps"]),
             "bytes_uploaded": uploaded,
             "bytes_read_back": LISTS.itemsize + records.nbytes,
         }
-        return _pointmap(records, camera, f"OpenGL compute, {renderer_name(self.context)}", counters)
+        return _covered(records, only).scatter(camera, f"OpenGL compute, {renderer_name(self.context)}", counters)
 
     def distances(self, camera: Camera) -> np.ndarray:
         """t of every pixel's ray as the last passes left it, row by row (float32); ∞ where there is no hit."""
@@ -138,10 +152,19 @@ class GlCaster:
         beam = beam.repeat(8, 0).repeat(8, 1)[: camera.height, : camera.width]
         return np.where((t < NO_HIT) & (beam <= NO_HIT), t, np.inf).ravel()
 
-    def prepare(self, volume: SdfVolume, camera: Camera, antialias: bool) -> tuple[Callable[..., None], int]:
-        """Bind everything; `run(pass, list, **constants)` to dispatch over all pixels or a list; bytes uploaded."""
+    def prepare(
+        self, volume: SdfVolume, camera: Camera, antialias: bool, chosen: np.ndarray | None = None
+    ) -> tuple[Callable[..., None], int]:
+        """Bind everything; `run(pass, list, **constants)` to dispatch over all pixels or a list; bytes uploaded.
+
+        `chosen`: tiles, a truth each, that are cast at all; None: all.
+        """
         uploaded = self._bind_volume(volume, camera)
         self._bind_buffers(camera.width * camera.height, _slots(camera, antialias), _tiles(camera))
+        free = np.full(_tiles(camera), NO_HIT)
+        if chosen is not None:
+            free[~chosen.ravel()] = EMPTY
+        self.pixels[BEAM].write(free.tobytes())
         contacts = int(any(part.contact is not None for part in volume.parts))
         uniforms = _uniforms(volume, camera, _slots(camera, antialias))
 
@@ -203,7 +226,7 @@ class GlCaster:
                     part.voxel,
                     part.size,
                 )
-                table[k]["window"] = _window(part, camera)
+                table[k]["window"] = box_window(part, camera)
             if contact:
                 table[k]["first"], table[k]["contact"] = contact.first[::-1], 1
         self.parts.write(table.tobytes())
@@ -238,21 +261,12 @@ class GlCaster:
 
 def _tiles(camera: Camera) -> int:
     """Of 8 × 8 pixels."""
-    return -(-camera.width // 8) * -(-camera.height // 8)
+    return -(-camera.width // TILE) * -(-camera.height // TILE)
 
 
 def _slots(camera: Camera, antialias: bool) -> int:
     """Silhouette pixels that there is room for: 64 bytes each."""
     return camera.width * camera.height // 4 + 4096 if antialias else 0
-
-
-def _window(part: PartBox, camera: Camera) -> np.ndarray:
-    """(x, y) from and to, in pixels, between which a box is seen; everything where it reaches behind the camera."""
-    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3) * part.size
-    pixel, depth = camera.seen_from(np.linalg.inv(part.box_from_root)).pixels(corners)
-    if depth.min() < 1e-3:
-        return np.array([-np.inf, -np.inf, np.inf, np.inf])
-    return np.concatenate([pixel.min(0) - 1, pixel.max(0) + 1])
 
 
 def _uniforms(volume: SdfVolume, camera: Camera, slots: int) -> dict[str, object]:
@@ -274,23 +288,43 @@ def _uniforms(volume: SdfVolume, camera: Camera, slots: int) -> dict[str, object
     }
 
 
-def _pointmap(records: np.ndarray, camera: Camera, renderer: str, counters: dict[str, int]) -> PointMap:
+def _wanted_tiles(camera: Camera, only: Tensor | None) -> np.ndarray:
+    """Whether each tile (down, across) holds a pixel that is to be cast, or one beside it."""
+    down, across = -(-camera.height // TILE), -(-camera.width // TILE)
+    if only is None:
+        return np.ones((down, across), bool)
+    beside = np.zeros((down * TILE + 2, across * TILE + 2), bool)
+    for y, x in ((0, 1), (1, 0), (1, 1), (1, 2), (2, 1)):
+        beside[y : y + camera.height, x : x + camera.width] |= only.numpy()
+    return np.asarray(beside[1:-1, 1:-1].reshape(down, TILE, across, TILE).any((1, 3)))
+
+
+def _pixels_of(chosen: np.ndarray, camera: Camera) -> int:
+    """Pixels of the picture in these tiles."""
+    return int(chosen.repeat(TILE, 0).repeat(TILE, 1)[: camera.height, : camera.width].sum())
+
+
+def _covered(records: np.ndarray, only: Tensor | None) -> CoveredPixels:
     table = torch.from_numpy(records.view("f4").reshape(-1, RECORD.itemsize // 4))
-    table = table[column(table, "coverage")[:, 0] > 0]
-    pixel = column(table, "pixel")[:, 0].view(torch.int32)
-    covered = CoveredPixels(
+    pixel, coverage = column(table, "pixel")[:, 0].view(torch.int32), column(table, "coverage")[:, 0]
+    wanted = coverage > 0
+    if only is not None:
+        wanted &= only.view(-1)[(pixel & ~HIT_BIT).long()]
+    if not wanted.all():
+        table = table[wanted]
+        pixel, coverage = pixel[wanted], coverage[wanted]
+    return CoveredPixels(
         pixel=(pixel & ~HIT_BIT).long(),
         position=column(table, "position"),
         normal=column(table, "normal"),
         part_weight=column(table, "weight"),
         hit=pixel < 0,
-        coverage=column(table, "coverage")[:, 0],
+        coverage=coverage,
         steps=column(table, "steps")[:, 0],
     )
-    return covered.scatter(camera, renderer, counters)
 
 
-def column(table: torch.Tensor, name: str) -> torch.Tensor:
+def column(table: Tensor, name: str) -> Tensor:
     """The numbers (p, c) of a field of `RECORD` in a table (p, ·) of them; no copy."""
     assert RECORD.fields
     at = RECORD.fields[name][1]

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.camera import Camera
+from avatarrex.volume.sdf_volume import PartBox
 
 NEAREST_PLANE = 0.5
 """Metres: the plane's least depth, for cameras inside or behind the volume."""
@@ -85,6 +86,15 @@ def slab(
     safe = torch.where(direction.abs() < 1e-12, 1e-12, direction)
     one, two = -origin / safe, (size - origin) / safe
     return torch.minimum(one, two).amax(-1), torch.maximum(one, two).amin(-1)
+
+
+def box_window(box: PartBox, camera: Camera) -> Float[np.ndarray, "4"]:
+    """(x, y) from and to, in pixels, between which a box is seen; everything where it reaches behind the camera."""
+    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3) * box.size
+    pixel, depth = camera.seen_from(np.linalg.inv(box.box_from_root)).pixels(corners)
+    if depth.min() < 1e-3:
+        return np.array([-np.inf, -np.inf, np.inf, np.inf])
+    return np.concatenate([pixel.min(0) - 1, pixel.max(0) + 1])
 
 
 def pixel_centres(camera: Camera, dtype: torch.dtype = torch.float32) -> Float[Tensor, "r 2"]:

@@ -5,14 +5,15 @@ Letters: h w image. Root frame, metres.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
+from avatarrex.pointmap.kept_hits import KeptHits
 from avatarrex.pointmap.point_map import PointMap
 from avatarrex.pointmap.polish import polish
-from avatarrex.pointmap.raycast import raycast
+from avatarrex.pointmap.raycast import raycast, sees_what_it_meets
 from avatarrex.pointmap.visible_cells import visible_cells
 from avatarrex.settings import RenderSettings
 from avatarrex.templates.posed import PosedPerson
@@ -73,11 +74,21 @@ def visible_surface(
     view: Camera,
     settings: RenderSettings,
     counters: Counters,
+    previous: VisibleSurface | None = None,
 ) -> VisibleSurface:
-    """What the rays of `view` meet."""
-    pointmap = raycast(volume.sdf, view, settings.raycast, settings.antialias, settings.march)
+    """What the rays of `view` meet; those keep their hits from `previous` that meet nothing which changed (kept_hits.py)."""
+    key = PointMapKey.of(view, settings)
+    kept = None
+    if previous and previous.key == key and settings.march == "exact" and sees_what_it_meets(settings.raycast):
+        kept = KeptHits.of(previous.pointmap, previous.volume.sdf, volume.sdf, view)
+    if kept and not kept.anew.any():
+        return VisibleSurface(posed, volume, view, replace(kept.pointmap, counters={}), key)
+    only = kept.anew if kept else None
+    pointmap = raycast(volume.sdf, view, settings.raycast, settings.antialias, settings.march, only)
     counters.update(pointmap.counters)
+    if only is not None:
+        pointmap = replace(pointmap, coverage=pointmap.coverage * only)
     if settings.polish:
         exact = composed_field(avatar, posed, volume.body, volume.states, counters)
         pointmap = polish(pointmap, exact, volume.sdf, view, settings.polish, counters)
-    return VisibleSurface(posed, volume, view, pointmap, PointMapKey.of(view, settings))
+    return VisibleSurface(posed, volume, view, kept.joined(pointmap) if kept else pointmap, key)

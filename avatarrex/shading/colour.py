@@ -9,11 +9,13 @@ Letters: p points. Root frame, metres; colours sRGB-encoded.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from threading import Lock
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
@@ -22,6 +24,7 @@ from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.composition import WHOLE
 from avatarrex.fields.limbs import nodes_of
+from avatarrex.ops.side_by_side import SideBySide
 from avatarrex.parts.part import PartState, SurfacePoints
 from avatarrex.shading.known_appearance import COARSEST, KnownAppearance, pixel_spacing
 from avatarrex.shading.known_loops import TOLD, UNKNOWN
@@ -29,6 +32,11 @@ from avatarrex.shading.patch_cache import PatchCache
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.posed import PosedPerson
 
+Told = tuple[Float[Tensor, "p c"], UInt8[Tensor, " p"]]
+"""Of `KnownAppearance.interpolate`."""
+PIECE, LEAST_PIECE = 20_000, 2048
+"""Points of the body that one thread colours before it takes others: half a picture at 512², or less where there are fewer. Smaller
+pieces share fewer rows of a node (docs/performance.md)."""
 OPAQUE = 0.999
 """Summed ω from which the body's own colour is not computed: its share is below 1/255."""
 
@@ -60,6 +68,7 @@ class SurfaceColour:
     """Few points: only the patches of the nodes in reach are decoded, and not kept."""
     earlier: EarlierViews | None = None
     """What earlier views of this body pose showed of it; None: every point is evaluated."""
+    _decoding: Lock = field(default_factory=Lock)
 
     def colour(
         self,
@@ -74,40 +83,78 @@ class SurfaceColour:
         `side`: the limb that each point is on (`Composed.side`); None: the whole body. `normal`: of the surface there, which
         `earlier` needs.
         """
-        colour = torch.zeros_like(position)
+        work = SideBySide()
+        of_parts = [
+            (weight[:, column], self._add_part(work, column, position, direction, weight))
+            for column in range(len(PARTS))
+        ]
         body = torch.nonzero(weight.sum(-1) < OPAQUE)[:, 0]
+        limb = torch.full_like(body, WHOLE) if side is None else side[body]
+        told = None if normal is None else self._told(position[body], normal[body], limb)
+        of_body = self._add_body(work, position[body], direction[body], limb, told)
+        run = work.run_in_turn if torch.is_grad_enabled() else work.run
+        run()
+        colour = torch.zeros_like(position)
         if len(body):
-            limb = torch.full_like(body, WHOLE) if side is None else side[body]
-            share = 1 - weight[body].sum(-1, keepdim=True)
-            coarse = self.earlier is None or pixel_spacing(self.earlier.view, position).mean() >= COARSEST
-            if self.earlier is None or normal is None or coarse:
-                own = self._body(position[body], direction[body], limb)
-            else:
-                own = self._body_seen_before(position[body], direction[body], limb, normal[body], self.earlier)
-            colour = colour.index_add(0, body, share * own)
-        for column, name in enumerate(PARTS):
-            rows = torch.nonzero(weight[:, column] > 0)[:, 0]
-            if len(rows):
-                points = surface_points(self.posed.root_from_part(name), position[rows], direction[rows])
-                part = self.avatar.parts[name].colour(self.states[name], points, self.counters)
-                colour = colour.index_add(0, rows, weight[rows, column, None] * part)
+            own = torch.cat([piece.result() for piece in of_body])
+            colour = colour.index_add(0, body, (1 - weight[body].sum(-1, keepdim=True)) * own)
+            if told and normal is not None:
+                self._remember(position[body], normal[body], limb, told, own)
+        for share, (rows, part) in of_parts:
+            if part:
+                colour = colour.index_add(0, rows, share[rows, None] * part.result())
         return colour
 
-    def _body(self, position: Tensor, direction: Tensor, limb: Tensor) -> Tensor:
-        return self.avatar.body.seen(*self._appearance(position, limb), direction)
+    def _add_part(
+        self, work: SideBySide, column: int, position: Tensor, direction: Tensor, weight: Tensor
+    ) -> tuple[Tensor, Future[Tensor] | None]:
+        """Points in which a part has a share, and their colours to come."""
+        rows, name = torch.nonzero(weight[:, column] > 0)[:, 0], PARTS[column]
+        if not len(rows):
+            return rows, None
+        part, state = self.avatar.parts[name], self.states[name]
+        part.decode_colour(state, self.counters)
+        points = surface_points(self.posed.root_from_part(name), position[rows], direction[rows])
+        return rows, work.add(part.colour, state, points, self.counters)
 
-    def _body_seen_before(
-        self, position: Tensor, direction: Tensor, limb: Tensor, normal: Tensor, earlier: EarlierViews
-    ) -> Tensor:
-        """`_body` where points between known ones are interpolated, and the others become known."""
-        both, answer = earlier.known.interpolate(earlier.view, position, normal, limb, earlier.tolerance)
+    def _add_body(
+        self, work: SideBySide, position: Tensor, direction: Tensor, limb: Tensor, told: Told | None
+    ) -> list[Future[Tensor]]:
+        """Colours of the body to come, in pieces: points that lie together, row by row of the picture."""
+        if len(position) and self.patches is None and not self.sparse:
+            self.patches = PatchCache.of(self.avatar.body.patch_network, self.body_frame.code.embedding)
+        half = max(-(-len(position) // 2), LEAST_PIECE)
+        step = max(len(position), 1) if torch.is_grad_enabled() else min(half, PIECE)
+        pieces = []
+        for first in range(0, len(position), step):
+            some = slice(first, first + step)
+            here = None if told is None else (told[0][some], told[1][some])
+            pieces.append(work.add(self._body, position[some], direction[some], limb[some], here))
+        return pieces
+
+    def _body(self, position: Tensor, direction: Tensor, limb: Tensor, told: Told | None) -> Tensor:
+        if told is None:
+            return self.avatar.body.seen(*self._appearance(position, limb), direction)
+        both, answer = told
         wanted = torch.nonzero(answer != TOLD)[:, 0]
         if len(wanted):
             both[wanted] = torch.cat(self._appearance(position[wanted], limb[wanted]), -1)
         colour: Tensor = self.avatar.body.seen(both[:, :-3], both[:, -3:], direction)
-        new = wanted[answer[wanted] == UNKNOWN]
-        earlier.known.add(position[new], normal[new], limb[new], both[new], colour[new])
         return colour
+
+    def _told(self, position: Tensor, normal: Tensor, limb: Tensor) -> Told | None:
+        """What earlier views tell of the body's points; None: every one is evaluated."""
+        earlier = self.earlier
+        if earlier is None or not len(position) or pixel_spacing(earlier.view, position).mean() >= COARSEST:
+            return None
+        return earlier.known.interpolate(earlier.view, position, normal, limb, earlier.tolerance)
+
+    def _remember(self, position: Tensor, normal: Tensor, limb: Tensor, told: Told, colour: Tensor) -> None:
+        """What was evaluated becomes known."""
+        both, answer = told
+        new = torch.nonzero(answer == UNKNOWN)[:, 0]
+        assert self.earlier
+        self.earlier.known.add(position[new], normal[new], limb[new], both[new], colour[new])
 
     def _appearance(self, position: Tensor, limb: Tensor) -> tuple[Tensor, Tensor]:
         """Features of the body and the light on it, limb by limb."""
@@ -126,9 +173,9 @@ class SurfaceColour:
         pairs = body.pairs(frame, position)
         patches = None
         if not self.sparse:
-            if self.patches is None:
-                self.patches = PatchCache.of(body.patch_network, frame.code.embedding)
-            self.counters.add("patches_decoded", self.patches.decode(pairs.node))
+            assert self.patches
+            with self._decoding:
+                self.counters.add("patches_decoded", self.patches.decode(pairs.node))
             patches = self.patches.value
         self.counters.add("body_pixels", len(position))
         self.counters.add("local_mlp_evaluations", len(pairs.point))

@@ -1,5 +1,6 @@
 // Step II, before the first pass: how far the rays of each tile of 8 x 8 pixels are free of the body, all at once. A
 // beam is a cone about the tile's middle; it goes on while the ball around its middle holds its whole width and more.
+// Tiles that are EMPTY before stay so.
 // Lists the tiles that the next passes visit. Beams are wider than the neighbours of a tile's pixels: no silhouette runs
 // along an EMPTY one.
 layout(local_size_x = 64) in;
@@ -18,6 +19,7 @@ const float TRUSTED = 0.03;   // metres
 void main() {
     uint tile = (gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * 64u + gl_LocalInvocationIndex;
     if (tile >= tile_count()) return;
+    if (beam_free[tile] == EMPTY) return;  // nobody looks at
     vec2 corner = corner_of_tile(tile);
     Ray ray = ray_through(corner + 4);
     float away = -ray.camera, wide = WIDE * ray.footprint;

@@ -36,10 +36,11 @@ Ray ray_through(vec2 pixel) {
     for (int k = 0; k < PART_COUNT; ++k) {
         if (!looks_at(k)) continue;
         vec2 box = slab(box_place(k, ray.origin), mat3(in_part[k].box_from_root) * ray.direction, in_part[k].size);
-        if (in_part[k].size.x < 0 || box.y < ray.camera) box = vec2(NOWHERE, -NOWHERE);
+        // A box that is missed must not say where steps end: what a ray meets depends on nothing else.
+        if (in_part[k].size.x < 0 || box.x > box.y || box.y < ray.camera) box = vec2(NOWHERE, -NOWHERE);
         ray.entry[k] = box.x;
         ray.exit[k] = box.y;
-        if (box.x <= box.y) ray.range = vec2(min(ray.range.x, box.x), max(ray.range.y, box.y));
+        ray.range = vec2(min(ray.range.x, box.x), max(ray.range.y, box.y));
     }
     ray.range.x = max(ray.range.x, ray.camera);
     return ray;

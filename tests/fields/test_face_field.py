@@ -152,3 +152,16 @@ def test_compiled_loops_find_what_the_differentiable_networks_find(preset: str) 
         torch.testing.assert_close(face.sdf(planes, points), want.detach(), atol=1e-6 * OUTPUT, rtol=1e-5)
         torch.testing.assert_close(face.colour(colours, points, gaze), wanted_colour.detach(), atol=1e-5, rtol=0)
         assert face.sdf(planes, points[:0]).shape == (0,)
+
+
+def test_three_unets_side_by_side_make_the_planes_of_one_after_the_other() -> None:
+    before, views = torch.get_num_threads(), torch.rand(3, 7, 256, 256)
+    torch.set_num_threads(2)
+    try:
+        with torch.no_grad():
+            together = field().colour_planes(views)
+    finally:
+        torch.set_num_threads(before)
+    alone = field().colour_planes(views)
+    assert alone.requires_grad, "in turn, as training needs it"
+    torch.testing.assert_close(together, alone.detach(), atol=1e-6, rtol=1e-5)
