@@ -34,7 +34,7 @@ from avatarrex.surface.surface import Surface
 from avatarrex.surface.surface_file import weights_key
 from avatarrex.templates.parts import PARTS
 
-FORMAT = 1
+FORMAT = 2
 """Of the observed poses: those of another one are not gone on with."""
 POSES = 160
 """Observed poses: with 240 the errors are the same (ROADMAP.md)."""
