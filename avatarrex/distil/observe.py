@@ -16,7 +16,7 @@ from torch.nn.functional import normalize
 from avatarrex.avatar import Avatar
 from avatarrex.distil.exact import ExactPose
 from avatarrex.distil.follow import Followed, follow, lit_by
-from avatarrex.distil.onto_field import ON_SURFACE, onto_field
+from avatarrex.distil.onto_field import ON_SURFACE, met_from, onto_field
 from avatarrex.distil.pattern import SLOPE, Pattern, neighbourhoods, sample_places, tangents
 from avatarrex.distil.rest_mesh import RestMesh
 from avatarrex.signals.driving import Signals
@@ -118,6 +118,19 @@ class Observer:
         if self.pattern is None:
             return exact, followed
         return exact, self._slid(exact, followed, self.pattern)
+
+    def open_mouth(self, signals: Signals) -> tuple[ExactPose, Followed]:
+        """The same, what the lips enclose as it is seen from between them: the field's mouth is shallower than the template's."""
+        exact, followed = self.follow(signals)
+        mouth = torch.as_tensor(self.mesh.mouth)
+        if not mouth.any():
+            return exact, followed
+        rim = followed.position[torch.as_tensor(self.smooth @ self.mesh.mouth.astype(float) > 0) & ~mouth]
+        eye = torch.cat([rim.mean(0)[:2], rim[:, 2].amax()[None]])
+        position, normal = followed.position.clone(), followed.normal.clone()
+        position[mouth] = met_from(exact, eye, position[mouth])
+        normal[mouth] = torch.tensor([0.0, 0.0, 1.0])
+        return exact, replace(followed, position=position, normal=normal, found=followed.found | mouth)
 
     def light(self, followed: Followed) -> Float[Tensor, "v 3"]:
         """What the albedo is multiplied by in that pose: of the mesh's own normals, as it is drawn."""

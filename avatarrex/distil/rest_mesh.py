@@ -38,7 +38,7 @@ NEAR = 0.05
 """Metres from the guessed surface beyond which no block is sampled."""
 BODY_TRIANGLES = 16000
 """Edges of 1.3 cm: a limb of 5 cm radius is 0.4 mm off between its vertices."""
-PART_BEGINS, PART_ALONE = 0.5, 0.85
+PART_BEGINS, PART_ALONE = 0.4, 0.85
 """Shares ω between which both meshes are there."""
 REACH = np.array([0.02, 0.004, 0.004, 0.006], np.float32)
 """Metres, of body, hands and face; where a part and the body are both there, it is the body's."""
