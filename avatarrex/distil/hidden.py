@@ -7,6 +7,8 @@ Letters: v vertices, f faces. Metres at rest.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
@@ -61,5 +63,5 @@ def caps(faces: Int[np.ndarray, "f 3"], where: Bool[np.ndarray, " v"]) -> Int[np
             rim.append(at)
             at = following.pop(at)
         if at == first:
-            found += [(first, b, c) for b, c in zip(rim[1:], rim[2:])]
+            found += [(first, b, c) for b, c in pairwise(rim[1:])]
     return np.array(found, faces.dtype).reshape(-1, 3)

@@ -128,7 +128,7 @@ class Observer:
         rim = followed.position[torch.as_tensor(self.smooth @ self.mesh.mouth.astype(float) > 0) & ~mouth]
         eye = torch.cat([rim.mean(0)[:2], rim[:, 2].amax()[None]])
         position, normal = followed.position.clone(), followed.normal.clone()
-        position[mouth] = met_from(exact, eye, position[mouth])
+        position[mouth] = met_from(exact.field.sdf, eye, position[mouth])
         normal[mouth] = torch.tensor([0.0, 0.0, 1.0])
         return exact, replace(followed, position=position, normal=normal, found=followed.found | mouth)
 

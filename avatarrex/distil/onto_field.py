@@ -5,6 +5,8 @@ Letters: v vertices, f faces. Root frame, metres.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
@@ -37,12 +39,14 @@ def onto_field(
 
 
 @torch.no_grad()
-def met_from(exact: ExactPose, eye: Float[Tensor, "3"], position: Float[Tensor, "v 3"]) -> Float[Tensor, "v 3"]:
-    """Where a gaze from `eye` towards each vertex first meets the surface; as far as it came where it meets none."""
+def met_from(
+    sdf: Callable[[Tensor], Tensor], eye: Float[Tensor, "3"], position: Float[Tensor, "v 3"]
+) -> Float[Tensor, "v 3"]:
+    """Where a gaze from `eye` towards each vertex first meets the zero of `sdf`; as far as it came where it meets none."""
     gaze = normalize(position - eye, dim=-1)
     at = eye.expand(len(position), 3)
     for _ in range(GAZE_STEPS):
-        at = at + at_most(STEEPEST * exact.field.sdf(at)[:, None] * gaze, torch.tensor(LONGEST_STEP))
+        at = at + at_most(STEEPEST * sdf(at)[:, None] * gaze, torch.tensor(LONGEST_STEP))
     return at
 
 
