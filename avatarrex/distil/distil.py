@@ -34,7 +34,7 @@ from avatarrex.surface.surface import Surface
 from avatarrex.surface.surface_file import weights_key
 from avatarrex.templates.parts import PARTS
 
-FORMAT = 1
+FORMAT = 2
 """Of the observed poses: those of another one are not gone on with."""
 POSES = 160
 """Observed poses: with 240 the errors are the same (ROADMAP.md)."""
@@ -170,11 +170,11 @@ def _baked(observer: Observer, signals: list[Signals], places: Texels, tell: Pro
     mouth, face = torch.as_tensor(mesh.mouth), torch.as_tensor(mesh.part == PARTS.index("face") + 1)
     stand = Signals.rest().replace(body_pose=named_pose("stand"))
     poses = [(stand, torch.where(mouth, HIDDEN, 1.0)), *((one, (~face).float()) for one in signals)]
-    poses.append((
-        stand.replace(expression=named_expression("jaw_open")), torch.where(mouth, 1.0, PARTED) * face
-    ))  # fmt: skip
     for number, (one, weight) in enumerate(poses):
-        tell("texture", number, len(poses))
+        tell("texture", number, len(poses) + 1)
         exact, followed = observer.follow(one)
         bake.add(exact, followed, observer.light(followed), weight)
+    tell("texture", len(poses), len(poses) + 1)
+    exact, followed = observer.open_mouth(stand.replace(expression=named_expression("jaw_open")))
+    bake.add(exact, followed, observer.light(followed), torch.where(mouth, 1.0, PARTED) * face)
     return bake.texels_and_vertices()

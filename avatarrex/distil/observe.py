@@ -16,7 +16,7 @@ from torch.nn.functional import normalize
 from avatarrex.avatar import Avatar
 from avatarrex.distil.exact import ExactPose
 from avatarrex.distil.follow import Followed, follow, lit_by
-from avatarrex.distil.onto_field import ON_SURFACE, onto_field
+from avatarrex.distil.onto_field import ON_SURFACE, met_from, onto_field
 from avatarrex.distil.pattern import SLOPE, Pattern, neighbourhoods, sample_places, tangents
 from avatarrex.distil.rest_mesh import RestMesh
 from avatarrex.signals.driving import Signals
@@ -28,6 +28,8 @@ SLIDES = 2
 """Steps of `Pattern.slide`; a third changes the albedo's error by 2 %."""
 STEADYING = 2
 """Means over the neighbours on hands and face, some 5 mm each."""
+SPREAD = 12
+"""Triangles by which what is hidden goes with the skin around it: lips are some six deep."""
 LIPS = 4
 """Triangles from the mouth to the edge of the lips, some 2 mm each."""
 TRUSTED = 0.05
@@ -59,7 +61,8 @@ class Observer:
         self.smooth = neighbourhoods(mesh.faces[:0], mesh.faces.astype(np.int64), len(mesh.vertices))[1]
         self.lips = self._lips()
         self.pattern = self._reference()
-        self.neutral = self.observe(Signals.rest())
+        neutral = self.observe(Signals.rest())
+        self.neutral = replace(neutral, shift=neutral.guess + self._spread(neutral.shift - neutral.guess))
 
     def observe(self, signals: Signals) -> Observation:
         """The vertices under `signals`."""
@@ -84,8 +87,17 @@ class Observer:
         offset = trusted * ((shift - guess) - (self.neutral.shift - self.neutral.guess))
         for _ in range(STEADYING):
             offset, trusted = self.smooth @ offset, self.smooth @ trusted
-        offset = np.where(self.mesh.inner[:, None], 0, offset / np.maximum(trusted, 1e-3))
+        offset = self._spread(offset / np.maximum(trusted, 1e-3))
         return np.asarray(guess + (self.neutral.shift - self.neutral.guess) + offset)
+
+    def _spread(self, offset: np.ndarray) -> np.ndarray:
+        """`offset` (v, 3); on what is `inner` that of the skin around it, 0 where no skin is near: eyes and teeth hang on none."""
+        skin = ~self.mesh.inner[:, None]
+        weight, kept = skin.astype(float), np.where(skin, offset, 0)
+        for _ in range(SPREAD):
+            weight, near = self.smooth @ (weight > 0), self.smooth @ kept
+            kept = np.where(skin, kept, near / np.maximum(weight, 1e-9))
+        return kept
 
     def tinted(self, observation: Observation) -> np.ndarray:
         """(v, 3): how the albedo differs from the neutral face's, mean of the neighbours that were found in both.
@@ -106,6 +118,19 @@ class Observer:
         if self.pattern is None:
             return exact, followed
         return exact, self._slid(exact, followed, self.pattern)
+
+    def open_mouth(self, signals: Signals) -> tuple[ExactPose, Followed]:
+        """The same, what the lips enclose as it is seen from between them: the field's mouth is shallower than the template's."""
+        exact, followed = self.follow(signals)
+        mouth = torch.as_tensor(self.mesh.mouth)
+        if not mouth.any():
+            return exact, followed
+        rim = followed.position[torch.as_tensor(self.smooth @ self.mesh.mouth.astype(float) > 0) & ~mouth]
+        eye = torch.cat([rim.mean(0)[:2], rim[:, 2].amax()[None]])
+        position, normal = followed.position.clone(), followed.normal.clone()
+        position[mouth] = met_from(exact.field.sdf, eye, position[mouth])
+        normal[mouth] = torch.tensor([0.0, 0.0, 1.0])
+        return exact, replace(followed, position=position, normal=normal, found=followed.found | mouth)
 
     def light(self, followed: Followed) -> Float[Tensor, "v 3"]:
         """What the albedo is multiplied by in that pose: of the mesh's own normals, as it is drawn."""

@@ -21,6 +21,7 @@ from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.distil.exact import ExactPose
+from avatarrex.distil.hidden import caps, hidden, joined_to
 from avatarrex.distil.onto_field import onto_field
 from avatarrex.ops.closest_point import closest_point
 from avatarrex.signals.driving import Signals
@@ -37,11 +38,10 @@ NEAR = 0.05
 """Metres from the guessed surface beyond which no block is sampled."""
 BODY_TRIANGLES = 16000
 """Edges of 1.3 cm: a limb of 5 cm radius is 0.4 mm off between its vertices."""
-PART_BEGINS, PART_ALONE = 0.5, 0.85
+PART_BEGINS, PART_ALONE = 0.4, 0.85
 """Shares ω between which both meshes are there."""
 REACH = np.array([0.02, 0.004, 0.004, 0.006], np.float32)
-"""Metres, of body, hands and face."""
-EYE_REACH = 0.004
+"""Metres, of body, hands and face; where a part and the body are both there, it is the body's."""
 SMALLEST_PIECE = 0.02
 """Share of the largest piece's area below which a piece is none of the surface."""
 
@@ -62,9 +62,9 @@ class RestMesh:
     reach: Float32[np.ndarray, " v"]
     """Metres that the exact surface may be off the place where skin or template has a vertex; 0: it is not looked for."""
     inner: Bool[np.ndarray, " v"]
-    """Eyes, and what the lips enclose: other flesh may lie over them."""
+    """Eyes, and what no side of the head shows (hidden.py): other flesh may lie over them."""
     mouth: Bool[np.ndarray, " v"]
-    """What the lips enclose."""
+    """What the lips enclose, their inner sides with it."""
     residual: Float32[np.ndarray, "n 3"]
     """Δn_i of the open pose: the nodes' places that the rest positions refer to."""
 
@@ -140,30 +140,38 @@ def _joined(avatar: Avatar, exact: ExactPose, position: Float[Tensor, "p 3"], fa
     part = np.concatenate([np.zeros(len(rest)), omega[used].argmax(1) + 1]).astype(np.uint8)
     joint, weight = _strongest(np.concatenate([weights, body.weights.numpy()[used]]))
     all_rest = np.concatenate([rest, body.v_template.numpy()[used]]).astype(np.float32)
-    eyes, mouth = (np.concatenate([np.zeros(len(rest), bool), group[used]]) for group in _inner(body))
+    inner, mouth, open_rim = _inner(body, omega[:, PARTS.index("face")] > PART_BEGINS)
+    own = own.reshape(-1, 3)
+    own = np.concatenate([own, caps(own, open_rim[used])]) + len(rest)
+    inner, mouth = (np.concatenate([np.zeros(len(rest), bool), group[used]]) for group in (inner, mouth))
+    alone = np.concatenate([np.zeros(len(rest)), omega[used].max(1)]) > PART_ALONE
     found = closest_point(body.v_template, body.faces, torch.as_tensor(all_rest), None)
     return RestMesh(
         vertices=all_rest,
-        faces=np.concatenate([faces, own.reshape(-1, 3) + len(rest)]).astype(np.int32),
+        faces=np.concatenate([faces, own]).astype(np.int32),
         joint=joint,
         weight=weight,
         template_face=found.face.numpy().astype(np.int32),
         barycentric=found.barycentric.numpy().astype(np.float32),
         part=part,
         template_vertex=np.concatenate([np.full(len(rest), -1), used]).astype(np.int32),
-        reach=np.where(mouth, 0, np.where(eyes, EYE_REACH, REACH[part])).astype(np.float32),
-        inner=eyes | mouth,
+        reach=np.where(inner, 0, REACH[part * alone]).astype(np.float32),
+        inner=inner,
         mouth=mouth,
         residual=frame.code.residual.numpy(),
     )
 
 
-def _inner(body: TemplateModel) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices of the template (v,) that are eyes, and those that the lips enclose."""
-    eyes = np.zeros(len(body.v_template), bool)
-    for name in ("left_eye", "right_eye"):
-        eyes[body.groups[name].numpy() if name in body.groups else []] = True
-    return eyes, inside_mouth(body.v_template, body.groups).numpy()
+def _inner(body: TemplateModel, face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices of the template (v,): eyes and what is hidden in the `face`; the mouth; those of its throat, which is open behind."""
+    teeth, eyes = np.zeros((2, len(face)), bool)
+    for group, names in ((teeth, ("upper_teeth", "lower_teeth")), (eyes, ("left_eye", "right_eye"))):
+        for name in names:
+            group[body.groups[name].numpy() if name in body.groups else []] = True
+    vertices, faces = body.v_template.double().numpy(), body.faces.numpy()
+    unseen = hidden(vertices, faces, face)
+    mouth = joined_to(inside_mouth(body.v_template, body.groups).numpy(), unseen, faces)
+    return eyes | unseen | mouth, mouth, mouth & ~teeth
 
 
 def _strongest(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,11 +18,20 @@ from avatarrex.errors import InputError
 from avatarrex.files.json_text import read_json
 from avatarrex.training.runs.folder import read_about
 
-TERMS = {
+TERMS: dict[str, Any] = {
     "licence": "weights Apache-2.0; template from MakeHuman data, CC0 (see NOTICE)",
     "consent": "synthetic person; no real person is depicted",
+    "authors": ["AvatarReX Studio"],
+    "allowed_use": {
+        "avatarPermission": "everyone",
+        "commercialUsage": "corporation",
+        "creditNotation": "required",
+        "modification": "allowModificationRedistribution",
+        "allowRedistribution": True,
+    },
 }
-"""Of the studio's own synthetic capture."""
+"""Of the studio's own synthetic capture. The uses are what Apache-2.0 grants, its notice kept; on violent, sexual, political or
+hateful content it says nothing, and nothing is stated."""
 FIELDS = ("avatar", "capture", "rig", "frames", "views", "held_out", "splits", "surface")
 """Of an evaluation's JSON that are read here."""
 
