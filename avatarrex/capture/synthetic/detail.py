@@ -121,12 +121,11 @@ def _canvas(rest: np.ndarray, masks: Masks, colour: np.ndarray) -> np.ndarray:
 
 
 def _hair(rest: np.ndarray, masks: Masks, colour: np.ndarray) -> np.ndarray:
-    """Single strands, some of them grey, and locks of other tones."""
+    """Single strands and locks of other tones."""
     x, y, z = rest.T
     along = np.stack([x + 0.25 * z, 0.06 * y, 0.06 * z], 1)
     strand, lock = value_noise(along, 0.0009), value_noise(along, 0.006)
-    colour = colour * (1 + 0.30 * strand + 0.25 * lock + 0.15 * octaves(rest))[:, None]
-    return mix(colour, np.array([0.62, 0.60, 0.57]), 0.5 * step(strand - 0.62, 0.1))
+    return colour * (1 + 0.40 * strand + 0.30 * lock + 0.15 * octaves(rest))[:, None]
 
 
 def _moist(rest: np.ndarray, masks: Masks, colour: np.ndarray) -> np.ndarray:

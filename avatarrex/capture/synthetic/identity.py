@@ -41,7 +41,7 @@ PALETTE: dict[str, np.ndarray] = {
     "shirt": np.array([[0.0, 0.15, 0.85], [0.0, 1.0, 0.0], [0.9, 0.1, 0.0]]),
     "tunic": np.array([[0.2, 0.4, 0.4], [0.6, 0.2, 0.2], [0.3, 0.3, 0.4]]), "trousers": np.diag([0.86, 0.74, 0.52]),
     "left_shoe": np.array([[0.4, 0.3, 0.3], [0.5, 0.3, 0.2], [0.5, 0.2, 0.3]]),
-    "left_eye": np.array([[0.1, 0.4, 0.5], [0.3, 0.55, 0.15], [0.85, 0.15, 0.0]]), "upper_teeth": np.diag([0.97, 0.95, 0.88]),
+    "left_eye": np.array([[0.0, 0.3, 0.7], [0.5, 0.4, 0.1], [1.1, 0.0, -0.1]]), "upper_teeth": np.diag([0.97, 0.95, 0.88]),
 }  # fmt: skip
 """Colours of each solid, linear in those of the default subject: darker skin and hair, brown eyes, other dyes."""
 for _first, _others in (("left_shoe", "right_shoe"), ("left_eye", "right_eye"), ("upper_teeth", "lower_teeth")):

@@ -12,15 +12,17 @@ Letters: h w pixels. Colours sRGB-encoded.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.special import expit
 
 from avatarrex.capture.synthetic.variation import Variation
 
-GAIN = {"body": np.array([0.80, 0.85, 0.92]), "face": np.array([1.20, 1.12, 1.00])}
-"""The body rig a quarter of a stop under and cool, the face rig a sixth over and warm."""
+GAIN = {"body": np.array([0.74, 0.80, 0.90]), "face": np.array([1.08, 1.00, 0.86])}
+"""The body rig a third of a stop darker than the face rig and cool, the face rig warm."""
 DISTORTION = {"body": (-0.14, 0.06, 0.0015, -0.001, 0.0), "face": (-0.35, 0.20, 0.003, 0.002, 0.0)}
 """k1, k2, p1, p2, k3 of a rig's lenses; barrel-shaped, up to 6 pixels at the corners of 384×512."""
 LENS_SPREAD = 0.15
@@ -87,7 +89,8 @@ def noisy(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def pushed(matte: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """`matte` (h, w) read 1 to 2 pixels beside each pixel."""
-    return np.asarray(map_coordinates(matte, np.indices(matte.shape) + displacement(matte.shape, rng), order=1))
+    places = np.indices(matte.shape) + displacement(matte.shape, rng)
+    return np.asarray(map_coordinates(matte, places, order=1, mode="nearest"))
 
 
 def displacement(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
@@ -96,10 +99,10 @@ def displacement(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray
     noise /= noise.std((1, 2), keepdims=True)
     direction = noise[:2] / np.maximum(np.linalg.norm(noise[:2], axis=0), 1e-9)
     low, high = MATTE_SHIFT
-    return np.asarray(direction * (low + (high - low) / (1 + np.exp(-2 * noise[2]))))
+    return np.asarray(direction * (low + (high - low) * expit(2 * noise[2])))
 
 
-def _in_linear_light(picture: np.ndarray, change) -> np.ndarray:  # type: ignore[no-untyped-def]
+def _in_linear_light(picture: np.ndarray, change: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     alpha = picture[..., 3:]
     straight = picture[..., :3] / np.maximum(alpha, 1e-6)
     return np.concatenate([_encoded(change(_linear(straight))) * alpha, alpha], 2)

@@ -73,7 +73,7 @@ class Rasteriser:
 
     @current_context()
     def pose(self, posed: PosedSubject, openness: np.ndarray, light_from_root: np.ndarray = UPRIGHT) -> None:
-        """Take the posed mesh, its openness (v,) and how the light stands (3, 3) for the pictures that follow."""
+        """Take the posed mesh, its openness (v,) and the frame of the light, a rotation (3, 3), for the pictures that follow."""
         self._packed = np.concatenate([posed.vertices, openness[:, None], posed.normals, posed.wrinkle[:, None]], 1)
         for name in ("key", "fill", "rim"):
             self.lit[f"u_{name}"] = tuple((light_from_root.T @ getattr(shade, name.upper())).tolist())
@@ -181,7 +181,9 @@ def bent(points: np.ndarray, camera: Camera, distortion: np.ndarray) -> np.ndarr
     return np.asarray((seen - translation) @ rotation)
 
 
-def draw_reference(posed: PosedSubject, openness: np.ndarray, camera: Camera, samples: int) -> Picture:
+def draw_reference(
+    posed: PosedSubject, openness: np.ndarray, camera: Camera, samples: int, light_from_root: np.ndarray = UPRIGHT
+) -> Picture:
     """`Rasteriser.draw` without OpenGL and without the lattice: every sample's exact albedo, lit in NumPy."""
     face, bary, _ = visible_faces(
         posed.vertices, posed.faces, camera.resized(camera.width * samples, camera.height * samples)
@@ -191,7 +193,8 @@ def draw_reference(posed: PosedSubject, openness: np.ndarray, camera: Camera, sa
     corners = posed.faces[face]
     at = [interpolated(bary, value[corners]) for value in (openness, posed.wrinkle)]
     colour = np.zeros((*hit.shape, 4))
-    colour[hit, :3] = shade.studio_light(posed.subject.albedo(face, bary), posed.at(face, bary)[1], *at)
+    normal = posed.at(face, bary)[1] @ light_from_root.T
+    colour[hit, :3] = shade.studio_light(posed.subject.albedo(face, bary), normal, *at)
     colour[hit, 3] = 1
     blocks = colour.reshape(camera.height, samples, camera.width, samples, 4)
     return Picture(blocks.mean((1, 3)).astype(np.float32))

@@ -102,7 +102,7 @@ class Subject:
         rest, normal = (interpolated(bary, values[corners]) for values in (self.pattern, self._pattern_normals))
         masks = {name: interpolated(bary, mask[corners]) for name, mask in self.masks.items()}
         solids = np.array(self.names)[self.solid_of_face[face]]
-        colour = albedo(solids, rest, normal, masks)
+        colour = albedo(solids.tolist(), rest, normal, masks)
         for name, matrix in self.palette.items():
             colour[solids == name] = np.clip(colour[solids == name] @ matrix.T, 0, 1)
         return detailed(solids, rest, normal, masks, colour) if self.detailed else colour
