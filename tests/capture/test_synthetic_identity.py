@@ -56,9 +56,9 @@ def left_by_the_template(model: TemplateModel, wanted: np.ndarray, rows: np.ndar
     return float(1000 * np.sqrt((left.reshape(-1, 3) ** 2).sum(1).mean()))
 
 
-@pytest.mark.parametrize(("name", "least"), [("face", 0.8), ("left_hand", 0.5), ("right_hand", 0.5)])
+@pytest.mark.parametrize(("name", "least"), [("face", 1.3), ("left_hand", 1.6), ("right_hand", 1.6)])
 def test_the_template_cannot_be_this_person(default: Subject, other: Subject, name: str, least: float) -> None:
-    """All shape and expression directions and an affine map leave most of a millimetre; of the template itself they leave nothing."""
+    """All shape and expression directions and an affine map leave more than a millimetre; of the template itself they leave nothing."""
     rows = part(default, name)
     assert left_by_the_template(default.model, other.vertices, rows) > least
     shaped = default.vertices + default.model.shapedirs[..., 1].double().numpy()
@@ -220,7 +220,7 @@ def test_detail_is_photographic(default: Subject, rng: np.random.Generator) -> N
 def test_noise_has_every_scale(rng: np.random.Generator) -> None:
     """Octaves: points 1 mm apart already differ, points 6 cm apart do more; seeds of cells are as far apart as their number says."""
     at = rng.uniform(-1, 1, (20_000, 3))
-    steps = [np.std(octaves(at + [d, 0, 0]) - octaves(at)) for d in (0.0005, 0.004, 0.06)]
+    steps = [np.std(octaves(at + np.array([d, 0, 0])) - octaves(at)) for d in (0.0005, 0.004, 0.06)]
     assert 0.01 < steps[0] < steps[1] < steps[2] < 1.5
     distance, number = cells(at, 0.01)
     assert 0 <= number.min() < 0.01 < 0.99 < number.max() < 1

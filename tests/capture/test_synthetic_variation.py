@@ -130,9 +130,7 @@ def test_joints_of_the_truth_are_the_subjects_own(tiny_size: None, tmp_path: Pat
 @needs_gl
 def test_pictures_and_truth_do_not_know_the_tracking(made: Path, tiny_size: None, tmp_path: Path) -> None:
     """Of the same capture tracked exactly only the parameters and the manifest differ."""
-    exact = make_capture(
-        tmp_path / "exact", "tiny", seed=3, variation=Variation("other", conditions=CONDITIONS)
-    )
+    exact = make_capture(tmp_path / "exact", "tiny", seed=3, variation=Variation("other", conditions=CONDITIONS))
     one, two = contents(made), contents(exact)
     assert set(one) == set(two)
     assert {name for name in one if one[name] != two[name]} == {

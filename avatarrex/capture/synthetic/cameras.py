@@ -52,9 +52,7 @@ def fitted(cameras: list[Camera], frames: Iterable[np.ndarray], margin: float) -
     return [replace(camera, intrinsics=intrinsics) for camera in cameras]
 
 
-def calibration(
-    cameras: dict[str, Camera], distortion: Callable[[str], np.ndarray]
-) -> dict[str, dict[str, object]]:
+def calibration(cameras: dict[str, Camera], distortion: Callable[[str], np.ndarray]) -> dict[str, dict[str, object]]:
     """AvatarReX's `calibration_full.json` of cameras by serial number, whose lenses have `distortion` (5,)."""
     return {
         serial: {

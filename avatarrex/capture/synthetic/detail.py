@@ -18,9 +18,7 @@ OCTAVES = (0.064, 0.032, 0.016, 0.008, 0.004, 0.002, 0.001)
 """Metres."""
 
 
-def detailed(
-    solids: np.ndarray, rest: np.ndarray, normal: np.ndarray, masks: Masks, colour: np.ndarray
-) -> np.ndarray:
+def detailed(solids: np.ndarray, rest: np.ndarray, normal: np.ndarray, masks: Masks, colour: np.ndarray) -> np.ndarray:
     """(p, 3) in [0, 1]: `colour` (p, 3) of points on `solids` (p,) with its detail."""
     result = colour.copy()
     for names, add in DETAILS.items():
@@ -79,7 +77,7 @@ def _skin(rest: np.ndarray, masks: Masks, colour: np.ndarray) -> np.ndarray:
     crease = step(0.05 - np.abs(octaves(rest * [1, 0.5, 1], 0.008)), 0.05)
     colour = colour * (1 - 0.07 * crease)[:, None]
     vein = step(0.03 - np.abs(value_noise(rest, 0.028)), 0.04)
-    return colour * (1 - np.outer(0.05 * vein, [1.0, 0.3, 0.1]))
+    return np.asarray(colour * (1 - np.outer(0.05 * vein, [1.0, 0.3, 0.1])))
 
 
 def _cloth(rest: np.ndarray, masks: Masks, colour: np.ndarray) -> np.ndarray:

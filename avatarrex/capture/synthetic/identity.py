@@ -23,7 +23,6 @@ import torch
 from avatarrex.capture.synthetic.mesh import averaging, smoothed
 from avatarrex.capture.synthetic.subject import FACE_SOLIDS, Subject
 from avatarrex.signals.joints import FINGERS
-from avatarrex.templates.model import TemplateModel
 
 SEED = 7
 """Of this one person."""
@@ -115,7 +114,7 @@ def own_expressions(subject: Subject) -> Subject:
         change = np.zeros_like(own)
         change[rows] = (gain * own[rows] + 0.5 * np.cross(turn, own[rows]) + 0.5 * reach * push) * free[rows]
         wanted = rng.uniform(*DIFFERENCE) * np.linalg.norm(own[skin])
-        other[..., k] += change * (wanted / max(np.linalg.norm(change[skin]), 1e-12))
+        other[..., k] += change * (wanted / np.linalg.norm(change[skin]))
     return replace(subject, model=replace(model, expression_dirs=torch.from_numpy(other.astype(np.float32))))
 
 
@@ -128,7 +127,7 @@ def _field(joints: np.ndarray, names: tuple[str, ...], rng: np.random.Generator)
     def field(points: np.ndarray) -> np.ndarray:
         offset = points[:, None] - eyes
         near = 1 - _smoothstep((np.linalg.norm(offset, axis=2) - EYE_RIGID) / (EYE_FREE - EYE_RIGID))[..., None]
-        return free(points) * (1 - near).prod(1) + (near * (shift + scale * offset)).sum(1)
+        return np.asarray(free(points) * (1 - near).prod(1) + (near * (shift + scale * offset)).sum(1))
 
     return field
 

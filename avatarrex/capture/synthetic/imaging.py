@@ -51,7 +51,7 @@ class Imaging:
         if not self.variation.has("lens"):
             return np.zeros(5)
         spread = 1 + LENS_SPREAD * self._random(serial, 0, 0).uniform(-1, 1, 5)
-        return np.asarray((DISTORTION[self.rig] * spread).round(6))
+        return np.asarray(np.round(np.array(DISTORTION[self.rig]) * spread, 6))
 
     def developed(self, colour: np.ndarray, serial: str, frame: int) -> np.ndarray:
         """(h, w, 4) what camera and matting make of premultiplied `colour` (h, w, 4)."""

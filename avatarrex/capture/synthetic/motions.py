@@ -164,7 +164,9 @@ def turning(motion: SignalSequence, degrees: float) -> SignalSequence:
     angle = np.radians(degrees) * np.sin(4 * np.pi * (np.arange(len(motion)) + 0.5) / len(motion))
     turns = angle[:, None] * np.array([0.0, 1.0, 0.0])
     frames = tuple(
-        signals.replace(global_orient=(Rotation.from_rotvec(turn) * Rotation.from_rotvec(signals.global_orient.copy())).as_rotvec())
+        signals.replace(
+            global_orient=(Rotation.from_rotvec(turn) * Rotation.from_rotvec(signals.global_orient.copy())).as_rotvec()
+        )
         for signals, turn in zip(motion, turns)
     )
     return SignalSequence(frames, motion.fps, motion.name)

@@ -191,7 +191,5 @@ def plan(size: str, seed: int, garment: str, variation: Variation = DEFAULT) -> 
     }
     if variation.has("light"):
         motions = {rig: turning(motion, TURN[rig]) for rig, motion in motions.items()}
-    body, face = (
-        RigPlan(rig, subject, motions[rig], getattr(chosen, rig), chosen, seed, variation) for rig in motions
-    )
+    body, face = (RigPlan(rig, subject, motions[rig], getattr(chosen, rig), chosen, seed, variation) for rig in motions)
     return Plan(size, seed, garment, variation, (body, face))
