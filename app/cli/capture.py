@@ -23,6 +23,12 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     make.add_argument("--size", default="small", metavar="S", help="smoke, small or paper (small)")
     make.add_argument("--seed", default="0", metavar="N", help="varies motions, hands and expressions (0)")
     make.add_argument("--garment", default="printed", metavar="G", help="printed or loose (printed)")
+    make.add_argument("--subject", default="default", metavar="P", help="default, or other: not the template (default)")
+    make.add_argument("--expressions", metavar="E", help="template or own shapes (the subject's)")
+    conditions = "all, or some of light,exposure,lens,noise,mattes,texture (none)"
+    make.add_argument("--conditions", default="none", metavar="LIST", help=conditions)
+    noise = "2 degrees a joint, 1 cm, 0.1 of the coefficients, times F (1; without the option exact)"
+    make.add_argument("--tracking-noise", nargs="?", const="1", default="0", metavar="F", help=noise)
     make.add_argument("--format", default="folder", metavar="F", help="folder or zip (folder)")
     what = "how well a capture's pictures, cameras and parameters fit"
     check = acts.add_parser("check", help=what, allow_abbrev=False)
@@ -45,9 +51,12 @@ def _make(arguments: argparse.Namespace) -> int:
     archive = arguments.format == "zip"
     if (out.suffix.lower() == ".zip") != archive:
         raise InputError(out, "", "a name that ends in .zip with --format zip, and only then", arguments.format)
+    noise = options.number("--tracking-noise", "", arguments.tracking_noise)
     from avatarrex.capture.synthetic.make import make_capture
+    from avatarrex.capture.synthetic.variation import Variation, conditions
 
-    print(make_capture(out, arguments.size, seed, arguments.garment, archive))
+    varied = Variation(arguments.subject, arguments.expressions or "", conditions(arguments.conditions), noise)
+    print(make_capture(out, arguments.size, seed, arguments.garment, archive, varied))
     return 0
 
 

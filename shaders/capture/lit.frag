@@ -8,7 +8,7 @@ in vec3 v_normal;
 in vec2 v_shade;
 flat in uint v_face;
 
-uniform vec3 u_key, u_fill, u_rim, u_warm, u_cool;  // unit directions in the root frame; tints
+uniform vec3 u_key, u_fill, u_rim, u_up, u_warm, u_cool;  // unit directions in the root frame; tints
 
 layout(location = 0) out vec4 out_colour;
 
@@ -39,7 +39,7 @@ float soft(vec3 normal, vec3 direction) {
 
 void main() {
     vec3 normal = normalize(v_normal);
-    float sky = 0.5 + 0.5 * normal.y;
+    float sky = 0.5 + 0.5 * dot(normal, u_up);
     vec3 light = (0.42 + 0.18 * sky) * u_cool + 0.42 * soft(normal, u_key) * u_warm + 0.16 * soft(normal, u_fill) * u_cool;
     light += 0.20 * soft(normal, u_rim) * u_warm;
     float shadow = 0.42 + 0.58 * clamp(v_shade.x, 0.0, 1.0);

@@ -6,7 +6,7 @@ a share of the picture. Letters: v vertices. World metres; pixels.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -52,14 +52,14 @@ def fitted(cameras: list[Camera], frames: Iterable[np.ndarray], margin: float) -
     return [replace(camera, intrinsics=intrinsics) for camera in cameras]
 
 
-def calibration(cameras: dict[str, Camera]) -> dict[str, dict[str, object]]:
-    """AvatarReX's `calibration_full.json` of cameras by serial number."""
+def calibration(cameras: dict[str, Camera], distortion: Callable[[str], np.ndarray]) -> dict[str, dict[str, object]]:
+    """AvatarReX's `calibration_full.json` of cameras by serial number, whose lenses have `distortion` (5,)."""
     return {
         serial: {
             "K": camera.intrinsics.ravel().tolist(),
             "R": camera.camera_from_world[:3, :3].ravel().tolist(),
             "T": camera.camera_from_world[:3, 3].tolist(),
-            "distCoeff": [0.0] * 5,
+            "distCoeff": distortion(serial).tolist(),
             "imgSize": [camera.width, camera.height],
             "rectifyAlpha": 0.0,
         }

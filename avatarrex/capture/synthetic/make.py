@@ -3,7 +3,7 @@
     OUT/capture.json, OUT/{body,face}/{calibration_full.json, smpl_params.npz, ground_truth.npz},
     OUT/{body,face}/<serial>/{%08d.jpg, mask/pha/%08d.jpg, truth/%08d.npz}        (assets_spec/capture.json)
 
-Every file is written whole or not at all, and everything in it follows from size, seed and garment: a run that was stopped
+Every file is written whole or not at all, and everything in it follows from size, seed, garment and variation: a run that was stopped
 goes on where it was, and what is missing or cut short is made again, byte for byte the same on the same OpenGL renderer.
 
 Letters: t frames, h w pixels, v vertices, f faces. World metres.
@@ -29,29 +29,36 @@ from avatarrex.camera import Camera
 from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.synthetic.albedo_lattice import bake
 from avatarrex.capture.synthetic.cameras import calibration
+from avatarrex.capture.synthetic.imaging import JPEG_QUALITY, Imaging
 from avatarrex.capture.synthetic.occlusion import Occlusion
 from avatarrex.capture.synthetic.plan import Plan, RigPlan, plan
 from avatarrex.capture.synthetic.rasteriser import Picture, Rasteriser
+from avatarrex.capture.synthetic.tracking import tracked, truth
+from avatarrex.capture.synthetic.variation import DEFAULT, Variation
 from avatarrex.errors import InputError
 from avatarrex.files.background import background_writer
 from avatarrex.files.json_text import SMALL, read_json
 from avatarrex.gl.context import NoContext, gl_context, renderer_name
-from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES, JOINT_ROWS
 
 CAPTURE_JSON = "the capture.json of a synthetic capture"
-JPEG_QUALITY = 96
-"""JPEG, colour not subsampled: sharp prints keep their edges."""
 BYTES_PER_PIXEL = 0.9
 """Picture, matte and truth together, a generous mean; it only serves to refuse a disk that is too small."""
 
 
-def make_capture(out: str | Path, size: str, seed: int = 0, garment: str = "printed", archive: bool = False) -> Path:
+def make_capture(
+    out: str | Path,
+    size: str,
+    seed: int = 0,
+    garment: str = "printed",
+    archive: bool = False,
+    variation: Variation = DEFAULT,
+) -> Path:
     """Make or go on with a capture in the folder `out`, or in the zip `out` (built in `out` + `.parts`); returns its path.
 
     Raises `InputError`: unknown size or garment, a folder that holds something else, one that cannot be written, a disk that
     is full, no OpenGL.
     """
-    made = plan(size, seed, garment)
+    made = plan(size, seed, garment, variation)
     out = Path(out)
     folder = out.with_name(out.name + ".parts") if archive else out
     if archive and out.exists():
@@ -77,7 +84,8 @@ def _open_folder(folder: Path, made: Plan) -> None:
         )
         if not isinstance(found, dict) or not wanted.keys() <= found.keys():
             raise InputError(manifest, "", CAPTURE_JSON, "something else")
-        found = {key: found[key] for key in wanted}
+        wanted |= _varied(made)
+        found = {key: found[key] for key in (*wanted, "variation") if key in found}
         if found != wanted:
             raise InputError(folder, "", f"a new folder, or one begun with {wanted}", found)
     elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -97,16 +105,16 @@ def _write_heads(folder: Path, made: Plan) -> None:
     if not _is_whole(folder / "capture.json"):
         _write(folder / "capture.json", _json(_manifest(made, complete=False)))
     for rig in made.rigs:
-        _write(folder / rig.name / "calibration_full.json", _json(calibration(rig.cameras)))
-        _write(folder / rig.name / "smpl_params.npz", _npz(_parameters(rig)))
+        _write(folder / rig.name / "calibration_full.json", _json(calibration(rig.cameras, rig.imaging.distortion)))
+        _write(folder / rig.name / "smpl_params.npz", _npz(tracked(rig)))
         if not _is_whole(folder / rig.name / "ground_truth.npz"):
-            _write(folder / rig.name / "ground_truth.npz", _npz(_meshes(rig)))
+            _write(folder / rig.name / "ground_truth.npz", _npz(truth(rig)))
 
 
 def _manifest(made: Plan, complete: bool) -> dict[str, Any]:
     subject = made.rigs[0].subject
     return {
-        "format": FORMAT, "size": made.size, "seed": made.seed, "garment": made.garment, "complete": complete,
+        "format": FORMAT, "size": made.size, "seed": made.seed, "garment": made.garment, **_varied(made), "complete": complete,
         "background": [0, 0, 0],
         "held_out_frames": {rig.name: rig.held_out_frames for rig in made.rigs},
         "held_out_cameras": {rig.name: rig.held_out_cameras for rig in made.rigs},
@@ -119,31 +127,10 @@ def _manifest(made: Plan, complete: bool) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _parameters(rig: RigPlan) -> dict[str, np.ndarray]:
-    """`smpl_params.npz`: exact, float64, in the default person's joints, shape and coefficients."""
-    pose = np.stack([signals.full_pose() for signals in rig.motion])
-    count = len(pose)
-    return {
-        **{name: pose[:, rows].reshape(count, -1) for name, rows in JOINT_ROWS.items() if name != "eye_pose"},
-        "transl": np.stack([signals.translation for signals in rig.motion]),
-        "betas": np.zeros((1, 10)), "expression": np.zeros((count, 10)), "shape10": np.array(rig.motion[0].shape),
-        "arkit52": np.stack([signals.expression for signals in rig.motion]), "arkit_names": np.array(EXPRESSION_NAMES),
-        "flat_hand_mean": np.array(True), "fps": np.array(rig.motion.fps),
-    }  # fmt: skip
-
-
-def _meshes(rig: RigPlan) -> dict[str, np.ndarray]:
-    """`ground_truth.npz`: the posed mesh of every frame, world metres."""
-    subject = rig.subject
-    return {
-        "vertices": rig.world_vertices,
-        "faces": subject.faces.astype(np.int32),
-        "tpose_vertices": subject.vertices.astype(np.float32),
-        "tpose_joints": subject.person.body.joint_template.double().numpy(),
-        "joint_names": np.array(JOINT_NAMES),
-        "part_of_face": subject.part_of_face.astype(np.int16),
-        "parts": np.array(subject.parts),
-    }
+def _varied(made: Plan) -> dict[str, Any]:
+    """The manifest's word on the variation; nothing of the default."""
+    varied = made.variation.to_json()
+    return {"variation": varied} if varied else {}
 
 
 def _draw_rig(folder: Path, rig: RigPlan) -> None:
@@ -164,12 +151,12 @@ def _draw_rig(folder: Path, rig: RigPlan) -> None:
         occlusion = Occlusion(subject.faces, len(subject.vertices), picture.directions, rig.size.shadow_map)
         for frame, missing in to_do.items():
             posed, placed = rig.posed(frame), rig.world_from_root(frame)
-            rasteriser.pose(
-                posed, occlusion.openness(posed.vertices, posed.normals, *rig.occlusion_ball(posed.vertices))
-            )
+            openness = occlusion.openness(posed.vertices, posed.normals, *rig.occlusion_ball(posed.vertices))
+            rasteriser.pose(posed, openness, rig.light_from_root(frame))
             for serial in missing:
                 camera = rig.cameras[serial].seen_from(placed)
-                write(_write_picture, folder / serial, frame, rasteriser.draw(camera))
+                drawn = rasteriser.draw(camera, rig.imaging.distortion(serial))
+                write(_write_picture, folder / serial, frame, drawn, rig.imaging)
                 if frame in rig.depth_frames:
                     write(_write, folder / serial / "truth" / f"{frame:08d}.npz", _truth(rasteriser, camera, placed))
                 bar.update()
@@ -194,15 +181,16 @@ def _truth(rasteriser: Rasteriser, camera: Camera, placed: np.ndarray) -> bytes:
     return _npz({"depth": geometry.depth, "normal": normal.astype(np.float16)}, compressed=True)
 
 
-def _write_picture(folder: Path, frame: int, picture: Picture) -> None:
-    levels = np.rint(255 * np.clip(picture.colour, 0, 1)).astype(np.uint8)
-    _write(folder / "mask" / "pha" / f"{frame:08d}.jpg", _jpeg(levels[..., 3]))
+def _write_picture(folder: Path, frame: int, picture: Picture, imaging: Imaging) -> None:
+    colour = imaging.developed(picture.colour, folder.name, frame)
+    levels = np.rint(255 * np.clip(colour, 0, 1)).astype(np.uint8)
+    _write(folder / "mask" / "pha" / f"{frame:08d}.jpg", _jpeg(levels[..., 3], imaging.matte_quality))
     _write(folder / f"{frame:08d}.jpg", _jpeg(levels[..., :3]))
 
 
-def _jpeg(levels: np.ndarray) -> bytes:
+def _jpeg(levels: np.ndarray, quality: int = JPEG_QUALITY) -> bytes:
     buffer = io.BytesIO()
-    Image.fromarray(levels).save(buffer, format="JPEG", quality=JPEG_QUALITY, subsampling=0)
+    Image.fromarray(levels).save(buffer, format="JPEG", quality=quality, subsampling=0)
     return buffer.getvalue()
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+from scipy.spatial.transform import Rotation
 
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.ground import grounded
@@ -156,6 +157,19 @@ def face_motion(frames: int, seed: int) -> SignalSequence:
     expression = _face_track(at, rng)
     frame = tuple(clamp(Signals.from_full_pose(p, expression=e)) for p, e in zip(pose, expression))
     return SignalSequence(frame, _rate(at), f"face {seed}")
+
+
+def turning(motion: SignalSequence, degrees: float) -> SignalSequence:
+    """`motion` of somebody who also turns about the vertical, `degrees` to either side, twice in all."""
+    angle = np.radians(degrees) * np.sin(4 * np.pi * (np.arange(len(motion)) + 0.5) / len(motion))
+    turns = angle[:, None] * np.array([0.0, 1.0, 0.0])
+    frames = tuple(
+        signals.replace(
+            global_orient=(Rotation.from_rotvec(turn) * Rotation.from_rotvec(signals.global_orient.copy())).as_rotvec()
+        )
+        for signals, turn in zip(motion, turns)
+    )
+    return SignalSequence(frames, motion.fps, motion.name)
 
 
 def _sampled(times: np.ndarray, frames: int) -> np.ndarray:

@@ -12,8 +12,10 @@ import numpy as np
 
 from avatarrex.camera import Camera
 from avatarrex.capture.synthetic.cameras import body_ring, face_arc, fitted
-from avatarrex.capture.synthetic.motions import body_motion, face_motion
+from avatarrex.capture.synthetic.imaging import Imaging
+from avatarrex.capture.synthetic.motions import body_motion, face_motion, turning
 from avatarrex.capture.synthetic.subject import PosedSubject, Subject, load_subject
+from avatarrex.capture.synthetic.variation import DEFAULT, Variation
 from avatarrex.errors import InputError
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.sequence import SignalSequence
@@ -29,6 +31,8 @@ PICTURE_SHARE = {"body": 0.96, "face": 0.86}
 """Share of half the picture that the subject (the skin of the face) may reach."""
 FINEST_SPACING = 0.0002
 """Metres between albedo samples at least: a quarter of the texture's finest edge."""
+TURN = {"body": 50.0, "face": 15.0}
+"""Degrees to either side that the person turns where the light stays: else a fixed light would look like one that turns along."""
 STRIDE = 8
 """Every so many frames of the others have exact depth and normals, too."""
 
@@ -74,6 +78,17 @@ class RigPlan:
     motion: SignalSequence
     size: RigSize
     picture: Size
+    seed: int = 0
+    variation: Variation = DEFAULT
+
+    @cached_property
+    def imaging(self) -> Imaging:
+        """What its cameras make of what they see."""
+        return Imaging(self.name, self.variation, self.seed)
+
+    def light_from_root(self, frame: int) -> np.ndarray:
+        """(3, 3): the light is fixed in the root frame, or in the world."""
+        return self.world_from_root(frame)[:3, :3] if self.variation.has("light") else np.eye(3)
 
     def posed(self, frame: int) -> PosedSubject:
         """The subject in the root frame."""
@@ -158,17 +173,23 @@ class Plan:
     size: str
     seed: int
     garment: str
+    variation: Variation
     rigs: tuple[RigPlan, ...]
 
 
-def plan(size: str, seed: int, garment: str) -> Plan:
+def plan(size: str, seed: int, garment: str, variation: Variation = DEFAULT) -> Plan:
     """The capture of that name. Raises `InputError` for an unknown size or garment, or a negative seed."""
     for option, value, known in (("--size", size, SIZES), ("--garment", garment, GARMENTS)):
         if value not in known:
             raise InputError(option, "", "one of " + ", ".join(known), value)
     if not 0 <= seed < 2**32:
         raise InputError("--seed", "", "an integer from 0 to 4294967295", seed)
-    subject, chosen = load_subject(GARMENTS[garment]), SIZES[size]
-    body = RigPlan("body", subject, body_motion(chosen.body.frames, seed, GIRTH[garment]), chosen.body, chosen)
-    face = RigPlan("face", subject, face_motion(chosen.face.frames, seed), chosen.face, chosen)
-    return Plan(size, seed, garment, (body, face))
+    subject, chosen = variation.applied(load_subject(GARMENTS[garment])), SIZES[size]
+    motions = {
+        "body": body_motion(chosen.body.frames, seed, GIRTH[garment]),
+        "face": face_motion(chosen.face.frames, seed),
+    }
+    if variation.has("light"):
+        motions = {rig: turning(motion, TURN[rig]) for rig, motion in motions.items()}
+    body, face = (RigPlan(rig, subject, motions[rig], getattr(chosen, rig), chosen, seed, variation) for rig in motions)
+    return Plan(size, seed, garment, variation, (body, face))

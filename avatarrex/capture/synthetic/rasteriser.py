@@ -16,6 +16,7 @@ import moderngl
 import numpy as np
 
 from avatarrex.camera import Camera
+from avatarrex.capture.readers.undistort import distort
 from avatarrex.capture.synthetic import shade
 from avatarrex.capture.synthetic.albedo_lattice import AlbedoLattice
 from avatarrex.capture.synthetic.mesh import interpolated
@@ -26,6 +27,8 @@ from avatarrex.gl.shader import compute_shader, draw_program
 
 TILE_SAMPLES = 2048
 """Samples a side of the largest tile: 64 MB of colour and depth."""
+UPRIGHT, IDEAL = np.eye(3), np.zeros(5)
+"""Light fixed in the root frame; a lens without distortion."""
 NEAR_PLANE, FAR_PLANE = 0.2, 40.0
 """Metres."""
 
@@ -62,21 +65,41 @@ class Rasteriser:
         self.lit = _program(context, "capture/lit.frag")
         self.plain = _program(context, "capture/geometry.frag")
         self.resolve = compute_shader(context, "capture/resolve.comp", {"SCALE": samples})
-        for name in ("key", "fill", "rim", "warm", "cool"):
+        for name in ("warm", "cool"):
             self.lit[f"u_{name}"] = tuple(getattr(shade, name.upper()).tolist())
         self.position = np.zeros((0, 3))
+        self._packed = np.zeros((0, 8))
         self._shapes = [context.vertex_array(program, []) for program in (self.lit, self.plain)]
 
     @current_context()
-    def pose(self, posed: PosedSubject, openness: np.ndarray) -> None:
-        """Take the posed mesh and its openness (v,) for the pictures that follow."""
-        self.position = posed.vertices
-        packed = np.concatenate([posed.vertices, openness[:, None], posed.normals, posed.wrinkle[:, None]], 1)
-        self.vertices.write(packed.astype(np.float32).tobytes())
+    def pose(self, posed: PosedSubject, openness: np.ndarray, light_from_root: np.ndarray = UPRIGHT) -> None:
+        """Take the posed mesh, its openness (v,) and the frame of the light, a rotation (3, 3), for the pictures that follow."""
+        self._packed = np.concatenate([posed.vertices, openness[:, None], posed.normals, posed.wrinkle[:, None]], 1)
+        for name in ("key", "fill", "rim"):
+            self.lit[f"u_{name}"] = tuple((light_from_root.T @ getattr(shade, name.upper())).tolist())
+        self.lit["u_up"] = tuple(light_from_root[1].tolist())
+        self._place(posed.vertices)
 
     @current_context()
-    def draw(self, camera: Camera) -> Picture:
-        """A picture from a camera with the root frame as its world; only the tiles about the subject are drawn."""
+    def draw(self, camera: Camera, distortion: np.ndarray = IDEAL) -> Picture:
+        """A picture from a camera with the root frame as its world, whose lens has `distortion` (5,); only the tiles about
+        the subject are drawn. A lens moves the corners of the triangles, which are small: their edges stay straight.
+        """
+        exact = self.position
+        if distortion.any():
+            self._place(bent(exact, camera, distortion))
+            picture = self._drawn(camera)
+            self._place(exact)
+            return picture
+        return self._drawn(camera)
+
+    def _place(self, position: np.ndarray) -> None:
+        """Draw the vertices at `position` (v, 3)."""
+        self.position = position
+        self._packed[:, :3] = position
+        self.vertices.write(self._packed.astype(np.float32).tobytes())
+
+    def _drawn(self, camera: Camera) -> Picture:
         side = TILE_SAMPLES // self.samples
         colour = np.zeros((camera.height, camera.width, 4), np.float32)
         left, top, right, bottom = self._bounds(camera)
@@ -149,7 +172,18 @@ def clip_from_root(camera: Camera, tile: tuple[int, int, int, int]) -> np.ndarra
     return np.asarray(project @ camera.camera_from_world)
 
 
-def draw_reference(posed: PosedSubject, openness: np.ndarray, camera: Camera, samples: int) -> Picture:
+def bent(points: np.ndarray, camera: Camera, distortion: np.ndarray) -> np.ndarray:
+    """Where an ideal pinhole sees (p, 3) `points` as the lens does, at the same camera z. x_d of undistort.py."""
+    seen = camera.seen(points)
+    depth = np.maximum(seen[:, 2:], NEAR_PLANE)
+    seen[:, :2] = distort(seen[:, :2] / depth, distortion) * depth
+    rotation, translation = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
+    return np.asarray((seen - translation) @ rotation)
+
+
+def draw_reference(
+    posed: PosedSubject, openness: np.ndarray, camera: Camera, samples: int, light_from_root: np.ndarray = UPRIGHT
+) -> Picture:
     """`Rasteriser.draw` without OpenGL and without the lattice: every sample's exact albedo, lit in NumPy."""
     face, bary, _ = visible_faces(
         posed.vertices, posed.faces, camera.resized(camera.width * samples, camera.height * samples)
@@ -159,7 +193,8 @@ def draw_reference(posed: PosedSubject, openness: np.ndarray, camera: Camera, sa
     corners = posed.faces[face]
     at = [interpolated(bary, value[corners]) for value in (openness, posed.wrinkle)]
     colour = np.zeros((*hit.shape, 4))
-    colour[hit, :3] = shade.studio_light(posed.subject.albedo(face, bary), posed.at(face, bary)[1], *at)
+    normal = posed.at(face, bary)[1] @ light_from_root.T
+    colour[hit, :3] = shade.studio_light(posed.subject.albedo(face, bary), normal, *at)
     colour[hit, 3] = 1
     blocks = colour.reshape(camera.height, samples, camera.width, samples, 4)
     return Picture(blocks.mean((1, 3)).astype(np.float32))

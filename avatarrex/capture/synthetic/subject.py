@@ -11,13 +11,14 @@ Letters: v vertices, f faces, p points. Root frame, metres, NumPy float64; colou
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from avatarrex.capture.synthetic.detail import detailed
 from avatarrex.capture.synthetic.mesh import interpolated, vertex_normals
 from avatarrex.capture.synthetic.shade import studio_light
 from avatarrex.capture.synthetic.solid_distance import SolidUnion
@@ -56,10 +57,16 @@ class Subject:
     wrinkle_sites: tuple[Site, ...]
     wrinkle_basis: np.ndarray
     """(v, k) metres."""
+    pattern: np.ndarray
+    """(v, 3) where the texture is read: rest positions of the default person."""
+    palette: dict[str, np.ndarray] = field(default_factory=dict)
+    """(3, 3) by solid: its colours from those of the texture; none: as painted."""
+    detailed: bool = False
+    """Whether the texture has photographic detail (detail.py)."""
 
     @cached_property
     def vertices(self) -> np.ndarray:
-        """(v, 3) rest positions; the texture's coordinates."""
+        """(v, 3) rest positions."""
         return self.model.v_template.double().numpy()
 
     @cached_property
@@ -72,6 +79,15 @@ class Subject:
         """(v, 3) rest unit normals."""
         return vertex_normals(self.vertices, self.faces)
 
+    @cached_property
+    def _pattern_normals(self) -> np.ndarray:
+        return vertex_normals(self.pattern, self.faces)
+
+    @property
+    def person_joints(self) -> np.ndarray:
+        """(55, 3) of the default person at rest: the pattern's."""
+        return load_person().body.joint_template.double().numpy()
+
     def pose(self, signals: Signals) -> PosedSubject:
         """The subject under `signals` in the root frame: global orientation and translation are left out."""
         wrinkle = self.wrinkle_basis @ strengths(list(self.wrinkle_sites), signals.full_pose())
@@ -83,9 +99,13 @@ class Subject:
     def albedo(self, face: np.ndarray, bary: np.ndarray) -> np.ndarray:
         """(p, 3) unlit sRGB colour of surface points."""
         corners = self.faces[face]
-        rest, normal = interpolated(bary, self.vertices[corners]), interpolated(bary, self.normals[corners])
+        rest, normal = (interpolated(bary, values[corners]) for values in (self.pattern, self._pattern_normals))
         masks = {name: interpolated(bary, mask[corners]) for name, mask in self.masks.items()}
-        return albedo([self.names[k] for k in self.solid_of_face[face]], rest, normal, masks)
+        solids = np.array(self.names)[self.solid_of_face[face]]
+        colour = albedo(solids.tolist(), rest, normal, masks)
+        for name, matrix in self.palette.items():
+            colour[solids == name] = np.clip(colour[solids == name] @ matrix.T, 0, 1)
+        return detailed(solids, rest, normal, masks, colour) if self.detailed else colour
 
     def faces_of(self, *parts: str) -> np.ndarray:
         """Faces of the named parts; "face" also takes eyes, teeth and tongue, "body" all skin."""
@@ -197,6 +217,7 @@ def load_subject(name: str = "default") -> Subject:
         masks=masks,
         openness=require(arrays, path, "openness", (v,)) / 255.0,
         wrinkle_sites=tuple(folds),
+        pattern=rest,
         wrinkle_basis=basis(folds, rest, np.array(names)[solid_of_vertex])
         * masks["interior"][:, None].astype(np.float32),
     )
