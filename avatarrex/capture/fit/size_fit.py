@@ -131,7 +131,7 @@ class _SizeFit:
         for one in self.seen:
             signals = one.signals.replace(translation=one.signals.translation + unknown[PLACE])
             outline = measure(person, replace(one, signals=signals))
-            rows = _outline_change(person, signals, outline, *change)
+            rows = outline_change(person, signals, outline, *change)
             weight = (1 + (outline.distance / outlier) ** 2) ** -2 * EDGE_SHARE / OUTLINE_SIGMA**2
             matrix += rows.T @ (rows * weight[:, None])
             right += rows.T @ (weight * (outline.distance + rows @ unknown))
@@ -151,7 +151,7 @@ class _SizeFit:
         return vertices, joints
 
 
-def _outline_change(
+def outline_change(
     person: Person, signals: Signals, outline: Outline, vertices: np.ndarray, joints: np.ndarray
 ) -> np.ndarray:
     """nᵀ dx (k, m) of the outline's edges, by the change of vertices and joints at rest."""
