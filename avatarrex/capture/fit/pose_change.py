@@ -84,7 +84,7 @@ class Levers:
     def _along(self, arm: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """(k, m) of arms (k, j, 3) and directions (k, 3)."""
         turns = np.einsum("kjc,jca->kja", np.cross(arm, direction[:, None]), self.axes)
-        return np.concatenate([direction, turns.reshape(len(turns), -1)], 1)
+        return np.concatenate([direction, turns.reshape(len(turns), 3 * len(TURNED))], 1)
 
 
 def stepped(signals: Signals, step: np.ndarray) -> Signals:

@@ -17,9 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from avatarrex.camera import Camera
+from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.fit.outlines import Seen, measured
 from avatarrex.capture.fit.pose_change import UNKNOWNS, Levers, stepped, way_from
 from avatarrex.capture.fit.size_fit import outline_change
+from avatarrex.capture.readers.rigs import Rig
+from avatarrex.capture.readers.splits import Splits
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import Person
 
@@ -122,15 +125,31 @@ def _add_marks(found: Equations, levers: Levers, marks: Marks) -> None:
     joints, seen = tuple(marks.joints[k] for k in kept), seen[kept]
     size = max(camera.width, camera.height)
     focal, depth = camera.intrinsics[:2, :2], seen[:, 2]
-    slope = np.concatenate([np.broadcast_to(np.eye(2), (len(kept), 2, 2)), -(seen[:, :2] / depth[:, None])[..., None]], 2)
+    slope = np.concatenate(
+        [np.broadcast_to(np.eye(2), (len(kept), 2, 2)), -(seen[:, :2] / depth[:, None])[..., None]], 2
+    )
     change = focal @ slope / depth[:, None, None] @ camera.camera_from_world[:3, :3]
     off = marks.points[kept] - camera.pixels(levers.joints[list(joints)])[0]
     away = np.linalg.norm(off, axis=1)
-    weight = marks.confidence[kept] ** 2 * (1 + (away / (KEYPOINT_OUTLIER * size)) ** 2) ** -2 / (KEYPOINT_SIGMA * size) ** 2
+    weight = (
+        marks.confidence[kept] ** 2 * (1 + (away / (KEYPOINT_OUTLIER * size)) ** 2) ** -2 / (KEYPOINT_SIGMA * size) ** 2
+    )
     rows = change @ levers.of_joints(joints)
     if len(found.right) > UNKNOWNS:
         rows = np.concatenate([rows, np.zeros((*rows.shape[:2], len(found.right) - UNKNOWNS))], 2)
     found.add(rows.reshape(-1, rows.shape[2]), off.ravel(), np.repeat(weight, 2))
+
+
+def keypoint_error(person: Person, rig: Rig) -> float | None:
+    """Mean distance of the posed joints from the keypoints, pixels, weighted by confidence, over the training's split; None without any."""
+    total, weights = 0.0, 0.0
+    for frame in Splits.of(rig).train.frames if rig.keypoints else ():
+        joints = template_surface(person, rig.signals[frame])[1][list(rig.keypoints.joints)]
+        for view in Splits.of(rig).train.views:
+            points, confidence = rig.keypoints.at(view, frame)
+            away = np.linalg.norm(points - rig.views[view].camera.pixels(joints)[0], axis=1)
+            total, weights = total + float(confidence @ away), weights + float(confidence.sum())
+    return total / weights if weights else None
 
 
 def fit_pose(person: Person, shot: Shot, signals: Signals, rounds: tuple[Round, ...]) -> Signals:

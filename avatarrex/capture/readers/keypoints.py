@@ -72,7 +72,13 @@ def read_keypoints(
     seen = confidence > 0
     points = np.where(seen[..., None], _points(arrays, place, (*shape, 2)), 0).astype(np.float64)
     wild = ~np.isfinite(points) | (np.abs(np.nan_to_num(points)) > FARTHEST)
-    check(not wild.any(), place, "points", f"pixels within {FARTHEST:g} where confidence is above 0", f"{wild.sum()} others")
+    check(
+        not wild.any(),
+        place,
+        "points",
+        f"pixels within {FARTHEST:g} where confidence is above 0",
+        f"{wild.sum()} others",
+    )
     ordered = np.zeros((count, len(lenses), len(names), 2)), np.zeros((count, len(lenses), len(names)))
     for view, lens in enumerate(lenses):
         if lens.name in cameras:
@@ -93,5 +99,7 @@ def _points(arrays: dict[str, np.ndarray], place: str, shape: tuple[int, ...]) -
     """Not yet judged: what was not seen may be NaN."""
     found = arrays.get("points")
     if found is None or found.shape != shape or found.dtype.kind not in "fiu":
-        raise InputError(place, "points", f"numbers of shape {shape}", "none" if found is None else f"{found.shape} of {found.dtype}")
+        raise InputError(
+            place, "points", f"numbers of shape {shape}", "none" if found is None else f"{found.shape} of {found.dtype}"
+        )
     return found
