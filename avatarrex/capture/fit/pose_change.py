@@ -67,10 +67,10 @@ class Levers:
         """(k, m): how far the middles of edges `ends` (k, 2) move along `outward` (k, 3)."""
         used, row = np.unique(ends, return_inverse=True)
         weights = self.person.body.weights[used].double().numpy()
-        moved = np.einsum("kcd,ud->ukc", self.skinning[:, :, :3], self.rest[used]) + self.skinning[None, :, :, 3]
+        turned = self.rest[used] @ self.skinning[:, :, :3].reshape(-1, 3).T
+        moved = turned.reshape(len(used), -1, 3) + self.skinning[:, :, 3]
         below = self.below.astype(np.float64)
-        arms = np.einsum("jk,ukc->ujc", below, weights[..., None] * moved)
-        arms -= (weights @ below.T)[..., None] * self.joints[list(TURNED)]
+        arms = below @ (weights[..., None] * moved) - (weights @ below.T)[..., None] * self.joints[list(TURNED)]
         arm = arms[row.reshape(ends.shape)].mean(1)
         return self._along(arm, outward)
 

@@ -142,11 +142,13 @@ def _add_marks(found: Equations, levers: Levers, marks: Marks) -> None:
 
 def keypoint_error(person: Person, rig: Rig) -> float | None:
     """Mean distance of the posed joints from the keypoints, pixels, weighted by confidence, over the training's split; None without any."""
+    found, split = rig.keypoints, Splits.of(rig).train
     total, weights = 0.0, 0.0
-    for frame in Splits.of(rig).train.frames if rig.keypoints else ():
-        joints = template_surface(person, rig.signals[frame])[1][list(rig.keypoints.joints)]
-        for view in Splits.of(rig).train.views:
-            points, confidence = rig.keypoints.at(view, frame)
+    for frame in split.frames if found else ():
+        assert found is not None
+        joints = template_surface(person, rig.signals[frame])[1][list(found.joints)]
+        for view in split.views:
+            points, confidence = found.at(view, frame)
             away = np.linalg.norm(points - rig.views[view].camera.pixels(joints)[0], axis=1)
             total, weights = total + float(confidence @ away), weights + float(confidence.sum())
     return total / weights if weights else None

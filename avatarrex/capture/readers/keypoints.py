@@ -18,18 +18,18 @@ import numpy as np
 
 from avatarrex.capture.readers.calibration import Lens
 from avatarrex.capture.readers.layout import RigFiles
-from avatarrex.capture.readers.undistort import straighten
+from avatarrex.capture.readers.undistort import bend, straighten
 from avatarrex.errors import InputError, check
-from avatarrex.files.assets import require
 from avatarrex.signals.joints import JOINT_NAMES
-from avatarrex.signals.sequence import MOST_FRAMES
 
 FILE = "keypoints.npz"
 KEYS = ("names", "cameras", "points", "confidence")
 LARGEST_BYTES = 2**31
 """Of the arrays: 55 joints of 16 cameras in 50 000 frames take half of that in single precision."""
-FARTHEST = 1e6
+FARTHEST = 1e5
 """Pixels from a picture's corner that a point may be."""
+STRAIGHT = 0.5
+"""Pixels within which the lens has to lead back to a point; one that it cannot have shown was not seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,30 +62,21 @@ def read_keypoints(
         wrong = next((word for k, word in enumerate(words) if word not in known or word in words[:k]), None)
         check(wrong is None, place, key, f"each at most once of {', '.join(known[:6])}, …", wrong)
     shape = (count, len(cameras), len(names))
-    check(count <= MOST_FRAMES, place, "points", f"at most {MOST_FRAMES} frames", count)
-    confidence = require(arrays, place, "confidence", shape)
-    check(
-        confidence.dtype.kind in "fiu" and confidence.min(initial=0) >= 0 and confidence.max(initial=0) <= 1,
-        place, "confidence", "numbers from 0 to 1", confidence.dtype if confidence.dtype.kind not in "fiu" else
-        f"{confidence.min(initial=0):g} to {confidence.max(initial=0):g}",
-    )  # fmt: skip
-    seen = confidence > 0
-    points = np.where(seen[..., None], _points(arrays, place, (*shape, 2)), 0).astype(np.float64)
-    wild = ~np.isfinite(points) | (np.abs(np.nan_to_num(points)) > FARTHEST)
-    check(
-        not wild.any(),
-        place,
-        "points",
-        f"pixels within {FARTHEST:g} where confidence is above 0",
-        f"{wild.sum()} others",
-    )
-    ordered = np.zeros((count, len(lenses), len(names), 2)), np.zeros((count, len(lenses), len(names)))
+    confidence = _numbers(arrays, place, "confidence", shape)
+    low, high = (confidence.min(), confidence.max()) if confidence.size else (0, 0)
+    check(0 <= low and high <= 1, place, "confidence", "numbers from 0 to 1", f"{low:g} to {high:g}")
+    points = np.where(confidence[..., None] > 0, _numbers(arrays, place, "points", (*shape, 2)), 0)
+    wild = int((~(np.abs(points) < FARTHEST)).sum())
+    check(not wild, place, "points", f"pixels within {FARTHEST:g} where confidence is above 0", f"{wild} others")
+    ordered, sure = np.zeros((count, len(lenses), len(names), 2)), np.zeros((count, len(lenses), len(names)))
     for view, lens in enumerate(lenses):
         if lens.name in cameras:
-            column = cameras.index(lens.name)
-            ordered[0][:, view] = straighten(lens, points[:, column])
-            ordered[1][:, view] = confidence[:, column]
-    return Keypoints(tuple(map(JOINT_NAMES.index, names)), *ordered)
+            taken = points[:, cameras.index(lens.name)]
+            ideal = straighten(lens, taken)
+            found = np.isfinite(ideal).all(-1) & (np.abs(bend(lens, np.nan_to_num(ideal)) - taken) < STRAIGHT).all(-1)
+            ordered[:, view] = np.where(found[..., None], ideal, 0)
+            sure[:, view] = np.where(found, confidence[:, cameras.index(lens.name)], 0)
+    return Keypoints(tuple(map(JOINT_NAMES.index, names)), ordered, sure)
 
 
 def _words(arrays: dict[str, np.ndarray], place: str, key: str) -> list[str]:
@@ -95,11 +86,10 @@ def _words(arrays: dict[str, np.ndarray], place: str, key: str) -> list[str]:
     return [word.decode(errors="replace") if isinstance(word, bytes) else str(word) for word in found]
 
 
-def _points(arrays: dict[str, np.ndarray], place: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Not yet judged: what was not seen may be NaN."""
-    found = arrays.get("points")
+def _numbers(arrays: dict[str, np.ndarray], place: str, key: str, shape: tuple[int, ...]) -> np.ndarray:
+    """float64, perhaps NaN: points that were not seen may be."""
+    found = arrays.get(key)
     if found is None or found.shape != shape or found.dtype.kind not in "fiu":
-        raise InputError(
-            place, "points", f"numbers of shape {shape}", "none" if found is None else f"{found.shape} of {found.dtype}"
-        )
-    return found
+        other = "none" if found is None else f"{found.shape} of {found.dtype}"
+        raise InputError(place, key, f"numbers of shape {shape}", other)
+    return found.astype(np.float64)

@@ -168,7 +168,8 @@ class SealedKeypoints(Keypoints):
         """See `Keypoints`. Raises `Sealed`."""
         if (view, frame) in self._others:
             raise Sealed(f"{self._rig} rig, keypoints of view {view}, frame {frame}: not in this split")
-        return self._open.at(view, frame)
+        points, confidence = self._open.at(view, frame)
+        return points, confidence
 
 
 class _Nothing:

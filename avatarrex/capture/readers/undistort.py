@@ -37,14 +37,18 @@ def bend(lens: Lens, pixels: np.ndarray) -> np.ndarray:
 
 
 def straighten(lens: Lens, pixels: np.ndarray) -> np.ndarray:
-    """Where points (…, 2) of the taken picture are in the ideal one, pixels with centres at +0.5."""
+    """Where points (…, 2) of the taken picture are in the ideal one, pixels with centres at +0.5.
+
+    One far from the picture that this lens cannot have shown ends anywhere, or is NaN.
+    """
     if not lens.distorts:
         return pixels
     intrinsics = lens.camera.intrinsics
     bent = (pixels - intrinsics[:2, 2]) @ np.linalg.inv(intrinsics[:2, :2]).T
     plane = bent
-    for _ in range(STRAIGHTENED):
-        plane = plane + bent - distort(plane, lens.distortion)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(STRAIGHTENED):
+            plane = plane + bent - distort(plane, lens.distortion)
     return np.asarray(plane @ intrinsics[:2, :2].T + intrinsics[:2, 2])
 
 
