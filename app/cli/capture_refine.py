@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from avatarrex.capture.fit.check import check_capture, joint_error, shown_frames
+from avatarrex.capture.fit.check import check_capture, joint_distances, shown_frames
 from avatarrex.capture.fit.overlay import compared_sheet
 from avatarrex.capture.fit.pose_fit import keypoint_error
 from avatarrex.capture.fit.refined_capture import write_refined
@@ -18,8 +18,8 @@ from avatarrex.capture.fit.refining import FILE, Refining
 from avatarrex.capture.fit.size_fit import fit_size
 from avatarrex.capture.fit.surface_fit import fit_surface
 from avatarrex.capture.readers.archive import Archive
-from avatarrex.capture.readers.rigs import Capture, open_capture
-from avatarrex.capture.readers.splits import with_validation
+from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
+from avatarrex.capture.readers.splits import Splits, with_validation
 from avatarrex.errors import InputError
 from avatarrex.files.gate import write_text
 from avatarrex.files.images import write_png
@@ -31,7 +31,7 @@ LINES = {
     "iou": "silhouettes, IoU of the template",
     "iou_skin": "… its skin on the mattes",
     "keypoints_px": "keypoints, pixels",
-    "joints_mm": "joints from the exact ones, mm",
+    "joints_mm": "joints in the pictures, mm",
 }
 
 
@@ -53,7 +53,7 @@ def refine(path: str, every: bool, out: Path) -> int:
         before, body, signals, {"from": capture.key, "frames": {rig: list(f) for rig, f in work.frames.items()}}, out
     )
     after = with_validation(open_capture(out))
-    figures = {"before": measured(before), "after": measured(after)}
+    figures = {"before": measured(before, work.frames), "after": measured(after, work.frames)}
     print("\n".join(table(figures)))
     write_text(out / FIGURES, json.dumps(figures, indent=2) + "\n")
     for rig in capture.rigs:
@@ -65,9 +65,9 @@ def refine(path: str, every: bool, out: Path) -> int:
     return 0
 
 
-def measured(capture: Capture) -> dict[str, dict[str, Any]]:
+def measured(capture: Capture, frames: dict[str, tuple[int, ...]]) -> dict[str, dict[str, Any]]:
     """By rig and what `LINES` names; None where there is nothing to measure by."""
-    skin = capture if capture.person.fit is None else replace(capture, person=fit_surface(capture))
+    skin = replace(capture, person=fit_surface(capture))
     reports = {"iou": check_capture(capture, frames=COMPARED), "iou_skin": check_capture(skin, frames=COMPARED)}
     found: dict[str, dict[str, Any]] = {rig: {} for rig in capture.rigs}
     for what, report in reports.items():
@@ -75,9 +75,22 @@ def measured(capture: Capture) -> dict[str, dict[str, Any]]:
             found[one.rig][what] = one.mean("template")
     for name, rig in capture.rigs.items():
         found[name]["keypoints_px"] = keypoint_error(capture.person, rig)
-        error = joint_error(capture, rig)
-        found[name]["joints_mm"] = None if error is None else error[0]
+        found[name]["joints_mm"] = _joint_error(capture, rig, frames[name])
     return found
+
+
+def _joint_error(capture: Capture, rig: Rig, frames: tuple[int, ...]) -> float | None:
+    """Mean distance from the exact joints, mm, of those that two of the training's cameras or more have in their pictures."""
+    away = joint_distances(capture, rig, frames)
+    if away is None:
+        return None
+    exact, inside = capture.ground_truth[rig.name].joints, np.zeros(away.shape, int)
+    assert exact is not None
+    for view in Splits.of(rig).train.views:
+        camera = rig.views[view].camera
+        pixels, depth = camera.pixels(exact[list(frames)])
+        inside += ((pixels > 0) & (pixels < (camera.width, camera.height))).all(-1) & (depth > 0)
+    return float(1000 * away[inside > 1].mean()) if (inside > 1).any() else None
 
 
 def table(figures: dict[str, dict[str, dict[str, Any]]]) -> list[str]:

@@ -133,5 +133,5 @@ def test_a_detector_errs_as_it_says(tmp_path: Path) -> None:
         assert abs((np.linalg.norm(off, axis=1) > 5 * NOISE * 512).mean() - WRONG) < 0.01
     again = detected(joints, [LENS, Lens("plain", LENS.camera, np.zeros(5))], [7])
     np.testing.assert_array_equal(found["points"], again["points"])
-    away = detected(joints + [9, 0, 0], [LENS], [7])
+    away = detected(joints + np.array([9, 0, 0]), [LENS], [7])
     assert not away["confidence"].any(), "outside of the picture"

@@ -68,7 +68,7 @@ class Levers:
         used, row = np.unique(ends, return_inverse=True)
         weights = self.person.body.weights[used].double().numpy()
         turned = self.rest[used] @ self.skinning[:, :, :3].reshape(-1, 3).T
-        moved = turned.reshape(len(used), -1, 3) + self.skinning[:, :, 3]
+        moved = turned.reshape(len(used), 55, 3) + self.skinning[:, :, 3]
         below = self.below.astype(np.float64)
         arms = below @ (weights[..., None] * moved) - (weights @ below.T)[..., None] * self.joints[list(TURNED)]
         arm = arms[row.reshape(ends.shape)].mean(1)

@@ -20,7 +20,7 @@ from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.fit.outlines import Seen, measured
 from avatarrex.capture.fit.pose_change import UNKNOWNS, Levers, stepped, way_from
-from avatarrex.capture.fit.size_fit import outline_change
+from avatarrex.capture.fit.size_fit import joints_change, outline_change
 from avatarrex.capture.readers.rigs import Rig
 from avatarrex.capture.readers.splits import Splits
 from avatarrex.signals.driving import Signals
@@ -96,8 +96,11 @@ def pose_equations(person: Person, shot: Shot, signals: Signals, step: Round, sh
     length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
     robust = (1 + (outline.distance / step.outlier) ** 2) ** -2
     found.add(rows, outline.distance, robust * length / (OUTLINE_LENGTH * OUTLINE_SIGMA**2))
+    change = levers.of_joints(tuple(range(55)))
+    if shape is not None:
+        change = np.concatenate([change, joints_change(person, signals, shape[1])[..., 3:]], 2)
     for marks in shot.marks:
-        _add_marks(found, levers, marks)
+        _add_marks(found, levers.joints, change, marks)
     sigma = np.concatenate([np.full(3, PLACE_SIGMA), np.full(UNKNOWNS - 3, TURN_SIGMA)])
     away = np.zeros(count)
     away[:UNKNOWNS] = way_from(shot.first, signals)
@@ -116,27 +119,21 @@ def _shape_directions(person: Person) -> tuple[np.ndarray, np.ndarray]:
     return tuple(np.concatenate([np.zeros((len(part), 3, 3)), part], 2) for part in (vertices, joints))  # type: ignore[return-value]
 
 
-def _add_marks(found: Equations, levers: Levers, marks: Marks) -> None:
+def _add_marks(found: Equations, places: np.ndarray, change: np.ndarray, marks: Marks) -> None:
+    """Of joints that are at `places` (55, 3) and move by `change` (55, 3, m)."""
     camera = marks.camera
-    seen = camera.seen(levers.joints[list(marks.joints)])
+    seen = camera.seen(places[list(marks.joints)])
     kept = np.flatnonzero((marks.confidence > 0) & (seen[:, 2] > 0.05))
     if not len(kept):
         return
-    joints, seen = tuple(marks.joints[k] for k in kept), seen[kept]
-    size = max(camera.width, camera.height)
-    focal, depth = camera.intrinsics[:2, :2], seen[:, 2]
-    slope = np.concatenate(
-        [np.broadcast_to(np.eye(2), (len(kept), 2, 2)), -(seen[:, :2] / depth[:, None])[..., None]], 2
-    )
-    change = focal @ slope / depth[:, None, None] @ camera.camera_from_world[:3, :3]
-    off = marks.points[kept] - camera.pixels(levers.joints[list(joints)])[0]
-    away = np.linalg.norm(off, axis=1)
-    weight = (
-        marks.confidence[kept] ** 2 * (1 + (away / (KEYPOINT_OUTLIER * size)) ** 2) ** -2 / (KEYPOINT_SIGMA * size) ** 2
-    )
-    rows = change @ levers.of_joints(joints)
-    if len(found.right) > UNKNOWNS:
-        rows = np.concatenate([rows, np.zeros((*rows.shape[:2], len(found.right) - UNKNOWNS))], 2)
+    joints, seen = np.array(marks.joints)[kept], seen[kept]
+    size, depth = max(camera.width, camera.height), seen[:, 2, None, None]
+    flat = np.broadcast_to(np.eye(2), (len(kept), 2, 2))
+    slope = np.concatenate([flat, -(seen[:, :2, None] / depth)], 2) / depth
+    rows = camera.intrinsics[:2, :2] @ slope @ camera.camera_from_world[:3, :3] @ change[joints]
+    off = marks.points[kept] - camera.pixels(places[joints])[0]
+    robust = (1 + (np.linalg.norm(off, axis=1) / (KEYPOINT_OUTLIER * size)) ** 2) ** -2
+    weight = robust * (marks.confidence[kept] / (KEYPOINT_SIGMA * size)) ** 2
     found.add(rows.reshape(-1, rows.shape[2]), off.ravel(), np.repeat(weight, 2))
 
 

@@ -28,8 +28,8 @@ SHAPE_FRAMES = 20
 """Of each rig (paper)."""
 SKIN_FRAMES = 6
 """Of each rig: each limb is then seen along and across."""
-SHAPE_ROUNDS = (Round(0.08, 0.05), Round(0.06, 0.03), Round(0.06, 0.03))
-SKIN_ROUNDS = (Round(0.06, 0.03), Round(0.04, 0.02))
+SHAPE_ROUNDS = (Round(0.06, 0.03), Round(0.04, 0.02))
+"""Each after the skin has been fitted to the poses that are known by then: without clothes on it shape takes them for flesh."""
 POSE_ROUNDS = (Round(0.08, 0.05), Round(0.06, 0.03), Round(0.04, 0.02), Round(0.04, 0.02))
 
 
@@ -51,15 +51,15 @@ def refine_body(capture: Capture) -> Body:
     """Shape and skin, from `SHAPE_FRAMES` frames. What reading a picture raises is raised."""
     first, off = _starting_fit(capture), np.zeros(10)
     shots = key_shots(capture, SHAPE_FRAMES)
-    poses, person = [one.first for one in shots], _shaped(capture, first, off)
-    for step in tqdm(SHAPE_ROUNDS, desc="refine shape", unit="round", leave=False):
-        poses, change = fit_shape(person, shots, poses, off, step)
+    person = _shaped(capture, first, off)
+    poses = [fit_pose(person, one, one.first, POSE_ROUNDS[:2]) for one in tqdm(shots, desc="refine shape", leave=False)]
+    few = slice(None, None, SHAPE_FRAMES // SKIN_FRAMES)
+    for step in SHAPE_ROUNDS:
+        dressed = fit_to_mattes(person, [one.at(pose) for one, pose in zip(shots[few], poses[few])])
+        poses, change = fit_shape(dressed, shots, poses, off, step)
         off = off + change
         person = _shaped(capture, first, off)
-    few = slice(None, None, SHAPE_FRAMES // SKIN_FRAMES)
-    dressed = fit_to_mattes(person, [one.at(pose) for one, pose in zip(shots[few], poses[few])])
-    poses = [fit_pose(dressed, one, pose, SKIN_ROUNDS) for one, pose in zip(shots[few], poses[few])]
-    return Body(fit_to_mattes(person, [one.at(pose) for one, pose in zip(shots[few], poses)]))
+    return Body(fit_to_mattes(person, [one.at(pose) for one, pose in zip(shots[few], poses[few])]))
 
 
 def refine_pose(body: Body, rig: Rig, frame: int) -> Signals:

@@ -64,7 +64,7 @@ def read_keypoints(
     shape = (count, len(cameras), len(names))
     confidence = _numbers(arrays, place, "confidence", shape)
     low, high = (confidence.min(), confidence.max()) if confidence.size else (0, 0)
-    check(0 <= low and high <= 1, place, "confidence", "numbers from 0 to 1", f"{low:g} to {high:g}")
+    check(low >= 0 and high <= 1, place, "confidence", "numbers from 0 to 1", f"{low:g} to {high:g}")
     points = np.where(confidence[..., None] > 0, _numbers(arrays, place, "points", (*shape, 2)), 0)
     wild = int((~(np.abs(points) < FARTHEST)).sum())
     check(not wild, place, "points", f"pixels within {FARTHEST:g} where confidence is above 0", f"{wild} others")
