@@ -17,7 +17,6 @@ from avatarrex.capture.fit.refined_capture import write_refined
 from avatarrex.capture.fit.refining import FILE, Refining
 from avatarrex.capture.fit.size_fit import fit_size
 from avatarrex.capture.fit.surface_fit import fit_surface
-from avatarrex.capture.readers.archive import Archive
 from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
 from avatarrex.capture.readers.splits import Splits, with_validation
 from avatarrex.errors import InputError
@@ -38,7 +37,7 @@ LINES = {
 def refine(path: str, every: bool, out: Path) -> int:
     """Refine into the folder `out`, or go on there. Raises `InputError`."""
     capture = with_validation(open_capture(path))
-    if not (out / FILE).exists() and Archive(out).entries() if out.exists() else False:
+    if out.exists() and any(out.iterdir()) and not (out / FILE).exists():
         raise InputError(out, "", f"a new or empty folder, or one with {FILE} to go on with", "something else")
     for note in capture.notes:
         print(note)

@@ -4,8 +4,9 @@
 
 E_sil compares silhouettes, E_kpt detected keypoints with the projected joints, E_reg = |θ − θ_init|² + |β − β_init|². By
 Gauss–Newton: E_sil by the outlines of `outlines.py`, whose distances s from the template's edge to the matte's are weighted by the
-edges' lengths, Σ ℓ ρ(s)/σ_s². The derivative of the pixels' error by the pose lies on that outline alone, so both have the same minimum;
-a soft rasteriser's gradient is that of a band of pixels about it, and needs hundreds of steps where these need a few.
+edges' lengths, Σ ℓ ρ(s)/σ_s². The derivative of the pixels' error by the pose lies on that outline alone: a soft rasteriser spreads it over
+a band of pixels and descends in hundreds of steps, where Gauss–Newton on the distances needs a few. (Where the rim folds, at fingers,
+several edges share it and count each.)
 
 Letters: k constraints, m unknowns of a pose, b those of the shape. World metres, radians, pixels.
 """

@@ -8,18 +8,30 @@ detectors guess them. Letters: t frames, c cameras, k joints.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 
 import numpy as np
 
-from avatarrex.capture.readers.calibration import Lens
+from avatarrex.capture.fit.check import template_surface
+from avatarrex.capture.readers.calibration import Lens, read_calibration
 from avatarrex.capture.readers.undistort import bend
+from avatarrex.capture.synthetic.cameras import calibration
+from avatarrex.capture.synthetic.plan import RigPlan
 from avatarrex.signals.joints import JOINT_NAMES
 
 NOISE = 0.006
 """3 pixels of 512, 13 mm on a body: detectors of whole bodies are within one to two hundredths of a person's height."""
 SURE, LOST, WRONG, WRONG_BY = 0.5, 0.05, 0.02, 0.1
 """Shares; what is wrong is off by a tenth of the picture."""
+
+
+def keypoints(rig: RigPlan, seed: int) -> dict[str, np.ndarray]:
+    """`keypoints.npz` of a planned rig: its exact joints, whatever its parameters are written as."""
+    neutral = (signals.replace(expression=np.zeros(52)) for signals in rig.motion)
+    joints = np.stack([template_surface(rig.subject.person, signals)[1] for signals in neutral])
+    lenses = read_calibration(json.dumps(calibration(rig.cameras)), "calibration")
+    return detected(joints, lenses, [seed, 5, len(rig.name)])
 
 
 def detected(joints: np.ndarray, lenses: Iterable[Lens], seed: Iterable[int]) -> dict[str, np.ndarray]:
