@@ -13,7 +13,7 @@ from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import silhouette, template_surface
 from avatarrex.capture.fit.outlines import Seen, measured
 from avatarrex.capture.fit.pose_change import TURNED, UNKNOWNS, Levers, stepped, way_from
-from avatarrex.capture.fit.pose_fit import Marks, Round, Shot, fit_pose, fit_shape, pose_equations
+from avatarrex.capture.fit.pose_fit import SHAPE_SIGMA, Marks, Round, Shot, fit_pose, fit_shape, pose_equations
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.limits import random_signals
@@ -169,7 +169,7 @@ def test_shape_comes_back_with_the_poses(person: Person, rng: np.random.Generato
         off = off + change
         own = resize_person(load_person(), PersonFit(off, np.zeros((55, 3))))
     at_rest = [one.body.v_template.double().numpy() for one in (own, somebody, person)]
-    assert np.abs(at_rest[0] - at_rest[1]).mean() < 0.25 * np.abs(at_rest[2] - at_rest[1]).mean()
+    assert np.abs(at_rest[0] - at_rest[1]).mean() < 0.4 * np.abs(at_rest[2] - at_rest[1]).mean()
     assert max(error(somebody, one, other) for one, other in zip(poses, exact)) < 0.012
 
 
@@ -177,7 +177,7 @@ def _whole_system(person: Person, shots: list[Shot], poses: list[Signals]) -> tu
     """All poses and β in one matrix."""
     size = len(shots) * UNKNOWNS + 10
     matrix, right = np.zeros((size, size)), np.zeros(size)
-    matrix[-10:, -10:] = np.eye(10)
+    matrix[-10:, -10:] = np.eye(10) / SHAPE_SIGMA**2
     for number, (one, signals) in enumerate(zip(shots, poses)):
         found = pose_equations(person, one, signals, ROUNDS[0], shaped=True)
         place = np.r_[number * UNKNOWNS : (number + 1) * UNKNOWNS, size - 10 : size]

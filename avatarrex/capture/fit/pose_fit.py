@@ -24,6 +24,7 @@ from avatarrex.capture.fit.pose_change import UNKNOWNS, Levers, stepped, way_fro
 from avatarrex.capture.fit.size_fit import joints_change, outline_change
 from avatarrex.capture.readers.rigs import Rig
 from avatarrex.capture.readers.splits import Splits
+from avatarrex.capture.zbuffer import NEAREST_DEPTH
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import Person
 
@@ -31,8 +32,9 @@ OUTLINE_LENGTH, OUTLINE_SIGMA = 0.05, 0.02
 """Metres of outline that count as one measurement, and its σ: neighbours err together, by clothes and flesh."""
 KEYPOINT_SIGMA, KEYPOINT_OUTLIER = 0.006, 0.03
 """Of a picture's longer side: σ of a keypoint of confidence 1, and where its weight has fallen to ¼ (Geman–McClure)."""
-TURN_SIGMA, PLACE_SIGMA, SHAPE_SIGMA = 0.05, 0.02, 1.0
-"""What tracking may be off: radians of a joint, metres of the root, coefficients of β."""
+TURN_SIGMA, PLACE_SIGMA, SHAPE_SIGMA = 0.05, 0.02, 0.3
+"""What tracking may be off: radians of a joint, metres of the root, coefficients of β. (λ_2 of the paper is one for pose and shape, and
+per picture; outlines of a clothed person agree with each other on a shape that is not hers.)"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +126,7 @@ def _add_marks(found: Equations, places: np.ndarray, change: np.ndarray, marks: 
     """Of joints that are at `places` (55, 3) and move by `change` (55, 3, m)."""
     camera = marks.camera
     seen = camera.seen(places[list(marks.joints)])
-    kept = np.flatnonzero((marks.confidence > 0) & (seen[:, 2] > 0.05))
+    kept = np.flatnonzero(seen[:, 2] > NEAREST_DEPTH)
     if not len(kept):
         return
     joints, seen = np.array(marks.joints)[kept], seen[kept]
