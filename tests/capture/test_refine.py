@@ -92,12 +92,12 @@ def test_a_noisy_capture_is_refined(
 
 
 def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    capture, out, asked = open_capture(TinyCapture.make(("body",)).zip(tmp_path / "a.zip")), tmp_path / "out", []
+    capture, out, called = open_capture(TinyCapture.make(("body",)).zip(tmp_path / "a.zip")), tmp_path / "out", []
     person = resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3))))
-    monkeypatch.setattr(refining, "refine_body", lambda _: asked.append("body") or Body(person))
+    monkeypatch.setattr(refining, "refine_body", lambda _: called.append("body") or Body(person))
 
     def pose(_: Body, rig: Rig, frame: int) -> Signals:
-        asked.append(frame)
+        called.append(frame)
         return rig.signals[frame].replace(translation=np.full(3, 0.1 + frame))
 
     monkeypatch.setattr(refining, "refine_pose", pose)
@@ -106,7 +106,7 @@ def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyP
         body = work.body()
         for frame in wanted:
             work.pose(body, "body", frame)
-    assert asked == ["body", 0, 1, 2]
+    assert called == ["body", 0, 1, 2]
     assert body.person.hash == person.hash
     assert [one.translation[0] for one in work.signals("body")] == [0.1, 1.1, 2.1]
     with pytest.raises(InputError, match=r"refining\.npz: key: expected this capture's and splits'"):

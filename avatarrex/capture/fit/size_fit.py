@@ -173,7 +173,7 @@ def joints_change(person: Person, signals: Signals, joints: np.ndarray) -> np.nd
     """dp (55, 3, m) of the posed joints, world, by their change at rest (55, 3, m) beside the root."""
     posed, world = posed_in_world(person, signals)
     turn = posed.joint_transforms[:, :3, :3].double().numpy()
-    return np.einsum("cd,jdm->jcm", world[:3, :3], _carried(person, turn, joints))
+    return np.asarray(np.einsum("cd,jdm->jcm", world[:3, :3], _carried(person, turn, joints)))
 
 
 def _carried(person: Person, turn: np.ndarray, joints: np.ndarray) -> np.ndarray:
