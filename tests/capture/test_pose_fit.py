@@ -144,6 +144,37 @@ def test_keypoints_alone_and_wrong_ones(person: Person, rng: np.random.Generator
     assert error(person, fit_pose(person, replace(one, marks=tuple(wrong)), first, ROUNDS), exact) < 0.2 * before
 
 
+def test_confidence_weighs(person: Person, rng: np.random.Generator) -> None:
+    """None is as if the joint were not named; less pulls less."""
+    exact = posed(rng)
+    first = off_by(exact, rng)
+    joints, left = template_surface(person, exact)[1], np.arange(55) < 30
+
+    def found(confidence: float, named: tuple[int, ...] = ALL) -> Signals:
+        marks = [
+            Marks(
+                camera,
+                named,
+                (camera.pixels(joints)[0] + np.where(left, 0, 4)[:, None])[list(named)],
+                np.where(left, 1, confidence)[list(named)],
+            )
+            for camera in CAMERAS
+        ]
+        return fit_pose(person, Shot(first, Seen(first, ()), tuple(marks)), first, ROUNDS)
+
+    unnamed = found(1, ALL[:30])
+    np.testing.assert_allclose(way_from(unnamed, found(0)), 0, atol=1e-9)
+    half, whole = (np.abs(way_from(unnamed, found(confidence))).sum() for confidence in (0.1, 1))
+    assert 0 < half < 0.9 * whole
+
+
+def test_shape_is_held_where_tracking_had_it(person: Person, rng: np.random.Generator) -> None:
+    first, off = posed(rng), rng.standard_normal(10)
+    poses, change = fit_shape(person, [Shot(first, Seen(first, ()), ())], [first], off, ROUNDS[0])
+    np.testing.assert_allclose(change, -off)
+    np.testing.assert_allclose(way_from(first, poses[0]), 0, atol=1e-12)
+
+
 def test_nothing_seen_leaves_the_pose(person: Person, rng: np.random.Generator) -> None:
     first = posed(rng)
     found = fit_pose(person, Shot(first, Seen(first, ()), ()), first, ROUNDS)

@@ -152,6 +152,21 @@ def test_a_zip_is_copied(tmp_path: Path, rng: np.random.Generator) -> None:
     assert after.rigs["body"].keypoints is not None
 
 
+def test_the_pelvis_of_the_files_model_is_kept(tmp_path: Path) -> None:
+    """A model with its J_0 elsewhere than ours: what is written is read as the same poses of the same person."""
+    person, away = resize_person(load_person(), PersonFit(np.eye(10)[1], np.zeros((55, 3)))), np.array([0.1, 0.9, -0.2])
+    tiny = TinyCapture.make(("body",), person=person)
+    joints = person.body.joint_template.double().numpy() + away
+    tiny.change(tpose_joints=joints, transl=np.stack([one.translation for one in tiny.signals]) - away)
+    capture = open_capture(tiny.zip(tmp_path / "a.zip"))
+    np.testing.assert_allclose(capture.pelvis, away, atol=1e-6)
+    write_refined(capture, Body(capture.person), {"body": tuple(capture.rigs["body"].signals)}, {}, tmp_path / "out")
+    after = open_capture(tmp_path / "out")
+    for before, other in zip(capture.rigs["body"].signals, after.rigs["body"].signals):
+        one, two = (template_surface(held.person, frame)[1] for held, frame in ((capture, before), (after, other)))
+        np.testing.assert_allclose(one, two, atol=1e-5)
+
+
 def test_what_is_in_the_way_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = TinyCapture.make(("body",)).zip(tmp_path / "a.zip")
     (tmp_path / "full").mkdir()
