@@ -168,7 +168,7 @@ def test_confidence_weighs(person: Person, rng: np.random.Generator) -> None:
     assert 0 < half < 0.9 * whole
 
 
-def test_shape_is_held_where_tracking_had_it(person: Person, rng: np.random.Generator) -> None:
+def test_shape_is_kept_where_tracking_had_it(person: Person, rng: np.random.Generator) -> None:
     first, off = posed(rng), rng.standard_normal(10)
     poses, change = fit_shape(person, [Shot(first, Seen(first, ()), ())], [first], off, ROUNDS[0])
     np.testing.assert_allclose(change, -off)

@@ -163,7 +163,7 @@ def test_the_pelvis_of_the_files_model_is_kept(tmp_path: Path) -> None:
     write_refined(capture, Body(capture.person), {"body": tuple(capture.rigs["body"].signals)}, {}, tmp_path / "out")
     after = open_capture(tmp_path / "out")
     for before, other in zip(capture.rigs["body"].signals, after.rigs["body"].signals):
-        one, two = (template_surface(held.person, frame)[1] for held, frame in ((capture, before), (after, other)))
+        one, two = (template_surface(of.person, frame)[1] for of, frame in ((capture, before), (after, other)))
         np.testing.assert_allclose(one, two, atol=1e-5)
 
 
