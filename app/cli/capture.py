@@ -1,4 +1,4 @@
-"""`avatarrex-studio capture make|check`: the synthetic capture, and how well any capture fits together."""
+"""`avatarrex-studio capture make|check|refine`: the synthetic capture, how well any capture fits together, better tracking."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOST_COMPARED = 1000
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
-    """Both acts with theirs."""
+    """Each act with its own."""
     acts = verb.add_subparsers(dest="act", metavar="ACT", required=True)
     make = acts.add_parser("make", help="a synthetic capture of the default subject", allow_abbrev=False)
     make.add_argument("out", help="a new folder, or one to go on with; OUT.zip with --format zip")
@@ -38,11 +38,17 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     check.add_argument("--surface", action="store_true", help="fit the template's skin to the mattes first (a minute)")
     check.add_argument("--rig", choices=("body", "face"), help="one rig alone")
     check.add_argument("--frames", default="4", metavar="N", help="how many frames to compare (4)")
+    what = "a capture with its tracking refined by its own mattes and keypoints"
+    refine = acts.add_parser("refine", help=what, allow_abbrev=False)
+    refine.add_argument("capture", help="a folder or .zip")
+    refine.add_argument("out", help="a new folder, or one to go on with")
+    every = "refine the poses of frames that are kept from training, too (by the training's cameras and shape)"
+    refine.add_argument("--every-frame", action="store_true", help=every)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make a capture, or check one. Raises `InputError`."""
-    return {"make": _make, "check": _check}[arguments.act](arguments)
+    """Make a capture, check or refine one. Raises `InputError`."""
+    return {"make": _make, "check": _check, "refine": _refine}[arguments.act](arguments)
 
 
 def _make(arguments: argparse.Namespace) -> int:
@@ -66,3 +72,10 @@ def _check(arguments: argparse.Namespace) -> int:
     from avatarrex_studio.cli.capture_check import check
 
     return check(arguments.capture, arguments.rig, count, arguments.surface, out)
+
+
+def _refine(arguments: argparse.Namespace) -> int:
+    out = output_folder(arguments.out, "capture.json")
+    from avatarrex_studio.cli.capture_refine import refine
+
+    return refine(arguments.capture, arguments.every_frame, out)

@@ -12,7 +12,7 @@ from capture.tiny_capture import TinyCapture
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import iou, posed_in_world, silhouette, template_surface
 from avatarrex.capture.fit.outlines import Outline, Seen, seen_frames
-from avatarrex.capture.fit.size_fit import PLACE, _outline_change, _SizeFit, boxes, fit_size
+from avatarrex.capture.fit.size_fit import PLACE, _SizeFit, boxes, fit_size, outline_change
 from avatarrex.capture.fit.surface_fit import fit_capture
 from avatarrex.capture.readers.rigs import SMPLX_PELVIS, Capture, open_capture
 from avatarrex.capture.readers.splits import sealed
@@ -103,7 +103,7 @@ def test_how_outlines_follow_the_unknowns(rng: np.random.Generator) -> None:
     person, signals = fit.person(unknown), random_signals(rng, 0.4)
     ends = rng.integers(0, len(person.body.v_template), (40, 2))
     outward = rng.standard_normal((40, 3))
-    rows = _outline_change(person, signals, Outline(ends, outward, np.zeros(40)), *fit._rest_change(person))
+    rows = outline_change(person, signals, Outline(ends, outward, np.zeros(40)), *fit._rest_change(person))
 
     def places(row: np.ndarray) -> np.ndarray:
         one = signals.replace(translation=signals.translation + row[PLACE])

@@ -16,6 +16,7 @@ from avatarrex_studio.cli.main import main
 from PIL import Image
 
 from avatarrex.camera import Camera
+from avatarrex.capture.fit.pose_fit import keypoint_error
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.capture.synthetic import make as synthetic
 from avatarrex.capture.synthetic import plan as plans
@@ -91,6 +92,8 @@ def test_the_reader_takes_it_and_its_parameters_reproduce_the_meshes(made: Path)
         assert rig.missing == frozenset()
         assert rig.held_out_views == {1}
         pelvis = capture.person.body.joint_template[0].double().numpy()
+        assert rig.keypoints is not None
+        assert 0.5 < keypoint_error(capture.person, rig) < 0.05 * rig.views[0].camera.height
         for frame in range(rig.frames):
             signals = rig.signals[frame]
             posed = load_subject().pose(signals).vertices

@@ -7,6 +7,7 @@ tests the cameras alone. Letters: h w pixels, v vertices, f faces. World metres.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -209,12 +210,16 @@ def reduced(camera: Camera, side: int = SILHOUETTE_PIXELS) -> Camera:
 
 def joint_error(capture: Capture, rig: Rig) -> tuple[float, float] | None:
     """Mean and largest distance, mm, of the posed person's joints from the capture's over all frames; None without any."""
+    distances = joint_distances(capture, rig, range(rig.frames))
+    return None if distances is None else (float(1000 * distances.mean()), float(1000 * distances.max()))
+
+
+def joint_distances(capture: Capture, rig: Rig, frames: Iterable[int]) -> np.ndarray | None:
+    """(t, 55) metres between the posed person's joints and the capture's; None without any."""
     truth = capture.ground_truth.get(rig.name)
     if truth is None or truth.joints is None:
         return None
     # no expression: a regressor's joints would follow it, and the shape alone places ours
-    distances = []
-    for signals, exact in zip(rig.signals, truth.joints):
-        joints = template_surface(capture.person, signals.replace(expression=np.zeros(52)))[1]
-        distances.append(np.linalg.norm(joints - exact, axis=1))
-    return float(1000 * np.mean(distances)), float(1000 * np.max(distances))
+    neutral = {frame: rig.signals[frame].replace(expression=np.zeros(52)) for frame in frames}
+    posed = [template_surface(capture.person, signals)[1] - truth.joints[frame] for frame, signals in neutral.items()]
+    return np.asarray(np.linalg.norm(posed, axis=2))

@@ -11,12 +11,15 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import binary_erosion
 
 from avatarrex.camera import Camera
-from avatarrex.capture.fit.check import FOREGROUND, iou, silhouette, template_surface
+from avatarrex.capture.fit.check import FOREGROUND, compared_frames, iou, silhouette, template_surface
 from avatarrex.capture.readers.rigs import Capture, Rig
+from avatarrex.capture.readers.splits import Splits
 
 TILE_PIXELS = 320
 """Pixels of a tile's sides; fewer where many cameras would make the sheet longer than `TALLEST_PIXELS`."""
 TALLEST_PIXELS = 4800
+COMPARED_VIEWS = 4
+"""Cameras of a sheet that compares."""
 GAP_PIXELS = 2
 """Between tiles."""
 TILE_MARGIN = 0.06
@@ -43,6 +46,23 @@ def contact_sheet(capture: Capture, rig_name: str, frames: tuple[int, ...]) -> n
             tile = _tile(rig, view, frame, vertices, faces, side)
             sheet[top : top + side, column * pitch : column * pitch + side] = tile
     return sheet
+
+
+def compared_sheet(captures: tuple[Capture, ...], rig_name: str, frames: tuple[int, ...]) -> np.ndarray:
+    """(h, w, 3) uint8: the training's cameras of a rig, some frames, each as the `captures` have it side by side."""
+    side, views = TILE_PIXELS, Splits.of(captures[0].rigs[rig_name]).train.views
+    some = [views[place] for place in compared_frames(len(views), COMPARED_VIEWS)]
+    rows = []
+    for view in some:
+        row = []
+        for frame in frames:
+            for capture in captures:
+                rig = capture.rigs[rig_name]
+                vertices = template_surface(capture.person, rig.signals[frame])[0]
+                row.append(_tile(rig, view, frame, vertices, capture.person.body.faces.numpy(), side))
+        rows.append(np.concatenate([np.pad(tile, ((0, GAP_PIXELS), (0, GAP_PIXELS), (0, 0))) for tile in row], 1))
+    legend = _labelled(np.full((side // 12 + 8, rows[0].shape[1], 3), 40, np.uint8), f"before | after   {LEGEND}", side)
+    return np.concatenate([legend, *rows])
 
 
 def _tile(rig: Rig, view: int, frame: int, vertices: np.ndarray, faces: np.ndarray, side: int) -> np.ndarray:

@@ -131,7 +131,7 @@ class _SizeFit:
         for one in self.seen:
             signals = one.signals.replace(translation=one.signals.translation + unknown[PLACE])
             outline = measure(person, replace(one, signals=signals))
-            rows = _outline_change(person, signals, outline, *change)
+            rows = outline_change(person, signals, outline, *change)
             weight = (1 + (outline.distance / outlier) ** 2) ** -2 * EDGE_SHARE / OUTLINE_SIGMA**2
             matrix += rows.T @ (rows * weight[:, None])
             right += rows.T @ (weight * (outline.distance + rows @ unknown))
@@ -151,16 +151,13 @@ class _SizeFit:
         return vertices, joints
 
 
-def _outline_change(
+def outline_change(
     person: Person, signals: Signals, outline: Outline, vertices: np.ndarray, joints: np.ndarray
 ) -> np.ndarray:
     """nᵀ dx (k, m) of the outline's edges, by the change of vertices and joints at rest."""
     posed, world = posed_in_world(person, signals)
     turn = posed.joint_transforms[:, :3, :3].double().numpy()
-    moved = np.zeros_like(joints)
-    for joint, parent in enumerate(person.body.parents[1:], 1):
-        moved[joint] = moved[parent] + turn[parent] @ (joints[joint] - joints[parent])
-    moved -= np.einsum("jcd,jdm->jcm", turn, joints)
+    moved = _carried(person, turn, joints) - np.einsum("jcd,jdm->jcm", turn, joints)
     used, row = np.unique(outline.vertices, return_inverse=True)
     weights = person.body.weights[used]
     linear = blend(posed.skinning, weights)[:, :, :3].double().numpy()
@@ -170,3 +167,18 @@ def _outline_change(
     points[:, :, PLACE] += np.eye(3)
     change: np.ndarray = np.einsum("kc,kcm->km", outline.outward, points[row.reshape(outline.vertices.shape)].mean(1))
     return change
+
+
+def joints_change(person: Person, signals: Signals, joints: np.ndarray) -> np.ndarray:
+    """dp (55, 3, m) of the posed joints, world, by their change at rest (55, 3, m) beside the root."""
+    posed, world = posed_in_world(person, signals)
+    turn = posed.joint_transforms[:, :3, :3].double().numpy()
+    return np.asarray(np.einsum("cd,jdm->jcm", world[:3, :3], _carried(person, turn, joints)))
+
+
+def _carried(person: Person, turn: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """(55, 3, m): each bone's change turned as the bone is, added up from the root, which stays."""
+    moved = np.zeros_like(joints)
+    for joint, parent in enumerate(person.body.parents[1:], 1):
+        moved[joint] = moved[parent] + turn[parent] @ (joints[joint] - joints[parent])
+    return moved

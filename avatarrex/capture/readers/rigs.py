@@ -22,6 +22,7 @@ from avatarrex.capture.readers.calibration import read_calibration
 from avatarrex.capture.readers.framing import bare, shows_a_face
 from avatarrex.capture.readers.ground_truth import RigTruth
 from avatarrex.capture.readers.images_store import ByteCache, Pictures
+from avatarrex.capture.readers.keypoints import Keypoints, read_keypoints
 from avatarrex.capture.readers.layout import RigFiles, find_rigs
 from avatarrex.capture.readers.listing import missing_pictures, with_pictures
 from avatarrex.capture.readers.manifest import held_out, read_manifest
@@ -58,6 +59,8 @@ class Rig:
     held_out_frames: frozenset[int]
     held_out_views: frozenset[int]
     pictures: Pictures = field(repr=False)
+    keypoints: Keypoints | None = field(default=None, repr=False)
+    """Joints that were detected in the pictures, where the capture has them."""
     validation_frames: frozenset[int] | None = None
     """A training's own figures are of these; None: chosen by rule (splits.py)."""
 
@@ -214,6 +217,7 @@ def _rig(
     archive, count = files.archive, len(values.pose)
     place = archive.place(files.calibration)
     lenses = read_calibration(archive.text(files.calibration), place)
+    calibrated = tuple(lens.name for lens in lenses)
     lenses, images, mattes = with_pictures(name, files, lenses, count, notes)
     lenses, scale = metres(lenses, values.translation, shift, place, f"{name}: ", notes)
     listed = files.listed_missing(tuple(lens.name for lens in lenses))
@@ -229,7 +233,8 @@ def _rig(
     views = tuple(View(lens.name, lens.camera) for lens in lenses)
     signals = values.signals(shift, scale, archive.path.name)
     notes.extend(f"{name}: {note}" for note in values.notes)
-    rig = Rig(name, views, signals, missing, frozenset(), frozenset(), pictures)
+    keypoints = read_keypoints(files, lenses, calibrated, count)
+    rig = Rig(name, views, signals, missing, frozenset(), frozenset(), pictures, keypoints)
     truth = RigTruth(files, frames=count, lenses=lenses) if files.ground_truth else None
     kept = held_out(manifest, name, count, tuple(lens.name for lens in lenses), archive.place("capture.json"))
     return rig.holding_out(*kept), truth

@@ -21,6 +21,7 @@ import numpy as np
 
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.images_store import Pictures
+from avatarrex.capture.readers.keypoints import Keypoints
 from avatarrex.capture.readers.rigs import Capture, Rig, View
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
@@ -128,6 +129,7 @@ def sealed_rig(rig: Rig, split: Split) -> Rig:
         held_out_views=frozenset(range(len(rig.views))) - views,
         validation_frames=frozenset(),
         pictures=SealedPictures(rig.pictures, rig.name, frozenset(others)),
+        keypoints=None if rig.keypoints is None else SealedKeypoints(rig.keypoints, rig.name, frozenset(others)),
     )
 
 
@@ -148,6 +150,26 @@ class SealedPictures(Pictures):
         if (view, frame) in self._others:
             raise Sealed(f"{self._rig} rig, view {view}, frame {frame}: not in this split")
         self._open_pictures.check_size(view, frame)
+
+
+class SealedKeypoints(Keypoints):
+    """Keypoints of a rig, but of some pictures."""
+
+    def __init__(self, keypoints: Keypoints, rig: str, others: frozenset[tuple[int, int]]) -> None:
+        for name, value in (("joints", keypoints.joints), ("_open", keypoints), ("_rig", rig), ("_others", others)):
+            object.__setattr__(self, name, value)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("points", "confidence"):
+            raise Sealed(f"{self._rig} rig, keypoints of all pictures: not in this split")
+        raise AttributeError(name)
+
+    def at(self, view: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """See `Keypoints`. Raises `Sealed`."""
+        if (view, frame) in self._others:
+            raise Sealed(f"{self._rig} rig, keypoints of view {view}, frame {frame}: not in this split")
+        points, confidence = self._open.at(view, frame)
+        return points, confidence
 
 
 class _Nothing:

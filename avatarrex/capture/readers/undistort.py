@@ -10,6 +10,9 @@ from scipy.ndimage import map_coordinates
 
 from avatarrex.capture.readers.calibration import Lens
 
+STRAIGHTENED = 20
+"""Fixed-point steps back through a lens: each leaves the share of its error that the lens bends a point by, a fifth at most."""
+
 
 def distort(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:
     """Where the lens puts ideal points (…, 2) of the plane z = 1."""
@@ -26,14 +29,34 @@ def distort(points: np.ndarray, distortion: np.ndarray) -> np.ndarray:
     )
 
 
+def bend(lens: Lens, pixels: np.ndarray) -> np.ndarray:
+    """Where points (…, 2) of the ideal picture are in the taken one, pixels with centres at +0.5."""
+    intrinsics = lens.camera.intrinsics
+    plane = (pixels - intrinsics[:2, 2]) @ np.linalg.inv(intrinsics[:2, :2]).T
+    return np.asarray(distort(plane, lens.distortion) @ intrinsics[:2, :2].T + intrinsics[:2, 2])
+
+
+def straighten(lens: Lens, pixels: np.ndarray) -> np.ndarray:
+    """Where points (…, 2) of the taken picture are in the ideal one, pixels with centres at +0.5.
+
+    One far from the picture that this lens cannot have shown ends anywhere, or is NaN.
+    """
+    if not lens.distorts:
+        return pixels
+    intrinsics = lens.camera.intrinsics
+    bent = (pixels - intrinsics[:2, 2]) @ np.linalg.inv(intrinsics[:2, :2]).T
+    plane = bent
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(STRAIGHTENED):
+            plane = plane + bent - distort(plane, lens.distortion)
+    return np.asarray(plane @ intrinsics[:2, :2].T + intrinsics[:2, 2])
+
+
 def source_pixels(lens: Lens) -> np.ndarray:
     """For every pixel (h, w) of the ideal image, (2, h, w) float32 row and column in the taken one (centres at integers)."""
     camera = lens.camera
-    intrinsics = camera.intrinsics
     column, row = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    plane = np.stack([column, row, np.ones_like(row)], -1) @ np.linalg.inv(intrinsics).T
-    bent = distort(plane[..., :2], lens.distortion)
-    pixel = bent @ intrinsics[:2, :2].T + intrinsics[:2, 2]
+    pixel = bend(lens, np.stack([column, row], -1))
     return np.asarray(np.moveaxis(pixel[..., ::-1] - 0.5, -1, 0), np.float32)
 
 

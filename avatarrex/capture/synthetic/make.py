@@ -1,6 +1,6 @@
 """The synthetic capture: the clothed subject before two rigs, in the AvatarReX layout with exact ground truth.
 
-    OUT/capture.json, OUT/{body,face}/{calibration_full.json, smpl_params.npz, ground_truth.npz},
+    OUT/capture.json, OUT/{body,face}/{calibration_full.json, smpl_params.npz, keypoints.npz, ground_truth.npz},
     OUT/{body,face}/<serial>/{%08d.jpg, mask/pha/%08d.jpg, truth/%08d.npz}        (assets_spec/capture.json)
 
 Every file is written whole or not at all, and everything in it follows from size, seed, garment and variation: a run that was stopped
@@ -30,6 +30,7 @@ from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.synthetic.albedo_lattice import bake
 from avatarrex.capture.synthetic.cameras import calibration
 from avatarrex.capture.synthetic.imaging import JPEG_QUALITY, Imaging
+from avatarrex.capture.synthetic.keypoints import keypoints
 from avatarrex.capture.synthetic.occlusion import Occlusion
 from avatarrex.capture.synthetic.plan import Plan, RigPlan, plan
 from avatarrex.capture.synthetic.rasteriser import Picture, Rasteriser
@@ -107,6 +108,7 @@ def _write_heads(folder: Path, made: Plan) -> None:
     for rig in made.rigs:
         _write(folder / rig.name / "calibration_full.json", _json(calibration(rig.cameras, rig.imaging.distortion)))
         _write(folder / rig.name / "smpl_params.npz", _npz(tracked(rig)))
+        _write(folder / rig.name / "keypoints.npz", _npz(keypoints(rig, made.seed)))
         if not _is_whole(folder / rig.name / "ground_truth.npz"):
             _write(folder / rig.name / "ground_truth.npz", _npz(truth(rig)))
 

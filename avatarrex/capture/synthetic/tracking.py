@@ -47,7 +47,7 @@ def truth(rig: RigPlan) -> dict[str, np.ndarray]:
     if not rig.variation.to_json():
         return meshes
     pose, translation, expression = _motion(rig)
-    return {**meshes, "joints": _joints(rig), **_arrays(pose, translation), "arkit52": expression}
+    return {**meshes, "joints": joints(rig), **_arrays(pose, translation), "arkit52": expression}
 
 
 def _motion(rig: RigPlan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -74,8 +74,8 @@ def _noisy(
     return turned.as_rotvec().reshape(pose.shape), moved, np.clip(shaped, 0, 1)
 
 
-def _joints(rig: RigPlan) -> np.ndarray:
-    """(t, 55, 3) world metres."""
+def joints(rig: RigPlan) -> np.ndarray:
+    """(t, 55, 3) where the subject's own joints are, world metres."""
     placed = []
     for frame in range(len(rig.motion)):
         world = rig.world_from_root(frame)

@@ -1,0 +1,91 @@
+"""A capture with other parameters: the same files, linked where that is possible, and `smpl_params.npz` written anew.
+
+Poses are full axis-angle with flat hands at zero, in metres. The person's size is `shape10` where it was, else `tpose_joints`, so that
+captures whose files did not say it do now. Letters: t frames.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from avatarrex.capture.fit.refine import Body
+from avatarrex.capture.readers.archive import Archive
+from avatarrex.capture.readers.layout import RigFiles, find_rigs
+from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES
+from avatarrex.capture.readers.rigs import Capture
+from avatarrex.files.gate import written
+from avatarrex.files.images import write_arrays
+from avatarrex.files.json_text import write_json
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_ROWS
+
+REPLACED = ("flat_hand_mean", "hands_meanl", "hands_meanr", "betas", "shape10", "tpose_joints", "expression")
+"""Arrays of the old file that the new one has otherwise, or that mean nothing beside its size."""
+
+
+def write_refined(
+    capture: Capture, body: Body, signals: dict[str, tuple[Signals, ...]], said: dict[str, Any], out: Path
+) -> None:
+    """Into the folder `out`: `signals` by rig, `said` as `refined` of capture.json. Raises `InputError` for a file that is damaged."""
+    archive = Archive(capture.path)
+    root, found = find_rigs(archive)
+    files = {name: found.get(name) or next(iter(found.values())) for name in capture.rigs}
+    new = {files[name].parameters: name for name in capture.rigs}
+    for name in all_files(archive, root):
+        target = out / name.removeprefix(f"{root}/" if root else "")
+        if name in new:
+            rig = new[name]
+            write_arrays(target, _parameters(capture, files[rig], body, signals[rig]))
+        elif target.name == "capture.json" and target.parent == out:
+            write_json(target, {**capture.manifest, "refined": said})
+        else:
+            _link(archive, name, target)
+
+
+def all_files(archive: Archive, folder: str) -> Iterator[str]:
+    """Files in a folder and below, by name."""
+    for entry in sorted(archive.entries(folder)):
+        name = f"{folder}/{entry}".lstrip("/")
+        if archive.exists(name):
+            yield name
+        else:
+            yield from all_files(archive, name)
+
+
+def _link(archive: Archive, name: str, target: Path) -> None:
+    """The same file under another name, or a copy of it; what is there already is left."""
+    if target.exists():
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    source = archive.path / name
+    try:
+        os.link(source.resolve(), target)
+    except OSError:  # a zip, another disk, or a file system without links
+        with written(target) as part:
+            part.write_bytes(archive.read(name))
+
+
+def _parameters(capture: Capture, files: RigFiles, body: Body, signals: tuple[Signals, ...]) -> dict[str, np.ndarray]:
+    old = files.archive.arrays(files.parameters, KEYS, LARGEST_BYTES)
+    pose = np.stack([one.full_pose() for one in signals])
+    flat = {name: pose[:, rows].reshape(len(pose), -1) for name, rows in JOINT_ROWS.items() if name != "eye_pose"}
+    size: dict[str, np.ndarray]
+    if "shape10" in old:
+        size = {"shape10": body.shape}
+    else:
+        unit = next((truth.scale for truth in capture.ground_truth.values()), 1.0)  # exact meshes keep theirs
+        size = {"tpose_joints": (body.person.body.joint_template.double().numpy() + capture.pelvis) / unit}
+    return {
+        **{name: value for name, value in old.items() if name not in REPLACED},
+        **flat,
+        **size,
+        "transl": np.stack([one.translation for one in signals]) - capture.pelvis,
+        "arkit52": np.stack([one.expression for one in signals]),
+        "arkit_names": np.array(EXPRESSION_NAMES),
+        "flat_hand_mean": np.array(True),
+    }
