@@ -76,7 +76,7 @@ def test_without_a_variation_nothing_of_it_happens(
         raise AssertionError("a variation's step in the default capture")
 
     steps = [(imaging, ("exposed", "noisy", "pushed")), (rasteriser, ("bent",)), (subject, ("detailed",)),
-             (plans, ("turning",)), (tracking, ("_noisy", "_joints"))]  # fmt: skip
+             (plans, ("turning",)), (tracking, ("_noisy",))]  # fmt: skip
     for module, names in steps:
         for name in names:
             monkeypatch.setattr(module, name, never)
