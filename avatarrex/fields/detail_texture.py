@@ -3,7 +3,7 @@
     c = sigmoid(𝒞(p, v) + Σ_k b_k(x) t_k) · E(n),      x the closest point of p̄ on the triangles
 
 The texels of a triangle lie on a lattice of its barycentric coordinates (mesh colours: Yuksel, Keyser and House 2010, here without
-shared edges), as many along an edge as it is long in texels; b_k interpolates linearly between the three around x. So no atlas is
+shared edges), as many along an edge as the equilateral triangle of its area has; b_k interpolates linearly between the three around x. So no atlas is
 cut, and a place is a triangle with barycentrics. Texels are logits: beside networks that say 0, sigmoid(t) is the albedo, which is
 what avatars store of it, one byte a channel.
 
@@ -56,9 +56,9 @@ class DetailTexture(nn.Module):
         cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], spacing: float, shown: Bool[Tensor, " f"]
     ) -> DetailTexture:
         """Texels about `spacing` metres apart on the triangles that are `shown`, all grey."""
-        corner = vertices[faces].double()
-        longest = (corner - corner.roll(1, 1)).norm(dim=-1).amax(1)
-        edge = (longest / spacing).round().clamp(1, MOST_EDGE) * shown
+        a, b, c = vertices[faces].double().unbind(1)
+        area = torch.linalg.cross(b - a, c - a).norm(dim=-1) / 2
+        edge = ((4 * area / 3**0.5).sqrt() / spacing).round().clamp(1, MOST_EDGE) * shown
         texture = cls(edge.to(torch.uint8))
         texture.lay(vertices, faces)
         return texture

@@ -65,6 +65,8 @@ class PassOne:
     """Steps at first in which the geometry is frozen: colours that are not yet known would move it."""
     latent: bool = True
     """Whether frames have codes of their own and z is drawn; without, z = 0 as at test, and detail follows the pose alone."""
+    carved: bool = False
+    """Whether what stands off the template farther than cloth is carved from the mattes before (fields/outgrowth.py; ours)."""
     outline: int = 0
     """Rays of the whole batch for the silhouette term besides the rendered ones, drawn about the matte's edge."""
     sampling: Sampling = "near"
@@ -183,7 +185,7 @@ _FACE = PassOne(
 )  # fmt: skip
 _BODY = PassOne(
     steps=1200, frames=1, rays=400, samples=5, rate=4e-3, decay=0.05, decay_steps=1200, gamma_steps=600, warm_steps=60,
-    gamma_extra=0.005, geometry_rate=0.15, latent=False, outline=2000, weights=LossWeights(silhouette=1.0, node=1.0),
+    gamma_extra=0.005, geometry_rate=0.15, latent=False, outline=2000, carved=True, weights=LossWeights(silhouette=1.0, node=1.0),
 )  # fmt: skip
 """Under the paper's L_node, a 25th of this, nodes drift by centimetres."""
 _TWO = PassTwo(steps=1000, rate=3e-3, decay=0.05, decay_steps=1000)
@@ -227,9 +229,10 @@ def from_scratch(recipe: Recipe) -> Recipe:
     """
     face, body = (
         replace(
-            one, warm_steps=0, still=0, geometry_rate=1.0, gamma_extra=PassOne.gamma_extra,
+            one, warm_steps=0, carved=False, still=0, geometry_rate=1.0, gamma_extra=PassOne.gamma_extra,
             gamma_steps=max(one.gamma_steps, one.steps // 3), sampling="uniform", samples=max(one.samples, SCRATCH_SAMPLES),
         )
         for one, _ in (recipe.face, recipe.body)
     )  # fmt: skip
-    return replace(recipe, face=(face, recipe.face[1]), body=(body, recipe.body[1]), scratch=True)
+    two = replace(recipe.body[1], texel=0.0)
+    return replace(recipe, face=(face, recipe.face[1]), body=(body, two), scratch=True)
