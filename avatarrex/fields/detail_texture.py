@@ -21,11 +21,12 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.spatial import cKDTree
 from torch import Tensor, nn
 
-from avatarrex.ops.closest_triangle import closest_triangle
-from avatarrex.ops.search_tree import SearchTree
+from avatarrex.ops.triangle_grid import TriangleGrid
 
 MOST_EDGE = 64
 """Texels along an edge at most."""
+OFF = (0.04, 0.06)
+"""Metres off the triangles where detail fades out: a pony tail must not be painted on the neck beneath it."""
 DARKEST = 0.5 / 255
 """Albedo of the least texel, and 1 less that of the largest: beyond, a logit says nothing that a byte could."""
 
@@ -36,7 +37,7 @@ class TexelPlaces:
 
     texel: Int[Tensor, "p k"]
     share: Float[Tensor, "p k"]
-    """b_k; sum 1."""
+    """b_k; their sum is 1, and fades to 0 from `OFF` on."""
 
 
 class DetailTexture(nn.Module):
@@ -76,8 +77,13 @@ class DetailTexture(nn.Module):
 
     def places(self, rest: Float[Tensor, "p 3"]) -> TexelPlaces:
         """Of rest positions p̄, metres; not differentiable in them."""
-        face, weight = closest_triangle(self.lattice.tree, rest.detach().double().numpy())
-        return self.places_on(self.lattice.shown[face], weight)
+        points = rest.detach().double().numpy()
+        face, weight = self.lattice.grid.closest(points)
+        face = self.lattice.shown[face]
+        found = self.places_on(face, weight)
+        off = np.linalg.norm(points - self.lattice.at(face, weight), axis=1)
+        fade = np.clip((OFF[1] - off) / (OFF[1] - OFF[0]), 0, 1)
+        return TexelPlaces(found.texel, found.share * torch.from_numpy(fade).to(found.share)[:, None])
 
     def places_on(self, face: Int[np.ndarray, " p"], weight: Float[np.ndarray, "p 3"]) -> TexelPlaces:
         """Of barycentrics on triangles that have texels."""
@@ -137,9 +143,9 @@ class _Lattice:
         return self
 
     @cached_property
-    def tree(self) -> SearchTree:
+    def grid(self) -> TriangleGrid:
         """Of the triangles that have texels, in their order."""
-        return SearchTree.of_triangles(self.vertices, self.faces[self.shown])
+        return TriangleGrid.of(self.vertices, self.faces[self.shown])
 
     @cached_property
     def position(self) -> Float[np.ndarray, "t 3"]:
@@ -155,6 +161,11 @@ class _Lattice:
             found[rows] = np.einsum("tk,fkc->ftc", weight, self.vertices[self.faces[some]])
             end = max(end, int(rows.max()) + 1)
         return found[:end]
+
+    def at(self, face: np.ndarray, weight: np.ndarray) -> Float[np.ndarray, "p 3"]:
+        """Metres at rest."""
+        place: np.ndarray = np.einsum("pk,pkc->pc", weight, self.vertices[self.faces[face]])
+        return place
 
     def around(self, face: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Texels (p, 3) about places and their shares: in the small triangle that stands upright there, or on its head."""

@@ -189,7 +189,7 @@ _BODY = PassOne(
 )  # fmt: skip
 """Under the paper's L_node, a 25th of this, nodes drift by centimetres."""
 _TWO = PassTwo(steps=1000, rate=3e-3, decay=0.05, decay_steps=1000)
-_DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 3.0, "view_dropout": 0.5}
+_DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 0.5, "view_dropout": 0.5}
 QUICK = Recipe(
     name="quick", about="compact networks within the hour on two cores", preset="compact", interval=200, evaluate=400,
     face=(_FACE, _TWO), body=(_BODY, _lasting(_TWO, 2400, 0.03)),
