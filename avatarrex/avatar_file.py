@@ -20,7 +20,7 @@ from torch import Tensor
 
 from avatarrex.avatar import FORMAT, Avatar
 from avatarrex.errors import InputError, plain
-from avatarrex.fields import detail_texture
+from avatarrex.fields.detail_texture import packed, unpacked
 from avatarrex.fields.local_frame import UNSAID
 from avatarrex.fields.placement import device_named
 from avatarrex.fields.presets import BASES, PRESETS
@@ -75,9 +75,7 @@ def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
     except (safetensors.SafetensorError, ValueError) as error:
         raise InputError(path, "weights.safetensors", "a safetensors file", error) from None
     _expect(path, avatar, state)
-    if TEXELS in state:
-        state[TEXELS] = detail_texture.from_bytes(state[TEXELS])
-    _fill(path, avatar, state, meta["format"])
+    _fill(path, avatar, unpacked(state), meta["format"])
     avatar.meta = meta
     avatar.surface = _surface(path, avatar)
     avatar.place(device)
@@ -95,10 +93,10 @@ def save_avatar(avatar: Avatar, path: str | Path, half: bool = True) -> None:
     Floating-point weights are stored in half precision when `half` (the surface moves by less than 0.1 mm). A surface of other
     weights than the avatar has by now is left out. `load` reads it back. Raises `InputError` where `path` cannot be written.
     """
-    state = avatar.state()
-    if TEXELS in state:
-        state[TEXELS] = detail_texture.to_bytes(state[TEXELS])
-    state = {name: value.half() if half and value.is_floating_point() else value for name, value in state.items()}
+    state = {
+        name: value.half() if half and value.is_floating_point() else value
+        for name, value in packed(avatar.state()).items()
+    }
     meta = {**avatar.meta, "format": FORMAT, "person": avatar.person.name, "person_hash": avatar.person.hash}
     meta.pop("person_fit", None)
     if avatar.person.fit is not None:
@@ -229,6 +227,9 @@ def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
         if name in state and (state[name].dim() != dimensions or not state[name].numel()):
             expected = f"an array of {dimensions} dimensions"
             raise InputError(path, f"weights.safetensors: {name}", expected, tuple(state[name].shape))
+    distance = state.get("body.outgrowth.distance")
+    if distance is not None and not (distance <= 0).any():
+        raise InputError(path, "weights.safetensors: body.outgrowth.distance", "somewhere inside", "positive numbers")
     avatar.body.expect({name.removeprefix("body."): value for name, value in state.items()})
 
 

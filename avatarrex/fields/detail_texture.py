@@ -12,6 +12,7 @@ Letters: f triangles, t texels, p points, k = 3 texels around a point.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,12 +22,18 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.spatial import cKDTree
 from torch import Tensor, nn
 
+from avatarrex.fields import loops
+from avatarrex.ops.native import spread
 from avatarrex.ops.triangle_grid import TriangleGrid
 
+TEXELS = "detail.texel"
+"""How the names of texels in a state end."""
 MOST_EDGE = 64
 """Texels along an edge at most."""
 OFF = (0.04, 0.06)
 """Metres off the triangles where detail fades out: a pony tail must not be painted on the neck beneath it."""
+ROUNDED = 1e-9
+"""Of a texel's spacing: a place so near to a texel is at it."""
 DARKEST = 0.5 / 255
 """Albedo of the least texel, and 1 less that of the largest: beyond, a logit says nothing that a byte could."""
 
@@ -49,7 +56,7 @@ class DetailTexture(nn.Module):
     def __init__(self, edge: UInt8[Tensor, " f"]) -> None:
         super().__init__()
         self.register_buffer("edge", edge)
-        self.texel = nn.Parameter(torch.zeros(int(texels_of(edge).sum()), 3))
+        self.texel = nn.Parameter(torch.zeros(int(texel_count(edge.long().numpy()).sum()), 3))
         self._lattice: _Lattice | None = None
 
     @classmethod
@@ -75,26 +82,21 @@ class DetailTexture(nn.Module):
             raise RuntimeError("the texture was not laid on a mesh")
         return self._lattice
 
-    def places(self, rest: Float[Tensor, "p 3"]) -> TexelPlaces:
-        """Of rest positions p̄, metres; not differentiable in them."""
+    def places(self, rest: Float[Tensor, "p 3"], impl: str = "auto") -> TexelPlaces:
+        """Of rest positions p̄, metres; not differentiable in them. `impl`: `auto` (compiled loops), `reference`."""
         points = rest.detach().double().numpy()
         face, weight = self.lattice.grid.closest(points)
-        face = self.lattice.shown[face]
-        found = self.places_on(face, weight)
-        off = np.linalg.norm(points - self.lattice.at(face, weight), axis=1)
-        fade = np.clip((OFF[1] - off) / (OFF[1] - OFF[0]), 0, 1)
-        return TexelPlaces(found.texel, found.share * torch.from_numpy(fade).to(found.share)[:, None])
+        texel, share = self.lattice.around(self.lattice.shown[face], weight, points, impl)
+        return TexelPlaces(torch.from_numpy(texel), torch.from_numpy(share).to(self.texel.dtype))
 
     def places_on(self, face: Int[np.ndarray, " p"], weight: Float[np.ndarray, "p 3"]) -> TexelPlaces:
         """Of barycentrics on triangles that have texels."""
-        texel, share = self.lattice.around(face, weight)
+        texel, share = self.lattice.around(face, weight, self.lattice.at(face, weight))
         return TexelPlaces(torch.from_numpy(texel), torch.from_numpy(share).to(self.texel.dtype))
 
     def forward(self, places: TexelPlaces) -> Float[Tensor, "p 3"]:
         """Logits; differentiable in the texels."""
-        return torch.nn.functional.embedding_bag(
-            places.texel, self.texel, per_sample_weights=places.share, mode="sum"
-        )
+        return torch.nn.functional.embedding_bag(places.texel, self.texel, per_sample_weights=places.share, mode="sum")
 
     @torch.no_grad()
     def paint(self, albedo: Float[Tensor, "t 3"], known: Bool[Tensor, " t"]) -> None:
@@ -108,10 +110,9 @@ class DetailTexture(nn.Module):
         self.texel.copy_(texel)
 
 
-def texels_of(edge: UInt8[Tensor, " f"]) -> Int[Tensor, " f"]:
-    """How many a triangle has."""
-    count = edge.long()
-    return torch.where(count > 0, (count + 1) * (count + 2) // 2, 0)
+def texel_count(edge: Int[np.ndarray, " f"]) -> Int[np.ndarray, " f"]:
+    """How many texels a triangle has that has so many intervals along an edge; none of 0."""
+    return np.where(edge > 0, (edge + 1) * (edge + 2) // 2, 0)
 
 
 def logit(albedo: Float[Tensor, "t 3"]) -> Float[Tensor, "t 3"]:
@@ -129,6 +130,16 @@ def from_bytes(stored: UInt8[Tensor, "t 3"]) -> Float[Tensor, "t 3"]:
     return logit(stored.float() / 255)
 
 
+def packed(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """A state as files have it: texels as bytes, all else as it is."""
+    return {name: to_bytes(value) if name.endswith(TEXELS) else value for name, value in state.items()}
+
+
+def unpacked(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """`packed` undone."""
+    return {name: from_bytes(value) if name.endswith(TEXELS) else value for name, value in state.items()}
+
+
 class _Lattice:
     """Where the texels of a mesh's triangles are; the same for all copies of a texture."""
 
@@ -136,8 +147,7 @@ class _Lattice:
         self.vertices, self.faces = vertices, faces
         self.edge = edge.astype(np.int64)
         self.shown = np.flatnonzero(self.edge)
-        count = np.where(self.edge > 0, (self.edge + 1) * (self.edge + 2) // 2, 0)
-        self.first = np.concatenate([[0], np.cumsum(count)[:-1]])
+        self.first = np.concatenate([[0], np.cumsum(texel_count(self.edge))[:-1]])
 
     def __deepcopy__(self, _: dict[int, object]) -> _Lattice:
         return self
@@ -150,41 +160,47 @@ class _Lattice:
     @cached_property
     def position(self) -> Float[np.ndarray, "t 3"]:
         """Metres at rest."""
-        found = np.empty((int(self.first[-1]) + 3 * MOST_EDGE**2, 3))
-        end = 0
-        for r in np.unique(self.edge[self.shown]):
+        found = np.empty((int((self.first + texel_count(self.edge))[-1]), 3))
+        for r in np.unique(self.edge[self.shown]).tolist():
             some = np.flatnonzero(self.edge == r)
             i, j = (table.ravel() for table in np.indices((r + 1, r + 1)))
             i, j = i[i + j <= r], j[i + j <= r]
             weight = np.stack([i, j, r - i - j], 1) / r
             rows = self.first[some, None] + self._number(i, j, r)
             found[rows] = np.einsum("tk,fkc->ftc", weight, self.vertices[self.faces[some]])
-            end = max(end, int(rows.max()) + 1)
-        return found[:end]
+        return found
 
     def at(self, face: np.ndarray, weight: np.ndarray) -> Float[np.ndarray, "p 3"]:
         """Metres at rest."""
         place: np.ndarray = np.einsum("pk,pkc->pc", weight, self.vertices[self.faces[face]])
         return place
 
-    def around(self, face: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Texels (p, 3) about places and their shares: in the small triangle that stands upright there, or on its head."""
+    def around(
+        self, face: np.ndarray, weight: np.ndarray, points: np.ndarray, impl: str = "auto"
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Texels (p, 3) about places and their shares, faded by how far off the `points` (p, 3) are.
+
+        In the small triangle that stands upright there, or on its head.
+        """
+        if impl == "auto":
+            texel, share = np.empty((len(face), 3), np.int64), np.empty((len(face), 3), np.float32)
+            tables = self.first, self.edge, self.vertices, self.faces
+            spread(loops.texels_around, len(face), face, weight, points, tables, OFF, texel, share)
+            return texel, share
         r = self.edge[face]
-        scaled = np.clip(weight, 0, 1) * r[:, None]
-        low = np.minimum(np.floor(scaled).astype(np.int64), r[:, None])
-        part = scaled - low
-        left = r - low.sum(1)  # 0 at a texel, 1 upright, 2 on its head
-        turned = left >= 2
-        share = np.where(turned[:, None], 1 - part, part)
-        share = np.where((left <= 0)[:, None], [1.0, 0.0, 0.0], share)
-        share = np.clip(share, 0, None)
-        share /= np.maximum(share.sum(1, keepdims=True), 1e-12)
+        scaled = weight * r[:, None]
+        low = np.floor(scaled + ROUNDED).astype(np.int64)
+        part, left = (scaled - low).clip(0, 1), r - low.sum(1)  # 0 at a texel, 1 upright, 2 on its head
+        turned = (left == 2)[:, None]
+        share = np.where(turned, 1 - part, part)
+        share = np.where((left == 0)[:, None], [1.0, 0.0, 0.0], share / share.sum(1, keepdims=True).clip(ROUNDED))
         texel = np.empty((len(face), 3), np.int64)
-        for axis in range(3):
-            step = np.eye(3, dtype=np.int64)[axis]
-            corner = np.where(turned[:, None], low + 1 - step, low + np.where(left == 1, 1, 0)[:, None] * step)
+        for axis, step in enumerate(np.eye(3, dtype=np.int64)):
+            corner = np.where(turned, low + 1 - step, low + np.where(left == 1, 1, 0)[:, None] * step)
             texel[:, axis] = self.first[face] + self._number(corner[:, 0], corner[:, 1], r)
-        return texel, share
+        off = np.linalg.norm(points - self.at(face, weight), axis=1)
+        fade = np.clip((OFF[1] - off) / (OFF[1] - OFF[0]), 0, 1)
+        return texel, (share * fade[:, None]).astype(np.float32)
 
     @staticmethod
     def _number(i: np.ndarray, j: np.ndarray, r: np.ndarray | int) -> np.ndarray:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
+from scipy.ndimage import distance_transform_edt
 
 from avatarrex.ops.closest_triangle import closest_from, closest_triangle, on_triangle
 from avatarrex.ops.native import native, spread
@@ -20,8 +21,9 @@ from avatarrex.ops.search_tree import SearchTree, finite, new_stack
 
 CELL = 0.01
 """Metres: smaller than most triangles of a body."""
-NEAR = 0.06
-"""Metres from the mesh within which cells are filled; beyond, the tree is searched."""
+NEAR, FAR = 0.02, 0.06
+"""Metres from the mesh: so near, cells have the triangle closest to their centre; so far, that of the nearest such cell; beyond,
+the tree is searched."""
 STEPS = 24
 """Over edges at most."""
 Array = Shaped[np.ndarray, "..."]
@@ -42,16 +44,21 @@ class TriangleGrid(NamedTuple):
     def of(cls, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> TriangleGrid:
         """Of a mesh. Raises ValueError for none, or NaN."""
         tree = SearchTree.of_triangles(vertices, faces)
-        low, high = (edge(vertices[faces].reshape(-1, 3), 0) for edge in (np.min, np.max))
-        origin = low - NEAR
-        size = np.ceil((high + NEAR - origin) / CELL).astype(int)
-        cell = np.full(tuple(size[::-1]), -1, np.int32)
-        filled = _about(vertices[faces], origin, cell.shape)
-        centre = origin + CELL * (np.stack(np.unravel_index(filled, cell.shape), -1)[:, ::-1] + 0.5)
+        corner = vertices[faces]
+        low, high = corner.min((0, 1)) - FAR, corner.max((0, 1)) + FAR
+        shape = tuple(np.ceil((high - low) / CELL).astype(int)[::-1])
+        middles = [corner.mean(1), *((corner + corner[:, [1, 2, 0]]) / 2).swapaxes(0, 1)]
+        touched = np.floor((np.concatenate([corner.reshape(-1, 3), *middles]) - low) / CELL).astype(int)
+        free = np.ones(shape, bool)
+        free[tuple(touched.T[::-1])] = False
+        away = distance_transform_edt(free) * CELL
+        near = np.stack(np.nonzero(away < NEAR))
         leaf = np.empty(len(tree.number), np.int64)
         leaf[tree.number] = np.arange(len(leaf))
-        cell.reshape(-1)[filled] = leaf[closest_triangle(tree, centre)[0]]
-        return cls(tree, _beside(faces[tree.number]), cell, origin)
+        cell = np.full(shape, -1, np.int32)
+        cell[tuple(near)] = leaf[closest_triangle(tree, low + CELL * (near[::-1].T + 0.5))[0]]
+        source = distance_transform_edt(cell < 0, return_distances=False, return_indices=True)
+        return cls(tree, _beside(faces[tree.number]), np.where(away < FAR, cell[tuple(source)], -1), low)
 
     def closest(self, points: Float[np.ndarray, "p 3"]) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
         """Face and barycentrics of each point."""
@@ -59,17 +66,6 @@ class TriangleGrid(NamedTuple):
         face, weight = np.empty(len(query), np.int64), np.empty((len(query), 3))
         spread(_walk_all, len(query), query, self, face, weight)
         return face, weight
-
-
-def _about(corner: np.ndarray, origin: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Flat cells within `NEAR` of the triangles' corners and centres, more or less."""
-    from scipy.ndimage import distance_transform_edt
-
-    hit = np.ones(shape, bool)
-    places = np.concatenate([corner.reshape(-1, 3), corner.mean(1), *((corner + corner[:, [1, 2, 0]]) / 2).swapaxes(0, 1)])
-    index = np.floor((places - origin) / CELL).astype(int)
-    hit[tuple(index.T[::-1])] = False
-    return np.flatnonzero(distance_transform_edt(hit) * CELL < NEAR)
 
 
 def _beside(faces: np.ndarray) -> Int[np.ndarray, "f 3"]:

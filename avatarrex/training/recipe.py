@@ -174,10 +174,12 @@ PAPER = Recipe(
 """Line by line against the paper: tests/training/test_paper.py."""
 _PLUS_ONE: dict[str, Any] = {"sampling": "near", "quadrature": "interval", "weights": LossWeights()}
 _PLUS_TWO = replace(_PAPER_TWO, clamped=True, weights=LossWeights())
+_DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 0.5, "view_dropout": 0.5}
+"""Of the body: what its pictures show at once, and no colours of their own for cameras that were not there."""
 PAPER_PLUS = replace(
     PAPER, name="paper+", about="the paper's schedule and networks with our warm start, samples and regularisers, for a GPU",
     face=(replace(PAPER.face[0], warm_steps=2000, **_PLUS_ONE), _PLUS_TWO),
-    body=(replace(PAPER.body[0], warm_steps=4000, **_PLUS_ONE), _PLUS_TWO),
+    body=(replace(PAPER.body[0], warm_steps=4000, carved=True, **_PLUS_ONE), replace(_PLUS_TWO, **_DETAIL)),
 )  # fmt: skip
 _FACE = PassOne(
     steps=400, frames=1, rays=400, samples=5, rate=1.5e-3, decay=0.05, decay_steps=400, gamma_steps=1, warm_steps=60,
@@ -185,14 +187,14 @@ _FACE = PassOne(
 )  # fmt: skip
 _BODY = PassOne(
     steps=1200, frames=1, rays=400, samples=5, rate=4e-3, decay=0.05, decay_steps=1200, gamma_steps=600, warm_steps=60,
-    gamma_extra=0.005, geometry_rate=0.15, latent=False, outline=2000, carved=True, weights=LossWeights(silhouette=1.0, node=1.0),
+    gamma_extra=0.005, geometry_rate=0.15, latent=False, outline=2000, carved=True,
+    weights=LossWeights(silhouette=1.0, node=1.0),
 )  # fmt: skip
 """Under the paper's L_node, a 25th of this, nodes drift by centimetres."""
 _TWO = PassTwo(steps=1000, rate=3e-3, decay=0.05, decay_steps=1000)
-_DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 0.5, "view_dropout": 0.5}
 QUICK = Recipe(
     name="quick", about="compact networks within the hour on two cores", preset="compact", interval=200, evaluate=400,
-    face=(_FACE, _TWO), body=(_BODY, _lasting(_TWO, 2400, 0.03)),
+    face=(_FACE, _TWO), body=(_BODY, _lasting(_TWO, 2400, 0.03, **_DETAIL)),
 )  # fmt: skip
 LONG = replace(
     QUICK, name="long", about="a finished avatar of compact networks in two or three hours on two cores", evaluate=1000,
@@ -212,11 +214,11 @@ _SMOKE_ONE = PassOne(
 _SMOKE_TWO = PassTwo(steps=3, patch=32, rate=1e-3, decay=0.5, decay_steps=10)
 _SMOKE_BODY = replace(
     _SMOKE_ONE, steps=12, frames=2, rays=96, decay_steps=20, gamma_steps=20, warm_steps=12, outline=64,
-    weights=LossWeights(silhouette=1.0),
+    weights=LossWeights(silhouette=1.0), carved=True,
 )  # fmt: skip
 SMOKE = Recipe(
     name="smoke", about="a dozen steps, for tests", preset="compact", interval=5, evaluate=1000,
-    face=(_SMOKE_ONE, _SMOKE_TWO), body=(_SMOKE_BODY, replace(_SMOKE_TWO, steps=4)),
+    face=(_SMOKE_ONE, _SMOKE_TWO), body=(_SMOKE_BODY, replace(_SMOKE_TWO, steps=4, **{**_DETAIL, "texel": 0.01})),
 )  # fmt: skip
 RECIPES = {recipe.name: recipe for recipe in (PAPER, PAPER_PLUS, QUICK, LONG, REFINE, SMOKE)}
 

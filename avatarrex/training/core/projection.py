@@ -81,7 +81,7 @@ def paint(detail: DetailTexture, pictures: list[Projected], where: str) -> None:
     """Robust means of what the pictures show; `where` they are from, for an error."""
     mean = total = torch.zeros(len(detail.texel), 1)
     for round in range(1 + ROUNDS):
-        old, known = mean, total > 0
+        old = mean
         mean, total = torch.zeros(len(detail.texel), 3), torch.zeros(len(detail.texel), 1)
         for one in pictures:
             weight = one.weight
@@ -92,7 +92,6 @@ def paint(detail: DetailTexture, pictures: list[Projected], where: str) -> None:
             total.index_add_(0, flat, weight.flatten()[:, None])
             mean.index_add_(0, flat, (weight[..., None] * one.albedo[:, None]).flatten(0, 1))
         mean = mean / total.clamp_min(1e-12)
-    del known
     if not (total > 0).any():
         raise InputError(where, "pictures", "some that show the body", "none")
     detail.paint(mean, total[:, 0] > 1e-4)
