@@ -435,6 +435,7 @@ def _file_names(_: nn.Module, state: dict[str, Tensor], prefix: str, metadata: A
 
 
 def _own_names(field: nn.Module, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
+    assert isinstance(field, BodyField)
     for own, stored in FILE_NAMES.items():
         if prefix + stored in state:
             state[prefix + own] = state.pop(prefix + stored)

@@ -343,7 +343,7 @@ def texels_around(
         f = face[p]
         r = edge[f]
         si, sj, sk = weight[p, 0] * r, weight[p, 1] * r, weight[p, 2] * r
-        i, j, k = int(math.floor(si + 1e-9)), int(math.floor(sj + 1e-9)), int(math.floor(sk + 1e-9))
+        i, j, k = math.floor(si + 1e-9), math.floor(sj + 1e-9), math.floor(sk + 1e-9)
         a, b, c = min(max(si - i, 0.0), 1.0), min(max(sj - j, 0.0), 1.0), min(max(sk - k, 0.0), 1.0)
         left, turned, upright = r - i - j - k, 0, 0
         if left == 2:

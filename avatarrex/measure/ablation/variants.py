@@ -2,6 +2,8 @@
 
     full               pass I, then pass II with the perceptual term; feature patches or tri-planes
     pass-one           its pass I alone: what pass II starts from
+    no-detail          no static texels, no view dropout
+    no-outgrowth       nothing carved from the mattes
     no-pass-two        pass I alone, lengthened to as many steps
     plain-one          pass I of no-patches alone
     plain              no-pass-two without feature patches: the paper's baseline
