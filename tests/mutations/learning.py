@@ -127,11 +127,11 @@ LEARNING: dict[str, Mutant] = {
         "slope.norm(dim=-1).square()",
         f"{TERMS}::test_slopes_are_pulled_to_one",
     ),
-    "texels of another triangle": Mutant(
+    "texels in another order": Mutant(
         "what is learnt",
         "avatarrex/fields/loops.py",
-        "m = i + (turned if axis != 0 else 0) + (upright if axis == 0 else 0)",
-        "m = i + (turned if axis != 0 else 0) + (upright if axis == 1 else 0)",
+        "share[p, 0], share[p, 1], share[p, 2] = scale * a, scale * b, scale * c",
+        "share[p, 0], share[p, 1], share[p, 2] = scale * b, scale * a, scale * c",
         "tests/fields/test_detail_texture.py::test_what_is_linear_is_given_back[0.02]",
     ),
     "detail painted on what stands off": Mutant(
