@@ -20,6 +20,7 @@ from torch import Tensor
 
 from avatarrex.avatar import FORMAT, Avatar
 from avatarrex.errors import InputError, plain
+from avatarrex.fields.detail_texture import packed, unpacked
 from avatarrex.fields.local_frame import UNSAID
 from avatarrex.fields.placement import device_named
 from avatarrex.fields.presets import BASES, PRESETS
@@ -37,6 +38,10 @@ from avatarrex.templates.person_fit import PersonFit
 log = logging.getLogger(__name__)
 SINCE = {"tone.": 2, "light.": 3, "body.code_network.least": 3, "body.code_network.most": 3}
 """Format since which there are weights of such names; avatars of before have the identity."""
+TEXELS, EDGES = "body.detail.texel", "body.detail.edge"
+"""Static detail: the albedo of each texel, bytes, and the texels along the edges of each triangle."""
+OUTGROWTH = {"body.outgrowth.first": 1, "body.outgrowth.distance": 3}
+"""What an avatar with an outgrowth has, and of how many dimensions."""
 FILES = {"avatar.json": SMALL, "weights.safetensors": 2**30}
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
 SURFACE = surface_file.FILE
@@ -69,7 +74,8 @@ def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
         state = safetensors.torch.load(content["weights.safetensors"])
     except (safetensors.SafetensorError, ValueError) as error:
         raise InputError(path, "weights.safetensors", "a safetensors file", error) from None
-    _fill(path, avatar, state, meta["format"])
+    _expect(path, avatar, state)
+    _fill(path, avatar, unpacked(state), meta["format"])
     avatar.meta = meta
     avatar.surface = _surface(path, avatar)
     avatar.place(device)
@@ -88,7 +94,8 @@ def save_avatar(avatar: Avatar, path: str | Path, half: bool = True) -> None:
     weights than the avatar has by now is left out. `load` reads it back. Raises `InputError` where `path` cannot be written.
     """
     state = {
-        name: value.half() if half and value.is_floating_point() else value for name, value in avatar.state().items()
+        name: value.half() if half and value.is_floating_point() else value
+        for name, value in packed(avatar.state()).items()
     }
     meta = {**avatar.meta, "format": FORMAT, "person": avatar.person.name, "person_hash": avatar.person.hash}
     meta.pop("person_fit", None)
@@ -206,6 +213,24 @@ def _meta(path: Path, meta: Any) -> dict[str, Any]:
     if not (isinstance(untrained, list) and all(part in PARTS for part in untrained)):
         raise InputError(path, "avatar.json: untrained", "a list of " + ", ".join(PARTS), untrained)
     return meta
+
+
+def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
+    """Give the body the static detail and the outgrowth whose tensors are in `state`, after checking what these must be."""
+    faces = len(avatar.person.body.faces)
+    if EDGES in state and (state[EDGES].dtype, tuple(state[EDGES].shape)) != (torch.uint8, (faces,)):
+        found = f"{state[EDGES].dtype} {tuple(state[EDGES].shape)}"
+        raise InputError(path, f"weights.safetensors: {EDGES}", f"a byte for each of {faces} triangles", found)
+    if TEXELS in state and state[TEXELS].dtype != torch.uint8:
+        raise InputError(path, f"weights.safetensors: {TEXELS}", "bytes", state[TEXELS].dtype)
+    for name, dimensions in OUTGROWTH.items():
+        if name in state and (state[name].dim() != dimensions or not state[name].numel()):
+            expected = f"an array of {dimensions} dimensions"
+            raise InputError(path, f"weights.safetensors: {name}", expected, tuple(state[name].shape))
+    distance = state.get("body.outgrowth.distance")
+    if distance is not None and not (distance <= 0).any():
+        raise InputError(path, "weights.safetensors: body.outgrowth.distance", "somewhere inside", "positive numbers")
+    avatar.body.expect({name.removeprefix("body."): value for name, value in state.items()})
 
 
 def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor], format: int) -> None:

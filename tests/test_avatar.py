@@ -5,11 +5,15 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import safetensors.torch
 import torch
 
+from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.errors import InputError
+from avatarrex.fields.outgrowth import VOXEL, Outgrowth
 from avatarrex.files.assets import DATA
+from avatarrex.surface.surface_file import weights_key
 
 
 def test_the_packaged_avatar_says_what_it_is() -> None:
@@ -61,3 +65,52 @@ def test_broken_files_are_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=message):
             load_avatar(_repack(tmp_path / "m.avatar", avatar=json.dumps({**meta, field: value}).encode()))
+
+
+def _with_extras() -> Avatar:
+    """The packaged avatar with texels, 2 cm apart, and a ball on its head."""
+    avatar = load_avatar("default")
+    body = avatar.body
+    body.add_detail(0.02)
+    assert body.detail is not None
+    body.detail.texel.data.copy_(torch.randn(body.detail.texel.shape, generator=torch.Generator().manual_seed(0)))
+    first = (body.template.v_template[body.template.v_template[:, 1].argmax()] / VOXEL).round().long() - 10
+    place = torch.stack(torch.meshgrid(*[torch.arange(21)] * 3, indexing="ij"), -1)
+    body.outgrowth = Outgrowth(first, (place - 10.0).norm(dim=-1) * VOXEL - 0.04)
+    body.outgrowth.lay(body.template.v_template)
+    return avatar
+
+
+def test_texels_and_outgrowth_are_kept(tmp_path: Path) -> None:
+    avatar = _with_extras()
+    for path in (tmp_path / "a.avatar", tmp_path / "b.avatar"):
+        save_avatar(avatar, path)
+        again = load_avatar(path)
+        assert weights_key(again) == weights_key(avatar)
+        wanted, found = avatar.state(), again.state()
+        albedo = torch.sigmoid(wanted["body.detail.texel"]) - torch.sigmoid(found["body.detail.texel"])
+        assert float(albedo.abs().max()) < 0.51 / 255
+        assert torch.equal(found["body.detail.edge"], wanted["body.detail.edge"])
+        assert torch.equal(found["body.outgrowth.distance"], wanted["body.outgrowth.distance"].half().float())
+        avatar = again  # saved once more, nothing changes
+    assert (tmp_path / "a.avatar").stat().st_size == pytest.approx((tmp_path / "b.avatar").stat().st_size, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("body.detail.edge", torch.zeros(3, dtype=torch.uint8), "a byte for each of"),
+        ("body.detail.texel", torch.zeros(5, 3), "bytes"),
+        ("body.detail.texel", torch.zeros(5, 3, dtype=torch.uint8), r"body.detail.texel: expected \("),
+        ("body.outgrowth.distance", torch.zeros(4), "3 dimensions"),
+        ("body.outgrowth.distance", torch.ones(4, 4, 4), "somewhere inside"),
+    ],
+)
+def test_broken_texels_and_outgrowths_are_refused(tmp_path: Path, name: str, value: torch.Tensor, message: str) -> None:
+    save_avatar(_with_extras(), tmp_path / "good.avatar")
+    with zipfile.ZipFile(tmp_path / "good.avatar") as source, zipfile.ZipFile(tmp_path / "bad.avatar", "w") as out:
+        weights = safetensors.torch.load(source.read("weights.safetensors")) | {name: value}
+        out.writestr("weights.safetensors", safetensors.torch.save(weights))
+        out.writestr("avatar.json", source.read("avatar.json"))
+    with pytest.raises(InputError, match=message):
+        load_avatar(tmp_path / "bad.avatar")

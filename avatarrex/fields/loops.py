@@ -8,7 +8,8 @@ Letters: n nodes, a anchors, p points, k pairs, c channels.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Shaped
@@ -330,3 +331,37 @@ def sample_patches(
             above = patches[i, row, column, c] * left + patches[i, row, column + 1, c] * right
             below = patches[i, row + 1, column, c] * left + patches[i, row + 1, column + 1, c] * right
             out[k, c] = above * up + below * down
+
+
+@native
+def texels_around(
+    begin: int, end: int, face: Array, weight: Array, point: Array, tables: Any, off: Any, texel: Array, share: Array
+) -> None:
+    """texel (p, 3) and share (p, 3) of places on triangles: `detail_texture._Lattice.around`, step by step."""
+    first, edge, vertices, faces = tables
+    for p in range(begin, end):
+        f = face[p]
+        r = edge[f]
+        si, sj, sk = weight[p, 0] * r, weight[p, 1] * r, weight[p, 2] * r
+        i, j, k = math.floor(si + 1e-9), math.floor(sj + 1e-9), math.floor(sk + 1e-9)
+        a, b, c = min(max(si - i, 0.0), 1.0), min(max(sj - j, 0.0), 1.0), min(max(sk - k, 0.0), 1.0)
+        left, turned, upright = r - i - j - k, 0, 0
+        if left == 2:
+            a, b, c, turned = 1 - a, 1 - b, 1 - c, 1
+        elif left == 1:
+            upright = 1
+        else:
+            a, b, c = 1.0, 0.0, 0.0
+        total = max(a + b + c, 1e-9)
+        x = y = z = 0.0
+        for corner in range(3):
+            on = vertices[faces[f, corner]]
+            x, y, z = x + weight[p, corner] * on[0], y + weight[p, corner] * on[1], z + weight[p, corner] * on[2]
+        x, y, z = point[p, 0] - x, point[p, 1] - y, point[p, 2] - z
+        away = math.sqrt(x * x + y * y + z * z)
+        scale = min(max((off[1] - away) / (off[1] - off[0]), 0.0), 1.0) / total
+        share[p, 0], share[p, 1], share[p, 2] = scale * a, scale * b, scale * c
+        for axis in range(3):
+            m = i + (turned if axis != 0 else 0) + (upright if axis == 0 else 0)
+            n = j + (turned if axis != 1 else 0) + (upright if axis == 1 else 0)
+            texel[p, axis] = first[f] + m * (r + 1) - m * (m - 1) // 2 + n

@@ -19,6 +19,7 @@ from PIL import Image
 from torch import Tensor
 
 from avatarrex.errors import InputError, check
+from avatarrex.fields.detail_texture import packed
 from avatarrex.files.json_text import parse_json
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.surface.surface import INFLUENCES, Correction, Surface
@@ -49,9 +50,9 @@ class Weighted(Protocol):
 
 
 def weights_key(avatar: Weighted) -> str:
-    """First 16 hex digits of SHA-256 over the weights in half precision, as they are stored."""
+    """First 16 hex digits of SHA-256 over the weights in half precision, texels as bytes, as they are stored."""
     digest = hashlib.sha256()
-    for name, value in sorted(avatar.state().items()):
+    for name, value in sorted(packed(avatar.state()).items()):
         stored = value.half() if value.is_floating_point() else value
         digest.update(name.encode() + stored.contiguous().numpy().tobytes())
     return digest.hexdigest()[:16]

@@ -65,6 +65,8 @@ class PassOne:
     """Steps at first in which the geometry is frozen: colours that are not yet known would move it."""
     latent: bool = True
     """Whether frames have codes of their own and z is drawn; without, z = 0 as at test, and detail follows the pose alone."""
+    carved: bool = False
+    """Whether what stands off the template farther than cloth is carved from the mattes before (fields/outgrowth.py; ours)."""
     outline: int = 0
     """Rays of the whole batch for the silhouette term besides the rendered ones, drawn about the matte's edge."""
     sampling: Sampling = "near"
@@ -91,6 +93,14 @@ class PassTwo:
     """Of a batch, each of a picture of its own."""
     clamped: bool = True
     """Whether codes are first clamped to the middle of what the training's poses have (fields/code.py; ours)."""
+    texel: float = 0.0
+    """Metres between the texels of the static detail (fields/detail_texture.py; ours), painted from the pictures at the
+    beginning; 0: none."""
+    texel_rate: float = 1.0
+    """Of the learning rate, for the texels."""
+    view_dropout: float = 0.0
+    """Share of the patches that are shaded as if seen along a random direction: colours from where no camera looked are then
+    those of all cameras (ours)."""
     weights: LossWeights = LossWeights()
 
 
@@ -164,10 +174,12 @@ PAPER = Recipe(
 """Line by line against the paper: tests/training/test_paper.py."""
 _PLUS_ONE: dict[str, Any] = {"sampling": "near", "quadrature": "interval", "weights": LossWeights()}
 _PLUS_TWO = replace(_PAPER_TWO, clamped=True, weights=LossWeights())
+_DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 0.5, "view_dropout": 0.5}
+"""Of the body: what its pictures show at once, and no colours of their own for cameras that were not there."""
 PAPER_PLUS = replace(
     PAPER, name="paper+", about="the paper's schedule and networks with our warm start, samples and regularisers, for a GPU",
     face=(replace(PAPER.face[0], warm_steps=2000, **_PLUS_ONE), _PLUS_TWO),
-    body=(replace(PAPER.body[0], warm_steps=4000, **_PLUS_ONE), _PLUS_TWO),
+    body=(replace(PAPER.body[0], warm_steps=4000, carved=True, **_PLUS_ONE), replace(_PLUS_TWO, **_DETAIL)),
 )  # fmt: skip
 _FACE = PassOne(
     steps=400, frames=1, rays=400, samples=5, rate=1.5e-3, decay=0.05, decay_steps=400, gamma_steps=1, warm_steps=60,
@@ -175,18 +187,19 @@ _FACE = PassOne(
 )  # fmt: skip
 _BODY = PassOne(
     steps=1200, frames=1, rays=400, samples=5, rate=4e-3, decay=0.05, decay_steps=1200, gamma_steps=600, warm_steps=60,
-    gamma_extra=0.005, geometry_rate=0.15, latent=False, outline=2000, weights=LossWeights(silhouette=1.0, node=1.0),
+    gamma_extra=0.005, geometry_rate=0.15, latent=False, outline=2000, carved=True,
+    weights=LossWeights(silhouette=1.0, node=1.0),
 )  # fmt: skip
 """Under the paper's L_node, a 25th of this, nodes drift by centimetres."""
 _TWO = PassTwo(steps=1000, rate=3e-3, decay=0.05, decay_steps=1000)
 QUICK = Recipe(
     name="quick", about="compact networks within the hour on two cores", preset="compact", interval=200, evaluate=400,
-    face=(_FACE, _TWO), body=(_BODY, _lasting(_TWO, 2400, 0.03)),
+    face=(_FACE, _TWO), body=(_BODY, _lasting(_TWO, 2400, 0.03, **_DETAIL)),
 )  # fmt: skip
 LONG = replace(
     QUICK, name="long", about="a finished avatar of compact networks in two or three hours on two cores", evaluate=1000,
     face=(_lasting(_FACE, 600, 0.03, still=350), _lasting(_TWO, 2500, 0.02)),
-    body=(_lasting(_BODY, 4000, 0.02, rays=600), _lasting(_TWO, 4000, 0.02)),
+    body=(_lasting(_BODY, 4000, 0.02, rays=600), _lasting(_TWO, 4000, 0.02, **_DETAIL)),
 )  # fmt: skip
 _SETTLED: dict[str, Any] = {"rate": 1e-3, "gamma_steps": 1, "warm_steps": 0, "gamma_extra": 0.0, "still": 0}
 REFINE = replace(
@@ -201,11 +214,11 @@ _SMOKE_ONE = PassOne(
 _SMOKE_TWO = PassTwo(steps=3, patch=32, rate=1e-3, decay=0.5, decay_steps=10)
 _SMOKE_BODY = replace(
     _SMOKE_ONE, steps=12, frames=2, rays=96, decay_steps=20, gamma_steps=20, warm_steps=12, outline=64,
-    weights=LossWeights(silhouette=1.0),
+    weights=LossWeights(silhouette=1.0), carved=True,
 )  # fmt: skip
 SMOKE = Recipe(
     name="smoke", about="a dozen steps, for tests", preset="compact", interval=5, evaluate=1000,
-    face=(_SMOKE_ONE, _SMOKE_TWO), body=(_SMOKE_BODY, replace(_SMOKE_TWO, steps=4)),
+    face=(_SMOKE_ONE, _SMOKE_TWO), body=(_SMOKE_BODY, replace(_SMOKE_TWO, steps=4, **{**_DETAIL, "texel": 0.01})),
 )  # fmt: skip
 RECIPES = {recipe.name: recipe for recipe in (PAPER, PAPER_PLUS, QUICK, LONG, REFINE, SMOKE)}
 
@@ -218,9 +231,10 @@ def from_scratch(recipe: Recipe) -> Recipe:
     """
     face, body = (
         replace(
-            one, warm_steps=0, still=0, geometry_rate=1.0, gamma_extra=PassOne.gamma_extra,
+            one, warm_steps=0, carved=False, still=0, geometry_rate=1.0, gamma_extra=PassOne.gamma_extra,
             gamma_steps=max(one.gamma_steps, one.steps // 3), sampling="uniform", samples=max(one.samples, SCRATCH_SAMPLES),
         )
         for one, _ in (recipe.face, recipe.body)
     )  # fmt: skip
-    return replace(recipe, face=(face, recipe.face[1]), body=(body, recipe.body[1]), scratch=True)
+    two = replace(recipe.body[1], texel=0.0)
+    return replace(recipe, face=(face, recipe.face[1]), body=(body, two), scratch=True)

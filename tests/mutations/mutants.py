@@ -388,8 +388,8 @@ MUTANTS: dict[str, Mutant] = {
     "encoding of unscaled places": Mutant(
         "encoding",
         BODY,
-        "local = take(samples.rest_position(position, beside), pairs.point) - take(frame.node_rest, pairs.node)",
-        "local = take(samples.rest_position(position, beside), pairs.point)",
+        "local = take(rest, pairs.point) - take(frame.node_rest, pairs.node)",
+        "local = take(rest, pairs.point)",
         "tests/fields/test_body.py::test_local_frames_agree_at_rest",
     ),
     "bf16 storage": Mutant(

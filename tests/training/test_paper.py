@@ -6,7 +6,7 @@ has a choice of ours, and says so.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import pytest
@@ -69,6 +69,7 @@ LINES = (
     Line("sec. 5.1: one rate for all networks", 0, "geometry_rate", 1.0, 1.0),
     Line("sec. 5.1: all networks from the first step", 0, "still", 0, 0),
     Line("sec. 5.1: 'no prior knowledge', from scratch", 0, "warm_steps", 0, 0),
+    Line("sec. 5.1: 'no prior knowledge', from scratch", 0, "carved", False, False),
     Line("sec. 5.1: the losses 'inherited' are those of a posterior", 0, "latent", True, True),
     Line("appendix B: 'decays exponentially every 20k iterations'", 0, "decay_steps", 20_000, 20_000),
     Line("sec. 5.1, eq. 18: N", 0, "gamma_steps", 100_000, 100_000),
@@ -82,6 +83,9 @@ LINES = (
     Line("appendix B, table: 'Learning Rate (Training Pass II)'", 1, "rate", 1e-4, 1e-4),
     Line("appendix B: 'decays exponentially every 20k iterations'", 1, "decay_steps", 20_000, 20_000),
     Line("the paper has no clamped codes", 1, "clamped", False, False),
+    Line("the paper has no static texels", 1, "texel", 0.0, 0.0),
+    Line("the paper has no static texels", 1, "texel_rate", 1.0, 1.0),
+    Line("sec. 3.1: colours see the true view", 1, "view_dropout", 0.0, 0.0),
     Line(TABLE["iterations"] + ", pass II", 1, "steps", 100_000, 100_000),
 )
 OPEN = {
@@ -161,7 +165,7 @@ def test_rates_decay_by_one_factor_every_20k() -> None:
         for number in range(4):
             assert stage.rate(stage.begin + 20_000 * number) == pytest.approx(first * 0.8**number)
             rate = stage.rate(stage.begin + 20_000 * number)
-            assert stage.rates(stage.begin + 20_000 * number) == (rate, rate)
+            assert stage.rates(stage.begin + 20_000 * number) == (rate, rate, rate)
 
 
 @pytest.mark.parametrize("name", DEPARTURES)
@@ -174,12 +178,14 @@ def test_weights_of_other_recipes_are_the_papers_but_for_ours(name: str) -> None
 
 
 def test_the_plus_is_ours_and_nothing_else() -> None:
-    """`paper+`: warm start from what is known, samples about the surface, exact pieces, codes clamped, tone kept near one."""
-    for part, warm in (("face", 2000), ("body", 4000)):
+    """`paper+`: warm start from what is known, samples about the surface, exact pieces, codes clamped, tone kept near one; of the
+    body what stands off it, and its texels."""
+    detail = {"texel": 0.002, "texel_rate": 0.5, "view_dropout": 0.5}
+    for part, warm, own_one, own_two in (("face", 2000, {}, {}), ("body", 4000, {"carved": True}, detail)):
         (one, two), (plus_one, plus_two) = getattr(PAPER, part), getattr(PAPER_PLUS, part)
         other = {"warm_steps": warm, "sampling": "near", "quadrature": "interval", "weights": LossWeights()}
-        assert vars(plus_one) == vars(one) | other
-        assert vars(plus_two) == vars(two) | {"clamped": True, "weights": LossWeights()}
+        assert vars(plus_one) == vars(one) | other | own_one
+        assert vars(plus_two) == vars(two) | {"clamped": True, "weights": LossWeights()} | own_two
 
 
 @pytest.mark.parametrize("name", SCHEDULES)
@@ -204,7 +210,8 @@ def test_from_scratch_knows_nothing(recipe: Recipe) -> None:
         stage = Stage(part, "I", one, 0)
         assert stage.gamma(0) == pytest.approx(0.0205), "fog to find a surface in"
         assert one.gamma_steps >= one.steps // 3
-        assert (one.steps, one.rate, one.weights, two) == (known.steps, known.rate, known.weights, finer)
+        assert (one.steps, one.rate, one.weights, one.carved) == (known.steps, known.rate, known.weights, False)
+        assert two == replace(finer, texel=0.0)
 
 
 def test_weights_multiply_their_terms() -> None:

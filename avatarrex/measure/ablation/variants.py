@@ -2,6 +2,8 @@
 
     full               pass I, then pass II with the perceptual term; feature patches or tri-planes
     pass-one           its pass I alone: what pass II starts from
+    no-detail          no static texels, no view dropout
+    no-outgrowth       nothing carved from the mattes
     no-pass-two        pass I alone, lengthened to as many steps
     plain-one          pass I of no-patches alone
     plain              no-pass-two without feature patches: the paper's baseline
@@ -60,6 +62,7 @@ UNKNOWN = {"geometry_rate": 1.0, "still": 0, "rate": 4e-3}
 """Pass I where the prior does not know the networks: geometry is found with the colours."""
 UNKNOWN_WARM = 5
 """Times the warm start of those that it knows."""
+NO_DETAIL = {"texel": 0.0, "view_dropout": 0.0}
 UNIFORM = {"sampling": "uniform", "samples": 64, "quadrature": "point"}
 VARIANTS = {
     variant.name: variant
@@ -70,6 +73,8 @@ VARIANTS = {
         Variant("no-pass-two", "pass I alone, as many steps", passes=1),
         Variant("no-patches", "both passes, no feature patches", ("body",), "no-patches"),
         Variant("plain", "pass I alone, no feature patches (the paper's baseline)", ("body",), "no-patches", passes=1),
+        Variant("no-detail", "both passes, no static texels, colours that see the true view alone", ("body",), two=NO_DETAIL),
+        Variant("no-outgrowth", "both passes, nothing stands off the template by more than cloth", ("body",), one={"carved": False}),
         Variant("no-perceptual", "both passes, squared error alone", two={"weights": LossWeights(perceptual=0.0)}),
         Variant(
             "face-mlp", "both passes, an MLP on the face's coefficients in place of tri-planes; no prior", ("face",),
@@ -95,6 +100,8 @@ QUESTIONS = (
     ("tri-planes against an MLP on coefficients", "full", "face-mlp"),
     ("pass II after pass I", "full", "pass-one"),
     ("pass II against as many steps of pass I", "full", "no-pass-two"),
+    ("static texels and view dropout", "full", "no-detail"),
+    ("outgrowths", "full", "no-outgrowth"),
     ("perceptual term", "full", "no-perceptual"),
     ("separate networks against one", "plain", "one-network"),
     ("surface against volume rendering, test time", "full", "volume-test-time"),

@@ -25,9 +25,11 @@ from avatarrex.errors import InputError
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
+from avatarrex.training.core.carving import carve
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.held_out import HeldOut
 from avatarrex.training.core.mixed import in_bfloat16
+from avatarrex.training.core.projection import start_from_pictures
 from avatarrex.training.core.stage import Stage, stages
 from avatarrex.training.core.warm_start import clear_space, warm_start
 from avatarrex.training.core.work import Work, pass_of
@@ -36,6 +38,8 @@ from avatarrex.training.runs.folder import Run
 
 REPORT = 20
 """Steps between lines of figures."""
+OUTGROWTH_WARM = 3
+"""Times the warm start of a body with an outgrowth, which the prior does not know."""
 
 
 class Trainer:
@@ -112,6 +116,8 @@ class Trainer:
         unseen = self.hidden | {"left_hand", "right_hand"} if stage.part == "face" else self.hidden
         store = FrameStore(self.avatar, rig, stage.part, unseen, stage.name == "II")
         store.renew(stage.begin if state is None else int(state["step"]))
+        if state is None and isinstance(stage.recipe, PassTwo) and stage.part == "body" and stage.recipe.texel:
+            start_from_pictures(self.avatar, store, stage.recipe.texel)
         work = Work(stage, pass_of(stage, self.avatar, store, self.perceptual, self.seed), state)
         self.run.stage(stage.part, stage.name, stage.end)
         if state is None:
@@ -128,8 +134,11 @@ class Trainer:
             return self._take({name: module.state_dict() for name, module in self.start.modules().items()})
         if not self.recipe.body[0].warm_steps:
             clear_space(self.avatar)
+        elif self.recipe.body[0].carved and "body" in self.parts:
+            self.avatar.body.outgrowth = carve(self.avatar, self.capture.rigs["body"])
         for part in ("body", "face"):
             steps = getattr(self.recipe, part)[0].warm_steps
+            steps *= OUTGROWTH_WARM if part == "body" and self.avatar.body.outgrowth is not None else 1
             if steps and part not in self.hidden:
                 rig = self.capture.rigs.get(part) or self.capture.rigs[self.parts[0]]
                 error = warm_start(self.avatar, training_signals(rig), part, steps, self.seed)

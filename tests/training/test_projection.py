@@ -1,0 +1,102 @@
+"""Pictures onto the body: its texture before pass II, and what stands off it."""
+
+import numpy as np
+import pytest
+import torch
+from training.miniature import perturbed, write_miniature
+
+from avatarrex.avatar import Avatar
+from avatarrex.camera import Camera
+from avatarrex.capture.fit.check import silhouette, template_surface
+from avatarrex.capture.readers.images_store import Pictures
+from avatarrex.capture.readers.rigs import Rig, View, open_capture
+from avatarrex.capture.readers.splits import sealed
+from avatarrex.fields.detail_texture import DetailTexture
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.sequence import SignalSequence
+from avatarrex.templates.person import load_person
+from avatarrex.training.core.carving import carve
+from avatarrex.training.core.frames import FrameStore
+from avatarrex.training.core.projection import Projected, paint, start_from_pictures
+
+
+@pytest.fixture(scope="module")
+def painted(tmp_path_factory: pytest.TempPathFactory) -> Avatar:
+    """The prior's surface, with texels from the miniature's training pictures."""
+    capture = open_capture(write_miniature(tmp_path_factory.mktemp("capture"), "body"))
+    avatar = perturbed("body", 0)
+    avatar.measure_clothing_offset()
+    store = FrameStore(
+        avatar, sealed(capture, "train").rigs["body"], "body", frozenset({"face", "left_hand", "right_hand"}), True
+    )
+    store.renew(0)
+    start_from_pictures(avatar, store, 0.01)
+    return avatar
+
+
+def test_the_pattern_is_where_it_is(painted: Avatar) -> None:
+    """The miniature's pattern is a function of the rest position; cameras of 96 x 128 see 15 mm a pixel."""
+    detail = painted.body.detail
+    assert detail is not None
+    place = detail.lattice.position
+    true = 0.5 + 0.4 * np.sin(25.0 * place + np.array([0.0, 1.0, 2.0]))
+    off = np.abs(torch.sigmoid(detail.texel).detach().numpy() - true)
+    chest = (np.abs(place[:, 0]) < 0.12) & (place[:, 1] > 0) & (place[:, 1] < 0.35) & (np.abs(place[:, 2]) > 0.06)
+    assert chest.sum() > 300
+    assert np.median(off[chest]) < 0.06
+
+
+def test_the_networks_begin_at_nothing(painted: Avatar) -> None:
+    assert all(not parameter.any() for parameter in painted.body.colour_blend[-1].parameters())
+
+
+def test_what_moved_over_a_texel_does_not_count() -> None:
+    vertices, faces = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), torch.tensor([[0, 1, 2]])
+    detail = DetailTexture.of(vertices, faces, 5.0, torch.ones(1, dtype=torch.bool))
+    texel, even = torch.tensor([[0, 1, 2]]), torch.full((1, 3), 1 / 3)
+    seen = [Projected(texel, even, torch.full((1, 3), grey)) for grey in (0.4, 0.42, 0.38, 0.4, 0.9)]
+    paint(detail, seen, "here")
+    assert torch.sigmoid(detail.texel).amax() < 0.42  # the plain mean is 0.5
+
+
+class Mattes(Pictures):
+    """White on black, by (view, frame)."""
+
+    def __init__(self, mattes: dict[tuple[int, int], np.ndarray]) -> None:
+        self.mattes = mattes
+
+    def get(self, kind: str, view: int, frame: int) -> np.ndarray:
+        return self.mattes[view, frame]
+
+    def check_size(self, view: int, frame: int) -> None: ...
+
+
+def rig_with(balls: list[tuple[np.ndarray, float]]) -> Rig:
+    """Eight cameras around the resting template with balls (centre, radius) on it."""
+    person, signals = load_person(), Signals.rest()
+    vertices, faces = template_surface(person, signals)[0], person.body.faces.numpy()
+    cameras = [Camera.orbit(azimuth, 5, 3.0, 40, (0, -0.05, 0), 160, 160) for azimuth in range(0, 360, 45)]
+    mattes = {}
+    for number, camera in enumerate(cameras):
+        matte = silhouette(vertices, faces, camera)
+        column, row = np.meshgrid(np.arange(160) + 0.5, np.arange(160) + 0.5)
+        for centre, radius in balls:
+            (pixel,), (depth,) = camera.pixels(centre[None])
+            matte = matte | (np.hypot(column - pixel[0], row - pixel[1]) < radius * camera.intrinsics[0, 0] / depth)
+        mattes[number, 0] = np.uint8(255) * matte
+    views = tuple(View(f"c{number}", camera) for number, camera in enumerate(cameras))
+    nobody: frozenset[int] = frozenset()
+    return Rig("body", views, SignalSequence((signals,), 1.0), frozenset(), nobody, nobody, Mattes(mattes))
+
+
+def test_a_bun_is_carved_and_skin_is_not() -> None:
+    avatar = Avatar.create(load_person(), "compact")
+    rest = avatar.person.body.v_template.double().numpy()
+    crown = rest[rest[:, 1].argmax()]
+    bun = crown + np.array([0, 0.05, -0.05])
+    assert carve(avatar, rig_with([])) is None
+    found = carve(avatar, rig_with([(bun, 0.05)]))
+    assert found is not None
+    points = found.points()
+    assert np.linalg.norm(points - bun, axis=1).max() < 0.075
+    assert np.linalg.norm(points.mean(0) - bun) < 0.03
