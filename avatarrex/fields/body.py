@@ -19,18 +19,18 @@ from typing import Any
 import numpy as np
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 from torch import Tensor, nn
 
 from avatarrex.errors import InputError
 from avatarrex.fields import loops
 from avatarrex.fields.code import BodyCode, DetailCode
+from avatarrex.fields.detail_texture import DetailTexture
 from avatarrex.fields.influence import EPSILON, GATE, RADIUS, SIGMA, Pairs, find_pairs, gate, influence, weighted_mean
 from avatarrex.fields.light import Light
 from avatarrex.fields.local_frame import (
     ANCHOR_SIGMA,
     LOCAL_FRAMES,
-    Neighbours,
     Samples,
     take,
 )
@@ -147,6 +147,7 @@ class BodyField(nn.Module):
             else LocalNetworks(n, coordinate + patch, e, widths.colour_local, widths.colour_feature, "relu")
         )
         self.colour_blend = mlp((widths.colour_feature + direction, *widths.colour_blend, 3), "relu")
+        self.detail: DetailTexture | None = None
 
     def place(self) -> None:
         """Derive the nodes' rest geometry from their template vertices (after they were sampled or loaded)."""
@@ -205,8 +206,25 @@ class BodyField(nn.Module):
 
     def colour_parameters(self) -> list[nn.Parameter]:
         """Patches and colour networks; what is shared with the geometry is the geometry's."""
-        modules = (self.patch_network, self.colour_local, self.colour_blend)
+        modules = (self.patch_network, self.colour_local, self.colour_blend, self.detail)
         return list(chain.from_iterable(module.parameters() for module in modules if module is not None))
+
+    def add_detail(self, spacing: float) -> None:
+        """Lay grey texels on the skin, `spacing` metres apart, but where another part takes its place."""
+        template = self.template
+        shown = ~self.replaced.cpu()[template.faces].all(1)
+        self.detail = DetailTexture.of(template.v_template, template.faces, spacing, shown)
+
+    def expect_detail(self, edge: UInt8[Tensor, " f"] | None) -> None:
+        """Have the texels that the weights to come have: `edge` along the edges of each triangle, or none."""
+        self.detail = None if edge is None else DetailTexture(edge.clone())
+        if self.detail is not None:
+            self.detail.requires_grad_(False).lay(self.template.v_template, self.template.faces)
+
+    @property
+    def appearance_channels(self) -> int:
+        """Of the features of an `appearance`."""
+        return self.widths.colour_feature + (0 if self.detail is None else 3)
 
     def code(self, body_rotations: Float[Tensor, "21 3 3"], latent: Float[Tensor, " z"] | None = None) -> BodyCode:
         """Node residuals and detail embeddings of a pose; `latent` None is z = 0, the test-time value."""
@@ -251,22 +269,22 @@ class BodyField(nn.Module):
         position: Float[Tensor, "p 3"],
         pairs: Pairs,
         cutoff: float = 0.0,
-        beside: Neighbours | None = None,
+        rest: Float[Tensor, "p 3"] | None = None,
         impl: str = "auto",
     ) -> tuple[Pairs, Float[Tensor, "k 3"], Float[Tensor, " k"]]:
         """Pairs that have weight, their local coordinates p_i (metres, rest pose) and their weights w_i.
 
-        A pair with less than `cutoff` of its point's weight is left out; `beside`: the points' neighbours among the anchors,
-        where they have been found. `impl`: `auto`, `torch`.
+        A pair with less than `cutoff` of its point's weight is left out; `rest`: the points' rest positions, where they have
+        been found. `impl`: `auto`, `torch`.
         """
-        samples = frame.samples
         if frame.among is not None:
             pairs = pairs.keep(frame.among[pairs.node])
+        rest = frame.samples.rest_position(position) if rest is None else rest
         if impl == "auto" and native.serves(position, frame.node_position, frame.node_rest):
-            return _localised(frame, position, samples.rest_position(position, beside), pairs, cutoff)
+            return _localised(frame, position, rest, pairs, cutoff)
         point = take(position, pairs.point)
         squared = (point - take(frame.node_position, pairs.node)).square().sum(0)
-        local = take(samples.rest_position(position, beside), pairs.point) - take(frame.node_rest, pairs.node)
+        local = take(rest, pairs.point) - take(frame.node_rest, pairs.node)
         weight = influence(squared) * gate(local.square().sum(0))
         kept = weight > 0
         if cutoff:
@@ -340,12 +358,15 @@ class BodyField(nn.Module):
         light: Light | None = None,
     ) -> tuple[Float[Tensor, "p f"], Float[Tensor, "p 3"] | None]:
         """What of `colour` belongs to the points alone, from wherever they are seen: Σ w_i 𝒞_i / Σ w_i, and the `light`
-        that falls on them (None without one).
+        that falls on them (None without one). The last three features are the logits of the static detail, where there is one.
         """
         beside = frame.samples.neighbours_of(position)
-        pairs, local, weight = self.localise(frame, position, pairs, self.widths.colour_cutoff, beside)
+        rest = frame.samples.rest_position(position, beside)
+        pairs, local, weight = self.localise(frame, position, pairs, self.widths.colour_cutoff, rest)
         feature = self._colour_features(frame, patches, pairs, local, impl)
         mean, _ = weighted_mean(feature, weight, pairs, len(position))
+        if self.detail is not None:
+            mean = torch.cat([mean, self.detail(self.detail.places(rest))], -1)
         return mean, None if light is None else light(frame.samples.facing(beside))
 
     def seen(
@@ -356,7 +377,9 @@ class BodyField(nn.Module):
     ) -> Float[Tensor, "p 3"]:
         """The colour of an `appearance` along unit `view_direction`."""
         direction = encode(view_direction, DIRECTION_OCTAVES)
-        colour = torch.sigmoid(self.colour_blend(torch.cat([F.relu(feature), direction], -1)))
+        width = self.widths.colour_feature
+        said = self.colour_blend(torch.cat([F.relu(feature[:, :width]), direction], -1))
+        colour = torch.sigmoid(said if self.detail is None else said + feature[:, width:])
         return colour if light is None else colour * light
 
     def _colour_features(
@@ -404,7 +427,8 @@ def _file_names(_: nn.Module, state: dict[str, Tensor], prefix: str, metadata: A
         state[prefix + stored] = state.pop(prefix + own)
 
 
-def _own_names(_: nn.Module, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
+def _own_names(field: nn.Module, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
     for own, stored in FILE_NAMES.items():
         if prefix + stored in state:
             state[prefix + own] = state.pop(prefix + stored)
+    field.expect_detail(state.get(prefix + "detail.edge"))

@@ -63,7 +63,7 @@ def shade(
     if previous and previous.surface.volume.body_frame is volume.body_frame:
         colours.patches = previous.patches
         if tolerance:  # a pose that is seen once teaches nobody
-            known = previous.known or KnownAppearance(avatar.body.widths.colour_feature + 3)
+            known = previous.known or KnownAppearance(avatar.body.appearance_channels + 3)
             colours.earlier = EarlierViews(known, surface.view, tolerance)
     if settings.detail_from is not None and colours.patches is None:
         colours.patches = _patches_of(avatar, settings.detail_from)

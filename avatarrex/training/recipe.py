@@ -91,6 +91,14 @@ class PassTwo:
     """Of a batch, each of a picture of its own."""
     clamped: bool = True
     """Whether codes are first clamped to the middle of what the training's poses have (fields/code.py; ours)."""
+    texel: float = 0.0
+    """Metres between the texels of the static detail (fields/detail_texture.py; ours), painted from the pictures at the
+    beginning; 0: none."""
+    texel_rate: float = 1.0
+    """Of the learning rate, for the texels."""
+    view_dropout: float = 0.0
+    """Share of the patches that are shaded as if seen along a random direction: colours from where no camera looked are then
+    those of all cameras (ours)."""
     weights: LossWeights = LossWeights()
 
 
@@ -179,6 +187,7 @@ _BODY = PassOne(
 )  # fmt: skip
 """Under the paper's L_node, a 25th of this, nodes drift by centimetres."""
 _TWO = PassTwo(steps=1000, rate=3e-3, decay=0.05, decay_steps=1000)
+_DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 3.0, "view_dropout": 0.5}
 QUICK = Recipe(
     name="quick", about="compact networks within the hour on two cores", preset="compact", interval=200, evaluate=400,
     face=(_FACE, _TWO), body=(_BODY, _lasting(_TWO, 2400, 0.03)),
@@ -186,7 +195,7 @@ QUICK = Recipe(
 LONG = replace(
     QUICK, name="long", about="a finished avatar of compact networks in two or three hours on two cores", evaluate=1000,
     face=(_lasting(_FACE, 600, 0.03, still=350), _lasting(_TWO, 2500, 0.02)),
-    body=(_lasting(_BODY, 4000, 0.02, rays=600), _lasting(_TWO, 4000, 0.02)),
+    body=(_lasting(_BODY, 4000, 0.02, rays=600), _lasting(_TWO, 4000, 0.02, **_DETAIL)),
 )  # fmt: skip
 _SETTLED: dict[str, Any] = {"rate": 1e-3, "gamma_steps": 1, "warm_steps": 0, "gamma_extra": 0.0, "still": 0}
 REFINE = replace(

@@ -56,14 +56,15 @@ def run(options: argparse.Namespace) -> None:
     assert frame.shading.patches is not None, "nothing of the body in sight"
     patches, cutoff = frame.shading.patches.value, body.widths.colour_cutoff
     beside = samples.neighbours_of(point)
-    near, local, weight = body.localise(posed, point, pairs, cutoff, beside)
+    rest = samples.rest_position(point, beside)
+    near, local, weight = body.localise(posed, point, pairs, cutoff, rest)
     value = torch.randn(len(weight), 16)
     print(f"{len(point)} points, {len(pairs.point)} pairs, {len(weight)} of them in the support")
     row = partial(in_turns, printed("milliseconds          ", "torch", "compiled", "ratio", "difference"))
     row("nearest anchors", lambda way: samples.nearest(point, way))
     row("anchors and weights", lambda way: samples.neighbours_of(point, way).weight)
     row("pairs", lambda way: find_pairs(point, posed.node_position, impl=way).point)
-    row("places and weights", lambda way: body.localise(posed, point, pairs, cutoff, beside, way)[2])
+    row("places and weights", lambda way: body.localise(posed, point, pairs, cutoff, rest, way)[2])
     row("means", lambda way: weighted_mean(value, weight, near, len(point), way)[0])
     row("patch features", lambda way: patch_features(patches, near.node, body.node_axes, local, way))
     coordinate = Encoding(local / RADIUS, COORDINATE_OCTAVES)

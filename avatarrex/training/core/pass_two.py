@@ -67,13 +67,19 @@ class PatchPass:
             torch.from_numpy(read(view, index)[rows, columns] / np.float32(255))
             for read in (self.store.rig.matte, self.store.rig.image)
         )
-        rendered, coverage = self.shade(frame, camera.cropped(x, y, width, height))
+        gaze = _anywhere(rng) if rng.random() < self.recipe.view_dropout else None
+        rendered, coverage = self.shade(frame, camera.cropped(x, y, width, height), gaze)
         both = torch.minimum(coverage, matte)[..., None]
         terms = self._compare(rendered * both, truth * both, both)
         return terms, float((coverage > 0).sum()) / max(float((matte > 0.5).sum()), 1.0)
 
-    def shade(self, frame: TrainingFrame, camera: Camera) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w"]]:
-        """Straight colours, differentiable in the colour networks, and how much of each pixel counts."""
+    def shade(
+        self, frame: TrainingFrame, camera: Camera, gaze: Float[Tensor, " 3"] | None = None
+    ) -> tuple[Float[Tensor, "h w 3"], Float[Tensor, "h w"]]:
+        """Straight colours, differentiable in the colour networks, and how much of each pixel counts.
+
+        `gaze`: what the networks are said to be seen along, unit, root frame; None: what they are.
+        """
         view, volume = frame.camera(camera), frame.volume
         pointmap = raycast(volume.sdf, view, antialias=True)
         counts = pointmap.coverage
@@ -82,6 +88,7 @@ class PatchPass:
         seen = counts > 0
         position = pointmap.position[seen].to(self.parameters()[0].dtype)
         direction = torch.nn.functional.normalize(position - torch.as_tensor(view.centre).to(position), dim=-1)
+        direction = direction if gaze is None else gaze.to(direction).expand_as(direction)
         paint = SurfaceColour(self.avatar, frame.posed, volume.body_frame, frame.states(), Counters(), sparse=True)
         image = position.new_zeros(*seen.shape, 3)
         if len(position):
@@ -116,3 +123,9 @@ class PatchPass:
             x, y = rng.integers(x0, x1), rng.integers(y0, y1)
         x, y = np.clip((x - side_x // 2, y - side_y // 2), 0, (width - side_x, height - side_y)).tolist()
         return x, y, side_x, side_y
+
+
+def _anywhere(rng: np.random.Generator) -> Float[Tensor, " 3"]:
+    """A direction, all alike."""
+    drawn = rng.normal(size=3)
+    return torch.from_numpy(drawn / np.linalg.norm(drawn)).float()

@@ -28,12 +28,12 @@ class Stage:
         """Learning rate, exponential decay."""
         return self.recipe.rate * float(self.recipe.decay ** ((step - self.begin) / self.recipe.decay_steps))
 
-    def rates(self, step: int) -> tuple[float, float]:
-        """Learning rates of the geometry and of all else."""
+    def rates(self, step: int) -> tuple[float, float, float]:
+        """Learning rates of the geometry, of texels, and of all else."""
         rate, one = self.rate(step), self.recipe
         if not isinstance(one, PassOne):
-            return rate, rate
-        return (0.0 if step - self.begin < one.still else one.geometry_rate * rate), rate
+            return rate, one.texel_rate * rate, rate
+        return (0.0 if step - self.begin < one.still else one.geometry_rate * rate), rate, rate
 
     def gamma(self, step: int) -> float:
         """γ(n) of pass I; its last value in pass II."""

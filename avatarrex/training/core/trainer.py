@@ -28,6 +28,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.held_out import HeldOut
 from avatarrex.training.core.mixed import in_bfloat16
+from avatarrex.training.core.projection import start_from_pictures
 from avatarrex.training.core.stage import Stage, stages
 from avatarrex.training.core.warm_start import clear_space, warm_start
 from avatarrex.training.core.work import Work, pass_of
@@ -112,6 +113,8 @@ class Trainer:
         unseen = self.hidden | {"left_hand", "right_hand"} if stage.part == "face" else self.hidden
         store = FrameStore(self.avatar, rig, stage.part, unseen, stage.name == "II")
         store.renew(stage.begin if state is None else int(state["step"]))
+        if state is None and isinstance(stage.recipe, PassTwo) and stage.part == "body" and stage.recipe.texel:
+            start_from_pictures(self.avatar, store, stage.recipe.texel)
         work = Work(stage, pass_of(stage, self.avatar, store, self.perceptual, self.seed), state)
         self.run.stage(stage.part, stage.name, stage.end)
         if state is None:

@@ -114,7 +114,8 @@ def load(optimiser: torch.optim.Optimizer, saved: dict[str, Any]) -> None:
 
 
 def _groups(avatar: Avatar, part: str, parameters: list[nn.Parameter]) -> list[dict[str, Any]]:
-    """Geometry and all else."""
+    """Geometry, texels, and all else."""
     field = avatar.body.geometry_parameters() if part == "body" else avatar.face.geometry.parameters()
-    geometry = {id(parameter) for parameter in field}
-    return [{"params": [p for p in parameters if (id(p) in geometry) is wanted]} for wanted in (True, False)]
+    texels = [] if avatar.body.detail is None else [avatar.body.detail.texel]
+    kind = {id(p): number for number, some in enumerate((field, texels)) for p in some}
+    return [{"params": [p for p in parameters if kind.get(id(p), 2) == number]} for number in range(3)]

@@ -1,0 +1,182 @@
+"""Static detail: what a surface looks like in every pose, in texels that lie on the triangles of a template at rest. Ours.
+
+    c = sigmoid(𝒞(p, v) + Σ_k b_k(x) t_k) · E(n),      x the closest point of p̄ on the triangles
+
+The texels of a triangle lie on a lattice of its barycentric coordinates (mesh colours: Yuksel, Keyser and House 2010, here without
+shared edges), as many along an edge as it is long in texels; b_k interpolates linearly between the three around x. So no atlas is
+cut, and a place is a triangle with barycentrics. Texels are logits: beside networks that say 0, sigmoid(t) is the albedo, which is
+what avatars store of it, one byte a channel.
+
+Letters: f triangles, t texels, p points, k = 3 texels around a point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int, UInt8
+from scipy.spatial import cKDTree
+from torch import Tensor, nn
+
+from avatarrex.ops.closest_triangle import closest_triangle
+from avatarrex.ops.search_tree import SearchTree
+
+MOST_EDGE = 64
+"""Texels along an edge at most."""
+DARKEST = 0.5 / 255
+"""Albedo of the least texel, and 1 less that of the largest: beyond, a logit says nothing that a byte could."""
+
+
+@dataclass(frozen=True)
+class TexelPlaces:
+    """Which texels points lie between."""
+
+    texel: Int[Tensor, "p k"]
+    share: Float[Tensor, "p k"]
+    """b_k; sum 1."""
+
+
+class DetailTexture(nn.Module):
+    """The texels of some of a template's triangles; it knows where they are from `lay` on."""
+
+    edge: Tensor
+    """(f,) texel intervals along an edge; 0 where a triangle has none."""
+
+    def __init__(self, edge: UInt8[Tensor, " f"]) -> None:
+        super().__init__()
+        self.register_buffer("edge", edge)
+        self.texel = nn.Parameter(torch.zeros(int(texels_of(edge).sum()), 3))
+        self._lattice: _Lattice | None = None
+
+    @classmethod
+    def of(
+        cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], spacing: float, shown: Bool[Tensor, " f"]
+    ) -> DetailTexture:
+        """Texels about `spacing` metres apart on the triangles that are `shown`, all grey."""
+        corner = vertices[faces].double()
+        longest = (corner - corner.roll(1, 1)).norm(dim=-1).amax(1)
+        edge = (longest / spacing).round().clamp(1, MOST_EDGE) * shown
+        texture = cls(edge.to(torch.uint8))
+        texture.lay(vertices, faces)
+        return texture
+
+    def lay(self, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> None:
+        """Let the triangles be those of a mesh at rest, metres."""
+        self._lattice = _Lattice(vertices.double().numpy(), faces.numpy(), self.edge.numpy())
+
+    @property
+    def lattice(self) -> _Lattice:
+        """Raises RuntimeError before `lay`."""
+        if self._lattice is None:
+            raise RuntimeError("the texture was not laid on a mesh")
+        return self._lattice
+
+    def places(self, rest: Float[Tensor, "p 3"]) -> TexelPlaces:
+        """Of rest positions p̄, metres; not differentiable in them."""
+        face, weight = closest_triangle(self.lattice.tree, rest.detach().double().numpy())
+        return self.places_on(self.lattice.shown[face], weight)
+
+    def places_on(self, face: Int[np.ndarray, " p"], weight: Float[np.ndarray, "p 3"]) -> TexelPlaces:
+        """Of barycentrics on triangles that have texels."""
+        texel, share = self.lattice.around(face, weight)
+        return TexelPlaces(torch.from_numpy(texel), torch.from_numpy(share).to(self.texel.dtype))
+
+    def forward(self, places: TexelPlaces) -> Float[Tensor, "p 3"]:
+        """Logits; differentiable in the texels."""
+        return torch.nn.functional.embedding_bag(
+            places.texel, self.texel, per_sample_weights=places.share, mode="sum"
+        )
+
+    @torch.no_grad()
+    def paint(self, albedo: Float[Tensor, "t 3"], known: Bool[Tensor, " t"]) -> None:
+        """Set the texels to `albedo` (sRGB, light divided out) where it is `known`, elsewhere to the nearest known one's."""
+        place = self.lattice.position
+        texel = logit(albedo)
+        if not known.all():
+            seen = torch.nonzero(known)[:, 0]
+            nearest = cKDTree(place[seen.numpy()]).query(place[(~known).numpy()])[1]
+            texel[~known] = texel[seen[torch.from_numpy(nearest)]]
+        self.texel.copy_(texel)
+
+
+def texels_of(edge: UInt8[Tensor, " f"]) -> Int[Tensor, " f"]:
+    """How many a triangle has."""
+    count = edge.long()
+    return torch.where(count > 0, (count + 1) * (count + 2) // 2, 0)
+
+
+def logit(albedo: Float[Tensor, "t 3"]) -> Float[Tensor, "t 3"]:
+    """Of what lies in [0, 1], ends excluded."""
+    return torch.logit(albedo.clamp(DARKEST, 1 - DARKEST))
+
+
+def to_bytes(texel: Float[Tensor, "t 3"]) -> UInt8[Tensor, "t 3"]:
+    """Logits as files store them: rounded albedo."""
+    return (255 * torch.sigmoid(texel.float())).round().to(torch.uint8)
+
+
+def from_bytes(stored: UInt8[Tensor, "t 3"]) -> Float[Tensor, "t 3"]:
+    """`to_bytes` undone; off by half a step of 1/255 in the albedo."""
+    return logit(stored.float() / 255)
+
+
+class _Lattice:
+    """Where the texels of a mesh's triangles are; the same for all copies of a texture."""
+
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, edge: np.ndarray) -> None:
+        self.vertices, self.faces = vertices, faces
+        self.edge = edge.astype(np.int64)
+        self.shown = np.flatnonzero(self.edge)
+        count = np.where(self.edge > 0, (self.edge + 1) * (self.edge + 2) // 2, 0)
+        self.first = np.concatenate([[0], np.cumsum(count)[:-1]])
+
+    def __deepcopy__(self, _: dict[int, object]) -> _Lattice:
+        return self
+
+    @cached_property
+    def tree(self) -> SearchTree:
+        """Of the triangles that have texels, in their order."""
+        return SearchTree.of_triangles(self.vertices, self.faces[self.shown])
+
+    @cached_property
+    def position(self) -> Float[np.ndarray, "t 3"]:
+        """Metres at rest."""
+        found = np.empty((int(self.first[-1]) + 3 * MOST_EDGE**2, 3))
+        end = 0
+        for r in np.unique(self.edge[self.shown]):
+            some = np.flatnonzero(self.edge == r)
+            i, j = (table.ravel() for table in np.indices((r + 1, r + 1)))
+            i, j = i[i + j <= r], j[i + j <= r]
+            weight = np.stack([i, j, r - i - j], 1) / r
+            rows = self.first[some, None] + self._number(i, j, r)
+            found[rows] = np.einsum("tk,fkc->ftc", weight, self.vertices[self.faces[some]])
+            end = max(end, int(rows.max()) + 1)
+        return found[:end]
+
+    def around(self, face: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Texels (p, 3) about places and their shares: in the small triangle that stands upright there, or on its head."""
+        r = self.edge[face]
+        scaled = np.clip(weight, 0, 1) * r[:, None]
+        low = np.minimum(np.floor(scaled).astype(np.int64), r[:, None])
+        part = scaled - low
+        left = r - low.sum(1)  # 0 at a texel, 1 upright, 2 on its head
+        turned = left >= 2
+        share = np.where(turned[:, None], 1 - part, part)
+        share = np.where((left <= 0)[:, None], [1.0, 0.0, 0.0], share)
+        share = np.clip(share, 0, None)
+        share /= np.maximum(share.sum(1, keepdims=True), 1e-12)
+        texel = np.empty((len(face), 3), np.int64)
+        for axis in range(3):
+            step = np.eye(3, dtype=np.int64)[axis]
+            corner = np.where(turned[:, None], low + 1 - step, low + np.where(left == 1, 1, 0)[:, None] * step)
+            texel[:, axis] = self.first[face] + self._number(corner[:, 0], corner[:, 1], r)
+        return texel, share
+
+    @staticmethod
+    def _number(i: np.ndarray, j: np.ndarray, r: np.ndarray | int) -> np.ndarray:
+        """Of the texel at (i, j, r − i − j)/r within its triangle: rows of i, the longest first."""
+        number: np.ndarray = i * (r + 1) - i * (i - 1) // 2 + j
+        return number
