@@ -26,6 +26,9 @@ from avatarrex.ops.search_tree import SearchTree
 
 MOST_EDGE = 64
 """Texels along an edge at most."""
+NEARBY, SOME = 0.003, 64
+"""Metres in which an unseen texel looks for the nearest seen one; farther off one in so many of those will do (texels of the back of
+an eyeball are as far from many: searches among all of them take minutes)."""
 DARKEST = 0.5 / 255
 """Albedo of the least texel, and 1 less that of the largest: beyond, a logit says nothing that a byte could."""
 
@@ -96,10 +99,18 @@ class DetailTexture(nn.Module):
         place = self.lattice.position
         texel = logit(albedo)
         if not known.all():
-            seen = torch.nonzero(known)[:, 0]
-            nearest = cKDTree(place[seen.numpy()]).query(place[(~known).numpy()])[1]
-            texel[~known] = texel[seen[torch.from_numpy(nearest)]]
+            texel[~known] = texel[torch.from_numpy(_nearest(place, known.numpy()))]
         self.texel.copy_(texel)
+
+
+def _nearest(place: Float[np.ndarray, "t 3"], known: Bool[np.ndarray, " t"]) -> Int[np.ndarray, " u"]:
+    """Of each texel that is not `known` one that is, the nearest or hardly farther."""
+    seen, others = np.flatnonzero(known), place[~known]
+    away, nearest = cKDTree(place[seen]).query(others, distance_upper_bound=NEARBY)
+    far, some = ~np.isfinite(away), seen[::SOME]
+    found: np.ndarray = seen[np.where(far, 0, nearest)]
+    found[far] = some[cKDTree(place[some]).query(others[far])[1]]
+    return found
 
 
 def texels_of(edge: UInt8[Tensor, " f"]) -> Int[Tensor, " f"]:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from avatarrex.counters import Counters
+from avatarrex.fields.detail_texture import TexelPlaces
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.fields.tone import ToneMap
+from avatarrex.ops.closest_triangle import closest_triangle
 from avatarrex.ops.mesh_lattice import Grid, nearest_vertex
+from avatarrex.ops.search_tree import SearchTree
 from avatarrex.parts.part import CLAMP, Impl, Part, PartState, Start, SurfacePoints
 from avatarrex.templates.mesh import vertex_normals
 
@@ -22,6 +26,18 @@ FACE_BAND = 0.03
 """Metres around the face mesh in which the face field is evaluated and blended: from +0.025 on it is not used."""
 FIRST_BAND = 0.012
 """Metres from the face mesh that are evaluated at the coarse level; from there the surface is followed."""
+
+
+class PosedTriangles:
+    """The triangles of a posed face on which static detail lies; the tree is made when a point is first coloured."""
+
+    def __init__(self, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
+        self.vertices, self.faces = vertices, faces
+
+    @cached_property
+    def tree(self) -> SearchTree:
+        """Of `faces`, in their order."""
+        return SearchTree.of_triangles(self.vertices, self.faces)
 
 
 @dataclass(eq=False)
@@ -33,6 +49,8 @@ class FaceState(PartState):
     """Orthographic views of the posed mesh (3, 7, 256, 256), or what else drives the field."""
     geometry: Float[Tensor, "..."]
     """Geometry tri-planes of this expression."""
+    triangles: PosedTriangles
+    """Those with ω > 0."""
     colour: Float[Tensor, "..."] | None = None
     """Colour tri-planes; decoded when a point is first coloured."""
 
@@ -71,7 +89,8 @@ class Face(Part[FaceState]):
         counters.add("unet_runs", 3)
         mesh, normals = vertices.double().numpy(), vertex_normals(vertices, self.field.faces).double().numpy()
         skin = TemplateDistance.of(mesh, normals, self.blend_weight.double().numpy(), np.zeros(len(mesh)))
-        return FaceState(skin, driven, self.field.geometry_planes(driven))
+        triangles = PosedTriangles(mesh, self.field.faces[self.field.own].cpu().numpy())
+        return FaceState(skin, driven, self.field.geometry_planes(driven), triangles)
 
     def start(self, state: FaceState, grid: Grid, everywhere: bool) -> Start:
         """The template's distance; points near the mesh are evaluated first."""
@@ -107,10 +126,17 @@ class Face(Part[FaceState]):
             counters.add("unet_runs", 3)
         return state.colour
 
+    def places(self, state: FaceState, position: Float[Tensor, "p 3"]) -> TexelPlaces | None:
+        """Texels about the points of the posed mesh that are closest to `position` (head frame); None where it has none."""
+        if self.field.detail is None:
+            return None
+        face, weight = closest_triangle(state.triangles.tree, position.detach().double().cpu().numpy())
+        return self.field.detail.places_on(self.field.detail.lattice.shown[face], weight)
+
     def colour(self, state: FaceState, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
         """C_F (paper eq. 12), brought to the body's tone."""
         planes = self.decode_colour(state, counters)
         counters.add("face_pixels", len(points.position))
-        own = self.field.colour(planes, points.position, points.direction)
+        own = self.field.colour(planes, points.position, points.direction, self.places(state, points.position))
         colour: Tensor = self.tone(own, points.root_direction, points.direction)
         return colour

@@ -65,6 +65,8 @@ class PassOne:
     """Steps at first in which the geometry is frozen: colours that are not yet known would move it."""
     latent: bool = True
     """Whether frames have codes of their own and z is drawn; without, z = 0 as at test, and detail follows the pose alone."""
+    close: float = 0.0
+    """Share of the body's steps that see the face rig's pictures, where there is one: outlines of hair, neck and collar (ours)."""
     outline: int = 0
     """Rays of the whole batch for the silhouette term besides the rendered ones, drawn about the matte's edge."""
     sampling: Sampling = "near"
@@ -91,6 +93,8 @@ class PassTwo:
     """Of a batch, each of a picture of its own."""
     clamped: bool = True
     """Whether codes are first clamped to the middle of what the training's poses have (fields/code.py; ours)."""
+    close: float = 0.0
+    """Share of the body's steps that see the face rig's pictures, where there is one: several times as sharp (ours)."""
     texel: float = 0.0
     """Metres between the texels of the static detail (fields/detail_texture.py; ours), painted from the pictures at the
     beginning; 0: none."""
@@ -188,9 +192,11 @@ _BODY = PassOne(
 """Under the paper's L_node, a 25th of this, nodes drift by centimetres."""
 _TWO = PassTwo(steps=1000, rate=3e-3, decay=0.05, decay_steps=1000)
 _DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 3.0, "view_dropout": 0.5}
+_FACE_DETAIL: dict[str, Any] = {"texel": 0.001, "texel_rate": 3.0}
 QUICK = Recipe(
     name="quick", about="compact networks within the hour on two cores", preset="compact", interval=200, evaluate=400,
-    face=(_FACE, _TWO), body=(_BODY, _lasting(_TWO, 2400, 0.03)),
+    face=(_FACE, replace(_TWO, **_FACE_DETAIL)),
+    body=(replace(_BODY, close=0.25), _lasting(_TWO, 2400, 0.03, close=0.33, **_DETAIL)),
 )  # fmt: skip
 LONG = replace(
     QUICK, name="long", about="a finished avatar of compact networks in two or three hours on two cores", evaluate=1000,
