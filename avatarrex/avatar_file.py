@@ -20,6 +20,9 @@ from torch import Tensor
 
 from avatarrex.avatar import FORMAT, Avatar
 from avatarrex.errors import InputError, plain
+from avatarrex.fields.body import BodyField
+from avatarrex.fields.detail_texture import from_bytes, to_bytes
+from avatarrex.fields.face import FaceField
 from avatarrex.fields.local_frame import UNSAID
 from avatarrex.fields.placement import device_named
 from avatarrex.fields.presets import BASES, PRESETS
@@ -37,6 +40,8 @@ from avatarrex.templates.person_fit import PersonFit
 log = logging.getLogger(__name__)
 SINCE = {"tone.": 2, "light.": 3, "body.code_network.least": 3, "body.code_network.most": 3}
 """Format since which there are weights of such names; avatars of before have the identity."""
+TEXELS = ".detail.texel"
+"""How tensors of static detail are named: of files the albedo of each texel, bytes."""
 FILES = {"avatar.json": SMALL, "weights.safetensors": 2**30}
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
 SURFACE = surface_file.FILE
@@ -69,6 +74,8 @@ def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
         state = safetensors.torch.load(content["weights.safetensors"])
     except (safetensors.SafetensorError, ValueError) as error:
         raise InputError(path, "weights.safetensors", "a safetensors file", error) from None
+    for part, field in (("body", avatar.body), ("face", avatar.face)):
+        _expect_detail(path, f"{part}.detail.", field, state)
     _fill(path, avatar, state, meta["format"])
     avatar.meta = meta
     avatar.surface = _surface(path, avatar)
@@ -87,9 +94,8 @@ def save_avatar(avatar: Avatar, path: str | Path, half: bool = True) -> None:
     Floating-point weights are stored in half precision when `half` (the surface moves by less than 0.1 mm). A surface of other
     weights than the avatar has by now is left out. `load` reads it back. Raises `InputError` where `path` cannot be written.
     """
-    state = {
-        name: value.half() if half and value.is_floating_point() else value for name, value in avatar.state().items()
-    }
+    state = {name: to_bytes(value) if name.endswith(TEXELS) else value for name, value in avatar.state().items()}
+    state = {name: value.half() if half and value.is_floating_point() else value for name, value in state.items()}
     meta = {**avatar.meta, "format": FORMAT, "person": avatar.person.name, "person_hash": avatar.person.hash}
     meta.pop("person_fit", None)
     if avatar.person.fit is not None:
@@ -206,6 +212,20 @@ def _meta(path: Path, meta: Any) -> dict[str, Any]:
     if not (isinstance(untrained, list) and all(part in PARTS for part in untrained)):
         raise InputError(path, "avatar.json: untrained", "a list of " + ", ".join(PARTS), untrained)
     return meta
+
+
+def _expect_detail(path: Path, prefix: str, field: BodyField | FaceField, state: dict[str, Tensor]) -> None:
+    """Give a field the static detail whose tensors are in `state`, and its texels their logits, after checking what they must be."""
+    edge, texels = state.get(prefix + "edge"), state.get(prefix + "texel")
+    faces = len(field.faces if isinstance(field, FaceField) else field.template.faces)
+    if edge is not None and (edge.dtype, tuple(edge.shape)) != (torch.uint8, (faces,)):
+        found = f"{edge.dtype} {tuple(edge.shape)}"
+        raise InputError(path, f"weights.safetensors: {prefix}edge", f"a byte for each of {faces} triangles", found)
+    field.expect_detail(edge)
+    if texels is not None:
+        if texels.dtype != torch.uint8:
+            raise InputError(path, f"weights.safetensors: {prefix}texel", "bytes", texels.dtype)
+        state[prefix + "texel"] = from_bytes(texels)
 
 
 def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor], format: int) -> None:

@@ -117,7 +117,7 @@ class Trainer:
             close = exposed_as(self.capture.rigs["face"], rig, self.capture.person)
             store.close = FrameStore(self.avatar, close, "body", unseen, stage.name == "II")
         store.renew(stage.begin if state is None else int(state["step"]))
-        if state is None and isinstance(stage.recipe, PassTwo) and stage.recipe.texel:
+        if state is None and stage.recipe.texel:
             start_from_pictures(self.avatar, stage.part, store, stage.recipe.texel)
         work = Work(stage, pass_of(stage, self.avatar, store, self.perceptual, self.seed), state)
         self.run.stage(stage.part, stage.name, stage.end)
