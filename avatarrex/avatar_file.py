@@ -20,9 +20,7 @@ from torch import Tensor
 
 from avatarrex.avatar import FORMAT, Avatar
 from avatarrex.errors import InputError, plain
-from avatarrex.fields.body import BodyField
-from avatarrex.fields.detail_texture import from_bytes, to_bytes
-from avatarrex.fields.face import FaceField
+from avatarrex.fields import detail_texture
 from avatarrex.fields.local_frame import UNSAID
 from avatarrex.fields.placement import device_named
 from avatarrex.fields.presets import BASES, PRESETS
@@ -40,8 +38,11 @@ from avatarrex.templates.person_fit import PersonFit
 log = logging.getLogger(__name__)
 SINCE = {"tone.": 2, "light.": 3, "body.code_network.least": 3, "body.code_network.most": 3}
 """Format since which there are weights of such names; avatars of before have the identity."""
-TEXELS = ".detail.texel"
-"""How tensors of static detail are named: of files the albedo of each texel, bytes."""
+DETAILED = ("body", "face")
+"""Parts with static detail: `PART.detail.texel`, the albedo of each texel, bytes; `PART.detail.edge`, the texels along the edges of
+each triangle."""
+OUTGROWTH = {"body.outgrowth.first": 1, "body.outgrowth.distance": 3}
+"""What an avatar with an outgrowth has, and of how many dimensions."""
 FILES = {"avatar.json": SMALL, "weights.safetensors": 2**30}
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
 SURFACE = surface_file.FILE
@@ -74,8 +75,9 @@ def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
         state = safetensors.torch.load(content["weights.safetensors"])
     except (safetensors.SafetensorError, ValueError) as error:
         raise InputError(path, "weights.safetensors", "a safetensors file", error) from None
-    for part, field in (("body", avatar.body), ("face", avatar.face)):
-        _expect_detail(path, f"{part}.detail.", field, state)
+    _expect(path, avatar, state)
+    for texels in _texels_in(state):
+        state[texels] = detail_texture.from_bytes(state[texels])
     _fill(path, avatar, state, meta["format"])
     avatar.meta = meta
     avatar.surface = _surface(path, avatar)
@@ -94,7 +96,9 @@ def save_avatar(avatar: Avatar, path: str | Path, half: bool = True) -> None:
     Floating-point weights are stored in half precision when `half` (the surface moves by less than 0.1 mm). A surface of other
     weights than the avatar has by now is left out. `load` reads it back. Raises `InputError` where `path` cannot be written.
     """
-    state = {name: to_bytes(value) if name.endswith(TEXELS) else value for name, value in avatar.state().items()}
+    state = avatar.state()
+    for texels in _texels_in(state):
+        state[texels] = detail_texture.to_bytes(state[texels])
     state = {name: value.half() if half and value.is_floating_point() else value for name, value in state.items()}
     meta = {**avatar.meta, "format": FORMAT, "person": avatar.person.name, "person_hash": avatar.person.hash}
     meta.pop("person_fit", None)
@@ -214,18 +218,27 @@ def _meta(path: Path, meta: Any) -> dict[str, Any]:
     return meta
 
 
-def _expect_detail(path: Path, prefix: str, field: BodyField | FaceField, state: dict[str, Tensor]) -> None:
-    """Give a field the static detail whose tensors are in `state`, and its texels their logits, after checking what they must be."""
-    edge, texels = state.get(prefix + "edge"), state.get(prefix + "texel")
-    faces = len(field.faces if isinstance(field, FaceField) else field.template.faces)
-    if edge is not None and (edge.dtype, tuple(edge.shape)) != (torch.uint8, (faces,)):
-        found = f"{edge.dtype} {tuple(edge.shape)}"
-        raise InputError(path, f"weights.safetensors: {prefix}edge", f"a byte for each of {faces} triangles", found)
-    field.expect_detail(edge)
-    if texels is not None:
-        if texels.dtype != torch.uint8:
-            raise InputError(path, f"weights.safetensors: {prefix}texel", "bytes", texels.dtype)
-        state[prefix + "texel"] = from_bytes(texels)
+def _texels_in(state: dict[str, Tensor]) -> list[str]:
+    """Names of tensors of texels."""
+    return [name for name in (f"{part}.detail.texel" for part in DETAILED) if name in state]
+
+
+def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
+    """Give the fields the static detail and the outgrowth whose tensors are in `state`, after checking what these must be."""
+    for part, faces in zip(DETAILED, (len(avatar.person.body.faces), len(avatar.person.face.faces))):
+        name = f"{part}.detail.edge"
+        if name in state and (state[name].dtype, tuple(state[name].shape)) != (torch.uint8, (faces,)):
+            found = f"{state[name].dtype} {tuple(state[name].shape)}"
+            raise InputError(path, f"weights.safetensors: {name}", f"a byte for each of {faces} triangles", found)
+    for name in _texels_in(state):
+        if state[name].dtype != torch.uint8:
+            raise InputError(path, f"weights.safetensors: {name}", "bytes", state[name].dtype)
+    for name, dimensions in OUTGROWTH.items():
+        if name in state and (state[name].dim() != dimensions or not state[name].numel()):
+            expected = f"an array of {dimensions} dimensions"
+            raise InputError(path, f"weights.safetensors: {name}", expected, tuple(state[name].shape))
+    for part, field in zip(DETAILED, (avatar.body, avatar.face)):
+        field.expect({name.removeprefix(f"{part}."): value for name, value in state.items()})
 
 
 def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor], format: int) -> None:

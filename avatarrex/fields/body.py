@@ -12,6 +12,7 @@ Letters: n nodes, p points, k (point, node) pairs sorted by node, e embedding, c
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from avatarrex.errors import InputError
@@ -36,6 +37,7 @@ from avatarrex.fields.local_frame import (
 )
 from avatarrex.fields.local_networks import LocalNetworks, mlp
 from avatarrex.fields.nodes import anchors, covering_radius, farthest_points, node_normals, part_labels, plane_axes
+from avatarrex.fields.outgrowth import Outgrowth
 from avatarrex.fields.patches import NoPatches, PatchNetwork, patch_features
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
 from avatarrex.ops import native
@@ -148,6 +150,7 @@ class BodyField(nn.Module):
         )
         self.colour_blend = mlp((widths.colour_feature + direction, *widths.colour_blend, 3), "relu")
         self.detail: DetailTexture | None = None
+        self.outgrowth: Outgrowth | None = None
 
     def place(self) -> None:
         """Derive the nodes' rest geometry from their template vertices (after they were sampled or loaded)."""
@@ -215,11 +218,15 @@ class BodyField(nn.Module):
         shown = ~self.replaced.cpu()[template.faces].all(1)
         self.detail = DetailTexture.of(template.v_template, template.faces, spacing, shown)
 
-    def expect_detail(self, edge: UInt8[Tensor, " f"] | None) -> None:
-        """Have the texels that the weights to come have: `edge` along the edges of each triangle, or none."""
-        self.detail = None if edge is None else DetailTexture(edge.clone())
-        if self.detail is not None:
+    def expect(self, state: Mapping[str, Tensor]) -> None:
+        """Have the static detail and the outgrowth that a state to be loaded has, by its tensors' shapes, or none."""
+        self.detail = self.outgrowth = None
+        if "detail.edge" in state:
+            self.detail = DetailTexture(state["detail.edge"].clone())
             self.detail.requires_grad_(False).lay(self.template.v_template, self.template.faces)
+        if {"outgrowth.first", "outgrowth.distance"} <= set(state):
+            self.outgrowth = Outgrowth(state["outgrowth.first"].clone(), state["outgrowth.distance"].float())
+            self.outgrowth.lay(self.template.v_template)
 
     @property
     def appearance_channels(self) -> int:
@@ -431,4 +438,4 @@ def _own_names(field: nn.Module, state: dict[str, Tensor], prefix: str, *rest: A
     for own, stored in FILE_NAMES.items():
         if prefix + stored in state:
             state[prefix + own] = state.pop(prefix + stored)
-    field.expect_detail(state.get(prefix + "detail.edge"))
+    field.expect({name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)})

@@ -3,7 +3,7 @@
     c = sigmoid(𝒞(p, v) + Σ_k b_k(x) t_k) · E(n),      x the closest point of p̄ on the triangles
 
 The texels of a triangle lie on a lattice of its barycentric coordinates (mesh colours: Yuksel, Keyser and House 2010, here without
-shared edges), as many along an edge as it is long in texels; b_k interpolates linearly between the three around x. So no atlas is
+shared edges), as many along an edge as the equilateral triangle of its area has; b_k interpolates linearly between the three around x. So no atlas is
 cut, and a place is a triangle with barycentrics. Texels are logits: beside networks that say 0, sigmoid(t) is the albedo, which is
 what avatars store of it, one byte a channel.
 
@@ -21,11 +21,12 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.spatial import cKDTree
 from torch import Tensor, nn
 
-from avatarrex.ops.closest_triangle import closest_triangle
-from avatarrex.ops.search_tree import SearchTree
+from avatarrex.ops.triangle_grid import TriangleGrid
 
 MOST_EDGE = 64
 """Texels along an edge at most."""
+OFF = (0.04, 0.06)
+"""Metres off the triangles where detail fades out: a pony tail must not be painted on the neck beneath it."""
 NEARBY, SOME = 0.003, 64
 """Metres in which an unseen texel looks for the nearest seen one; farther off one in so many of those will do (texels of the back of
 an eyeball are as far from many: searches among all of them take minutes)."""
@@ -39,7 +40,7 @@ class TexelPlaces:
 
     texel: Int[Tensor, "p k"]
     share: Float[Tensor, "p k"]
-    """b_k; sum 1."""
+    """b_k; their sum is 1, and fades to 0 from `OFF` on."""
 
 
 class DetailTexture(nn.Module):
@@ -59,9 +60,9 @@ class DetailTexture(nn.Module):
         cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], spacing: float, shown: Bool[Tensor, " f"]
     ) -> DetailTexture:
         """Texels about `spacing` metres apart on the triangles that are `shown`, all grey."""
-        corner = vertices[faces].double()
-        longest = (corner - corner.roll(1, 1)).norm(dim=-1).amax(1)
-        edge = (longest / spacing).round().clamp(1, MOST_EDGE) * shown
+        a, b, c = vertices[faces].double().unbind(1)
+        area = torch.linalg.cross(b - a, c - a).norm(dim=-1) / 2
+        edge = ((4 * area / 3**0.5).sqrt() / spacing).round().clamp(1, MOST_EDGE) * shown
         texture = cls(edge.to(torch.uint8))
         texture.lay(vertices, faces)
         return texture
@@ -79,8 +80,13 @@ class DetailTexture(nn.Module):
 
     def places(self, rest: Float[Tensor, "p 3"]) -> TexelPlaces:
         """Of rest positions p̄, metres; not differentiable in them."""
-        face, weight = closest_triangle(self.lattice.tree, rest.detach().double().numpy())
-        return self.places_on(self.lattice.shown[face], weight)
+        points = rest.detach().double().numpy()
+        face, weight = self.lattice.grid.closest(points)
+        face = self.lattice.shown[face]
+        found = self.places_on(face, weight)
+        off = np.linalg.norm(points - self.lattice.at(face, weight), axis=1)
+        fade = np.clip((OFF[1] - off) / (OFF[1] - OFF[0]), 0, 1)
+        return TexelPlaces(found.texel, found.share * torch.from_numpy(fade).to(found.share)[:, None])
 
     def places_on(self, face: Int[np.ndarray, " p"], weight: Float[np.ndarray, "p 3"]) -> TexelPlaces:
         """Of barycentrics on triangles that have texels."""
@@ -89,9 +95,7 @@ class DetailTexture(nn.Module):
 
     def forward(self, places: TexelPlaces) -> Float[Tensor, "p 3"]:
         """Logits; differentiable in the texels."""
-        return torch.nn.functional.embedding_bag(
-            places.texel, self.texel, per_sample_weights=places.share, mode="sum"
-        )
+        return torch.nn.functional.embedding_bag(places.texel, self.texel, per_sample_weights=places.share, mode="sum")
 
     @torch.no_grad()
     def paint(self, albedo: Float[Tensor, "t 3"], known: Bool[Tensor, " t"]) -> None:
@@ -148,9 +152,9 @@ class _Lattice:
         return self
 
     @cached_property
-    def tree(self) -> SearchTree:
+    def grid(self) -> TriangleGrid:
         """Of the triangles that have texels, in their order."""
-        return SearchTree.of_triangles(self.vertices, self.faces[self.shown])
+        return TriangleGrid.of(self.vertices, self.faces[self.shown])
 
     @cached_property
     def position(self) -> Float[np.ndarray, "t 3"]:
@@ -166,6 +170,11 @@ class _Lattice:
             found[rows] = np.einsum("tk,fkc->ftc", weight, self.vertices[self.faces[some]])
             end = max(end, int(rows.max()) + 1)
         return found[:end]
+
+    def at(self, face: np.ndarray, weight: np.ndarray) -> Float[np.ndarray, "p 3"]:
+        """Metres at rest."""
+        place: np.ndarray = np.einsum("pk,pkc->pc", weight, self.vertices[self.faces[face]])
+        return place
 
     def around(self, face: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Texels (p, 3) about places and their shares: in the small triangle that stands upright there, or on its head."""

@@ -7,11 +7,12 @@ shape) alone, through the renders. Letters: v vertices, p points, c channels, h 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import chain
 from typing import Any
 
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
@@ -64,7 +65,7 @@ class FaceField(nn.Module):
         self.register_buffer("rest", template.v_template.clone(), persistent=False)
         self.register_buffer("own", (template.blend_weight > 0)[template.faces].any(1), persistent=False)
         self.detail: DetailTexture | None = None
-        self.register_load_state_dict_pre_hook(_expect_detail)
+        self.register_load_state_dict_pre_hook(_expect)
 
     @property
     def box(self) -> HeadBox:
@@ -98,10 +99,11 @@ class FaceField(nn.Module):
         """Lay grey texels on the face where ω > 0, `spacing` metres apart."""
         self.detail = DetailTexture.of(self.rest.cpu(), self.faces.cpu(), spacing, self.own.cpu())
 
-    def expect_detail(self, edge: UInt8[Tensor, " f"] | None) -> None:
-        """Have the texels that the weights to come have: `edge` along the edges of each triangle, or none."""
-        self.detail = None if edge is None else DetailTexture(edge.clone())
-        if self.detail is not None:
+    def expect(self, state: Mapping[str, Tensor]) -> None:
+        """Have the static detail that a state to be loaded has, or none."""
+        self.detail = None
+        if "detail.edge" in state:
+            self.detail = DetailTexture(state["detail.edge"].clone())
             self.detail.requires_grad_(False).lay(self.rest.cpu(), self.faces.cpu())
 
     def sdf(self, planes: Float[Tensor, "..."], position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
@@ -128,8 +130,8 @@ class FaceField(nn.Module):
         return torch.sigmoid(logits)
 
 
-def _expect_detail(field: FaceField, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
-    field.expect_detail(state.get(prefix + "detail.edge"))
+def _expect(field: FaceField, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
+    field.expect({name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)})
 
 
 class _TriPlaneNet(nn.Module):

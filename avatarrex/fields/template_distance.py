@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from avatarrex.fields.composition import emptied
+from avatarrex.fields.outgrowth import DEVIATION, PosedOutgrowth
 from avatarrex.ops.closest_vertex import closest_vertex, closest_vertices
 from avatarrex.ops.search_tree import SearchTree
 
@@ -40,7 +41,7 @@ class NearestSkin:
     weight: np.ndarray
     """Painted ω, continuous in the point."""
     guess: np.ndarray
-    """Metres: signed height over the skin around the vertex, less the clothing offset there."""
+    """Metres: signed height over the skin around the vertex, less the clothing offset there; of an outgrowth where that is nearer."""
     deviation: np.ndarray
     """Metres that a field may lie below the guess."""
 
@@ -74,6 +75,13 @@ class TemplateDistance:
     closest: SearchTree
     changing: np.ndarray
     """(v,) whether ω is not the same at all the vertices around."""
+    outgrowth: PosedOutgrowth | None = None
+    """What stands off the skin farther than cloth."""
+
+    @property
+    def extent(self) -> np.ndarray:
+        """(k, 3) places about which the surface is."""
+        return self.vertices if self.outgrowth is None else np.concatenate([self.vertices, self.outgrowth.points])
 
     @staticmethod
     def of(
@@ -84,6 +92,7 @@ class TemplateDistance:
         rim: float = RIM_WIDTH,
         closed: bool = False,
         tree: SearchTree | None = None,
+        outgrowth: PosedOutgrowth | None = None,
     ) -> TemplateDistance:
         """(v, 3) vertices and normals, (v,) painted weight ω, (v,) metres of cloth; `tree`: of the same vertices in another pose."""
         tree = SearchTree.of_vertices(vertices) if tree is None else tree.moved(vertices)
@@ -91,12 +100,14 @@ class TemplateDistance:
         if changing.any():
             ring = closest_vertices(tree, vertices[changing], min(4 * BLENDED, len(vertices)))[1]
             changing[ring] = True
-        return TemplateDistance(vertices, normals, weight, clothing_offset, rim, closed, tree, changing)
+        return TemplateDistance(vertices, normals, weight, clothing_offset, rim, closed, tree, changing, outgrowth)
 
     def of_vertices(self, chosen: np.ndarray, rim: float) -> TemplateDistance:
         """The skin of some vertices alone, a mask (v,), with a rim of so many metres."""
         vertices, normals = self.vertices[chosen], self.normals[chosen]
-        return TemplateDistance.of(vertices, normals, self.weight[chosen], self.clothing_offset[chosen], rim)
+        outgrowth = None if self.outgrowth is None else self.outgrowth.of_vertices(chosen)
+        painted = self.weight[chosen], self.clothing_offset[chosen]
+        return TemplateDistance.of(vertices, normals, *painted, rim, outgrowth=outgrowth)
 
     def query(self, position: np.ndarray) -> NearestSkin:
         """`position` (p, 3)."""
@@ -110,7 +121,12 @@ class TemplateDistance:
         signed = np.where(inside, -1.0, 1.0) * np.hypot(height, aside)
         here = np.clip(1 - aside / self.rim, 0, 1)
         guess = signed - here * self.clothing_offset[nearest]
-        return NearestSkin(nearest, distance, self._weight(position, nearest), guess, here * MAX_DEVIATION)
+        deviation = here * MAX_DEVIATION
+        if self.outgrowth is not None:
+            off = self.outgrowth.distance(position, nearest)
+            deviation = np.where(off < guess, DEVIATION, deviation)
+            guess = np.minimum(off, guess)
+        return NearestSkin(nearest, distance, self._weight(position, nearest), guess, deviation)
 
     def _weight(self, position: np.ndarray, nearest: np.ndarray) -> np.ndarray:
         """ω (p,) of the nearest vertex or, where it changes, of the `BLENDED` nearest: the farthest enters with weight 0."""

@@ -141,13 +141,13 @@ def _search(begin: int, end: int, query: Array, tree: SearchTree, face: Array, w
     stack, winner = new_stack(), 0
     for p in range(begin, end):
         point = query[p, 0], query[p, 1], query[p, 2]
-        _, winner, u, v, w = _closest(tree, winner, point, stack)
+        _, winner, u, v, w = closest_from(tree, winner, point, stack)
         face[p] = tree.number[winner]
         weight[p, 0], weight[p, 1], weight[p, 2] = u, v, w
 
 
 @borrowing
-def _closest(tree: SearchTree, first: int, point: Point, stack: Stack) -> Any:
+def closest_from(tree: SearchTree, first: int, point: Point, stack: Stack) -> Any:
     """`_nearer`'s state of the closest triangle; the triangle `first` is tried before all."""
     square, u, v, w = on_triangle(tree.corner, first, point)
     return _walk(tree, point, stack, (), (square, first, u, v, w))
@@ -190,7 +190,7 @@ def _sign(
         if side != 0 and clear > limit + BOUND_MARGIN:
             out.sdf[p] = side * limit
         else:
-            square, winner, u, v, w = _closest(tree, winner, (x, y, z), stack)
+            square, winner, u, v, w = closest_from(tree, winner, (x, y, z), stack)
             nx, ny, nz, out.unsure[p] = _normal(normals, tree.number[winner], u, v, w)
             on = tree.corner[winner]
             dx = x - (u * on[0, 0] + v * on[1, 0] + w * on[2, 0])

@@ -70,6 +70,8 @@ class PassOne:
     texel: float = 0.0
     """Metres between the texels of the static detail (fields/detail_texture.py; ours), painted from the pictures at the
     beginning: geometry then moves to where known colours agree; 0: none."""
+    carved: bool = False
+    """Whether what stands off the template farther than cloth is carved from the mattes before (fields/outgrowth.py; ours)."""
     outline: int = 0
     """Rays of the whole batch for the silhouette term besides the rendered ones, drawn about the matte's edge."""
     sampling: Sampling = "near"
@@ -191,11 +193,11 @@ _FACE = PassOne(
 )  # fmt: skip
 _BODY = PassOne(
     steps=1200, frames=1, rays=400, samples=5, rate=4e-3, decay=0.05, decay_steps=1200, gamma_steps=600, warm_steps=60,
-    gamma_extra=0.005, geometry_rate=0.15, latent=False, outline=2000, weights=LossWeights(silhouette=1.0, node=1.0),
+    gamma_extra=0.005, geometry_rate=0.15, latent=False, outline=2000, carved=True, weights=LossWeights(silhouette=1.0, node=1.0),
 )  # fmt: skip
 """Under the paper's L_node, a 25th of this, nodes drift by centimetres."""
 _TWO = PassTwo(steps=1000, rate=3e-3, decay=0.05, decay_steps=1000)
-_DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 3.0, "view_dropout": 0.5}
+_DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 0.5, "view_dropout": 0.5}
 _FACE_DETAIL: dict[str, Any] = {"texel": _FACE_TEXEL, "texel_rate": 0.5}
 QUICK = Recipe(
     name="quick", about="compact networks within the hour on two cores", preset="compact", interval=200, evaluate=400,
@@ -207,7 +209,14 @@ LONG = replace(
     face=(_lasting(_FACE, 600, 0.03), _lasting(_TWO, 2500, 0.02, **_FACE_DETAIL)),
     body=(_lasting(_BODY, 4000, 0.02, rays=600), _lasting(_TWO, 4000, 0.02, **_DETAIL)),
 )  # fmt: skip
-_SETTLED: dict[str, Any] = {"rate": 1e-3, "gamma_steps": 1, "warm_steps": 0, "gamma_extra": 0.0, "still": 0, "texel": 0.0}
+_SETTLED: dict[str, Any] = {
+    "rate": 1e-3,
+    "gamma_steps": 1,
+    "warm_steps": 0,
+    "gamma_extra": 0.0,
+    "still": 0,
+    "texel": 0.0,
+}
 REFINE = replace(
     QUICK, name="refine", about="goes on from an avatar of quick or long (--start): known colours tell the geometry more",
     face=(_lasting(_FACE, 300, 0.1, geometry_rate=0.1, **_SETTLED), _lasting(_TWO, 800, 0.05, rate=2e-3, texel_rate=0.5)),
@@ -237,7 +246,7 @@ def from_scratch(recipe: Recipe) -> Recipe:
     """
     face, body = (
         replace(
-            one, warm_steps=0, still=0, texel=0.0, geometry_rate=1.0, gamma_extra=PassOne.gamma_extra,
+            one, warm_steps=0, carved=False, still=0, texel=0.0, geometry_rate=1.0, gamma_extra=PassOne.gamma_extra,
             gamma_steps=max(one.gamma_steps, one.steps // 3), sampling="uniform", samples=max(one.samples, SCRATCH_SAMPLES),
         )
         for one, _ in (recipe.face, recipe.body)

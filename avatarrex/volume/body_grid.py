@@ -61,7 +61,7 @@ def build_body_grid(
     `everywhere`: at every voxel that a node reaches, as the paper has it. `kept`: what may be taken over.
     """
     skin = body.skin
-    lattice = lattice_around(np.concatenate([skin.vertices - BOX_MARGIN, skin.vertices + BOX_MARGIN]), voxel)
+    lattice = lattice_around(np.concatenate([skin.extent - BOX_MARGIN, skin.extent + BOX_MARGIN]), voxel)
     if kept is not None and kept.grid.voxel != lattice.voxel:  # it grew with the person's extent
         kept = None
     fill, first, nearest_skin, known = guess(skin, lattice, kept)

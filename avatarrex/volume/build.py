@@ -15,8 +15,10 @@ from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.body_without_hands import BodyWithoutHands
+from avatarrex.fields.outgrowth import PosedOutgrowth
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.ops.side_by_side import SideBySide
+from avatarrex.ops.skinning import blend_rotations
 from avatarrex.parts.part import PartState
 from avatarrex.settings import RenderSettings
 from avatarrex.templates.model import skinned_normals
@@ -161,7 +163,17 @@ def template_distance(
     """
     vertices, normals = skin or template_skin(avatar, posed)
     painted = avatar.person.hand_weight.double().numpy(), avatar.body.clothing_offset.double().numpy()
-    return TemplateDistance.of(vertices, normals, *painted, closed=True, tree=near.closest if near else None)
+    tree, stands_off = near.closest if near else None, outgrowth(avatar, posed)
+    return TemplateDistance.of(vertices, normals, *painted, closed=True, tree=tree, outgrowth=stands_off)
+
+
+def outgrowth(avatar: Avatar, posed: PosedPerson) -> PosedOutgrowth | None:
+    """What stands off the template farther than cloth, in this pose."""
+    own, model = avatar.body.outgrowth, avatar.person.body
+    if own is None:
+        return None
+    turn = blend_rotations(posed.body.skinning, model.weights[torch.from_numpy(own.carrier)], model.parents)
+    return own.carried(posed.body.vertices.double().numpy(), turn.double().numpy())
 
 
 def template_skin(avatar: Avatar, posed: PosedPerson) -> tuple[np.ndarray, np.ndarray]:
@@ -233,7 +245,7 @@ def _body(
 ) -> BuiltBody:
     """The body of `posed`; what has not moved is reused from `before`, where that is given."""
     state = ReusableBody(body_frame(avatar, posed), *template_skin(avatar, posed), None)
-    if before:
+    if before and avatar.body.outgrowth is None:  # far from the skin that carries it, nobody knows what it left
         then = ReusableBody(before.body_frame, before.skin.vertices, before.skin.normals, None)
         state = reuse_unchanged(state, then, settings.reuse_tolerance, avatar.embedding_effect)
     skin = template_distance(avatar, posed, (state.vertices, state.normals), before.skin if before else None)

@@ -26,6 +26,7 @@ from avatarrex.fields.body import MAX_CLOTHING_OFFSET
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.composition import BAND, Composed, compose, in_band
 from avatarrex.fields.limbs import Limbs
+from avatarrex.fields.outgrowth import FARTHEST
 from avatarrex.fields.template_distance import FLAT, MAX_DEVIATION
 from avatarrex.parts.part import Part, PartState
 from avatarrex.templates.parts import PARTS
@@ -127,7 +128,7 @@ class ComposedField:
         """
         here = self.body.skin.query(position.double().numpy())
         free = (here.guess > here.deviation) & ~((here.weight > 0) & bool(self.body.touched))
-        clear = torch.as_tensor(np.where(free, np.maximum(here.distance - SURFACE_REACH, 1e-9), 0.0)).to(position)
+        clear = torch.as_tensor(np.where(free, np.maximum(here.distance - self._reach, 1e-9), 0.0)).to(position)
         for part in self.parts:
             clear = clear.minimum(part.apart(part.local(position)))
         return clear
@@ -140,7 +141,11 @@ class ComposedField:
             corners = np.stack(np.meshgrid(*zip(part.low, part.high)), -1).reshape(-1, 3)
             vertices.append((corners - part.part_from_root[:3, 3]) @ part.part_from_root[:3, :3])
         points = np.concatenate(vertices)
-        return points.min(0) - SURFACE_REACH, points.max(0) + SURFACE_REACH
+        return points.min(0) - self._reach, points.max(0) + self._reach
+
+    @property
+    def _reach(self) -> float:
+        return SURFACE_REACH if self.body.skin.outgrowth is None else max(SURFACE_REACH, FARTHEST)
 
     def _body(self, position: Tensor, idle: Bool[Tensor, " p"]) -> Tensor:
         """s_B (p,), 0 where `idle`."""

@@ -66,8 +66,7 @@ class PatchPass:
         x, y, width, height = self._window(rig, frame, view, rng)
         rows, columns = slice(y, y + height), slice(x, x + width)
         matte, truth = (
-            torch.from_numpy(read(view, index)[rows, columns] / np.float32(255))
-            for read in (rig.matte, rig.image)
+            torch.from_numpy(read(view, index)[rows, columns] / np.float32(255)) for read in (rig.matte, rig.image)
         )
         gaze = _anywhere(rng) if rng.random() < self.recipe.view_dropout else None
         rendered, coverage = self.shade(frame, camera.cropped(x, y, width, height), gaze)
@@ -109,9 +108,7 @@ class PatchPass:
             terms["perceptual"] = self.perceptual(a, b)
         return terms
 
-    def _window(
-        self, rig: Rig, frame: TrainingFrame, view: int, rng: np.random.Generator
-    ) -> tuple[int, int, int, int]:
+    def _window(self, rig: Rig, frame: TrainingFrame, view: int, rng: np.random.Generator) -> tuple[int, int, int, int]:
         """x, y, width, height of a patch about a pixel of the person (of the face, where that is trained)."""
         camera = rig.views[view].camera
         width, height = camera.width, camera.height

@@ -26,9 +26,12 @@ from avatarrex.ops.search_tree import SearchTree
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.posed import PosedPerson, pose_person
+from avatarrex.volume.build import template_distance
 
 POINTS_PER_FRAME = 12_000
 """Per frame, the same for all steps."""
+OUTGROWTH_POINTS, OUTGROWTH_SPREAD = 4000, 0.02
+"""More of them about an outgrowth, with a standard deviation in metres."""
 BATCH = 2500
 BODY_SPREAD = ((0.004, 0.35), (0.015, 0.35), (0.05, 0.3))
 """Standard deviation of the points off the surface, metres, and the share of each."""
@@ -58,7 +61,10 @@ def supervision(
 
 def _body(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -> Draw:
     field, faces = avatar.body, avatar.person.body.faces
-    bank = [(f, distances_around(f.body.vertices, faces, POINTS_PER_FRAME, rng)) for f in frames]
+    bank = []
+    for f in frames:
+        skin, off = distances_around(f.body.vertices, faces, POINTS_PER_FRAME, rng), _standing_off(avatar, f, rng)
+        bank.append((f, (torch.cat([skin[0], off[0]]), torch.cat([skin[1], off[1]]))))
 
     def draw(rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         posed, (position, sdf) = bank[rng.integers(len(bank))]
@@ -67,6 +73,16 @@ def _body(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -
         return field.sdf(body_frame, position[rows]), sdf[rows]
 
     return draw
+
+
+def _standing_off(avatar: Avatar, posed: PosedPerson, rng: np.random.Generator) -> Distances:
+    """Points about what stands off the template, and the guess there; none where nothing does."""
+    skin = template_distance(avatar, posed)
+    if skin.outgrowth is None:
+        return torch.zeros(0, 3), torch.zeros(0)
+    around = skin.outgrowth.points[rng.integers(len(skin.outgrowth.points), size=OUTGROWTH_POINTS)]
+    position = around + rng.normal(size=around.shape) * OUTGROWTH_SPREAD
+    return torch.from_numpy(position).float(), torch.from_numpy(skin.query(position).guess).float()
 
 
 def _face(avatar: Avatar, frames: list[PosedPerson], rng: np.random.Generator) -> Draw:

@@ -25,6 +25,7 @@ from avatarrex.errors import InputError
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
+from avatarrex.training.core.carving import carve
 from avatarrex.training.core.exposure import exposed_as
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.held_out import HeldOut
@@ -38,6 +39,8 @@ from avatarrex.training.runs.folder import Run
 
 REPORT = 20
 """Steps between lines of figures."""
+OUTGROWTH_WARM = 3
+"""Times the warm start of a body with an outgrowth, which the prior does not know."""
 
 
 class Trainer:
@@ -135,8 +138,11 @@ class Trainer:
             return self._take({name: module.state_dict() for name, module in self.start.modules().items()})
         if not self.recipe.body[0].warm_steps:
             clear_space(self.avatar)
+        elif self.recipe.body[0].carved and "body" in self.parts:
+            self.avatar.body.outgrowth = carve(self.avatar, self.capture.rigs["body"])
         for part in ("body", "face"):
             steps = getattr(self.recipe, part)[0].warm_steps
+            steps *= OUTGROWTH_WARM if part == "body" and self.avatar.body.outgrowth is not None else 1
             if steps and part not in self.hidden:
                 rig = self.capture.rigs.get(part) or self.capture.rigs[self.parts[0]]
                 error = warm_start(self.avatar, training_signals(rig), part, steps, self.seed)

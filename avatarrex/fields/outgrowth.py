@@ -1,0 +1,96 @@
+"""What stands off the template farther than cloth does: a pony tail, a bun, a hood. Ours.
+
+A signed distance at rest, carved from the mattes of the training pictures (training/core/carving.py). It is not the surface:
+where it is nearer than the skin it is the guess that the body's field deviates from (template_distance.py). A posed point is
+taken to rest by the rigid motion of its nearest template vertex. Stored on a regular grid about what was found.
+
+Letters: z y x voxels, v vertices, p points. Metres, negative inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
+from torch import Tensor, nn
+
+VOXEL = 0.008
+"""Metres: two pixels of a whole person at 512²."""
+REACH = 0.13
+"""Metres from the template within which a hull is looked for."""
+DEVIATION = 0.03
+"""Metres that the field may differ from the carved hull, which is as exact as some outlines are."""
+FARTHEST = REACH + DEVIATION
+"""Metres from the template's nearest vertex beyond which there is none."""
+MARGIN = 0.1
+"""Metres of grid around the hull, and the distance beyond it."""
+
+
+class Outgrowth(nn.Module):
+    """A grid of distances at rest; it knows what carries it from `lay` on."""
+
+    first: Tensor
+    """(3,) whole voxels from the root to the grid's lowest corner: x, y, z."""
+    distance: Tensor
+    """(z, y, x)."""
+
+    def __init__(self, first: Int[Tensor, " 3"], distance: Float[Tensor, "z y x"]) -> None:
+        super().__init__()
+        self.register_buffer("first", first)
+        self.register_buffer("distance", distance)
+        self.carrier = np.zeros(0, np.int64)
+        """(c,) vertices that a point next to the outgrowth may have as its nearest."""
+
+    def lay(self, rest: Float[Tensor, "v 3"]) -> None:
+        """Let the template at rest be these vertices."""
+        self._rest = rest.double().numpy()
+        points = self.points()
+        self.carrier = np.flatnonzero(cKDTree(points).query(self._rest, distance_upper_bound=2 * REACH)[0] < np.inf)
+        self._nearest = cKDTree(self._rest[self.carrier]).query(points)[1]
+
+    def points(self) -> Float[np.ndarray, "p 3"]:
+        """Centres of the voxels inside, root frame at rest."""
+        inside = np.argwhere(self.distance.numpy() <= 0)[:, ::-1]
+        return np.asarray((inside + self.first.numpy()) * VOXEL)
+
+    def carried(self, posed: Float[np.ndarray, "v 3"], turn: Float[np.ndarray, "c 3 3"]) -> PosedOutgrowth:
+        """On a template whose vertices are now `posed`, and whose carriers were turned by `turn`."""
+        slot = np.full(len(posed), -1)
+        slot[self.carrier] = np.arange(len(self.carrier))
+        rest, place, by = self._rest[self.carrier], posed[self.carrier], self._nearest
+        points = place[by] + np.einsum("pij,pj->pi", turn[by], self.points() - rest[by])
+        grid = np.ascontiguousarray(self.distance.double().numpy())
+        return PosedOutgrowth(grid, self.first.numpy() * VOXEL, slot, rest, place, turn, points)
+
+
+@dataclass(frozen=True, eq=False)
+class PosedOutgrowth:
+    """An outgrowth in a pose."""
+
+    grid: Float[np.ndarray, "z y x"]
+    origin: Float[np.ndarray, "3"]
+    slot: Int[np.ndarray, " v"]
+    """Which carrier each vertex of the template is; −1: none."""
+    rest: Float[np.ndarray, "c 3"]
+    posed: Float[np.ndarray, "c 3"]
+    turn: Float[np.ndarray, "c 3 3"]
+    points: Float[np.ndarray, "p 3"]
+    """Its voxels in the pose."""
+
+    def distance(self, position: Float[np.ndarray, "p 3"], nearest: Int[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        """Of posed points with their nearest vertices; ∞ where none of these carries it."""
+        found = np.full(len(position), np.inf)
+        rows = np.flatnonzero(self.slot[nearest] >= 0)
+        if len(rows):
+            by = self.slot[nearest[rows]]
+            back = np.einsum("pji,pj->pi", self.turn[by], position[rows] - self.posed[by]) + self.rest[by]
+            place = (back - self.origin) / VOXEL
+            found[rows] = map_coordinates(self.grid, place[:, ::-1].T, order=1, cval=MARGIN, prefilter=False)
+        return found
+
+    def of_vertices(self, chosen: Bool[np.ndarray, " v"]) -> PosedOutgrowth:
+        """Of a template that has these vertices alone."""
+        return replace(self, slot=self.slot[chosen])

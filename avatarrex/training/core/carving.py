@@ -1,0 +1,113 @@
+"""What of a person no skin explains: an outgrowth (fields/outgrowth.py) carved from the training's mattes, a visual hull at rest.
+
+Voxels about the template are carried along in some frames and projected into all pictures. One belongs to the hull where (nearly)
+all pictures have the person (Laurentini 1994), and to an outgrowth where many have it outside the template's own outline, so that
+the air between an arm and the chest, before or behind which there mostly is a limb, does not count.
+
+Letters: p voxels. Root frame at rest, metres.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter, label
+from scipy.spatial import cKDTree
+
+from avatarrex.avatar import Avatar
+from avatarrex.capture.fit.check import FOREGROUND, compared_frames, posed_in_world, silhouette
+from avatarrex.capture.readers.rigs import Rig
+from avatarrex.fields.outgrowth import MARGIN, REACH, VOXEL, Outgrowth
+from avatarrex.ops.skinning import blend_rotations
+
+FRAMES = 16
+NEAREST, FARTHEST = 0.02, REACH - 0.015
+"""Metres from the nearest vertex between which an outgrowth is looked for."""
+INSIDE = 0.95
+"""Share of the pictures that have to have the person at a voxel."""
+UNEXPLAINED = 0.2
+"""Share of the pictures that have to have it there outside the template's outline."""
+ASIDE = 0.04
+"""Metres beyond the template's outline that cloth explains."""
+AROUND = 0.03
+"""Metres around an unexplained voxel within which the hull belongs to the outgrowth."""
+LEAST = 100
+"""Voxels (of half a cubic centimetre) of an outgrowth at least: less is noise of the mattes."""
+
+
+def carve(avatar: Avatar, rig: Rig) -> Outgrowth | None:
+    """What stands off the avatar's template in the pictures of the rig that are not held out; None where nothing does."""
+    first, shape, points = _voxels(avatar)
+    inside, unexplained = _evidence(avatar, rig, points)
+    hull, seed = np.zeros(shape, bool), np.zeros(shape, bool)
+    place = tuple((np.rint(points / VOXEL).astype(int) - first).T[::-1])
+    hull[place] = inside >= INSIDE
+    seed[place] = (inside >= INSIDE) & (unexplained >= UNEXPLAINED)
+    pieces, _ = label(seed)
+    size = np.bincount(pieces.ravel())
+    size[0] = 0
+    seed = (size >= LEAST)[pieces]
+    if not seed.any():
+        return None
+    hull &= distance_transform_edt(~seed) * VOXEL <= AROUND
+    found = _distance(first, hull)
+    found.lay(avatar.person.body.v_template)
+    return found
+
+
+def _voxels(avatar: Avatar) -> tuple[np.ndarray, tuple[int, ...], Float[np.ndarray, "p 3"]]:
+    """The lowest voxel (x, y, z) and the shape (z, y, x) of a grid about the template, and its voxels beside it."""
+    rest = avatar.person.body.v_template.double().numpy()
+    first = np.floor((rest.min(0) - REACH) / VOXEL).astype(int)
+    last = np.ceil((rest.max(0) + REACH) / VOXEL).astype(int)
+    axes = [np.arange(a, b + 1) for a, b in zip(first, last)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3) * VOXEL
+    distance, nearest = cKDTree(rest).query(points, distance_upper_bound=FARTHEST)
+    beside = np.isfinite(distance) & (distance > NEAREST)
+    nearest = np.where(beside, nearest, 0)
+    normal = avatar.person.body.normals.double().numpy()[nearest]
+    beside &= (np.einsum("pc,pc->p", points - rest[nearest], normal) > 0) & ~avatar.body.replaced.numpy()[nearest]
+    return first, tuple(len(axis) for axis in axes[::-1]), points[beside]
+
+
+def _evidence(avatar: Avatar, rig: Rig, points: Float[np.ndarray, "p 3"]) -> tuple[np.ndarray, np.ndarray]:
+    """Shares (p,) of the pictures that see each voxel: with the person there, and with it outside the template's outline."""
+    person, rest = avatar.person, avatar.person.body.v_template.double().numpy()
+    nearest = cKDTree(rest).query(points)[1]
+    lever = points - rest[nearest]
+    seen, inside, unexplained = np.zeros((3, len(points)))
+    free = [frame for frame in range(rig.frames) if frame not in rig.held_out_frames]
+    for frame in (free[k] for k in compared_frames(len(free), FRAMES)):
+        posed, world = posed_in_world(person, rig.signals[frame])
+        turn = blend_rotations(posed.skinning, person.body.weights, person.body.parents).double().numpy()
+        vertices = posed.vertices.double().numpy()
+        placed = vertices[nearest] + np.einsum("pij,pj->pi", turn[nearest], lever)
+        placed, vertices = (some @ world[:3, :3].T + world[:3, 3] for some in (placed, vertices))
+        for view in (view for view in range(len(rig.views)) if view not in rig.held_out_views):
+            if not rig.available(view, frame):
+                continue
+            camera = rig.views[view].camera
+            pixel, depth = camera.pixels(placed, nearest=1e-3)
+            column, row = np.floor(pixel).astype(int).T
+            there = (depth > 0.02) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+            column, row = np.where(there, column, 0), np.where(there, row, 0)
+            person_there = there & (rig.matte(view, frame)[row, column] > FOREGROUND)
+            radius = max(round(ASIDE * camera.intrinsics[0, 0] / float(np.median(depth))), 1)
+            outline = binary_dilation(silhouette(vertices, person.body.faces.numpy(), camera), iterations=radius)
+            seen += there
+            inside += person_there
+            unexplained += person_there & ~outline[row, column]
+    return inside / np.maximum(seen, 1), unexplained / np.maximum(seen, 1)
+
+
+def _distance(first: np.ndarray, hull: np.ndarray) -> Outgrowth:
+    """The signed distance of a hull (z, y, x) whose lowest voxel is `first` (x, y, z)."""
+    margin = int(np.ceil(MARGIN / VOXEL))
+    hull = np.pad(hull, margin)
+    inside = np.argwhere(hull)
+    low, high = inside.min(0) - margin, inside.max(0) + margin + 1
+    own = hull[tuple(slice(a, b) for a, b in zip(low, high))]
+    distance = np.where(own, 0.5 - distance_transform_edt(own), distance_transform_edt(~own) - 0.5) * VOXEL
+    smooth = gaussian_filter(distance, 1.0).clip(max=MARGIN)
+    return Outgrowth(torch.from_numpy(first - margin + low[::-1]), torch.from_numpy(smooth).float())
