@@ -161,7 +161,7 @@ class _Lattice:
         """Metres at rest."""
         found = np.empty((int(self.first[-1]) + 3 * MOST_EDGE**2, 3))
         end = 0
-        for r in np.unique(self.edge[self.shown]):
+        for r in np.unique(self.edge[self.shown]).tolist():
             some = np.flatnonzero(self.edge == r)
             i, j = (table.ravel() for table in np.indices((r + 1, r + 1)))
             i, j = i[i + j <= r], j[i + j <= r]
