@@ -237,8 +237,8 @@ def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
         if name in state and (state[name].dim() != dimensions or not state[name].numel()):
             expected = f"an array of {dimensions} dimensions"
             raise InputError(path, f"weights.safetensors: {name}", expected, tuple(state[name].shape))
-    for part, field in zip(DETAILED, (avatar.body, avatar.face)):
-        field.expect({name.removeprefix(f"{part}."): value for name, value in state.items()})
+    avatar.body.expect({name.removeprefix("body."): value for name, value in state.items()})
+    avatar.face.expect({name.removeprefix("face."): value for name, value in state.items()})
 
 
 def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor], format: int) -> None:

@@ -434,7 +434,7 @@ def _file_names(_: nn.Module, state: dict[str, Tensor], prefix: str, metadata: A
         state[prefix + stored] = state.pop(prefix + own)
 
 
-def _own_names(field: nn.Module, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
+def _own_names(field: BodyField, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
     for own, stored in FILE_NAMES.items():
         if prefix + stored in state:
             state[prefix + own] = state.pop(prefix + stored)

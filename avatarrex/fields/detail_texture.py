@@ -3,9 +3,9 @@
     c = sigmoid(𝒞(p, v) + Σ_k b_k(x) t_k) · E(n),      x the closest point of p̄ on the triangles
 
 The texels of a triangle lie on a lattice of its barycentric coordinates (mesh colours: Yuksel, Keyser and House 2010, here without
-shared edges), as many along an edge as the equilateral triangle of its area has; b_k interpolates linearly between the three around x. So no atlas is
-cut, and a place is a triangle with barycentrics. Texels are logits: beside networks that say 0, sigmoid(t) is the albedo, which is
-what avatars store of it, one byte a channel.
+shared edges), as many along an edge as the equilateral triangle of its area has; b_k interpolates linearly between the three
+around x. So no atlas is cut, and a place is a triangle with barycentrics. Texels are logits: beside networks that say 0, sigmoid(t) is
+the albedo, which is what avatars store of it, one byte a channel.
 
 Letters: f triangles, t texels, p points, k = 3 texels around a point.
 """

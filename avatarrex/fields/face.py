@@ -65,7 +65,8 @@ class FaceField(nn.Module):
         self.register_buffer("rest", template.v_template.clone(), persistent=False)
         self.register_buffer("own", (template.blend_weight > 0)[template.faces].any(1), persistent=False)
         self.detail: DetailTexture | None = None
-        self.register_load_state_dict_pre_hook(_expect)
+        module: Any = self  # its hooks are untyped in torch
+        module.register_load_state_dict_pre_hook(_expect)
 
     @property
     def box(self) -> HeadBox:

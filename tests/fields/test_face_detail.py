@@ -81,11 +81,13 @@ def test_only_the_face_has_texels() -> None:
     assert 0.5 < own.float().mean() < 0.9
 
 
-def test_files_hold_albedos_as_bytes(tmp_path: Path) -> None:
+def test_files_have_albedos_as_bytes(tmp_path: Path) -> None:
     made = avatar()
     assert made.face.detail is not None
     with torch.no_grad():
-        made.face.detail.texel.copy_(torch.randn(made.face.detail.texel.shape, generator=torch.Generator().manual_seed(0)))
+        made.face.detail.texel.copy_(
+            torch.randn(made.face.detail.texel.shape, generator=torch.Generator().manual_seed(0))
+        )
     save_avatar(made, tmp_path / "a.avatar")
     back = load_avatar(tmp_path / "a.avatar").face.detail
     assert back is not None

@@ -86,7 +86,8 @@ LINES = (
 )
 OPEN = {
     0: {"decay": 0.8, "weights.perceptual": 1.0, "carved": False, "close": 0.0, "texel": 0.0},
-    1: {"decay": 0.8, "close": 0.0, "texel": 0.0, "texel_rate": 1.0, "view_dropout": 0.0} | {f"weights.{name}": getattr(LossWeights(), name) for name in
+    1: {"decay": 0.8, "close": 0.0, "texel": 0.0, "texel_rate": 1.0, "view_dropout": 0.0} |
+        {f"weights.{name}": getattr(LossWeights(), name) for name in
         ("mask", "eikonal", "node", "embedding", "kl", "silhouette")},
 }  # fmt: skip
 """By pass: the factor of the decay, which is not given, what is ours and off, and weights of terms that the pass has not."""

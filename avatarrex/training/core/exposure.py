@@ -38,7 +38,8 @@ class ExposedRig(Rig):
 
     def image(self, view: int, frame: int) -> UInt8[np.ndarray, "h w 3"]:
         """See `Rig`."""
-        return np.rint(np.clip(super().image(view, frame) * self.gain, 0, 255)).astype(np.uint8)
+        image: np.ndarray = np.rint(np.clip(super().image(view, frame) * self.gain, 0, 255)).astype(np.uint8)
+        return image
 
 
 def exposed_as(rig: Rig, other: Rig, person: Person) -> ExposedRig:

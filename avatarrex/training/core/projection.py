@@ -70,7 +70,8 @@ def start_from_pictures(avatar: Avatar, part: str, store: FrameStore, spacing: f
 
 def _spread(count: int, wanted: int) -> list[int]:
     """At most `wanted` of `count` numbers, evenly."""
-    return np.unique(np.linspace(0, count - 1, wanted).round().astype(int)).tolist()
+    numbers: list[int] = np.unique(np.linspace(0, count - 1, wanted).round().astype(int)).tolist()
+    return numbers
 
 
 def project(avatar: Avatar, part: str, store: FrameStore, index: int, view: int) -> Projected:
