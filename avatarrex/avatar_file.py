@@ -38,8 +38,9 @@ from avatarrex.templates.person_fit import PersonFit
 log = logging.getLogger(__name__)
 SINCE = {"tone.": 2, "light.": 3, "body.code_network.least": 3, "body.code_network.most": 3}
 """Format since which there are weights of such names; avatars of before have the identity."""
-TEXELS, EDGES = "body.detail.texel", "body.detail.edge"
-"""Static detail: the albedo of each texel, bytes, and the texels along the edges of each triangle."""
+DETAILED = ("body", "face")
+"""Parts with static detail: `PART.detail.texel`, the albedo of each texel, bytes; `PART.detail.edge`, the texels along the edges of
+each triangle."""
 OUTGROWTH = {"body.outgrowth.first": 1, "body.outgrowth.distance": 3}
 """What an avatar with an outgrowth has, and of how many dimensions."""
 FILES = {"avatar.json": SMALL, "weights.safetensors": 2**30}
@@ -215,14 +216,21 @@ def _meta(path: Path, meta: Any) -> dict[str, Any]:
     return meta
 
 
+def _texels_in(state: dict[str, Tensor]) -> list[str]:
+    """Names of tensors of texels."""
+    return [name for name in (f"{part}.detail.texel" for part in DETAILED) if name in state]
+
+
 def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
-    """Give the body the static detail and the outgrowth whose tensors are in `state`, after checking what these must be."""
-    faces = len(avatar.person.body.faces)
-    if EDGES in state and (state[EDGES].dtype, tuple(state[EDGES].shape)) != (torch.uint8, (faces,)):
-        found = f"{state[EDGES].dtype} {tuple(state[EDGES].shape)}"
-        raise InputError(path, f"weights.safetensors: {EDGES}", f"a byte for each of {faces} triangles", found)
-    if TEXELS in state and state[TEXELS].dtype != torch.uint8:
-        raise InputError(path, f"weights.safetensors: {TEXELS}", "bytes", state[TEXELS].dtype)
+    """Give the fields the static detail and the outgrowth whose tensors are in `state`, after checking what these must be."""
+    for part, faces in zip(DETAILED, (len(avatar.person.body.faces), len(avatar.person.face.faces))):
+        name = f"{part}.detail.edge"
+        if name in state and (state[name].dtype, tuple(state[name].shape)) != (torch.uint8, (faces,)):
+            found = f"{state[name].dtype} {tuple(state[name].shape)}"
+            raise InputError(path, f"weights.safetensors: {name}", f"a byte for each of {faces} triangles", found)
+    for name in _texels_in(state):
+        if state[name].dtype != torch.uint8:
+            raise InputError(path, f"weights.safetensors: {name}", "bytes", state[name].dtype)
     for name, dimensions in OUTGROWTH.items():
         if name in state and (state[name].dim() != dimensions or not state[name].numel()):
             expected = f"an array of {dimensions} dimensions"
@@ -231,6 +239,7 @@ def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     if distance is not None and not (distance <= 0).any():
         raise InputError(path, "weights.safetensors: body.outgrowth.distance", "somewhere inside", "positive numbers")
     avatar.body.expect({name.removeprefix("body."): value for name, value in state.items()})
+    avatar.face.expect({name.removeprefix("face."): value for name, value in state.items()})
 
 
 def _fill(path: Path, avatar: Avatar, state: dict[str, Tensor], format: int) -> None:

@@ -34,6 +34,9 @@ OFF = (0.04, 0.06)
 """Metres off the triangles where detail fades out: a pony tail must not be painted on the neck beneath it."""
 ROUNDED = 1e-9
 """Of a texel's spacing: a place so near to a texel is at it."""
+NEARBY, SOME = 0.003, 64
+"""Metres in which an unseen texel looks for the nearest seen one; farther off one in so many of those will do (texels of the back of
+an eyeball are as far from many: searches among all of them take minutes)."""
 DARKEST = 0.5 / 255
 """Albedo of the least texel, and 1 less that of the largest: beyond, a logit says nothing that a byte could."""
 
@@ -104,15 +107,23 @@ class DetailTexture(nn.Module):
         place = self.lattice.position
         texel = logit(albedo)
         if not known.all():
-            seen = torch.nonzero(known)[:, 0]
-            nearest = cKDTree(place[seen.numpy()]).query(place[(~known).numpy()])[1]
-            texel[~known] = texel[seen[torch.from_numpy(nearest)]]
+            texel[~known] = texel[torch.from_numpy(_nearest(place, known.numpy()))]
         self.texel.copy_(texel)
 
 
 def texel_count(edge: Int[np.ndarray, " f"]) -> Int[np.ndarray, " f"]:
     """How many texels a triangle has that has so many intervals along an edge; none of 0."""
     return np.where(edge > 0, (edge + 1) * (edge + 2) // 2, 0)
+
+
+def _nearest(place: Float[np.ndarray, "t 3"], known: Bool[np.ndarray, " t"]) -> Int[np.ndarray, " u"]:
+    """Of each texel that is not `known` one that is, the nearest or hardly farther."""
+    seen, others = np.flatnonzero(known), place[~known]
+    away, nearest = cKDTree(place[seen]).query(others, distance_upper_bound=NEARBY)
+    far, some = ~np.isfinite(away), seen[::SOME]
+    found: np.ndarray = seen[np.where(far, 0, nearest)]
+    found[far] = some[cKDTree(place[some]).query(others[far])[1]]
+    return found
 
 
 def logit(albedo: Float[Tensor, "t 3"]) -> Float[Tensor, "t 3"]:

@@ -7,10 +7,15 @@ shape) alone, through the renders. Letters: v vertices, p points, c channels, h 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import chain
+from typing import Any
+
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
 from avatarrex.fields.local_networks import mlp
 from avatarrex.fields.orthographic import CHANNELS, HeadBox, Impl, project, render_views
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
@@ -39,6 +44,8 @@ class FaceField(nn.Module):
         self.faces: Tensor
         self.albedo: Tensor
         self.box_centre: Tensor
+        self.rest: Tensor
+        self.own: Tensor
         box = HeadBox.around(template.v_template[template.blend_weight > 0].float(), VIEW_MARGIN)
         self.register_buffer("faces", template.faces.clone(), persistent=False)
         self.register_buffer("albedo", template.albedo.float().clone(), persistent=False)
@@ -56,6 +63,11 @@ class FaceField(nn.Module):
         else:
             self.geometry = _CoefficientNet(widths.geometry_mlp, 1, "elu")
             self.colour_net = _CoefficientNet(widths.colour_mlp, 3, "relu", extra=direction)
+        self.register_buffer("rest", template.v_template.clone(), persistent=False)
+        self.register_buffer("own", (template.blend_weight > 0)[template.faces].any(1), persistent=False)
+        self.detail: DetailTexture | None = None
+        module: Any = self  # its hooks are untyped in torch
+        module.register_load_state_dict_pre_hook(_expect)
 
     @property
     def box(self) -> HeadBox:
@@ -80,17 +92,48 @@ class FaceField(nn.Module):
         """F_front, F_left, F_right (3, c, y, x) of the colour set; three U-Net runs."""
         return self.colour_net.planes(views)
 
+    def colour_parameters(self) -> list[nn.Parameter]:
+        """Colour networks and texels."""
+        modules = (self.colour_net, self.detail)
+        return list(chain.from_iterable(module.parameters() for module in modules if module is not None))
+
+    def add_detail(self, spacing: float) -> None:
+        """Lay grey texels on the face where ω > 0, `spacing` metres apart."""
+        self.detail = DetailTexture.of(self.rest.cpu(), self.faces.cpu(), spacing, self.own.cpu())
+
+    def expect(self, state: Mapping[str, Tensor]) -> None:
+        """Have the static detail that a state to be loaded has, or none."""
+        self.detail = None
+        if "detail.edge" in state:
+            self.detail = DetailTexture(state["detail.edge"].clone())
+            self.detail.requires_grad_(False).lay(self.rest.cpu(), self.faces.cpu())
+
     def sdf(self, planes: Float[Tensor, "..."], position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """G_F, metres, at head-frame points; meaningful near the face only."""
         distance: Tensor = OUTPUT * self.geometry(planes, self.box.normalise(position))[:, 0]
         return distance
 
     def colour(
-        self, planes: Float[Tensor, "..."], position: Float[Tensor, "p 3"], view: Float[Tensor, "p 3"]
+        self,
+        planes: Float[Tensor, "..."],
+        position: Float[Tensor, "p 3"],
+        view: Float[Tensor, "p 3"],
+        places: TexelPlaces | None = None,
     ) -> Float[Tensor, "p 3"]:
-        """C_F, sRGB in [0, 1]; `view` is the unit direction from the camera to the point, head frame."""
+        """C_F, sRGB in [0, 1]; `view` is the unit direction from the camera to the point, head frame.
+
+        `places`: of the points on the static detail; None: without it.
+        """
         direction = encode(view, DIRECTION_OCTAVES)
-        return torch.sigmoid(self.colour_net(planes, self.box.normalise(position), direction))
+        logits = self.colour_net(planes, self.box.normalise(position), direction)
+        if places is not None:
+            assert self.detail is not None
+            logits = logits + self.detail(places)
+        return torch.sigmoid(logits)
+
+
+def _expect(field: FaceField, state: dict[str, Tensor], prefix: str, *rest: Any) -> None:
+    field.expect({name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)})
 
 
 class _TriPlaneNet(nn.Module):

@@ -8,14 +8,17 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from avatarrex.counters import Counters
+from avatarrex.fields.detail_texture import TexelPlaces
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.fields.tone import ToneMap
+from avatarrex.ops.closest_triangle import closest_triangle
 from avatarrex.ops.mesh_lattice import Grid, nearest_vertex
+from avatarrex.ops.search_tree import SearchTree
 from avatarrex.ops.side_by_side import SideBySide
 from avatarrex.parts.part import CLAMP, Impl, Part, PartState, Start, SurfacePoints
 from avatarrex.templates.mesh import vertex_normals
@@ -26,6 +29,18 @@ FIRST_BAND = 0.012
 """Metres from the face mesh that are evaluated at the coarse level; from there the surface is followed."""
 
 
+class PosedTriangles:
+    """The triangles of a posed face on which static detail lies; the tree is made when a point is first coloured."""
+
+    def __init__(self, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
+        self.vertices, self.faces = vertices, faces
+
+    @cached_property
+    def tree(self) -> SearchTree:
+        """Of `faces`, in their order."""
+        return SearchTree.of_triangles(self.vertices, self.faces)
+
+
 @dataclass(eq=False)
 class FaceState(PartState):
     """A posed face."""
@@ -33,6 +48,8 @@ class FaceState(PartState):
     skin: TemplateDistance
     _drive: Callable[[], Tensor]
     _decode: Callable[[Tensor], Tensor]
+    triangles: PosedTriangles
+    """Those with ω > 0."""
     colour: Float[Tensor, "..."] | None = None
     """Colour tri-planes; decoded when a point is first coloured."""
 
@@ -85,7 +102,8 @@ class Face(Part[FaceState]):
         def drive() -> Tensor:
             return self.field.driven(vertices.float(), coefficients.float(), impl).to(vertices.dtype)
 
-        return FaceState(skin, drive, self.field.geometry_planes)
+        triangles = PosedTriangles(mesh, self.field.faces[self.field.own].cpu().numpy())
+        return FaceState(skin, drive, self.field.geometry_planes, triangles)
 
     def start(self, state: FaceState, grid: Grid, everywhere: bool) -> Start:
         """The template's distance; points near the mesh are evaluated first. Beside it the tri-planes are made."""
@@ -129,10 +147,17 @@ class Face(Part[FaceState]):
             counters.add("unet_runs", 3)
         return state.colour
 
+    def places(self, state: FaceState, position: Float[Tensor, "p 3"]) -> TexelPlaces | None:
+        """Texels about the points of the posed mesh that are closest to `position` (head frame); None where it has none."""
+        if self.field.detail is None:
+            return None
+        face, weight = closest_triangle(state.triangles.tree, position.detach().double().cpu().numpy())
+        return self.field.detail.places_on(self.field.detail.lattice.shown[face], weight)
+
     def colour(self, state: FaceState, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
         """C_F (paper eq. 12), brought to the body's tone."""
         planes = self.decode_colour(state, counters)
         counters.add("face_pixels", len(points.position))
-        own = self.field.colour(planes, points.position, points.direction)
+        own = self.field.colour(planes, points.position, points.direction, self.places(state, points.position))
         colour: Tensor = self.tone(own, points.root_direction, points.direction)
         return colour

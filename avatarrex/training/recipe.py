@@ -65,6 +65,11 @@ class PassOne:
     """Steps at first in which the geometry is frozen: colours that are not yet known would move it."""
     latent: bool = True
     """Whether frames have codes of their own and z is drawn; without, z = 0 as at test, and detail follows the pose alone."""
+    close: float = 0.0
+    """Share of the body's steps that see the face rig's pictures, where there is one: outlines of hair, neck and collar (ours)."""
+    texel: float = 0.0
+    """Metres between the texels of the static detail (fields/detail_texture.py; ours), painted from the pictures at the
+    beginning: geometry then moves to where known colours agree; 0: none."""
     carved: bool = False
     """Whether what stands off the template farther than cloth is carved from the mattes before (fields/outgrowth.py; ours)."""
     outline: int = 0
@@ -93,6 +98,8 @@ class PassTwo:
     """Of a batch, each of a picture of its own."""
     clamped: bool = True
     """Whether codes are first clamped to the middle of what the training's poses have (fields/code.py; ours)."""
+    close: float = 0.0
+    """Share of the body's steps that see the face rig's pictures, where there is one: several times as sharp (ours)."""
     texel: float = 0.0
     """Metres between the texels of the static detail (fields/detail_texture.py; ours), painted from the pictures at the
     beginning; 0: none."""
@@ -181,9 +188,10 @@ PAPER_PLUS = replace(
     face=(replace(PAPER.face[0], warm_steps=2000, **_PLUS_ONE), _PLUS_TWO),
     body=(replace(PAPER.body[0], warm_steps=4000, carved=True, **_PLUS_ONE), replace(_PLUS_TWO, **_DETAIL)),
 )  # fmt: skip
+_FACE_TEXEL = 0.001
 _FACE = PassOne(
     steps=400, frames=1, rays=400, samples=5, rate=1.5e-3, decay=0.05, decay_steps=400, gamma_steps=1, warm_steps=60,
-    gamma_extra=0.0, geometry_rate=0.1, still=250, outline=400, weights=LossWeights(silhouette=0.3),
+    gamma_extra=0.0, texel=_FACE_TEXEL, outline=400, weights=LossWeights(silhouette=0.3),
 )  # fmt: skip
 _BODY = PassOne(
     steps=1200, frames=1, rays=400, samples=5, rate=4e-3, decay=0.05, decay_steps=1200, gamma_steps=600, warm_steps=60,
@@ -192,19 +200,28 @@ _BODY = PassOne(
 )  # fmt: skip
 """Under the paper's L_node, a 25th of this, nodes drift by centimetres."""
 _TWO = PassTwo(steps=1000, rate=3e-3, decay=0.05, decay_steps=1000)
+_FACE_DETAIL: dict[str, Any] = {"texel": _FACE_TEXEL, "texel_rate": 0.5}
 QUICK = Recipe(
     name="quick", about="compact networks within the hour on two cores", preset="compact", interval=200, evaluate=400,
-    face=(_FACE, _TWO), body=(_BODY, _lasting(_TWO, 2400, 0.03, **_DETAIL)),
+    face=(_FACE, _lasting(_TWO, 800, 0.05, **_FACE_DETAIL)),
+    body=(replace(_BODY, close=0.25), _lasting(_TWO, 2400, 0.03, close=0.33, **_DETAIL)),
 )  # fmt: skip
 LONG = replace(
     QUICK, name="long", about="a finished avatar of compact networks in two or three hours on two cores", evaluate=1000,
-    face=(_lasting(_FACE, 600, 0.03, still=350), _lasting(_TWO, 2500, 0.02)),
+    face=(_lasting(_FACE, 600, 0.03), _lasting(_TWO, 2500, 0.02, **_FACE_DETAIL)),
     body=(_lasting(_BODY, 4000, 0.02, rays=600), _lasting(_TWO, 4000, 0.02, **_DETAIL)),
 )  # fmt: skip
-_SETTLED: dict[str, Any] = {"rate": 1e-3, "gamma_steps": 1, "warm_steps": 0, "gamma_extra": 0.0, "still": 0}
+_SETTLED: dict[str, Any] = {
+    "rate": 1e-3,
+    "gamma_steps": 1,
+    "warm_steps": 0,
+    "gamma_extra": 0.0,
+    "still": 0,
+    "texel": 0.0,
+}
 REFINE = replace(
     QUICK, name="refine", about="goes on from an avatar of quick or long (--start): known colours tell the geometry more",
-    face=(_lasting(_FACE, 300, 0.1, **_SETTLED), _lasting(_TWO, 800, 0.05, rate=2e-3)),
+    face=(_lasting(_FACE, 300, 0.1, geometry_rate=0.1, **_SETTLED), _lasting(_TWO, 800, 0.05, rate=2e-3, texel_rate=0.5)),
     body=(_lasting(_BODY, 1000, 0.1, rays=800, **_SETTLED), _lasting(_TWO, 1600, 0.05, rate=2e-3)),
 )  # fmt: skip
 _SMOKE_ONE = PassOne(
@@ -231,10 +248,10 @@ def from_scratch(recipe: Recipe) -> Recipe:
     """
     face, body = (
         replace(
-            one, warm_steps=0, carved=False, still=0, geometry_rate=1.0, gamma_extra=PassOne.gamma_extra,
+            one, warm_steps=0, carved=False, still=0, texel=0.0, geometry_rate=1.0, gamma_extra=PassOne.gamma_extra,
             gamma_steps=max(one.gamma_steps, one.steps // 3), sampling="uniform", samples=max(one.samples, SCRATCH_SAMPLES),
         )
         for one, _ in (recipe.face, recipe.body)
     )  # fmt: skip
-    two = replace(recipe.body[1], texel=0.0)
-    return replace(recipe, face=(face, recipe.face[1]), body=(body, two), scratch=True)
+    face_two, body_two = (replace(two, texel=0.0) for _, two in (recipe.face, recipe.body))
+    return replace(recipe, face=(face, face_two), body=(body, body_two), scratch=True)

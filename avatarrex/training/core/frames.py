@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 from collections import OrderedDict
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -21,6 +22,7 @@ from avatarrex.parts.face import Face, face_state
 from avatarrex.parts.part import PartState
 from avatarrex.settings import RenderSettings
 from avatarrex.templates.posed import PosedPerson, pose_person
+from avatarrex.training.core.pixels import training_pairs
 from avatarrex.volume.build import AvatarVolume, build_volume
 
 RENDERED = RenderSettings()
@@ -53,6 +55,9 @@ class TrainingFrame:
 class FrameStore:
     """Posed frames of a rig, the least used forgotten."""
 
+    close: FrameStore | None = None
+    """Another rig's, which shows some of the same in sharper pictures."""
+
     def __init__(self, avatar: Avatar, rig: Rig, trained: str, hidden: frozenset[str], fine: bool = False) -> None:
         """`trained`: `body` or `face`, what changes with age; `fine` makes volumes as they are rendered."""
         self.avatar, self.rig, self.trained = avatar, rig, trained
@@ -67,6 +72,19 @@ class FrameStore:
             self.avatar.measure_clothing_offset()
         self._copy = replace(self.avatar.frozen_copy(), versions={self.trained: age})
         self.age = age
+        if self.close is not None:
+            self.close.renew(age)
+
+    @cached_property
+    def pairs(self) -> list[tuple[int, int]]:
+        """(frame, view) to learn from."""
+        return training_pairs(self.rig)
+
+    def drawn(self, rng: np.random.Generator, close: float) -> tuple[FrameStore, int, int]:
+        """Store, frame and view of a picture by chance, a share of `close` of the other rig's."""
+        if close and self.close is not None and rng.random() < close:
+            return self.close.drawn(rng, 0.0)
+        return self, *self.pairs[rng.integers(len(self.pairs))]
 
     def __getitem__(self, index: int) -> TrainingFrame:
         found = self._frames.pop(index, None)

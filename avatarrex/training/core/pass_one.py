@@ -24,7 +24,7 @@ from avatarrex.pointmap.rays import RayPlane
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.losses import eikonal_loss, mask_loss, rgb_loss, silhouette_loss
 from avatarrex.training.core.outline import closest
-from avatarrex.training.core.pixels import Box, PixelBatch, draw_outline, draw_pixels, training_pairs
+from avatarrex.training.core.pixels import Box, PixelBatch, draw_outline, draw_pixels
 from avatarrex.training.core.sampling import Walk, draw, noise_of
 from avatarrex.training.core.trained_field import FACE, TrainedBody, TrainedFace, TrainedField, face_alone
 from avatarrex.training.core.volume_rendering import render_weights
@@ -55,7 +55,6 @@ class VolumePass(ABC):
 
     def __init__(self, avatar: Avatar, store: FrameStore, recipe: PassOne, seed: int) -> None:
         self.avatar, self.store, self.recipe, self.seed = avatar, store, recipe, seed
-        self.pairs = training_pairs(store.rig)
 
     @abstractmethod
     def parameters(self) -> list[nn.Parameter]:
@@ -79,15 +78,16 @@ class VolumePass(ABC):
 
     def step(self, step: int, gamma: float) -> StepResult:
         """Mean of the terms over a batch of frames; the same for the same step and weights."""
-        recipe, rig = self.recipe, self.store.rig
+        recipe = self.recipe
         rng = np.random.default_rng([self.seed, step])
         result = StepResult({})
         evaluated = met = 0
         for slot in range(recipe.frames):
-            index, view = self.pairs[rng.integers(len(self.pairs))]
+            store, index, view = self.store.drawn(rng, recipe.close)
+            rig = store.rig
             result.pictures.append((index, view))
             noise = noise_of(self.seed, step, slot)
-            frame = self.store[index]
+            frame = store[index]
             window = self.window(frame, view)
             pixels = draw_pixels(rig, view, index, recipe.rays // recipe.frames, rng, window)
             field, terms = self.field(frame, noise)

@@ -15,13 +15,14 @@ from torch import Tensor, nn
 
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
+from avatarrex.capture.readers.rigs import Rig
 from avatarrex.counters import Counters
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.colour import SurfaceColour
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.pass_one import StepResult, face_window
-from avatarrex.training.core.pixels import foreground, training_pairs
+from avatarrex.training.core.pixels import foreground
 from avatarrex.training.core.trained_field import FACE, face_alone
 from avatarrex.training.recipe import PassTwo
 from avatarrex.volume.sdf_volume import sides
@@ -35,12 +36,11 @@ class PatchPass:
     ) -> None:
         self.avatar, self.store, self.part, self.recipe, self.seed = avatar, store, part, recipe, seed
         self.perceptual = perceptual
-        self.pairs = training_pairs(store.rig)
 
     def parameters(self) -> list[nn.Parameter]:
         """The colour networks."""
         if self.part == "face":
-            return list(self.avatar.face.colour_net.parameters())
+            return self.avatar.face.colour_parameters()
         others = (self.avatar.left_hand, self.avatar.right_hand, self.avatar.tone, self.avatar.light)
         return [*self.avatar.body.colour_parameters(), *(p for module in others for p in module.parameters())]
 
@@ -49,23 +49,24 @@ class PatchPass:
         rng, count = np.random.default_rng([self.seed, 2, step]), self.recipe.patches
         result = StepResult({})
         for _ in range(count):
-            index, view = self.pairs[rng.integers(len(self.pairs))]
-            terms, per_ray = self._patch(index, view, rng)
+            store, index, view = self.store.drawn(rng, self.recipe.close)
+            terms, per_ray = self._patch(store, index, view, rng)
             for name, value in terms.items():
                 result.terms[name] = result.terms.get(name, torch.zeros(())) + value / count
             result.samples_per_ray += per_ray / count
             result.pictures.append((index, view))
         return result
 
-    def _patch(self, index: int, view: int, rng: np.random.Generator) -> tuple[dict[str, Tensor], float]:
+    def _patch(
+        self, store: FrameStore, index: int, view: int, rng: np.random.Generator
+    ) -> tuple[dict[str, Tensor], float]:
         """Losses of one patch of a picture, and shaded pixels for each that has the person."""
-        frame = self.store[index]
-        camera = self.store.rig.views[view].camera
-        x, y, width, height = self._window(frame, view, camera, rng)
+        frame, rig = store[index], store.rig
+        camera = rig.views[view].camera
+        x, y, width, height = self._window(rig, frame, view, rng)
         rows, columns = slice(y, y + height), slice(x, x + width)
         matte, truth = (
-            torch.from_numpy(read(view, index)[rows, columns] / np.float32(255))
-            for read in (self.store.rig.matte, self.store.rig.image)
+            torch.from_numpy(read(view, index)[rows, columns] / np.float32(255)) for read in (rig.matte, rig.image)
         )
         gaze = _anywhere(rng) if rng.random() < self.recipe.view_dropout else None
         rendered, coverage = self.shade(frame, camera.cropped(x, y, width, height), gaze)
@@ -107,14 +108,13 @@ class PatchPass:
             terms["perceptual"] = self.perceptual(a, b)
         return terms
 
-    def _window(
-        self, frame: TrainingFrame, view: int, camera: Camera, rng: np.random.Generator
-    ) -> tuple[int, int, int, int]:
+    def _window(self, rig: Rig, frame: TrainingFrame, view: int, rng: np.random.Generator) -> tuple[int, int, int, int]:
         """x, y, width, height of a patch about a pixel of the person (of the face, where that is trained)."""
+        camera = rig.views[view].camera
         width, height = camera.width, camera.height
         side_x, side_y = min(self.recipe.patch, width), min(self.recipe.patch, height)
         window = face_window(self.avatar, frame, camera) if self.part == "face" else None
-        inside, (x0, y0, x1, y1) = foreground(self.store.rig, view, frame.index, window)
+        inside, (x0, y0, x1, y1) = foreground(rig, view, frame.index, window)
         ys, xs = np.nonzero(inside)
         if len(ys):
             k = rng.integers(len(ys))

@@ -1,4 +1,4 @@
-"""Where the mesh ends: the static detail of the body from the training pictures, as the colour that pass II starts with. Ours.
+"""Where the mesh ends: the static detail of body and face from the training pictures, as the colour that pass II starts with. Ours.
 
 Every chosen picture is projected onto the surface that the geometry has by now (the renderer's own volume and raycast: what is
 hidden is not painted). A pixel counts where the body alone is drawn and the matte is opaque, by the square of the cosine at which
@@ -21,10 +21,13 @@ from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
-from avatarrex.fields.detail_texture import DetailTexture
+from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
+from avatarrex.fields.face import FaceField
+from avatarrex.parts.face import Face, face_state
 from avatarrex.pointmap.raycast import raycast
-from avatarrex.training.core.frames import FrameStore
-from avatarrex.training.core.pixels import training_pairs
+from avatarrex.shading.colour import surface_points
+from avatarrex.training.core.frames import FrameStore, TrainingFrame
+from avatarrex.training.core.trained_field import FACE
 
 PICTURES = 120
 """Projected at most, spread over frames and views: a texel on the side of the body is then seen by thirty."""
@@ -48,33 +51,61 @@ class Projected:
 
 
 @torch.no_grad()
-def start_from_pictures(avatar: Avatar, store: FrameStore, spacing: float) -> None:
-    """Lay texels on the body, paint them, and let the networks begin at nothing. Raises `InputError` where no picture shows it."""
-    avatar.body.add_detail(spacing)
-    assert avatar.body.detail is not None
-    pairs = training_pairs(store.rig)
-    chosen = [pairs[k] for k in np.unique(np.linspace(0, len(pairs) - 1, PICTURES).round().astype(int))]
-    paint(avatar.body.detail, [project(avatar, store, *pair) for pair in chosen], f"{store.rig.name} rig")
-    for parameter in avatar.body.colour_blend[-1].parameters():
+def start_from_pictures(avatar: Avatar, part: str, store: FrameStore, spacing: float) -> None:
+    """Lay texels on `body` or `face`, paint them, and let the networks begin at nothing.
+
+    Raises `InputError` where no picture shows it.
+    """
+    field = avatar.face if part == "face" else avatar.body
+    field.add_detail(spacing)
+    assert field.detail is not None
+    stores = [store] if store.close is None else [store, store.close]
+    chosen = [(one, one.pairs[k]) for one in stores for k in _spread(len(one.pairs), PICTURES // len(stores))]
+    projected = [project(avatar, part, one, *pair) for one, pair in chosen]
+    paint(field.detail, projected, f"{store.rig.name} rig")
+    last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
+    for parameter in last.parameters():
         parameter.zero_()
 
 
-def project(avatar: Avatar, store: FrameStore, index: int, view: int) -> Projected:
-    """One picture on the body's texels."""
-    frame, rig, detail = store[index], store.rig, avatar.body.detail
-    assert detail is not None
+def _spread(count: int, wanted: int) -> list[int]:
+    """At most `wanted` of `count` numbers, evenly."""
+    numbers: list[int] = np.unique(np.linspace(0, count - 1, wanted).round().astype(int)).tolist()
+    return numbers
+
+
+def project(avatar: Avatar, part: str, store: FrameStore, index: int, view: int) -> Projected:
+    """One picture on the texels of `body` or `face`."""
+    frame, rig = store[index], store.rig
     camera = frame.camera(rig.views[view].camera)
     seen = raycast(frame.volume.sdf, camera, antialias=True)
     eye = torch.as_tensor(camera.centre).to(seen.position)
     facing = -(torch.nn.functional.normalize(seen.position - eye, dim=-1) * seen.normal).sum(-1)
     matte = torch.from_numpy(rig.matte(view, index) / np.float32(255))
-    counts = (seen.coverage >= 1) & (seen.part_weight.sum(-1) < ALONE) & (facing > FACING) & (matte >= OPAQUE)
+    own = seen.part_weight[..., FACE] > 0 if part == "face" else seen.part_weight.sum(-1) < ALONE
+    counts = (seen.coverage >= 1) & own & (facing > FACING) & (matte >= OPAQUE)
     position, picture = seen.position[counts], torch.from_numpy(rig.image(view, index) / np.float32(255))
+    places, light = (_on_face if part == "face" else _on_body)(avatar, frame, position)
+    albedo = (picture[counts] / light).clamp(0, 1)
+    return Projected(places.texel, places.share * facing[counts, None].square(), albedo)
+
+
+def _on_body(avatar: Avatar, frame: TrainingFrame, position: Tensor) -> tuple[TexelPlaces, Tensor]:
+    """Texels about surface points, and the light that falls on them."""
+    assert avatar.body.detail is not None
     samples = frame.volume.body_frame.samples
     beside = samples.neighbours_of(position)
-    places = detail.places(samples.rest_position(position, beside))
-    albedo = (picture[counts] / avatar.light(samples.facing(beside))).clamp(0, 1)
-    return Projected(places.texel, places.share * facing[counts, None].square(), albedo)
+    return avatar.body.detail.places(samples.rest_position(position, beside)), avatar.light(samples.facing(beside))
+
+
+def _on_face(avatar: Avatar, frame: TrainingFrame, position: Tensor) -> tuple[TexelPlaces, Tensor]:
+    """The same of the face, whose colours have their light in them."""
+    face = avatar.parts["face"]
+    assert isinstance(face, Face)
+    points = surface_points(frame.posed.root_from_part("face"), position, position)
+    places = face.places(face_state(frame.volume.states), points.position)
+    assert places is not None
+    return places, torch.ones_like(position)
 
 
 def paint(detail: DetailTexture, pictures: list[Projected], where: str) -> None:
@@ -82,15 +113,19 @@ def paint(detail: DetailTexture, pictures: list[Projected], where: str) -> None:
     mean = total = torch.zeros(len(detail.texel), 1)
     for round in range(1 + ROUNDS):
         old = mean
-        mean, total = torch.zeros(len(detail.texel), 3), torch.zeros(len(detail.texel), 1)
+        sums = torch.zeros(len(detail.texel), 4)
         for one in pictures:
             weight = one.weight
             if round:
                 away = (old[one.texel] - one.albedo[:, None]).square().mean(-1)
                 weight = weight / (1 + away / STRAY**2).square()
             flat = one.texel.flatten()
-            total.index_add_(0, flat, weight.flatten()[:, None])
-            mean.index_add_(0, flat, (weight[..., None] * one.albedo[:, None]).flatten(0, 1))
+            counted = (weight[..., None] * one.albedo[:, None]).flatten(0, 1)
+            for column, value in enumerate(
+                (weight.flatten(), *counted.T)
+            ):  # torch's index_add_ is a hundred times slower
+                sums[:, column] += torch.bincount(flat, value, len(sums))
+        mean, total = sums[:, 1:], sums[:, :1]
         mean = mean / total.clamp_min(1e-12)
     if not (total > 0).any():
         raise InputError(where, "pictures", "some that show the body", "none")

@@ -26,6 +26,7 @@ from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
 from avatarrex.training.core.carving import carve
+from avatarrex.training.core.exposure import exposed_as
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.held_out import HeldOut
 from avatarrex.training.core.mixed import in_bfloat16
@@ -115,9 +116,12 @@ class Trainer:
             self._clamp_codes(rig, stage.recipe)
         unseen = self.hidden | {"left_hand", "right_hand"} if stage.part == "face" else self.hidden
         store = FrameStore(self.avatar, rig, stage.part, unseen, stage.name == "II")
+        if stage.part == "body" and stage.recipe.close and "face" in self.capture.rigs:
+            close = exposed_as(self.capture.rigs["face"], rig, self.capture.person)
+            store.close = FrameStore(self.avatar, close, "body", unseen, stage.name == "II")
         store.renew(stage.begin if state is None else int(state["step"]))
-        if state is None and isinstance(stage.recipe, PassTwo) and stage.part == "body" and stage.recipe.texel:
-            start_from_pictures(self.avatar, store, stage.recipe.texel)
+        if state is None and stage.recipe.texel:
+            start_from_pictures(self.avatar, stage.part, store, stage.recipe.texel)
         work = Work(stage, pass_of(stage, self.avatar, store, self.perceptual, self.seed), state)
         self.run.stage(stage.part, stage.name, stage.end)
         if state is None:

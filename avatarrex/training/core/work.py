@@ -116,6 +116,6 @@ def load(optimiser: torch.optim.Optimizer, saved: dict[str, Any]) -> None:
 def _groups(avatar: Avatar, part: str, parameters: list[nn.Parameter]) -> list[dict[str, Any]]:
     """Geometry, texels, and all else."""
     field = avatar.body.geometry_parameters() if part == "body" else avatar.face.geometry.parameters()
-    texels = [] if avatar.body.detail is None else [avatar.body.detail.texel]
+    texels = [detail.texel for detail in (avatar.body.detail, avatar.face.detail) if detail is not None]
     kind = {id(p): number for number, some in enumerate((field, texels)) for p in some}
     return [{"params": [p for p in parameters if kind.get(id(p), 2) == number]} for number in range(3)]

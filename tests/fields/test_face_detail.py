@@ -1,0 +1,117 @@
+"""Static detail of the face: it moves with expression, jaw and eyes, is stored as bytes, and avatars without it are as before."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar, save_avatar
+from avatarrex.counters import Counters
+from avatarrex.parts.face import Face, FaceState
+from avatarrex.parts.part import SurfacePoints
+from avatarrex.templates.person import load_person
+
+SPACING = 0.004
+
+
+def avatar(detailed: bool = True) -> Avatar:
+    made = Avatar.create(load_person(), "compact", 0)
+    if detailed:
+        made.face.add_detail(SPACING)
+    return made
+
+
+def albedo(rest: Tensor) -> Tensor:
+    """Linear in the rest position, so that texels interpolate it exactly."""
+    return 2.0 * rest + torch.tensor([0.3, 0.3, -0.3])
+
+
+def posed(made: Avatar) -> tuple[Face, FaceState, Tensor, Tensor]:
+    """The face with an open jaw and turned eyes; points on it, and where they are at rest."""
+    template, face = made.person.face, made.parts["face"]
+    assert isinstance(face, Face)
+    coefficients = torch.zeros(61)
+    coefficients[52], coefficients[55:61] = 0.3, torch.tensor([0.1, 0.2, 0, 0.1, 0.2, 0])
+    vertices = template.posed(coefficients, torch.zeros(10)).float()
+    state = face.prepare(vertices, coefficients, Counters(), "reference")
+    shown = template.faces[made.face.own]
+    weight = torch.tensor([0.5, 0.3, 0.2])
+    at_rest, moved = ((mesh[shown] * weight[:, None]).sum(1) for mesh in (template.v_template.float(), vertices))
+    return face, state, moved, at_rest
+
+
+@torch.no_grad()
+def test_texels_move_with_the_expression() -> None:
+    """Texels painted linear in the rest position say it at the points of an open mouth, but where two sheets touch."""
+    made = avatar()
+    detail = made.face.detail
+    assert detail is not None
+    detail.texel.copy_(albedo(torch.from_numpy(detail.lattice.position).float()))
+    face, state, moved, at_rest = posed(made)
+    places = face.places(state, moved)
+    assert places is not None
+    off = (detail(places) - albedo(at_rest)).abs().amax(1)
+    assert (at_rest - moved).norm(dim=1).max() > 0.02, "the jaw is open"
+    assert (off < 1e-4).float().mean() > 0.99
+
+
+@torch.no_grad()
+def test_colours_are_the_texels_where_the_networks_say_nothing() -> None:
+    made = avatar()
+    detail = made.face.detail
+    assert detail is not None
+    for parameter in made.face.colour_net.mlp[-1].parameters():
+        parameter.zero_()
+    detail.texel.copy_(torch.tensor([1.0, 0.0, -2.0]))
+    face, state, moved, _ = posed(made)
+    points = SurfacePoints(moved, torch.nn.functional.normalize(-moved, dim=-1), moved, torch.eye(3))
+    own = made.face.colour(face.decode_colour(state, Counters()), moved, points.direction, face.places(state, moved))
+    torch.testing.assert_close(own, torch.sigmoid(torch.tensor([1.0, 0.0, -2.0])).expand_as(own))
+
+
+def test_only_the_face_has_texels() -> None:
+    """Ears and scalp are the body's."""
+    made = avatar()
+    assert made.face.detail is not None
+    own = made.person.face.blend_weight[made.person.face.faces].amax(1) > 0
+    assert torch.equal(made.face.detail.edge > 0, own)
+    assert 0.5 < own.float().mean() < 0.9
+
+
+def test_files_have_albedos_as_bytes(tmp_path: Path) -> None:
+    made = avatar()
+    assert made.face.detail is not None
+    with torch.no_grad():
+        made.face.detail.texel.copy_(
+            torch.randn(made.face.detail.texel.shape, generator=torch.Generator().manual_seed(0))
+        )
+    save_avatar(made, tmp_path / "a.avatar")
+    back = load_avatar(tmp_path / "a.avatar").face.detail
+    assert back is not None
+    wanted, found = (torch.sigmoid(texture.texel.detach()) for texture in (made.face.detail, back))
+    assert (wanted - found).abs().max() < 0.51 / 255
+    plain = avatar(False)
+    save_avatar(plain, tmp_path / "b.avatar")
+    assert load_avatar(tmp_path / "b.avatar").face.detail is None
+    assert (tmp_path / "a.avatar").stat().st_size < 1.6 * (tmp_path / "b.avatar").stat().st_size
+
+
+def test_a_copy_keeps_its_texels() -> None:
+    made = avatar()
+    copy = made.frozen_copy()
+    assert made.face.detail is not None
+    assert copy.face.detail is not None
+    with torch.no_grad():
+        made.face.detail.texel += 1
+    assert np.abs(copy.face.detail.texel.numpy()).max() == 0
+
+
+@pytest.mark.parametrize("detailed", [True, False])
+def test_colour_parameters_are_networks_and_texels(detailed: bool) -> None:
+    made = avatar(detailed).face
+    names = {id(p): name for name, p in made.named_parameters()}
+    found = {names[id(p)].split(".")[0] for p in made.colour_parameters()}
+    assert found == ({"colour_net", "detail"} if detailed else {"colour_net"})
