@@ -171,7 +171,7 @@ def test_the_command_says_and_draws_it(tmp_path: Path, capsys: pytest.CaptureFix
     path = TinyCapture.make().manifest(held_out_frames={"body": [1, 2]}).zip(tmp_path / "tiny.zip")
     assert main(["capture", "check", str(path), "--out", str(tmp_path / "out"), "--frames", "2"]) == 0
     said = capsys.readouterr().out
-    assert "body: 3 frames at 30 a second, 3 cameras, 0 pictures missing" in said
+    assert "body: 3 frames at 30 a second; of the training's split 1 frames, 3 cameras, 0 pictures missing" in said
     assert "held out: frames 1–2; cameras none" in said
     report = json.loads((tmp_path / "out" / "check.json").read_text())
     assert [rig["rig"] for rig in report["rigs"]] == ["body", "face"]
