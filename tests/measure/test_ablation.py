@@ -59,7 +59,7 @@ def test_networks_that_the_prior_does_not_know_start_as_if_there_were_none():
     for name, part in (("face-mlp", "face"), ("one-network", "body")):
         known, (one, _) = getattr(QUICK, part)[0], getattr(recipe_of(VARIANTS[name], QUICK, part), part)
         assert (one.geometry_rate, one.still, one.rate, one.warm_steps) == (1, 0, 4e-3, 5 * known.warm_steps)
-        assert known.geometry_rate < 1
+        assert (known.geometry_rate, known.rate) != (one.geometry_rate, one.rate), "what it would be with a prior"
         of_paper = getattr(recipe_of(VARIANTS[name], PAPER, part), part)[0]
         assert (of_paper.rate, of_paper.warm_steps) == (5e-4, getattr(PAPER, part)[0].warm_steps)
 
