@@ -30,7 +30,7 @@ def painted(tmp_path_factory: pytest.TempPathFactory) -> Avatar:
         avatar, sealed(capture, "train").rigs["body"], "body", frozenset({"face", "left_hand", "right_hand"}), True
     )
     store.renew(0)
-    start_from_pictures(avatar, store, 0.01)
+    start_from_pictures(avatar, "body", store, 0.01)
     return avatar
 
 
