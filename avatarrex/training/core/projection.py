@@ -121,9 +121,7 @@ def paint(detail: DetailTexture, pictures: list[Projected], where: str) -> None:
                 weight = weight / (1 + away / STRAY**2).square()
             flat = one.texel.flatten()
             counted = (weight[..., None] * one.albedo[:, None]).flatten(0, 1)
-            for column, value in enumerate(
-                (weight.flatten(), *counted.T)
-            ):  # torch's index_add_ is a hundred times slower
+            for column, value in enumerate((weight.flatten(), *counted.T)):
                 sums[:, column] += torch.bincount(flat, value, len(sums))
         mean, total = sums[:, 1:], sums[:, :1]
         mean = mean / total.clamp_min(1e-12)
