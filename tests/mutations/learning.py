@@ -177,7 +177,11 @@ LEARNING: dict[str, Mutant] = {
         PATHS,
     ),
     "a person fitted to what is held out": Mutant(
-        "sealed data", "app/cli/train.py", 'fit_surface(sealed(capture, "train"))', "fit_surface(capture)", PATHS
+        "sealed data",
+        "avatarrex/capture/fit/outlines.py",
+        "        train = Splits.of(rig).train\n",
+        "        train = type(Splits.of(rig).train)(tuple(range(len(rig.signals))), tuple(range(len(rig.views))))\n",
+        PATHS,
     ),
     "pictures that are not sealed": Mutant(
         "sealed data",
