@@ -1,16 +1,22 @@
-"""`avatarrex-studio inspect PATH`: what a file is, an avatar, a motion or a session, said in a few lines."""
+"""`avatarrex-studio inspect PATH`: what a file is, an avatar, a motion, a session or a picture, said in a few lines."""
 
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 
+import numpy as np
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
+from avatarrex_studio.session.state import StudioState
 
 from avatarrex.errors import InputError, plain
 from avatarrex.files.gate import what_is
-from avatarrex.files.json_text import read_json
+from avatarrex.files.json_text import parse_json, read_json
+
+WIDTH = 160
+"""Of a value, characters."""
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -33,12 +39,12 @@ def _lines(path: str) -> list[str]:
     file = Path(path)
     found = "a file" if path == "default" else what_is(path)
     if found not in ("a file", "a folder"):
-        raise InputError(path, "", "an avatar, a motion or a session", found)
+        raise InputError(path, "", "an avatar, a motion, a session or a picture", found)
     if path == "default" or found == "a folder" or file.suffix == ".avatar":
         return _avatar(path)
     if file.suffix == ".json" and _is_session(file):
         return _session(file)
-    return _motion(file)
+    return _picture(file) if file.suffix == ".png" else _motion(file)
 
 
 def _avatar(path: str) -> list[str]:
@@ -52,9 +58,29 @@ def _avatar(path: str) -> list[str]:
     return [
         f"{path}: an avatar of {avatar.person.name} ({avatar.person.hash})",
         *(f"  {name}: {value}" for name, value in kept.items()),
+        *_training(avatar.meta.get("training")),
         "  surface: " + (f"{len(avatar.surface.faces):,} triangles" if avatar.surface else "none"),
         *(f"  {name} field: {count:,} parameters" for name, count in counts.items()),
     ]
+
+
+def _training(found: object) -> list[str]:
+    """How the avatar was trained, a line a fact: values as they stand, of an object each entry."""
+    if not isinstance(found, dict):
+        return []
+    lines = []
+    for name, value in found.items():
+        if isinstance(value, dict):
+            lines += [f"  training: {name}: {key}: {_short(each)}" for key, each in value.items()]
+        else:
+            lines.append(f"  training: {name}: {_short(value)}")
+    return lines
+
+
+def _short(value: object) -> str:
+    """A text as it is, all else as JSON, of at most `WIDTH` characters."""
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= WIDTH else text[: WIDTH - 1] + "…"
 
 
 def _motion(file: Path) -> list[str]:
@@ -74,6 +100,27 @@ def _session(file: Path) -> list[str]:
         f"{file}: a session of {len(journal.steps)} steps",
         f"  avatar: {state.avatar}",
         *([f"  motion: {state.motion.path}, frame {state.motion.frame}"] if state.motion else []),
+    ]
+
+
+def _picture(file: Path) -> list[str]:
+    """What the studio wrote into a picture: the state that it shows."""
+    from avatarrex.files.images import read_png_text  # torch: a wrong file is refused without it
+
+    (width, height), text = read_png_text(file, "avatarrex")
+    lines = [f"{file}: a picture of {width}x{height} pixels"]
+    if text is None:
+        return [*lines, "  not rendered by the studio: no text 'avatarrex'"]
+    state = StudioState.from_json(parse_json(text, file, "avatarrex"), f"{file}: avatarrex")
+    moved = [name for name, value in vars(state.signals).items() if np.any(value)]
+    view = state.view
+    return [
+        *lines,
+        f"  avatar: {state.avatar}",
+        f"  level: {state.level}",
+        f"  camera: azimuth {view.azimuth:g}, elevation {view.elevation:g}, {view.distance:g} m, {view.fov:g} degrees",
+        *([f"  motion: {state.motion.path}, frame {state.motion.frame}"] if state.motion else []),
+        "  not at rest: " + (", ".join(moved) or "nothing"),
     ]
 
 

@@ -86,7 +86,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
             tool = MEASURING.get(name)
             module = import_module(f"avatarrex.measure.{tool}.command" if tool else f"avatarrex_studio.cli.{name}")
             module.add_options(verb)
-            verb.set_defaults(run=module.run)
+            verb.set_defaults(run=module.run, words=words)
     return top.parse_args(words)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import shlex
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -207,6 +208,7 @@ def _config(
         "preset": recipe.name,
         "capture": arguments.capture,
         "seed": seed,
+        "command": _command(arguments),
         "start": arguments.start,
         "steps": {part: steps for part, steps in recipe.steps().items() if part in parts},
         "recipe": recipe.to_json(),
@@ -218,6 +220,12 @@ def _config(
         },
         "splits": splits_of(capture),
     }
+
+
+def _command(arguments: argparse.Namespace) -> str:
+    """The command line as it is kept in files that are given away: of paths the last name alone."""
+    paths = {arguments.capture, arguments.out, arguments.start}
+    return shlex.join(["avatarrex-studio", *(Path(word).name if word in paths else word for word in arguments.words)])
 
 
 def _open_run(arguments: argparse.Namespace, config: dict[str, Any]) -> Run:

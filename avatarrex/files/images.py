@@ -6,6 +6,7 @@ alpha is straight. Letters: h w image rows and columns.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from fractions import Fraction
@@ -18,6 +19,7 @@ from PIL import Image, PngImagePlugin
 from torch import Tensor
 
 from avatarrex.errors import InputError
+from avatarrex.files.gate import read_bytes
 from avatarrex.files.gate import write_text as write_text
 from avatarrex.files.gate import written as written
 
@@ -44,6 +46,16 @@ def write_png(path: str | Path, pixels: UInt8[np.ndarray, "h w 4"], text: Mappin
     opaque = bool((pixels[..., 3] == 255).all())
     with written(path) as temporary:
         Image.fromarray(pixels[..., :3] if opaque else pixels).save(temporary, format="PNG", pnginfo=fields)
+
+
+def read_png_text(path: str | Path, name: str) -> tuple[tuple[int, int], str | None]:
+    """Width and height of a PNG, and its text field `name`, None without it; no pixel is decoded. Raises `InputError`."""
+    content = read_bytes(path, "a PNG")
+    try:
+        with Image.open(io.BytesIO(content), formats=("PNG",)) as picture:
+            return picture.size, picture.info.get(name)
+    except (OSError, ValueError, SyntaxError) as error:  # ValueError: text that unpacks to megabytes
+        raise InputError(path, "", "a PNG", str(error).splitlines()[0]) from None
 
 
 def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:

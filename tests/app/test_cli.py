@@ -12,15 +12,24 @@ import numpy as np
 import pytest
 from avatarrex_studio.cli import edits, headless, options
 from avatarrex_studio.cli import main as cli
-from avatarrex_studio.session.commands import ApplyPose, SetExpression, SetJoint, SetLevel, SetShape, SetTranslation
+from avatarrex_studio.session.commands import (
+    ApplyPose,
+    SetCamera,
+    SetExpression,
+    SetJoint,
+    SetLevel,
+    SetShape,
+    SetTranslation,
+)
 from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.state import StudioState
 from ball import ball_engine, render_ball
 from PIL import Image
 
 from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 from avatarrex.files.gate import written
-from avatarrex.files.images import composite, video_writer
+from avatarrex.files.images import composite, video_writer, write_png
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
@@ -159,6 +168,34 @@ def test_a_level_is_kept_in_the_picture_and_by_a_session(tmp_path, monkeypatch):
 def test_inspect_says_what_a_file_is(motion, capsys):
     assert cli.main(["inspect", str(motion)]) == 0
     assert "12 frames at 24 frames a second" in capsys.readouterr().out
+
+
+def test_inspect_says_what_a_picture_shows(tmp_path, capsys):
+    state = SetCamera(azimuth=30.0).apply(StudioState()).pose(translation=np.array([0.0, 0.1, 0.0]))
+    pixels = np.full((16, 24, 4), 255, np.uint8)
+    write_png(tmp_path / "own.png", pixels, {"avatarrex": json.dumps(state.to_json())})
+    write_png(tmp_path / "other.png", pixels)
+    assert cli.main(["inspect", str(tmp_path / "own.png")]) == 0
+    told = capsys.readouterr().out
+    for part in ("24x16 pixels", "avatar: default", "level: balanced", "azimuth 30", "not at rest: translation\n"):
+        assert part in told
+    assert cli.main(["inspect", str(tmp_path / "other.png")]) == 0
+    assert "not rendered by the studio" in capsys.readouterr().out
+    write_png(tmp_path / "state.png", pixels, {"avatarrex": json.dumps({"format": 1, "level": "ballanced"})})
+    assert cli.main(["inspect", str(tmp_path / "state.png")]) == 2
+    assert "ballanced" in capsys.readouterr().err
+    whole = (tmp_path / "own.png").read_bytes()
+    for name, content, cause in (
+        ("cut.png", whole[:20], "expected a PNG"),
+        ("text.png", b"no picture", "expected a PNG"),
+        ("bits.png", whole.replace(b"translation", b"translatoin"), "expected a PNG"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        assert cli.main(["inspect", str(tmp_path / name)]) == 2
+        error = capsys.readouterr().err
+        assert cause in error
+        assert name in error
+        assert error.count("\n") == 1
 
 
 def test_no_display_names_the_headless_verb(monkeypatch, capsys):

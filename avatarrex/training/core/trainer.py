@@ -25,6 +25,7 @@ from avatarrex.errors import InputError
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
+from avatarrex.training.core import provenance
 from avatarrex.training.core.carving import carve
 from avatarrex.training.core.exposure import exposed_as
 from avatarrex.training.core.frames import FrameStore
@@ -71,6 +72,8 @@ class Trainer:
         self.perceptual = Perceptual.load()
         self.perceptual.place(device)
         self.interrupted = False
+        self.known = provenance.prior(self.avatar, recipe, self.parts, start)
+        self.seconds, self.began = 0.0, time.monotonic()
 
     def train(self) -> bool:
         """Go on from the run's last checkpoint to the end; False where it was stopped before."""
@@ -95,6 +98,7 @@ class Trainer:
         if latest is None:
             return 0, None
         _, state = latest
+        self.seconds = float(state.get("seconds", 0.0))
         own, found = self.avatar.modules(), state["modules"]
         if set(own) != set(found):
             raise InputError(self.run.path, "checkpoint: modules", ", ".join(own), ", ".join(sorted(found)))
@@ -200,6 +204,7 @@ class Trainer:
         state: dict[str, Any] = {
             "stage": stage,
             "step": step,
+            "seconds": self._spent(),
             "local_frame": self.avatar.body.local_frame,
             "modules": {name: dict(module.state_dict()) for name, module in self.avatar.modules().items()},
             **({} if work is None else work.state()),
@@ -208,6 +213,10 @@ class Trainer:
             self.recipe.steps()[part] for part in TRAINED[: TRAINED.index(self.run.part)] if part in self.parts
         )
         self.run.save(before + step, state, avatar=self.avatar, score=score)
+
+    def _spent(self) -> float:
+        """Seconds of training so far, of every process that worked at it."""
+        return self.seconds + time.monotonic() - self.began
 
     def _provenance(self, step: int) -> dict[str, Any]:
         """What avatar.json says of where the avatar comes from."""
@@ -220,7 +229,12 @@ class Trainer:
             "seed": self.seed,
             "from_scratch": self.recipe.scratch,
             "splits": {part: self.splits[part] for part in self.parts},
-            **{key: self.run.config[key] for key in ("capture_key", "pelvis") if key in self.run.config},
+            "prior": self.known,
+            "tracking": provenance.tracking(self.capture),
+            "light": provenance.light(self.capture),
+            "template": provenance.of_the_template(self.capture),
+            "seconds": round(self._spent(), 1),
+            **{key: self.run.config[key] for key in ("command", "capture_key", "pelvis") if key in self.run.config},
         }
         if self.start is not None:
             training["start"] = self.start.meta.get("training", self.start.meta.get("origin"))

@@ -60,15 +60,21 @@ def read_prior(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
     return read_safetensors(path, "a prior's tensors")
 
 
-def load_prior(avatar: Avatar, part: str) -> bool:
-    """Take a part of the packaged prior; False, and nothing changed, where networks or template are others."""
-    module = avatar.modules()[module_of(part)]
-    own = known_state(module.state_dict(), part)
+def prior_of(avatar: Avatar, part: str) -> dict[str, Tensor] | None:
+    """A part of the packaged prior by `module.name`; None where the avatar's networks or template are others."""
+    own = known_state(avatar.modules()[module_of(part)].state_dict(), part)
     tensors, about = read_prior(PRIOR)
     prior = {name: tensors[name] for name in own if name in tensors}
     same = {name: value.shape for name, value in own.items()} == {name: value.shape for name, value in prior.items()}
-    if int(about["vertices"]) != len(avatar.person.body.v_template) or not same:
+    return prior if same and int(about["vertices"]) == len(avatar.person.body.v_template) else None
+
+
+def load_prior(avatar: Avatar, part: str) -> bool:
+    """Take a part of the packaged prior; False, and nothing changed, where it is of other networks or another template."""
+    prior = prior_of(avatar, part)
+    if prior is None:
         return False
+    module = avatar.modules()[module_of(part)]
     taken = {name.removeprefix(f"{module_of(part)}."): value for name, value in prior.items()}
     module.load_state_dict({**module.state_dict(), **taken})
     return True

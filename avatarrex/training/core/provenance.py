@@ -1,0 +1,71 @@
+"""Provenance: what an avatar's `avatar.json` says of where its geometry, colours and figures come from.
+
+What a reader needs to judge a figure: a prior that knew the template, tracking that drew the pictures, and a hand whose geometry
+is the template's all change what a number is worth.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from avatarrex.avatar import Avatar
+from avatarrex.capture.readers.rigs import Capture
+from avatarrex.training.core.warm_start import PRIOR, prior_of, read_prior
+from avatarrex.training.recipe import Recipe
+
+MAKER = "avatarrex-studio capture make"
+"""Of the captures that the studio draws."""
+WORLD, PERSON = "fixed in the world", "turns with the person"
+PARTS = {"body": ("body",), "face": ("face", "face_colour")}
+"""Parts of the prior by trained part."""
+
+
+def prior(avatar: Avatar, recipe: Recipe, parts: tuple[str, ...], start: Avatar | None) -> dict[str, str]:
+    """By part of the packaged prior what it cost; only of parts that the training began with. Empty: nothing was known before."""
+    if start is not None:
+        return {}
+    about = read_prior(PRIOR)[1]
+    begun = [part for part in parts if getattr(recipe, part)[0].warm_steps]
+    return {name: about[name] for part in begun for name in PARTS[part] if prior_of(avatar, name) is not None}
+
+
+def tracking(capture: Capture) -> str:
+    """How good the body parameters, expressions and cameras are that the training was given."""
+    refined = (
+        "; poses and shape then refined by its own pictures (capture refine)" if "refined" in capture.manifest else ""
+    )
+    if not _drawn(capture):
+        return "as the capture's files state" + refined
+    noise = _variation(capture).get("tracking_noise", 0.0)
+    given = f"{noise:g} × (2 degrees a joint, 1 cm of the root, 0.1 of the coefficients) off" if noise else "exact"
+    return f"{given}: the parameters that drew the pictures" + (", with noise" if noise else "") + refined
+
+
+def light(capture: Capture) -> str:
+    """What light the pictures were taken in, as far as the capture says."""
+    if not _drawn(capture):
+        return "the capture's; one light for all poses is learnt"
+    fixed = "light" in _variation(capture).get("conditions", ())
+    return f"drawn: {WORLD if fixed else PERSON}; one light for all poses is learnt"
+
+
+def of_the_template(capture: Capture) -> dict[str, str]:
+    """By part what of its geometry the training did not learn."""
+    fit = capture.person.fit
+    same = _drawn(capture) and _variation(capture).get("subject", "default") == "default"
+    own = "the template, which is the drawn person's own" if same else "the template"
+    skin = "" if fit is None or fit.surface is None else ", its skin fitted to the mattes"
+    return {
+        "body": f"joints, skinning weights and nodes of {own}{skin}",
+        "hands": f"all: meshes of {own}{skin}, by exact signed distance",
+        "face": f"the morph targets of {own} that carry the tri-planes",
+    }
+
+
+def _drawn(capture: Capture) -> bool:
+    return bool((capture.manifest.get("provenance") or {}).get("maker") == MAKER)
+
+
+def _variation(capture: Capture) -> dict[str, Any]:
+    found: dict[str, Any] = capture.manifest.get("variation") or {}
+    return found
