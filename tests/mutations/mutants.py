@@ -304,7 +304,7 @@ MUTANTS: dict[str, Mutant] = {
     "beams as wide as their middle": Mutant(
         "rays that share a beam",
         "shaders/pointmap/beams.comp",
-        "const float WIDE = 11;",
+        "const float WIDE = SIDE + 3;",
         "const float WIDE = 1;",
         "tests/pointmap/test_beams.py::test_a_rod_is_found_wherever_it_lies_in_a_tile",
     ),
