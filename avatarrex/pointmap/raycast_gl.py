@@ -27,7 +27,7 @@ from avatarrex.volume.sdf_volume import SdfVolume
 MOST_GROUPS = 65535
 """That OpenGL promises along one side of a dispatch."""
 GROUP = 64
-"""Rays in a work group."""
+"""Rays in a work group; 8 × 8 pixels where all pixels are visited."""
 PART = np.dtype(
     [
         ("box_from_root", "f4", (4, 4)),
@@ -67,14 +67,12 @@ RECORD = np.dtype(
 """Mirrors `struct Record` of shaders/pointmap/surface.comp."""
 HIT_BIT = -(1 << 31)
 """Of a pixel's number as a signed one."""
-T, BEAM, RECORDS, WIDE_BEAM = 4, 8, 10, 12
+T, BEAM, RECORDS = 4, 8, 10
 """Places among `GlCaster.pixels`."""
 NO_HIT, EMPTY = np.float32(1e9), np.float32(2e9)
 """Of rays; of tiles that no pass visits."""
-TILE, QUARTER = 8, 4
-"""Pixels along their sides."""
-BEAMS = (TILE, QUARTER)
-"""Of what rays share: one pass each."""
+TILE = 8
+"""Pixels along its side."""
 
 
 @current_context()
@@ -120,8 +118,7 @@ class GlCaster:
         if march == "fixed":
             run("plain", PARTS=variants[-1][1], METHOD=2)
         else:
-            for side in BEAMS:
-                run("beams", PARTS=0, SIDE=side)
+            run("beams", PARTS=0)
             run("trace", TILE_LIST, PARTS=0)
             for k, parts in boxes[1:]:
                 run("trace", TRACE_LIST + k, PARTS=parts)
@@ -150,10 +147,9 @@ class GlCaster:
     def distances(self, camera: Camera) -> np.ndarray:
         """t of every pixel's ray as the last passes left it, row by row (float32); ∞ where there is no hit."""
         t = np.frombuffer(self.pixels[T].read(4 * camera.width * camera.height), "f4").reshape(camera.height, -1)
-        down, across = -(-camera.height // TILE), -(-camera.width // TILE)
-        quarters = np.frombuffer(self.pixels[BEAM].read(16 * _tiles(camera)), "f4").reshape(down, across, 2, 2)
-        beam = quarters.transpose(0, 2, 1, 3).repeat(QUARTER, 1).repeat(QUARTER, 3).reshape(TILE * down, -1)
-        beam = beam[: camera.height, : camera.width]
+        across = -(-camera.width // 8)
+        beam = np.frombuffer(self.pixels[BEAM].read(4 * _tiles(camera)), "f4").reshape(-1, across)
+        beam = beam.repeat(8, 0).repeat(8, 1)[: camera.height, : camera.width]
         return np.where((t < NO_HIT) & (beam <= NO_HIT), t, np.inf).ravel()
 
     def prepare(
@@ -165,10 +161,10 @@ class GlCaster:
         """
         uploaded = self._bind_volume(volume, camera)
         self._bind_buffers(camera.width * camera.height, _slots(camera, antialias), _tiles(camera))
-        free = np.zeros(_tiles(camera), np.float32)
+        free = np.full(_tiles(camera), NO_HIT)
         if chosen is not None:
             free[~chosen.ravel()] = EMPTY
-        self.pixels[WIDE_BEAM].write(free.tobytes())
+        self.pixels[BEAM].write(free.tobytes())
         contacts = int(any(part.contact is not None for part in volume.parts))
         uniforms = _uniforms(volume, camera, _slots(camera, antialias))
 
@@ -180,8 +176,7 @@ class GlCaster:
                 if uniform in uniforms:
                     program[uniform].value = uniforms[uniform]
             if over is None:
-                tiles = _tiles(camera)
-                groups = -(-tiles * (TILE // constants["SIDE"]) ** 2 // GROUP) if name == "beams" else tiles
+                groups = -(-_tiles(camera) // GROUP) if name == "beams" else _tiles(camera)
                 program.run(min(groups, MOST_GROUPS), -(-groups // MOST_GROUPS))
             else:
                 program.run_indirect(self.lists, over * LIST.itemsize)
@@ -238,7 +233,7 @@ class GlCaster:
         return uploaded
 
     def _bind_buffers(self, count: int, slots: int, tiles: int) -> None:
-        """Parts, lists, then what grows with the image: bindings 2 to 14."""
+        """Parts, lists, then what grows with the image: bindings 2 to 13."""
         sizes = [
             4 * (len(BOXES) - 1) * count,
             8 * count,
@@ -249,7 +244,7 @@ class GlCaster:
             4 * count,
             64 * slots,
         ]
-        sizes += [16 * tiles, 16 * tiles, RECORD.itemsize * count, 4 * len(BOXES) * slots, 4 * tiles]
+        sizes += [4 * tiles, 4 * tiles, RECORD.itemsize * count, 4 * len(BOXES) * slots]
         for k, size in enumerate(sizes):
             if k == len(self.pixels):
                 self.pixels.append(self.context.buffer(reserve=max(size, 4)))

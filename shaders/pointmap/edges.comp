@@ -12,7 +12,7 @@ bool is_hit(ivec2 place) {
 }
 
 void main() {
-    uint pixel = pixel_listed();
+    uint pixel = pixel_of_tile(tiles[gl_WorkGroupID.x], gl_LocalInvocationIndex);
     if (pixel == NO_PIXEL) return;
     uint walked = ray_walked[pixel], boxes = walked >> BOXES_SHIFT & EVERY_BOX, parts = boxes != 0u ? 1u : 0u, slot = NO_SLOT;
     atomicAdd(tally_steps, walked & STEPS);

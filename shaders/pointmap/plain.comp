@@ -6,14 +6,13 @@ layout(local_size_x = 64) in;
 #include "pointmap/rays.glsl"
 
 void main() {
-    uint group = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
-    if (group >= tile_count()) return;
-    uint quarter = 4u * group + gl_LocalInvocationIndex / 16u, k = gl_LocalInvocationIndex % 16u;
-    if (k == 0u) {  // the next passes visit every one
-        quarters[append(LIST_TILE)] = quarter;
-        beam_free[quarter] = 0;
+    uint tile = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
+    if (tile >= tile_count()) return;
+    if (gl_LocalInvocationIndex == 0u) {  // the next passes visit every tile
+        tiles[atomicAdd(lists[LIST_TILE].groups, 1u)] = tile;
+        beam_free[tile] = 0;
     }
-    uint pixel = pixel_of_quarter(quarter, k);
+    uint pixel = pixel_of_tile(tile, gl_LocalInvocationIndex);
     if (pixel == NO_PIXEL) return;
     Ray ray = ray_through(corner_of(pixel) + 0.5);
     float t = ray.range.x, s = 0, s_before = -1, before = t;

@@ -86,8 +86,8 @@ float reach_at(Ray ray, float t) {
 
 // Lists of pixels for the next pass: each an indirect dispatch of 64 (of 16 for each silhouette pixel), counted as they are
 // appended. Exact walks and what is covered come twice, for pixels of rays that miss all part boxes and for those that meet one,
-// which need the slower program; traced rays and silhouettes for each set of boxes (`boxes_list`). Quarters of tiles come once, four
-// in a work group.
+// which need the slower program; traced rays and silhouettes for each set of boxes (`boxes_list`). Tiles come once, a work
+// group each.
 const int LIST_EXACT = 0, LIST_COVERED = 2, LIST_TILE = 4, LIST_TRACE = 5, BOX_SETS = PART_COUNT + 2, LIST_EDGE = LIST_TRACE + BOX_SETS;
 
 // Which list holds rays that meet these part boxes (a bit each): none, one part, several.
@@ -102,13 +102,12 @@ layout(std430, binding = 6) buffer Distance { float ray_t[]; };                /
 layout(std430, binding = 7) buffer Approach { float ray_near[]; };             // per pixel: t up to which a pixel is free
 layout(std430, binding = 8) buffer Walked { uint ray_walked[]; };              // per pixel: steps and the bits below
 layout(std430, binding = 9) buffer SubDistance { float sub_t[]; };             // per edge slot, 16
-layout(std430, binding = 10) buffer Beams { float beam_free[]; };              // per quarter: metres from the camera, NO_HIT: all; or EMPTY
-layout(std430, binding = 11) buffer Quarters { uint quarters[]; };             // that are not EMPTY
-layout(std430, binding = 14) buffer WideBeams { float beam_wide[]; };          // per tile, as `beam_free`
+layout(std430, binding = 10) buffer Beams { float beam_free[]; };              // per tile: metres from the camera, NO_HIT: all; or EMPTY
+layout(std430, binding = 11) buffer Tiles { uint tiles[]; };                   // that are not EMPTY
 layout(std430, binding = 13) buffer EdgeSlots { uint edge_slots[]; };          // room for all in each list
 
 const float NO_HIT = 1e9;
-const float EMPTY = 2e9;               // of a tile or a quarter without hits; no pass visits its pixels
+const float EMPTY = 2e9;               // of a tile without hits; no pass visits its pixels
 const uint NO_SLOT = 0xffffffffu;
 const uint GRAZES = 0x80000000u;       // the ray misses the surface by less than a pixel
 const int BOXES_SHIFT = 31 - PART_COUNT;  // a bit each: the part boxes that the ray meets
@@ -118,7 +117,7 @@ const uint STEPS = (1u << BOXES_SHIFT) - 1u, EVERY_BOX = (1u << PART_COUNT) - 1u
 uint from_end(uint row, uint parts, uint capacity) { return parts == 0u ? row : capacity - 1u - row; }
 
 uint append(int list) {
-    uint row = atomicAdd(lists[list].count, 1u), a_group = list >= LIST_EDGE || list == LIST_TILE ? 4u : 64u;
+    uint row = atomicAdd(lists[list].count, 1u), a_group = list >= LIST_EDGE ? 4u : 64u;
     if (row % a_group == 0u) atomicAdd(lists[list].groups, 1u);
     return row;
 }
@@ -132,36 +131,24 @@ uint listed(int list, uint row, uint capacity) {
 
 uint pixel_count() { return uint(u_image.x * u_image.y); }
 
-// Tiles are 8 x 8 pixels; their quarters 4 x 4, in two rows, of which eight invocations that run together are two lines.
+// Work groups are tiles of 8 x 8 pixels, each eight invocations 4 x 2 of them: what runs together should look alike.
 const uint NO_PIXEL = 0xffffffffu;
 uint tiles_across() { return (uint(u_image.x) + 7u) / 8u; }
 
 uint tile_count() { return tiles_across() * ((uint(u_image.y) + 7u) / 8u); }
 
+uint pixel_of_tile(uint tile, uint k) {
+    uint across = tiles_across();
+    uvec2 within = uvec2((k & 3u) | (k >> 1 & 4u), (k >> 2 & 1u) | (k >> 3 & 6u));
+    uvec2 place = 8u * uvec2(tile % across, tile / across) + within;
+    return all(lessThan(place, uvec2(u_image))) ? place.y * uint(u_image.x) + place.x : NO_PIXEL;
+}
+
 vec2 corner_of(uint pixel) { return vec2(pixel % uint(u_image.x), pixel / uint(u_image.x)); }
 
 vec2 corner_of_tile(uint tile) { return 8 * vec2(tile % tiles_across(), tile / tiles_across()); }
 
-vec2 corner_of_quarter(uint quarter) { return corner_of_tile(quarter / 4u) + 4 * vec2(quarter & 1u, quarter >> 1 & 1u); }
-
-uint pixel_of_quarter(uint quarter, uint k) {
-    uvec2 place = uvec2(corner_of_quarter(quarter)) + uvec2(k & 3u, k >> 2);
-    return all(lessThan(place, uvec2(u_image))) ? place.y * uint(u_image.x) + place.x : NO_PIXEL;
-}
-
-// The pixel of an invocation of a pass over LIST_TILE. A software renderer gives each of its two threads half of the work groups,
-// and what they cost differs from one end of a picture to the other: groups are dealt out in turn.
-uint pixel_listed() {
-    uint half_of = (gl_NumWorkGroups.x + 1u) / 2u, group = gl_WorkGroupID.x;
-    group = group < half_of ? 2u * group : 2u * (group - half_of) + 1u;
-    uint row = 4u * group + gl_LocalInvocationIndex / 16u;
-    return row < lists[LIST_TILE].count ? pixel_of_quarter(quarters[row], gl_LocalInvocationIndex % 16u) : NO_PIXEL;
-}
-
-float beam_of(ivec2 place) {
-    uint tile = uint(place.y / 8) * tiles_across() + uint(place.x / 8);
-    return beam_free[4u * tile + uint((place.y >> 1 & 2) | (place.x >> 2 & 1))];
-}
+float beam_of(ivec2 place) { return beam_free[uint(place.y / 8) * tiles_across() + uint(place.x / 8)]; }
 
 // t from which a pixel's ray may meet something: the body where its beam ends, a part not before its box.
 float start_of(uint pixel, Ray ray) {

@@ -1,5 +1,5 @@
 // Step II, first pass: march every pixel's ray from the end of its beam. Reads the volume; writes t and steps per pixel, and
-// lists the rays that need the exact walk. PARTS 0: all listed quarters, and rays that meet part boxes are listed for the others.
+// lists the rays that need the exact walk. PARTS 0: all listed tiles, and rays that meet part boxes are listed for the others.
 layout(local_size_x = 64) in;
 #include "pointmap/volume.glsl"
 #include "pointmap/rays.glsl"
@@ -8,7 +8,7 @@ layout(local_size_x = 64) in;
 void main() {
     uint count = pixel_count();
 #if PARTS == 0
-    uint pixel = pixel_listed();
+    uint pixel = pixel_of_tile(tiles[gl_WorkGroupID.x], gl_LocalInvocationIndex);
     if (pixel == NO_PIXEL) return;
 #else
     const uint list = boxes_list(PARTS);

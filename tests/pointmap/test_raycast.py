@@ -169,15 +169,7 @@ def test_the_shaders_serve_another_number_of_parts(name, count):
     from avatarrex.pointmap.raycast_gl import gl_caster
 
     every = 0 if name in ("beams", "edges") else (1 << count) - 1
-    kind = {
-        "PARTS": every,
-        "CONTACTS": int(every > 0),
-        "BRICKS": 1,
-        "FLOAT_FILTER": 0,
-        "ANTIALIAS": 1,
-        "METHOD": 2,
-        "SIDE": 8,
-    }
+    kind = {"PARTS": every, "CONTACTS": int(every > 0), "BRICKS": 1, "FLOAT_FILTER": 0, "ANTIALIAS": 1, "METHOD": 2}
     gl_caster()._program(name, PART_COUNT=count, CONTACT_UNIT=3 + count, **kind).release()
 
 

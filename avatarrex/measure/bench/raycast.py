@@ -18,7 +18,7 @@ from avatarrex.measure.bench.contest import Contest, Contestant, Goal, interleav
 from avatarrex.measure.bench.raycast_peers import add_mitsuba, ray_error, truth
 from avatarrex.measure.bench.report import FASTER, SLOWER, Metric
 from avatarrex.measure.bench.session import Bench
-from avatarrex.pointmap.raycast_gl import BEAMS, BOXES, EXACT_LIST, TILE_LIST, TRACE_LIST, GlCaster, gl_caster
+from avatarrex.pointmap.raycast_gl import BOXES, EXACT_LIST, TILE_LIST, TRACE_LIST, GlCaster, gl_caster
 from avatarrex.pointmap.raycast_torch import raycast_torch
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.settings import RenderSettings
@@ -92,7 +92,7 @@ def _contest(bench: Bench, volume: SdfVolume, number: int, camera: Camera) -> Co
 def _methods(volume: SdfVolume) -> dict[str, Passes]:
     """Passes of what is compared; each ends with t per pixel in the distance buffer."""
     parts = (0, BOXES[-1]) if volume.parts else (0,)
-    beams: Passes = [("beams", None, {"PARTS": 0, "SIDE": side}) for side in BEAMS]
+    beams: Passes = [("beams", None, {"PARTS": 0})]
     trace: Passes = [
         *beams,
         ("trace", TILE_LIST, {"PARTS": 0}),
