@@ -41,7 +41,7 @@ from avatarrex.fields.outgrowth import Outgrowth
 from avatarrex.fields.patches import NoPatches, PatchNetwork, patch_features
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
 from avatarrex.ops import native
-from avatarrex.ops.encoding import Encoding, channels, encode
+from avatarrex.ops.encoding import Encoding, channels
 from avatarrex.ops.skinning import blend, blend_rotations, invert_affine
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.model import PosedTemplate, TemplateModel
@@ -383,9 +383,8 @@ class BodyField(nn.Module):
         view_direction: Float[Tensor, "p 3"],
     ) -> Float[Tensor, "p 3"]:
         """The colour of an `appearance` along unit `view_direction`."""
-        direction = encode(view_direction, DIRECTION_OCTAVES)
         width = self.widths.colour_feature
-        said = self.colour_blend(torch.cat([F.relu(feature[:, :width]), direction], -1))
+        said = self.colour_blend.of_blocks([F.relu(feature[:, :width]), Encoding(view_direction, DIRECTION_OCTAVES)])
         colour = torch.sigmoid(said if self.detail is None else said + feature[:, width:])
         return colour if light is None else colour * light
 

@@ -22,7 +22,6 @@ from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Pres
 from avatarrex.fields.unet import UNet
 from avatarrex.ops.bilinear import bilinear_of_all
 from avatarrex.ops.encoding import Encoding, channels, encode
-from avatarrex.ops.local_mlp import local_mlp
 from avatarrex.ops.native import serves
 from avatarrex.ops.side_by_side import SideBySide
 from avatarrex.templates.face import FaceTemplate
@@ -168,17 +167,7 @@ class _TriPlaneNet(nn.Module):
         blocks: list[Encoding | Tensor] = [Encoding(place, COORDINATE_OCTAVES), feature]
         if extra is not None:
             blocks.append(extra)
-        if serves(planes, place, *self.mlp.parameters()) and len(place):
-            return self._compiled(blocks, len(place))
-        values = [block.values() if isinstance(block, Encoding) else block for block in blocks]
-        output: Tensor = self.mlp(torch.cat(values, -1))
-        return output
-
-    def _compiled(self, blocks: list[Encoding | Tensor], count: int) -> Tensor:
-        """`mlp` as the network of a single node, in chunks that stay in cache."""
-        layers = [layer for layer in self.mlp if isinstance(layer, nn.Linear)]
-        weights, biases = [layer.weight.T[None] for layer in layers], [layer.bias[None] for layer in layers]
-        return local_mlp(blocks, torch.tensor([0, count]), weights, biases, self.activation, "native")
+        return self.mlp.of_blocks(blocks)
 
 
 class _CoefficientNet(nn.Module):

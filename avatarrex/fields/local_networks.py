@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from avatarrex.ops import native
-from avatarrex.ops.encoding import Encoding
+from avatarrex.ops.encoding import Encoding, channels
 from avatarrex.ops.local_mlp import fold, local_mlp
 
 MANY = 256
@@ -62,15 +62,39 @@ class Mlp(nn.Sequential):
 
     def forward(self, input: Float[Tensor, "*p c"]) -> Float[Tensor, "*p o"]:
         """Layer after layer."""
+        rows = input.reshape(-1, input.shape[-1])
+        if self._compiled(len(rows), input):
+            return self._native([rows], len(rows)).reshape(*input.shape[:-1], -1)
+        for layer in self:
+            input = layer(input)
+        return input
+
+    def of_blocks(self, blocks: Sequence[Float[Tensor, "p _"] | Encoding]) -> Float[Tensor, "p o"]:
+        """Of `blocks` of channels side by side. One may be an `Encoding`: compiled loops work it out for the rows in hand."""
+        given = [block.x if isinstance(block, Encoding) else block for block in blocks]
+        if self._compiled(len(given[0]), *given):
+            return self._native(blocks, len(given[0]))
+        values = [block.values() if isinstance(block, Encoding) else block for block in blocks]
+        out: Tensor = self(torch.cat(values, -1))
+        return out
+
+    def _compiled(self, rows: int, *given: Tensor) -> bool:
+        return rows >= MANY and native.serves(*given, *self.parameters())
+
+    def _native(self, blocks: Sequence[Tensor | Encoding], rows: int) -> Tensor:
+        """As the networks of a single node; the encoding comes first there, and its weights with it."""
         linear = [layer for layer in self if isinstance(layer, nn.Linear)]
         weights, biases = [layer.weight.T[None] for layer in linear], [layer.bias[None] for layer in linear]
-        rows = input.reshape(-1, input.shape[-1])
-        if len(rows) < MANY or not native.serves(input, *weights, *biases):
-            for layer in self:
-                input = layer(input)
-            return input
-        found = local_mlp([rows], torch.tensor([0, len(rows)]), weights, biases, self.activation, "native")
-        return found.reshape(*input.shape[:-1], -1)
+        first = sorted(range(len(blocks)), key=lambda k: not isinstance(blocks[k], Encoding))
+        if len(blocks) > 1:
+            split = weights[0].split([_width(block) for block in blocks], 1)
+            weights[0] = torch.cat([split[k] for k in first], 1)
+        offsets = torch.tensor([0, rows])
+        return local_mlp([blocks[k] for k in first], offsets, weights, biases, self.activation, "native")
+
+
+def _width(block: Tensor | Encoding) -> int:
+    return channels(block.octaves, block.x.shape[1]) if isinstance(block, Encoding) else block.shape[1]
 
 
 def mlp(widths: Sequence[int], activation: str) -> Mlp:

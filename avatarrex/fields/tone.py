@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from avatarrex.fields.local_networks import mlp
 from avatarrex.fields.presets import DIRECTION_OCTAVES, Preset
-from avatarrex.ops.encoding import channels, encode
+from avatarrex.ops.encoding import Encoding, channels, encode
 
 
 class ToneMap(nn.Module):
@@ -29,8 +29,8 @@ class ToneMap(nn.Module):
 
     def matrix(self, from_body: Float[Tensor, "p 3"], from_head: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3 3"]:
         """M of unit view directions in the pelvis and in the head frame."""
-        seen = torch.cat([encode(from_body, DIRECTION_OCTAVES), encode(from_head, DIRECTION_OCTAVES)], -1)
-        matrix: Tensor = torch.eye(3).to(seen) + self.network(seen).reshape(-1, 3, 3)
+        seen: list[Encoding | Tensor] = [Encoding(from_body, DIRECTION_OCTAVES), encode(from_head, DIRECTION_OCTAVES)]
+        matrix: Tensor = torch.eye(3).to(from_body) + self.network.of_blocks(seen).reshape(-1, 3, 3)
         return matrix
 
     def forward(

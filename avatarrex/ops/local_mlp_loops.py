@@ -53,9 +53,13 @@ def padded(values: Array, *multiples: int) -> Array:
 
     A zero times an infinite number is none: where widths are padded, a row with infinite values ends as NaN.
     """
-    more = [(0, 0)] * (values.ndim - len(multiples))
-    more += [(0, -size % multiple) for size, multiple in zip(values.shape[-len(multiples) :], multiples)]
-    return np.ascontiguousarray(np.pad(values, more) if np.any(more) else values)
+    kept = values.ndim - len(multiples)
+    shape = values.shape[:kept] + tuple(size + -size % each for size, each in zip(values.shape[kept:], multiples))
+    if shape == values.shape:
+        return np.ascontiguousarray(values)
+    out = np.zeros(shape, values.dtype)  # numpy's own `pad` takes ten times as long for few numbers
+    out[tuple(map(slice, values.shape))] = values
+    return out
 
 
 @native

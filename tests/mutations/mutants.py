@@ -315,6 +315,13 @@ MUTANTS: dict[str, Mutant] = {
         "abs(sdf) - width",
         "tests/pointmap/test_beams.py::test_a_steep_field_is_not_stepped_through",
     ),
+    "tiles beside what is cast": Mutant(
+        "rays that share a beam",
+        "avatarrex/pointmap/raycast_gl.py",
+        "for y, x in ((0, 1), (1, 0), (1, 1), (1, 2), (2, 1)):",
+        "for y, x in ((1, 1),):",
+        "tests/pointmap/test_kept_hits.py::test_pixels_beside_what_is_chosen_for_are_cast_too",
+    ),
     "tiles that nobody has written": Mutant(
         "rays that share a beam",
         "shaders/pointmap/edges.comp",
