@@ -22,6 +22,8 @@ from avatarrex.templates.parts import PARTS
 
 ANISOTROPY = 8.0
 """Texels along the longer side of a pixel's footprint, by graphics hardware; in software it takes 4 ms of a picture of 512² pixels."""
+NEAREST_MIPMAP = moderngl.LINEAR_MIPMAP_NEAREST
+"""In software one mipmap is read instead of two: a sixth of a picture's time for 0.03 dB (docs/experiments.md, 'Surface')."""
 SOFTWARE = ("llvmpipe", "softpipe", "swiftshader")
 CORNER = np.dtype([("uv", "f4", 2), ("lit", "f4"), ("vertex", "i4"), ("part", "i4")])
 LAYOUT = ("2f 1f 1i 1i", "in_uv", "in_lit", "in_vertex", "in_part")
@@ -60,9 +62,9 @@ class UploadedSurface:
         self._triangles: dict[frozenset[str], Triangles] = {}
         self._albedo = context.texture(surface.albedo.shape[1::-1], 3, surface.albedo.tobytes(), alignment=1)
         self._albedo.build_mipmaps()
-        self._albedo.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
         self._albedo.repeat_x = self._albedo.repeat_y = False
         software = any(name in context.info["GL_RENDERER"].lower() for name in SOFTWARE)
+        self._albedo.filter = (NEAREST_MIPMAP if software else moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
         self._albedo.anisotropy = 1.0 if software else min(ANISOTROPY, context.max_anisotropy)
 
     def bind(self, posed: PosedSurface) -> int:
