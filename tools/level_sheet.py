@@ -2,7 +2,7 @@
 
     python tools/level_sheet.py OUT.jpg
 
-A row a pose, in columns of the order above; what is empty in all four of a row is cut off.
+A row a pose, in columns of the order above; what is empty in all four of a row is cut off, a column is as wide as the widest pose.
 """
 
 from __future__ import annotations
@@ -56,12 +56,17 @@ def main() -> None:
         person = torch.stack(pictures)[..., 3].amax(0).numpy() > 0
         down, across = (np.flatnonzero(person.any(axis)) for axis in (1, 0))
         box = np.s_[max(down[0] - MARGIN, 0) : down[-1] + MARGIN, max(across[0] - MARGIN, 0) : across[-1] + MARGIN]
-        rows.append(np.concatenate([composite(picture, GREY)[box][..., :3] for picture in pictures], 1))
-    wide = max(row.shape[1] for row in rows)
-    rows = [
-        np.pad(row, ((0, 0), (0, wide - row.shape[1]), (0, 0)), constant_values=round(255 * GREY[0])) for row in rows
-    ]
-    Image.fromarray(np.concatenate(rows)).save(out, "JPEG", quality=QUALITY)
+        rows.append([composite(picture, GREY)[box][..., :3] for picture in pictures])
+    wide = max(row[0].shape[1] for row in rows)
+    sheet = np.concatenate([np.concatenate([_amid(tile, wide) for tile in row], 1) for row in rows])
+    Image.fromarray(sheet).save(out, "JPEG", quality=QUALITY)
+
+
+def _amid(tile: np.ndarray, wide: int) -> np.ndarray:
+    """The tile (h, w, 3) with grey on both sides of it."""
+    left = (wide - tile.shape[1]) // 2
+    spare = ((0, 0), (left, wide - tile.shape[1] - left), (0, 0))
+    return np.pad(tile, spare, constant_values=round(255 * GREY[0]))
 
 
 if __name__ == "__main__":
