@@ -106,6 +106,13 @@ def test_colours_are_texture_tint_and_light(posed):
     assert np.median(np.abs(image[..., :3] - colour)[face]) < 1.5 / 255, "which has its own tone"
 
 
+def test_a_tint_is_lit_as_the_albedo_is(posed):
+    tinted = replace(posed, tint=np.full_like(posed.tint, 0.15))
+    hit, *_, colour, _ = wanted(tinted, camera())
+    image = draw_surface(tinted, HARMONICS, camera(), samples=1).read()
+    assert np.median(np.abs(image[..., :3] - colour)[inside(hit)]) < 1.5 / 255
+
+
 def test_the_albedo_is_scaled_before_it_is_clipped(posed):
     scaled = replace(posed.surface, albedo_scale=1.7)
     again = replace(posed, surface=scaled)
