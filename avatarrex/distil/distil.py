@@ -78,12 +78,12 @@ def distil(avatar: Avatar, work: Path | None = None, poses: int = POSES, progres
     begun = time.monotonic()
     tell = progress or (lambda what, done, of: None)
     key = weights_key(avatar)
-    _claim(work, f"{key} {poses} {FORMAT}")
+    claim(work, f"{key} {poses} {FORMAT}")
     tell("mesh", 0, 1)
     observer = Observer(avatar, rest_mesh(avatar))
     signals = fitting_poses(poses)
-    seen = _observed(observer, signals, work, "pose", tell)
-    faces = _observed(observer, single_expressions(), work, "expression", tell)
+    seen = observed(observer, signals, work, "pose", tell)
+    faces = observed(observer, single_expressions(), work, "expression", tell)
     surface = replace(_textured(observer, signals, seen, faces, tell), key=key)
     tell("errors", 0, 1)
     errors = surface_errors(avatar, surface)
@@ -121,7 +121,7 @@ def _textured(
     )
 
 
-def _claim(work: Path, owner: str) -> None:
+def claim(work: Path, owner: str) -> None:
     """Make the work folder this distillation's own: what another one left in it is removed. Raises `InputError` for other files."""
     note = work / "of.txt"
     if work.exists() and not work.is_dir():
@@ -138,8 +138,8 @@ def _claim(work: Path, owner: str) -> None:
         temporary.write_text(owner)
 
 
-def _observed(observer: Observer, signals: list[Signals], work: Path, name: str, tell: Progress) -> list[Observation]:
-    """Every pose, from the work folder where it is there."""
+def observed(observer: Observer, signals: list[Signals], work: Path, name: str, tell: Progress) -> list[Observation]:
+    """Every pose, from the work folder where it is there: files `NAME_000.npz` …"""
     seen = []
     for number, one in enumerate(signals):
         tell(f"{name}s", number, len(signals))

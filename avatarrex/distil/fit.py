@@ -45,20 +45,22 @@ class Residuals:
     found: Bool[np.ndarray, "n v"]
 
 
-def fit_correction(residuals: Residuals, joint: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, Correction]:
-    """The means (v, 6), and the correction around them; `joint` (v,) is the strongest of each vertex."""
+def fit_correction(
+    residuals: Residuals, joint: np.ndarray, parents: tuple[int, ...], most: int = RANK
+) -> tuple[np.ndarray, Correction]:
+    """The means (v, 6), and the correction around them; `joint` (v,) is the strongest of each vertex, `most` the rank."""
     groups = np.unique(joint)
     group = np.searchsorted(groups, joint).astype(np.uint8)
     joints, closeness = (np.stack(column) for column in zip(*(_near(int(j), parents) for j in groups)))
     poses = np.stack([one.full_pose() for one in residuals.signals]).astype(np.float32)
     turn, v = turns(poses), len(joint)
-    mean, basis = np.zeros((v, 6), np.float32), np.zeros((v, RANK, 6), np.float32)
-    weights = np.zeros((len(groups), len(poses), RANK), np.float32)
-    low, high = np.zeros((2, len(groups), RANK), np.float32)
+    mean, basis = np.zeros((v, 6), np.float32), np.zeros((v, most, 6), np.float32)
+    weights = np.zeros((len(groups), len(poses), most), np.float32)
+    low, high = np.zeros((2, len(groups), most), np.float32)
     for g in range(len(groups)):
         rows = np.flatnonzero(group == g)
         kernel = pose_kernel(turn, turn, joints[g], closeness[g])
-        mean[rows], found, directions = _low_rank(kernel, residuals, rows)
+        mean[rows], found, directions = _low_rank(kernel, residuals, rows, most)
         rank = found.shape[1]
         weights[g, :, :rank], basis[rows, :rank] = found, directions
         value = kernel @ found
@@ -83,9 +85,9 @@ def _near(joint: int, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]
 
 
 def _low_rank(
-    kernel: Float[np.ndarray, "n n"], residuals: Residuals, rows: np.ndarray
+    kernel: Float[np.ndarray, "n n"], residuals: Residuals, rows: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means (p, 6), weights (n, r) and directions (p, r, 6) of the vertices `rows`."""
+    """Means (p, 6), weights (n, r) and directions (p, r, 6) of the vertices `rows`; r ≤ `most`."""
     scale = np.array([1, 1, 1, *[1 / VISIBLE] * 3])
     value, found = residuals.value[:, rows] * scale, residuals.found[:, rows, None]
     n = len(kernel)
@@ -98,7 +100,7 @@ def _low_rank(
         target = np.where(known, target, kernel @ (inverse @ target))
     weights = inverse @ target
     _, size, right = np.linalg.svd(kernel @ weights, full_matrices=False)
-    rank = min(RANK, int((size > 1e-9 * max(size[0], 1e-30)).sum()))
+    rank = min(most, int((size > 1e-9 * max(size[0], 1e-30)).sum()))
     directions = right[:rank]
     return mean / scale, weights @ directions.T, directions.reshape(rank, len(rows), 6).transpose(1, 0, 2) / scale
 

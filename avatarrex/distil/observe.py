@@ -5,11 +5,13 @@ Letters: v vertices. Metres at rest; colours sRGB-encoded with the light divided
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from scipy.sparse import csr_array
 from torch import Tensor
 from torch.nn.functional import normalize
 
@@ -62,7 +64,7 @@ class Observer:
         self.lips = self._lips()
         self.pattern = self._reference()
         neutral = self.observe(Signals.rest())
-        self.neutral = replace(neutral, shift=neutral.guess + self._spread(neutral.shift - neutral.guess))
+        self.neutral = replace(neutral, shift=neutral.guess + self._around(neutral.shift - neutral.guess))
 
     def observe(self, signals: Signals) -> Observation:
         """The vertices under `signals`."""
@@ -87,17 +89,11 @@ class Observer:
         offset = trusted * ((shift - guess) - (self.neutral.shift - self.neutral.guess))
         for _ in range(STEADYING):
             offset, trusted = self.smooth @ offset, self.smooth @ trusted
-        offset = self._spread(offset / np.maximum(trusted, 1e-3))
+        offset = self._around(offset / np.maximum(trusted, 1e-3))
         return np.asarray(guess + (self.neutral.shift - self.neutral.guess) + offset)
 
-    def _spread(self, offset: np.ndarray) -> np.ndarray:
-        """`offset` (v, 3); on what is `inner` that of the skin around it, 0 where no skin is near: eyes and teeth hang on none."""
-        skin = ~self.mesh.inner[:, None]
-        weight, kept = skin.astype(float), np.where(skin, offset, 0)
-        for _ in range(SPREAD):
-            weight, near = self.smooth @ (weight > 0), self.smooth @ kept
-            kept = np.where(skin, kept, near / np.maximum(weight, 1e-9))
-        return kept
+    def _around(self, offset: np.ndarray) -> np.ndarray:
+        return from_skin_around(offset, self.mesh.inner, self.smooth)
 
     def tinted(self, observation: Observation) -> np.ndarray:
         """(v, 3): how the albedo differs from the neutral face's, mean of the neighbours that were found in both.
@@ -125,12 +121,8 @@ class Observer:
         mouth = torch.as_tensor(self.mesh.mouth)
         if not mouth.any():
             return exact, followed
-        rim = followed.position[torch.as_tensor(self.smooth @ self.mesh.mouth.astype(float) > 0) & ~mouth]
-        eye = torch.cat([rim.mean(0)[:2], rim[:, 2].amax()[None]])
-        position, normal = followed.position.clone(), followed.normal.clone()
-        position[mouth] = met_from(exact.field.sdf, eye, position[mouth])
-        normal[mouth] = torch.tensor([0.0, 0.0, 1.0])
-        return exact, replace(followed, position=position, normal=normal, found=followed.found | mouth)
+        rim = torch.as_tensor(self.smooth @ self.mesh.mouth.astype(float) > 0) & ~mouth
+        return exact, seen_between(exact.field.sdf, followed, mouth, rim)
 
     def light(self, followed: Followed) -> Float[Tensor, "v 3"]:
         """What the albedo is multiplied by in that pose: of the mesh's own normals, as it is drawn."""
@@ -195,3 +187,30 @@ class Observer:
         share = exact.field(followed.position).part_weight[:, PARTS.index("face")]
         share[torch.as_tensor(self.mesh.part == PARTS.index("face") + 1)] = 1
         return 1 - share.clamp(0, 1)
+
+
+def from_skin_around(
+    offset: Float[np.ndarray, "v 3"], inner: Bool[np.ndarray, " v"], smooth: csr_array
+) -> Float[np.ndarray, "v 3"]:
+    """`offset`, on what is `inner` that of the skin around it, 0 where no skin is within `SPREAD` triangles: eyes and teeth hang on none.
+
+    `smooth` (v, v) takes the mean of neighbours.
+    """
+    skin = ~inner[:, None]
+    weight, kept = skin.astype(float), np.where(skin, offset, 0)
+    for _ in range(SPREAD):
+        weight, near = smooth @ (weight > 0), smooth @ kept
+        kept = np.where(skin, kept, near / np.maximum(weight, 1e-9))
+    return np.asarray(kept)
+
+
+def seen_between(
+    sdf: Callable[[Tensor], Tensor], followed: Followed, mouth: Bool[Tensor, " v"], rim: Bool[Tensor, " v"]
+) -> Followed:
+    """The vertices of the `mouth` where a gaze at them from amid its `rim` meets the field, as far in front as the rim reaches."""
+    around = followed.position[rim]
+    eye = torch.cat([around.mean(0)[:2], around[:, 2].amax()[None]])
+    position, normal = followed.position.clone(), followed.normal.clone()
+    position[mouth] = met_from(sdf, eye, position[mouth])
+    normal[mouth] = torch.tensor([0.0, 0.0, 1.0])
+    return replace(followed, position=position, normal=normal, found=followed.found | mouth)

@@ -26,6 +26,7 @@ TOOLS = {
     "local-frames": ("studies.local_frames", "error and cost of every local frame"),
     "loops": ("studies.loops", "compiled loops of the body's colour beside torch"),
     "surface-errors": ("studies.surface_errors", "level live over motions that no surface was fitted to"),
+    "surface-curve": ("studies.surface_curve", "a surface's error by fitted poses and directions"),
     "memory": ("studies.memory", "memory and OpenGL objects over many frames"),
 }  # fmt: skip
 """Module of each tool, and what it measures."""

@@ -2,8 +2,9 @@
 
     colour = clip((albedo(uv)·albedo_scale + tint) · mix(1, E(n), lit))       alpha = covered share of the samples
 
-A picture stays on the graphics card until it is read. Rows are stored from the top: the texture's first row is the image's, v = 0
-its top edge. Samples are averaged sRGB-encoded, as avatars are composited. The side of a triangle that is seen faces the viewer.
+Light and tint are the vertices', interpolated in a triangle. A picture stays on the graphics card until it is read. Rows are
+stored from the top: the texture's first row is the image's, v = 0 its top edge. Samples are averaged sRGB-encoded, as avatars are
+composited. The side of a triangle that is seen faces the viewer.
 
 Letters: h w pixels. Root frame, metres, OpenCV camera; pixel centres at +0.5.
 """

@@ -1,20 +1,13 @@
-// (albedo + tint) E(n), sRGB-encoded. Backs are not drawn.
-#include "lib/light.glsl"
-
+// (albedo + tint) E(n), sRGB-encoded; E at the vertices (mesh.vert). Backs are not drawn.
 in vec2 v_uv;
-in vec3 v_normal;
-in vec3 v_tint;
-in float v_lit;
+in vec3 v_gain;
+in vec3 v_offset;
 
 uniform sampler2D u_albedo;
-uniform float u_albedo_scale;
-uniform vec3 u_harmonics[8];
 
 layout(location = 0) out vec4 out_colour;
 
 void main() {
-    vec3 normal = normalize(v_normal);
-    vec3 lit = mix(vec3(1), light(normal, u_harmonics, DARKEST), v_lit);
-    vec3 albedo = texture(u_albedo, v_uv, LOD_BIAS).rgb * u_albedo_scale;
-    out_colour = vec4(clamp((albedo + v_tint) * lit, 0.0, 1.0), 1.0);
+    vec3 texel = texture(u_albedo, v_uv, LOD_BIAS).rgb;
+    out_colour = vec4(clamp(texel * v_gain + v_offset, 0.0, 1.0), 1.0);
 }

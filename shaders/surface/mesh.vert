@@ -1,5 +1,8 @@
 // One texture vertex of a posed surface. Reads positions (m), normals, tints of its vertex in the root frame; writes clip
-// coordinates with the picture's top as the first row.
+// coordinates with the picture's top as the first row. Light is evaluated here: a triangle is some pixels large, so that E of its
+// corners' normals is E of every pixel's (57 dB) for less.
+#include "lib/light.glsl"
+
 layout(std430, binding = 0) readonly buffer Positions { float in_position[]; };  // 3 a vertex each
 layout(std430, binding = 1) readonly buffer Normals { float in_normal[]; };
 layout(std430, binding = 2) readonly buffer Tints { float in_tint[]; };
@@ -10,21 +13,24 @@ in int in_vertex;
 in int in_part;  // 0 the body, 1.. in the order of PARTS
 
 uniform mat4 u_clip_from_root;
+uniform float u_albedo_scale;
+uniform vec3 u_harmonics[8];
 
 out vec2 v_uv;
+out vec3 v_gain;      // of the texel
+out vec3 v_offset;    // sRGB-encoded
 out vec3 v_position;  // root frame, metres
-out vec3 v_normal;    // root frame, not unit
-out vec3 v_tint;      // sRGB-encoded
-out float v_lit;
+out vec3 v_normal;    // root frame, unit at the vertices
 out vec3 v_part;      // share of each part
 
 void main() {
     int x = 3 * in_vertex, y = x + 1, z = x + 2;
     v_position = vec3(in_position[x], in_position[y], in_position[z]);
     v_normal = vec3(in_normal[x], in_normal[y], in_normal[z]);
-    v_tint = vec3(in_tint[x], in_tint[y], in_tint[z]);
+    vec3 lit = mix(vec3(1), light(v_normal, u_harmonics, DARKEST), in_lit);
+    v_gain = u_albedo_scale * lit;
+    v_offset = vec3(in_tint[x], in_tint[y], in_tint[z]) * lit;
     v_uv = in_uv;
-    v_lit = in_lit;
     v_part = vec3(in_part == 1, in_part == 2, in_part == 3);
     gl_Position = u_clip_from_root * vec4(v_position, 1);
 }

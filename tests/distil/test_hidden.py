@@ -45,5 +45,6 @@ def test_caps_close_a_tube_with_its_orientation():
     rim = np.linalg.norm(tube.vertices[:, :2], axis=1) > 0.5
     whole = trimesh.Trimesh(tube.vertices, np.concatenate([side, caps(side, rim)]), process=False)
     assert whole.is_watertight
+    assert whole.is_winding_consistent, "a volume alone is made consistent before it is taken"
     assert np.isclose(whole.volume, tube.volume)
     assert len(caps(side, rim & (tube.vertices[:, 2] > 0))) == 14

@@ -1,4 +1,4 @@
-"""Every remedy against a numerical hazard taken away, and every sabotage of the training, in a copy of the packages: the test
+"""Every remedy against a numerical hazard taken away, and every sabotage of training and distillation, in a copy of the packages: the test
 that guards it must fail.
 
 It must fail because it saw wrong numbers, not because the code broke: only assertions count.
@@ -14,11 +14,12 @@ from xml.etree import ElementTree
 
 import pytest
 from mutations.learning import LEARNING
+from mutations.mouth import MOUTH
 from mutations.mutants import MUTANTS as HAZARDS
 from mutations.mutants import Mutant
 
 ROOT = Path(__file__).parents[2]
-MUTANTS = {**HAZARDS, **LEARNING}
+MUTANTS = {**HAZARDS, **LEARNING, **MOUTH}
 PACKAGES = {"avatarrex": "avatarrex", "app": "avatarrex_studio", "shaders": "avatarrex_shaders"}
 """Folder of the checkout -> the name that it is imported by."""
 TABLE = {

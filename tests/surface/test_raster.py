@@ -21,6 +21,7 @@ from avatarrex.surface.extent import Extent
 from avatarrex.surface.pose import PosedSurface, pose_surface
 from avatarrex.surface.raster import TILE, Placed, draw_surface, draw_surfaces, surface_geometry
 from avatarrex.surface.surface import Surface
+from avatarrex.surface.upload import z_order
 from avatarrex.templates.person import load_person
 
 PERSON = load_person()
@@ -103,6 +104,13 @@ def test_colours_are_texture_tint_and_light(posed):
     face = same & (surface_geometry(posed, view).part[..., 2] > 0.99)
     assert face.sum() > 50
     assert np.median(np.abs(image[..., :3] - colour)[face]) < 1.5 / 255, "which has its own tone"
+
+
+def test_a_tint_is_lit_as_the_albedo_is(posed):
+    tinted = replace(posed, tint=np.full_like(posed.tint, 0.15))
+    hit, *_, colour, _ = wanted(tinted, camera())
+    image = draw_surface(tinted, HARMONICS, camera(), samples=1).read()
+    assert np.median(np.abs(image[..., :3] - colour)[inside(hit)]) < 1.5 / 255
 
 
 def test_the_albedo_is_scaled_before_it_is_clipped(posed):
@@ -301,3 +309,18 @@ def test_surfaces_that_are_no_more_give_their_memory_back(posed):
     assert raster._gone
     draw_surface(posed, HARMONICS, camera())
     assert not raster._gone
+
+
+def test_triangles_that_are_near_follow_each_other():
+    """On a lattice of 8³ each eighth of it comes as one run, and each cube of 2³ in that."""
+    cells = np.stack(np.meshgrid(*[np.arange(8)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    cells = cells[np.random.default_rng(0).permutation(len(cells))]
+    ordered = cells[np.argsort(z_order(3.0 * cells - 1))]
+    for size, side in ((8, 2), (64, 4)):
+        runs = ordered.reshape(-1, size, 3)
+        assert (np.ptp(runs, 1) == side - 1).all()
+
+
+def test_one_point_and_none_have_a_place():
+    assert z_order(np.zeros((1, 3))).tolist() == [0]
+    assert len(z_order(np.zeros((0, 3)))) == 0

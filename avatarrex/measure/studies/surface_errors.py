@@ -33,7 +33,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print a row for each frame, and the medians."""
+    """Print a row for each frame, the medians, and how far colours of `live` are from those of `balanced`."""
     avatar = load_avatar(options.avatar)
     if avatar.surface is None:
         raise InputError(options.avatar, "surface", "an avatar with a surface (avatarrex-studio distil)", "none")
@@ -53,6 +53,8 @@ def run(options: argparse.Namespace) -> None:
             found.append(np.concatenate(figures))
             row(f"{motion.name} {number}", *_words(found[-1]))
     row("median", *_words([median(column) for column in np.array(found).T]))
+    below = [float(figures[7] - figures[3]) for figures in found]
+    print(f"live is below balanced by {median(below):.1f} dB, in the worst frame by {max(below):.1f} dB")
 
 
 def _with_face(signals: Signals, face: Signals) -> Signals:

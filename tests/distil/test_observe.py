@@ -1,0 +1,69 @@
+"""What goes with the skin around it, and what is seen between the lips: chains of triangles, a mouth in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from avatarrex.distil.follow import Followed
+from avatarrex.distil.observe import SPREAD, from_skin_around, seen_between
+from avatarrex.distil.pattern import neighbourhoods
+
+
+def chain(length: int) -> np.ndarray:
+    """Faces of a strip whose vertices follow each other."""
+    return np.arange(length - 2)[:, None] + np.arange(3)
+
+
+def test_what_is_hidden_goes_with_the_skin_around_it():
+    """A strip with skin at one end and, beside it, a triangle on its own: the strip takes the skin's offset as far as it is near."""
+    strip = 3 * SPREAD
+    faces = np.concatenate([chain(strip), [[strip, strip + 1, strip + 2]]])
+    inner = np.arange(strip + 3) >= 2
+    offset = np.full((len(inner), 3), 9.0)
+    offset[:2] = [[1.0, 2.0, 3.0]] * 2
+    found = from_skin_around(offset, inner, neighbourhoods(faces[:0], faces, len(inner))[1])
+    near = 2 + 2 * SPREAD  # two vertices a triangle's step
+    assert np.allclose(found[:near], [1.0, 2.0, 3.0])
+    assert not found[near:].any(), "too far from skin, or joined to none"
+
+
+def test_between_two_lips_it_is_the_mean_and_skin_keeps_its_own():
+    faces = np.array([[0, 1, 2], [2, 1, 3]])
+    offset = np.array([[0.0, 0, 1], [9, 9, 9], [9, 9, 9], [0, 0, 3]])
+    found = from_skin_around(offset, np.array([False, True, True, False]), neighbourhoods(faces[:0], faces, 4)[1])
+    assert np.array_equal(found[[0, 3]], offset[[0, 3]])
+    assert np.allclose(found[[1, 2]], [0, 0, 2])
+
+
+def test_a_mouth_is_coloured_where_a_gaze_from_between_the_lips_meets_it():
+    """A cavity of 2 cm behind lips at z = 1 cm, the template's mouth deeper than it: on the wall, facing the viewer, and found."""
+
+    def sdf(position: Tensor) -> Tensor:
+        return 0.02 - position.norm(dim=-1)
+
+    position = torch.tensor([[0.01, 0, 0.01], [-0.01, 0, 0.004], [0, 0, -0.05], [0.3, 0, 0.1]])
+    mouth, rim = torch.tensor([[False, False, True, False], [True, True, False, False]])
+    still, sideways = torch.zeros(4, 3, 4), torch.tensor([[1.0, 0, 0]] * 4)
+    followed = Followed(position, position, position, still, sideways, torch.tensor([True, True, False, False]))
+    seen = seen_between(sdf, followed, mouth, rim)
+    assert torch.allclose(seen.position[2], torch.tensor([0.0, 0.0, -0.02]), atol=2e-5)
+    assert seen.normal[2].tolist() == [0, 0, 1]
+    assert seen.found.tolist() == [True, True, True, False]
+    others = ~mouth
+    assert torch.equal(seen.position[others], position[others])
+    assert torch.equal(seen.normal[others], sideways[others])
+
+
+def test_the_gaze_starts_as_far_in_front_as_the_lips_reach():
+    """A vertex beside the opening is met along the line from there, not from the middle of the lips' depth."""
+
+    def sdf(position: Tensor) -> Tensor:
+        return 0.02 - position.norm(dim=-1)
+
+    position = torch.tensor([[0.01, 0, 0.01], [-0.01, 0, -0.01], [0.05, 0, 0.01]])
+    mouth = torch.tensor([False, False, True])
+    followed = Followed(position, position, position, torch.zeros(3, 3, 4), position, torch.zeros(3, dtype=torch.bool))
+    met = seen_between(sdf, followed, mouth, ~mouth).position[2]
+    assert torch.allclose(met, torch.tensor([0.0003**0.5, 0.0, 0.01]), atol=2e-5)
