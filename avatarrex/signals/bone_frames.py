@@ -134,23 +134,21 @@ class BoneFrames:
 
     def _finger(self, side: str, finger: str) -> None:
         """Each bone along the file's, its back where the hand's back is."""
-        back = np.array([0.0, 1.0, 0.0])
+        back, along = np.array([0.0, 1.0, 0.0]), np.zeros(3)
         for k in (1, 2, 3):
             name, child = f"{side}_{finger}{k}", f"{side}_{finger}{k + 1}"
             if name not in self._found:
                 continue
-            if k == 3:
-                self._set_like(name, f"{side}_{finger}2")
-                continue
-            across = self._mean(name, self._world(f"{side}_wrist", back))
-            self._set(name, (self._bone(name, child), back), (self._theirs(name, child), across))
+            across, bone = self._mean(name, self._world(f"{side}_wrist", back)), self._theirs(name, child)
+            if not bone.any():
+                bone = along  # in a bundle every bone lies along the same axis of its joint
+            along = bone
+            self._set(name, (self._finger_bone(side, finger, k), back), (bone, across))
 
-    def _set_like(self, name: str, before: str) -> None:
-        """A finger's last bone lies in its frame as the one before in its own."""
-        if before in self.turns:
-            self.turns[name] = self.turns[before]
-        else:
-            self._follow(name, JOINT_NAMES[rest_skeleton().parents[JOINT_NAMES.index(name)]])
+    def _finger_bone(self, side: str, finger: str, k: int) -> np.ndarray:
+        """Our bone from a finger's joint; the last one's as the one before it."""
+        first = min(k, 2)
+        return self._bone(f"{side}_{finger}{first}", f"{side}_{finger}{first + 1}")
 
     def _crown(self) -> None:
         """Where an end site stands above the head, up is where it stands."""

@@ -15,7 +15,6 @@ import numpy as np
 
 from avatarrex.errors import InputError
 from avatarrex.files.arrays import read_arrays
-from avatarrex.files.assets import require
 from avatarrex.files.gate import check_file, read_text
 from avatarrex.signals import fbx_scene
 from avatarrex.signals.bvh import LARGEST_NUMBER, LONGEST_NAME, MOST_JOINTS, MOST_ROTATIONS
@@ -60,7 +59,7 @@ def _source(path: Path, out: Path) -> SourceMotion:
         most = f"at most {MOST_JOINTS} bones and {MOST_ROTATIONS:,} frames times bones"
         raise InputError(path, "", most, f"{len(turned):,} frames of {len(names)}")
     for name in ("turned", "places", "rest"):
-        if np.abs(require(arrays, path, name)).max(initial=0) > LARGEST_NUMBER:
+        if not np.abs(arrays[name]).max(initial=0) <= LARGEST_NUMBER:
             raise InputError(path, name, f"numbers up to {LARGEST_NUMBER:g}", "a larger one")
     offsets = rest - np.where(parents[:, None] >= 0, rest[parents], 0)
     return SourceMotion("FBX", names, parents, offsets, turned, places, check_rate(arrays["fps"], path))

@@ -34,7 +34,8 @@ def main(source: str, out: str) -> None:
     bones = _ordered(rig)
     if (last - first + 1) * len(bones) > MOST:
         raise SystemExit(f"{last - first + 1} frames of {len(bones)} bones, too many")
-    np.savez(out, fps=scene.render.fps / scene.render.fps_base, **_arrays(scene, rig, bones, range(first, last + 1)))
+    arrays: dict[str, Any] = _arrays(scene, rig, bones, range(first, last + 1))
+    np.savez(out, fps=scene.render.fps / scene.render.fps_base, **arrays)
 
 
 def _ordered(rig: Any) -> list[Any]:

@@ -63,7 +63,8 @@ def grounded(pose: np.ndarray, translation: np.ndarray, how: str, fps: float = 3
     moved = translation.copy()
     if how != "file":
         height = lowest(pose, translation)
-        moved[:, 1] -= {"each": lambda: height, "lowest": height.min, "contacts": lambda: standing(height, fps)}[how]()
+        shift = standing(height, fps) if how == "contacts" else height.min()
+        moved[:, 1] -= height if how == "each" else shift
     return moved
 
 

@@ -52,14 +52,11 @@ class ImportOptions:
             _check(getattr(self, name) in ("", *allowed), name, "one of " + ", ".join(allowed), getattr(self, name))
         across = not (self.up and self.forward) or self.up[1] != self.forward[1]
         _check(across, "forward", f"an axis across up ({self.up})", self.forward)
-        _check(isinstance(self.unit, str), "unit", "a name or metres", self.unit)
         self.metres  # noqa: B018  refuses a unit that is none
         if self.fps is not None:
             check_rate(self.fps, "motion options")
-        _check(isinstance(self.lock_feet, bool), "lock_feet", "true or false", self.lock_feet)
         _check(len(self.joints) <= MOST_JOINTS, "joints", f"at most {MOST_JOINTS} joints", len(self.joints))
         for pair in self.joints:
-            _check(len(pair) == 2 and all(isinstance(name, str) for name in pair), "joints", "pairs of names", pair)
             _check(pair[0] in JOINT_NAMES, "joints", "one of " + ", ".join(JOINT_NAMES[:25]) + " …", pair[0])
 
     @property
@@ -93,6 +90,12 @@ class ImportOptions:
         joints = data.get("joints", {})
         if not isinstance(joints, dict):
             raise InputError(source, "joints", "an object of our joint's name and the file's", type(joints).__name__)
+        for name, kind, words in (*((name, str, "a text") for name in names[:3]), ("rest", str, "a text"), ("floor", str, "a text"),
+                                  ("lock_feet", bool, "true or false"), ("fps", int | float | None, "a number")):  # fmt: skip
+            if name in data and (not isinstance(data[name], kind) or (name == "fps" and isinstance(data[name], bool))):
+                raise InputError(source, name, words, data[name])
+        if not all(isinstance(value, str) for value in joints.values()):
+            raise InputError(source, "joints", "names of joints", "other values")
         return cls(**{**data, "joints": tuple(joints.items())})
 
 

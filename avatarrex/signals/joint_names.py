@@ -17,9 +17,9 @@ from avatarrex.signals.joints import FINGERS
 
 _MIDDLE: dict[str, tuple[str, ...]] = {
     "pelvis": ("hips", "pelvis", "root", "hip", "spinebase", ""),
-    "spine1": ("lowerback", "spine", "spine1", "spine01", "spine05", "abdomen", "abdomenlower", "l5", "ab", "waist", "torso"),
-    "spine2": ("upperback", "chest", "spine1", "spine2", "spine02", "spine001", "spine03", "abdomen2", "abdomenupper", "l3", "t12"),
-    "spine3": ("thorax", "chest2", "spine2", "spine3", "spine03", "spine003", "spine01", "upperchest", "chestlower", "chest", "t8"),
+    "spine1": ("lowerback", "spine", "spine1", "spine01", "abdomen", "ab", "waist"),
+    "spine2": ("chest", "spine1", "spine2", "spine02"),
+    "spine3": ("chest2", "spine2", "spine3", "spine03", "upperchest"),
     "neck": ("neck", "neck1", "neck01", "lowerneck", "necklower", "necktwist01", "spine004"),
     "head": ("head", "spine006"),
     "jaw": ("jaw", "lowerjaw"),
@@ -35,6 +35,7 @@ _SIDED: dict[str, tuple[str, ...]] = {
     "wrist": ("wrist", "hand"),
     "eye": ("eye",),
 }
+SPINE = ("spine1", "spine2", "spine3")
 _PHALANGES = {1: ("proximal",), 2: ("intermediate", "medial", "middle"), 3: ("distal",)}
 _THUMB = {1: ("metacarpal",), 2: ("proximal",), 3: ("distal", "intermediate", "medial")}
 _NUMBERS = {"thumb": 1, "index": 2, "middle": 3, "ring": 4, "pinky": 5}
@@ -70,6 +71,7 @@ def find(
 
     for ours, spellings in _MIDDLE.items():
         take(ours, list(spellings))
+    biped = any(s in plain for s in _spelled("left", "finger0"))
     for side in ("left", "right"):
         upper_arm = any(s in plain for n in _SIDED["shoulder"] if n != "shoulder" for s in _spelled(side, n))
         for part, spellings in _SIDED.items():
@@ -78,9 +80,9 @@ def find(
             take(f"{side}_{part}", [s for name in usable for s in _spelled(side, name)])
         for finger in FINGERS:
             for k in (1, 2, 3):
-                take(f"{side}_{finger}{k}", [s for name in _knuckle(finger, k) for s in _spelled(side, name)])
-    _chest(found, parents, taken)
-    return found
+                take(f"{side}_{finger}{k}", [s for name in _knuckle(finger, k, biped) for s in _spelled(side, name)])
+    spine = _spine(found, parents) if not taken & set(SPINE) else {}
+    return {**{ours: k for ours, k in found.items() if not spine or ours not in SPINE}, **spine}
 
 
 def _plain(names: tuple[str, ...]) -> list[str]:
@@ -104,23 +106,34 @@ def _spelled(side: str, name: str) -> list[str]:
     return [f"{side}{name}", f"{name}{side}", f"{name}{letter}", f"{letter}{name}"]
 
 
-def _knuckle(finger: str, k: int) -> list[str]:
+def _knuckle(finger: str, k: int, biped: bool) -> list[str]:
+    """Names of a finger's joint; `biped` counts fingers and their joints from 0: `Finger0`, `Finger01`."""
     bones = (_THUMB if finger == "thumb" else _PHALANGES)[k]
     number = _NUMBERS[finger]
-    biped = f"finger{number - 1}" + (f"{k - 1}" if k > 1 else "")
-    numbered = [f"finger{number}{k}", *(f"finger{number}{bone}" for bone in bones), biped]
+    numbered = [f"finger{number}{k}", *(f"finger{number}{bone}" for bone in bones)]
+    if biped:
+        numbered = [f"finger{number - 1}" + (f"{k - 1}" if k > 1 else "")]
     named = [f"{stem}{n}" for stem in _STEMS.get(finger, (finger,)) for n in (f"{k}", f"0{k}", *bones)]
     return [f"{before}{name}" for name in named for before in ("", "hand", "f")] + numbered
 
 
-def _chest(found: dict[str, int], parents: np.ndarray, taken: set[str]) -> None:
-    """The joint that both arms hang from is our chest, however many spine joints lie below it."""
-    if "left_shoulder" not in found or "right_shoulder" not in found or "spine3" in taken:
-        return
+def _spine(found: dict[str, int], parents: np.ndarray) -> dict[str, int]:
+    """Our spine of the joints between hips and arms, whatever their names and number: the lowest, the middle, what the arms hang from.
+
+    Empty where there is no such chain.
+    """
+    if not {"pelvis", "left_hip", "left_shoulder", "right_shoulder"} <= set(found):
+        return {}
     left, right = (ancestors(found[f"{side}_shoulder"], parents) for side in ("left", "right"))
-    common = next((k for k in left if k in right), -1)
-    if common >= 0 and common not in found.values():
-        found["spine3"] = common
+    below = {found["pelvis"], *ancestors(found["pelvis"], parents), *ancestors(found["left_hip"], parents)}
+    others = {k for ours, k in found.items() if ours not in SPINE}
+    shared = [k for k in left if k in right and k not in below]
+    if not shared or others & set(shared):
+        return {}
+    chain = shared[::-1]
+    picked = {1: (0,), 2: (0, 1)}.get(len(chain), (0, len(chain) // 2, len(chain) - 1))
+    ours = {1: ("spine1",), 2: ("spine1", "spine3")}.get(len(chain), SPINE)
+    return {name: chain[k] for name, k in zip(ours, picked)}
 
 
 def ancestors(k: int, parents: np.ndarray) -> list[int]:

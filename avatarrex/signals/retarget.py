@@ -56,7 +56,7 @@ def retarget(path: Path, source: SourceMotion, options: ImportOptions) -> Import
     found = find(source.names, source.parents, path, options.joints)
     for name in NEEDED:
         if name not in found:
-            raise InputError(path, "HIERARCHY", f"a joint for {name} (or --map)", ", ".join(source.names[:12]))
+            raise InputError(path, "HIERARCHY", f"a joint for {name}", ", ".join(source.names[:12]))
     axes = None if options.rest == "bones" else rest_axes(source, found)
     world, axis_guesses, warnings = world_axes(path, source, found, axes, options)
     rest = _rest(path, source, found, axes, world)

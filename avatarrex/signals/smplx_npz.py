@@ -93,11 +93,11 @@ def _imported(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions,
     poses = next((key for key in POSES if key in arrays), None)
     notes, warnings = _hands(arrays)
     full, model = _poses(arrays, path, poses) if poses else (_by_parts(arrays, path), "SMPL-X by parts")
-    key = next((key for key in PATHS if key in arrays), None)
+    walked = next((key for key in PATHS if key in arrays), None)
     translation = np.zeros((len(full), 3))
-    if key:
-        translation = require(arrays, path, key, (len(full), 3)).astype(np.float64) * (options.metres or 1.0)
-    guesses = [Guess("file", f"{kind}, {model}", f"{len(full)} frames; path: {key or 'none'}"), rate]
+    if walked:
+        translation = require(arrays, path, walked, (len(full), 3)).astype(np.float64) * (options.metres or 1.0)
+    guesses = [Guess("file", f"{kind}, {model}", f"{len(full)} frames; path: {walked or 'none'}"), rate]
     expression = None
     if "arkit52" in arrays:
         expression = np.clip(require(arrays, path, "arkit52", (len(full), 52)).astype(np.float64), 0, 1)
