@@ -11,6 +11,7 @@ from avatarrex_studio.session.motion import Motion
 from avatarrex.errors import InputError, plain
 from avatarrex.files.gate import what_is
 from avatarrex.files.json_text import read_json
+from avatarrex.signals.own_motions import MOTIONS
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -31,6 +32,8 @@ def describe(path: str) -> list[str]:
 
 def _lines(path: str) -> list[str]:
     file = Path(path)
+    if path in MOTIONS:
+        return _motion(file)
     found = "a file" if path == "default" else what_is(path)
     if found not in ("a file", "a folder"):
         raise InputError(path, "", "an avatar, a motion or a session", found)

@@ -16,6 +16,7 @@ from avatarrex import levels
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.import_options import ImportOptions
 from avatarrex.templates.parts import PARTS
 
 FORMAT = 1
@@ -102,6 +103,8 @@ class MotionState:
     frames: int
     fps: float
     frame: int = 0
+    options: ImportOptions = ImportOptions()
+    """What was chosen instead of guessed when it was read."""
 
     def __post_init__(self) -> None:
         if not (isinstance(self.frames, int) and isinstance(self.frame, int) and 0 <= self.frame < self.frames):
@@ -153,9 +156,11 @@ class StudioState:
 
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers."""
+        motion = self.motion and {**asdict(self.motion), "options": self.motion.options.to_json()}
         return {
             "format": FORMAT,
             **asdict(self),
+            "motion": motion,
             "signals": self.signals.to_json(),
             "hidden": sorted(self.hidden),
         }
@@ -197,6 +202,8 @@ def _read(name: str, value: Any, source: str) -> Any:
         return Signals.from_json(value, source)
     if name == "motion" and not value:
         return None
+    if name == "motion":
+        value = {**value, "options": ImportOptions.from_json(value.get("options", {}), source)}
     if name in _RECORDS:
         return _RECORDS[name](**{key: _tuple(entry) for key, entry in value.items()})
     return {"avatar": str, "hidden": frozenset}.get(name, _tuple)(value)
