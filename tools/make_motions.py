@@ -128,10 +128,15 @@ def write(name: str, made: tuple[np.ndarray, np.ndarray, np.ndarray], floor: str
         pose, count = locked(np.tile(pose, (3, 1, 1)), np.tile(move, (3, 1)), FPS), len(pose)
         pose = pose[count : 2 * count]
     Signals.from_full_pose(pose[0], translation=move[0], expression=face[0])  # what cannot be is refused here
-    parts = {part: pose[:, JOINT_ROWS[part]].reshape(len(pose), -1) for part in ("global_orient", "body_pose", "left_hand_pose", "right_hand_pose")}
+    parts = {
+        part: pose[:, JOINT_ROWS[part]].reshape(len(pose), -1)
+        for part in ("global_orient", "body_pose", "left_hand_pose", "right_hand_pose")
+    }
     arrays = {**parts, "transl": move, "arkit52": face}
     FOLDER.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(FOLDER / f"{name}.npz", fps=np.array(FPS), **{key: value.astype(np.float16) for key, value in arrays.items()})
+    np.savez_compressed(
+        FOLDER / f"{name}.npz", fps=np.array(FPS), **{key: value.astype(np.float16) for key, value in arrays.items()}
+    )
 
 
 MAKERS: dict[str, tuple[Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]], str, bool]] = {

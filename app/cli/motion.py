@@ -64,7 +64,9 @@ def table(path: str, imported: ImportedMotion) -> list[str]:
         lines.append(f"  {guess.what:{first}}{guess.value:{second}}{option:12}{guess.why}".rstrip())
     if imported.errors:
         lines += ["", f"  {'directions':{first}}off from the file's own forward kinematics, degrees: median, largest"]
-        lines += [f"  {part:{first}}{median:6.1f} {largest:6.1f}" for part, (median, largest) in imported.errors.items()]
+        lines += [
+            f"  {part:{first}}{median:6.1f} {largest:6.1f}" for part, (median, largest) in imported.errors.items()
+        ]
     if imported.skeleton:
         lines += ["", f"  {'joint':{first}}in the file"]
         lines += [f"  {ours:{first}}{theirs}" for ours, theirs in _body(imported.skeleton.mapped).items()]

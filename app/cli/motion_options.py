@@ -17,7 +17,9 @@ KINDS = f".bvh, .amc, .fbx, .npz and .npy (SMPL, SMPL-X, AMASS), .csv (Live Link
 
 def add_import(verb: argparse.ArgumentParser) -> None:
     """What a reader would guess otherwise."""
-    group = verb.add_argument_group("how the motion is read (guessed unless given; `motion check FILE` shows the guesses)")
+    group = verb.add_argument_group(
+        "how the motion is read (guessed unless given; `motion check FILE` shows the guesses)"
+    )
     add = group.add_argument
     add("--up", metavar="AXIS", help=f"up in the file: {', '.join(AXES)}")
     add("--forward", metavar="AXIS", help="what of the file looks at the camera (the person in the first frame)")
@@ -31,7 +33,11 @@ def add_import(verb: argparse.ArgumentParser) -> None:
 
 def import_options(arguments: argparse.Namespace) -> ImportOptions:
     """Of the options of `add_import`, checked."""
-    given = {name: getattr(arguments, name) for name in ("up", "forward", "unit", "rest", "floor") if getattr(arguments, name)}
+    given = {
+        name: getattr(arguments, name)
+        for name in ("up", "forward", "unit", "rest", "floor")
+        if getattr(arguments, name)
+    }
     if arguments.fps is not None:
         given["fps"] = number("--fps", "", arguments.fps)
     if arguments.lock_feet:

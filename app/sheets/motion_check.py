@@ -45,7 +45,11 @@ TILE = 0.5
 def draw(imported: ImportedMotion, avatar: str, frames: str | None, out: Path) -> None:
     """Write the picture. Raises `InputError`."""
     count = len(imported.sequence)
-    shown = choice.frames(frames, count) if frames else tuple(k * count // min(FRAMES, count) for k in range(min(FRAMES, count)))
+    shown = (
+        choice.frames(frames, count)
+        if frames
+        else tuple(k * count // min(FRAMES, count) for k in range(min(FRAMES, count)))
+    )
     if len(shown) > MOST:
         raise InputError("--frames", "", f"at most {MOST} frames in a picture", f"{len(shown)}")
     person = load_avatar(avatar)

@@ -163,7 +163,9 @@ def _read_frames(path: Path, skeleton: _Skeleton) -> np.ndarray:
                 values.extend(frame)
             count, seen = count + 1, True
             if count > most:
-                raise InputError(path, f"line {number}", f"at most {most:,} frames of {len(skeleton.bones)} bones", "more")
+                raise InputError(
+                    path, f"line {number}", f"at most {most:,} frames of {len(skeleton.bones)} bones", "more"
+                )
         elif not seen:
             raise InputError(path, f"line {number}", "a frame's number", " ".join(words)[:40])
         elif words[0] in starts:

@@ -70,7 +70,10 @@ class BoneFrames:
         middle, index, pinky = (f"{side}_{finger}1" for finger in ("middle", "index", "pinky"))
         if all(name in self._found for name in (middle, index, pinky)):
             across = self._mean(wrist, self._place(index) - self._place(pinky))
-            along, second = self._mean(wrist, self._place(middle) - self._place(wrist)), self._ours[index] - self._ours[pinky]
+            along, second = (
+                self._mean(wrist, self._place(middle) - self._place(wrist)),
+                self._ours[index] - self._ours[pinky],
+            )
         else:
             end = hand_tip(self._source, self._found, side)
             if end is None:
@@ -153,7 +156,9 @@ class BoneFrames:
     def _crown(self) -> None:
         """Where an end site stands above the head, up is where it stands."""
         k = self._found.get("head")
-        crown = [j for j, parent in enumerate(self._source.parents) if parent == k and self._source.names[j].endswith(END)]
+        crown = [
+            j for j, parent in enumerate(self._source.parents) if parent == k and self._source.names[j].endswith(END)
+        ]
         if k is None or len(crown) != 1:
             return
         up, head = self._source.offsets[crown[0]], self.turns["head"]

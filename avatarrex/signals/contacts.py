@@ -67,9 +67,7 @@ def _shift(ankle: np.ndarray, sole: np.ndarray, fps: float) -> np.ndarray:
     return np.where(np.abs(moved) > 1e-6, moved, 0)
 
 
-def _reach(
-    turned: np.ndarray, places: np.ndarray, leg: tuple[int, int, int], target: np.ndarray
-) -> np.ndarray:
+def _reach(turned: np.ndarray, places: np.ndarray, leg: tuple[int, int, int], target: np.ndarray) -> np.ndarray:
     """(t, 3, 3) rotation vectors of hip, knee and ankle with which the ankle is at `target` (t, 3), the foot turned as before."""
     hip, knee, ankle = leg
     upper, lower = places[:, knee] - places[:, hip], places[:, ankle] - places[:, knee]

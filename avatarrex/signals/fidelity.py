@@ -1,7 +1,7 @@
 """How far a retargeted motion's directions are from the file's own forward kinematics: what says that it came in right.
 
 Measured before contacts and clamps, per frame: limb bones (hip, knee, shoulder, elbow to the next joint) and hands (wrist to the
-middle finger's knuckle, or to the hand's tip) as they point; soles, ankle to toes about what the same bone is when the foot is flat
+middle finger's knuckle, or to the hand's tip) as they point, and the line of the hips; soles, ankle to toes about what the same bone is when the foot is flat
 (at rest, or where it stands lowest); the head's up and forward, its crown's direction where the rest pose is none.
 Letters: t frames.
 """
@@ -41,6 +41,7 @@ class Fidelity:
         """Median and largest angle in degrees, by part; a part that the file lacks is left out."""
         sides = ("left", "right")
         parts = {
+            "hips": [degrees_between(self._theirs(self.found["right_hip"], self.found["left_hip"]), self._ours("right_hip", "left_hip"))],
             "limbs": [self._bone(f"{s}_{a}", f"{s}_{b}") for s in sides for a, b in _BONES if f"{s}_{b}" in self.found],
             "hands": [self._hand(side) for side in sides if f"{side}_wrist" in self.found],
             "feet": [self._sole(s) for s in sides if f"{s}_ankle" in self.found and f"{s}_foot" in self.found],
@@ -95,7 +96,9 @@ class Fidelity:
         theirs = self.world @ self.source.turned[:, k]
         if self.rest is not None:
             return [degrees_between(theirs @ (self.rest.T @ d), ours @ d) for d in (_UP, np.array([0.0, 0.0, 1.0]))]
-        crown = [j for j, parent in enumerate(self.source.parents) if parent == k and self.source.names[j].endswith(END)]
+        crown = [
+            j for j, parent in enumerate(self.source.parents) if parent == k and self.source.names[j].endswith(END)
+        ]
         return [degrees_between(theirs @ self.source.offsets[crown[0]], ours @ _UP)] if len(crown) == 1 else []
 
 

@@ -60,7 +60,10 @@ def read_livelink(path: Path, options: ImportOptions) -> ImportedMotion:
     if weights.min() < 0 or weights.max() > 1:
         notes.append(f"coefficients from {weights.min():.2f} to {weights.max():.2f} clipped to 0 … 1")
     frames = stack(pose, np.zeros((len(weights), 3)), np.clip(weights, 0, 1))
-    guesses = (Guess("file", "Live Link Face", f"{len(frames)} frames"), Guess("rate", f"{fps:g} frames a second", note, "fps"))
+    guesses = (
+        Guess("file", "Live Link Face", f"{len(frames)} frames"),
+        Guess("rate", f"{fps:g} frames a second", note, "fps"),
+    )
     return ImportedMotion(SignalSequence(frames, fps, path.name, tuple(notes)), guesses, options=options)
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from avatarrex.signals.direction import degrees_between, frame_turn, smallest_turn
+from avatarrex.signals.direction import degrees_between, frame_turn, smallest_turn, unit
 from avatarrex.signals.joint_names import ancestors
 from avatarrex.signals.joints import FINGERS, JOINT_NAMES
 from avatarrex.signals.rest_skeleton import rest_skeleton
@@ -22,6 +22,8 @@ LIMBS = (("", "hip", "knee"), ("hip", "knee", "ankle"), ("", "shoulder", "elbow"
 """Joint before, joint and joint after it."""
 OPPOSITE = 130.0
 """Degrees: trunk and thighs of a standing rest pose point farther apart (ours 175, sitting 90, a bundle of bones 0)."""
+SNAPS = 20.0
+"""Degrees from an axis of the file within which a rest pose stands along it."""
 DANGLES = 35.0
 """Degrees between shin and foot from which on a foot is flat (ours 72; 45 in the steepest rig seen, MakeHuman's 60)."""
 RISES = 65.0
@@ -32,18 +34,29 @@ BENT_WRIST = 45.0
 
 
 def rest_axes(source: SourceMotion, found: dict[str, int]) -> np.ndarray | None:
-    """Rotation from the file's axes to ours (+X left, +Y up, +Z forward) at rest; None where no person rests so."""
+    """Rotation from the file's axes to ours (+X left, +Y up, +Z forward) at rest; None where no person rests so.
+
+    Along the file's own axes where the person nearly is: hips and trunks of rigs lean by some degrees that mean nothing.
+    """
     rest = source.rest
     left = rest[found["left_hip"]] - rest[found["right_hip"]]
     hips = (rest[found["left_hip"]] + rest[found["right_hip"]]) / 2
     trunk = rest[found.get("neck", found["left_shoulder"])] - hips
     thighs = (rest[found["left_knee"]] + rest[found["right_knee"]]) / 2 - hips
-    up = trunk - thighs
-    sideways, upwards = int(np.abs(left).argmax()), int(np.abs(up).argmax())
-    if sideways == upwards or not left.any() or degrees_between(trunk, thighs) < OPPOSITE:
+    y = _snapped(trunk - thighs)
+    across = left - (left @ y) * y
+    tilted = np.linalg.norm(across) < 0.7 * np.linalg.norm(left)
+    if tilted or not left.any() or degrees_between(trunk, thighs) < OPPOSITE:
         return None
-    x, y = np.eye(3)[sideways] * np.sign(left[sideways]), np.eye(3)[upwards] * np.sign(up[upwards])
+    x = _snapped(across)
     return np.stack([x, y, np.cross(x, y)])
+
+
+def _snapped(direction: np.ndarray) -> np.ndarray:
+    """(3,) the file's axis that a direction nearly has, or the direction."""
+    k = int(np.abs(direction).argmax())
+    near = np.eye(3)[k] * np.sign(direction[k])
+    return near if degrees_between(direction, near) < SNAPS else unit(direction)
 
 
 def dangling(source: SourceMotion, found: dict[str, int], axes: np.ndarray) -> list[str]:

@@ -31,7 +31,7 @@ from avatarrex.signals.rest_skeleton import rest_skeleton
 from avatarrex.signals.sequence import SignalSequence, stack
 from avatarrex.signals.source_motion import SourceMotion
 from avatarrex.signals.suspicion import suspicions
-from avatarrex.signals.world_axes import world_axes
+from avatarrex.signals.world_axes import near_axis, world_axes
 
 _INDEX = {name: j for j, name in enumerate(JOINT_NAMES)}
 _TOES = [_INDEX["left_foot"], _INDEX["right_foot"]]
@@ -72,7 +72,13 @@ def retarget(path: Path, source: SourceMotion, options: ImportOptions) -> Import
     limited = np.clip(pose[:, _TOES], LIMITS[_TOES, :, 0], LIMITS[_TOES, :, 1])
     toes, pose[:, _TOES] = int((np.abs(limited - pose[:, _TOES]).max((1, 2)) > 1e-9).sum()), limited
     still = np.ptp(places[:, source.parents < 0, 1]) < 1e-3 and len(pose) > 1
-    how, why = (options.floor, "chosen") if options.floor else ("each", "the root never rises or sinks") if still else ("contacts", "")
+    how, why = (
+        (options.floor, "chosen")
+        if options.floor
+        else ("each", "the root never rises or sinks")
+        if still
+        else ("contacts", "")
+    )
     moved = grounded(pose, path_metres, how, fps)
     if options.lock_feet:
         pose = locked(pose, moved, fps)
@@ -87,13 +93,13 @@ def retarget(path: Path, source: SourceMotion, options: ImportOptions) -> Import
     return ImportedMotion(sequence, guesses, tuple(warnings), skeleton, errors, options)
 
 
-def _rest(
-    path: Path, source: SourceMotion, found: dict[str, int], axes: np.ndarray | None, world: np.ndarray
-) -> _Rest:
+def _rest(path: Path, source: SourceMotion, found: dict[str, int], axes: np.ndarray | None, world: np.ndarray) -> _Rest:
     """B of each joint, and the table's line."""
     bones = BoneFrames(source, found, world[1])
     if axes is None:
-        return _Rest(bones.all(), None, Guess("rest pose", "a bundle of bones", "their directions and averages count", "rest"))
+        return _Rest(
+            bones.all(), None, Guess("rest pose", "a bundle of bones", "their directions and averages count", "rest")
+        )
     turns, odd = rest_turns(source, found, axes), dangling(source, found, axes)
     if odd:
         bones.turns.update(zip(JOINT_NAMES, turns))
@@ -101,7 +107,7 @@ def _rest(
             side, _, part = name.partition("_")
             bones.foot(side) if part == "ankle" else bones.collar(side)
         turns = np.stack([bones.turns[name] for name in JOINT_NAMES])
-    letters = ["-+"[int(row.sum() > 0)] + "XYZ"[int(np.abs(row).argmax())] for row in axes]
+    letters = [near_axis(row) for row in axes]
     why = f"left, up, forward are {', '.join(letters)}" + (f"; by their bones: {', '.join(odd)}" if odd else "")
     return _Rest(turns, axes, Guess("rest pose", "a person's", why, "rest"))
 
@@ -172,7 +178,9 @@ def _scale(source: SourceMotion, found: dict[str, int], options: ImportOptions) 
 
 def _rate(source: SourceMotion, options: ImportOptions) -> tuple[float, Guess]:
     if options.fps is not None:
-        return options.fps, Guess("rate", f"{options.fps:g} frames a second", f"chosen; the file says {source.fps:g}", "fps")
+        return options.fps, Guess(
+            "rate", f"{options.fps:g} frames a second", f"chosen; the file says {source.fps:g}", "fps"
+        )
     return source.fps, Guess("rate", f"{source.fps:g} frames a second", "", "fps")
 
 
@@ -180,8 +188,17 @@ def _joint_guesses(found: dict[str, int], toes: int) -> tuple[Guess, ...]:
     """What the file has of our joints."""
     body = [name for name in JOINT_NAMES[:25] if name not in found]
     fingers = sum(name in found for name in JOINT_NAMES[25:])
-    guesses = [Guess("joints", f"{25 - len(body)} of 25", f"not in the file, at rest: {', '.join(body)}" if body else "", "joints")]
-    guesses.append(Guess("fingers", f"{fingers} of 30", "" if fingers else "no finger joints in the file: flat hands", "joints"))
+    guesses = [
+        Guess(
+            "joints",
+            f"{25 - len(body)} of 25",
+            f"not in the file, at rest: {', '.join(body)}" if body else "",
+            "joints",
+        )
+    ]
+    guesses.append(
+        Guess("fingers", f"{fingers} of 30", "" if fingers else "no finger joints in the file: flat hands", "joints")
+    )
     if toes:
         guesses.append(Guess("toes", f"limited in {toes} frames", "they bent as no toes do"))
     return tuple(guesses)

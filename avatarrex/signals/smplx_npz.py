@@ -72,7 +72,10 @@ def read_smplx(path: Path, options: ImportOptions) -> ImportedMotion:
 def read_vectors(path: Path, options: ImportOptions) -> ImportedMotion:
     """Read vectors of one frame a row. Raises `InputError`."""
     vectors = read_array(path, LARGEST_BYTES)
-    known = {**{width: name for width, (name, _) in WIDTHS.items()}, **{width: name for width, (name, _) in VECTORS.items()}}
+    known = {
+        **{width: name for width, (name, _) in WIDTHS.items()},
+        **{width: name for width, (name, _) in VECTORS.items()},
+    }
     if vectors.dtype.kind not in "fiu" or vectors.ndim != 2 or vectors.shape[1] not in known:
         expected = " or ".join(f"(frames, {width}) {name}" for width, name in sorted(known.items()))
         raise InputError(path, "", f"numbers of shape {expected}", f"{vectors.shape} of {vectors.dtype}")

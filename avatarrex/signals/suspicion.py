@@ -26,7 +26,10 @@ def suspicions(pose: np.ndarray, translation: np.ndarray, fps: float) -> list[st
 def lean(pose: np.ndarray) -> float:
     """Degrees between upright and the mean direction of hips to shoulders."""
     places = rest_skeleton().posed(pose)[1]
-    ends = [places[:, [JOINT_NAMES.index(f"{side}_{name}") for side in ("left", "right")]].mean(1) for name in ("shoulder", "hip")]
+    ends = [
+        places[:, [JOINT_NAMES.index(f"{side}_{name}") for side in ("left", "right")]].mean(1)
+        for name in ("shoulder", "hip")
+    ]
     trunk = ends[0] - ends[1]
     mean = (trunk / np.linalg.norm(trunk, axis=1, keepdims=True)).mean(0)
     return float(np.degrees(np.arctan2(np.hypot(mean[0], mean[2]), mean[1])))
@@ -47,7 +50,10 @@ def _beyond(pose: np.ndarray) -> list[str]:
     named = [int(j) for j in np.argsort(-worst) if worst[j] > BEYOND]
     if not named:
         return []
-    words = [f"{JOINT_NAMES[j]} by {np.degrees(worst[j]):.0f}° in frame {int(over[:, j].argmax())}" for j in named[:MOST_NAMED]]
+    words = [
+        f"{JOINT_NAMES[j]} by {np.degrees(worst[j]):.0f}° in frame {int(over[:, j].argmax())}"
+        for j in named[:MOST_NAMED]
+    ]
     more = f" and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
     remedy = "another joint may be meant (--map FILE.json), or the rest pose is read wrongly (--rest bones or pose)"
     return [f"past its limit: {', '.join(words)}{more}: {remedy}"]
@@ -60,4 +66,6 @@ def _haste(translation: np.ndarray, fps: float) -> list[str]:
     if usual <= FASTEST:
         return []
     name, short = ("millimetres", "mm") if usual > 30 * FASTEST else ("centimetres", "cm")
-    return [f"the root goes at {usual:.0f} metres a second: the path looks like {name} (--unit {short}, or another --fps)"]
+    return [
+        f"the root goes at {usual:.0f} metres a second: the path looks like {name} (--unit {short}, or another --fps)"
+    ]

@@ -69,10 +69,10 @@ def _up(
     mean = average_up(source.places, found)
     up = nearest_axis(mean if rest is None else mean + REST_COUNTS * rest[1])
     share = f"{100 * float(mean @ up):.0f} % of the average body"
-    if rest is None or np.allclose(rest[1], up):
+    if rest is None or rest[1] @ up > 0.7:
         return up, Guess("up", axis_name(up), share, "up"), []
     stands = f"the rest pose stands along {axis_name(rest[1])}, the average body along {axis_name(up)}"
-    warning = f"{stands}, which is taken as up: a person who lies there needs --up {axis_name(rest[1])}"
+    warning = f"{stands}, which is taken as up: a person who lies there needs another up (--up {axis_name(rest[1])})"
     return up, Guess("up", axis_name(up), f"{share}; the rest pose stands along {axis_name(rest[1])}", "up"), [warning]
 
 

@@ -6,6 +6,7 @@ channels. The skeleton is the default person's, so that every direction of the f
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -83,7 +84,9 @@ def _limbs(*parts: str) -> dict[str, str]:
 
 
 def _fingers(form: Callable[[str, int], str]) -> dict[str, str]:
-    return {f"{finger}{k}": form(finger, k) for finger in ("index", "middle", "pinky", "ring", "thumb") for k in (1, 2, 3)}
+    return {
+        f"{finger}{k}": form(finger, k) for finger in ("index", "middle", "pinky", "ring", "thumb") for k in (1, 2, 3)
+    }
 
 
 def _initial(side: str, name: str) -> str:
@@ -155,6 +158,7 @@ DIALECTS: dict[str, Dialect] = {
         rest=Z_UP, world=Z_UP, unit=0.1,
     ),
     "rest along another up": Dialect(names(_word, SPINE, MIXAMO), rest=Z_UP),
+    "rest along no axis": Dialect(names(_word, SPINE, MIXAMO), rest=Rotation.from_rotvec([0, 0.7, 0]).as_matrix()),
     "X-up world": Dialect(names(_word, SPINE, MIXAMO), world=X_UP, rest=X_UP, unit=0.001),
     "feet along the shin": Dialect(names(_word, SPINE, MIXAMO), dangling=True),
     "optitrack": Dialect(
@@ -221,7 +225,11 @@ def drawn(dialect: Dialect, frames: list[Signals]) -> Drawn:
     for k, parent in enumerate(parents):
         if parent >= 0:
             local[:, k] = np.swapaxes(globals_[:, parent], 1, 2) @ globals_[:, k]
-    ends = {name: frame[name] @ bone / dialect.unit for name, bone in _tips().items() if name in joints and _last(name, joints)}
+    ends = {
+        name: frame[name] @ bone / dialect.unit
+        for name, bone in _tips().items()
+        if name in joints and _last(name, joints)
+    }
     return Drawn(joints, parents, offsets, local, places[:, 0] @ dialect.world.T / dialect.unit, ends)
 
 
@@ -301,9 +309,16 @@ def write(path: Path, dialect: Dialect, frames: list[Signals]) -> None:
     for name in reversed(dialect.above):
         # what is above the hips carries the path and never turns
         body = [f"ROOT {name}", "{", _offset(np.zeros(3)), "CHANNELS 3 Xposition Yposition Zposition", *body, "}"]
-    angles = Rotation.from_matrix(made.local.reshape(-1, 3, 3)).as_euler(dialect.channels, degrees=True).reshape(len(frames), -1, 3)
-    rows = [" ".join(f"{value:.5f}" for value in [*made.path[t], *angles[t, order].ravel()]) for t in range(len(frames))]
-    path.write_text("\n".join(["HIERARCHY", *body, "MOTION", f"Frames: {len(frames)}", "Frame Time: 0.0333333", *rows]) + "\n")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Gimbal lock")  # one of many answers is one
+        angles = Rotation.from_matrix(made.local.reshape(-1, 3, 3)).as_euler(dialect.channels, degrees=True)
+    angles = angles.reshape(len(frames), -1, 3)
+    rows = [
+        " ".join(f"{value:.5f}" for value in [*made.path[t], *angles[t, order].ravel()]) for t in range(len(frames))
+    ]
+    path.write_text(
+        "\n".join(["HIERARCHY", *body, "MOTION", f"Frames: {len(frames)}", "Frame Time: 0.0333333", *rows]) + "\n"
+    )
 
 
 def _offset(values: np.ndarray) -> str:
@@ -315,7 +330,19 @@ def write_asf(folder: Path, name: str, frames: list[Signals]) -> Path:
     made, rng = drawn(DIALECTS["asf names"], frames), np.random.default_rng(3)
     names = [DIALECTS["asf names"].names[joint] for joint in made.joints]
     # a bone has one end: joints that share a parent hang from bones of their own that never turn
-    bones, rows = [":version 1.10", ":units", " mass 1.0", " length 0.45", " angle deg", ":root", " order TX TY TZ RX RY RZ", ":bonedata"], []
+    bones, rows = (
+        [
+            ":version 1.10",
+            ":units",
+            " mass 1.0",
+            " length 0.45",
+            " angle deg",
+            ":root",
+            " order TX TY TZ RX RY RZ",
+            ":bonedata",
+        ],
+        [],
+    )
     hierarchy, axes = [":hierarchy", " begin"], {}
     for k, joint in enumerate(made.joints):
         children = [c for c, parent in enumerate(made.parents) if parent == k]
@@ -349,7 +376,12 @@ def write_asf(folder: Path, name: str, frames: list[Signals]) -> Path:
 def _bone(name: str, along: np.ndarray, axis: np.ndarray | None) -> list[str]:
     length = float(np.linalg.norm(along))
     direction = along / length if length else np.array([0.0, 1.0, 0.0])
-    lines = [" begin", f"  name {name}", "  direction " + " ".join(f"{v:.6f}" for v in direction), f"  length {length:.6f}"]
+    lines = [
+        " begin",
+        f"  name {name}",
+        "  direction " + " ".join(f"{v:.6f}" for v in direction),
+        f"  length {length:.6f}",
+    ]
     turns = [0.0, 0, 0] if axis is None else axis
     lines.append("  axis " + " ".join(f"{v:.3f}" for v in turns) + " XYZ")
     return [*lines, *([] if axis is None else ["  dof rx ry rz"]), " end"]

@@ -54,7 +54,9 @@ def apart(got: list[Signals], truth: list[Signals]) -> dict[str, float]:
         "hands": (("wrist", "middle1"),),
         "feet": (("ankle", "foot"),),
     }
-    angles = {part: float(degrees_between(mine.bones(*names), theirs.bones(*names)).max()) for part, names in bones.items()}
+    angles = {
+        part: float(degrees_between(mine.bones(*names), theirs.bones(*names)).max()) for part, names in bones.items()
+    }
     return {**angles, "head": float(degrees_between(mine.head(), theirs.head()).max())}
 
 
@@ -79,7 +81,11 @@ def test_an_asf_comes_in_as_it_was(tmp_path: Path) -> None:
     ("file", "change", "message"),
     [
         ("asf", lambda text: "", r"an ASF file with :bonedata and :hierarchy, found no section"),
-        ("asf", lambda text: text.replace("to_lfemur lfemur", "lfemur lfemur"), "bones below one that stands above, found lfemur"),
+        (
+            "asf",
+            lambda text: text.replace("to_lfemur lfemur", "lfemur lfemur"),
+            "bones below one that stands above, found lfemur",
+        ),
         ("asf", lambda text: text.replace("length 0", "length x"), r"line \d+: expected numbers"),
         ("amc", lambda text: text.replace("lfemur", "tail"), "expected a bone of the skeleton, found tail"),
         ("amc", lambda text: text.replace("lfemur ", "lfemur nan ", 1), r"line \d+: expected 3 finite numbers"),
@@ -185,7 +191,9 @@ def test_locked_feet_stay_where_they_stand(tmp_path: Path) -> None:
 
     assert np.ptp(ankle(free)[:, 0]) > 0.055
     assert np.ptp(ankle(kept)[:, [0, 2]], axis=0).max() < 0.005
-    turned = [rest_skeleton().posed(np.stack([f.full_pose() for f in m]))[0][:, INDEX["left_ankle"]] for m in (free, kept)]
+    turned = [
+        rest_skeleton().posed(np.stack([f.full_pose() for f in m]))[0][:, INDEX["left_ankle"]] for m in (free, kept)
+    ]
     assert np.allclose(turned[0], turned[1], atol=1e-6)
 
 

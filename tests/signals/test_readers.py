@@ -229,7 +229,10 @@ def test_smplx_poses_and_parts_say_the_same(tmp_path: Path) -> None:
     )  # fmt: skip
     whole, parts = read_motion(tmp_path / "whole.npz"), read_motion(tmp_path / "parts.npz")
     assert np.allclose(whole[1].full_pose()[1:], poses[1].reshape(55, 3)[1:])
-    turns = [Rotation.from_rotvec(frames[1]) * Rotation.from_rotvec(frames[0]).inv() for frames in (poses[:, :3], _roots(whole))]
+    turns = [
+        Rotation.from_rotvec(frames[1]) * Rotation.from_rotvec(frames[0]).inv()
+        for frames in (poses[:, :3], _roots(whole))
+    ]
     assert turns[1].magnitude() == pytest.approx(turns[0].magnitude())
     assert parts[0] == whole[0]
     assert any("no frame rate" in note for note in parts.notes)
@@ -291,7 +294,9 @@ def test_a_truncated_npz_is_refused(tmp_path: Path, keep: float) -> None:
 def test_missing_and_unknown_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.bvh: expected a motion file, found nothing there"):
         read_motion(tmp_path / "none.bvh")
-    with pytest.raises(InputError, match=r"expected a motion file: .bvh, .amc, .fbx, .npz, .npy, .csv, .json, found .c3d"):
+    with pytest.raises(
+        InputError, match=r"expected a motion file: .bvh, .amc, .fbx, .npz, .npy, .csv, .json, found .c3d"
+    ):
         read_motion(tmp_path / "walk.c3d")
 
 

@@ -65,7 +65,7 @@ def test_a_layout_comes_in_as_it_was(tmp_path: Path, name: str) -> None:
     got = list(read.sequence)
     found = apart(got, truth)
     assert max(found.values()) < 0.1, found
-    assert any(str(guess) .startswith("up: -Y") and "camera" in guess.why for guess in read.guesses)
+    assert any(str(guess).startswith("up: -Y") and "camera" in guess.why for guess in read.guesses)
     assert got[0].global_orient[1] == pytest.approx(0, abs=1e-9), "the person looks at the camera"
     fingers = name in ("smpler", "grab")
     assert np.allclose(got[3].left_hand_pose, truth[3].left_hand_pose if fingers else 0)
