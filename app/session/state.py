@@ -103,7 +103,7 @@ class MotionState:
     frames: int
     fps: float
     frame: int = 0
-    options: ImportOptions = ImportOptions()
+    options: ImportOptions = field(default_factory=ImportOptions)
     """What was chosen instead of guessed when it was read."""
 
     def __post_init__(self) -> None:

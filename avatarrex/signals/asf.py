@@ -72,7 +72,7 @@ def _beside(path: Path) -> Path:
 def _read_skeleton(path: Path) -> _Skeleton:
     sections = _sections(path, read_text(path, "an ASF file", "replace", SKELETON_BYTES))
     to_radians = np.pi / 180
-    for number, words in sections.get("units", []):
+    for _, words in sections.get("units", []):
         if words[0] == "angle" and words[1:2] == ["rad"]:
             to_radians = 1.0
     root = _Bone("root", channels=("tx", "ty", "tz", "rx", "ry", "rz"))

@@ -6,6 +6,8 @@ in and out; thigh and shin turn within their plane to reach it, and the foot kee
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
@@ -88,5 +90,5 @@ def _reach(turned: np.ndarray, places: np.ndarray, leg: tuple[int, int, int], ta
     new_knee = swing @ smallest_turn(lower, bent) @ turned[:, knee]
     parent = turned[:, rest_skeleton().parents[hip]]
     chain = [parent, new_hip, new_knee, turned[:, ankle]]
-    local = [np.swapaxes(before, 1, 2) @ after for before, after in zip(chain, chain[1:])]
+    local = [np.swapaxes(before, 1, 2) @ after for before, after in pairwise(chain)]
     return np.stack([Rotation.from_matrix(matrix).as_rotvec() for matrix in local], 1)

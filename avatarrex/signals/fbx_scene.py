@@ -30,7 +30,7 @@ def main(source: str, out: str) -> None:
         raise SystemExit("no skeleton")
     rig = max(rigs, key=lambda thing: len(thing.pose.bones))
     action = rig.animation_data.action if rig.animation_data else None
-    first, last = (int(round(end)) for end in action.frame_range) if action else (1, 1)
+    first, last = (round(end) for end in action.frame_range) if action else (1, 1)
     bones = _ordered(rig)
     if (last - first + 1) * len(bones) > MOST:
         raise SystemExit(f"{last - first + 1} frames of {len(bones)} bones, too many")

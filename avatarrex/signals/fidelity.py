@@ -1,8 +1,9 @@
 """How far a retargeted motion's directions are from the file's own forward kinematics: what says that it came in right.
 
-Measured before contacts and clamps, per frame: limb bones (hip, knee, shoulder, elbow to the next joint) and hands (wrist to the
-middle finger's knuckle, or to the hand's tip) as they point, and the line of the hips; soles, ankle to toes about what the same bone is when the foot is flat
-(at rest, or where it stands lowest); the head's up and forward, its crown's direction where the rest pose is none.
+Measured before contacts and clamps, per frame: limb bones (hip, knee, shoulder, elbow to the next joint), hands (wrist to the
+middle finger's knuckle, or to the hand's tip) and the line of the hips as they point; soles, ankle to toes about what the same bone
+is when the foot is flat (at rest, or where it stands lowest); the head's up and forward, its crown's direction where the rest pose
+is none.
 Letters: t frames.
 """
 
@@ -41,7 +42,11 @@ class Fidelity:
         """Median and largest angle in degrees, by part; a part that the file lacks is left out."""
         sides = ("left", "right")
         parts = {
-            "hips": [degrees_between(self._theirs(self.found["right_hip"], self.found["left_hip"]), self._ours("right_hip", "left_hip"))],
+            "hips": [
+                degrees_between(
+                    self._theirs(self.found["right_hip"], self.found["left_hip"]), self._ours("right_hip", "left_hip")
+                )
+            ],
             "limbs": [self._bone(f"{s}_{a}", f"{s}_{b}") for s in sides for a, b in _BONES if f"{s}_{b}" in self.found],
             "hands": [self._hand(side) for side in sides if f"{side}_wrist" in self.found],
             "feet": [self._sole(s) for s in sides if f"{s}_ankle" in self.found and f"{s}_foot" in self.found],

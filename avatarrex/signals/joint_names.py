@@ -50,7 +50,7 @@ _SHARE = 0.6
 def find(
     names: tuple[str, ...], parents: np.ndarray, path: str | Path = "skeleton", chosen: tuple[tuple[str, str], ...] = ()
 ) -> dict[str, int]:
-    """Our joint -> index of the file's joint. `chosen`: pairs of ours and the file's that hold before any name.
+    """Our joint -> index of the file's joint. `chosen`: pairs of ours and the file's that count before any name.
 
     Raises `InputError` for a chosen name that the file lacks.
     """

@@ -111,6 +111,8 @@ DAZ = {
     **_limbs("Thigh", "Shin", "Foot", "Toe", "Collar", "Shldr", "ForeArm", "Hand"),
     **_fingers(lambda finger, k: f"{'Mid' if finger == 'middle' else finger.capitalize()}{k}"),
 }
+BONES = (("Proximal", "Medial", "Distal"), ("Metacarpal", "Proximal", "Distal"))
+"""Of a finger and of a thumb."""
 ARMS_DOWN = {"left_shoulder": (0.0, 0, -1.3), "right_shoulder": (0.0, 0, 1.3)}
 DIALECTS: dict[str, Dialect] = {
     "mixamo": Dialect(names(lambda s, n: f"mixamorig:{_word(s, n)}", {k: f"mixamorig:{v}" for k, v in SPINE.items()}, MIXAMO)),
@@ -122,11 +124,15 @@ DIALECTS: dict[str, Dialect] = {
     ),
     "asf names": Dialect(
         names(
-            _initial, {"pelvis": "root", "spine1": "lowerback", "spine2": "upperback", "spine3": "thorax", "neck": "lowerneck", "head": "head"},
+            _initial,
+            {"pelvis": "root", "spine1": "lowerback", "spine2": "upperback", "spine3": "thorax", "neck": "lowerneck", "head": "head"},
             _limbs("femur", "tibia", "foot", "toes", "clavicle", "humerus", "radius", "wrist"),
         ),
     ),
-    "daz": Dialect(names(_initial, {**SPINE, "pelvis": "hip", "spine1": "abdomen", "spine2": "abdomen2", "spine3": "chest"}, DAZ), rest_pose=ARMS_DOWN),
+    "daz": Dialect(
+        names(_initial, {**SPINE, "pelvis": "hip", "spine1": "abdomen", "spine2": "abdomen2", "spine3": "chest"}, DAZ),
+        rest_pose=ARMS_DOWN,
+    ),
     "mocapnet": Dialect(
         names(
             _initial, {"pelvis": "hip", "spine1": "abdomen", "spine3": "chest", "neck": "neck", "head": "head"},
@@ -138,7 +144,7 @@ DIALECTS: dict[str, Dialect] = {
         names(
             _word, {"pelvis": "Hips", "spine1": "Spine1", "spine2": "Spine2", "spine3": "Spine4", "neck": "Neck", "head": "Head"},
             {**_limbs("Thigh", "Shin", "Foot", "Toe", "Shoulder", "Arm", "ForeArm", "Hand"),
-             **_fingers(lambda f, k: f"Finger{NUMBER[f]}{('Metacarpal', 'Proximal', 'Distal')[k - 1] if f == 'thumb' else ('Proximal', 'Medial', 'Distal')[k - 1]}")},
+             **_fingers(lambda f, k: f"Finger{NUMBER[f]}{BONES[f == 'thumb'][k - 1]}")},
         ),
         unit=1.0, above=("Reference",),
     ),

@@ -153,7 +153,7 @@ def test_a_map_renames_joints_and_drops_them(tmp_path: Path) -> None:
     got = import_motion(tmp_path / "m.bvh", chosen)
     assert apart(list(got.sequence), steps())["limbs"] < MOST
     assert not got.sequence[4].body_pose[14].any(), "the head rests"
-    with pytest.raises(InputError, match="head: expected a joint of the file: .*found Nose"):
+    with pytest.raises(InputError, match=r"head: expected a joint of the file: .*found Nose"):
         import_motion(tmp_path / "m.bvh", ImportOptions(joints=(("head", "Nose"),)))
 
 
@@ -202,7 +202,8 @@ def test_options_are_json_and_refuse_what_cannot_be() -> None:
     assert ImportOptions.from_json(options.to_json()) == options
     assert ImportOptions().to_json() == {}
     for wrong, message in (
-        ({"up": "up"}, "up: expected one of"), ({"up": "+Y", "forward": "-Y"}, "an axis across up"), ({"unit": "ell"}, "unit: expected m, dm"),
+        ({"up": "up"}, "up: expected one of"), ({"up": "+Y", "forward": "-Y"}, "an axis across up"),
+        ({"unit": "ell"}, "unit: expected m, dm"),
         ({"unit": "inf"}, "unit: expected"), ({"fps": 0}, "a rate above 0"), ({"joints": {"tail": "x"}}, "one of pelvis"),
         ({"joints": [1]}, "joints: expected an object"), ({"speed": 1}, "an unknown field"), ({"lock_feet": 1}, "true or false"),
     ):  # fmt: skip
