@@ -28,7 +28,7 @@ from avatarrex.signals.source_motion import END, SourceMotion
 
 FPS = 120.0
 """Of CMU's and HDM05's recordings: an AMC does not say."""
-SKELETON_BYTES = 2**22
+SKELETON_BYTES = 2**20
 """Of an `.asf`: a hundred times CMU's."""
 CHANNELS = ("rx", "ry", "rz", "tx", "ty", "tz", "l")
 

@@ -152,7 +152,9 @@ def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) ->
         test.yield_(4)
         seen["warned"] = window.timeline.reading.shown
         test.set_ref("//How the motion was read")
-        test.combo_click("guesses/##up/+Z")
+        test.item_click("guesses/##up")
+        test.yield_(2)
+        test.item_click("//$FOCUSED/+Z")
         test.yield_(4)
         seen["chosen"] = studio.state.motion.options
         studio.save_session(str(tmp_path / "s.json"))

@@ -36,7 +36,9 @@ def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write(tmp_path / "m.bvh", DIALECTS["game engine bundle"], steps(140.0))
     seen: list[SourceMotion] = []
     with monkeypatch.context() as patch:
-        patch.setattr(bvh, "retarget", lambda path, source, options: seen.append(source) or retarget(path, source, options))
+        patch.setattr(
+            bvh, "retarget", lambda path, source, options: seen.append(source) or retarget(path, source, options)
+        )
         bvh.read_bvh(tmp_path / "m.bvh", ImportOptions())
     (source,) = seen
     np.savez(
@@ -81,7 +83,9 @@ def test_what_blender_may_not_do(made: Path, monkeypatch: pytest.MonkeyPatch, ch
 def test_a_missing_blender_is_named_with_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fbx, "find_spec", lambda name: None)
     (tmp_path / "m.fbx").write_bytes(b"Kaydara FBX Binary")
-    with pytest.raises(InputError, match=r"m.fbx: expected Blender as a Python module .*avatarrex-studio\[fbx\].* found no bpy"):
+    with pytest.raises(
+        InputError, match=r"m.fbx: expected Blender as a Python module .*avatarrex-studio\[fbx\].* found no bpy"
+    ):
         import_motion(tmp_path / "m.fbx")
 
 
