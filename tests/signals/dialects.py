@@ -68,6 +68,8 @@ class Dialect:
     """Joints above the hips that never turn."""
     dangling: bool = False
     """Whether feet rest along the shin."""
+    feet: tuple[float, float] = (0.0, 0.0)
+    """Radians by which the bones from ankles to toes are steeper than ours, and turned outwards: ankles and toes of other rigs."""
     unit: float = 0.01
     """Metres."""
     channels: str = "ZXY"
@@ -166,7 +168,9 @@ DIALECTS: dict[str, Dialect] = {
     "rest along another up": Dialect(names(_word, SPINE, MIXAMO), rest=Z_UP),
     "rest along no axis": Dialect(names(_word, SPINE, MIXAMO), rest=Rotation.from_rotvec([0, 0.7, 0]).as_matrix()),
     "X-up world": Dialect(names(_word, SPINE, MIXAMO), world=X_UP, rest=X_UP, unit=0.001),
-    "feet along the shin": Dialect(names(_word, SPINE, MIXAMO), dangling=True),
+    "feet along the shin": Dialect(names(_word, SPINE, MIXAMO), dangling=True, feet=(0.25, 0.0)),
+    "bundle with high ankles": Dialect(names(_word, SPINE, MIXAMO), bundle=0, feet=(0.25, 0.0)),
+    "high ankles": Dialect(names(_word, SPINE, MIXAMO), feet=(0.25, 0.0)),
     "optitrack": Dialect(
         names(
             lambda s, n: f"Skeleton 001_{s[0].upper()}{n}",
@@ -224,7 +228,7 @@ def drawn(dialect: Dialect, frames: list[Signals]) -> Drawn:
     offsets = np.zeros((len(joints), 3))
     for k, parent in enumerate(parents):
         if parent >= 0:
-            bone = person.joints[INDEX[joints[k]]] - person.joints[INDEX[joints[parent]]]
+            bone = _bone_of(dialect, joints[parent], joints[k])
             offsets[k] = frame[joints[parent]] @ bone / dialect.unit
     globals_ = np.stack([dialect.world @ turned[:, INDEX[name]] @ frame[name].T for name in joints], 1)
     local = globals_.copy()
@@ -277,20 +281,29 @@ def _rest_frames(dialect: Dialect, joints: list[str]) -> dict[str, np.ndarray]:
     bundled = joints if dialect.bundle is not None else [n for n in joints if dialect.dangling and n.endswith("_ankle")]
     for name in bundled:
         along = dialect.rest @ np.eye(3)[dialect.bundle] if dialect.bundle is not None else dialect.rest @ [0, -1.0, 0]
-        bone = frames[name] @ _along(name, joints)
+        bone = frames[name] @ _along(dialect, name, joints)
         twist = rng.uniform(-np.pi, np.pi) if dialect.bundle is not None else 0.0
         turn = Rotation.align_vectors(along[None], bone[None] / np.linalg.norm(bone))[0]
         frames[name] = (Rotation.from_rotvec(twist * along) * turn).as_matrix() @ frames[name]
     return frames
 
 
-def _along(name: str, joints: list[str]) -> np.ndarray:
+def _bone_of(dialect: Dialect, name: str, child: str) -> np.ndarray:
+    """Our rest bone between two joints, but for a foot's of another rig."""
+    bone = rest_skeleton().joints[INDEX[child]] - rest_skeleton().joints[INDEX[name]]
+    if not child.endswith("_foot"):
+        return np.asarray(bone)
+    steep, out = dialect.feet
+    turn = Rotation.from_rotvec([0, out if child.startswith("left") else -out, 0]) * Rotation.from_rotvec([steep, 0, 0])
+    return np.asarray(turn.apply(bone))
+
+
+def _along(dialect: Dialect, name: str, joints: list[str]) -> np.ndarray:
     """Our rest bone from a joint to what follows."""
     after = {"pelvis": "spine1", "spine3": "neck", "left_wrist": "left_middle1", "right_wrist": "right_middle1"}
     children = [other for other in joints if _parent(other, joints) == joints.index(name)]
     child = after.get(name) if after.get(name) in joints else children[0] if children else None
-    person = rest_skeleton().joints
-    return person[INDEX[child]] - person[INDEX[name]] if child else _tips().get(name, np.array([0, 0, 0.1]))
+    return _bone_of(dialect, name, child) if child else _tips().get(name, np.array([0, 0, 0.1]))
 
 
 def write(path: Path, dialect: Dialect, frames: list[Signals]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,11 @@ def test_a_dialect_comes_in_as_it_was(tmp_path: Path, name: str) -> None:
     found = apart(list(read.sequence), truth)
     assert max(found.values()) < MOST, found
     assert max(largest for _, largest in read.errors.values()) < MOST, read.errors
+
+
+def test_feet_that_rest_turned_out_point_where_they_point(tmp_path: Path) -> None:
+    write(tmp_path / "m.bvh", replace(DIALECTS["mixamo"], feet=(0.1, 0.3)), steps())
+    assert import_motion(tmp_path / "m.bvh").errors["feet"][1] < 1
 
 
 def test_an_asf_comes_in_as_it_was(tmp_path: Path) -> None:
