@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dialects import DIALECTS, FRAMES, INDEX, steps, write, write_asf
+from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
 from avatarrex.signals.direction import degrees_between, unit
@@ -69,6 +70,22 @@ def test_a_dialect_comes_in_as_it_was(tmp_path: Path, name: str) -> None:
     found = apart(list(read.sequence), truth)
     assert max(found.values()) < MOST, found
     assert max(largest for _, largest in read.errors.values()) < MOST, read.errors
+
+
+def test_a_bundle_s_limbs_are_turned_as_their_hinges_bend(tmp_path: Path) -> None:
+    """Legs that are turned out by 35 degrees and arms about themselves: no bone's direction shows it, knees and elbows do."""
+    turned = {"left_hip": [0, 0.6, 0], "right_hip": [0, -0.6, 0], "left_shoulder": [0.5, 0, 0], "right_shoulder": [0.5, 0, 0]}
+    truth = []
+    for frame in steps():
+        pose = frame.full_pose()
+        for name, turn in turned.items():
+            pose[INDEX[name]] = (Rotation.from_rotvec(pose[INDEX[name]]) * Rotation.from_rotvec(turn)).as_rotvec()
+        truth.append(Signals.from_full_pose(pose, translation=frame.translation))
+    write(tmp_path / "m.bvh", DIALECTS["game engine bundle"], truth)
+    got = import_motion(tmp_path / "m.bvh").sequence
+    for name in (*turned, "left_knee", "right_elbow"):
+        turns = [Rotation.from_rotvec([frame.full_pose()[INDEX[name]] for frame in motion]) for motion in (got, truth)]
+        assert np.degrees((turns[0].inv() * turns[1]).magnitude()).max() < MOST, name
 
 
 def test_feet_that_rest_turned_out_point_where_they_point(tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ def test_a_layout_comes_in_as_it_was(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize("width", [265, 322, 165])
 def test_vectors_of_one_frame_a_row(tmp_path: Path, width: int) -> None:
-    truth = steps(30.0)
+    truth = [frame.replace(jaw_pose=np.array([0.2, 0, 0])) for frame in steps(30.0)]
     poses, path = arrays(truth, CAMERA)
     root, body, face, hands = poses[:, :3], poses[:, 3:66], poses[:, 66:75], poses[:, 75:]
     rest = np.full((len(poses), 200), 9.0)
@@ -86,6 +86,7 @@ def test_vectors_of_one_frame_a_row(tmp_path: Path, width: int) -> None:
     got = list(import_motion(tmp_path / "m.npy").sequence)
     assert max(apart(got, truth).values()) < 0.1
     assert np.allclose(got[5].right_hand_pose, truth[5].right_hand_pose, atol=1e-6)
+    assert np.allclose(got[5].jaw_pose, [0.2, 0, 0], atol=1e-6)
     assert not got[5].expression.any()
 
 
