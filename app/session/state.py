@@ -112,6 +112,14 @@ class MotionState:
         if not (_number(self.fps) and self.fps > 0):
             raise InputError(self.path, "fps", "a positive number", self.fps)
 
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; options without a choice are left out, as in sessions of before."""
+        options = self.options.to_json()
+        return {
+            **{name: value for name, value in asdict(self).items() if name != "options"},
+            **({"options": options} if options else {}),
+        }
+
 
 @dataclass(frozen=True)
 class StudioState:
@@ -156,11 +164,10 @@ class StudioState:
 
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers."""
-        motion = self.motion and {**asdict(self.motion), "options": self.motion.options.to_json()}
         return {
             "format": FORMAT,
             **asdict(self),
-            "motion": motion,
+            "motion": self.motion and self.motion.to_json(),
             "signals": self.signals.to_json(),
             "hidden": sorted(self.hidden),
         }

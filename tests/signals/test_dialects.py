@@ -74,7 +74,12 @@ def test_a_dialect_comes_in_as_it_was(tmp_path: Path, name: str) -> None:
 
 def test_a_bundle_s_limbs_are_turned_as_their_hinges_bend(tmp_path: Path) -> None:
     """Legs that are turned out by 35 degrees and arms about themselves: no bone's direction shows it, knees and elbows do."""
-    turned = {"left_hip": [0, 0.6, 0], "right_hip": [0, -0.6, 0], "left_shoulder": [0.5, 0, 0], "right_shoulder": [0.5, 0, 0]}
+    turned = {
+        "left_hip": [0, 0.6, 0],
+        "right_hip": [0, -0.6, 0],
+        "left_shoulder": [0.5, 0, 0],
+        "right_shoulder": [0.5, 0, 0],
+    }
     truth = []
     for frame in steps():
         pose = frame.full_pose()
