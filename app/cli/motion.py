@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import numpy as np
 from avatarrex_studio.cli import motion_options, options
 
 from avatarrex.errors import InputError, plain
 from avatarrex.files.gate import check_writable
+from avatarrex.signals.ground import lowest
 from avatarrex.signals.imported import ImportedMotion
 from avatarrex.signals.own_motions import MOTIONS
 from avatarrex.signals.read import import_motion
@@ -67,6 +69,9 @@ def table(path: str, imported: ImportedMotion) -> list[str]:
         lines += [
             f"  {part:{first}}{median:6.1f} {largest:6.1f}" for part, (median, largest) in imported.errors.items()
         ]
+    low = lowest(*(np.stack(rows) for rows in zip(*((f.full_pose(), f.translation) for f in imported.sequence))))
+    heights = ", ".join(f"{100 * height:.1f}" for height in np.percentile(low, (5, 50, 95)))
+    lines += ["", f"  {'over the floor':{first}}lowest point, cm: {heights} (5 %, median, 95 % of the frames)"]
     if imported.skeleton:
         lines += ["", f"  {'joint':{first}}in the file"]
         lines += [f"  {ours:{first}}{theirs}" for ours, theirs in _body(imported.skeleton.mapped).items()]
