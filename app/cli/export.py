@@ -6,6 +6,7 @@ import argparse
 from argparse import Namespace
 
 from avatarrex_studio.cli import options
+from avatarrex_studio.cli.motion_options import KINDS
 from avatarrex_studio.cli.output import name_files
 
 from avatarrex.errors import InputError
@@ -18,7 +19,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add = verb.add_argument
     add("avatar", help="name, folder or .avatar file")
     add("out", metavar="OUT", help="a file that ends in " + ", ".join(ENDINGS))
-    motions = ".bvh, .npz (SMPL-X, AMASS), .csv (Live Link Face) or .json"
+    motions = KINDS
     add("--motion", action="append", default=[], metavar="FILE", help=f"a clip: {motions}; several times for several")
     add(
         "--pose",

@@ -14,6 +14,7 @@ from avatarrex_studio.session.state import StudioState
 from avatarrex.errors import InputError, plain
 from avatarrex.files.gate import what_is
 from avatarrex.files.json_text import parse_json, read_json
+from avatarrex.signals.own_motions import MOTIONS
 
 WIDTH = 160
 """Of a value, characters."""
@@ -37,6 +38,8 @@ def describe(path: str) -> list[str]:
 
 def _lines(path: str) -> list[str]:
     file = Path(path)
+    if path in MOTIONS:
+        return _motion(file)
     found = "a file" if path == "default" else what_is(path)
     if found not in ("a file", "a folder"):
         raise InputError(path, "", "an avatar, a motion, a session or a picture", found)

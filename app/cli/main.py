@@ -23,6 +23,7 @@ VERBS = {
     "render": "render without a display",
     "replay": "render the end of a saved session",
     "export": "an avatar as a file for other programs: GLB, VRM, USD, OBJ, PLY, a web page",
+    "motion": "how a motion file is read, beside its own skeleton",
     "inspect": "say what an avatar, motion or session file holds",
     "runs": "watch trainings: curves, samples, time left",
     "capture": "captures: images of a person from many sides",
@@ -46,7 +47,7 @@ examples:
   avatarrex-studio render walk.mp4 --motion walk.bvh --frames 0:240:2 --size 640x480
   avatarrex-studio render out.png --set body.left_elbow=0,0,45deg --set face.jawOpen=0.6 --aov depth,normal
 """
-SIGNED = ("--frame", "--frames", "--held-out-frames", "--size", "--camera")
+SIGNED = ("--frame", "--frames", "--held-out-frames", "--size", "--camera", "--up", "--forward")
 """Options whose value may start with a minus."""
 
 

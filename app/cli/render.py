@@ -7,7 +7,7 @@ import os
 from argparse import Namespace
 from pathlib import Path
 
-from avatarrex_studio.cli import edits, options
+from avatarrex_studio.cli import edits, motion_options, options
 from avatarrex_studio.cli.job import DEFAULT_SIZE, Job
 from avatarrex_studio.cli.output import name_files, output_file
 from avatarrex_studio.session.commands import SetBackground, SetCamera
@@ -32,7 +32,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add = verb.add_argument
     add("out", help="OUT.png, OUT.mp4, or a folder for frame_000000.png …")
     add("--avatar", default="default", metavar="A", help="name, folder or .avatar file")
-    add("--motion", metavar="FILE", help=".bvh, .npz (SMPL-X, AMASS), .csv (Live Link Face) or .json")
+    add("--motion", metavar="FILE", help=motion_options.KINDS)
     which = verb.add_mutually_exclusive_group()
     which.add_argument("--frame", metavar="N", help="one frame of the motion")
     which.add_argument("--frames", metavar="A:B:S", help="frames A to B (not included) in steps of S")
@@ -51,6 +51,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add("--aov", metavar="NAMES", help=f"{','.join(AOVS)} as .npz beside the image")
     add("--background", metavar="COLOUR", help="name, #rrggbb, r,g,b or transparent")
     add("--stats", metavar="FILE.json", help="time and work of every frame")
+    motion_options.add_import(verb)
     options.add_device(verb)
 
 
@@ -76,7 +77,8 @@ def read_job(arguments: Namespace) -> Job:
     background = _background(arguments, kind)
     size = options.size(arguments.size) if arguments.size else DEFAULT_SIZE
     aovs = options.some_of("--aov", arguments.aov, AOVS) if arguments.aov else ()
-    motion = Motion.read(arguments.motion) if arguments.motion else None
+    chosen = motion_options.import_options(arguments)
+    motion = Motion.read(arguments.motion, chosen) if arguments.motion else None
     frames = _frames(arguments, motion, kind)
     stats = _stats(arguments)
     check_writable(out / "frame_000000.png" if kind == "folder" else out)
@@ -114,6 +116,7 @@ def _background(arguments: Namespace, kind: str) -> Colour:
 def _frames(arguments: Namespace, motion: Motion | None, kind: str) -> tuple[int, ...]:
     if motion is None:
         options.refuse_without_motion(arguments, "frame", "frames")
+        motion_options.refuse_without_motion(arguments)
         if kind == "video":
             raise InputError(arguments.out, "", "--motion FILE for a video", "no motion")
         return (0,)

@@ -6,6 +6,7 @@ import argparse
 from argparse import Namespace
 
 from avatarrex_studio.cli import options
+from avatarrex_studio.cli.motion_options import KINDS
 from avatarrex_studio.cli.output import output_folder, write_json
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.sheets.order import COLUMNS, MOST, SHEETS, TRUTHS, SheetOrder
@@ -29,8 +30,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
         metavar="S",
         help=f"{words} (the clothed subject), or a capture (its own pictures, cameras and poses)",
     )
-    motions = ".bvh, .npz (SMPL-X, AMASS), .csv (Live Link Face) or .json"
-    add("--motion", metavar="FILE", help=f"motion.jpg: frames of {motions}")
+    add("--motion", metavar="FILE", help=f"motion.jpg: frames of {KINDS}")
     add("--other", metavar="AVATAR2", help="a second avatar that follows the same motion")
     add("--frames", metavar="A:B:S", help=f"frames of the motion ({COLUMNS}, evenly spaced)")
     add("--only", metavar="NAMES", help=f"some of {','.join(SHEETS)} (all)")

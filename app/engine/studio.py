@@ -25,6 +25,7 @@ from avatarrex_studio.session.state import OrbitView, StudioState, Vector
 
 from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
+from avatarrex.signals.import_options import ImportOptions
 
 log = logging.getLogger(__name__)
 
@@ -165,10 +166,10 @@ class Studio:
             view = framed(OrbitView(), points, self.state.size.pixels(viewport))
             self.do(SetCamera(view.azimuth, view.elevation, view.distance, view.fov, view.target))
 
-    def open_motion(self, path: str) -> None:
-        """Load a motion file and go to its first frame."""
+    def open_motion(self, path: str, options: ImportOptions | None = None) -> None:
+        """Load a motion file, or one that comes with the program by its name, and go to its first frame."""
         with refusals_logged():
-            motion = self.playback.open(path)
+            motion = self.playback.open(path, options)
             self.do(motion.loaded(self.state.signals))
             for note in motion.sequence.notes:
                 log.info("%s: %s", Path(path).name, note)

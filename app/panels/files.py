@@ -7,7 +7,7 @@ from collections.abc import Callable
 from imgui_bundle import im_file_dialog
 
 FILTERS = {
-    "motion": "Motion (*.bvh;*.npz;*.csv;*.json){.bvh,.npz,.csv,.json},.*",
+    "motion": "Motion (*.bvh;*.amc;*.fbx;*.npz;*.npy;*.csv;*.json){.bvh,.amc,.fbx,.npz,.npy,.csv,.json},.*",
     "session": "Session (*.json){.json},.*",
     "capture": "Capture (*.zip;*.json;*.npz){.zip,.json,.npz},.*",
 }

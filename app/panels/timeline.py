@@ -1,18 +1,22 @@
-"""The Timeline: play a motion at its own rate, scrub, step, loop."""
+"""The Timeline: play a motion at its own rate, scrub, step, loop; the motions that come with the program."""
 
 from __future__ import annotations
 
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import widgets
+from avatarrex_studio.panels.motion_import import MotionImport
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
+from avatarrex.signals.own_motions import MOTIONS
+
 
 class TimelinePanel:
-    """Playback of the loaded motion, and the path of the next."""
+    """Playback of the loaded motion, how it was read, and the path of the next."""
 
     def __init__(self) -> None:
         self.path = ""
+        self.reading = MotionImport()
 
     def draw(self, studio: Studio) -> int | None:
         """Draw the panel; the frame that was scrubbed to, if any."""
@@ -20,7 +24,11 @@ class TimelinePanel:
         wanted = self._transport(studio) if motion else None
         if motion is None:
             imgui.align_text_to_frame_padding()
-            widgets.caption("No motion: open a .bvh, SMPL-X .npz, Live Link .csv or .json file")
+            widgets.caption(
+                "No motion: choose one of the program's, or open a .bvh, .amc, .fbx, .npz, .npy, .csv or .json file"
+            )
+        self._own(studio)
+        imgui.same_line()
         imgui.set_next_item_width(max(widgets.room() - 92, 80))
         entered, self.path = imgui.input_text_with_hint(
             "##motion.path", "Path of a motion file", self.path, imgui.InputTextFlags_.enter_returns_true
@@ -29,6 +37,25 @@ class TimelinePanel:
         if (imgui.button(f"{icons.ICON_FA_FOLDER_OPEN}  Load##motion", (-1, 0)) or entered) and self.path:
             studio.open_motion(self.path.strip())
         return wanted
+
+    def _own(self, studio: Studio) -> None:
+        """The menu of motions, and how the loaded one was read."""
+        if imgui.button(f"{icons.ICON_FA_PERSON_WALKING}  Motions##motion.own"):
+            imgui.open_popup("motions")
+        if imgui.begin_popup("motions"):
+            for name, what in MOTIONS.items():
+                if imgui.menu_item(f"{name.capitalize()}: {what}", "", False)[0]:
+                    studio.open_motion(name)
+            imgui.separator()
+            if imgui.menu_item("How the motion was read…", "", False, studio.state.motion is not None)[0]:
+                self.reading.open()
+            imgui.end_popup()
+        motion = studio.playback.motion
+        if studio.state.motion and motion and motion.imported.warnings:
+            imgui.same_line()
+            if imgui.button(f"{icons.ICON_FA_TRIANGLE_EXCLAMATION}##motion.warnings"):
+                self.reading.open()
+            widgets.tooltip("\n".join(motion.imported.warnings))
 
     def _transport(self, studio: Studio) -> int | None:
         motion = studio.state.motion

@@ -109,6 +109,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_has_motion),
     Action("step.back", "Previous frame", "Motion", "Left", effect="step_back", enabled=_has_motion),
     Action("step.on", "Next frame", "Motion", "Right", effect="step_on", enabled=_has_motion),
+    Action("motion.read", "How the motion was read…", "Motion", effect="read_motion", enabled=_has_motion, separator=True),
     Action("palette", "Command palette", "Help", "Ctrl+P", effect="palette"),
     Action("shortcuts", "Keyboard shortcuts", "Help", "F1", effect="shortcuts"),
     *(_named("pose", name, commands.ApplyPose(name)) for name in POSES),

@@ -15,6 +15,7 @@ from avatarrex_studio.session.state import Colour, MotionState, SizePolicy, Stud
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
 from avatarrex.signals.limits import random_signals
 
@@ -34,7 +35,8 @@ class Command:
 
     def to_json(self) -> dict[str, Any]:
         """Its name and fields, plain values."""
-        content = {key: value.to_json() if isinstance(value, Signals) else value for key, value in vars(self).items()}
+        objects = (Signals, ImportOptions)
+        content = {key: value.to_json() if isinstance(value, objects) else value for key, value in vars(self).items()}
         return {"command": type(self).__name__, **content}
 
     @staticmethod
@@ -254,9 +256,11 @@ class LoadMotion(Command):
     frames: int
     fps: float
     signals: Signals
+    options: ImportOptions = ImportOptions()
 
     def apply(self, state: StudioState) -> StudioState:
-        return state.play(MotionState(self.path, self.name, self.frames, self.fps), self.signals)
+        motion = MotionState(self.path, self.name, self.frames, self.fps, options=self.options)
+        return state.play(motion, self.signals)
 
 
 class SetFrame(Setting):
@@ -285,4 +289,6 @@ KINDS: dict[str, type[Command]] = {
 def _read(key: str, value: Any, source: str) -> Any:
     if key == "signals":
         return Signals.from_json(value, source)
+    if key == "options":
+        return ImportOptions.from_json(value, source)
     return tuple(value) if isinstance(value, list) else value

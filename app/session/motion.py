@@ -14,7 +14,9 @@ import numpy as np
 from avatarrex_studio.session.commands import LoadMotion, SetFrame
 
 from avatarrex.signals.driving import SHAPES, Signals
-from avatarrex.signals.read import read_motion
+from avatarrex.signals.import_options import ImportOptions
+from avatarrex.signals.imported import ImportedMotion
+from avatarrex.signals.read import import_motion
 from avatarrex.signals.sequence import SignalSequence
 
 
@@ -23,12 +25,18 @@ class Motion:
     """A sequence with the path it came from."""
 
     path: str
-    sequence: SignalSequence
+    """Or the name of a motion that comes with the program."""
+    imported: ImportedMotion
 
     @classmethod
-    def read(cls, path: str | Path) -> Motion:
-        """Read `.bvh`, `.npz`, `.csv` or `.json`. Raises `InputError`."""
-        return cls(str(path), read_motion(path))
+    def read(cls, path: str | Path, options: ImportOptions | None = None) -> Motion:
+        """Read any kind of motion file, guesses replaced by `options`. Raises `InputError`."""
+        return cls(str(path), import_motion(path, options))
+
+    @property
+    def sequence(self) -> SignalSequence:
+        """The frames."""
+        return self.imported.sequence
 
     def __len__(self) -> int:
         return len(self.sequence)
@@ -58,7 +66,8 @@ class Motion:
     def loaded(self, base: Signals) -> LoadMotion:
         """The command that loads this motion."""
         name = Path(self.path).name
-        return LoadMotion(self.path, name, len(self), float(self.sequence.fps), self.signals(0, base))
+        rate, options = float(self.sequence.fps), self.imported.options
+        return LoadMotion(self.path, name, len(self), rate, self.signals(0, base), options)
 
     def at(self, frame: int, base: Signals) -> SetFrame:
         """The command that goes to `frame`."""

@@ -9,6 +9,7 @@ from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import StudioState
 
 from avatarrex.errors import InputError
+from avatarrex.signals.import_options import ImportOptions
 
 log = logging.getLogger(__name__)
 
@@ -29,9 +30,9 @@ class Playback:
         """What the frames of one playback have in common: they are undone together."""
         return "play", self._plays
 
-    def open(self, path: str) -> Motion:
+    def open(self, path: str, options: ImportOptions | None = None) -> Motion:
         """Read a motion in place of the last. Raises `InputError`."""
-        self.motion = Motion.read(path)
+        self.motion = Motion.read(path, options)
         self.playing = False
         return self.motion
 
@@ -73,9 +74,10 @@ class Playback:
         """The motion that the state names, read again after an undo or a session that was opened."""
         if state.motion is None:
             return None
-        if self.motion is None or self.motion.path != state.motion.path:
+        wanted = state.motion.path, state.motion.options
+        if self.motion is None or (self.motion.path, self.motion.imported.options) != wanted:
             try:
-                self.motion = Motion.read(state.motion.path)
+                self.motion = Motion.read(*wanted)
             except InputError as error:
                 log.error("%s", error)
                 self.playing = False

@@ -16,6 +16,7 @@ from avatarrex import levels
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.import_options import ImportOptions
 from avatarrex.templates.parts import PARTS
 
 FORMAT = 1
@@ -102,12 +103,22 @@ class MotionState:
     frames: int
     fps: float
     frame: int = 0
+    options: ImportOptions = field(default_factory=ImportOptions)
+    """What was chosen instead of guessed when it was read."""
 
     def __post_init__(self) -> None:
         if not (isinstance(self.frames, int) and isinstance(self.frame, int) and 0 <= self.frame < self.frames):
             raise InputError(self.path, "frame", f"0 to {self.frames - 1}", self.frame)
         if not (_number(self.fps) and self.fps > 0):
             raise InputError(self.path, "fps", "a positive number", self.fps)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; options without a choice are left out, as in sessions of before."""
+        options = self.options.to_json()
+        return {
+            **{name: value for name, value in asdict(self).items() if name != "options"},
+            **({"options": options} if options else {}),
+        }
 
 
 @dataclass(frozen=True)
@@ -156,6 +167,7 @@ class StudioState:
         return {
             "format": FORMAT,
             **asdict(self),
+            "motion": self.motion and self.motion.to_json(),
             "signals": self.signals.to_json(),
             "hidden": sorted(self.hidden),
         }
@@ -197,6 +209,8 @@ def _read(name: str, value: Any, source: str) -> Any:
         return Signals.from_json(value, source)
     if name == "motion" and not value:
         return None
+    if name == "motion":
+        value = {**value, "options": ImportOptions.from_json(value.get("options", {}), source)}
     if name in _RECORDS:
         return _RECORDS[name](**{key: _tuple(entry) for key, entry in value.items()})
     return {"avatar": str, "hidden": frozenset}.get(name, _tuple)(value)

@@ -76,6 +76,7 @@ class Window:
         self._effects = {
             "undo": studio.undo, "redo": studio.redo, "toggle_play": studio.toggle_play,
             "step_back": lambda: studio.step_by(-1), "step_on": lambda: studio.step_by(1),
+            "read_motion": self.timeline.reading.open,
             "open_motion": lambda: self.files.open("motion", "Open a motion", studio.open_motion),
             "open_session": lambda: self.files.open("session", "Open a session", studio.open_session),
             "save_session": lambda: self.files.open("session", "Save the session", studio.save_session, save=True),
@@ -182,6 +183,7 @@ class Window:
         """What lies over the panels, and the keys."""
         self._run(self.palette.draw(self.studio.journal))
         self.files.draw()
+        self.timeline.reading.draw(self.studio)
         if not imgui.get_io().want_text_input:
             for chord, entry in self._chords:
                 if imgui.is_key_chord_pressed(chord) and entry.enabled(self.studio.journal):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import check_bytes
+from avatarrex.files.gate import check_bytes, read_bytes
 from avatarrex.files.zips import check_directory, open_member, open_zip, refusing, unpack
 
 UNPACKED_BYTES = 2**31
@@ -48,6 +48,15 @@ def read_arrays(
     return arrays
 
 
+def read_array(path: str | Path, largest: int = UNPACKED_BYTES) -> np.ndarray:
+    """The array of an `.npy` file. Raises `InputError`."""
+    content = read_bytes(path, "an array file", largest)
+    shape, fortran, dtype, start = _described(io.BytesIO(content[:HEADER]), str(path), "")
+    if start + math.prod(shape) * dtype.itemsize > len(content):
+        raise InputError(path, "", f"{PLAIN} of shape {shape}", f"{len(content) - start} bytes")
+    return _array(bytearray(content), shape, fortran, dtype, start)
+
+
 def _opened(source: str | Path | bytes, place: str) -> zipfile.ZipFile:
     if not isinstance(source, bytes):
         return open_zip(source, "a complete .npz file")
@@ -60,7 +69,11 @@ def _header(
 ) -> tuple[tuple[int, ...], bool, np.dtype, int]:
     """Shape, whether columns run first, type, and where the values start, of a member. Raises `InputError`."""
     with open_member(archive, info, place, name) as member:
-        head = io.BytesIO(member.read(HEADER))
+        return _described(io.BytesIO(member.read(HEADER)), place, name)
+
+
+def _described(head: io.BytesIO, place: str, name: str) -> tuple[tuple[int, ...], bool, np.dtype, int]:
+    """The same of the bytes at an array's start."""
     if not head.getvalue().startswith(npy.MAGIC_PREFIX):
         raise InputError(place, name, PLAIN, "other bytes")
     try:

@@ -19,12 +19,12 @@ from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import read_lines
+from avatarrex.signals.import_options import ImportOptions
+from avatarrex.signals.imported import ImportedMotion
 from avatarrex.signals.joints import JOINT_NAMES
-from avatarrex.signals.retarget import SourceMotion, retarget
-from avatarrex.signals.sequence import SignalSequence
+from avatarrex.signals.retarget import retarget
+from avatarrex.signals.source_motion import END, SourceMotion
 
-END = " end"
-"""Suffix of the name that an end site gets from its joint; no joint's name ends so, as names are stripped."""
 LARGEST_NUMBER = 1e9
 """Largest number in a file: 1000 km in millimetres, or as many turns as nobody makes."""
 MOST_JOINTS = 1000
@@ -47,16 +47,15 @@ class _Joint:
     channels: list[str] = field(default_factory=list)
 
 
-def read_bvh(path: str | Path) -> SignalSequence:
+def read_bvh(path: Path, options: ImportOptions) -> ImportedMotion:
     """Read and retarget a BVH file, line by line. Raises `InputError` naming the line."""
-    path = Path(path)
     lines = enumerate(read_lines(path, "a BVH file", errors="replace"), start=1)
     joints = _hierarchy(path, lines)
     fps, values = _motion(path, lines, joints)
     offsets = np.stack([joint.offset for joint in joints])
     turned, places = _forward(joints, values)
     names, parents = tuple(joint.name for joint in joints), np.array([joint.parent for joint in joints])
-    return retarget(path, SourceMotion(names, parents, offsets, turned, places), fps)
+    return retarget(path, SourceMotion("BVH", names, parents, offsets, turned, places, fps), options)
 
 
 def _hierarchy(path: Path, lines: Lines) -> list[_Joint]:

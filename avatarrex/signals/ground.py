@@ -1,15 +1,14 @@
 """Where a motion's floor is: soles and other low points of the default person, posed by the skeleton alone.
 
-Files measure heights from floors of their own. Ours lies under the soles of the T-pose. Letters: t frames, j joints, p points.
-Metres.
+Files measure heights from floors of their own. Ours lies under the soles of the T-pose. Letters: t frames, p points. Metres.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.rest_skeleton import rest_skeleton
@@ -18,6 +17,27 @@ _THICKNESS = {"pelvis": 0.11, "knee": 0.06, "elbow": 0.04, "wrist": 0.03, "head"
 """Metres of flesh below a joint that may rest on the floor: sitting, kneeling, crawling."""
 _SOLE = 0.012
 """Metres above the lowest vertex: what counts as sole."""
+STANDS = 0.25
+"""Metres a second, upwards or down, below which the lowest point of a body stands: a jump passes it in 25 ms."""
+WORDS = {
+    "contacts": "what stands is put on the floor, in the median",
+    "each": "every frame is put on the floor",
+    "lowest": "lowest frame put on the floor",
+    "file": "heights as in the file",
+}
+"""What each of `import_options.FLOORS` does."""
+
+
+@dataclass(frozen=True, eq=False)
+class LowPoints:
+    """Points of the body that may touch the floor."""
+
+    points: np.ndarray
+    """(p, 3) at rest."""
+    joint: np.ndarray
+    """(p,) the joint that each moves with."""
+    thickness: np.ndarray
+    """(p,) metres of flesh below it."""
 
 
 def floor_height() -> float:
@@ -25,32 +45,43 @@ def floor_height() -> float:
     return float(rest_skeleton().vertices[:, 1].min())
 
 
+def heights(pose: np.ndarray, translation: np.ndarray) -> np.ndarray:
+    """(t, p) heights of `low_points` over the floor, of (t, 55, 3) rotation vectors and (t, 3) translations."""
+    low, rest = low_points(), rest_skeleton()
+    turned, places = rest.posed(pose)
+    moved = places[:, low.joint] + np.einsum("tpab,pb->tpa", turned[:, low.joint], low.points - rest.joints[low.joint])
+    return np.asarray(moved[..., 1] - low.thickness + translation[:, 1:2] - floor_height())
+
+
 def lowest(pose: np.ndarray, translation: np.ndarray) -> np.ndarray:
     """(t,) height of the lowest point of (t, 55, 3) rotation vectors and (t, 3) translations above the floor."""
-    points, joint, thickness = _low_points()
-    rest, parents = rest_skeleton().joints, rest_skeleton().parents
-    turned = Rotation.from_rotvec(pose.reshape(-1, 3)).as_matrix().reshape(len(pose), 55, 3, 3)
-    places = np.zeros((len(pose), 55, 3))
-    places[:, 0] = rest[0]
-    for j in range(1, 55):
-        places[:, j] = places[:, parents[j]] + turned[:, parents[j]] @ (rest[j] - rest[parents[j]])
-        turned[:, j] = turned[:, parents[j]] @ turned[:, j]
-    moved = places[:, joint] + np.einsum("tpab,pb->tpa", turned[:, joint], points - rest[joint])
-    return np.asarray((moved[..., 1] - thickness).min(1) + translation[:, 1] - floor_height())
+    return np.asarray(heights(pose, translation).min(1))
 
 
-def grounded(pose: np.ndarray, translation: np.ndarray, each: bool = False) -> tuple[np.ndarray, str]:
-    """Translations shifted vertically so that the lowest point of all frames, or of `each`, is on the floor; a note."""
-    height = lowest(pose, translation)
+def grounded(pose: np.ndarray, translation: np.ndarray, how: str, fps: float = 30.0) -> np.ndarray:
+    """Translations shifted vertically, `how` as one of `import_options.FLOORS` says."""
     moved = translation.copy()
-    moved[:, 1] -= height if each else height.min()
-    how = "the root never rises or sinks: every frame is put on the floor" if each else "lowest frame put on the floor"
-    return moved, how
+    if how != "file":
+        height = lowest(pose, translation)
+        shift = standing(height, fps) if how == "contacts" else height.min()
+        moved[:, 1] -= height if how == "each" else shift
+    return moved
+
+
+def standing(height: np.ndarray, fps: float) -> float:
+    """The median height (t,) of a body's lowest point over the frames in which it neither rises nor falls, near the lowest.
+
+    Those are frames within a hand's breadth of the lowest tenth: a motion may end on a chair.
+    """
+    still = np.abs(np.gradient(height)) * fps < STANDS if len(height) > 1 else np.ones(1, bool)
+    near = height <= np.quantile(height, 0.1) + 0.1
+    chosen = still & near if (still & near).any() else near
+    return float(np.median(height[chosen]))
 
 
 @lru_cache(maxsize=1)
-def _low_points() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (p, 3) at rest, the joint (p,) that each moves with, thickness (p,) of the flesh below it."""
+def low_points() -> LowPoints:
+    """Ends of the soles, and joints with flesh below them."""
     person = rest_skeleton()
     low = person.vertices[:, 1] < floor_height() + _SOLE
     found: list[tuple[np.ndarray, int, float]] = []
@@ -63,4 +94,4 @@ def _low_points() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         joints = [JOINT_NAMES.index(full) for full in (name, f"left_{name}", f"right_{name}") if full in JOINT_NAMES]
         found += [(person.joints[j], j, below) for j in joints]
     points, joint, thickness = map(np.array, zip(*found))
-    return points, joint, thickness
+    return LowPoints(points, joint, thickness)

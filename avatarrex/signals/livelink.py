@@ -17,6 +17,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import read_lines
+from avatarrex.signals.import_options import ImportOptions
+from avatarrex.signals.imported import Guess, ImportedMotion
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.sequence import SignalSequence, check_frames, stack
 
@@ -36,14 +38,15 @@ WANTED = (*EXPRESSION_NAMES, *HEAD)
 _KNOWN = {"timecode", "blendshapecount", *(name.lower() for name in (*WANTED, *ANGLES[3:]))}
 
 
-def read_livelink(path: str | Path) -> SignalSequence:
+def read_livelink(path: Path, options: ImportOptions) -> ImportedMotion:
     """Read a Live Link Face recording; the head's turn is shared by neck and head. Raises `InputError`."""
-    path = Path(path)
     values, timecodes, notes = _rows(path)
     # about +Y to the person's left, about +X down, about +Z towards the right shoulder
     turns = Rotation.from_euler("YXZ", values[:, 52:])
     weights = values[:, :52]
     times, fps, note = _times(path, timecodes)
+    if options.fps is not None:
+        times, fps, note = None, options.fps, f"{options.fps:g} frames a second, chosen"
     if times is not None and np.abs(np.diff(times) * fps - 1).max(initial=0) > 1e-3:
         count = int((times[-1] - times[0]) * fps + 1.5)
         check_frames(count, path, "Timecode")
@@ -57,7 +60,11 @@ def read_livelink(path: str | Path) -> SignalSequence:
     if weights.min() < 0 or weights.max() > 1:
         notes.append(f"coefficients from {weights.min():.2f} to {weights.max():.2f} clipped to 0 … 1")
     frames = stack(pose, np.zeros((len(weights), 3)), np.clip(weights, 0, 1))
-    return SignalSequence(frames, fps, path.name, tuple(notes))
+    guesses = (
+        Guess("file", "Live Link Face", f"{len(frames)} frames"),
+        Guess("rate", f"{fps:g} frames a second", note, "fps"),
+    )
+    return ImportedMotion(SignalSequence(frames, fps, path.name, tuple(notes)), guesses, options=options)
 
 
 def _rows(path: Path) -> tuple[np.ndarray, list[str], list[str]]:

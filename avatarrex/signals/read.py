@@ -3,41 +3,76 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import what_is, write_text
 from avatarrex.files.json_text import read_json as read_json_file
+from avatarrex.signals.asf import read_amc
 from avatarrex.signals.bvh import read_bvh
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.fbx import read_fbx
+from avatarrex.signals.import_options import ImportOptions
+from avatarrex.signals.imported import Guess, ImportedMotion
 from avatarrex.signals.livelink import read_livelink
+from avatarrex.signals.own_motions import resolved
 from avatarrex.signals.sequence import SignalSequence, check_frames, check_rate
-from avatarrex.signals.smplx_npz import read_smplx
+from avatarrex.signals.smplx_npz import read_smplx, read_vectors
 
 FORMAT, VERSION = "avatarrex-signals", 1
+READERS: dict[str, Callable[[Path, ImportOptions], ImportedMotion]] = {
+    ".bvh": read_bvh, ".amc": read_amc, ".fbx": read_fbx, ".npz": read_smplx, ".npy": read_vectors, ".csv": read_livelink,
+    ".json": lambda path, options: _of_json(path, options),
+}  # fmt: skip
+"""What reads a file, by its extension."""
+SKELETONS = (".bvh", ".amc", ".fbx")
+"""Kinds with a skeleton of their own."""
 
 
-def read_motion(path: str | Path) -> SignalSequence:
-    """Read a motion by its extension: `.bvh`, `.npz` (SMPL-X, AMASS), `.csv` (Live Link Face) or our `.json`.
+def read_motion(path: str | Path, options: ImportOptions | None = None) -> SignalSequence:
+    """Read a motion by its extension (`READERS`), or one that comes with the program by its name (`own_motions.MOTIONS`).
 
-    Whatever the skeleton, the frames are our `Signals` (radians, metres, the person's feet on the floor); `notes` of the
-    sequence say what the reader decided: axes, scale, joints that were not found. Raises `InputError` with file and field.
+    Whatever the skeleton, the frames are our `Signals` (radians, metres, the person's feet on the floor, looking at the camera at
+    first); `notes` of the sequence say what the reader decided and warn. Raises `InputError` with file and field.
     """
-    path = Path(path)
-    readers = {".bvh": read_bvh, ".npz": read_smplx, ".csv": read_livelink, ".json": read_json}
-    reader = readers.get(path.suffix.lower())
+    return import_motion(path, options).sequence
+
+
+def import_motion(path: str | Path, options: ImportOptions | None = None) -> ImportedMotion:
+    """As `read_motion`, with every guess, the file's own skeleton and how far its directions are from ours.
+
+    `options` decide what would be guessed. Raises `InputError`.
+    """
+    path, options = resolved(path), options or ImportOptions()
+    reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise InputError(path, "", "a motion file: " + ", ".join(readers), path.suffix or "no extension")
+        raise InputError(path, "", "a motion file: " + ", ".join(READERS), path.suffix or "no extension")
     found = what_is(path)
     if found != "a file":
         raise InputError(path, "", "a motion file", found)
     try:
-        return reader(path)
+        read = reader(path, options)
     except InputError as error:
         if error.source != "signals":
             raise
         # a frame that cannot be: say whose
         raise InputError(path, error.field, error.expected, error.found) from None
+    unused = [name for name in ("joints", "rest") if path.suffix.lower() not in SKELETONS and getattr(options, name)]
+    if not unused:
+        return read
+    return replace(read, warnings=(*read.warnings, f"no skeleton in this file: {', '.join(unused)} not used"))
+
+
+def _of_json(path: Path, options: ImportOptions) -> ImportedMotion:
+    """Our own file, as it is, at the rate that was chosen."""
+    sequence = read_json(path)
+    if options.fps is not None:
+        sequence = replace(sequence, fps=options.fps)
+    rate = Guess("rate", f"{sequence.fps:g} frames a second", "chosen" if options.fps else "", "fps")
+    guesses = (Guess("file", "AvatarReX signals", f"{len(sequence)} frames"), rate)
+    return ImportedMotion(sequence, guesses, options=options)
 
 
 def read_json(path: str | Path) -> SignalSequence:

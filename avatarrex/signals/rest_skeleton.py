@@ -1,6 +1,6 @@
 """The default person at rest, as far as retargeting and grounding need it: joints, and which joint each vertex follows.
 
-Read from the packaged arrays in NumPy: templates, which need torch, stand above signals. Letters: v vertices. Metres.
+Read from the packaged arrays in NumPy: templates, which need torch, stand above signals. Letters: t frames, v vertices. Metres.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from avatarrex.files.arrays import read_arrays
 from avatarrex.files.assets import DATA
@@ -26,6 +27,17 @@ class RestSkeleton:
     """(v, 3)."""
     owner: np.ndarray
     """(v,) the joint with the largest skinning weight."""
+
+    def posed(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(t, 55, 3, 3) global rotations and (t, 55, 3) places of (t, 55, 3) rotation vectors, without translation."""
+        turned = Rotation.from_rotvec(pose.reshape(-1, 3)).as_matrix().reshape(len(pose), 55, 3, 3)
+        places = np.zeros((len(pose), 55, 3))
+        places[:, 0] = self.joints[0]
+        for j in range(1, 55):
+            parent = self.parents[j]
+            places[:, j] = places[:, parent] + turned[:, parent] @ (self.joints[j] - self.joints[parent])
+            turned[:, j] = turned[:, parent] @ turned[:, j]
+        return turned, places
 
 
 @lru_cache(maxsize=1)

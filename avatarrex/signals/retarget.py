@@ -1,10 +1,10 @@
-"""A skeleton's motion on the 55 joints: names, axes, rest poses, size, floor.
+"""A skeleton's motion on the 55 joints: names, axes, rest pose, size, floor.
 
-With R the file's global rotation of a joint (zero in the file's rest pose) ours is R · A. A is the identity for pelvis, spine,
-collars, feet, neck, head, jaw and eyes: these rest alike in every file. For a limb, A takes our bone's rest direction to the
-file's, starting from the parent's A, so that A- and T-poses meet and twist is carried along the limb; a palm with fingers gives
-its whole frame. Then every limb bone points exactly where the file's does. The chest is turned, on top, until hips to neck
-points where the file's does. Letters: t frames, j joints. Rotation matrices; the file's unit, then metres.
+With R the file's global rotation of a joint (the identity at rest) and W the rotation from the file's world to ours
+(world_axes.py), ours is W · R · B: B of each joint is how it rests in the file, from its rest pose (rest_pose.py) or, where that
+is a bundle of bones, from bones and averages (bone_frames.py). Every limb bone then points exactly where the file's does. The spine
+is turned, on top, until hips to neck points where the file's does. Letters: t frames, j joints. Rotation matrices; the file's unit,
+then metres.
 """
 
 from __future__ import annotations
@@ -16,146 +16,110 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
-from avatarrex.signals.ground import grounded
-from avatarrex.signals.joint_names import NEEDED, ancestors, find
-from avatarrex.signals.joints import FINGERS, JOINT_NAMES
+from avatarrex.signals.bone_frames import BoneFrames
+from avatarrex.signals.contacts import locked
+from avatarrex.signals.direction import smallest_turn
+from avatarrex.signals.fidelity import Fidelity
+from avatarrex.signals.ground import WORDS, grounded
+from avatarrex.signals.import_options import UNITS, ImportOptions
+from avatarrex.signals.imported import Guess, ImportedMotion, Skeleton
+from avatarrex.signals.joint_names import NEEDED, find
+from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.signals.limits import LIMITS
+from avatarrex.signals.rest_pose import dangling, rest_axes, rest_turns
 from avatarrex.signals.rest_skeleton import rest_skeleton
 from avatarrex.signals.sequence import SignalSequence, stack
+from avatarrex.signals.source_motion import SourceMotion
+from avatarrex.signals.suspicion import suspicions
+from avatarrex.signals.world_axes import near_axis, world_axes
 
-_LIMBS = (("", "hip", "knee"), ("hip", "knee", "ankle"), ("", "shoulder", "elbow"), ("shoulder", "elbow", "wrist"))
-"""Joint before, joint and joint after it."""
 _INDEX = {name: j for j, name in enumerate(JOINT_NAMES)}
+_TOES = [_INDEX["left_foot"], _INDEX["right_foot"]]
 _STILL = np.radians(0.01)
 """A joint that never turns by more than this is at rest: exporters write 1e-5 degrees where nothing moves."""
-UNITS = {"metres": 1.0, "decimetres": 0.1, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254, "feet": 0.3048,
-         "CMU units of 1/0.45 inch": 0.0254 / 0.45}  # fmt: skip
-"""Metres."""
 _UNIT_SLACK = 1.3
 """A leg of 0.66 to 1.12 m: everybody above 1.4 m. Units lie farther apart than its square, but for CMU's and decimetres."""
+_LEG = ("left_hip", "left_knee", "left_ankle")
 
 
-@dataclass(frozen=True)
-class SourceMotion:
-    """A file's skeleton and where it goes, its own axes and unit."""
+@dataclass(frozen=True, eq=False)
+class _Rest:
+    """How a file rests: B (55, 3, 3) of each joint; `axes` (3, 3) to ours, None for a bundle of bones."""
 
-    names: tuple[str, ...]
-    parents: np.ndarray
-    offsets: np.ndarray
-    """(j, 3) from the parent at rest."""
-    turned: np.ndarray
-    """(t, j, 3, 3) global rotations, the identity at rest."""
-    places: np.ndarray
-    """(t, j, 3) positions."""
+    turns: np.ndarray
+    axes: np.ndarray | None
+    guess: Guess
 
 
-def retarget(path: Path, source: SourceMotion, fps: float) -> SignalSequence:
-    """Our signals of a file's motion. Raises `InputError` if a limb is missing."""
-    found = find(source.names, source.parents)
+def retarget(path: Path, source: SourceMotion, options: ImportOptions) -> ImportedMotion:
+    """Our signals of a file's motion. Raises `InputError` if a limb is missing or an option does not fit."""
+    found = find(source.names, source.parents, path, options.joints)
     for name in NEEDED:
         if name not in found:
             raise InputError(path, "HIERARCHY", f"a joint for {name}", ", ".join(source.names[:12]))
-    rest = np.zeros_like(source.offsets)
-    for k, parent in enumerate(source.parents):
-        rest[k] = source.offsets[k] + (rest[parent] if parent >= 0 else 0)
-    axes = _axes(path, rest, found)
-    rest, places = rest @ axes.T, source.places @ axes.T
-    turned = np.einsum("ab,tjbc,dc->tjad", axes, source.turned, axes)
-    ours = rest_skeleton().joints
-    globals_ = _globals(turned, _alignments(rest, found, source), found)
-    _straighten(globals_, places, found)
+    axes = None if options.rest == "bones" else rest_axes(source, found)
+    world, axis_guesses, warnings = world_axes(path, source, found, axes, options)
+    rest = _rest(path, source, found, axes, world)
+    globals_ = _globals(source.turned, world, rest.turns, found)
+    _straighten(globals_, source.places @ world.T, found)
     pose = _locals(globals_)
-    leg = [name for name in ("left_hip", "left_knee", "left_ankle") if name in found]
-    scale = _length(ours, [_INDEX[name] for name in leg]) / max(_length(rest, [found[name] for name in leg]), 1e-12)
-    hips = (places[:, found["left_hip"]] + places[:, found["right_hip"]]) / 2
-    still = np.ptp(places[:, source.parents < 0, 1]) * scale < 1e-3
-    path_metres, floor_note = grounded(pose, (hips - hips[0]) * scale, each=bool(still and len(hips) > 1))
-    notes = (*_notes(source, found, axes, scale), floor_note)
-    return SignalSequence(stack(pose, path_metres), fps, path.name, notes)
+    errors = Fidelity(source, found, world, axes, *rest_skeleton().posed(pose)).errors()
+    fps, rate = _rate(source, options)
+    scale, unit = _scale(source, found, options)
+    places = (source.places - _hips(source.places[:1], found)) @ world.T * scale
+    path_metres = _hips(places, found)[:, 0]
+    warnings += suspicions(pose, path_metres, fps)
+    limited = np.clip(pose[:, _TOES], LIMITS[_TOES, :, 0], LIMITS[_TOES, :, 1])
+    toes, pose[:, _TOES] = int((np.abs(limited - pose[:, _TOES]).max((1, 2)) > 1e-9).sum()), limited
+    still = np.ptp(places[:, source.parents < 0, 1]) < 1e-3 and len(pose) > 1
+    how, why = (
+        (options.floor, "chosen")
+        if options.floor
+        else ("each", "the root never rises or sinks")
+        if still
+        else ("contacts", "")
+    )
+    moved = grounded(pose, path_metres, how, fps)
+    if options.lock_feet:
+        pose = locked(pose, moved, fps)
+    guesses = (
+        Guess("file", source.dialect, f"{len(pose)} frames, {len(source.names)} joints and ends"), unit, *axis_guesses, rest.guess,
+        rate, Guess("floor", WORDS[how], why, "floor"), *_joint_guesses(found, toes),
+    )  # fmt: skip
+    skeleton = Skeleton(source.names, source.parents, places + (moved - path_metres)[:, None], _names(source, found))
+    skeleton.places[..., 1] += _hip_height()
+    notes = (*map(str, guesses), *(f"warning: {text}" for text in warnings))
+    sequence = SignalSequence(stack(pose, moved), fps, path.name, notes)
+    return ImportedMotion(sequence, guesses, tuple(warnings), skeleton, errors, options)
 
 
-def _axes(path: Path, rest: np.ndarray, found: dict[str, int]) -> np.ndarray:
-    """Rotation from the file's axes to ours (+X left, +Y up, +Z forward), from its rest skeleton."""
-    left = rest[found["left_hip"]] - rest[found["right_hip"]]
-    top = rest[found.get("head", found["left_shoulder"])]
-    up = top - (rest[found["left_knee"]] + rest[found["right_knee"]]) / 2
-    sideways, upwards = int(np.abs(left).argmax()), int(np.abs(up).argmax())
-    if sideways == upwards or not left.any() or not up.any():
-        raise InputError(path, "OFFSET", "a rest pose with hips side by side, the head above the knees", "another pose")
-    x, y = np.eye(3)[sideways] * np.sign(left[sideways]), np.eye(3)[upwards] * np.sign(up[upwards])
-    return np.stack([x, y, np.cross(x, y)])
+def _rest(path: Path, source: SourceMotion, found: dict[str, int], axes: np.ndarray | None, world: np.ndarray) -> _Rest:
+    """B of each joint, and the table's line."""
+    bones = BoneFrames(source, found, world[1])
+    if axes is None:
+        return _Rest(
+            bones.all(), None, Guess("rest pose", "a bundle of bones", "their directions and averages count", "rest")
+        )
+    turns, odd = rest_turns(source, found, axes), dangling(source, found, axes)
+    if odd:
+        bones.turns.update(zip(JOINT_NAMES, turns))
+        for name in odd:
+            side, _, part = name.partition("_")
+            bones.foot(side) if part == "ankle" else bones.collar(side)
+        turns = np.stack([bones.turns[name] for name in JOINT_NAMES])
+    letters = [near_axis(row) for row in axes]
+    why = f"left, up, forward are {', '.join(letters)}" + (f"; by their bones: {', '.join(odd)}" if odd else "")
+    return _Rest(turns, axes, Guess("rest pose", "a person's", why, "rest"))
 
 
-def _length(joints: np.ndarray, chain: list[int]) -> float:
-    """Length of the bones along a chain of joints."""
-    return float(np.linalg.norm(np.diff(joints[chain], axis=0), axis=1).sum())
-
-
-def _alignments(rest: np.ndarray, found: dict[str, int], source: SourceMotion) -> np.ndarray:
-    """(55, 3, 3): A of each joint."""
-    ours = dict(zip(JOINT_NAMES, rest_skeleton().joints))
-    theirs = {name: rest[k] for name, k in found.items()}
-    align = dict.fromkeys(JOINT_NAMES, np.eye(3))
-
-    def towards(start: np.ndarray, joint: str, child: str) -> np.ndarray:
-        """`start`, turned the least so that our bone joint-child has the file's rest direction."""
-        if joint not in theirs or child not in theirs:
-            return start
-        return np.asarray(_smallest(start @ (ours[child] - ours[joint]), theirs[child] - theirs[joint]) @ start)
-
-    def palm(forearm: np.ndarray, side: str) -> np.ndarray:
-        """A of a wrist: the palm's frame; without fingers the hand's direction; without either the forearm's."""
-        wrist, index, middle, pinky = corners = [f"{side}_{part}" for part in ("wrist", "index1", "middle1", "pinky1")]
-        if wrist not in theirs:
-            return forearm
-        if all(name in theirs for name in (index, middle, pinky)):
-            return np.asarray(_frame(*(theirs[name] for name in corners)) @ _frame(*(ours[name] for name in corners)).T)
-        far = [k for k in range(len(rest)) if found[wrist] in ancestors(k, source.parents)]
-        tip = max(far, key=lambda k: float(np.linalg.norm(rest[k] - theirs[wrist])), default=found[wrist])
-        return np.asarray(_smallest(forearm @ (ours[middle] - ours[wrist]), rest[tip] - theirs[wrist]) @ forearm)
-
-    for side in ("left", "right"):
-        for before, part, after in _LIMBS:
-            start = align[f"{side}_{before}"] if before else np.eye(3)
-            align[f"{side}_{part}"] = towards(start, f"{side}_{part}", f"{side}_{after}")
-        align[f"{side}_wrist"] = palm(align[f"{side}_elbow"], side)
-        for finger in FINGERS:
-            first, second, third = (f"{side}_{finger}{k}" for k in (1, 2, 3))
-            align[first] = towards(align[f"{side}_wrist"], first, second)
-            align[second] = align[third] = towards(align[first], second, third)
-    return np.stack(list(align.values()))
-
-
-def _frame(wrist: np.ndarray, index: np.ndarray, middle: np.ndarray, pinky: np.ndarray) -> np.ndarray:
-    """Columns along the hand, out of its back or palm (the same on both sides of a product), across it."""
-    along = (middle - wrist) / max(np.linalg.norm(middle - wrist), 1e-12)
-    out = np.cross(along, index - pinky)
-    out /= max(float(np.linalg.norm(out)), 1e-12)
-    return np.stack([along, out, np.cross(along, out)], 1)
-
-
-def _smallest(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(…, 3, 3) the smallest rotation between directions; the identity where one has no length."""
-    a, b = np.broadcast_arrays(start, end)
-    length = np.linalg.norm(a, axis=-1, keepdims=True) * np.linalg.norm(b, axis=-1, keepdims=True)
-    safe = np.maximum(length, 1e-12)
-    axis, cosine = np.cross(a, b) / safe, (a * b).sum(-1, keepdims=True) / safe
-    sine = np.linalg.norm(axis, axis=-1, keepdims=True)
-    # opposite directions have no smallest rotation: a half turn about any normal of them
-    spare = np.cross(a, np.eye(3)[np.abs(a).reshape(-1, 3).sum(0).argmin()])
-    spare /= np.maximum(np.linalg.norm(spare, axis=-1, keepdims=True), 1e-12)
-    unit = np.where(sine > 1e-9, axis / np.maximum(sine, 1e-12), spare)
-    angle = np.where(length > 1e-12, np.arctan2(sine, cosine), 0.0)
-    return np.asarray(Rotation.from_rotvec((unit * angle).reshape(-1, 3)).as_matrix().reshape(*a.shape, 3))
-
-
-def _globals(turned: np.ndarray, align: np.ndarray, found: dict[str, int]) -> np.ndarray:
+def _globals(turned: np.ndarray, world: np.ndarray, rest: np.ndarray, found: dict[str, int]) -> np.ndarray:
     """(t, 55, 3, 3): ours; a joint that the file lacks follows its parent."""
     globals_ = np.zeros((len(turned), 55, 3, 3))
     for j, (name, parent) in enumerate(zip(JOINT_NAMES, rest_skeleton().parents)):
         if name in found:
-            globals_[:, j] = turned[:, found[name]] @ align[j]
+            globals_[:, j] = world @ turned[:, found[name]] @ rest[j]
         else:
-            globals_[:, j] = globals_[:, parent] @ (align[parent].T @ align[j])
+            globals_[:, j] = globals_[:, parent] @ (rest[parent].T @ rest[j])
     return globals_
 
 
@@ -172,7 +136,7 @@ def _straighten(globals_: np.ndarray, places: np.ndarray, found: dict[str, int])
         have = -globals_[:, 0] @ hips
         for j in chain:
             have = have + globals_[:, parents[j]] @ (ours[j] - ours[parents[j]])
-        globals_[:, chain[:3]] = _smallest(have, wanted)[:, None] @ globals_[:, chain[:3]]
+        globals_[:, chain[:3]] = smallest_turn(have, wanted)[:, None] @ globals_[:, chain[:3]]
 
 
 def _locals(globals_: np.ndarray) -> np.ndarray:
@@ -184,23 +148,61 @@ def _locals(globals_: np.ndarray) -> np.ndarray:
     return pose
 
 
-def _notes(source: SourceMotion, found: dict[str, int], axes: np.ndarray, scale: float) -> tuple[str, ...]:
-    """What was decided, for the import dialog."""
+def _hips(places: np.ndarray, found: dict[str, int]) -> np.ndarray:
+    """(t, 1, 3) between the hips."""
+    return np.asarray((places[:, [found["left_hip"]]] + places[:, [found["right_hip"]]]) / 2)
+
+
+def _hip_height() -> float:
+    """y of the middle of our hips in metres, at rest."""
+    return float(rest_skeleton().joints[[_INDEX["left_hip"], _INDEX["right_hip"]], 1].mean())
+
+
+def _length(joints: np.ndarray, chain: list[int]) -> float:
+    """Length of the bones along a chain of joints."""
+    return float(np.linalg.norm(np.diff(joints[chain], axis=0), axis=1).sum())
+
+
+def _scale(source: SourceMotion, found: dict[str, int], options: ImportOptions) -> tuple[float, Guess]:
+    """Metres of the file's unit on our person, and what the unit seems to be."""
+    leg = [name for name in _LEG if name in found]
+    theirs = _length(source.places[0], [found[name] for name in leg])
+    scale = _length(rest_skeleton().joints, [_INDEX[name] for name in leg]) / max(theirs, 1e-12)
+    if options.metres is not None:
+        return options.metres, Guess("unit", options.unit, f"chosen; our leg would say {scale:.4g} m", "unit")
     name, metres = min(UNITS.items(), key=lambda unit: abs(np.log(unit[1] / scale)))
     fits = max(metres / scale, scale / metres) < _UNIT_SLACK
-    size = f"units look like {name}: {metres / scale:.2f} times our leg" if fits else "unknown units"
-    notes = [f"{size}; path scaled by {scale:.4g} to our leg"]
-    if not np.allclose(axes, np.eye(3)):
-        letters = ["XYZ"[int(np.abs(row).argmax())] for row in axes]
-        signs = ["-" if row.sum() < 0 else "+" for row in axes]
-        notes.append(
-            "axes turned: left, up, forward are the file's " + ", ".join(s + a for s, a in zip(signs, letters))
+    size = f"{metres / scale:.2f} times our leg" if fits else "no unit makes a grown person"
+    return scale, Guess("unit", name if fits else "unknown", f"{size}; path scaled by {scale:.4g} to our leg", "unit")
+
+
+def _rate(source: SourceMotion, options: ImportOptions) -> tuple[float, Guess]:
+    if options.fps is not None:
+        return options.fps, Guess(
+            "rate", f"{options.fps:g} frames a second", f"chosen; the file says {source.fps:g}", "fps"
         )
-    fingers = sum(name in found for name in JOINT_NAMES[25:])
-    notes.append(
-        f"{fingers} of 30 finger joints in the file" if fingers else "no finger joints in the file: flat hands"
-    )
+    return source.fps, Guess("rate", f"{source.fps:g} frames a second", "", "fps")
+
+
+def _joint_guesses(found: dict[str, int], toes: int) -> tuple[Guess, ...]:
+    """What the file has of our joints."""
     body = [name for name in JOINT_NAMES[:25] if name not in found]
-    if body:
-        notes.append("not in the file, at rest: " + ", ".join(body))
-    return tuple(notes)
+    fingers = sum(name in found for name in JOINT_NAMES[25:])
+    guesses = [
+        Guess(
+            "joints",
+            f"{25 - len(body)} of 25",
+            f"not in the file, at rest: {', '.join(body)}" if body else "",
+            "joints",
+        )
+    ]
+    guesses.append(
+        Guess("fingers", f"{fingers} of 30", "" if fingers else "no finger joints in the file: flat hands", "joints")
+    )
+    if toes:
+        guesses.append(Guess("toes", f"limited in {toes} frames", "they bent as no toes do"))
+    return tuple(guesses)
+
+
+def _names(source: SourceMotion, found: dict[str, int]) -> dict[str, str]:
+    return {name: source.names[k] for name, k in found.items()}

@@ -1,9 +1,9 @@
-"""SMPL-X and AMASS `.npz` motions (assets_spec/motions.md): full axis-angle, metres. Letters: t frames.
+"""SMPL, SMPL-H and SMPL-X motions of `.npz` and `.npy` files (docs/signals.md): full axis-angle or matrices, metres. Letters: t frames.
 
-Three layouts: `poses` (t, 156 SMPL+H or 165 SMPL-X) with `trans`; the same by parts, `root_orient`, `pose_body`, `pose_hand`,
-`pose_jaw`, `pose_eye`; AvatarReX's `body_pose` (t, 63) with `global_orient`, `transl`, `jaw_pose`, `left_hand_pose` … A file's
-betas belong to its own model and its 10 expression coefficients to its own face: neither is applied. Files with
-`arkit52` are captures in this project's layout: their 52 coefficients and their exact path are read.
+Three layouts of arrays: `poses` of all joints with a path; one array a part (`root_orient`, `pose_body` … or `global_orient`,
+`body_pose` …), with the names that estimators of other makers give them; vectors of one frame a row (`VECTORS`). A file's betas belong
+to its own model and its expression coefficients to its own face: neither is applied. Files with `arkit52` are captures in this
+project's layout: their 52 coefficients and their exact path are read.
 """
 
 from __future__ import annotations
@@ -14,45 +14,93 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
-from avatarrex.files.arrays import read_arrays
+from avatarrex.files.arrays import read_array, read_arrays
 from avatarrex.files.assets import require
+from avatarrex.signals.contacts import locked
+from avatarrex.signals.direction import unit
 from avatarrex.signals.driving import LARGEST
-from avatarrex.signals.ground import grounded
+from avatarrex.signals.ground import WORDS, grounded
+from avatarrex.signals.import_options import ImportOptions, axis
+from avatarrex.signals.imported import Guess, ImportedMotion
 from avatarrex.signals.joints import JOINT_ROWS
 from avatarrex.signals.sequence import MOST_FRAMES, SignalSequence, check_frames, check_rate, stack
+from avatarrex.signals.suspicion import suspicions
+from avatarrex.signals.world_axes import axis_name, near_axis, nearest_axis, world_of
 
-RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps")
+RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framerate")
+POSES = ("poses", "fullpose", "pose_world", "smpl_poses", "smpl_thetas", "pose")
+"""All joints in one array: AMASS and BEAT2, GRAB, WHAM in the world, AIST++, ROMP, WHAM in a camera's frame."""
+PATHS = ("trans", "transl", "trans_world", "smpl_trans", "cam_trans", "translation")
+"""The path in metres, a world's before a camera's."""
+SAME = {
+    "lhand_pose": "left_hand_pose", "rhand_pose": "right_hand_pose", "pose_lhand": "left_hand_pose", "pose_rhand": "right_hand_pose",
+    "left_eye_pose": "leye_pose", "right_eye_pose": "reye_pose",
+}  # fmt: skip
+"""Names of other makers for the arrays of `ROWS`."""
 ROWS = {
     "pose_hand": slice(25, 55), **JOINT_ROWS, "root_orient": JOINT_ROWS["global_orient"], "pose_body": JOINT_ROWS["body_pose"],
     "pose_jaw": JOINT_ROWS["jaw_pose"], "pose_eye": JOINT_ROWS["eye_pose"],
 }  # fmt: skip
 """Rows of the 55 rotation vectors by the key of a file by parts."""
-KEYS = ("poses", "trans", "transl", "arkit52", "expression", *RATE_KEYS, *ROWS)
+KEYS = (*POSES, *PATHS, "arkit52", "expression", *RATE_KEYS, *ROWS, *SAME)
 LARGEST_BYTES = 2 * 8 * MOST_FRAMES * 165
 """Of a file's arrays: twice what the longest motion's poses take in double precision."""
-FASTEST = 15.0
-"""Metres a second; sprinters reach 12."""
-_SMPLH = [*range(22), *range(25, 55)]
-"""SMPL+H lacks jaw and eyes."""
+WIDTHS = {
+    165: ("SMPL-X", range(55)), 156: ("SMPL-H", [*range(22), *range(25, 55)]), 72: ("SMPL", range(22)), 66: ("SMPL-X body", range(22)),
+}  # fmt: skip
+"""Numbers of a frame, the model, and which of our joints they turn: SMPL's last two, its hands, are not read."""
+VECTORS: dict[int, tuple[str, dict[str, slice]]] = {
+    265: ("TalkSHOW", {"jaw_pose": slice(0, 3), "leye_pose": slice(3, 6), "reye_pose": slice(6, 9), "global_orient": slice(9, 12),
+                       "body_pose": slice(12, 75), "left_hand_pose": slice(75, 120), "right_hand_pose": slice(120, 165)}),
+    322: ("Motion-X", {"root_orient": slice(0, 3), "pose_body": slice(3, 66), "pose_hand": slice(66, 156), "pose_jaw": slice(156, 159),
+                       "trans": slice(309, 312)}),
+}  # fmt: skip
+"""Vectors of one frame by their length, and where its parts are; what is left out belongs to another face and body."""
+LEVEL = 0.3
+"""Least level share of the direction in which the pelvis looks, to tell a heading; else its left side does."""
 
 
-def read_smplx(path: str | Path) -> SignalSequence:
-    """Read a motion of any of the three layouts. Raises `InputError` naming the key."""
+def read_smplx(path: Path, options: ImportOptions) -> ImportedMotion:
+    """Read a motion of any layout of arrays. Raises `InputError` naming the key."""
     arrays = read_arrays(path, KEYS, LARGEST_BYTES)
+    for other, name in SAME.items():
+        if other in arrays:
+            arrays.setdefault(name, arrays.pop(other))
+    return _imported(path, arrays, options, "npz")
+
+
+def read_vectors(path: Path, options: ImportOptions) -> ImportedMotion:
+    """Read vectors of one frame a row. Raises `InputError`."""
+    vectors = read_array(path, LARGEST_BYTES)
+    known = {
+        **{width: name for width, (name, _) in WIDTHS.items()},
+        **{width: name for width, (name, _) in VECTORS.items()},
+    }
+    if vectors.dtype.kind not in "fiu" or vectors.ndim != 2 or vectors.shape[1] not in known:
+        expected = " or ".join(f"(frames, {width}) {name}" for width, name in sorted(known.items()))
+        raise InputError(path, "", f"numbers of shape {expected}", f"{vectors.shape} of {vectors.dtype}")
+    width = vectors.shape[1]
+    parts = VECTORS[width][1] if width in VECTORS else {"poses": slice(None)}
+    return _imported(path, {name: vectors[:, part] for name, part in parts.items()}, options, f"npy, {known[width]}")
+
+
+def _imported(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions, kind: str) -> ImportedMotion:
+    """A motion of arrays by `KEYS`."""
     for key, value in arrays.items():
         check_frames(len(np.atleast_1d(value)), path, key)
         if value.dtype.kind not in "fiu":
             raise InputError(path, key, "numbers", value.dtype)
+    arrays = {key: _axis_angle(key, value) for key, value in arrays.items()}
     check_magnitudes(arrays, path)
-    rate, notes = _rate(arrays, path)
-    full = _poses(arrays, path) if "poses" in arrays else _by_parts(arrays, path)
+    rate, fps = _rate(arrays, path, options)
+    poses = next((key for key in POSES if key in arrays), None)
+    notes, warnings = _hands(arrays)
+    full, model = _poses(arrays, path, poses) if poses else (_by_parts(arrays, path), "SMPL-X by parts")
+    walked = next((key for key in PATHS if key in arrays), None)
     translation = np.zeros((len(full), 3))
-    for key in ("trans", "transl"):
-        if key in arrays:
-            translation = require(arrays, path, key, (len(full), 3)).astype(np.float64)
-    notes.append("hands: full axis-angle as stored (flat_hand_mean=True)")
-    if not full[:, 25:].any():
-        notes.append("no finger moves: flat hands")
+    if walked:
+        translation = require(arrays, path, walked, (len(full), 3)).astype(np.float64) * (options.metres or 1.0)
+    guesses = [Guess("file", f"{kind}, {model}", f"{len(full)} frames; path: {walked or 'none'}"), rate]
     expression = None
     if "arkit52" in arrays:
         expression = np.clip(require(arrays, path, "arkit52", (len(full), 52)).astype(np.float64), 0, 1)
@@ -60,56 +108,119 @@ def read_smplx(path: str | Path) -> SignalSequence:
     else:
         if "expression" in arrays:
             notes.append("the file's expression coefficients belong to another face: not applied")
-        translation, more = _placed(full, translation)
-        notes += more
-    notes += _haste(translation, rate)
-    return SignalSequence(stack(full, translation, expression), rate, Path(path).name, tuple(notes))
+        world, axes = _world(path, full, options)
+        translation, floor = _placed(full, translation, world, options, fps)
+        guesses += [Guess("unit", options.unit or "metres", "chosen" if options.unit else "", "unit"), *axes, floor]
+    warnings += suspicions(full, translation, fps)
+    if not full[:, 25:].any():
+        notes.append("no finger moves: flat hands")
+    said = (*map(str, guesses), *notes, *(f"warning: {text}" for text in warnings))
+    sequence = SignalSequence(stack(full, translation, expression), fps, path.name, said)
+    return ImportedMotion(sequence, tuple(guesses), tuple(warnings), options=options)
 
 
-def _haste(translation: np.ndarray, rate: float) -> list[str]:
-    """A note where the root goes faster than anybody runs: the path is then in another unit than metres."""
-    speed = np.linalg.norm(np.diff(translation, axis=0), axis=1) * rate
-    usual = float(np.quantile(speed, 0.9)) if len(speed) else 0.0
-    if usual <= FASTEST:
-        return []
-    unit = "millimetres" if usual > 30 * FASTEST else "centimetres"
-    return [f"the root goes at {usual:.0f} metres a second: the path looks like {unit}, it is taken as metres"]
+def _axis_angle(key: str, value: np.ndarray) -> np.ndarray:
+    """Rotation matrices (t, k, 3, 3), or (t, 3, 3) of a part of one joint, as (t, 3 k) rotation vectors; else the value itself."""
+    rows = ROWS.get(key)
+    single = rows is not None and rows.stop - rows.start == 1
+    matrices = value.ndim == 4 or (single and value.ndim == 3)
+    if not matrices or value.shape[-2:] != (3, 3) or not np.isfinite(value).all():
+        return value
+    flat = value.reshape(-1, 3, 3).astype(np.float64)
+    if not len(flat) or (np.linalg.det(flat) < 0.5).any():
+        return value
+    return np.asarray(Rotation.from_matrix(flat).as_rotvec().reshape(len(value), -1))
 
 
-def _rate(arrays: dict[str, np.ndarray], path: str | Path) -> tuple[float, list[str]]:
-    for key in RATE_KEYS:
-        if key in arrays:
-            return check_rate(arrays[key], path, key), []
-    return 30.0, ["no frame rate in the file: taken as 30 a second"]
+def _rate(arrays: dict[str, np.ndarray], path: Path, options: ImportOptions) -> tuple[Guess, float]:
+    key = next((key for key in RATE_KEYS if key in arrays), None)
+    fps = check_rate(arrays[key], path, key) if key else 30.0
+    why = key or "no frame rate in the file: taken as 30 a second"
+    if options.fps is not None:
+        fps, why = options.fps, "chosen"
+    return Guess("rate", f"{fps:g} frames a second", why, "fps"), fps
 
 
-def _poses(arrays: dict[str, np.ndarray], path: str | Path) -> np.ndarray:
-    """(t, 55, 3) from `poses`."""
-    poses = require(arrays, path, "poses", (None, None)).astype(np.float64)
-    if poses.shape[1] not in (156, 165) or not len(poses):
-        raise InputError(path, "poses", "shape (any, 156) SMPL+H or (any, 165) SMPL-X", poses.shape)
+def _hands(arrays: dict[str, np.ndarray]) -> tuple[list[str], list[str]]:
+    """A note on what the hands are and a warning where they cannot be read: those arrays are taken out."""
+    notes, warnings = ["hands: full axis-angle as stored (flat_hand_mean=True)"], []
+    for key in ("pose_hand", "left_hand_pose", "right_hand_pose"):
+        value = arrays.get(key)
+        if value is not None and value.ndim == 2 and 0 < value.shape[1] < 3 * (ROWS[key].stop - ROWS[key].start):
+            del arrays[key]
+            remedy = "write the file with full axis-angle (PCA off)"
+            warnings.append(f"{key}: {value.shape[1]} PCA coefficients of another hand, not read: {remedy}")
+    return notes, warnings
+
+
+def _poses(arrays: dict[str, np.ndarray], path: Path, key: str) -> tuple[np.ndarray, str]:
+    """(t, 55, 3) of an array of all joints, and the model."""
+    poses = arrays[key]
+    if poses.ndim == 3 and poses.shape[2] == 3:
+        poses = poses.reshape(len(poses), -1)
+    poses = require({**arrays, key: poses}, path, key, (None, None)).astype(np.float64)
+    if poses.shape[1] not in WIDTHS or not len(poses):
+        raise InputError(path, key, "shape (any, 156) SMPL-H, (any, 165) SMPL-X or (any, 72) SMPL", poses.shape)
+    model, joints = WIDTHS[poses.shape[1]]
     full = np.zeros((len(poses), 55, 3))
-    full[:, range(55) if poses.shape[1] == 165 else _SMPLH] = poses.reshape(len(poses), -1, 3)
-    return full
+    full[:, joints] = poses.reshape(len(poses), -1, 3)[:, : len(joints)]
+    return full, f"{model}, {key}"
 
 
-def _by_parts(arrays: dict[str, np.ndarray], path: str | Path) -> np.ndarray:
+def _by_parts(arrays: dict[str, np.ndarray], path: Path) -> np.ndarray:
     """(t, 55, 3) from one array per part; the body must be there."""
     body = next((key for key in ("body_pose", "pose_body") if key in arrays), None)
     if body is None:
         found = f"only {', '.join(sorted(arrays)[:12])}" if arrays else "none of a motion's keys"
         raise InputError(path, "poses", "poses, pose_body or body_pose", found)
+    value = arrays[body]
+    wide = value.reshape(len(value), -1) if value.ndim == 3 and value.shape[2] == 3 else value
+    if wide.ndim == 2 and wide.shape[1] == 69:  # SMPL's 23 joints: the last two are its hands
+        arrays = {**arrays, body: wide[:, :63]}
     return joint_rotations(arrays, path, body)
+
+
+def _world(path: Path, full: np.ndarray, options: ImportOptions) -> tuple[np.ndarray, list[Guess]]:
+    """Rotation (3, 3) from the file's world to ours: AMASS is Z-up, most other files are Y-up and cameras' worlds Y-down."""
+    pelvis = Rotation.from_rotvec(full[:, 0])
+    mean = pelvis.apply([0.0, 1.0, 0.0]).mean(0)
+    up = np.array(axis(options.up)) if options.up else nearest_axis(mean)
+    why = "chosen" if options.up else f"{100 * float(mean @ up):.0f} % of the average pelvis"
+    if axis_name(up) == "-Y" and not options.up:
+        why += "; a camera's world"
+    guesses = [Guess("up", axis_name(up), why, "up")]
+    if options.forward:
+        forward, why, name = np.array(axis(options.forward)), "chosen", options.forward
+        if abs(forward @ up) > 0.5:
+            raise InputError(path, "forward", f"an axis across up ({axis_name(up)})", options.forward)
+    else:
+        left, ahead = pelvis[0].apply([1.0, 0.0, 0.0]), pelvis[0].apply([0.0, 0.0, 1.0])
+        level = ahead - (ahead @ up) * up
+        forward = unit(level if np.linalg.norm(level) > LEVEL else np.cross(left, up))
+        name, why = near_axis(forward), "the person looks at the camera in the first frame"
+    return world_of(up, forward), [*guesses, Guess("forward", name, why, "forward")]
+
+
+def _placed(
+    full: np.ndarray, translation: np.ndarray, world: np.ndarray, options: ImportOptions, fps: float
+) -> tuple[np.ndarray, Guess]:
+    """The path turned by `world`, from above the origin, on the floor; `full` is changed in place."""
+    full[:, 0] = (Rotation.from_matrix(world) * Rotation.from_rotvec(full[:, 0])).as_rotvec()
+    how = options.floor or "contacts"
+    moved = grounded(full, (translation - translation[0]) @ world.T, how, fps)
+    if options.lock_feet:
+        full[:] = locked(full, moved, fps)
+    return moved, Guess("floor", WORDS[how], "chosen" if options.floor else "", "floor")
 
 
 def check_magnitudes(arrays: dict[str, np.ndarray], source: str | Path) -> None:
     """Raise `InputError` for rotations or a path beyond what `Signals` may be; what is not finite is refused by its reader."""
     for key, value in arrays.items():
-        if key in ROWS or key in ("poses", "trans", "transl"):
-            unit, name = ("metres", "translation") if key.startswith("trans") else ("radians", "body_pose")
+        if key in ROWS or key in POSES or key in PATHS:
+            measure, name = ("metres", "translation") if key in PATHS else ("radians", "body_pose")
             found = float(np.abs(value).max(initial=0))
             if LARGEST[name] < found < np.inf:
-                raise InputError(source, key, f"{unit} up to {LARGEST[name]:g}", f"{found:g}")
+                raise InputError(source, key, f"{measure} up to {LARGEST[name]:g}", f"{found:g}")
 
 
 def joint_rotations(arrays: dict[str, np.ndarray], source: str | Path, body: str) -> np.ndarray:
@@ -140,21 +251,3 @@ def rows(arrays: dict[str, np.ndarray], source: str | Path, key: str, count: int
         expected = f"shape ({count}, {width})" + (", as many frames as body_pose" if len(found) != count else "")
         raise InputError(source, key, expected, found.shape)
     return found
-
-
-def _placed(full: np.ndarray, translation: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Turn the axis along which the pelvis stands to +Y, start above the origin, put the lowest frame on the floor.
-
-    `full` is changed in place. AMASS is Z-up, most other files are Y-up and cameras' worlds Y-down: the motion tells.
-    """
-    up = Rotation.from_rotvec(full[:, 0]).apply([0.0, 1.0, 0.0]).mean(0)
-    axis = int(np.abs(up[1:]).argmax()) + 1
-    turn, notes = Rotation.identity(), []
-    if axis == 2 or up[1] < 0:
-        # −90° about X takes +Z to +Y
-        degrees = (-90.0 if up[2] > 0 else 90.0) if axis == 2 else 180.0
-        turn = Rotation.from_euler("x", degrees, degrees=True)
-        notes = [f"{'-' if up[axis] < 0 else ''}{'XYZ'[axis]}-up turned to Y-up"]
-    full[:, 0] = (turn * Rotation.from_rotvec(full[:, 0])).as_rotvec()
-    moved, floor_note = grounded(full, turn.apply(translation - translation[0]))
-    return moved, [*notes, floor_note]

@@ -120,7 +120,7 @@ ROW = np.zeros((3, 165))
 MOTIONS: Bad = {
     "nothing there": ("m.bvh", lambda path: None, "a motion file, found nothing there"),
     "a folder": ("m.npz", lambda path: path.mkdir(), "a motion file, found a folder"),
-    "another kind": ("m.fbx", _text(str, "x"), r"a motion file: \.bvh, .*found \.fbx"),
+    "another kind": ("m.c3d", _text(str, "x"), r"a motion file: \.bvh, .*found \.c3d"),
     "name too long": ("m" * 300 + ".bvh", lambda path: None, "a motion file, found File name too long"),
     "under a file": ("m.bvh/m.bvh", lambda path: path.parent.write_text(""), "a motion file, found nothing there"),
     "bvh: empty": ("m.bvh", _text(str, ""), "line 1: expected HIERARCHY, found an empty file"),
@@ -149,7 +149,7 @@ MOTIONS: Bad = {
     "npz: pickled": ("m.npz", _pickled, r"poses: expected a plain array \(no pickled objects\)"),
     "npz: missing key": ("m.npz", _arrays(trans=np.zeros((3, 3))), "poses, pose_body or body_pose, found only trans"),
     "npz: wrong length": ("m.npz", _arrays(poses=ROW, trans=np.zeros((2, 3))), r"trans: expected shape \(3, 3\), found \(2, 3\)"),
-    "npz: wrong width": ("m.npz", _arrays(poses=np.zeros((3, 72))), r"poses: expected shape .* found \(3, 72\)"),
+    "npz: wrong width": ("m.npz", _arrays(poses=np.zeros((3, 71))), r"poses: expected shape .* found \(3, 71\)"),
     "npz: no frames": ("m.npz", _arrays(poses=ROW[:0]), "poses: expected"),
     "npz: NaN": ("m.npz", _arrays(poses=ROW * np.nan), "poses: expected finite numbers, found 495 NaN or Inf"),
     "npz: too large": ("m.npz", _arrays(poses=ROW + 1e300), r"poses: expected radians up to 1000, found 1e\+300"),

@@ -159,7 +159,7 @@ def test_motions(name, monkeypatch, tmp_path, capsys):
     refused(["render", str(tmp_path / "new" / "out.png"), "--motion", str(path)], pattern, capsys)
     assert files(tmp_path) == before, "nothing written, nothing executed"
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory < 300_000, "KiB"
-    if path.suffix != ".fbx" and os.path.isfile(path):
+    if path.suffix != ".c3d" and os.path.isfile(path):
         refused(["inspect", str(path)], pattern.replace("a JSON file", "(a JSON file|JSON)"), capsys)
 
 

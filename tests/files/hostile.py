@@ -269,6 +269,20 @@ def session(steps: str) -> str:
     return f'{{"format": 1, "kind": "session", "start": {{"format": 1}}, "steps": {steps}}}'
 
 
+BONES = ":bonedata\nbegin\nname a\ndirection 0 1 0\nlength 1\ndof rx\nend\n:hierarchy\nbegin\nroot a\nend\n"
+
+
+def skeleton(folder: Path, bones: str, frames: str, size: int = 0) -> Path:
+    """A motion `.amc` with its `.asf`: of `size` bytes, or a pipe where that is negative."""
+    if size < 0:
+        pipe(folder / "m.asf")
+    elif size:
+        sparse(folder / "m.asf", size)
+    else:
+        text(folder / "m.asf", bones)
+    return text(folder / "m.amc", frames)
+
+
 MANY, LONG = "1" + "0" * 400, "a/" * 32000 + "a"
 BVH = "HIERARCHY\n"
 CASES: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path], str]] = {
@@ -323,6 +337,37 @@ CASES: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path], str]] =
         read_motion,
         lambda d: directory(d / "m.npz", 4 * 10**8),
         "list of names of at most 64 MiB, found 381 MiB",
+    ),
+    "npy: 8 bytes of 100 GB": (
+        read_motion,
+        lambda d: sparse(d / "m.npy", 200, header("(50000000, 265)")),
+        r"a plain array \(no pickled objects\) of shape \(50000000, 265\), found",
+    ),
+    "npy: 20 GB": (
+        read_motion,
+        lambda d: sparse(d / "m.npy", 20 * GB),
+        "an array file of at most 271 MiB, found 19073 MiB",
+    ),
+    "asf: 30 000 bones": (
+        read_motion,
+        lambda d: skeleton(d, ":bonedata\n" + "begin\nname x\nend\n" * 30000 + ":hierarchy\n", "1\n"),
+        "at most 1000 bones, found another",
+    ),
+    "asf: 20 GB": (
+        read_motion,
+        lambda d: skeleton(d, "", "1\n", 20 * GB),
+        "an ASF file of at most 1 MiB, found 19073 MiB",
+    ),
+    "amc: a pipe beside it": (read_motion, lambda d: skeleton(d, "", "1\n", -1), "an ASF file, found no plain file"),
+    "amc: 10 million frames": (
+        read_motion,
+        lambda d: skeleton(d, BONES, "1\n" * 10**7),
+        "at most 72,727 frames of 2 bones",
+    ),
+    "fbx: 20 GB": (
+        read_motion,
+        lambda d: sparse(d / "m.fbx", 20 * GB),
+        "an FBX file of at most 512 MiB, found 19073 MiB",
     ),
     "csv: rows 9 s apart": (
         read_motion,

@@ -47,8 +47,9 @@ def test_rigs_are_understood(rig: str) -> None:
 
 
 def test_the_chest_is_what_both_arms_hang_from() -> None:
-    names = ("Hips", "Spine", "Spine1", "Spine2", "Spine3", "LeftArm", "RightArm")
-    assert find(names, np.array([-1, 0, 1, 2, 3, 4, 4]))["spine3"] == 4
+    names = ("Hips", "Spine", "Spine1", "Spine2", "Spine3", "LeftArm", "RightArm", "LeftUpLeg")
+    found = find(names, np.array([-1, 0, 1, 2, 3, 4, 4, 0]))
+    assert (found["spine1"], found["spine3"]) == (1, 4)
 
 
 def test_a_shoulder_without_an_arm_is_the_upper_arm() -> None:

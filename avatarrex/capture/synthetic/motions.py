@@ -134,7 +134,7 @@ def body_motion(frames: int, seed: int, girth: float = 0.0) -> SignalSequence:
     expression = 0.8 * _face_track(at, rng)
     frame = [clamp(Signals.from_full_pose(p, translation=t, expression=e)) for p, t, e in zip(pose, walk, expression)]
     full = np.stack([signals.full_pose() for signals in frame])
-    standing = grounded(full, np.stack([signals.translation for signals in frame]), each=True)[0]
+    standing = grounded(full, np.stack([signals.translation for signals in frame]), "each")
     placed = tuple(signals.replace(translation=t) for signals, t in zip(frame, standing))
     return SignalSequence(placed, _rate(at), f"casual body {seed}")
 

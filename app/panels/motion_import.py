@@ -1,0 +1,143 @@
+"""How the loaded motion was read: the table of `motion check` as a window, in which each guess can be changed.
+
+It opens by itself over a motion with warnings, and from the Timeline. Every change reads the file again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from avatarrex_studio.engine.studio import Studio
+from avatarrex_studio.panels import theme, widgets
+from avatarrex_studio.session.actions import words
+from avatarrex_studio.session.motion import Motion
+from imgui_bundle import imgui
+
+from avatarrex.signals.import_options import AXES, FLOORS, RESTS, UNITS, ImportOptions
+from avatarrex.signals.imported import Guess
+from avatarrex.signals.joints import JOINT_NAMES
+
+SIZE = (620.0, 560.0)
+"""Points, at first."""
+GUESS, NONE = "guessed", "none (at rest)"
+"""Entries of the lists beside the values."""
+CHOICES = {"up": AXES, "forward": AXES, "unit": tuple(UNITS), "rest": RESTS, "floor": FLOORS}
+"""What each field of the options may be."""
+COLUMNS = (96.0, 210.0)
+"""Points of what was decided and of its value."""
+LABEL = 130.0
+
+
+class MotionImport:
+    """The window; closed at first."""
+
+    def __init__(self) -> None:
+        self.shown = False
+        self._seen: str | None = None
+        """The path of the motion that was loaded last."""
+
+    def open(self) -> None:
+        """Show it."""
+        self.shown = True
+
+    def draw(self, studio: Studio) -> None:
+        """Draw the window where it is open; read the motion again where a guess was changed."""
+        motion = studio.playback.motion if studio.state.motion else None
+        if motion is None:
+            self.shown, self._seen = False, None
+            return
+        if motion.path != self._seen:
+            self._seen = motion.path
+            self.shown = bool(motion.imported.warnings)
+        if not self.shown:
+            return
+        middle = imgui.get_main_viewport().get_center()
+        imgui.set_next_window_pos(middle, imgui.Cond_.appearing, (0.5, 0.5))
+        imgui.set_next_window_size(SIZE, imgui.Cond_.appearing)
+        imgui.set_next_window_bg_alpha(1.0)
+        opened, shown = imgui.begin("How the motion was read", True, imgui.WindowFlags_.no_docking)
+        self.shown = bool(shown)
+        chosen = self._content(motion) if opened else None
+        imgui.end()
+        if chosen is not None:
+            studio.open_motion(motion.path, chosen)
+
+    def _content(self, motion: Motion) -> ImportOptions | None:
+        """The options after a change; None without one."""
+        imported = motion.imported
+        widgets.paragraph(imported.sequence.name, theme.TEXT)
+        for text in imported.warnings:
+            widgets.paragraph(text, theme.WARNING)
+        if not imported.warnings:
+            widgets.caption("Nothing looks wrong.")
+        imgui.spacing()
+        chosen = self._guesses(imported.guesses, imported.options)
+        on = imported.options.lock_feet
+        changed, locked = imgui.checkbox("Feet that stand neither slide nor sink", on)
+        if changed:
+            chosen = replace(imported.options, lock_feet=locked)
+        if imported.errors:
+            angles = ", ".join(f"{part} {largest:.1f}°" for part, (_, largest) in imported.errors.items())
+            widgets.caption(f"Directions off from the file's own at most: {angles}")
+        if imported.skeleton and imgui.collapsing_header("Joints"):
+            chosen = self._joints(motion) or chosen
+        return chosen
+
+    def _guesses(self, guesses: tuple[Guess, ...], options: ImportOptions) -> ImportOptions | None:
+        """The table; the options after a change."""
+        chosen = None
+        if not imgui.begin_table("guesses", 3, imgui.TableFlags_.row_bg | imgui.TableFlags_.sizing_stretch_prop):
+            return None
+        for title, width in zip(("what", "value"), COLUMNS):
+            imgui.table_setup_column(title, imgui.TableColumnFlags_.width_fixed, width)
+        imgui.table_setup_column("why", imgui.TableColumnFlags_.width_stretch)
+        for guess in guesses:
+            imgui.table_next_column()
+            imgui.align_text_to_frame_padding()
+            widgets.caption(guess.what.capitalize())
+            imgui.table_next_column()
+            chosen = _value(guess, options) or chosen
+            imgui.table_next_column()
+            imgui.align_text_to_frame_padding()
+            widgets.paragraph(guess.why)
+        imgui.end_table()
+        return chosen
+
+    def _joints(self, motion: Motion) -> ImportOptions | None:
+        """The file's joint of each of ours, but the fingers'."""
+        chosen, imported = None, motion.imported
+        assert imported.skeleton is not None
+        names = [GUESS, NONE, *(name for name in imported.skeleton.names if not name.endswith(" end"))]
+        for ours in JOINT_NAMES[:25]:
+            widgets.label(words(ours), LABEL, ours in dict(imported.options.joints))
+            theirs = imported.skeleton.mapped.get(ours, NONE)
+            picked = widgets.choice(f"##joint.{ours}", names, theirs, theirs)
+            if picked is not None:
+                kept = {name: value for name, value in imported.options.joints if name != ours}
+                said = {} if picked == GUESS else {ours: "" if picked == NONE else picked}
+                chosen = replace(imported.options, joints=tuple({**kept, **said}.items()))
+        return chosen
+
+
+def _value(guess: Guess, options: ImportOptions) -> ImportOptions | None:
+    """A guess as a list to choose from, a number, or its words; the options after a change."""
+    widgets.fill()
+    if guess.option in CHOICES:
+        allowed = [name for name in CHOICES[guess.option] if guess.option != "forward" or name[1] != options.up[1:]]
+        picked = widgets.choice(f"##{guess.option}", (GUESS, *allowed), guess.value, getattr(options, guess.option))
+        if picked is None:
+            return None
+        said: dict[str, Any] = {guess.option: "" if picked == GUESS else picked}
+        if guess.option == "up" and options.forward[1:] == picked[1:]:
+            said["forward"] = ""
+        return replace(options, **said)
+    if guess.option == "fps":
+        rate = float(guess.value.split()[0])
+        changed, typed = imgui.input_float(
+            "##fps", rate, 0, 0, "%.3g a second", imgui.InputTextFlags_.enter_returns_true
+        )
+        return replace(options, fps=typed) if changed and 0 < typed <= 1000 else None
+    imgui.align_text_to_frame_padding()
+    widgets.paragraph(guess.value, theme.TEXT)
+    return None

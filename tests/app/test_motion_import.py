@@ -1,0 +1,177 @@
+"""How a motion was read: the options of a session, the window in which guesses are changed, the command line."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from avatarrex_studio.cli.main import main
+from avatarrex_studio.session import commands
+from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.motion import Motion
+from avatarrex_studio.session.playback import Playback
+from avatarrex_studio.session.state import StudioState
+from ball import ball_engine
+from imgui_bundle import icons_fontawesome_6 as icons
+from PIL import Image
+from signals.dialects import DIALECTS, steps, write
+from test_window import drive, rest
+
+from avatarrex.signals.import_options import ImportOptions
+from avatarrex.signals.own_motions import MOTIONS
+from avatarrex.signals.read import read_motion
+
+LYING = "rest along another up"
+
+
+@pytest.fixture
+def odd(tmp_path: Path) -> Path:
+    """A motion whose rest pose stands along another axis: it is read with a warning."""
+    write(tmp_path / "odd.bvh", DIALECTS[LYING], steps())
+    return tmp_path / "odd.bvh"
+
+
+def test_options_come_back_with_the_state_and_the_journal(odd: Path) -> None:
+    chosen = ImportOptions(up="+Z", fps=12.0, joints=(("head", ""),))
+    state = StudioState()
+    load = Motion.read(odd, chosen).loaded(state.signals)
+    assert commands.Command.from_json(json.loads(json.dumps(load.to_json()))) == load
+    after = load.apply(state)
+    again = StudioState.from_json(json.loads(json.dumps(after.to_json())))
+    assert again == after
+    assert again.motion is not None
+    assert again.motion.options == chosen
+    # a session that was opened reads the motion as it was read before
+    playback = Playback()
+    playback.open(str(odd))
+    frame = playback.at(again, 3)
+    assert frame is not None
+    assert frame.signals == Motion.read(odd, chosen).at(3, again.signals).signals
+
+
+def test_a_session_of_before_has_no_options() -> None:
+    data = StudioState().to_json() | {"motion": {"path": "a.bvh", "name": "a", "frames": 2, "fps": 30.0, "frame": 1}}
+    motion = StudioState.from_json(data).motion
+    assert motion is not None
+    assert motion.options == ImportOptions()
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_the_program_s_motions_loop_and_stand(name: str) -> None:
+    motion = Motion.read(name)
+    assert not motion.imported.warnings
+    poses = np.stack([frame.full_pose() for frame in motion.sequence])
+    step = np.abs(np.diff(poses, axis=0)).max()
+    assert np.abs(poses[0] - poses[-1]).max() < 2 * step, "the end meets the beginning"
+    assert read_motion(name)[0] == motion.sequence[0]
+
+
+def test_the_table_and_the_picture(odd: Path, tmp_path: Path, capsys) -> None:
+    names = {"pelvis": "Hips"}
+    (tmp_path / "map.json").write_text(json.dumps(names))
+    words = [
+        "motion",
+        "check",
+        str(odd),
+        "--up",
+        "-Z",
+        "--fps",
+        "15",
+        "--map",
+        str(tmp_path / "map.json"),
+        "--unit",
+        "cm",
+    ]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "warning: the mean body lies" in said
+    for line in (
+        r"up +-Z +--up +chosen",
+        r"rate +15 frames a second +--fps +chosen",
+        r"unit +cm +--unit +chosen",
+        "limbs +0.0",
+        "left_knee +LeftLeg",
+    ):
+        assert re.search(line, said), line
+    assert main(["motion", "check", str(odd), str(tmp_path / "seen.png"), "--frames", "0:2"]) == 0
+    picture = np.asarray(Image.open(tmp_path / "seen.png"))
+    blue, orange = (np.abs(picture.astype(int) - colour).max(2) < 8 for colour in ((38, 110, 190), (200, 80, 40)))
+    assert blue.sum() > 100
+    assert orange.sum() > 100
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["motion", "check", "none.bvh"], "none.bvh: expected a motion file, found nothing there"),
+        (["motion", "check", "wave", "--up", "Z"], "--up: expected one of +X, -X"),
+        (["motion", "check", "wave", "--up", "+Y", "--forward", "-Y"], "--forward: expected an axis across up"),
+        (["motion", "check", "wave", "--unit", "ell"], "--unit: expected m, dm, cm"),
+        (["motion", "check", "wave", "--fps", "x"], "--fps: expected a finite number"),
+        (["motion", "check", "wave", "--frames", "0:2"], "--frames: expected OUT.png with it"),
+        (["motion", "check", "wave", "out.jpg"], "out.jpg: expected OUT.png"),
+        (["render", "out.png", "--lock-feet"], "--lock-feet: expected --motion FILE with it"),
+        (["render", "out.png", "--rest", "bones"], "--rest: expected --motion FILE with it"),
+    ],
+)
+def test_wrong_options_are_refused_in_one_line(
+    words: list[str], message: str, capsys, monkeypatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+
+
+def test_a_map_that_is_none_is_named(odd: Path, tmp_path: Path, capsys) -> None:
+    for text, message in (
+        ("[1]", "map.json: expected an object"),
+        ('{"tail": "x"}', "map.json: expected one of pelvis"),
+    ):
+        (tmp_path / "map.json").write_text(text)
+        assert main(["motion", "check", str(odd), "--map", str(tmp_path / "map.json")]) == 2
+        assert message in capsys.readouterr().err
+
+
+@pytest.mark.window
+def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) -> None:
+    seen = {}
+
+    def scenario(test, window):
+        rest(test, window)
+        studio = window.studio
+        test.item_click(f"//Timeline/{icons.ICON_FA_PERSON_WALKING}  Motions##motion.own")
+        test.yield_(3)
+        test.item_click("//$FOCUSED/Wave: " + MOTIONS["wave"])
+        test.yield_(3)
+        seen["own"] = studio.state.motion
+        seen["quiet"] = window.timeline.reading.shown
+        studio.open_motion(str(odd))
+        test.yield_(4)
+        seen["warned"] = window.timeline.reading.shown
+        test.set_ref("//How the motion was read")
+        test.item_click("guesses/##up")
+        test.yield_(2)
+        test.item_click("//$FOCUSED/+Z")
+        test.yield_(4)
+        seen["chosen"] = studio.state.motion.options
+        studio.save_session(str(tmp_path / "s.json"))
+        seen["signals"] = studio.state.signals
+        studio.undo()
+        test.yield_(2)
+        seen["undone"] = studio.state.motion.options
+
+    drive(ball_engine, scenario)
+    assert seen["own"].path == "wave"
+    assert not seen["quiet"]
+    assert seen["warned"]
+    assert seen["chosen"] == ImportOptions(up="+Z")
+    assert seen["undone"] == ImportOptions()
+    again = Journal.load(str(tmp_path / "s.json")).state
+    assert again.signals == seen["signals"]
+    assert again.motion is not None
+    assert again.motion.options == ImportOptions(up="+Z")
