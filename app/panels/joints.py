@@ -33,6 +33,14 @@ class SignalPanel:
     ) -> None:
         self.key, self.groups, self.hint, self.row, self.limits = key, groups, hint, row, limits
         self.search = ""
+        self._revealed: str | None = None
+
+    def reveal(self, name: str) -> bool:
+        """Open the group of a name, or the group of that name, and scroll to it in the next frame; whether it is here."""
+        here = name in self.groups or any(name in names for names in self.groups.values())
+        if here:
+            self._revealed, self.search = name, ""
+        return here
 
     def draw(self, state: StudioState) -> Iterator[Command]:
         """Draw the tab; the commands of this frame."""
@@ -49,14 +57,23 @@ class SignalPanel:
             shown = [name for name, text in texts.items() if all(word in text for word in wanted)]
             if not shown:
                 continue
-            if wanted:
+            revealed = self._revealed if self._revealed in (group, *names) else None
+            if wanted or revealed:
                 imgui.set_next_item_open(True)
             changed = [name for name in names if posing.changed(state.signals, name)]
             is_open, pressed = widgets.group(group.capitalize(), f"{self.key}.{group}", bool(changed))
             if pressed:
                 yield from map(ResetGroup, changed)
+            if revealed and revealed not in names:
+                imgui.set_scroll_here_y(0.0)
             for name in shown if is_open else ():
+                if name == revealed:
+                    imgui.set_scroll_here_y(0.35)
+                if name == state.tools.selected:
+                    widgets.highlight()
                 yield from self.row(state, name, group)
+            if revealed:
+                self._revealed = None
 
 
 def joint_row(state: StudioState, name: str, group: str) -> Iterator[Command]:

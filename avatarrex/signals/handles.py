@@ -65,7 +65,9 @@ class Handle:
 
 
 def _sided(side: str) -> dict[str, Handle]:
-    arm, leg = (tuple(f"{side}_{name}" for name in names) for names in (("collar", "shoulder", "elbow"), ("hip", "knee")))
+    arm, leg = (
+        tuple(f"{side}_{name}" for name in names) for names in (("collar", "shoulder", "elbow"), ("hip", "knee"))
+    )
     return {
         f"{side}_hand": Handle(f"{side}_wrist", arm, (3.0, 1.0, 1.0), end=f"{side}_wrist"),
         f"{side}_foot": Handle(f"{side}_ankle", leg, (1.0, 1.0), end=f"{side}_ankle", level=SOLE),

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -40,19 +39,6 @@ START = 0.03
 along itself."""
 
 
-class Goal(Protocol):
-    """What a posed skeleton is compared with."""
-
-    joint: int
-    weight: float
-
-    def residual(self, posed: PosedSkeleton) -> Float64[np.ndarray, "3"]:
-        """How far it is off, world axes."""
-
-    def moved(self, posed: PosedSkeleton, axes: Float64[np.ndarray, "n 3"], pivots: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
-        """What the residual loses while joints at `pivots` turn about world `axes` at one radian a unit."""
-
-
 @dataclass(frozen=True, eq=False)
 class Place:
     """The point `offset` (rest axes of `joint`, metres from it) is to be at `target`."""
@@ -70,7 +56,9 @@ class Place:
         """Metres to the target."""
         return self.target - self.point(posed)
 
-    def moved(self, posed: PosedSkeleton, axes: Float64[np.ndarray, "n 3"], pivots: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    def moved(
+        self, posed: PosedSkeleton, axes: Float64[np.ndarray, "n 3"], pivots: Float64[np.ndarray, "n 3"]
+    ) -> Float64[np.ndarray, "n 3"]:
         """axis × (p − pivot)."""
         return np.cross(axes, self.point(posed) - pivots)
 
@@ -87,7 +75,9 @@ class Orient:
         """Rotation vector to the target."""
         return Rotation.from_matrix(self.target @ posed.rotation[self.joint].T).as_rotvec()
 
-    def moved(self, posed: PosedSkeleton, axes: Float64[np.ndarray, "n 3"], pivots: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    def moved(
+        self, posed: PosedSkeleton, axes: Float64[np.ndarray, "n 3"], pivots: Float64[np.ndarray, "n 3"]
+    ) -> Float64[np.ndarray, "n 3"]:
         """The axis itself: to first order in the residual."""
         return axes
 
@@ -107,9 +97,15 @@ class Aim:
         way = self.target - posed.position[self.joint] - posed.rotation[self.joint] @ self.offset
         return way / max(float(np.linalg.norm(way)), 1e-9) - posed.rotation[self.joint] @ self.axis
 
-    def moved(self, posed: PosedSkeleton, axes: Float64[np.ndarray, "n 3"], pivots: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n 3"]:
+    def moved(
+        self, posed: PosedSkeleton, axes: Float64[np.ndarray, "n 3"], pivots: Float64[np.ndarray, "n 3"]
+    ) -> Float64[np.ndarray, "n 3"]:
         """axis × direction."""
         return np.cross(axes, posed.rotation[self.joint] @ self.axis)
+
+
+Goal = Place | Orient | Aim
+"""`residual`: how far it is off, world axes. `moved`: what that loses while joints at pivots turn about world axes, a radian a unit."""
 
 
 @dataclass(frozen=True, eq=False)
