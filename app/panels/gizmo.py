@@ -1,103 +1,108 @@
-"""The rotation gizmo: rings about a joint's own axes, which turn as its sliders do.
+"""The rotation gizmo: three rings about a joint's own axes, in the colours of its sliders.
 
-What a ring was turned by is summed up from where the drag began, so that a joint at its limit follows again as soon as the mouse is
-back where it got there.
+A ring follows the mouse along its tangent at the place where it was taken, at one radian a radius; the angle counts from there, so
+that a joint at its limit follows again as soon as the mouse is back where it got there. imguizmo's rings were tried: their colours
+cannot be set from Python, they take no press where an item is, and past a limit they lose their angle.
+
+Letters: k points of a ring. Points of the screen.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
+from avatarrex_studio.panels import theme
 from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.session import posing
-from avatarrex_studio.session.commands import Command, SetJoint
+from avatarrex_studio.session.commands import SetJoint
 from avatarrex_studio.session.state import StudioState, Vector, vector
-from imgui_bundle import imguizmo
-from jaxtyping import Float64
+from imgui_bundle import imgui
+from jaxtyping import Bool, Float64
 from scipy.spatial.transform import Rotation
 
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.figure import Figure
 
-gizmo = imguizmo.im_guizmo
-SIZE = 0.13
-"""Of the rings, in clip space."""
-THICK = 2.5
-"""Points."""
-RINGS = (gizmo.MOVETYPE.mt_rotate_x, gizmo.MOVETYPE.mt_rotate_y, gizmo.MOVETYPE.mt_rotate_z)
+RADIUS, WIDTH = 54.0, 2.5
+"""Points: of a ring seen from the front, and of its line."""
+ON_RING = 6.0
+"""Points from a ring at which it is taken."""
+ANGLES = np.linspace(0, 2 * np.pi, 65)
+"""Round a ring, the first point again at the end."""
+BEHIND = 0.22
+"""Opacity of the half that is turned away."""
 
 
-class Gizmo:
-    """The rings on the selected joint."""
+@dataclass(frozen=True, eq=False)
+class Rings:
+    """The rings of a joint on the screen."""
 
-    def __init__(self) -> None:
-        self.over = self.used = False
-        """Whether the mouse is over the rings, and whether it turns one: the viewport then leaves it alone."""
-        self._start = self._by_axis = self._by_view = np.eye(3)
-        """World rotation that the drag began with; what it was turned by since, in the joint's axes and in the world's."""
+    joint: str
+    places: Float64[np.ndarray, "3 k 2"]
+    front: Bool[np.ndarray, "3 k"]
+    """Which points are on the half that faces the camera."""
 
-    def draw(self, projection: Projection, figure: Figure, state: StudioState) -> Iterator[Command]:
-        """Draw the rings of the selected joint; the command of this frame."""
-        joint = state.tools.selected
-        if joint not in JOINT_NAMES:
-            self.hide()
-            return
-        gizmo.begin_frame()
-        index, before = posing.joint_index(joint), posing.joint(state.signals, joint)
-        above = figure.posed.parent_rotation(index, figure.skeleton)
-        wanted = self._rings(projection, figure.posed.position[index], figure.posed.rotation[index])
-        if wanted is not None:
-            yield SetJoint(joint, nearest_rotvec(above.T @ wanted, before))
-
-    def hide(self) -> None:
-        """There are no rings in this frame."""
-        self.over = self.used = False
-
-    @property
-    def axis(self) -> int | None:
-        """The ring under the mouse, or the one that is turned: 0 x, 1 y, 2 z."""
-        ring = gizmo.get_active_handle_type() if self.used else gizmo.get_hovered_handle_type()
-        return RINGS.index(ring) if (self.over or self.used) and ring in RINGS else None
-
-    def _rings(
-        self, projection: Projection, place: Float64[np.ndarray, "3"], rotation: Float64[np.ndarray, "3 3"]
-    ) -> Float64[np.ndarray, "3 3"] | None:
-        """Draw rings at a place of the world along the axes of `rotation`; the rotation that a turned one asks for."""
-        camera, (x, y), scale = projection.camera, projection.low, projection.scale
-        gizmo.set_drawlist()
-        gizmo.set_rect(x, y, scale * camera.width, scale * camera.height)
-        gizmo.set_gizmo_size_clip_space(SIZE)
-        gizmo.get_style().rotation_line_thickness = gizmo.get_style().rotation_outer_line_thickness = THICK
-        model = np.eye(4)
-        model[:3, :3], model[:3, 3] = rotation, place
-        matrix = _columns(model)
-        view, clip = _columns(projection.view_matrix), _columns(projection.clip_matrix)
-        turned = gizmo.manipulate(view, clip, gizmo.OPERATION.rotate, gizmo.MODE.local, matrix)
-        began, self.used = not self.used, gizmo.is_using()
-        self.over = gizmo.is_over()
-        if began:
-            self._start, self._by_axis, self._by_view = rotation, np.eye(3), np.eye(3)
-        if not turned:
+    def at(self, mouse: tuple[float, float]) -> tuple[int, Float64[np.ndarray, "2"]] | None:
+        """The ring under the mouse, and its tangent there, points a radian; None where there is none."""
+        distance = np.where(self.front, np.hypot(*np.moveaxis(self.places - mouse, 2, 0)), np.inf)
+        axis, k = np.unravel_index(int(distance.argmin()), distance.shape)
+        if not distance[axis, k] < ON_RING:
             return None
-        after = np.asarray(matrix.values, np.float64).reshape(4, 4).T[:3, :3]
-        if gizmo.get_active_handle_type() in RINGS:
-            self._by_axis = self._by_axis @ rotation.T @ after
-        else:
-            self._by_view = after @ rotation.T @ self._by_view
-        return np.asarray(self._by_view @ self._start @ self._by_axis)
+        before, after = self.places[axis, (k - 1) % 64], self.places[axis, (k + 1) % 64]
+        return int(axis), (after - before) / (2 * ANGLES[1])
+
+    def draw(self, pen: imgui.ImDrawList, lit: int | None) -> None:
+        """Draw them, the one that is `lit` bright and the others fainter beside it."""
+        for axis, colour in enumerate(theme.AXES):
+            alpha = 0.95 if lit in (None, axis) else 0.35
+            for start in range(64):
+                front = self.front[axis, start]
+                width = WIDTH + (axis == lit) if front else 1.5
+                one, other = self.places[axis, start].tolist(), self.places[axis, start + 1].tolist()
+                pen.add_line(one, other, theme.colour(colour, alpha if front else alpha * BEHIND), width)
 
 
-def nearest_rotvec(matrix: Float64[np.ndarray, "3 3"], near: Vector) -> Vector:
-    """The rotation vector of a rotation matrix (made orthonormal) that is nearest to another one: turns of 360° apart are equal."""
-    turn = Rotation.from_matrix(matrix).as_rotvec()
-    angle = float(np.linalg.norm(turn))
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """A ring that is being turned."""
+
+    joint: str
+    axis: int
+    start: Vector
+    """The joint's rotation vector when it was taken."""
+    tangent: Float64[np.ndarray, "2"]
+    at: tuple[float, float]
+
+    def to(self, state: StudioState, mouse: tuple[float, float]) -> SetJoint:
+        """The command for a place of the mouse."""
+        length = max(float(np.hypot(*self.tangent)), 0.25 * RADIUS)
+        angle = float(np.subtract(mouse, self.at) @ self.tangent) / length**2
+        turn = Rotation.from_rotvec(self.start) * Rotation.from_rotvec(angle * np.eye(3)[self.axis])
+        return SetJoint(self.joint, nearest_rotvec(turn, posing.joint(state.signals, self.joint)))
+
+
+def rings(projection: Projection, figure: Figure, joint: str | None) -> Rings | None:
+    """The rings of a joint; None for what is no joint, and behind the camera."""
+    if joint not in JOINT_NAMES:
+        return None
+    index = posing.joint_index(joint)
+    centre, axes = figure.posed.position[index], figure.posed.rotation[index]
+    depth = projection.depth(centre)
+    if np.isnan(projection.screen(centre)).any():
+        return None
+    radius = RADIUS / projection.scale * depth / projection.camera.intrinsics[0, 0]
+    circle = np.stack([np.cos(ANGLES), np.sin(ANGLES)])
+    points = np.stack([axes[:, [(axis + 1) % 3, (axis + 2) % 3]] @ circle for axis in range(3)]).swapaxes(1, 2)
+    front = points @ (projection.camera.centre - centre) > -0.15 * np.linalg.norm(projection.camera.centre - centre)
+    return Rings(joint, projection.screen(centre + radius * points), front)
+
+
+def nearest_rotvec(turn: Rotation, near: Vector) -> Vector:
+    """The rotation vector of a rotation that is nearest to another one: those that differ by 360° turn alike."""
+    shortest = turn.as_rotvec()
+    angle = float(np.linalg.norm(shortest))
     if angle < 1e-9:
-        return vector(turn)
-    others = [turn * (1 + k * 2 * np.pi / angle) for k in (-1, 0, 1)]
+        return vector(shortest)
+    others = [shortest * (1 + k * 2 * np.pi / angle) for k in (-1, 0, 1)]
     return vector(min(others, key=lambda other: float(np.linalg.norm(other - np.array(near)))))
-
-
-def _columns(matrix: Float64[np.ndarray, "4 4"]) -> gizmo.Matrix16:
-    """Column by column, as OpenGL has it."""
-    return gizmo.Matrix16(matrix.T.ravel().tolist())

@@ -2,7 +2,7 @@
 
 Left drag orbits, right or middle or Shift+left drag pans, the wheel zooms, a double click centres on the surface under
 the cursor. A drag that began here goes on outside. A left drag that begins on a handle pulls it; a click selects what is under the
-mouse, a right click opens its menu. The gizmo goes before all of these.
+mouse, a right click opens its menu. What is selected has rings that turn it (gizmo.py).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import overlay, theme
-from avatarrex_studio.panels.gizmo import Gizmo
+from avatarrex_studio.panels.gizmo import Rings, Turn, rings
 from avatarrex_studio.panels.part_menu import PartMenu
 from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.session import posing
@@ -58,8 +58,10 @@ class Press:
     at: tuple[float, float]
     last: tuple[float, float]
     """Where it was when it was last acted upon."""
+    turn: Turn | None = None
+    """The ring that it turns."""
     grip: Grip | None = None
-    """What it has taken hold of."""
+    """What else it has taken hold of."""
     offset: tuple[float, float] = (0.0, 0.0)
     """From the mouse to that."""
     depth: float = 0.0
@@ -74,7 +76,7 @@ class ViewportPanel:
     def __init__(self) -> None:
         self.size = (640, 480)
         """Pixels that the picture may fill."""
-        self.gizmo, self.menu = Gizmo(), PartMenu()
+        self.menu = PartMenu()
         self.hovered: str | None = None
         """The part under the mouse."""
         self._press: Press | None = None
@@ -86,10 +88,7 @@ class ViewportPanel:
         room = imgui.ImVec2(max(room.x, 16), max(room.y, 16))
         scale = imgui.get_io().display_framebuffer_scale
         self.size = (max(16, int(room.x * scale.x)), max(16, int(room.y * scale.y)))
-        if self.gizmo.over or self.gizmo.used:
-            imgui.dummy(room)  # the gizmo takes no press where an item is
-        else:
-            imgui.invisible_button("picture", room, _BUTTONS)
+        imgui.invisible_button("picture", room, _BUTTONS)
         low, high = _fit(origin, room, picture)
         canvas = imgui.get_window_draw_list()
         red, green, blue, alpha = studio.state.background
@@ -111,7 +110,7 @@ class ViewportPanel:
         io = imgui.get_io()
         if imgui.is_item_hovered():
             imgui.set_item_key_owner(imgui.Key.mouse_wheel_y)
-            if imgui.is_mouse_double_clicked(imgui.MouseButton_.left) and not self.gizmo.over:
+            if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
                 yield SetCamera(target=_target(studio, io.mouse_pos, low, high))
             if io.mouse_wheel:
                 yield ZoomBy(ZOOM_PER_NOTCH**io.mouse_wheel)
@@ -139,6 +138,12 @@ class ViewportPanel:
             place = places(figure.skeleton, figure.posed, studio.state.tools.selected)[name]
             press.grip, press.depth = Grip(name, figure.skeleton, studio.state.signals), projection.depth(place)
             press.offset = (seen[name][0] - mouse[0], seen[name][1] - mouse[1])
+            return press
+        ringed = rings(projection, figure, studio.state.tools.selected)
+        found = ringed.at(mouse) if ringed else None
+        if ringed and found:
+            before = posing.joint(studio.state.signals, ringed.joint)
+            press.turn = Turn(ringed.joint, found[0], before, found[1], mouse)
         return press
 
     def _drag(
@@ -152,7 +157,9 @@ class ViewportPanel:
         press.last = mouse
         low, high = corners
         height = max(high.y - low.y, 1)
-        if press.grip:
+        if press.turn:
+            yield press.turn.to(studio.state, mouse)
+        elif press.grip:
             place = (mouse[0] + press.offset[0], mouse[1] + press.offset[1])
             yield press.grip.to(studio.state, Projection.of(studio.state.view, low, high).world(place, press.depth))
         elif press.button == 0 and not imgui.get_io().key_shift:
@@ -162,6 +169,8 @@ class ViewportPanel:
 
     def _click(self, studio: Studio, press: Press, low: imgui.ImVec2, high: imgui.ImVec2) -> Iterator[Command]:
         """Select what was clicked on, or open its menu."""
+        if press.turn:
+            return
         part = HANDLES[press.grip.name].joint if press.grip and press.grip.name != LOOK else None
         part = part or self._part(studio, press.at, low, high)
         if press.button == 0 and not (press.grip and press.grip.name == LOOK):
@@ -185,7 +194,7 @@ class ViewportPanel:
     def _over(
         self, canvas: imgui.ImDrawList, studio: Studio, low: imgui.ImVec2, high: imgui.ImVec2
     ) -> Iterator[Command]:
-        """What lies over the picture, and the commands of gizmo and menu."""
+        """What lies over the picture, and the commands of the menu."""
         figure, tools = studio.figure, studio.state.tools
         if figure is None:
             return
@@ -199,15 +208,18 @@ class ViewportPanel:
         for part in {self.hovered, tools.selected} - {None}:
             overlay.draw_limb(canvas, projection, figure, str(part), part == tools.selected)
         self._handles(canvas, projection, figure, studio)
-        yield from self.gizmo.draw(projection, figure, studio.state)
-        self._names(canvas, studio)
+        ringed = rings(projection, figure, tools.selected)
+        axis = self._ring(ringed)
+        if ringed and not (self._press and self._press.grip):
+            ringed.draw(canvas, axis)
+        self._names(canvas, studio, axis)
         canvas.pop_clip_rect()
         yield from self.menu.draw(studio)
 
     def _hover(self, studio: Studio, low: imgui.ImVec2, high: imgui.ImVec2) -> None:
         """Find the part under the mouse, where mouse or person has moved."""
         mouse = imgui.get_io().mouse_pos
-        if not imgui.is_item_hovered() or self._press or self.gizmo.over or studio.playback.playing:
+        if not imgui.is_item_hovered() or self._press or studio.playback.playing:
             self.hovered, self._looked = None, ()
             return
         looked = (mouse.x, mouse.y, studio.state.signals, studio.state.view, self.size)
@@ -217,21 +229,25 @@ class ViewportPanel:
     def _handles(self, canvas: imgui.ImDrawList, projection: Projection, figure: Figure, studio: Studio) -> None:
         mouse, tools = imgui.get_io().mouse_pos, studio.state.tools
         grip = self._press.grip if self._press else None
-        here = (
-            (mouse.x, mouse.y)
-            if grip or (imgui.is_item_hovered() and not self._press and not self.gizmo.over)
-            else None
-        )
+        here = (mouse.x, mouse.y) if grip or (imgui.is_item_hovered() and not self._press) else None
         seen = _on_screen(projection, figure, tools.selected)
         if LOOK in seen:
             overlay.draw_gaze(canvas, projection, figure, seen[LOOK])
         overlay.draw_handles(canvas, seen, tools.pins, here, grip.name if grip else None)
 
-    def _names(self, canvas: imgui.ImDrawList, studio: Studio) -> None:
-        """What is under the mouse, or how far the gizmo has turned."""
-        mouse, joint, axis = imgui.get_io().mouse_pos, studio.state.tools.selected, self.gizmo.axis
+    def _ring(self, ringed: Rings | None) -> int | None:
+        """The axis of the ring that is turned, or is under the mouse."""
+        if self._press:
+            return self._press.turn.axis if self._press.turn else None
+        mouse = imgui.get_io().mouse_pos
+        found = ringed.at((mouse.x, mouse.y)) if ringed and imgui.is_item_hovered() else None
+        return found[0] if found else None
+
+    def _names(self, canvas: imgui.ImDrawList, studio: Studio, axis: int | None) -> None:
+        """What is under the mouse, or how far a ring has turned."""
+        mouse, joint = imgui.get_io().mouse_pos, studio.state.tools.selected
         place = (mouse.x, mouse.y)
-        if self.gizmo.used and joint:
+        if self._press and self._press.turn and joint:
             degrees = np.degrees(posing.joint(studio.state.signals, joint))
             text = "   ".join(f"{name} {value:.0f}°" for name, value in zip(axis_names(joint), degrees + 0.0))
             overlay.draw_name(canvas, text, place)
