@@ -13,7 +13,7 @@ from avatarrex_studio.session.commands import Command, ResetGroup, SetJoint, Set
 from avatarrex_studio.session.state import StudioState, Vector, vector
 from imgui_bundle import imgui
 
-from avatarrex.signals.joints import BODY_GROUPS, FINGERS, JOINT_NAMES
+from avatarrex.signals.joints import BODY_GROUPS, FINGERS, JOINT_NAMES, axis_names
 from avatarrex.signals.limits import LIMITS
 
 LABEL = 84.0
@@ -106,7 +106,8 @@ def _vector_row(
         imgui.begin_disabled(low == high)
         new = widgets.slider(f"{name}.{letter}", unit * values[axis], (low, high), form, width)
         imgui.end_disabled()
-        widgets.tooltip(f"{name} {letter}: {form % low} to {form % high}")
+        called = axis_names(name)[axis] if name in JOINT_NAMES else letter
+        widgets.tooltip(f"{words(name).capitalize()}, {called}: {form % low} to {form % high}")
         widgets.axis_mark(axis)
         if new is not None:
             changed[axis] = new / unit

@@ -21,9 +21,10 @@ from avatarrex.templates.figure import Figure
 BONE, JOINT, FINE_JOINT, HANDLE = 1.5, 3.5, 2.0, 7.0
 """Points: width of a bone, radius of a joint, of a finger's joint and of a handle."""
 NEAR_HANDLE, SEEN_HANDLE = 12.0, 90.0
-"""Points from a handle at which it is taken hold of, and at which it begins to show."""
+"""Points from a handle at which it is taken, and at which it begins to show."""
 BRIGHT = (0.96, 0.97, 0.98)
 DARK = (0.05, 0.06, 0.08)
+KNUCKLES = {"1": "knuckle", "2": "middle", "3": "tip"}
 WIRE = 0.16
 """Opacity of the template's edges."""
 
@@ -38,8 +39,8 @@ def draw_joints(pen: imgui.ImDrawList, projection: Projection, figure: Figure, a
     for joint, place in enumerate(places):
         if _seen(place):
             radius = FINE_JOINT if joint > 22 else JOINT
-            pen.add_circle_filled(tuple(place), radius + 1, theme.colour(DARK, 0.5 * alpha))
-            pen.add_circle_filled(tuple(place), radius, theme.colour(BRIGHT, 0.9 * alpha))
+            pen.add_circle_filled(_pair(place), radius + 1, theme.colour(DARK, 0.5 * alpha))
+            pen.add_circle_filled(_pair(place), radius, theme.colour(BRIGHT, 0.9 * alpha))
 
 
 def draw_wire(pen: imgui.ImDrawList, projection: Projection, figure: Figure) -> None:
@@ -67,8 +68,8 @@ def draw_limb(pen: imgui.ImDrawList, projection: Projection, figure: Figure, par
         if parent == joint and _seen(places[[joint, child]]):
             _line(pen, places[joint], places[child], theme.colour(colour, 0.55 if strong else 0.30), 7)
     if _seen(places[joint]):
-        pen.add_circle_filled(tuple(places[joint]), 5.5, theme.colour(DARK, 0.6))
-        pen.add_circle_filled(tuple(places[joint]), 4.5, theme.colour(colour))
+        pen.add_circle_filled(_pair(places[joint]), 5.5, theme.colour(DARK, 0.6))
+        pen.add_circle_filled(_pair(places[joint]), 4.5, theme.colour(colour))
 
 
 def draw_handles(
@@ -98,7 +99,7 @@ def draw_gaze(pen: imgui.ImDrawList, projection: Projection, figure: Figure, pla
     eyes = projection.screen(figure.posed.position[[posing.joint_index(f"{side}_eye") for side in ("left", "right")]])
     for eye in eyes:
         if _seen(eye):
-            pen.add_line(tuple(eye), place, theme.colour(theme.ACCENT, 0.45), 1.2)
+            pen.add_line(_pair(eye), place, theme.colour(theme.ACCENT, 0.45), 1.2)
 
 
 def draw_name(pen: imgui.ImDrawList, text: str, place: tuple[float, float]) -> None:
@@ -110,8 +111,9 @@ def draw_name(pen: imgui.ImDrawList, text: str, place: tuple[float, float]) -> N
 
 
 def title(part: str) -> str:
-    """A joint or region as a person writes it."""
-    return words(part).capitalize()
+    """A joint or region as a person writes it: `left_index3` is the left index tip."""
+    place = KNUCKLES.get(part[-1], "") if part[-1:].isdigit() and not part.startswith("spine") else ""
+    return f"{words(part.rstrip('123') if place else part)} {place}".strip().capitalize()
 
 
 def _region(pen: imgui.ImDrawList, projection: Projection, figure: Figure, region: str, strong: bool) -> None:
@@ -127,7 +129,7 @@ def _region(pen: imgui.ImDrawList, projection: Projection, figure: Figure, regio
 
 def _pin(pen: imgui.ImDrawList, place: tuple[float, float]) -> None:
     size = imgui.calc_text_size(icons.ICON_FA_THUMBTACK)
-    pen.add_circle_filled(tuple(place), HANDLE + 2, theme.colour(DARK, 0.7))
+    pen.add_circle_filled(place, HANDLE + 2, theme.colour(DARK, 0.7))
     corner = (place[0] - size.x / 2, place[1] - size.y / 2)
     pen.add_text(corner, theme.colour(theme.WARNING), icons.ICON_FA_THUMBTACK)
 
@@ -135,7 +137,11 @@ def _pin(pen: imgui.ImDrawList, place: tuple[float, float]) -> None:
 def _line(
     pen: imgui.ImDrawList, one: Float64[np.ndarray, "2"], other: Float64[np.ndarray, "2"], colour: int, width: float
 ) -> None:
-    pen.add_line(tuple(one), tuple(other), colour, width)
+    pen.add_line(_pair(one), _pair(other), colour, width)
+
+
+def _pair(place: Float64[np.ndarray, "2"]) -> tuple[float, float]:
+    return float(place[0]), float(place[1])
 
 
 def _seen(places: Float64[np.ndarray, "... 2"]) -> bool:

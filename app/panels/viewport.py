@@ -1,4 +1,4 @@
-"""The viewport: the picture, the mouse that moves the camera, and what can be taken hold of in it.
+"""The viewport: the picture, the mouse that moves the camera, and what can be grabbed in it.
 
 Left drag orbits, right or middle or Shift+left drag pans, the wheel zooms, a double click centres on the surface under
 the cursor. A drag that began here goes on outside. A left drag that begins on a handle pulls it; a click selects what is under the
@@ -61,7 +61,7 @@ class Press:
     turn: Turn | None = None
     """The ring that it turns."""
     grip: Grip | None = None
-    """What else it has taken hold of."""
+    """What else it has grabbed."""
     offset: tuple[float, float] = (0.0, 0.0)
     """From the mouse to that."""
     depth: float = 0.0

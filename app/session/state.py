@@ -133,9 +133,7 @@ class Tools:
 
     def __post_init__(self) -> None:
         for name, allowed in (("pins", tuple(HANDLES)), ("overlays", OVERLAYS)):
-            values = frozenset(getattr(self, name))
-            object.__setattr__(self, name, values)
-            if unknown := sorted(map(str, values - set(allowed))):
+            if unknown := sorted(map(str, getattr(self, name) - set(allowed))):
                 raise InputError("tools", name, " or ".join(allowed), unknown[0])
         if self.selected is not None and self.selected not in SELECTABLE:
             raise InputError("tools", "selected", "a joint or a region of the face", self.selected)
@@ -145,6 +143,11 @@ class Tools:
     def to_json(self) -> dict[str, Any]:
         """Plain lists and words."""
         return {**vars(self), "pins": sorted(self.pins), "overlays": sorted(self.overlays)}
+
+    @classmethod
+    def read(cls, pins: Iterable[str] = (), overlays: Iterable[str] = (), **others: Any) -> Tools:
+        """From `to_json`'s entries. Raises `InputError`."""
+        return cls(pins=frozenset(pins), overlays=frozenset(overlays), **others)
 
 
 @dataclass(frozen=True)
@@ -245,4 +248,4 @@ def _read(name: str, value: Any, source: str) -> Any:
     return {"avatar": str, "hidden": frozenset}.get(name, _tuple)(value)
 
 
-_RECORDS: dict[str, Any] = {"view": OrbitView, "size": SizePolicy, "motion": MotionState, "tools": Tools}
+_RECORDS: dict[str, Any] = {"view": OrbitView, "size": SizePolicy, "motion": MotionState, "tools": Tools.read}

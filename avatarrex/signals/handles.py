@@ -1,4 +1,4 @@
-"""What of a person can be taken hold of: hands, feet, head, pelvis, elbows and knees, and which joints follow them.
+"""What of a person can be grabbed: hands, feet, head, pelvis, elbows and knees, and which joints follow them.
 
     pulled(skeleton, signals, Pull("left_hand", target))    looking(skeleton, signals, target)
 
@@ -26,8 +26,8 @@ FLAT = 0.05
 """Metres a radian: how much a pinned hand or foot wants to stay turned as it is: where an ankle is at its limit the heel lifts."""
 SOLE, UPRIGHT = 0.012, 0.02
 """The same of a foot and of a head that are pulled, so that soles stay level and the spine bends."""
-WILLING = 0.3
-"""Stiffness of the joint that does that."""
+STIFF, WILLING = 3.0, 0.3
+"""Stiffness of what moves less (collars, the trunk, whose joints share a bend), and of the joint that stays turned."""
 EYES, FACE = 0.2, 0.012
 """Weights of the eyes' directions and of the face's: the head turns about two thirds of the way."""
 FORWARD = np.array([0.0, 0.0, 1.0])
@@ -69,9 +69,9 @@ def _sided(side: str) -> dict[str, Handle]:
         tuple(f"{side}_{name}" for name in names) for names in (("collar", "shoulder", "elbow"), ("hip", "knee"))
     )
     return {
-        f"{side}_hand": Handle(f"{side}_wrist", arm, (3.0, 1.0, 1.0), end=f"{side}_wrist"),
+        f"{side}_hand": Handle(f"{side}_wrist", arm, (STIFF, 1.0, 1.0), end=f"{side}_wrist"),
         f"{side}_foot": Handle(f"{side}_ankle", leg, (1.0, 1.0), end=f"{side}_ankle", level=SOLE),
-        f"{side}_elbow": Handle(f"{side}_elbow", arm[:2], (3.0, 1.0)),
+        f"{side}_elbow": Handle(f"{side}_elbow", arm[:2], (STIFF, 1.0)),
         f"{side}_knee": Handle(f"{side}_knee", leg[:1], (1.0,)),
     }
 
@@ -80,7 +80,7 @@ _TRUNK = ("spine1", "spine2", "spine3", "neck", "head")
 HANDLES: dict[str, Handle] = {
     **_sided("left"),
     **_sided("right"),
-    "head": Handle("head", _TRUNK, (1.0,) * len(_TRUNK), end="head", level=UPRIGHT, between=GAZE),
+    "head": Handle("head", _TRUNK, (STIFF,) * len(_TRUNK), end="head", level=UPRIGHT, between=GAZE),
     "pelvis": Handle("pelvis"),
 }
 """By name. The pelvis moves the whole person."""
@@ -122,7 +122,8 @@ def pulled(
     """
     taken, start = handle(pull.handle), prior or signals
     posed = skeleton.posed(start)
-    goals: list[Goal] = [Place(taken.index, np.asarray(pull.target, np.float64), taken.offset(skeleton))]
+    target = _within_reach(skeleton, posed, taken, np.asarray(pull.target, np.float64))
+    goals: list[Goal] = [Place(taken.index, target, taken.offset(skeleton))]
     free = dict(zip(taken.follow, taken.stiffness))
     if taken.level:
         free[taken.end] = WILLING
@@ -156,6 +157,24 @@ def looking(
     goals.append(Aim(face.index, target, FORWARD, face.offset(skeleton), FACE))
     free = {"neck": 1.0, "head": 1.0, **dict.fromkeys(GAZE, WILLING)}
     return _solved(skeleton, signals, prior or signals, goals, free, limited)
+
+
+def _within_reach(
+    skeleton: Skeleton, posed: PosedSkeleton, taken: Handle, target: Float64[np.ndarray, "3"]
+) -> Float64[np.ndarray, "3"]:
+    """The place nearest to the target that the limb's lengths allow: straight, or folded as far as they differ."""
+    if not taken.follow:
+        return target
+    chain, joint = [], taken.index
+    first = JOINT_NAMES.index(taken.follow[0])
+    while joint != first:
+        chain.append(float(np.linalg.norm(skeleton.joints[joint] - skeleton.joints[skeleton.parents[joint]])))
+        joint = skeleton.parents[joint]
+    chain.append(float(np.linalg.norm(taken.offset(skeleton))))
+    way = target - posed.position[first]
+    distance = max(float(np.linalg.norm(way)), 1e-9)
+    allowed = np.clip(distance, max(0.0, 2 * max(chain) - sum(chain)), sum(chain))
+    return np.asarray(posed.position[first] + way * allowed / distance)
 
 
 def _solved(

@@ -13,7 +13,7 @@ Letters: n free joints, m rows of the goals. Metres, world space; rotation vecto
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -29,7 +29,7 @@ PRIOR = 0.008
 ITERATIONS = 40
 STILL = 1e-5
 """Radians: a step below it is the last."""
-GAIN = 1e-3
+GAIN = 1e-4
 """A step that takes a smaller share of the sum is the last."""
 LOST, REACHED = 0.01, 0.002
 """Metres: a solution that is farther off is tried again from the prior and from the middle of the limits, and one that is nearer is
@@ -50,11 +50,11 @@ class Place:
 
     def point(self, posed: PosedSkeleton) -> Float64[np.ndarray, "3"]:
         """Where it is."""
-        return posed.position[self.joint] + posed.rotation[self.joint] @ self.offset
+        return np.asarray(posed.position[self.joint] + posed.rotation[self.joint] @ self.offset)
 
     def residual(self, posed: PosedSkeleton) -> Float64[np.ndarray, "3"]:
         """Metres to the target."""
-        return self.target - self.point(posed)
+        return np.asarray(self.target - self.point(posed))
 
     def moved(
         self, posed: PosedSkeleton, axes: Float64[np.ndarray, "n 3"], pivots: Float64[np.ndarray, "n 3"]
@@ -73,7 +73,7 @@ class Orient:
 
     def residual(self, posed: PosedSkeleton) -> Float64[np.ndarray, "3"]:
         """Rotation vector to the target."""
-        return Rotation.from_matrix(self.target @ posed.rotation[self.joint].T).as_rotvec()
+        return np.asarray(Rotation.from_matrix(self.target @ posed.rotation[self.joint].T).as_rotvec())
 
     def moved(
         self, posed: PosedSkeleton, axes: Float64[np.ndarray, "n 3"], pivots: Float64[np.ndarray, "n 3"]
@@ -95,7 +95,7 @@ class Aim:
     def residual(self, posed: PosedSkeleton) -> Float64[np.ndarray, "3"]:
         """Unit vectors' difference."""
         way = self.target - posed.position[self.joint] - posed.rotation[self.joint] @ self.offset
-        return way / max(float(np.linalg.norm(way)), 1e-9) - posed.rotation[self.joint] @ self.axis
+        return np.asarray(way / max(float(np.linalg.norm(way)), 1e-9) - posed.rotation[self.joint] @ self.axis)
 
     def moved(
         self, posed: PosedSkeleton, axes: Float64[np.ndarray, "n 3"], pivots: Float64[np.ndarray, "n 3"]
@@ -145,14 +145,28 @@ def solve(
     While a target is dragged the last solution is the next begin and where the drag began is the prior. Joints that are not free
     keep their rotation, also one beyond its limits.
     """
-    search = _Search(problem, pose, translation, prior or (pose, translation))
+    start = prior or (pose, translation)
+    search = _Search(problem, pose, translation, start)
     solution = search.run(search.begin)
-    if solution.error > LOST and not problem.moves:
-        for begin in (search.rest, search.middle):
-            other = search.run(begin)
-            if other.error < REACHED:
-                return other
-    return solution
+    if solution.error < LOST or problem.moves:
+        return solution
+    for begin in (search.rest, search.middle):
+        other = search.run(begin)
+        if other.error < REACHED:
+            return other
+    return _settled(problem, solution, start)
+
+
+def _settled(
+    problem: Problem, nearest: Solution, prior: tuple[Float64[np.ndarray, "55 3"], Float64[np.ndarray, "3"]]
+) -> Solution:
+    """Of the poses whose places are where those of `nearest` are, the one nearest to the prior: far from its target a limb is
+    not determined about its own axis to the same digits.
+    """
+    posed = problem.skeleton.turned(nearest.pose, nearest.translation)
+    goals = [replace(goal, target=goal.point(posed)) if isinstance(goal, Place) else goal for goal in problem.goals]
+    search = _Search(replace(problem, goals=goals), nearest.pose, nearest.translation, prior)
+    return replace(search.run(search.begin), error=nearest.error)
 
 
 class _Search:

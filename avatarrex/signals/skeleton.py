@@ -53,7 +53,7 @@ class Skeleton:
     @cached_property
     def _bones(self) -> Float64[np.ndarray, "j 3"]:
         """From each joint's parent to it, at rest."""
-        return self.joints - self.joints[np.maximum(self.parents, 0)]
+        return np.asarray(self.joints - self.joints[np.maximum(self.parents, 0)])
 
     @cached_property
     def carries(self) -> Bool[np.ndarray, "j j"]:

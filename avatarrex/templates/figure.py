@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import Float, Float32, Int64
 from scipy.spatial import cKDTree
 
 from avatarrex.signals.driving import Signals
@@ -60,7 +60,7 @@ class Figure:
         root = world_from_root(self.signals.global_orient, self.signals.translation, pelvis)
         return np.asarray(posed.vertices.double().numpy() @ root[:3, :3].T + root[:3, 3], np.float32)
 
-    def part_at(self, point: Float64[np.ndarray, "3"]) -> str:
+    def part_at(self, point: Float[np.ndarray, "3"]) -> str:
         """The joint or the region of the face (`FACE_REGIONS`) that a point of the surface belongs to."""
         distance = ((self.vertices - np.asarray(point, np.float32)) ** 2).sum(1)
         owners = _owners(self.body)
