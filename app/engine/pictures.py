@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from avatarrex_studio.engine.engine import QUICKEST
 from avatarrex_studio.engine.request import Answer, Exact, Picture, Request
-from avatarrex_studio.session.state import AUTO, LIVE, OrbitView, StudioState, Vector, vector
+from avatarrex_studio.session.state import AUTO, IMAGE, LIVE, OrbitView, StudioState, Vector, vector
 
 log = logging.getLogger(__name__)
 REST = 0.15
@@ -42,11 +42,12 @@ class Subject:
     hidden: frozenset[str]
     view: OrbitView
     size: tuple[int, int]
+    shows: str = IMAGE
 
     @classmethod
     def of(cls, state: StudioState, size: tuple[int, int]) -> Subject:
         """Of `state` on a raster of `size`."""
-        return cls(state.avatar, state.signals, state.hidden, state.view, size)
+        return cls(state.avatar, state.signals, state.hidden, state.view, size, state.tools.shows)
 
 
 @dataclass(frozen=True)

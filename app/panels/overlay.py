@@ -25,7 +25,7 @@ NEAR_HANDLE, SEEN_HANDLE = 12.0, 90.0
 BRIGHT = (0.96, 0.97, 0.98)
 DARK = (0.05, 0.06, 0.08)
 KNUCKLES = {"1": "knuckle", "2": "middle", "3": "tip"}
-WIRE = 0.16
+WIRE = 0.11
 """Opacity of the template's edges."""
 
 

@@ -133,6 +133,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("show.normals", "Show normals", "View", "N", command=_picture("normals")),
     Action("show.depth", "Show depth", "View", "D", command=_picture("depth")),
     Action("show.parts", "Show parts", "View", command=_picture("parts")),
+    Action("show.steps", "Show ray steps", "View", command=_picture("steps")),
     *(
         Action(f"part.{part}", f"Show or hide the {words(part)}", "View", command=_toggle(part), separator=part == PARTS[0])
         for part in PARTS

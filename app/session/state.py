@@ -32,7 +32,7 @@ SIZES = (16, 8192)
 BACKGROUND = (0.145, 0.157, 0.176, 1.0)
 """A dark neutral grey."""
 IMAGE = "image"
-PICTURES = (IMAGE, "normals", "depth", "parts")
+PICTURES = (IMAGE, "normals", "depth", "parts", "steps")
 """What the viewport can show of the avatar."""
 OVERLAYS = ("joints", "wire")
 """What it can show over that."""

@@ -13,7 +13,9 @@ from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.commands import SetCamera
 from avatarrex_studio.session.grip import places
+from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import vector
+from avatarrex_studio.window.window import start
 from ball import ball_engine
 from imgui_bundle import imgui
 from test_window import drive, surfaced
@@ -67,19 +69,27 @@ class Hand:
         self.test.yield_(2)
 
 
-def scene(scenario):
-    """Run `scenario(hand)` in a window of its own."""
-    drive(ball_engine, lambda test, window: scenario(Hand(test, window)), live=LiveSurface(), load=surfaced)
+def scene(*scenarios):
+    """Run each `scenario(hand)` after the other in one window, each from a fresh state."""
+
+    def all_of_them(test, window):
+        for scenario in scenarios:
+            window.studio.journal = Journal(start())
+            test.yield_(3)
+            scenario(Hand(test, window))
+
+    drive(ball_engine, all_of_them, live=LiveSurface(), load=surfaced)
 
 
-def test_a_hand_that_is_dragged_follows_the_mouse_and_comes_back(display):
+def test_what_is_dragged_follows_the_mouse_and_comes_back(display):
+    """A hand; then the pelvis between two pinned feet."""
     seen = {}
 
-    def scenario(hand):
-        studio, start = hand.studio, hand.place("left_hand")
+    def pull_a_hand(hand):
+        studio, begin = hand.studio, hand.place("left_hand")
         rest = studio.state.signals
-        way = [start + (3.0 * k, -9.0 * k) for k in range(1, 11)]
-        hand.drag(start, *way)
+        way = [begin + np.array([3.0, -9.0]) * k for k in range(1, 11)]
+        hand.drag(begin, *way)
         seen["off"] = np.hypot(*(hand.place("left_hand") - way[-1])) * metres_per_point(hand)
         seen["steps"], seen["beyond"] = len(studio.journal.steps), violations(studio.state.signals)
         seen["commands"] = [type(command).__name__ for command in studio.journal.steps[-1].commands]
@@ -88,11 +98,31 @@ def test_a_hand_that_is_dragged_follows_the_mouse_and_comes_back(display):
         hand.test.yield_(3)
         seen["undone"] = studio.state.signals == rest
 
-    scene(scenario)
+    def sit_down(hand):
+        studio, test = hand.studio, hand.test
+        feet = [hand.place(f"{side}_foot") for side in ("left", "right")]
+        hand.click(feet[0])
+        test.key_press(chord("P"))
+        hand.click(feet[1])
+        test.key_press(chord("P"))
+        test.yield_(2)
+        seen["pins"] = studio.state.tools.pins
+        begin = hand.place("pelvis")
+        way = [begin + np.array([0.0, 6.0]) * k for k in range(1, 11)]
+        hand.drag(begin, *way)
+        seen["pelvis"] = np.hypot(*(hand.place("pelvis") - way[-1]))
+        seen["feet"] = max(np.hypot(*(hand.place(f"{s}_foot") - at)) for s, at in zip(("left", "right"), feet))
+        seen["knee"] = math.degrees(posing.joint(studio.state.signals, "left_knee")[0])
+
+    scene(pull_a_hand, sit_down)
     assert seen["off"] < 0.01
     assert (seen["steps"], seen["commands"], seen["beyond"]) == (1, ["PullHandle"], ())
     assert seen["moved"] == {"left_collar", "left_shoulder", "left_elbow"}
     assert seen["undone"]
+    assert seen["pins"] == {"left_foot", "right_foot"}
+    assert seen["pelvis"] < 3
+    assert seen["feet"] < 1
+    assert seen["knee"] > 40
 
 
 def metres_per_point(hand):
@@ -101,22 +131,22 @@ def metres_per_point(hand):
     return projection.scale * hand.studio.state.view.distance / projection.camera.intrinsics[0, 0]
 
 
-def test_rings_and_sliders_are_one(display):
-    """A click selects the forearm, a ring turns it, the slider shows that; a slider that is set moves the rings."""
+def test_what_is_clicked_is_selected_and_its_rings_and_sliders_are_one(display):
+    """A click selects the forearm, a ring turns it, the slider shows that; a slider that is set moves the rings. Then a finger and the mouth."""
     seen = {}
 
-    def scenario(hand):
+    def turn(hand):
         studio, test = hand.studio, hand.test
         test.window_focus("//Face")
         hand.click(hand.middle("left_elbow", "left_wrist"))
         seen["selected"] = studio.state.tools.selected
         seen["shown"] = test.item_info("//Body/##left_elbow.y").rect_clipped.get_height()
         ringed = rings(hand.projection, studio.figure, "left_elbow")
-        start = ringed.places[1, longest(ringed, 1)]
-        axis, tangent = ringed.at(tuple(start))
+        begin = ringed.places[1, longest(ringed, 1)]
+        axis, tangent = ringed.at(tuple(begin))
         before = posing.joint(studio.state.signals, "left_elbow")
         ahead = tangent / np.hypot(*tangent)
-        hand.drag(start, *(start - 6.0 * k * ahead for k in range(1, 8)))
+        hand.drag(begin, *(begin - 6.0 * k * ahead for k in range(1, 8)))
         seen["axis"], seen["steps"] = axis, len(studio.journal.steps)
         after = posing.joint(studio.state.signals, "left_elbow")
         seen["bent"] = math.degrees(before[1] - after[1])
@@ -131,27 +161,7 @@ def test_rings_and_sliders_are_one(display):
         seen["undone"] = posing.joint(studio.state.signals, "left_elbow") == before
         seen["still selected"] = studio.state.tools.selected
 
-    scene(scenario)
-    assert seen["selected"] == seen["still selected"] == "left_elbow"
-    assert seen["shown"] > 10, "its slider is scrolled to"
-    assert (seen["axis"], seen["steps"]) == (1, 1)
-    assert 20 < seen["bent"] < 90
-    assert seen["typed"] == pytest.approx(-80, abs=0.1)
-    assert seen["followed"] > 5
-    assert seen["undone"]
-
-
-def longest(ringed, axis):
-    """A point of a ring's front half that is far from the other rings."""
-    others = np.concatenate([ringed.places[k] for k in range(3) if k != axis])
-    gaps = np.hypot(*(ringed.places[axis][:, None] - others).T).min(0)
-    return int(np.where(ringed.front[axis], gaps, -1).argmax())
-
-
-def test_a_finger_and_the_mouth_are_picked_where_they_are_clicked(display):
-    seen = {}
-
-    def scenario(hand):
+    def pick(hand):
         studio, test = hand.studio, hand.test
         place = studio.figure.posed.position[JOINT_NAMES.index("left_index2")]
         studio.do(SetCamera(distance=0.6, target=vector(place), azimuth=90.0))
@@ -174,36 +184,24 @@ def test_a_finger_and_the_mouth_are_picked_where_they_are_clicked(display):
             [type(s.commands[0]).__name__ for s in studio.journal.steps],
         )
 
-    scene(scenario)
+    scene(turn, pick)
+    assert seen["selected"] == seen["still selected"] == "left_elbow"
+    assert seen["shown"] > 10, "its slider is scrolled to"
+    assert (seen["axis"], seen["steps"]) == (1, 1)
+    assert 20 < seen["bent"] < 90
+    assert seen["typed"] == pytest.approx(-80, abs=0.1)
+    assert seen["followed"] > 5
+    assert seen["undone"]
     assert seen["finger"] == "left_index2"
     assert seen["tip"] > 10
     assert seen["mouth"] == "mouth"
     assert seen["joints"] == {"joints"}
     assert seen["nothing"] is None
-    assert set(seen["steps"]) == {"SetCamera"}, "what is selected is no step of undo"
+    assert set(seen["done"]) == {"SetCamera"}, "what is selected is no step of undo"
 
 
-def test_pinned_feet_stay_while_the_pelvis_is_dragged(display):
-    seen = {}
-
-    def scenario(hand):
-        studio, test = hand.studio, hand.test
-        feet = [hand.place(f"{side}_foot") for side in ("left", "right")]
-        hand.click(feet[0])
-        test.key_press(chord("P"))
-        hand.click(feet[1])
-        test.key_press(chord("P"))
-        test.yield_(2)
-        seen["pins"] = studio.state.tools.pins
-        start = hand.place("pelvis")
-        way = [start + (0.0, 6.0 * k) for k in range(1, 11)]
-        hand.drag(start, *way)
-        seen["pelvis"] = np.hypot(*(hand.place("pelvis") - way[-1]))
-        seen["feet"] = max(np.hypot(*(hand.place(f"{s}_foot") - at)) for s, at in zip(("left", "right"), feet))
-        seen["knee"] = math.degrees(posing.joint(studio.state.signals, "left_knee")[0])
-
-    scene(scenario)
-    assert seen["pins"] == {"left_foot", "right_foot"}
-    assert seen["pelvis"] < 3
-    assert seen["feet"] < 1
-    assert seen["knee"] > 40
+def longest(ringed, axis):
+    """A point of a ring's front half that is far from the other rings."""
+    others = np.concatenate([ringed.places[k] for k in range(3) if k != axis])
+    gaps = np.hypot(*(ringed.places[axis][:, None] - others).T).min(0)
+    return int(np.where(ringed.front[axis], gaps, -1).argmax())
