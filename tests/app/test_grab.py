@@ -132,7 +132,10 @@ def metres_per_point(hand):
 
 
 def test_what_is_clicked_is_selected_and_its_rings_and_sliders_are_one(display):
-    """A click selects the forearm, a ring turns it, the slider shows that; a slider that is set moves the rings. Then a finger and the mouth."""
+    """A click selects the forearm, a ring turns it, the slider shows that; a slider that is set moves the rings.
+
+    Then a finger and the mouth.
+    """
     seen = {}
 
     def turn(hand):
@@ -179,7 +182,7 @@ def test_what_is_clicked_is_selected_and_its_rings_and_sliders_are_one(display):
         test.yield_(3)
         seen["joints"] = studio.state.tools.overlays
         hand.click(np.array([hand.picture.min.x + 20, hand.picture.min.y + 20]))
-        seen["nothing"], seen["steps"] = (
+        seen["nothing"], seen["done"] = (
             studio.state.tools.selected,
             [type(s.commands[0]).__name__ for s in studio.journal.steps],
         )
