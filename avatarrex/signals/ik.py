@@ -32,7 +32,7 @@ STILL = 1e-5
 GAIN = 1e-4
 """A step that takes a smaller share of the sum is the last."""
 LOST, REACHED = 0.01, 0.002
-"""Metres: a solution that is farther off is tried again from the prior and from the middle of the limits, and one that is nearer is
+"""Metres: a solution that is farther off is tried again from the middle of the limits, and one that is nearer is
 taken instead. Out of reach no other can be, and a drag never flips from one such pose to another."""
 START = 0.03
 """Share of its range by which a joint begins nearer to the middle of its limits: a limb that is exactly straight has no gradient
@@ -150,11 +150,8 @@ def solve(
     solution = search.run(search.begin)
     if solution.error < LOST or problem.moves:
         return solution
-    for begin in (search.rest, search.middle):
-        other = search.run(begin)
-        if other.error < REACHED:
-            return other
-    return _settled(problem, solution, start)
+    other = search.run(search.middle)
+    return other if other.error < REACHED else _settled(problem, solution, start)
 
 
 def _settled(
