@@ -16,7 +16,7 @@ from avatarrex_studio.panels import theme
 from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.commands import SetJoint
-from avatarrex_studio.session.state import StudioState, Vector, vector
+from avatarrex_studio.session.state import Vector, vector
 from imgui_bundle import imgui
 from jaxtyping import Bool, Float64
 from scipy.spatial.transform import Rotation
@@ -74,12 +74,13 @@ class Turn:
     tangent: Float64[np.ndarray, "2"]
     at: tuple[float, float]
 
-    def to(self, state: StudioState, mouse: tuple[float, float]) -> SetJoint:
+    def to(self, mouse: tuple[float, float]) -> SetJoint:
         """The command for a place of the mouse."""
         length = max(float(np.hypot(*self.tangent)), 0.25 * RADIUS)
         angle = float(np.subtract(mouse, self.at) @ self.tangent) / length**2
-        turn = Rotation.from_rotvec(self.start) * Rotation.from_rotvec(angle * np.eye(3)[self.axis])
-        return SetJoint(self.joint, nearest_rotvec(turn, posing.joint(state.signals, self.joint)))
+        by = angle * np.eye(3)[self.axis]
+        turn = Rotation.from_rotvec(self.start) * Rotation.from_rotvec(by)
+        return SetJoint(self.joint, nearest_rotvec(turn, vector(self.start + by)))
 
 
 def rings(projection: Projection, figure: Figure, joint: str | None) -> Rings | None:

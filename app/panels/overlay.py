@@ -16,7 +16,7 @@ from imgui_bundle import imgui
 from jaxtyping import Float64
 
 from avatarrex.signals.joints import JOINT_NAMES
-from avatarrex.templates.figure import Figure
+from avatarrex.templates.figure import Figure, Wire
 
 BONE, JOINT, FINE_JOINT, HANDLE = 1.5, 3.5, 2.0, 7.0
 """Points: width of a bone, radius of a joint, of a finger's joint and of a handle."""
@@ -27,6 +27,8 @@ DARK = (0.05, 0.06, 0.08)
 KNUCKLES = {"1": "knuckle", "2": "middle", "3": "tip"}
 WIRE = 0.11
 """Opacity of the template's edges."""
+MOST_LINES = 1500
+"""Of the wire: as many take 8 ms of one core."""
 
 
 def draw_joints(pen: imgui.ImDrawList, projection: Projection, figure: Figure, alpha: float = 1.0) -> None:
@@ -44,15 +46,18 @@ def draw_joints(pen: imgui.ImDrawList, projection: Projection, figure: Figure, a
 
 
 def draw_wire(pen: imgui.ImDrawList, projection: Projection, figure: Figure) -> None:
-    """The template's edges that face the camera."""
-    vertices = figure.vertices.astype(np.float64)
-    places, faces = projection.screen(vertices), figure.body.skin_faces().numpy()
-    a, b, c = (places[faces[:, k]] for k in range(3))
-    area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    front = faces[area < 0]
-    edges = np.sort(np.concatenate([front[:, [0, 1]], front[:, [1, 2]], front[:, [2, 0]]]), 1)
+    """The template's edges that face the camera, the longest of them: those of fingers and face show from near."""
+    wire, places = Wire.of(figure.body), projection.screen(figure.vertices.astype(np.float64))
+    a, b, c = (places[wire.faces[:, k]] for k in range(3))
+    front = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
+    lines = places[wire.edges[front[wire.beside].any(1)]]
+    low = np.array(projection.low)
+    high = low + projection.scale * np.array([projection.camera.width, projection.camera.height])
+    lines = lines[((lines > low) & (lines < high)).all((1, 2))]
+    length = np.hypot(*(lines[:, 1] - lines[:, 0]).T)
+    lines = lines[np.argsort(-length)[:MOST_LINES]]
     colour = theme.colour(BRIGHT, WIRE)
-    for one, other in places[np.unique(edges, axis=0)].tolist():
+    for one, other in lines.tolist():
         pen.add_line(one, other, colour, 1.0)
 
 

@@ -158,7 +158,7 @@ class ViewportPanel:
         low, high = corners
         height = max(high.y - low.y, 1)
         if press.turn:
-            yield press.turn.to(studio.state, mouse)
+            yield press.turn.to(mouse)
         elif press.grip:
             place = (mouse[0] + press.offset[0], mouse[1] + press.offset[1])
             yield press.grip.to(studio.state, Projection.of(studio.state.view, low, high).world(place, press.depth))

@@ -34,9 +34,6 @@ GAIN = 1e-4
 LOST, REACHED = 0.01, 0.002
 """Metres: a solution that is farther off is tried again from the middle of the limits, and one that is nearer is
 taken instead. Out of reach no other can be, and a drag never flips from one such pose to another."""
-START = 0.03
-"""Share of its range by which a joint begins nearer to the middle of its limits: a limb that is exactly straight has no gradient
-along itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +190,7 @@ class _Search:
 
     def run(self, begin: Float64[np.ndarray, " x"]) -> Solution:
         """Damped steps until they are still."""
-        x, damping = begin + START * (self.middle - begin), 1e-3
+        x, damping = begin, 1e-3
         posed = self._posed(x)
         off = self._off(x, posed)
         for _ in range(ITERATIONS):

@@ -72,6 +72,32 @@ class Figure:
         return np.flatnonzero(_owners(self.body) == name)
 
 
+@dataclass(frozen=True, eq=False)
+class Wire:
+    """The edges of a template's skin."""
+
+    faces: Int64[np.ndarray, "f 3"]
+    edges: Int64[np.ndarray, "n 2"]
+    """Vertices, each pair once."""
+    beside: Int64[np.ndarray, "n 2"]
+    """The faces at both sides of each edge."""
+
+    @classmethod
+    def of(cls, body: TemplateModel) -> Wire:
+        """Of a template, found once."""
+        if body not in _WIRES:
+            faces = body.skin_faces().numpy()
+            pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), 1)
+            order = np.lexsort(pairs.T)
+            pairs, face = pairs[order], np.tile(np.arange(len(faces)), 3)[order]
+            first = np.concatenate([[True], (pairs[1:] != pairs[:-1]).any(1)])
+            start = np.flatnonzero(first)
+            last = np.concatenate([start[1:], [len(pairs)]]) - 1
+            _WIRES[body] = cls(faces, pairs[start], np.stack([face[start], face[last]], 1))
+        return _WIRES[body]
+
+
+_WIRES: WeakKeyDictionary[TemplateModel, Wire] = WeakKeyDictionary()
 _OWNERS: WeakKeyDictionary[TemplateModel, np.ndarray] = WeakKeyDictionary()
 
 

@@ -78,7 +78,6 @@ def test_out_of_reach_a_limb_points_there_without_jumps(name):
 
 
 def test_a_straight_leg_folds_towards_its_own_hip():
-    """Along itself a straight limb has no gradient."""
     straight = Signals.rest()
     target = at(straight, "left_foot") + np.array([0.0, 0.006, 0.0])
     assert np.linalg.norm(at(pulled(SKELETON, straight, Pull("left_foot", target)), "left_foot") - target) < 0.002
