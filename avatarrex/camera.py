@@ -103,6 +103,12 @@ class Camera:
         depth = seen[..., 2]
         return (seen @ self.intrinsics.T)[..., :2] / np.maximum(depth, nearest)[..., None], depth
 
+    def point(self, pixel: tuple[float, float], depth: float) -> np.ndarray:
+        """The point (3,), world metres, that is seen at a column and a row (in pixels) at `depth` z: the way back of `pixels`."""
+        ray = np.linalg.solve(self.intrinsics, (*pixel, 1.0))
+        rotation, translation = self.camera_from_world[:3, :3], self.camera_from_world[:3, 3]
+        return np.asarray(rotation.T @ (depth * ray - translation))
+
     @property
     def centre(self) -> np.ndarray:
         """Camera centre in world metres, (3,)."""

@@ -27,8 +27,9 @@ from avatarrex.gl.context import gl_unavailable
 from avatarrex.pointmap.point_map import CoveredPixels, PointMap
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
+from avatarrex.surface.look import Look
 from avatarrex.surface.pose import PosedSurface, pose_surface
-from avatarrex.surface.raster import SAMPLES, SurfacePicture, draw_surface, surface_geometry
+from avatarrex.surface.raster import SAMPLES, Placed, SurfacePicture, draw_surfaces, surface_geometry
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +41,8 @@ class LiveFrame(Frame):
     """(8, 3), the avatar's light."""
     picture: SurfacePicture
     """In the OpenGL context that was in use."""
+    look: Look | None = None
+    """What the picture shows instead of colours."""
 
     @cached_property
     def image(self) -> Float32[Tensor, "h w 4"]:
@@ -71,9 +74,14 @@ class LiveFrame(Frame):
 
 
 def render_live(
-    avatar: Avatar, signals: Signals, camera: Camera, settings: RenderSettings, previous: Frame | None = None
+    avatar: Avatar,
+    signals: Signals,
+    camera: Camera,
+    settings: RenderSettings,
+    previous: Frame | None = None,
+    look: Look | None = None,
 ) -> LiveFrame:
-    """`avatar`'s surface under `signals` seen by `camera`; see `render_frame`.
+    """`avatar`'s surface under `signals` seen by `camera`, `look`: as what; see `render_frame`.
 
     Raises `InputError` for an avatar without a surface, and where there is no OpenGL 4.3.
     """
@@ -90,11 +98,11 @@ def render_live(
     view = camera.seen_from(world_from_root)
     with clock("raster"):
         harmonics = avatar.light.harmonics.detach().double().cpu().numpy()
-        if old is not None and _same(old, posed, view, settings, harmonics):
+        if old is not None and old.look == look and _same(old, posed, view, settings, harmonics):
             picture = old.picture
         else:
             samples = SAMPLES if settings.antialias else 1
-            picture = draw_surface(posed, harmonics, view, samples, settings.hidden, counters)
+            picture = draw_surfaces([Placed(posed, harmonics, view, settings.hidden, look)], samples, counters)
     return LiveFrame(
         signals=signals,
         camera=camera,
@@ -107,6 +115,7 @@ def render_live(
         posed=posed,
         harmonics=harmonics,
         picture=picture,
+        look=look,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from avatarrex_studio.engine.looks import look_of
 from avatarrex_studio.session.state import LIVE, StudioState, Vector, vector
 
 from avatarrex import levels
@@ -39,7 +40,8 @@ class LiveSurface:
         if avatar is not self._avatar:
             self._avatar, self._previous = avatar, None
         settings = replace(levels.level(LIVE), hidden=state.hidden | avatar.hidden)
-        frame = render_live(avatar, state.signals, state.view.camera(*size), settings, self._previous)
+        look = look_of(state.tools.shows, state.view)
+        frame = render_live(avatar, state.signals, state.view.camera(*size), settings, self._previous, look)
         self._previous, self.ms = frame, frame.ms
         return frame.picture
 

@@ -12,10 +12,9 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-import numpy as np
 from avatarrex_studio.engine.engine import QUICKEST
 from avatarrex_studio.engine.request import Answer, Exact, Picture, Request
-from avatarrex_studio.session.state import AUTO, LIVE, OrbitView, StudioState, Vector, vector
+from avatarrex_studio.session.state import AUTO, IMAGE, LIVE, OrbitView, StudioState, Vector, vector
 
 log = logging.getLogger(__name__)
 REST = 0.15
@@ -43,11 +42,12 @@ class Subject:
     hidden: frozenset[str]
     view: OrbitView
     size: tuple[int, int]
+    shows: str = IMAGE
 
     @classmethod
     def of(cls, state: StudioState, size: tuple[int, int]) -> Subject:
         """Of `state` on a raster of `size`."""
-        return cls(state.avatar, state.signals, state.hidden, state.view, size)
+        return cls(state.avatar, state.signals, state.hidden, state.view, size, state.tools.shows)
 
 
 @dataclass(frozen=True)
@@ -128,10 +128,7 @@ class Pictures:
         column, row = min(int(x * width), width - 1), min(int(y * height), height - 1)
         if depth[row, column] <= 0:
             return None
-        camera = view.camera(width, height)
-        ray = np.linalg.solve(camera.intrinsics, (column + 0.5, row + 0.5, 1.0))
-        rotation, translation = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
-        return vector(rotation.T @ (depth[row, column] * ray - translation))
+        return vector(view.camera(width, height).point((column + 0.5, row + 0.5), float(depth[row, column])))
 
     def save(self, state: StudioState, size: tuple[int, int], path: str) -> None:
         """Have the state rendered and written; the console tells when it is there."""

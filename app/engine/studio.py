@@ -14,11 +14,13 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import moderngl
+import numpy as np
 from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.framing import Outline, framed
 from avatarrex_studio.engine.pictures import Pictures, Subject
 from avatarrex_studio.engine.request import Exact
 from avatarrex_studio.session.commands import Command, SetCamera
+from avatarrex_studio.session.grip import LOOK, Grip
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.state import OrbitView, StudioState, Vector
@@ -26,6 +28,7 @@ from avatarrex_studio.session.state import OrbitView, StudioState, Vector
 from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
 from avatarrex.signals.import_options import ImportOptions
+from avatarrex.templates.figure import Figure
 
 log = logging.getLogger(__name__)
 
@@ -85,6 +88,7 @@ class Studio:
         self._clock = clock
         self._drawn: Subject | None = None
         self._faulty: Avatar | None = None
+        self._figure: Figure | None = None
 
     @property
     def state(self) -> StudioState:
@@ -140,6 +144,22 @@ class Studio:
         return self.live.point(min(int(x * width), width - 1), min(int(y * height), height - 1))
 
     @property
+    def figure(self) -> Figure | None:
+        """The person as the state poses it; None while the avatar is read."""
+        avatar, signals = self.avatars.ready(self.state.avatar), self.state.signals
+        if avatar is None:
+            return None
+        body, figure = avatar.person.body, self._figure
+        if figure is None or figure.body is not body or figure.signals is not signals:
+            self._figure = figure = Figure(body, signals)
+        return figure
+
+    def part_at(self, x: float, y: float) -> str | None:
+        """The joint or the region of the face that the picture shows at a place; None for the background."""
+        point, figure = self.point(x, y), self.figure
+        return figure.part_at(np.array(point)) if point and figure else None
+
+    @property
     def fading(self) -> bool:
         """Whether the exact picture is being faded in."""
         return self.pictures.covers and self.weight < 1
@@ -165,6 +185,13 @@ class Studio:
             points = Outline(self.avatars.get(self.state.avatar).person.body).points(self.state.signals)
             view = framed(OrbitView(), points, self.state.size.pixels(viewport))
             self.do(SetCamera(view.azimuth, view.elevation, view.distance, view.fov, view.target))
+
+    def look_at_camera(self) -> None:
+        """Eyes and head turn to who looks at the picture."""
+        figure = self.figure
+        if figure is not None:
+            grip = Grip(LOOK, figure.skeleton, self.state.signals)
+            self.do(grip.to(self.state, self.state.view.camera(1, 1).centre))
 
     def open_motion(self, path: str, options: ImportOptions | None = None) -> None:
         """Load a motion file, or one that comes with the program by its name, and go to its first frame."""

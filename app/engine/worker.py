@@ -17,6 +17,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.looks import shown
 from avatarrex_studio.engine.pages import keep_pages
 from avatarrex_studio.engine.request import Answer, Picture, Request
 from avatarrex_studio.engine.slices import send
@@ -98,7 +99,8 @@ def answered(engine: Engine, request: Request) -> Answer:
     frame = shot.frame
     if not request.path:
         assert isinstance(frame, DeferredFrame), "the surface is drawn by whoever shows it"
-        image = np.rint(255 * frame.image.clamp(0, 1).cpu().numpy()).astype(np.uint8)
+        pixels = shown(frame, request.state.tools.shows, request.state.view)
+        image = np.rint(255 * pixels.clip(0, 1)).astype(np.uint8)
         depth = (frame.pointmap.depth * frame.pointmap.hit).float().cpu().numpy()
         return Answer(request, Picture(image, depth, Work.of(frame, request.state.level)))
     try:

@@ -13,7 +13,7 @@ from avatarrex_studio.session.commands import Command, ResetGroup, SetJoint, Set
 from avatarrex_studio.session.state import StudioState, Vector, vector
 from imgui_bundle import imgui
 
-from avatarrex.signals.joints import BODY_GROUPS, FINGERS, JOINT_NAMES
+from avatarrex.signals.joints import BODY_GROUPS, FINGERS, JOINT_NAMES, axis_names
 from avatarrex.signals.limits import LIMITS
 
 LABEL = 84.0
@@ -33,6 +33,14 @@ class SignalPanel:
     ) -> None:
         self.key, self.groups, self.hint, self.row, self.limits = key, groups, hint, row, limits
         self.search = ""
+        self._revealed: str | None = None
+
+    def reveal(self, name: str) -> bool:
+        """Open the group of a name, or the group of that name, and scroll to it in the next frame; whether it is here."""
+        here = name in self.groups or any(name in names for names in self.groups.values())
+        if here:
+            self._revealed, self.search = name, ""
+        return here
 
     def draw(self, state: StudioState) -> Iterator[Command]:
         """Draw the tab; the commands of this frame."""
@@ -49,14 +57,23 @@ class SignalPanel:
             shown = [name for name, text in texts.items() if all(word in text for word in wanted)]
             if not shown:
                 continue
-            if wanted:
+            revealed = self._revealed if self._revealed in (group, *names) else None
+            if wanted or revealed:
                 imgui.set_next_item_open(True)
             changed = [name for name in names if posing.changed(state.signals, name)]
             is_open, pressed = widgets.group(group.capitalize(), f"{self.key}.{group}", bool(changed))
             if pressed:
                 yield from map(ResetGroup, changed)
+            if revealed and revealed not in names:
+                imgui.set_scroll_here_y(0.0)
             for name in shown if is_open else ():
+                if name == revealed:
+                    imgui.set_scroll_here_y(0.35)
+                if name == state.tools.selected:
+                    widgets.highlight()
                 yield from self.row(state, name, group)
+            if revealed:
+                self._revealed = None
 
 
 def joint_row(state: StudioState, name: str, group: str) -> Iterator[Command]:
@@ -89,7 +106,8 @@ def _vector_row(
         imgui.begin_disabled(low == high)
         new = widgets.slider(f"{name}.{letter}", unit * values[axis], (low, high), form, width)
         imgui.end_disabled()
-        widgets.tooltip(f"{name} {letter}: {form % low} to {form % high}")
+        called = axis_names(name)[axis] if name in JOINT_NAMES else letter
+        widgets.tooltip(f"{words(name).capitalize()}, {called}: {form % low} to {form % high}")
         widgets.axis_mark(axis)
         if new is not None:
             changed[axis] = new / unit

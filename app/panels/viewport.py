@@ -1,22 +1,39 @@
-"""The viewport: the picture, and the mouse that moves the camera.
+"""The viewport: the picture, the mouse that moves the camera, and what can be grabbed in it.
 
 Left drag orbits, right or middle or Shift+left drag pans, the wheel zooms, a double click centres on the surface under
-the cursor. A drag that began here goes on outside.
+the cursor. A drag that began here goes on outside. A left drag that begins on a handle pulls it; a click selects what is under the
+mouse, a right click opens its menu. What is selected has rings that turn it (gizmo.py).
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
 from avatarrex_studio.engine.studio import Studio
-from avatarrex_studio.panels import theme
-from avatarrex_studio.session.commands import Command, OrbitBy, PanBy, SetCamera, ZoomBy
+from avatarrex_studio.panels import overlay, theme
+from avatarrex_studio.panels.gizmo import Rings, Turn, rings
+from avatarrex_studio.panels.part_menu import PartMenu
+from avatarrex_studio.panels.projection import Projection
+from avatarrex_studio.session import posing
+from avatarrex_studio.session.commands import Command, OrbitBy, PanBy, Select, SetCamera, ZoomBy
+from avatarrex_studio.session.grip import LOOK, Grip, places
 from avatarrex_studio.session.state import OrbitView, Vector
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
+from avatarrex.signals.handles import HANDLES
+from avatarrex.signals.joints import JOINT_NAMES, axis_names
+from avatarrex.templates.figure import Figure
+
 DEGREES_PER_POINT = 0.4
 ZOOM_PER_NOTCH = 0.88
+CLICK = 4.0
+"""Points: a press that moves less is a click."""
+ON_JOINT = 8.0
+"""Points from a joint of the overlay at which a click selects it instead of the skin."""
 _BUTTONS = (
     imgui.ButtonFlags_.mouse_button_left
     | imgui.ButtonFlags_.mouse_button_right
@@ -33,15 +50,40 @@ class Shown:
     height: int
 
 
+@dataclass
+class Press:
+    """A mouse button that went down in the viewport."""
+
+    button: int
+    at: tuple[float, float]
+    last: tuple[float, float]
+    """Where it was when it was last acted upon."""
+    turn: Turn | None = None
+    """The ring that it turns."""
+    grip: Grip | None = None
+    """What else it has grabbed."""
+    offset: tuple[float, float] = (0.0, 0.0)
+    """From the mouse to that."""
+    depth: float = 0.0
+    """Of the plane it is dragged in, metres from the camera's."""
+    moved: bool = False
+    """Whether it is no click any more."""
+
+
 class ViewportPanel:
-    """The picture with its camera mouse."""
+    """The picture with its mouse."""
 
     def __init__(self) -> None:
         self.size = (640, 480)
         """Pixels that the picture may fill."""
+        self.menu = PartMenu()
+        self.hovered: str | None = None
+        """The part under the mouse."""
+        self._press: Press | None = None
+        self._looked: tuple[object, ...] = ()
 
-    def draw(self, studio: Studio, picture: Shown | None) -> list[Command]:
-        """Draw the picture; the commands of this frame."""
+    def draw(self, studio: Studio, picture: Shown | None) -> Iterator[Command]:
+        """Draw the picture; the commands of this frame. What lies over it is drawn after the mouse's are done, and so of the same state."""
         origin, room = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail()
         room = imgui.ImVec2(max(room.x, 16), max(room.y, 16))
         scale = imgui.get_io().display_framebuffer_scale
@@ -57,31 +99,169 @@ class ViewportPanel:
             canvas.add_rect_filled(origin, corner, theme.colour((red, green, blue)))
         if picture:
             canvas.add_image(imgui.ImTextureRef(picture.texture), low, high)
+        yield from self._mouse(studio, low, high)
+        yield from self._over(canvas, studio, low, high)
         if studio.pictures.error:
             _message(canvas, origin, room, studio.pictures.error)
         elif picture is None:
             _centred(canvas, origin, room, "Preparing the avatar…")
-        return self._mouse(studio, low, high)
 
-    def _mouse(self, studio: Studio, low: imgui.ImVec2, high: imgui.ImVec2) -> list[Command]:
+    def _mouse(self, studio: Studio, low: imgui.ImVec2, high: imgui.ImVec2) -> Iterator[Command]:
         io = imgui.get_io()
-        commands: list[Command] = []
-        height = max(high.y - low.y, 1)
-        hovered = imgui.is_item_hovered()
-        if hovered:
+        if imgui.is_item_hovered():
             imgui.set_item_key_owner(imgui.Key.mouse_wheel_y)
             if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
-                commands.append(SetCamera(target=_target(studio, io.mouse_pos, low, high)))
+                yield SetCamera(target=_target(studio, io.mouse_pos, low, high))
             if io.mouse_wheel:
-                commands.append(ZoomBy(ZOOM_PER_NOTCH**io.mouse_wheel))
-        dragged = imgui.is_item_active() and not imgui.is_item_activated()  # a press brings the way to it with it
-        if dragged and (io.mouse_delta.x or io.mouse_delta.y):
-            x, y = io.mouse_delta.x, io.mouse_delta.y
-            if imgui.is_mouse_down(imgui.MouseButton_.left) and not io.key_shift:
-                commands.append(OrbitBy(-DEGREES_PER_POINT * x, DEGREES_PER_POINT * y))
-            else:
-                commands.append(PanBy(-x / height, y / height))
-        return commands
+                yield ZoomBy(ZOOM_PER_NOTCH**io.mouse_wheel)
+        mouse = (io.mouse_pos.x, io.mouse_pos.y)
+        if imgui.is_item_activated():
+            self._press = self._pressed(studio, mouse, low, high)
+        elif self._press and imgui.is_item_active():
+            yield from self._drag(studio, self._press, mouse, (low, high))
+        elif self._press:
+            press, self._press = self._press, None
+            if not press.moved:
+                yield from self._click(studio, press, low, high)
+
+    def _pressed(self, studio: Studio, mouse: tuple[float, float], low: imgui.ImVec2, high: imgui.ImVec2) -> Press:
+        """What a press begins."""
+        button = next((b for b in range(3) if imgui.is_mouse_down(b)), 0)
+        press, figure = Press(button, mouse, mouse), studio.figure
+        if button or imgui.get_io().key_shift or figure is None:
+            return press
+        projection = Projection.of(studio.state.view, low, high)
+        seen = _on_screen(projection, figure, studio.state.tools.selected)
+        near = {name: math.dist(mouse, place) for name, place in seen.items()}
+        name = min(near, key=lambda each: near[each], default=None)
+        if name is not None and near[name] < overlay.NEAR_HANDLE:
+            place = places(figure.skeleton, figure.posed, studio.state.tools.selected)[name]
+            press.grip, press.depth = Grip(name, figure.skeleton, studio.state.signals), projection.depth(place)
+            press.offset = (seen[name][0] - mouse[0], seen[name][1] - mouse[1])
+            return press
+        ringed = rings(projection, figure, studio.state.tools.selected)
+        found = ringed.at(mouse) if ringed else None
+        if ringed and found:
+            before = posing.joint(studio.state.signals, ringed.joint)
+            press.turn = Turn(ringed.joint, found[0], before, found[1], mouse)
+        return press
+
+    def _drag(
+        self, studio: Studio, press: Press, mouse: tuple[float, float], corners: tuple[imgui.ImVec2, imgui.ImVec2]
+    ) -> Iterator[Command]:
+        """What a pressed mouse does that has moved."""
+        press.moved |= math.dist(mouse, press.at) >= CLICK
+        x, y = mouse[0] - press.last[0], mouse[1] - press.last[1]
+        if not press.moved or not (x or y):
+            return
+        press.last = mouse
+        low, high = corners
+        height = max(high.y - low.y, 1)
+        if press.turn:
+            yield press.turn.to(mouse)
+        elif press.grip:
+            place = (mouse[0] + press.offset[0], mouse[1] + press.offset[1])
+            yield press.grip.to(studio.state, Projection.of(studio.state.view, low, high).world(place, press.depth))
+        elif press.button == 0 and not imgui.get_io().key_shift:
+            yield OrbitBy(-DEGREES_PER_POINT * x, DEGREES_PER_POINT * y)
+        else:
+            yield PanBy(-x / height, y / height)
+
+    def _click(self, studio: Studio, press: Press, low: imgui.ImVec2, high: imgui.ImVec2) -> Iterator[Command]:
+        """Select what was clicked on, or open its menu."""
+        if press.turn:
+            return
+        part = HANDLES[press.grip.name].joint if press.grip and press.grip.name != LOOK else None
+        part = part or self._part(studio, press.at, low, high)
+        if press.button == 0 and not (press.grip and press.grip.name == LOOK):
+            yield Select(part)
+        elif press.button == 1:
+            self.menu.open(part, _surface_point(studio, press.at, low, high))
+
+    def _part(self, studio: Studio, mouse: tuple[float, float], low: imgui.ImVec2, high: imgui.ImVec2) -> str | None:
+        """The joint of the overlay, else the part of the surface, at a place of the screen."""
+        figure = studio.figure
+        if figure is None:
+            return None
+        if "joints" in studio.state.tools.overlays:
+            seen = Projection.of(studio.state.view, low, high).screen(figure.posed.position)
+            distance = np.nan_to_num(np.hypot(*(seen - mouse).T), nan=np.inf)
+            if distance.min() < ON_JOINT:
+                return JOINT_NAMES[int(distance.argmin())]
+        x, y = (mouse[0] - low.x) / (high.x - low.x), (mouse[1] - low.y) / (high.y - low.y)
+        return studio.part_at(x, y) if 0 <= x < 1 and 0 <= y < 1 else None
+
+    def _over(
+        self, canvas: imgui.ImDrawList, studio: Studio, low: imgui.ImVec2, high: imgui.ImVec2
+    ) -> Iterator[Command]:
+        """What lies over the picture, and the commands of the menu."""
+        figure, tools = studio.figure, studio.state.tools
+        if figure is None:
+            return
+        projection = Projection.of(studio.state.view, low, high)
+        canvas.push_clip_rect(low, high, True)
+        self._hover(studio, low, high)
+        if "wire" in tools.overlays:
+            overlay.draw_wire(canvas, projection, figure)
+        if "joints" in tools.overlays:
+            overlay.draw_joints(canvas, projection, figure)
+        for part in {self.hovered, tools.selected} - {None}:
+            overlay.draw_limb(canvas, projection, figure, str(part), part == tools.selected)
+        self._handles(canvas, projection, figure, studio)
+        ringed = rings(projection, figure, tools.selected)
+        axis = self._ring(ringed)
+        if ringed and not (self._press and self._press.grip):
+            ringed.draw(canvas, axis)
+        self._names(canvas, studio, axis)
+        canvas.pop_clip_rect()
+        yield from self.menu.draw(studio)
+
+    def _hover(self, studio: Studio, low: imgui.ImVec2, high: imgui.ImVec2) -> None:
+        """Find the part under the mouse, where mouse or person has moved."""
+        mouse = imgui.get_io().mouse_pos
+        if not imgui.is_item_hovered() or self._press or studio.playback.playing:
+            self.hovered, self._looked = None, ()
+            return
+        looked = (mouse.x, mouse.y, studio.state.signals, studio.state.view, self.size)
+        if looked != self._looked:
+            self._looked, self.hovered = looked, self._part(studio, (mouse.x, mouse.y), low, high)
+
+    def _handles(self, canvas: imgui.ImDrawList, projection: Projection, figure: Figure, studio: Studio) -> None:
+        mouse, tools = imgui.get_io().mouse_pos, studio.state.tools
+        grip = self._press.grip if self._press else None
+        here = (mouse.x, mouse.y) if grip or (imgui.is_item_hovered() and not self._press) else None
+        seen = _on_screen(projection, figure, tools.selected)
+        if LOOK in seen:
+            overlay.draw_gaze(canvas, projection, figure, seen[LOOK])
+        overlay.draw_handles(canvas, seen, tools.pins, here, grip.name if grip else None)
+
+    def _ring(self, ringed: Rings | None) -> int | None:
+        """The axis of the ring that is turned, or is under the mouse."""
+        if self._press:
+            return self._press.turn.axis if self._press.turn else None
+        mouse = imgui.get_io().mouse_pos
+        found = ringed.at((mouse.x, mouse.y)) if ringed and imgui.is_item_hovered() else None
+        return found[0] if found else None
+
+    def _names(self, canvas: imgui.ImDrawList, studio: Studio, axis: int | None) -> None:
+        """What is under the mouse, or how far a ring has turned."""
+        mouse, joint = imgui.get_io().mouse_pos, studio.state.tools.selected
+        place = (mouse.x, mouse.y)
+        if self._press and self._press.turn and joint:
+            degrees = np.degrees(posing.joint(studio.state.signals, joint))
+            text = "   ".join(f"{name} {value:.0f}°" for name, value in zip(axis_names(joint), degrees + 0.0))
+            overlay.draw_name(canvas, text, place)
+        elif axis is not None and joint:
+            overlay.draw_name(canvas, axis_names(joint)[axis].capitalize(), place)
+        elif self.hovered:
+            overlay.draw_name(canvas, overlay.title(self.hovered), place)
+
+
+def _on_screen(projection: Projection, figure: Figure, selected: str | None) -> dict[str, tuple[float, float]]:
+    """Where on the screen everything is that can be dragged."""
+    found = places(figure.skeleton, figure.posed, selected)
+    seen = projection.screen(np.array(list(found.values())))
+    return {name: (float(x), float(y)) for name, (x, y) in zip(found, seen) if np.isfinite(x)}
 
 
 def _fit(origin: imgui.ImVec2, room: imgui.ImVec2, picture: Shown | None) -> tuple[imgui.ImVec2, imgui.ImVec2]:
@@ -95,10 +275,15 @@ def _fit(origin: imgui.ImVec2, room: imgui.ImVec2, picture: Shown | None) -> tup
     return low, low + size
 
 
+def _surface_point(studio: Studio, mouse: tuple[float, float], low: imgui.ImVec2, high: imgui.ImVec2) -> Vector | None:
+    """The surface point under a place of the screen, in the world; None for the background."""
+    x, y = (mouse[0] - low.x) / (high.x - low.x), (mouse[1] - low.y) / (high.y - low.y)
+    return studio.point(x, y) if 0 <= x < 1 and 0 <= y < 1 else None
+
+
 def _target(studio: Studio, mouse: imgui.ImVec2, low: imgui.ImVec2, high: imgui.ImVec2) -> Vector:
     """The surface point under the cursor in the world, else the person's middle."""
-    x, y = (mouse.x - low.x) / (high.x - low.x), (mouse.y - low.y) / (high.y - low.y)
-    point = studio.point(x, y) if 0 <= x < 1 and 0 <= y < 1 else None
+    point = _surface_point(studio, (mouse.x, mouse.y), low, high)
     return point or OrbitView().moved(studio.state.signals.translation).target
 
 

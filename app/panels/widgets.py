@@ -71,6 +71,13 @@ def axis_mark(axis: int) -> None:
     imgui.get_window_draw_list().add_rect_filled(low, (low.x + 2, high.y), theme.colour(theme.AXES[axis], 0.85), 1)
 
 
+def highlight() -> None:
+    """A tint behind the row that follows: it is what is selected."""
+    low, width = imgui.get_cursor_screen_pos(), room()
+    high = (low.x + width, low.y + imgui.get_frame_height() + 2)
+    imgui.get_window_draw_list().add_rect_filled((low.x - 4, low.y - 2), high, theme.colour(theme.ACCENT, 0.16), 4)
+
+
 def label(text: str, width: float, marked: bool = False) -> None:
     """A label of fixed width before an item that fills the rest; an accent colour and dot say that it is not at rest."""
     start = imgui.get_cursor_pos_x()

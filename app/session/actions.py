@@ -11,9 +11,11 @@ from dataclasses import dataclass
 
 from avatarrex_studio.session import commands
 from avatarrex_studio.session.commands import Command
+from avatarrex_studio.session.grip import handle_of
 from avatarrex_studio.session.journal import Journal
-from avatarrex_studio.session.state import AUTO, LEVELS, OrbitView, StudioState
+from avatarrex_studio.session.state import AUTO, IMAGE, LEVELS, OrbitView, StudioState
 
+from avatarrex.signals.handles import HANDLES
 from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
 from avatarrex.templates.parts import PARTS
 
@@ -56,6 +58,29 @@ def _face(state: StudioState) -> Command:
     return commands.SetCamera(distance=0.75, target=HEAD.moved(state.signals.translation).target)
 
 
+def _has_handle(journal: Journal) -> bool:
+    return handle_of(journal.state.tools.selected) is not None
+
+
+def _pin(state: StudioState) -> Command:
+    handle = handle_of(state.tools.selected)
+    return commands.Pin((handle,), handle not in state.tools.pins) if handle else commands.Select(state.tools.selected)
+
+
+def _pin_feet(state: StudioState) -> Command:
+    feet = ("left_foot", "right_foot")
+    return commands.Pin(feet, not state.tools.pins.issuperset(feet))
+
+
+def _overlay(name: str) -> Callable[[StudioState], Command]:
+    return lambda state: commands.ShowOverlay(name, name not in state.tools.overlays)
+
+
+def _picture(name: str) -> Callable[[StudioState], Command]:
+    """Shown, or the image again."""
+    return lambda state: commands.ShowPicture(IMAGE if state.tools.shows == name else name)
+
+
 def _toggle(part: str) -> Callable[[StudioState], Command]:
     return lambda state: commands.SetHidden(part, part not in state.hidden)
 
@@ -88,6 +113,11 @@ ACTIONS: tuple[Action, ...] = (
         for part in PARTS
     ),
     Action("pose.reset_root", "Reset place", "Pose", command=_fixed(commands.ResetGroup("root"))),
+    Action("look.camera", "Look at the camera", "Pose", effect="look_at_camera", separator=True),
+    Action("pin.selected", "Pin or unpin what is selected", "Pose", "P", command=_pin, enabled=_has_handle),
+    Action("pin.feet", "Pin or unpin both feet", "Pose", command=_pin_feet),
+    Action("pin.none", "Unpin everything", "Pose", command=_fixed(commands.Pin(tuple(HANDLES), False))),
+    Action("select.none", "Select nothing", "Edit", "Escape", command=_fixed(commands.Select(None))),
     Action("view.front", "Front view", "View", "1", command=_view(0.0, 0.0)),
     Action("view.right", "Right view", "View", "3", command=_view(-90.0, 0.0)),
     Action("view.top", "Top view", "View", "7", command=_view(0.0, 89.0)),
@@ -97,6 +127,13 @@ ACTIONS: tuple[Action, ...] = (
     Action("view.face", "Frame the face", "View", "F", command=_face),
     Action("view.orbit_left", "Turn left", "", "4", command=_fixed(commands.OrbitBy(-15.0, 0.0))),
     Action("view.orbit_right", "Turn right", "", "6", command=_fixed(commands.OrbitBy(15.0, 0.0))),
+    Action("overlay.joints", "Joints", "View", "J", command=_overlay("joints"), separator=True),
+    Action("overlay.wire", "Template wire", "View", command=_overlay("wire")),
+    Action("show.image", "Show the picture", "View", command=_fixed(commands.ShowPicture(IMAGE))),
+    Action("show.normals", "Show normals", "View", "N", command=_picture("normals")),
+    Action("show.depth", "Show depth", "View", "D", command=_picture("depth")),
+    Action("show.parts", "Show parts", "View", command=_picture("parts")),
+    Action("show.steps", "Show ray steps", "View", command=_picture("steps")),
     *(
         Action(f"part.{part}", f"Show or hide the {words(part)}", "View", command=_toggle(part), separator=part == PARTS[0])
         for part in PARTS

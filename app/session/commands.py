@@ -56,6 +56,69 @@ class Setting(Command):
     """Of several in one gesture the last alone decides."""
 
 
+class Choice(Command):
+    """Of a tool: it changes nothing of what is made, is no step of undo and is not written down."""
+
+
+class Select(Choice):
+    """A joint or a region of the face; None: nothing."""
+
+    name: str | None
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state.use(selected=self.name)
+
+
+class Pin(Choice):
+    """Whether handles stay where they are while another one is pulled."""
+
+    handles: tuple[str, ...]
+    pinned: bool
+
+    def apply(self, state: StudioState) -> StudioState:
+        pins = state.tools.pins
+        return state.use(pins=pins.union(self.handles) if self.pinned else pins.difference(self.handles))
+
+
+class ShowOverlay(Choice):
+    overlay: str
+    shown: bool
+
+    def apply(self, state: StudioState) -> StudioState:
+        overlays, overlay = state.tools.overlays, {self.overlay}
+        return state.use(overlays=overlays | overlay if self.shown else overlays - overlay)
+
+
+class ShowPicture(Choice):
+    """One of `state.PICTURES`."""
+
+    picture: str
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state.use(shows=self.picture)
+
+
+class PullHandle(Setting):
+    """A handle was pulled to `target`, world metres; `signals` are what followed: a journal needs no solver."""
+
+    handle: str
+    target: Vector
+    signals: Signals
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(signals=self.signals)
+
+
+class LookAt(Setting):
+    """Eyes and head were turned to `target`, world metres; `signals` are what followed."""
+
+    target: Vector
+    signals: Signals
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(signals=self.signals)
+
+
 class SetJoint(Setting):
     joint: str
     rotation: Vector
@@ -281,9 +344,11 @@ class CloseMotion(Command):
 
 
 KINDS: dict[str, type[Command]] = {
-    kind.__name__: kind for kind in (*Command.__subclasses__(), *Setting.__subclasses__()) if kind is not Setting
+    kind.__name__: kind
+    for kind in (*Command.__subclasses__(), *Setting.__subclasses__())
+    if kind not in (Setting, Choice)
 }
-"""Commands by name."""
+"""Commands by name, those that a journal writes down."""
 
 
 def _read(key: str, value: Any, source: str) -> Any:

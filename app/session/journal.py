@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from avatarrex_studio.session.commands import Command, Setting
+from avatarrex_studio.session.commands import Choice, Command, Setting
 from avatarrex_studio.session.state import StudioState
 
 from avatarrex.errors import InputError
@@ -54,11 +54,14 @@ class Journal:
         state = command.apply(self.state)
         if state == self.state:
             return state
+        if isinstance(command, Choice):
+            self.state = state
+            return state
         last = self.steps[-1] if self.steps else None
         if last and gesture is not None and last.gesture == gesture:
             if supersedes(command, last.commands[-1]):
                 last.commands[-1] = command
-                state = _after(last.before, last.commands)  # what a replay will do, to the last bit
+                state = _after(self._present(last.before), last.commands)  # what a replay will do, to the last bit
             else:
                 last.commands.append(command)
         else:
@@ -72,7 +75,7 @@ class Journal:
         if self.steps:
             step = self.steps.pop()
             self.undone.append(step)
-            self.state = step.before
+            self.state = self._present(step.before)
         return self.state
 
     def redo(self) -> StudioState:
@@ -88,7 +91,7 @@ class Journal:
         return {
             "format": FORMAT,
             "kind": "session",
-            "start": self.start.to_json(),
+            "start": self._present(self.start).to_json(),
             "steps": [[command.to_json() for command in step.commands] for step in self.steps],
         }
 
@@ -122,6 +125,10 @@ class Journal:
                 self.state = state
         if step.commands:
             self._add(step)
+
+    def _present(self, state: StudioState) -> StudioState:
+        """`state` with the tools of now: an undo does not take the selection away."""
+        return state.change(tools=self.state.tools)
 
     def _add(self, step: Step) -> None:
         """One more step; the first becomes part of the start where there are too many."""

@@ -12,7 +12,14 @@ from jaxtyping import Float64
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.joints import BODY_GROUPS, BODY_JOINTS, EXPRESSION_NAMES, HAND_JOINTS, JOINT_NAMES
+from avatarrex.signals.joints import (
+    BODY_GROUPS,
+    BODY_JOINTS,
+    EXPRESSION_NAMES,
+    FACE_REGIONS,
+    HAND_JOINTS,
+    JOINT_NAMES,
+)
 from avatarrex.signals.limits import LIMITS
 from avatarrex.templates.parts import HANDS
 
@@ -24,8 +31,7 @@ SLOTS: dict[str, slice] = {
 }
 """Where the numbers of each joint and coefficient, of the place and of the shape are in `_numbers`."""
 FACE_GROUPS: dict[str, tuple[str, ...]] = {
-    group: tuple(name for name in EXPRESSION_NAMES if name.startswith(group))
-    for group in ("brow", "eye", "jaw", "mouth", "cheek", "nose", "tongue")
+    group: tuple(name for name in EXPRESSION_NAMES if name.startswith(group)) for group in FACE_REGIONS
 }
 """The 52 coefficients by region."""
 FACE_JOINTS = ("jaw", "left_eye", "right_eye")

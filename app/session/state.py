@@ -16,10 +16,12 @@ from avatarrex import levels
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.handles import HANDLES
 from avatarrex.signals.import_options import ImportOptions
+from avatarrex.signals.joints import FACE_REGIONS, JOINT_NAMES
 from avatarrex.templates.parts import PARTS
 
-FORMAT = 1
+FORMAT = 2
 """Version of the JSON form; a reader refuses a newer one by name."""
 AUTO = "auto"
 """The level of whoever lets the studio choose: at rest `balanced`, then `quality`."""
@@ -30,6 +32,12 @@ SIZES = (16, 8192)
 """Smallest and largest side of an image, pixels."""
 BACKGROUND = (0.145, 0.157, 0.176, 1.0)
 """A dark neutral grey."""
+IMAGE = "image"
+PICTURES = (IMAGE, "normals", "depth", "parts", "steps")
+"""What the viewport can show of the avatar."""
+OVERLAYS = ("joints", "wire")
+"""What it can show over that."""
+SELECTABLE = frozenset((*JOINT_NAMES, *FACE_REGIONS))
 Colour = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 
@@ -122,6 +130,38 @@ class MotionState:
 
 
 @dataclass(frozen=True)
+class Tools:
+    """What is selected and what the viewport shows of it: no part of what undo brings back, as in other programs."""
+
+    selected: str | None = None
+    """A joint, or a region of the face."""
+    pins: frozenset[str] = frozenset()
+    """Handles that stay where they are while another one is pulled."""
+    overlays: frozenset[str] = frozenset()
+    """Of `OVERLAYS`."""
+    shows: str = IMAGE
+    """One of `PICTURES`."""
+
+    def __post_init__(self) -> None:
+        for name, allowed in (("pins", tuple(HANDLES)), ("overlays", OVERLAYS)):
+            if unknown := sorted(map(str, getattr(self, name) - set(allowed))):
+                raise InputError("tools", name, " or ".join(allowed), unknown[0])
+        if self.selected is not None and self.selected not in SELECTABLE:
+            raise InputError("tools", "selected", "a joint or a region of the face", self.selected)
+        if self.shows not in PICTURES:
+            raise InputError("tools", "shows", " or ".join(PICTURES), self.shows)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain lists and words."""
+        return {**vars(self), "pins": sorted(self.pins), "overlays": sorted(self.overlays)}
+
+    @classmethod
+    def read(cls, pins: Iterable[str] = (), overlays: Iterable[str] = (), **others: Any) -> Tools:
+        """From `to_json`'s entries. Raises `InputError`."""
+        return cls(pins=frozenset(pins), overlays=frozenset(overlays), **others)
+
+
+@dataclass(frozen=True)
 class StudioState:
     """The whole of a session at one moment."""
 
@@ -136,6 +176,7 @@ class StudioState:
     """Whether a joint that is set stays within its limits."""
     level: str = "balanced"
     """One of `LEVELS`: run time against error."""
+    tools: Tools = field(default_factory=Tools)
 
     def __post_init__(self) -> None:
         if len(self.background) != 4 or not all(_number(c) and 0 <= c <= 1 for c in self.background):
@@ -156,6 +197,10 @@ class StudioState:
         """A copy with some fields of the signals changed, validated."""
         return self.change(signals=self.signals.replace(**changes))
 
+    def use(self, **changes: Any) -> StudioState:
+        """A copy with some tools changed, validated."""
+        return self.change(tools=replace(self.tools, **changes))
+
     def play(self, motion: MotionState, signals: Signals) -> StudioState:
         """A copy at a frame of `motion`: its signals, the avatar's own shape; a view that follows moves along the ground."""
         step = (signals.translation - self.signals.translation) * (1, 0, 1)
@@ -170,6 +215,7 @@ class StudioState:
             "motion": self.motion and self.motion.to_json(),
             "signals": self.signals.to_json(),
             "hidden": sorted(self.hidden),
+            "tools": self.tools.to_json(),
         }
 
     @classmethod
@@ -216,4 +262,4 @@ def _read(name: str, value: Any, source: str) -> Any:
     return {"avatar": str, "hidden": frozenset}.get(name, _tuple)(value)
 
 
-_RECORDS: dict[str, Any] = {"view": OrbitView, "size": SizePolicy, "motion": MotionState}
+_RECORDS: dict[str, Any] = {"view": OrbitView, "size": SizePolicy, "motion": MotionState, "tools": Tools.read}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -32,7 +32,7 @@ from avatarrex_studio.panels.timeline import TimelinePanel
 from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.panels.viewport import ViewportPanel
 from avatarrex_studio.session.actions import ACTIONS, Action
-from avatarrex_studio.session.commands import Command, SetSignals, ZoomBy
+from avatarrex_studio.session.commands import Command, Select, SetSignals, ZoomBy
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.window.docking import docking
@@ -66,7 +66,8 @@ class Window:
         self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
         self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
         self.body, self.left, self.right = body_panel(), hand_panel("left"), hand_panel("right")
-        self.face, self.poses, self.palette, self.files = face_panel(), PosesPanel(), Palette(), FileDialogs()
+        self._sliders = {"Body": self.body, "Left hand": self.left, "Right hand": self.right, "Face": face_panel()}
+        self.face, self.poses, self.palette, self.files = self._sliders["Face"], PosesPanel(), Palette(), FileDialogs()
         self.screen = Screen()
         self.distilling = Distilling(device=device)
         self.own_surface = OwnSurface(studio.avatars, self.distilling)
@@ -81,7 +82,7 @@ class Window:
             "open_session": lambda: self.files.open("session", "Open a session", studio.open_session),
             "save_session": lambda: self.files.open("session", "Save the session", studio.save_session, save=True),
             "copy_pose": self._copy, "paste_pose": self._paste, "screenshot": self._screenshot,
-            "whole_person": lambda: studio.frame_person(self.viewport.size),
+            "look_at_camera": studio.look_at_camera, "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
             "quit": self._quit,
         }  # fmt: skip
@@ -136,7 +137,7 @@ class Window:
         }
         return {title: partial(self._show, draw) for title, draw in drawn.items()}
 
-    def _viewport(self) -> list[Command]:
+    def _viewport(self) -> Iterator[Command]:
         """The picture from edge to edge, without a tab of its own."""
         theme.window_background(1.0)  # the first panel that is drawn after the space that all are docked in
         kind = imgui.WindowClass()
@@ -148,9 +149,18 @@ class Window:
         )
         shown, _ = imgui.begin("Viewport", None, flags)
         imgui.pop_style_var()
-        commands = self.viewport.draw(self.studio, self.screen.shown) if shown else []
+        for command in self.viewport.draw(self.studio, self.screen.shown) if shown else ():
+            yield command
+            if isinstance(command, Select) and command.name:
+                self._reveal(command.name)
         imgui.end()
-        return commands
+
+    def _reveal(self, part: str) -> None:
+        """Show the sliders of a joint or of a region of the face."""
+        for title, panel in self._sliders.items():
+            if panel.reveal(part):
+                hello_imgui.get_runner_params().docking_params.focus_dockable_window(title)
+                return
 
     def _show(self, draw: Callable[[], Iterable[Command | Action] | None]) -> None:
         self._collect(draw())

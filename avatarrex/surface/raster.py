@@ -26,6 +26,7 @@ from avatarrex.fields.light import DARKEST
 from avatarrex.gl.context import NoContext, current_context, per_context
 from avatarrex.gl.shader import draw_program
 from avatarrex.surface.extent import Box, Extent
+from avatarrex.surface.look import DEPTH_FADE, KINDS, PART_COLOURS, Look
 from avatarrex.surface.pose import PosedSurface
 from avatarrex.surface.surface import Surface
 from avatarrex.surface.upload import UploadedSurface
@@ -41,7 +42,7 @@ Target = tuple[tuple[moderngl.Texture, ...], moderngl.Framebuffer]
 LOD_BIAS = -1.0
 """Of the albedo's mipmaps: the exact levels take a pixel's colour at its centre; the mean over it is 1 dB farther from them, this one 0.1 dB;
 −3 flickers more as the view turns (docs/experiments.md, 'Surface')."""
-CONSTANTS = {"DARKEST": DARKEST, "LOD_BIAS": LOD_BIAS}
+CONSTANTS = {"DARKEST": DARKEST, "LOD_BIAS": LOD_BIAS, "DEPTH_FADE": DEPTH_FADE}
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +95,8 @@ class Placed:
     """The picture's camera, seen from this surface's root frame."""
     hidden: frozenset[str] = frozenset()
     """Parts that are not drawn."""
+    look: Look | None = None
+    """What is shown instead of its colours."""
 
 
 def draw_surfaces(shown: Sequence[Placed], samples: int = SAMPLES, counters: Counters | None = None) -> SurfacePicture:
@@ -134,7 +137,7 @@ class _Raster:
         self._context = context
         self._programs = {
             name: draw_program(context, "surface/mesh.vert", f"surface/{name}.frag", CONSTANTS)
-            for name in ("colour", "geometry")
+            for name in ("colour", "geometry", "look")
         }
         self._surfaces: weakref.WeakKeyDictionary[Surface, UploadedSurface] = weakref.WeakKeyDictionary()
         self._gone: list[UploadedSurface] = []
@@ -154,15 +157,22 @@ class _Raster:
                 for tile in extent.tiles(TILE):
                     self._begin(sampled, tile)
                     for one in shown:
-                        self._colour(one, extent.clip_from_root(one.view, tile), counters)
+                        self._draw(one, extent.clip_from_root(one.view, tile), counters)
                     self._average(sampled, samples, picture[1], tile)
         drawn = SurfacePicture(picture[0][0])
         weakref.finalize(drawn, self._free.append, picture).atexit = False
         return drawn
 
-    def _colour(self, one: Placed, clip: np.ndarray, counters: Counters) -> None:
+    def _draw(self, one: Placed, clip: np.ndarray, counters: Counters) -> None:
         """One of them, into the target in use."""
-        uploaded, program = self._bound(one.posed, counters), self._programs["colour"]
+        uploaded, program = self._bound(one.posed, counters), self._programs["look" if one.look else "colour"]
+        if one.look:
+            program["u_look"] = KINDS.index(one.look.kind)
+            program["u_depth"] = tuple(one.view.camera_from_world[2].tolist())
+            program["u_range"] = (one.look.near, one.look.far)
+            program["u_parts"] = [tuple(row) for row in PART_COLOURS.tolist()]
+            self._render("look", uploaded, one.hidden, clip, counters)
+            return
         program["u_albedo_scale"] = one.posed.surface.albedo_scale
         program["u_harmonics"] = [tuple(row) for row in one.harmonics.tolist()]
         self._render("colour", uploaded, one.hidden, clip, counters)

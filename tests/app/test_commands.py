@@ -21,6 +21,8 @@ from avatarrex.signals.limits import LIMITS
 STEPPING = Signals.rest().replace(translation=np.array([0.5, 0.2, 1.0]), body_pose=named_pose("walk"))
 EVERY = (
     commands.SetJoint("left_elbow", (0.0, -0.5, 0.0)),
+    commands.PullHandle("left_hand", (0.4, 0.2, 0.3), Signals.rest().replace(body_pose=named_pose("salute"))),
+    commands.LookAt((0.0, 0.5, 2.0), Signals.rest().replace(body_pose=named_pose("bow"))),
     commands.SetTranslation((0.1, 0.2, 0.3)),
     commands.SetExpression("jawOpen", 0.6),
     commands.SetShape(2, 1.5),
@@ -142,6 +144,48 @@ def test_a_bad_session_is_refused(step):
     data = {**Journal().to_json(), "steps": [[step]]}
     with pytest.raises(InputError):
         Journal.from_json(data)
+
+
+CHOICES = (
+    commands.Select("left_index2"),
+    commands.Select("mouth"),
+    commands.Pin(("left_foot", "right_foot"), True),
+    commands.Pin(("left_foot",), False),
+    commands.ShowOverlay("joints", True),
+    commands.ShowPicture("depth"),
+)
+
+
+def test_a_choice_is_no_step_and_outlives_undo_and_a_session(tmp_path):
+    assert {type(command) for command in CHOICES} == set(commands.Choice.__subclasses__())
+    journal = Journal()
+    journal.do(commands.SetJoint("left_elbow", (0.0, -0.3, 0.0)), gesture="drag 1")
+    for command in CHOICES:
+        journal.do(command)
+    journal.do(commands.SetJoint("left_elbow", (0.0, -0.5, 0.0)), gesture="drag 1")
+    chosen = journal.state.tools
+    assert (chosen.selected, chosen.pins, chosen.overlays, chosen.shows) == (
+        "mouth",
+        {"right_foot"},
+        {"joints"},
+        "depth",
+    )
+    assert len(journal.steps) == 1
+    journal.save(tmp_path / "session.json")
+    assert Journal.load(tmp_path / "session.json").state == journal.state
+    journal.undo()
+    assert journal.state == StudioState(tools=chosen)
+    journal.redo()
+    assert posing.joint(journal.state.signals, "left_elbow") == (0.0, -0.5, 0.0)
+    assert journal.state.tools == chosen
+
+
+@pytest.mark.parametrize("command", [
+    commands.Select("tail"), commands.Pin(("tail",), True), commands.ShowOverlay("halo", True), commands.ShowPicture("x-ray"),
+])  # fmt: skip
+def test_a_choice_of_nothing_there_is_refused(command):
+    with pytest.raises(InputError):
+        Journal().do(command)
 
 
 def test_limits_keep_a_joint_and_can_be_lifted():

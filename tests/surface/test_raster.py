@@ -18,6 +18,7 @@ from avatarrex.gl.context import NoContext
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
 from avatarrex.surface.extent import Extent
+from avatarrex.surface.look import KINDS, Look
 from avatarrex.surface.pose import PosedSurface, pose_surface
 from avatarrex.surface.raster import TILE, Placed, draw_surface, draw_surfaces, surface_geometry
 from avatarrex.surface.surface import Surface
@@ -324,3 +325,18 @@ def test_triangles_that_are_near_follow_each_other():
 def test_one_point_and_none_have_a_place():
     assert z_order(np.zeros((1, 3))).tolist() == [0]
     assert len(z_order(np.zeros((0, 3)))) == 0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_view_mode_has_the_colours_of_its_reference(kind):
+    """Of one sample a pixel, where the geometry that is read back says what is seen."""
+    posed, view = pose_surface(template_surface(), PERSON, Signals.rest()), camera(40)
+    look = Look(kind, 2.0, 3.0)
+    image = draw_surfaces([Placed(posed, HARMONICS, view, look=look)], samples=1).read()
+    found = surface_geometry(posed, view)
+    expected = look.colours(
+        found.normal[found.hit], found.depth[found.hit], found.part[found.hit], view.camera_from_world[2, :3]
+    )
+    assert image[found.hit][:, :3] == pytest.approx(expected, abs=0.004)
+    assert not image[~found.hit].any()
+    assert len(np.unique(image.reshape(-1, 4), axis=0)) > 3

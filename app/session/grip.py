@@ -1,0 +1,64 @@
+"""A drag of a handle or of the gaze: what was there when it began, and the command that a new place of it gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from avatarrex_studio.session.commands import Command, LookAt, PullHandle
+from avatarrex_studio.session.state import StudioState, vector
+from jaxtyping import Float64
+
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.handles import FORWARD, GAZE, HANDLES, Pull, looking, place, pulled
+from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.signals.skeleton import PosedSkeleton, Skeleton
+
+LOOK = "gaze"
+"""The point that the eyes look at, beside `HANDLES`."""
+BEFORE = 0.45
+"""Metres before the eyes at which the gaze is dragged."""
+LOOKING = ("head", "neck", *GAZE)
+"""What, when it is selected, shows the gaze."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """A handle in somebody's hand."""
+
+    name: str
+    """Of `HANDLES`, or `LOOK`."""
+    skeleton: Skeleton
+    start: Signals
+    """Of when the drag began: pins stay as they were then."""
+
+    def to(self, state: StudioState, target: Float64[np.ndarray, "3"]) -> Command:
+        """The command for a target in the world, metres."""
+        limited, goal = state.limit_joints, vector(target)
+        if self.name == LOOK:
+            return LookAt(goal, looking(self.skeleton, state.signals, target, self.start, limited))
+        pull = Pull(self.name, target)
+        followed = pulled(self.skeleton, state.signals, pull, state.tools.pins, self.start, limited)
+        return PullHandle(self.name, goal, followed)
+
+
+def places(skeleton: Skeleton, posed: PosedSkeleton, selected: str | None) -> dict[str, Float64[np.ndarray, "3"]]:
+    """Where everything is that can be dragged, world metres; the gaze where something is `selected` that looks."""
+    found = {name: place(skeleton, posed, name) for name in HANDLES}
+    if selected in LOOKING:
+        eyes = [JOINT_NAMES.index(eye) for eye in GAZE]
+        ahead = (posed.rotation[eyes] @ FORWARD).mean(0)
+        found[LOOK] = posed.position[eyes].mean(0) + BEFORE * ahead
+    return found
+
+
+def handle_of(name: str | None) -> str | None:
+    """The handle whose joint a part belongs to: a finger's is the hand, a region's the head; None where there is none."""
+    if name is None:
+        return None
+    side, _, part = name.partition("_")
+    if side in ("left", "right") and part.rstrip("123") in ("wrist", "index", "middle", "ring", "pinky", "thumb"):
+        return f"{side}_hand"
+    found = {handle.joint: key for key, handle in HANDLES.items()}
+    found.update({f"{each}_foot": f"{each}_foot" for each in ("left", "right")})
+    return found.get(name, "head" if name not in JOINT_NAMES or name in (*LOOKING, "jaw") else None)

@@ -1,0 +1,113 @@
+"""Drags as commands, rings as turns, and the screen as the world, with no window."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from avatarrex_studio.panels.gizmo import RADIUS, Turn, nearest_rotvec, rings
+from avatarrex_studio.panels.projection import Projection
+from avatarrex_studio.session import commands, grip, posing
+from avatarrex_studio.session.grip import LOOK, Grip, handle_of, places
+from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.state import OrbitView, StudioState
+from avatarrex_studio.window.window import start
+from imgui_bundle import imgui
+from scipy.spatial.transform import Rotation
+
+from avatarrex.signals.joints import JOINT_NAMES, axis_names
+from avatarrex.signals.limits import LIMITS
+from avatarrex.templates.figure import Figure
+from avatarrex.templates.person import load_person
+
+BODY = load_person("default").body
+PROJECTION = Projection.of(OrbitView(azimuth=30.0, elevation=10.0), imgui.ImVec2(100, 50), imgui.ImVec2(700, 650))
+
+
+def figure(state):
+    return Figure(BODY, state.signals)
+
+
+def test_a_drag_is_one_step_that_replays_without_a_solver(monkeypatch):
+    journal = Journal(start())
+    hand = Grip("left_hand", figure(journal.state).skeleton, journal.state.signals)
+    begin = places(hand.skeleton, figure(journal.state).posed, None)["left_hand"]
+    for step in range(1, 9):
+        journal.do(hand.to(journal.state, begin + np.array([0.01, 0.04, 0.02]) * step), gesture="drag 1")
+    (step,) = journal.steps
+    (command,) = step.commands
+    assert (type(command), command.handle) == (commands.PullHandle, "left_hand")
+    reached = places(hand.skeleton, figure(journal.state).posed, None)["left_hand"]
+    assert reached == pytest.approx(command.target, abs=0.002)
+    saved = json.loads(json.dumps(journal.to_json()))
+    monkeypatch.setattr(grip, "pulled", None)
+    assert Journal.from_json(saved).state == journal.state
+    assert journal.undo() == start()
+
+
+def test_the_gaze_is_dragged_where_something_that_looks_is_selected():
+    state = start()
+    skeleton = figure(state).skeleton
+    assert LOOK not in places(skeleton, figure(state).posed, "left_elbow")
+    ahead = places(skeleton, figure(state).posed, "head")[LOOK]
+    command = Grip(LOOK, skeleton, state.signals).to(state, ahead + np.array([0.1, 0.05, 0.0]))
+    assert isinstance(command, commands.LookAt)
+    after = command.apply(state)
+    assert places(skeleton, figure(after).posed, "head")[LOOK][0] > ahead[0] + 0.05
+
+
+@pytest.mark.parametrize(
+    ("part", "handle"),
+    [("left_index2", "left_hand"), ("right_wrist", "right_hand"), ("left_foot", "left_foot"), ("left_ankle", "left_foot"),
+     ("mouth", "head"), ("jaw", "head"), ("pelvis", "pelvis"), ("right_knee", "right_knee"), ("spine2", None), (None, None)],
+)  # fmt: skip
+def test_a_part_has_its_handle(part, handle):
+    assert handle_of(part) == handle
+
+
+def test_the_screen_and_the_world_agree():
+    points = np.random.default_rng(0).normal(0, 0.5, (20, 3))
+    for point, (x, y) in zip(points, PROJECTION.screen(points)):
+        assert PROJECTION.world((x, y), PROJECTION.depth(point)) == pytest.approx(point, abs=1e-9)
+    behind = np.asarray(PROJECTION.camera.centre) * 1.5
+    assert np.isnan(PROJECTION.screen(behind)).all()
+
+
+def test_rings_are_round_the_joint_and_only_their_front_is_taken():
+    state = start()
+    found = rings(PROJECTION, figure(state), "left_elbow")
+    centre = PROJECTION.screen(figure(state).posed.position[JOINT_NAMES.index("left_elbow")])
+    assert np.hypot(*(found.places - centre).reshape(-1, 2).T).max() == pytest.approx(RADIUS, rel=0.08)
+    for axis in range(3):
+        k = int(np.flatnonzero(found.front[axis])[5])
+        assert found.at(tuple(found.places[axis, k] + 0.5)) is not None
+    assert found.at(tuple(centre)) is None or np.hypot(*(found.places - centre).reshape(-1, 2).T).min() < 6
+    assert rings(PROJECTION, figure(state), "mouth") is None
+    assert rings(PROJECTION, figure(state), None) is None
+
+
+def test_a_turn_is_about_the_joints_own_axis_and_comes_back_from_its_limit():
+    """A radian a radius; past the limit the joint stays, and it follows again where the mouse is back there."""
+    state = StudioState()
+    turn = Turn("left_knee", 0, posing.joint(state.signals, "left_knee"), np.array([RADIUS, 0.0]), (200.0, 200.0))
+    half = turn.to((200.0 + RADIUS / 2, 230.0)).apply(state)
+    assert posing.joint(half.signals, "left_knee") == pytest.approx((0.5, 0, 0))
+    far = turn.to((200.0 + 4 * RADIUS, 200.0)).apply(half)
+    assert posing.joint(far.signals, "left_knee")[0] == LIMITS[JOINT_NAMES.index("left_knee"), 0, 1]
+    back = turn.to((200.0 + RADIUS / 2, 200.0)).apply(far)
+    assert posing.joint(back.signals, "left_knee") == pytest.approx((0.5, 0, 0))
+
+
+def test_of_equal_turns_the_nearest_rotation_vector_is_taken():
+    """Past half a turn the slider goes on instead of jumping to the other side."""
+    near = nearest_rotvec(Rotation.from_rotvec([0, 3.3, 0]), (0.0, 3.1, 0.0))
+    assert near == pytest.approx((0, 3.3, 0))
+    assert nearest_rotvec(Rotation.from_rotvec([0, 3.3, 0]), (0.0, -2.9, 0.0)) == pytest.approx((0, 3.3 - 2 * np.pi, 0))
+
+
+def test_the_axes_of_a_joint_have_names():
+    assert axis_names("left_elbow") == ("twist", "bend", "side")
+    assert axis_names("right_knee") == ("bend", "twist", "side")
+    assert axis_names("left_index2") == ("twist", "side", "bend")
+    assert all(set(axis_names(name)) == {"bend", "twist", "side"} for name in JOINT_NAMES)
