@@ -15,7 +15,7 @@ from avatarrex_studio.session.state import Colour, MotionState, SizePolicy, Stud
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
+from avatarrex.signals.library import hands_of_pose, mirror, named_expression, named_hand, named_pose
 from avatarrex.signals.limits import random_signals
 
 
@@ -101,12 +101,12 @@ class SetHandPose(Command):
 
 
 class ApplyPose(Command):
-    """A named body pose; hands and face stay."""
+    """A named body pose with the hands that it needs, if any; the face stays."""
 
     name: str
 
     def apply(self, state: StudioState) -> StudioState:
-        return state.pose(body_pose=named_pose(self.name))
+        return state.pose(body_pose=named_pose(self.name), **hands_of_pose(self.name))
 
 
 class ApplyExpression(Command):
