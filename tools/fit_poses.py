@@ -215,7 +215,7 @@ LEFT_PALM = at("left", (0.775, 0.42, 0.0))
 RIGHT_PALM = at("right", (0.775, 0.42, 0.0))
 DOWN = (0.0, -1.0, 0.0)
 """A palm's normal at rest."""
-CHIN = int(np.where((np.abs(REST[:, 0]) < 0.02) & (OWNER == ROWS["jaw"]), REST[:, 2] - REST[:, 1], -9).argmax())
+CHIN = int(np.where((np.abs(REST[:, 0]) < 0.02) & (ROWS["jaw"] == OWNER), REST[:, 2] - REST[:, 1], -9).argmax())
 DOWN_ARMS: dict[str, Turn] = {"both_shoulder": (0, 0, -72), "both_elbow": (0, -12, 0)}
 
 
@@ -276,7 +276,7 @@ def level(side: str) -> Goal:
 
 def tip(side: str, finger: str) -> int:
     """The pad of a finger: of its last bone's skin the vertex furthest out and down at rest."""
-    mine = np.flatnonzero(OWNER == ROWS[f"{side}_{finger}3"])
+    mine = np.flatnonzero(ROWS[f"{side}_{finger}3"] == OWNER)
     return int(mine[(np.abs(REST[mine, 0]) - 0.7 * REST[mine, 1]).argmax()])
 
 

@@ -50,7 +50,11 @@ def points(avatar: Avatar, kind: str, driven: Signals) -> np.ndarray:
         return Outline(body).points(driven)
     vertices = pose_by_signals(body, driven).vertices.double().numpy()
     owner = body.weights.argmax(1).numpy()
-    return vertices[np.isin(owner, (15, 22, 23, 24)) if kind == "expressions" else (owner == 20) | (owner // 15 == 5) | np.isin(owner, range(25, 40))]
+    return vertices[
+        np.isin(owner, (15, 22, 23, 24))
+        if kind == "expressions"
+        else (owner == 20) | (owner // 15 == 5) | np.isin(owner, range(25, 40))
+    ]
 
 
 def tiles(avatar: Avatar, kind: str, names: Iterable[str], side: int) -> Iterable[Group]:
@@ -84,7 +88,9 @@ def main() -> None:
         groups = list(tiles(avatar, kind, names, options.side))
         across = ACROSS[kind]
         rows = [groups[first : first + across] for first in range(0, len(groups), across)]
-        sheet = laid_out(f"{kind} of the library", f"{options.avatar}, level live", rows, sheet_width(across, 3, options.side))
+        sheet = laid_out(
+            f"{kind} of the library", f"{options.avatar}, level live", rows, sheet_width(across, 3, options.side)
+        )
         options.out.mkdir(parents=True, exist_ok=True)
         sheet.save(options.out / f"{kind}.png")
 

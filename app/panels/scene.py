@@ -14,6 +14,9 @@ from imgui_bundle import imgui
 from avatarrex.templates.parts import PARTS
 
 LABEL = 78.0
+SHAPE_WORDS = "Further out a trained avatar comes apart: its fields were learned on one shape."
+SHAPE_RANGE = 2.0
+"""Standard deviations, either way, within which the packaged avatar looks whole."""
 
 
 def draw(state: StudioState) -> Iterator[Command]:
@@ -26,8 +29,14 @@ def draw(state: StudioState) -> Iterator[Command]:
         if toggled:
             yield SetHidden(part, not shown)
     if widgets.group("Shape", "scene.shape", opened=False)[0]:
-        for index, value in enumerate(state.signals.shape):
-            widgets.label(f"Shape {index}", LABEL, bool(value))
-            new = widgets.slider(f"shape.{index}", float(value), (-3, 3), "%.2f")
-            if new is not None:
-                yield SetShape(index, new)
+        yield from _shape(state)
+
+
+def _shape(state: StudioState) -> Iterator[Command]:
+    """Ten sliders, within what an avatar can follow."""
+    for index, value in enumerate(state.signals.shape):
+        widgets.label("Size" if index == 0 else f"Shape {index + 1}", LABEL, bool(value))
+        new = widgets.slider(f"shape.{index}", float(value), (-SHAPE_RANGE, SHAPE_RANGE), "%.2f")
+        widgets.tooltip(f"Standard deviations. {SHAPE_WORDS}")
+        if new is not None:
+            yield SetShape(index, new)

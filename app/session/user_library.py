@@ -55,14 +55,21 @@ class Entry:
     def from_json(cls, data: Any, source: str) -> Entry:
         """From `to_json`'s dictionary. Raises `InputError`."""
         if not isinstance(data, dict) or data.get("kind") not in PARTS:
-            raise InputError(source, "kind", " or ".join(PARTS), data.get("kind") if isinstance(data, dict) else type(data).__name__)
+            raise InputError(
+                source, "kind", " or ".join(PARTS), data.get("kind") if isinstance(data, dict) else type(data).__name__
+            )
         if data.get("format") != FORMAT:
             raise InputError(source, "format", f"{FORMAT}", data.get("format"))
         if unknown := sorted(set(data) - {"format", "kind", "name", "signals"}):
             raise InputError(source, unknown[0], "one of format, kind, name, signals", "an unknown field")
         kind, values = data["kind"], data.get("signals")
         if not isinstance(values, dict) or set(values) != set(PARTS[kind]):
-            raise InputError(source, "signals", "an object of " + ", ".join(PARTS[kind]), values if values is None else sorted(values))
+            raise InputError(
+                source,
+                "signals",
+                "an object of " + ", ".join(PARTS[kind]),
+                values if values is None else sorted(values),
+            )
         return cls(kind, checked_name(data.get("name"), source), Signals.from_json(values, source))
 
 

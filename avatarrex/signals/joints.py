@@ -26,6 +26,8 @@ EXPRESSION_NAMES: tuple[str, ...] = (
     "mouthUpperUpRight", "browDownLeft", "browDownRight", "browInnerUp", "browOuterUpLeft", "browOuterUpRight", "cheekPuff",
     "cheekSquintLeft", "cheekSquintRight", "noseSneerLeft", "noseSneerRight", "tongueOut",
 )  # fmt: skip
+FACE_REGIONS = ("brow", "eye", "jaw", "mouth", "cheek", "nose", "tongue")
+"""What the names of the coefficients begin with."""
 BODY_GROUPS: dict[str, tuple[str, ...]] = {
     "torso": ("spine1", "spine2", "spine3"),
     "head": ("neck", "head"),
@@ -34,3 +36,12 @@ BODY_GROUPS: dict[str, tuple[str, ...]] = {
     "left leg": ("left_hip", "left_knee", "left_ankle", "left_foot"),
     "right leg": ("right_hip", "right_knee", "right_ankle", "right_foot"),
 }
+_ALONG_Y, _ALONG_X = ("bend", "twist", "side"), ("twist", "bend", "side")
+_AXES = {"shoulder": _ALONG_X, "elbow": _ALONG_X, "collar": _ALONG_X, "wrist": ("twist", "side", "bend"), "thumb": _ALONG_X,
+         **dict.fromkeys(("index", "middle", "ring", "pinky"), ("twist", "side", "bend"))}  # fmt: skip
+
+
+def axis_names(joint: str) -> tuple[str, str, str]:
+    """What a turn of a joint about its x, y and z is called: along the bone it is a twist, about its main hinge a bend."""
+    part = joint.removeprefix("left_").removeprefix("right_").rstrip("123")
+    return _AXES.get(part, _ALONG_Y)

@@ -70,8 +70,8 @@ POSES: dict[str, _Pose] = {
              "left_hip": (0, 6, 2), "right_hip": (0, -6, -2)},
     "cheer": {**_ARMS_DOWN, "right_collar": (0, 0, -16), "right_shoulder": (-10, 30, -58), "right_elbow": (0, 35, 0), "spine2": (-6, 0, 0),
               "head": (-10, 0, 0), "left_hip": (0, 6, 2), "right_hip": (0, -6, -2)},
-    "balance": {"both_shoulder": (0, -4, 4), "both_elbow": (0, -6, 0), "left_hip": (-72, 8, 4), "left_knee": (88, 0, 0), "left_ankle": (18, 0, 0),
-                "right_hip": (0, -4, -1)},
+    "balance": {"both_shoulder": (0, -4, 4), "both_elbow": (0, -6, 0), "left_hip": (-72, 8, 4), "left_knee": (88, 0, 0),
+                "left_ankle": (18, 0, 0), "right_hip": (0, -4, -1)},
     "kick": {"left_shoulder": (0, -50, -30), "right_shoulder": (20, -10, 52), "both_elbow": (0, -38, 0), "right_hip": (-84, -4, -4),
              "right_knee": (14, 0, 0), "right_ankle": (20, 0, 0), "left_hip": (8, 4, 2), "left_knee": (14, 0, 0), "left_ankle": (-14, 0, 0),
              "spine1": (-8, 0, 0), "spine2": (8, 0, 0)},
@@ -182,7 +182,10 @@ def named_pose(name: str) -> np.ndarray:
     Raises `InputError` with all names, the near ones first, for one that is none.
     """
     entry = _look_up("pose", name, POSES)
-    return turned(np.zeros((21, 3)), {joint: turn for joint, turn in entry.items() if joint[-1].isalpha() or joint.startswith("spine")})
+    return turned(
+        np.zeros((21, 3)),
+        {joint: turn for joint, turn in entry.items() if joint[-1].isalpha() or joint.startswith("spine")},
+    )
 
 
 def hands_of_pose(name: str) -> dict[str, np.ndarray]:

@@ -9,7 +9,7 @@ that gives exactly v'. Radians; right hands mirror left ones.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float64
@@ -79,7 +79,9 @@ def set_hand(
     if side not in ("left", "right"):
         raise InputError("hand", "", "left or right", side)
     if macro not in HAND_MACROS or not fingers or not set(fingers) <= set(FINGERS):
-        raise InputError("hand macro", "", "curl or spread of " + ", ".join(FINGERS), f"{macro} of {', '.join(fingers)}")
+        raise InputError(
+            "hand macro", "", "curl or spread of " + ", ".join(FINGERS), f"{macro} of {', '.join(fingers)}"
+        )
     now = hand_values(pose, side)
     step = value - hand_mean(now, fingers, macro)
     changed = pose.copy()
@@ -123,7 +125,9 @@ def face_direction(macro: str) -> Float64[np.ndarray, " 52"]:
     for group in FACE_MACROS.values():
         if macro in group:
             return coefficients(group[macro])
-    raise InputError("face macro", "", "one of " + ", ".join(name for group in FACE_MACROS.values() for name in group), macro)
+    raise InputError(
+        "face macro", "", "one of " + ", ".join(name for group in FACE_MACROS.values() for name in group), macro
+    )
 
 
 def _rows(finger: str) -> slice:
@@ -131,7 +135,7 @@ def _rows(finger: str) -> slice:
     return slice(first, first + 3)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _directions(finger: str, side: str) -> Float64[np.ndarray, "2 9"]:
     """curl and spread."""
     curl = np.radians(np.outer(CLOSED[finger], FLEXION[finger]))
@@ -141,7 +145,7 @@ def _directions(finger: str, side: str) -> Float64[np.ndarray, "2 9"]:
     return np.stack([(curl * mirror).ravel(), (spread * mirror).ravel()])
 
 
-@lru_cache(maxsize=None)
+@cache
 def _inverse(finger: str, side: str) -> Float64[np.ndarray, "2 9"]:
     """D⁺."""
     return np.asarray(np.linalg.pinv(_directions(finger, side).T))

@@ -55,7 +55,9 @@ def test_all_fingers_move_together() -> None:
 
 def test_a_right_hand_is_a_left_one_in_the_mirror() -> None:
     for macro in HAND_MACROS:
-        hands = {f"{side}_hand_pose": set_hand(np.zeros((15, 3)), side, FINGERS, macro, 0.7) for side in ("left", "right")}
+        hands = {
+            f"{side}_hand_pose": set_hand(np.zeros((15, 3)), side, FINGERS, macro, 0.7) for side in ("left", "right")
+        }
         signals = Signals.rest().replace(**hands)
         assert mirror(signals) == signals
 
@@ -91,9 +93,9 @@ def test_a_face_at_rest_gets_the_macro_itself_and_says_so() -> None:
 
 
 def test_unknown_macros_are_refused_by_name() -> None:
-    with pytest.raises(InputError, match="one of smile, .*blink.*, found grimace"):
+    with pytest.raises(InputError, match=r"one of smile, .*blink.*, found grimace"):
         set_face(np.zeros(52), "grimace", 1)
-    with pytest.raises(InputError, match="curl or spread of .*found twist of index"):
+    with pytest.raises(InputError, match=r"curl or spread of .*found twist of index"):
         set_hand(np.zeros((15, 3)), "left", ("index",), "twist", 1)
     with pytest.raises(InputError, match="left or right, found middle"):
         set_hand(np.zeros((15, 3)), "middle", ("index",), "curl", 1)
