@@ -163,7 +163,7 @@ def solved(fit: Fit, steps: int = 400) -> tuple[dict[str, Turn], float, float]:
         deepest = 0.0
         for one, near_one in near:
             depth = -((posed.vertices[one] - posed.vertices[near_one]) * posed.normals[near_one].detach()).sum(-1)
-            loss = loss + 0.3 * (torch.relu(depth + MARGIN[near_one]) ** 2).sum()
+            loss = loss + 0.6 * (torch.relu(depth + MARGIN[near_one]) ** 2).sum()
             deepest = max(deepest, float(depth.detach().max()) if len(depth) else 0.0)
         optimiser.zero_grad()
         loss.backward()
@@ -286,9 +286,9 @@ FITS: dict[str, Callable[[], Fit]] = {
         {"both_shoulder": (30, 20, -50), "both_elbow": (-10, -100, 0)},
         arm("left"),
         mirrored(
-            lambda s, m: touch(palm(s), at(s, (0.17, 0.075, 0.01)), 0.013),
-            lambda s, m: aim(f"{s}_wrist", f"{s}_middle1", m((-0.25, -0.5, 0.8)), 0.04),
-            lambda s, m: place(f"{s}_elbow", m((0.41, 0.27, -0.06)), 0.3),
+            lambda s, m: touch(palm(s), at(s, (0.17, 0.075, 0.01)), 0.012, 2.0),
+            lambda s, m: aim(f"{s}_wrist", f"{s}_middle1", m((-0.25, -0.5, 0.8)), 0.025),
+            lambda s, m: place(f"{s}_elbow", m((0.41, 0.27, -0.06)), 0.12),
         ),
         hand("relaxed", "left", "right"),
         symmetric=True,

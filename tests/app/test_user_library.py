@@ -64,7 +64,7 @@ def test_rename_overwrite_and_delete(library):
     assert np.array_equal(library.entries["pose"]["b"].signals.body_pose, SIGNALS.body_pose)
 
 
-@pytest.mark.parametrize("name", ["", " a", "../up", "a/b", "a.b", "NUL", "x" * 61, "a\n", "\x00", 5])
+@pytest.mark.parametrize("name", ["", " a", "../up", "a/b", "a.b", "NUL", "x" * 61, "a\n", "\x00"])
 def test_names_that_no_file_can_have_are_refused(library, name):
     with pytest.raises(InputError, match="name: expected 1 to 60 letters"):
         library.save(Entry("pose", name, SIGNALS))
@@ -83,6 +83,7 @@ GOOD = taken(SIGNALS, "pose", "x").to_json()
         (json.dumps({**GOOD, "kind": "hand"}), "signals: expected an object of left_hand_pose"),
         (json.dumps({**GOOD, "format": 9}), "format: expected 1, found 9"),
         (json.dumps({**GOOD, "name": "y"}), "name: expected x, found y"),
+        (json.dumps({**GOOD, "name": 5}), "name: expected 1 to 60 letters"),
         (json.dumps({**GOOD, "script": "rm"}), "script: expected one of format"),
         (json.dumps({**GOOD, "signals": {**GOOD["signals"], "body_pose": [[1e9] * 3] * 21}}), "body_pose: expected numbers up to"),
         (json.dumps({**GOOD, "signals": {**GOOD["signals"], "body_pose": "a"}}), "body_pose: expected numbers"),
