@@ -15,8 +15,9 @@ from avatarrex.templates.parts import PARTS
 
 LABEL = 78.0
 SHAPE_WORDS = "Further out a trained avatar comes apart: its fields were learned on one shape."
-SHAPE_RANGE = 2.0
-"""Standard deviations, either way, within which the packaged avatar looks whole."""
+SHAPE_RANGES = (0.4, *[2.0] * 9)
+"""Standard deviations, either way, in which the packaged avatar's face looks whole. A direction moves its brows by 1 mm a deviation or
+less (1.5 the tenth), the first by 9: the face's field has learned their colour at one place."""
 
 
 def draw(state: StudioState) -> Iterator[Command]:
@@ -36,7 +37,7 @@ def _shape(state: StudioState) -> Iterator[Command]:
     """Ten sliders, within what an avatar can follow."""
     for index, value in enumerate(state.signals.shape):
         widgets.label("Size" if index == 0 else f"Shape {index + 1}", LABEL, bool(value))
-        new = widgets.slider(f"shape.{index}", float(value), (-SHAPE_RANGE, SHAPE_RANGE), "%.2f")
+        new = widgets.slider(f"shape.{index}", float(value), (-SHAPE_RANGES[index], SHAPE_RANGES[index]), "%.2f")
         widgets.tooltip(f"Standard deviations. {SHAPE_WORDS}")
         if new is not None:
             yield SetShape(index, new)
