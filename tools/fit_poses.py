@@ -108,6 +108,8 @@ class Fit:
     """Joints of hands that stay as they are."""
     symmetric: bool = False
     """Whether the right side mirrors the left, which alone is free."""
+    push: float = 0.6
+    """Weight of penetration."""
     stay: float = 0.004
     """Weight of the distance from the start, metres a radian."""
 
@@ -163,7 +165,7 @@ def solved(fit: Fit, steps: int = 400) -> tuple[dict[str, Turn], float, float]:
         deepest = 0.0
         for one, near_one in near:
             depth = -((posed.vertices[one] - posed.vertices[near_one]) * posed.normals[near_one].detach()).sum(-1)
-            loss = loss + 0.6 * (torch.relu(depth + MARGIN[near_one]) ** 2).sum()
+            loss = loss + fit.push * (torch.relu(depth + MARGIN[near_one]) ** 2).sum()
             deepest = max(deepest, float(depth.detach().max()) if len(depth) else 0.0)
         optimiser.zero_grad()
         loss.backward()
@@ -294,19 +296,19 @@ FITS: dict[str, Callable[[], Fit]] = {
         symmetric=True,
     ),
     "crossed_arms": lambda: Fit(
-        {"left_shoulder": (20, -50, -60), "left_elbow": (-10, -110, 0), "right_shoulder": (20, 50, 60), "right_elbow": (-10, 110, 0)},
-        arm("left", "right"),
+        {"left_collar": (-3, -12, 7), "left_shoulder": (22, -57, -71), "left_elbow": (-7, -98, -8), "left_wrist": (-10, -5, -16),
+         "right_collar": (0, 12, 0), "right_shoulder": (20, 51, 65), "right_elbow": (-3, 104, 8), "right_wrist": (-10, 0, 12)},
+        (*arm("left", "right"), *(f"{side}_thumb{k}" for side in ("left", "right") for k in (1, 2, 3))),
         [
-            touch(RIGHT_PALM, at("left", (0.40, 0.46, 0.06)), 0.012, 0.7),
-            touch(LEFT_PALM, at("right", (0.39, 0.43, 0.04)), 0.012, 0.5),
-            aim("right_elbow", "right_wrist", (1, 0.02, 0.12), 0.05),
-            aim("left_elbow", "left_wrist", (-1, 0.0, 0.05), 0.05),
-            aim("right_wrist", "right_middle1", (0.95, 0.1, -0.3), 0.03),
-            aim("left_wrist", "left_middle1", (-0.95, 0.1, -0.3), 0.03),
-            place("left_elbow", (0.25, 0.23, 0.06), 0.2),
-            place("right_elbow", (-0.25, 0.24, 0.06), 0.2),
+            touch(RIGHT_PALM, at("left", (0.39, 0.46, 0.06)), 0.010, 0.9),
+            touch(LEFT_PALM, at("right", (0.39, 0.43, 0.04)), 0.012, 0.4),
+            aim("right_elbow", "right_wrist", (1, 0.04, 0.14), 0.03),
+            aim("left_elbow", "left_wrist", (-1, 0.0, 0.05), 0.03),
+            place("left_elbow", (0.26, 0.23, 0.07), 0.1),
+            place("right_elbow", (-0.26, 0.24, 0.07), 0.1),
         ],
         hand("relaxed", "left", "right"),
+        push=4.0,
     ),
     "think": lambda: Fit(
         {"left_shoulder": (30, -45, -65), "left_elbow": (-40, -90, 0), "right_shoulder": (-10, 50, 70), "right_elbow": (-20, 130, 0)},

@@ -45,6 +45,10 @@ EVERY = (
     commands.SetFrame(3, STEPPING.replace(translation=np.array([1.0, 0.0, 2.0]))),
     commands.CloseMotion(),
     commands.Reset(),
+    commands.SetFingers("left index curl", 0.5),
+    commands.SetFaceMacro("smile", 0.5),
+    commands.ScaleGroup("body", 0.5),
+    commands.Blend("x", Signals.rest(), ("body_pose",), 0.5),
 )
 
 
