@@ -288,9 +288,9 @@ FITS: dict[str, Callable[[], Fit]] = {
         {"both_shoulder": (30, 20, -50), "both_elbow": (-10, -100, 0)},
         arm("left"),
         mirrored(
-            lambda s, m: touch(palm(s), at(s, (0.17, 0.075, 0.01)), 0.012, 2.0),
+            lambda s, m: touch(palm(s), at(s, (0.17, 0.075, 0.01)), 0.010, 2.5),
             lambda s, m: aim(f"{s}_wrist", f"{s}_middle1", m((-0.25, -0.5, 0.8)), 0.025),
-            lambda s, m: place(f"{s}_elbow", m((0.41, 0.27, -0.06)), 0.12),
+            lambda s, m: place(f"{s}_elbow", m((0.43, 0.27, -0.04)), 0.28),
         ),
         hand("relaxed", "left", "right"),
         symmetric=True,
@@ -348,18 +348,6 @@ FITS: dict[str, Callable[[], Fit]] = {
             place("right_elbow", (-0.43, 0.47, 0.08), 0.15),
         ],
         {"left_shoulder": (0, 0, -72), "left_elbow": (0, -12, 0)},
-    ),
-    "prayer": lambda: Fit(
-        {"both_shoulder": (20, -40, -60), "both_elbow": (-20, -110, 0)},
-        arm("left"),
-        mirrored(
-            lambda s, m: lambda posed: 0.5 * (posed.vertices[palm(s)] - torch.tensor(m((0.002, 0.24, 0.26)))),
-            lambda s, m: aim(f"{s}_wrist", f"{s}_middle2", m((-0.02, 0.65, 0.75)), 0.08),
-            lambda s, m: face(f"{s}_wrist", DOWN, m((-1.0, 0.0, 0.0)), 0.08),
-            lambda s, m: place(f"{s}_elbow", m((0.27, 0.22, 0.0)), 0.1),
-        ),
-        {"head": (10, 0, 0)},
-        symmetric=True,
     ),
     "hand_on_heart": lambda: Fit(
         {"right_shoulder": (20, 50, 60), "right_elbow": (-20, 110, 0)},

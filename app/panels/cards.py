@@ -62,7 +62,7 @@ class Cards:
         else:
             draw.add_image(imgui.ImTextureRef(texture.glo), low, high)
         if chosen:
-            draw.add_rect(low, high, theme.colour(theme.ACCENT), 5, 0, 1.5)
+            draw.add_rect(low, high, theme.colour(theme.ACCENT), 5, thickness=1.5)
         title = _fitted(card.title, width)
         place = (low.x + (width - imgui.calc_text_size(title).x) / 2, high[1] + 2)
         draw.add_text(place, theme.colour(theme.TEXT if chosen or imgui.is_item_hovered() else theme.MUTED), title)

@@ -126,13 +126,13 @@ def entry_title(name: str) -> str:
 def shipped_entries(kind: str) -> Mapping[str, Entry]:
     """The entries that come with the program, by name."""
     rest = Signals.rest()
-    makers = {
-        "pose": (POSES, lambda name: rest.replace(body_pose=named_pose(name), **hands_of_pose(name))),
-        "hand": (HANDS, lambda name: rest.replace(left_hand_pose=named_hand(name, "left"))),
-        "expression": (EXPRESSIONS, lambda name: rest.replace(expression=named_expression(name))),
-    }
-    names, made = makers[kind]
-    return {name: Entry(kind, name, made(name)) for name in names}
+    if kind == "pose":
+        made = {name: rest.replace(body_pose=named_pose(name), **hands_of_pose(name)) for name in POSES}
+    elif kind == "hand":
+        made = {name: rest.replace(left_hand_pose=named_hand(name, "left")) for name in HANDS}
+    else:
+        made = {name: rest.replace(expression=named_expression(name)) for name in EXPRESSIONS}
+    return {name: Entry(kind, name, signals) for name, signals in made.items()}
 
 
 @lru_cache(maxsize=4000)

@@ -74,7 +74,7 @@ class Window:
         self._frames = self._gesture = 0
         self._wheel = (0.0, 0)
         self._chords = [(keys.chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut]
-        self._effects = {
+        self._effects: dict[str, Callable[[], None]] = {
             "undo": studio.undo, "redo": studio.redo, "toggle_play": studio.toggle_play,
             "step_back": lambda: studio.step_by(-1), "step_on": lambda: studio.step_by(1),
             "open_motion": lambda: self.files.open("motion", "Open a motion", studio.open_motion),

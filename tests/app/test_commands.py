@@ -47,8 +47,8 @@ EVERY = (
     commands.Reset(),
     commands.SetFingers("left index curl", 0.5),
     commands.SetFaceMacro("smile", 0.5),
-    commands.ScaleGroup("body", 0.5),
-    commands.Blend("x", Signals.rest(), ("body_pose",), 0.5),
+    commands.ScaleGroup("face", 0.5),
+    commands.Blend("walk", STEPPING, ("body_pose",), 0.5),
 )
 
 
