@@ -15,9 +15,9 @@ from avatarrex.templates.parts import PARTS
 
 LABEL = 78.0
 SHAPE_WORDS = "Further out a trained avatar comes apart: its fields were learned on one shape."
-SHAPE_RANGES = (0.4, *[2.0] * 9)
-"""Standard deviations, either way, in which the packaged avatar's face looks whole. A direction moves its brows by 1 mm a deviation or
-less (1.5 the tenth), the first by 9: the face's field has learned their colour at one place."""
+SHAPE_RANGES = (0.2, 2.0, 2.0, 2.0, 1.5, 2.0, 2.0, 2.0, 2.0, 1.2)
+"""Standard deviations, either way, in which the packaged avatar's brows move by 2 mm at most (the first direction moves them by 9.3 mm a
+deviation, the fifth by 1.3, the tenth by 1.5). From 3 mm on they split: the face's field has learned their colour at one place."""
 
 
 def draw(state: StudioState) -> Iterator[Command]:
