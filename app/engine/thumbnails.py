@@ -17,7 +17,7 @@ from avatarrex_studio.engine.framing import framed
 from avatarrex_studio.engine.live import LiveSurface
 from avatarrex_studio.session.state import OrbitView, StudioState
 from avatarrex_studio.session.user_library import cache_folder
-from jaxtyping import UInt8
+from jaxtyping import Float32, UInt8
 from PIL import Image
 
 from avatarrex.avatar import Avatar
@@ -26,7 +26,6 @@ from avatarrex.files.gate import read_bytes, what_is
 from avatarrex.files.images import write_png
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
-from avatarrex.surface.raster import SurfacePicture
 from avatarrex.templates.model import pose_by_signals
 
 log = logging.getLogger(__name__)
@@ -130,7 +129,7 @@ class Thumbnails:
         picture = self._surface.draw(avatar, StudioState(signals=sitter.signals, view=view), (SIDE, SIDE))
         if picture is None:
             return None
-        pixels = _bytes(picture)
+        pixels = _bytes(picture.read())
         try:
             write_png(self._path(sitter), pixels)
         except InputError as error:
@@ -138,9 +137,8 @@ class Thumbnails:
         return pixels
 
 
-def _bytes(picture: SurfacePicture) -> Pixels:
+def _bytes(image: Float32[np.ndarray, "h w 4"]) -> Pixels:
     """Premultiplied colour as straight-alpha bytes."""
-    image = picture.read()
     straight = image[..., :3] / np.maximum(image[..., 3:], 1e-6)
     return np.asarray(np.rint(255 * np.clip(np.concatenate([straight, image[..., 3:]], -1), 0, 1)), np.uint8)
 

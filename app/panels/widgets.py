@@ -64,7 +64,8 @@ def _bar(width: float, value: float, rest: float, low: float, high: float) -> No
         fill(rest, value, theme.colour(theme.ACCENT, 0.42), 2.0)
     if 0 < rest < 1:
         x = place.x + width * rest
-        draw.add_line((x, place.y + 3), (x, place.y + height - 3), theme.colour(theme.MUTED, 0.55))
+        for top in (place.y + 1, place.y + height - 5):  # the text is between
+            draw.add_line((x, top), (x, top + 4), theme.colour(theme.MUTED, 0.7))
 
 
 def choice(

@@ -10,6 +10,7 @@ import pytest
 from avatarrex_studio.engine.thumbnails import SIDE, Sitter, Thumbnails
 from surface.template_surface import template_surface
 
+from avatarrex.avatar import Avatar
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
 from avatarrex.templates.person import load_person
@@ -18,14 +19,19 @@ REST = Sitter("pose", Signals.rest())
 WAVE = Sitter("pose", Signals.rest().replace(body_pose=named_pose("wave")))
 
 
+@pytest.fixture(scope="module")
+def untrained():
+    return Avatar.create(load_person(), "compact")
+
+
 @pytest.fixture
-def avatar():
-    return SimpleNamespace(surface=replace(template_surface(), key="abc"), person=load_person())
+def avatar(untrained):
+    return replace(untrained, surface=replace(template_surface(), key="abc"))
 
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """What was drawn: a picture whose red is the azimuth of its camera."""
+    """What was drawn: grey, half covered."""
     found = []
 
     def draw(self, avatar, state, size):
@@ -64,7 +70,7 @@ def test_another_avatar_is_another_folder(tmp_path, avatar, drawn):
     thumbnails.see(avatar)
     thumbnails.want(REST)
     thumbnails.tend()
-    other = SimpleNamespace(surface=replace(avatar.surface, key="def"), person=avatar.person)
+    other = replace(avatar, surface=replace(avatar.surface, key="def"))
     assert thumbnails.see(other)
     thumbnails.want(REST)
     thumbnails.tend()
@@ -87,7 +93,7 @@ def test_a_damaged_file_is_drawn_anew(tmp_path, avatar, drawn, content):
 
 def test_an_avatar_without_a_surface_waits_for_none(tmp_path, avatar):
     thumbnails = Thumbnails(tmp_path)
-    thumbnails.see(SimpleNamespace(surface=None, person=avatar.person))
+    thumbnails.see(replace(avatar, surface=None))
     thumbnails.want(REST)
     assert not thumbnails.waiting
     assert thumbnails.tend() is None
