@@ -64,7 +64,7 @@ POSES: dict[str, _Pose] = {
     "contrapposto": {"left_shoulder": (10, 8, -70), "left_elbow": (0, -22, 0), "right_shoulder": (-4, -4, 76), "right_elbow": (0, 16, 0),
                      "left_hip": (-9, 10, 7), "left_knee": (22, 0, 0), "left_ankle": (-12, 0, 0), "right_hip": (0, -4, 3),
                      "spine1": (0, 2, -5), "spine2": (0, 2, 5), "spine3": (0, 2, 4), "head": (2, -8, 3)},
-    "shrug": {"both_collar": (0, -6, 22), "both_shoulder": (-50, 10, -62), "both_elbow": (-70, -80, 0), "both_wrist": (-10, 0, -20),
+    "hands_up": {"both_collar": (0, -6, 22), "both_shoulder": (-50, 10, -62), "both_elbow": (-70, -80, 0), "both_wrist": (-10, 0, -20),
               "head": (4, 0, 8)},
     "stop": {**_ARMS_DOWN, "right_collar": (0, 10, 0), "right_shoulder": (0, 74, 6), "right_elbow": (0, 15, 0), "right_wrist": (0, 0, -58),
              "left_hip": (0, 6, 2), "right_hip": (0, -6, -2)},
