@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 from avatarrex_studio.panels import widgets
@@ -21,6 +22,7 @@ TURN = 180.0
 HINT = "Search joints"
 SPARE = 92.0
 """Points of the box beside the search."""
+SPINE = {"spine1": "Lower spine", "spine2": "Mid spine", "spine3": "Upper spine"}
 Row = Callable[[StudioState, str, str], Iterable[Command]]
 """Draws the sliders of a name in its group."""
 
@@ -52,6 +54,8 @@ class SignalPanel:
             if toggled:
                 yield SetLimits(limited)
         wanted = self.search.lower().split()
+        if not wanted:
+            yield from self.above(state, None)
         for group, names in self.groups.items():
             texts = {name: f"{group} {words(name)} {name}".lower() for name in names}
             shown = [name for name, text in texts.items() if all(word in text for word in wanted)]
@@ -61,11 +65,13 @@ class SignalPanel:
             if wanted or revealed:
                 imgui.set_next_item_open(True)
             changed = [name for name in names if posing.changed(state.signals, name)]
-            is_open, pressed = widgets.group(group.capitalize(), f"{self.key}.{group}", bool(changed))
+            is_open, pressed = widgets.group(self.title(group), f"{self.key}.{group}", bool(changed))
             if pressed:
                 yield from map(ResetGroup, changed)
             if revealed and revealed not in names:
                 imgui.set_scroll_here_y(0.0)
+            if is_open and not wanted:
+                yield from self.above(state, group)
             for name in shown if is_open else ():
                 if name == revealed:
                     imgui.set_scroll_here_y(0.35)
@@ -74,6 +80,20 @@ class SignalPanel:
                 yield from self.row(state, name, group)
             if revealed:
                 self._revealed = None
+
+    def title(self, group: str) -> str:
+        """A group in words."""
+        return group.capitalize()
+
+    def above(self, state: StudioState, group: str | None) -> Iterable[Command]:
+        """What is drawn over the rows of a group, or with None over all groups."""
+        return ()
+
+
+def linked(commands: Iterable[Command], both: bool) -> Iterator[Command]:
+    """`commands` whose joints turn on both sides where `both`."""
+    for command in commands:
+        yield replace(command, linked=True) if both and isinstance(command, SetJoint) else command
 
 
 def joint_row(state: StudioState, name: str, group: str) -> Iterator[Command]:
@@ -103,10 +123,10 @@ def _vector_row(
     changed = list(values)
     for axis, (low, high) in widgets.in_rows(enumerate(bounds.tolist()), 4):
         letter = "xyz"[axis]
-        imgui.begin_disabled(low == high)
-        new = widgets.slider(f"{name}.{letter}", unit * values[axis], (low, high), form, width)
-        imgui.end_disabled()
         called = axis_names(name)[axis] if name in JOINT_NAMES else letter
+        imgui.begin_disabled(low == high)
+        new = widgets.slider(f"{name}.{letter}", unit * values[axis], (low, high), f"{called} {form}", width)
+        imgui.end_disabled()
         widgets.tooltip(f"{words(name).capitalize()}, {called}: {form % low} to {form % high}")
         widgets.axis_mark(axis)
         if new is not None:
@@ -123,18 +143,14 @@ def body_panel() -> SignalPanel:
     return SignalPanel("body", {"root": posing.GROUPS["root"], **BODY_GROUPS}, HINT, _row)
 
 
-def hand_panel(side: str) -> SignalPanel:
-    """The tab of one hand, finger by finger from the thumb."""
-    order = ("thumb", "index", "middle", "ring", "pinky")
-    assert set(order) == set(FINGERS)
-    fingers = {finger: tuple(f"{side}_{finger}{k}" for k in (1, 2, 3)) for finger in order}
-    return SignalPanel(side, fingers, HINT, _row)
-
-
 def _joint_title(name: str, group: str) -> str:
     if name == "pelvis":
         return "Turn"
     if group in FINGERS:
         return {"1": "Base" if group == "thumb" else "Knuckle", "2": "Middle", "3": "Tip"}[name[-1]]
+    if name in SPINE:
+        return SPINE[name]
     side, _, joint = name.partition("_")
+    if name in ("jaw", "left_eye", "right_eye"):
+        return group
     return words(joint if side in group and joint else name).capitalize()

@@ -21,8 +21,10 @@ FONT = "fonts/Roboto/Roboto-Regular.ttf"
 FONT_SIZE = 15.0
 _BASE = (0.094, 0.102, 0.118)
 PANEL = (0.118, 0.129, 0.149)
-_FRAME = (0.169, 0.184, 0.212)
-_RAISED = (0.212, 0.231, 0.267)
+FRAME = (0.169, 0.184, 0.212)
+UNREACHED = (0.137, 0.149, 0.172)
+"""Of a slider what its limits exclude."""
+RAISED = (0.212, 0.231, 0.267)
 SIZES: dict[str, Size] = {
     "window_padding": (10, 10), "frame_padding": (8, 4), "item_spacing": (8, 6), "item_inner_spacing": (6, 4),
     "scrollbar_size": 11, "grab_min_size": 7, "window_rounding": 6, "popup_rounding": 6, "frame_rounding": 4,
@@ -31,19 +33,19 @@ SIZES: dict[str, Size] = {
 }  # fmt: skip
 COLOURS: dict[str, Rgba] = {
     "text": (*TEXT, 1), "text_disabled": (*MUTED, 1), "window_bg": (*PANEL, 1), "child_bg": (*PANEL, 0),
-    "popup_bg": (0.137, 0.149, 0.173, 0.98), "border": (0.06, 0.065, 0.075, 1), "frame_bg": (*_FRAME, 1),
-    "frame_bg_hovered": (*_RAISED, 1), "frame_bg_active": (0.25, 0.27, 0.31, 1), "title_bg": (*_BASE, 1),
+    "popup_bg": (0.137, 0.149, 0.173, 0.98), "border": (0.06, 0.065, 0.075, 1), "frame_bg": (*FRAME, 1),
+    "frame_bg_hovered": (*RAISED, 1), "frame_bg_active": (0.25, 0.27, 0.31, 1), "title_bg": (*_BASE, 1),
     "title_bg_active": (*_BASE, 1), "title_bg_collapsed": (*_BASE, 1), "menu_bar_bg": (*_BASE, 1),
     "scrollbar_bg": (*PANEL, 0), "scrollbar_grab": (0.26, 0.28, 0.32, 1),
     "scrollbar_grab_hovered": (0.32, 0.35, 0.40, 1), "scrollbar_grab_active": (*ACCENT, 1),
     "check_mark": (*ACCENT, 1),
     "slider_grab": (0.52, 0.58, 0.68, 0.55), "slider_grab_active": (*ACCENT, 0.8),
-    "button": (*_RAISED, 1), "button_hovered": (0.27, 0.30, 0.35, 1), "button_active": (*ACCENT, 0.75),
-    "header": (0.153, 0.169, 0.196, 1), "header_hovered": (*_RAISED, 1), "header_active": (*ACCENT, 0.45),
+    "button": (*RAISED, 1), "button_hovered": (0.27, 0.30, 0.35, 1), "button_active": (*ACCENT, 0.75),
+    "header": (0.153, 0.169, 0.196, 1), "header_hovered": (*RAISED, 1), "header_active": (*ACCENT, 0.45),
     "separator": (0.18, 0.195, 0.225, 1),
     "separator_hovered": (*ACCENT, 0.6), "separator_active": (*ACCENT, 1),
     "resize_grip": (*PANEL, 0), "resize_grip_hovered": (*ACCENT, 0.5), "resize_grip_active": (*ACCENT, 1),
-    "tab": (*_BASE, 1), "tab_hovered": (*_RAISED, 1), "tab_selected": (*PANEL, 1),
+    "tab": (*_BASE, 1), "tab_hovered": (*RAISED, 1), "tab_selected": (*PANEL, 1),
     "tab_selected_overline": (*ACCENT, 1), "tab_dimmed": (*_BASE, 1), "tab_dimmed_selected": (*PANEL, 1),
     "tab_dimmed_selected_overline": (*ACCENT, 0.5), "docking_preview": (*ACCENT, 0.4),
     "docking_empty_bg": (*_BASE, 1), "text_selected_bg": (*ACCENT, 0.35), "nav_cursor": (*ACCENT, 0.8),

@@ -28,14 +28,44 @@ def fill(spare: float = 0.0) -> None:
 def slider(
     name: str, value: float, bounds: tuple[float, float], form: str, width: float | None = None, rest: float = 0.0
 ) -> float | None:
-    """The new value while it is dragged or typed (Ctrl+click); a double click gives `rest`; else None."""
-    fill() if width is None else imgui.set_next_item_width(width)
-    zero = float((form.partition("f")[0] + "f") % value) == 0  # never "-0"
-    moved, new = imgui.slider_float(f"##{name}", 0.0 if zero else value, *bounds, form)
+    """The new value while it is dragged or typed (Ctrl+click); a double click gives `rest`; else None.
+
+    A bar from zero to the value: at the left for what begins at zero, else in the middle, whatever the bounds. A click alone
+    changes nothing, a drag over the whole width is the whole range, Alt is fine, Shift quick.
+    """
+    width = room() if width is None else width
+    low, high = bounds
+    signed = low < 0 < high
+    span = 2 * max(-low, high) if signed else (high - low) or 1.0
+    _bar(width, *(0.5 * signed + (x - (0.0 if signed else low)) / span for x in (value, rest, low, high)))
+    imgui.set_next_item_width(width)
+    shown = 0.0 if not any(digit in "123456789" for digit in form % value) else value  # never "-0"
+    with imgui_ctx.push_style_color(imgui.Col_.frame_bg, theme.vec4(theme.PANEL, 0.0)):
+        moved, new = imgui.drag_float(
+            f"##{name}", shown, span / max(width, 1.0), low, high, form, imgui.SliderFlags_.clamp_on_input
+        )
     if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
-        imgui.internal.clear_active_id()  # else the pressed button drags it to the cursor again
+        imgui.internal.clear_active_id()  # else the second click opens a text
         return rest
     return new if moved else None
+
+
+def _bar(width: float, value: float, rest: float, low: float, high: float) -> None:
+    """The ground of a slider: all are shares of its width; what cannot be reached is darker."""
+    draw, place, height = imgui.get_window_draw_list(), imgui.get_cursor_screen_pos(), imgui.get_frame_height()
+
+    def fill(start: float, end: float, colour: int, rounding: float = 4.0) -> None:
+        left, right = (place.x + width * min(max(x, 0.0), 1.0) for x in sorted((start, end)))
+        draw.add_rect_filled((left, place.y), (right, place.y + height), colour, rounding)
+
+    fill(0, 1, theme.colour(theme.UNREACHED))
+    fill(low, high, theme.colour(theme.FRAME))
+    if value != rest:
+        fill(rest, value, theme.colour(theme.ACCENT, 0.42), 2.0)
+    if 0 < rest < 1:
+        x = place.x + width * rest
+        for top in (place.y + 1, place.y + height - 5):  # the text is between
+            draw.add_line((x, top), (x, top + 4), theme.colour(theme.MUTED, 0.7))
 
 
 def choice(

@@ -105,6 +105,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("redo", "Redo", "Edit", "Ctrl+Shift+Z", effect="redo", enabled=lambda journal: bool(journal.undone)),
     Action("pose.copy", "Copy pose", "Edit", "Ctrl+C", effect="copy_pose", separator=True),
     Action("pose.paste", "Paste pose", "Edit", "Ctrl+V", effect="paste_pose"),
+    Action("pose.paste_flipped", "Paste pose flipped", "Edit", "Ctrl+Shift+V", effect="paste_flipped"),
     Action("pose.mirror", "Mirror pose", "Pose", "M", command=_fixed(commands.Mirror())),
     Action("pose.reset", "Reset everything", "Pose", "Ctrl+R", command=_fixed(commands.Reset())),
     Action("pose.reset_body", "Reset body", "Pose", command=_fixed(commands.ResetGroup("body")), separator=True),

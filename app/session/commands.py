@@ -14,10 +14,13 @@ from avatarrex_studio.session import posing
 from avatarrex_studio.session.state import Colour, MotionState, SizePolicy, StudioState, Vector
 
 from avatarrex.errors import InputError
-from avatarrex.signals.driving import Signals
+from avatarrex.signals.driving import SHAPES, Signals
 from avatarrex.signals.import_options import ImportOptions
-from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
+from avatarrex.signals.joints import FINGERS
+from avatarrex.signals.library import hands_of_pose, mirror, named_expression, named_hand, named_pose
 from avatarrex.signals.limits import random_signals
+from avatarrex.signals.macros import set_face, set_hand
+from avatarrex.signals.sequence import interpolate
 
 
 @dataclass_transform(frozen_default=True)
@@ -122,9 +125,15 @@ class LookAt(Setting):
 class SetJoint(Setting):
     joint: str
     rotation: Vector
+    linked: bool = False
+    """Whether its counterpart on the other side turns like its mirror image."""
 
     def apply(self, state: StudioState) -> StudioState:
-        return state.change(signals=posing.set_joint(state.signals, self.joint, self.rotation, state.limit_joints))
+        signals = posing.set_joint(state.signals, self.joint, self.rotation, state.limit_joints)
+        if self.linked and (other := posing.counterpart(self.joint)) != self.joint:
+            x, y, z = self.rotation
+            signals = posing.set_joint(signals, other, (x, -y, -z), state.limit_joints)
+        return state.change(signals=signals)
 
 
 class SetTranslation(Setting):
@@ -137,10 +146,15 @@ class SetTranslation(Setting):
 class SetExpression(Setting):
     name: str
     value: float
+    linked: bool = False
+    """Whether its counterpart on the other side gets the same value."""
 
     def apply(self, state: StudioState) -> StudioState:
         value = float(np.clip(self.value, 0, 1)) if state.limit_joints else self.value
-        return state.change(signals=posing.set_expression(state.signals, self.name, value))
+        signals = posing.set_expression(state.signals, self.name, value)
+        if self.linked:
+            signals = posing.set_expression(signals, posing.counterpart(self.name), value)
+        return state.change(signals=signals)
 
 
 class SetShape(Setting):
@@ -166,12 +180,12 @@ class SetHandPose(Command):
 
 
 class ApplyPose(Command):
-    """A named body pose; hands and face stay."""
+    """A named body pose with the hands that it needs, if any; the face stays."""
 
     name: str
 
     def apply(self, state: StudioState) -> StudioState:
-        return state.pose(body_pose=named_pose(self.name))
+        return state.pose(body_pose=named_pose(self.name), **hands_of_pose(self.name))
 
 
 class ApplyExpression(Command):
@@ -336,6 +350,65 @@ class SetFrame(Setting):
         if state.motion is None:
             raise InputError("frame", "", "a motion to be loaded first", self.frame)
         return state.play(replace(state.motion, frame=self.frame), self.signals)
+
+
+class SetFingers(Setting):
+    """A macro of one finger, or of `all`: `name` is e.g. `left index curl`; `linked`: of both hands."""
+
+    name: str
+    value: float
+    linked: bool = False
+
+    def apply(self, state: StudioState) -> StudioState:
+        side, _, rest = self.name.partition(" ")
+        finger, _, macro = rest.partition(" ")
+        fingers = FINGERS if finger == "all" else (finger,)
+        sides = ("left", "right") if self.linked and side in ("left", "right") else (side,)
+        hands = {}
+        for each in sides:
+            pose = getattr(state.signals, f"{each}_hand_pose", np.zeros((15, 3)))
+            hands[f"{each}_hand_pose"] = set_hand(pose, each, fingers, macro, self.value)
+        changed = state.pose(**hands)
+        return changed.change(signals=posing.limited(changed.signals, tuple(hands))) if state.limit_joints else changed
+
+
+class SetFaceMacro(Setting):
+    """A macro of the face, such as `smile`, at a value from 0 to 1."""
+
+    name: str
+    value: float
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state.pose(expression=set_face(state.signals.expression, self.name, self.value))
+
+
+class ScaleGroup(Setting):
+    """A group's joints and coefficients times `factor`: 0 is rest, 1 what they are."""
+
+    name: str
+    factor: float
+
+    def apply(self, state: StudioState) -> StudioState:
+        if not 0 <= self.factor <= 2:
+            raise InputError("factor", "", "0 to 2", self.factor)
+        return state.change(signals=posing.scaled(state.signals, self.name, self.factor))
+
+
+class Blend(Setting):
+    """From the present state towards an entry of a library: `amount` of the way (0 to 1) in the fields `parts` of `signals`."""
+
+    name: str
+    signals: Signals
+    parts: tuple[str, ...]
+    amount: float = 1.0
+
+    def apply(self, state: StudioState) -> StudioState:
+        if not 0 <= self.amount <= 1:
+            raise InputError("blend", "", "0 to 1", self.amount)
+        if unknown := sorted(set(self.parts) - set(SHAPES)):
+            raise InputError("blend", unknown[0], "one of " + ", ".join(SHAPES), "an unknown field")
+        target = self.signals if self.amount == 1 else interpolate(state.signals, self.signals, self.amount)
+        return state.pose(**{part: getattr(target, part) for part in self.parts})
 
 
 class CloseMotion(Command):

@@ -6,6 +6,8 @@ Letters: n the 230 numbers of a signal.
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from avatarrex_studio.session.state import Vector, vector
 from jaxtyping import Float64
@@ -20,7 +22,7 @@ from avatarrex.signals.joints import (
     HAND_JOINTS,
     JOINT_NAMES,
 )
-from avatarrex.signals.limits import LIMITS
+from avatarrex.signals.limits import LIMITS, clamp
 from avatarrex.templates.parts import HANDS
 
 SLOTS: dict[str, slice] = {
@@ -90,6 +92,27 @@ def copy_group(signals: Signals, source: Signals, group: str) -> Signals:
     return _with(
         signals, {name: numbers[SLOTS[name]] for name in GROUPS[group] if name not in ("translation", "shape")}
     )
+
+
+def counterpart(name: str) -> str:
+    """The joint or coefficient on the other side; itself in the middle."""
+    swap = {"left": "right", "right": "left", "Left": "Right", "Right": "Left"}
+    other = re.sub("^(left|right)(?=_)|(?<=[a-z])(Left|Right)$", lambda side: swap[side[0]], name)
+    return other if other in SLOTS and other not in ("jawLeft", "jawRight", "mouthLeft", "mouthRight") else name
+
+
+def limited(signals: Signals, parts: tuple[str, ...]) -> Signals:
+    """`signals` with some of its fields within the joint limits."""
+    within = clamp(signals)
+    return signals.replace(**{part: getattr(within, part) for part in parts})
+
+
+def scaled(signals: Signals, group: str, factor: float) -> Signals:
+    """The joints and coefficients of one of `GROUPS` times `factor`. Raises `InputError` for another name."""
+    if group not in GROUPS:
+        raise InputError("group", "", "one of " + ", ".join(GROUPS), group)
+    numbers = _numbers(signals)
+    return _with(signals, {name: factor * numbers[SLOTS[name]] for name in GROUPS[group]})
 
 
 def changed(signals: Signals, name: str) -> bool:

@@ -25,7 +25,8 @@ from avatarrex_studio.panels import camera, keys, menu, performance, render, sce
 from avatarrex_studio.panels.console import ConsolePanel
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.files import FileDialogs
-from avatarrex_studio.panels.joints import body_panel, hand_panel
+from avatarrex_studio.panels.hands import HandPanel
+from avatarrex_studio.panels.joints import body_panel
 from avatarrex_studio.panels.palette import Palette
 from avatarrex_studio.panels.poses import PosesPanel
 from avatarrex_studio.panels.timeline import TimelinePanel
@@ -44,7 +45,7 @@ from imgui_bundle import hello_imgui, imgui, immapp
 from avatarrex.errors import InputError
 from avatarrex.gl.context import REQUIRED, renderer_name
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.library import named_hand, named_pose
+from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
 
 log = logging.getLogger(__name__)
 WARM_UP = 3
@@ -65,7 +66,7 @@ class Window:
         self.studio = studio
         self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
         self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
-        self.body, self.left, self.right = body_panel(), hand_panel("left"), hand_panel("right")
+        self.body, self.left, self.right = body_panel(), HandPanel("left"), HandPanel("right")
         self._sliders = {"Body": self.body, "Left hand": self.left, "Right hand": self.right, "Face": face_panel()}
         self.face, self.poses, self.palette, self.files = self._sliders["Face"], PosesPanel(), Palette(), FileDialogs()
         self.screen = Screen()
@@ -74,15 +75,16 @@ class Window:
         self._frames = self._gesture = 0
         self._wheel = (0.0, 0)
         self._chords = [(keys.chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut]
-        self._effects = {
+        self._effects: dict[str, Callable[[], None]] = {
             "undo": studio.undo, "redo": studio.redo, "toggle_play": studio.toggle_play,
             "step_back": lambda: studio.step_by(-1), "step_on": lambda: studio.step_by(1),
             "read_motion": self.timeline.reading.open,
             "open_motion": lambda: self.files.open("motion", "Open a motion", studio.open_motion),
             "open_session": lambda: self.files.open("session", "Open a session", studio.open_session),
             "save_session": lambda: self.files.open("session", "Save the session", studio.save_session, save=True),
-            "copy_pose": self._copy, "paste_pose": self._paste, "screenshot": self._screenshot,
-            "look_at_camera": studio.look_at_camera, "whole_person": lambda: studio.frame_person(self.viewport.size),
+            "copy_pose": self._copy, "paste_pose": self._paste, "paste_flipped": partial(self._paste, flipped=True),
+            "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera,
+            "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
             "quit": self._quit,
         }  # fmt: skip
@@ -226,16 +228,19 @@ class Window:
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = not self.studio.moving and self._frames > WARM_UP + 1
         typing = TYPING_FPS if imgui.get_io().want_text_input else IDLE_FPS
-        idling.fps_idle = READING_FPS if self.studio.avatars.reading else typing
+        self.poses.cards.tend(context, self.studio.avatars.ready(self.studio.state.avatar), not self.studio.moving)
+        waiting = self.studio.avatars.reading or self.poses.cards.waiting
+        idling.fps_idle = READING_FPS if waiting else typing
         if context.screen:
             context.screen.use()
 
     def _copy(self) -> None:
         imgui.set_clipboard_text(json.dumps(self.studio.state.signals.to_json()))
 
-    def _paste(self) -> None:
+    def _paste(self, flipped: bool = False) -> None:
         with refusals_logged():
-            self.studio.do(SetSignals(Signals.from_json(imgui.get_clipboard_text(), "clipboard")))
+            signals = Signals.from_json(imgui.get_clipboard_text(), "clipboard")
+            self.studio.do(SetSignals(mirror(signals) if flipped else signals))
 
     def _screenshot(self) -> None:
         path = Path.cwd() / time.strftime("avatarrex-%Y%m%d-%H%M%S.png")
@@ -272,9 +277,10 @@ def run_window(source: str = "default", device: str = "cpu") -> int:
 
 
 def start(avatar: str = "default") -> StudioState:
-    """The state that a new window opens with: standing, hands relaxed."""
+    """The state that a new window opens with: standing, hands and face relaxed."""
     hands = {f"{side}_hand_pose": named_hand("relaxed", side) for side in ("left", "right")}
-    return StudioState(avatar=avatar, signals=Signals.rest().replace(body_pose=named_pose("stand"), **hands))
+    parts = {"body_pose": named_pose("stand"), "expression": named_expression("relaxed"), **hands}
+    return StudioState(avatar=avatar, signals=Signals.rest().replace(**parts))
 
 
 def _configure() -> None:

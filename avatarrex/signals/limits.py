@@ -30,7 +30,7 @@ _MIDDLE = {
     "head": ((-25, 25), (-35, 35), (-20, 20)),
     "jaw": ((0, 20), (-5, 5), (0, 0)),
 }
-_FLEXION = {
+FLEXION = {
     "index": (0.17, 0.21, -0.96), "middle": (-0.14, 0.06, -0.99), "ring": (-0.34, 0.07, -0.94), "pinky": (-0.43, -0.09, -0.90),
     "thumb": (0.53, 0.84, -0.02),
 }  # fmt: skip
@@ -61,7 +61,7 @@ def _left(part: str) -> tuple[tuple[int, int], ...]:
     low, high = _CLOSE[part if finger == "thumb" else knuckle]
     spread = _SPREAD[finger] if knuckle == "1" else 0
     box = []
-    for axis, extra in zip(_FLEXION[finger], (0, spread, 0)):
+    for axis, extra in zip(FLEXION[finger], (0, spread, 0)):
         ends = sorted((axis * low, axis * high))
         # 2: named poses are given in whole degrees
         box.append((round(ends[0]) - 2 - extra, round(ends[1]) + 2 + extra))

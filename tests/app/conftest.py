@@ -22,6 +22,14 @@ class Clock:
         return self.now
 
 
+@pytest.fixture(autouse=True)
+def folders_of_our_own(tmp_path_factory, monkeypatch):
+    """The user's library and cache are neither read nor written."""
+    folder = tmp_path_factory.mktemp("user")
+    monkeypatch.setenv("AVATARREX_LIBRARY", str(folder / "library"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+
+
 @pytest.fixture
 def clock():
     return Clock()

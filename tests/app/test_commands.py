@@ -47,6 +47,10 @@ EVERY = (
     commands.SetFrame(3, STEPPING.replace(translation=np.array([1.0, 0.0, 2.0]))),
     commands.CloseMotion(),
     commands.Reset(),
+    commands.SetFingers("left index curl", 0.5),
+    commands.SetFaceMacro("smile", 0.5),
+    commands.ScaleGroup("face", 0.5),
+    commands.Blend("walk", STEPPING, ("body_pose",), 0.5),
 )
 
 

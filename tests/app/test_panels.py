@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from avatarrex_studio.panels import camera, keys, performance, render, scene
 from avatarrex_studio.panels.face import face_panel
-from avatarrex_studio.panels.joints import body_panel, hand_panel
+from avatarrex_studio.panels.hands import HandPanel
+from avatarrex_studio.panels.joints import body_panel
 from avatarrex_studio.panels.poses import PosesPanel
 from avatarrex_studio.panels.timeline import TimelinePanel
 from avatarrex_studio.panels.viewport import Shown, ViewportPanel
@@ -80,14 +81,15 @@ def find(screen, draw, wanted):
 
 def test_every_joint_and_coefficient_has_its_slider(monkeypatch, screen):
     state, ids = StudioState(limit_joints=False), []
-    real = imgui.slider_float
+    real = imgui.drag_float
 
     def spy(label, *arguments):
         ids.append(label.removeprefix("##"))
         return real(label, *arguments)
 
-    monkeypatch.setattr(imgui, "slider_float", spy)
-    for panel in (body_panel(), hand_panel("left"), hand_panel("right"), face_panel()):
+    monkeypatch.setattr(imgui, "drag_float", spy)
+    for panel in (body_panel(), HandPanel("left"), HandPanel("right"), face_panel()):
+        panel.above = lambda state, group: ()
         screen.frame(lambda panel=panel: panel.draw(state))
     joints = [f"{name}.{axis}" for name in JOINT_NAMES for axis in "xyz"]
     assert sorted(ids) == sorted([*joints, *EXPRESSION_NAMES, *(f"translation.{axis}" for axis in "xyz")])

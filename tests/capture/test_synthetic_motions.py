@@ -93,3 +93,14 @@ def test_the_face_shows_every_expression_and_speaks() -> None:
     assert 4 < np.degrees(np.ptp(pose[:, JOINT_NAMES.index("head")], axis=0).max()) < 30
     np.testing.assert_array_equal(pose[:, 23], pose[:, 24])
     assert np.degrees(np.ptp(pose[:, 23], axis=0).max()) > 10
+
+
+def test_captures_keep_their_poses():
+    """Whatever the library's entries become: figures of trainings rest on the same pictures. Sums of weighted signals."""
+    expected = {"body": 27.989496349, "tunic": 27.814675366, "face": 17.208959378}
+    found = {"body": body_motion(40, 0), "tunic": body_motion(40, 0, 10.0), "face": face_motion(40, 0)}
+    for name, sequence in found.items():
+        moved = [np.ravel([getattr(signals, field) for signals in sequence]) for field in ("translation", "expression")]
+        values = np.concatenate([poses(sequence).ravel(), *moved])
+        weights = np.random.default_rng(0).normal(size=values.size)
+        assert weights @ values == pytest.approx(expected[name], abs=1e-6), name

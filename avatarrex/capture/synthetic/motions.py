@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.ground import grounded
 from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, JOINT_NAMES, JOINT_ROWS
-from avatarrex.signals.library import HANDS, Turn, coefficients, named_expression, named_hand, named_pose, turned
+from avatarrex.signals.library import Turn, coefficients, named_expression, named_hand, named_pose, turned
 from avatarrex.signals.limits import clamp
 from avatarrex.signals.sequence import SignalSequence
 
@@ -31,11 +31,18 @@ _DOWN: dict[str, Turn] = {
     "left_hip": (0, 6, 2),
     "right_hip": (0, -6, -2),
 }
+_HIPS: dict[str, Turn] = {
+    "both_collar": (9, 13.3, -10.3),
+    "both_shoulder": (28.6, 16.2, -55.1),
+    "both_elbow": (-12.3, -97.9, -8.1),
+    "both_wrist": (-2.9, 5.9, -28.2),
+}
+"""Hands on the hips as captures have had them from the first: figures of trainings rest on the same pictures."""
 
 
 @dataclass(frozen=True)
 class BodyKey:
-    """A named library pose, or joints over the standing pose, at one moment."""
+    """A named library pose, `_HIPS`, or joints over the standing pose, at one moment."""
 
     pose: str = "stand"
     joints: dict[str, Turn] = field(default_factory=dict)
@@ -96,6 +103,13 @@ EXPRESSIONS = (
     "neutral", "smile", "laugh", "neutral", "surprise", "anger", "neutral", "sadness", "disgust", "wink", "kiss", "puff",
     "funnel", "jaw_open", "neutral",
 )  # fmt: skip
+_EXPRESSIONS: dict[str, dict[str, float]] = {
+    "anger": {"browDown*": 1.0, "noseSneer*": 0.6, "mouthPress*": 0.6, "eyeSquint*": 0.4},
+    "disgust": {"noseSneer*": 1.0, "mouthUpperUp*": 0.6, "browDown*": 0.5},
+    "puff": {"cheekPuff": 1.0},
+}
+"""Of `EXPRESSIONS`, those that captures have in another strength than the library, for the reason of `_HIPS`."""
+HANDS = ("flat", "relaxed", "fist", "point", "pinch", "spread", "victory")
 VISEMES: dict[str, dict[str, float]] = {
     "aa": {"jawOpen": 0.52, "mouthLowerDown*": 0.22, "mouthUpperUp*": 0.14},
     "ee": {"jawOpen": 0.16, "mouthStretch*": 0.42, "mouthSmile*": 0.34, "mouthLowerDown*": 0.22},
@@ -183,7 +197,8 @@ def _rate(at: np.ndarray) -> float:
 
 def _body_pose(key: BodyKey, amplitude: float, girth: float) -> np.ndarray:
     """(21, 3): the library pose with the key's joints, the latter scaled about the standing pose."""
-    pose = turned(np.zeros((21, 3)), _DOWN) if key.pose == "stand" else named_pose(key.pose)
+    own = {"stand": _DOWN, "hands_on_hips": _HIPS}
+    pose = turned(np.zeros((21, 3)), own[key.pose]) if key.pose in own else named_pose(key.pose)
     pose = np.asarray(pose + amplitude * (turned(pose, key.joints) - pose))
     if key.pose == "hands_on_hips":
         for joint, side in (("left_shoulder", 1), ("right_shoulder", -1)):
@@ -209,8 +224,8 @@ def _sway(at: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _hands(at: np.ndarray, times: np.ndarray, side: str, rng: np.random.Generator) -> np.ndarray:
-    """(t, 15, 3): a hand pose at every body key, all of the library in turn."""
-    names = [name for name in HANDS if name != "thumbs_up"] + ["relaxed", "thumbs_up", "relaxed"]
+    """(t, 15, 3): a hand pose at every body key, all of `HANDS` in turn."""
+    names = [*HANDS, "relaxed", "thumbs_up", "relaxed"]
     order = [names[k] for _ in range(len(times) // len(names) + 1) for k in rng.permutation(len(names))]
     chosen = [key.hands or name for key, name in zip(BODY_KEYS, order)]
     return np.asarray(PchipInterpolator(times, np.stack([named_hand(name, side) for name in chosen]))(at))
@@ -222,13 +237,18 @@ def _gaze(at: np.ndarray, rng: np.random.Generator, degrees: float) -> np.ndarra
     return np.repeat(np.insert(look, 2, 0, axis=1)[:, None], 2, axis=1)
 
 
+def _expression(name: str) -> np.ndarray:
+    """ψ (52,) of one of `EXPRESSIONS`."""
+    return coefficients(_EXPRESSIONS[name]) if name in _EXPRESSIONS else named_expression(name)
+
+
 def _face_track(at: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(t, 52): expressions with mixtures of two, speech, blinks; repeated as long as `at` lasts."""
     keys = [np.zeros(52)]
     while len(keys) * FACE_KEY <= at[-1] + FACE_KEY:
         for name in EXPRESSIONS:
-            value = named_expression(name) * rng.uniform(0.75, 1.0)
-            other = named_expression(EXPRESSIONS[rng.integers(len(EXPRESSIONS))])
+            value = _expression(name) * rng.uniform(0.75, 1.0)
+            other = _expression(EXPRESSIONS[rng.integers(len(EXPRESSIONS))])
             mixed = np.maximum(value, rng.uniform(0.2, 0.5) * other)
             keys += [0.6 * value, value, mixed, 0.4 * mixed]
         smile = rng.uniform(0, 0.4) * named_expression("smile")
