@@ -102,18 +102,28 @@ class DetailTexture(nn.Module):
         return torch.nn.functional.embedding_bag(places.texel, self.texel, per_sample_weights=places.share, mode="sum")
 
     @torch.no_grad()
-    def paint(self, albedo: Float[Tensor, "t 3"], known: Bool[Tensor, " t"]) -> None:
-        """Set the texels to `albedo` (sRGB, light divided out) where it is `known`, elsewhere to the nearest known one's."""
-        place = self.lattice.position
-        texel = logit(albedo)
-        if not known.all():
-            texel[~known] = texel[torch.from_numpy(_nearest(place, known.numpy()))]
-        self.texel.copy_(texel)
+    def paint(self, albedo: Float[Tensor, "t 3"]) -> None:
+        """Set the texels to `albedo`, sRGB, light divided out."""
+        self.texel.copy_(logit(albedo))
+
+    def continued(self, albedo: Float[Tensor, "t 3"], known: Bool[Tensor, " t"]) -> Float[Tensor, "t 3"]:
+        """`albedo` where it is `known`, elsewhere the nearest known one's."""
+        if known.all():
+            return albedo
+        found = albedo.clone()
+        found[~known] = albedo[torch.from_numpy(_nearest(self.lattice.position, known.numpy()))]
+        return found
 
 
 def texel_count(edge: Int[np.ndarray, " f"]) -> Int[np.ndarray, " f"]:
     """How many texels a triangle has that has so many intervals along an edge; none of 0."""
     return np.where(edge > 0, (edge + 1) * (edge + 2) // 2, 0)
+
+
+def texel_number(i: np.ndarray, j: np.ndarray, r: np.ndarray | int) -> np.ndarray:
+    """Of the texel at (i, j, r − i − j)/r within its triangle: rows of i, the longest first."""
+    number: np.ndarray = i * (r + 1) - i * (i - 1) // 2 + j
+    return number
 
 
 def _nearest(place: Float[np.ndarray, "t 3"], known: Bool[np.ndarray, " t"]) -> Int[np.ndarray, " u"]:
@@ -177,7 +187,7 @@ class _Lattice:
             i, j = (table.ravel() for table in np.indices((r + 1, r + 1)))
             i, j = i[i + j <= r], j[i + j <= r]
             weight = np.stack([i, j, r - i - j], 1) / r
-            rows = self.first[some, None] + self._number(i, j, r)
+            rows = self.first[some, None] + texel_number(i, j, r)
             found[rows] = np.einsum("tk,fkc->ftc", weight, self.vertices[self.faces[some]])
         return found
 
@@ -208,13 +218,7 @@ class _Lattice:
         texel = np.empty((len(face), 3), np.int64)
         for axis, step in enumerate(np.eye(3, dtype=np.int64)):
             corner = np.where(turned, low + 1 - step, low + np.where(left == 1, 1, 0)[:, None] * step)
-            texel[:, axis] = self.first[face] + self._number(corner[:, 0], corner[:, 1], r)
+            texel[:, axis] = self.first[face] + texel_number(corner[:, 0], corner[:, 1], r)
         off = np.linalg.norm(points - self.at(face, weight), axis=1)
         fade = np.clip((OFF[1] - off) / (OFF[1] - OFF[0]), 0, 1)
         return texel, (share * fade[:, None]).astype(np.float32)
-
-    @staticmethod
-    def _number(i: np.ndarray, j: np.ndarray, r: np.ndarray | int) -> np.ndarray:
-        """Of the texel at (i, j, r − i − j)/r within its triangle: rows of i, the longest first."""
-        number: np.ndarray = i * (r + 1) - i * (i - 1) // 2 + j
-        return number

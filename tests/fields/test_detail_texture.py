@@ -88,12 +88,12 @@ def test_gradients_reach_the_texels() -> None:
     torch.testing.assert_close(texture.texel.grad, expected)
 
 
-def test_paint_gives_unseen_texels_their_nearest_seen_ones_colour() -> None:
+def test_unseen_texels_continue_with_their_nearest_seen_ones_colour() -> None:
     texture = laid()
     place = torch.from_numpy(texture.lattice.position)
     known = place[:, 0] < 0
     albedo = torch.where(known[:, None], torch.tensor([0.2, 0.4, 0.6]), torch.tensor([1.0, 1.0, 1.0]))
-    texture.paint(albedo.float(), known)
+    texture.paint(texture.continued(albedo.float(), known))
     torch.testing.assert_close(torch.sigmoid(texture.texel), torch.tensor([[0.2, 0.4, 0.6]]).expand(len(place), 3))
 
 

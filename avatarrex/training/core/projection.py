@@ -23,9 +23,11 @@ from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
 from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
 from avatarrex.fields.face import FaceField
+from avatarrex.fields.texel_neighbours import texel_neighbours
 from avatarrex.parts.face import Face, face_state
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.colour import surface_points
+from avatarrex.training.core.agreement import agreed
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.trained_field import FACE
 
@@ -39,6 +41,9 @@ ALONE = 0.01
 """Share of the parts beside the body, at most."""
 ROUNDS, STRAY = 2, 0.1
 """Means after the first, and the difference in sRGB at which a pixel's weight has fallen to a quarter."""
+
+SEEN = 1e-4
+"""Weight from which a texel counts as seen."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,7 @@ def _on_face(avatar: Avatar, frame: TrainingFrame, position: Tensor) -> tuple[Te
 
 def paint(detail: DetailTexture, pictures: list[Projected], where: str) -> None:
     """Robust means of what the pictures show; `where` they are from, for an error."""
-    mean = total = torch.zeros(len(detail.texel), 1)
+    mean, beside = torch.zeros(len(detail.texel), 3), texel_neighbours(detail.lattice.edge, detail.lattice.faces)
     for round in range(1 + ROUNDS):
         old = mean
         sums = torch.zeros(len(detail.texel), 4)
@@ -123,8 +128,9 @@ def paint(detail: DetailTexture, pictures: list[Projected], where: str) -> None:
             counted = (weight[..., None] * one.albedo[:, None]).flatten(0, 1)
             for column, value in enumerate((weight.flatten(), *counted.T)):
                 sums[:, column] += torch.bincount(flat, value, len(sums))
-        mean, total = sums[:, 1:], sums[:, :1]
-        mean = mean / total.clamp_min(1e-12)
-    if not (total > 0).any():
-        raise InputError(where, "pictures", "some that show the body", "none")
-    detail.paint(mean, total[:, 0] > 1e-4)
+        total = sums[:, 0]
+        if not (total > 0).any():
+            raise InputError(where, "pictures", "some that show the body", "none")
+        mean = detail.continued(sums[:, 1:] / total[:, None].clamp_min(1e-12), total > SEEN)
+        mean = agreed(mean, total, beside)
+    detail.paint(mean)
