@@ -33,7 +33,7 @@ def test_what_is_linear_is_given_back(spacing: float) -> None:
     weight[:3] = np.eye(3)  # corners
     weight[3:6] = (1 - np.eye(3)) / 2  # edges
     texture.texel.data.copy_(torch.from_numpy(texture.lattice.position))
-    found = texture(texture.places_on(face, weight)).detach()
+    found = texture(texture.places_on(face, weight, np.zeros((len(face), 3)))).detach()
     np.testing.assert_allclose(found, texture.lattice.at(face, weight), atol=1e-6)
 
 
@@ -78,7 +78,7 @@ def test_compiled_loops_are_the_reference() -> None:
 def test_gradients_reach_the_texels() -> None:
     texture, (face, weight) = laid(0.05), on_faces(20)
     texture.double()
-    places = texture.places_on(face, weight)
+    places = texture.places_on(face, weight, np.zeros((len(face), 3)))
     wanted = torch.rand(20, 3, dtype=torch.double)
     texture(places).backward(wanted)
     assert texture.texel.grad is not None

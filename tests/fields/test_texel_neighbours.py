@@ -41,4 +41,5 @@ def test_a_coarser_lattice_meets_a_finer_one_at_the_nearest() -> None:
 
 def test_triangles_without_texels_have_no_neighbours() -> None:
     pairs = texel_neighbours(np.array([3, 0]), np.array([[0, 1, 2], [0, 2, 3]]))
-    assert pairs.max() < 10 and len(pairs) == 18
+    assert pairs.max() < 10
+    assert len(pairs) == 18

@@ -19,7 +19,8 @@ def moved(slopes: list[list[float]], rate: float = 0.01) -> list[float]:
 def test_a_weak_slope_moves_little() -> None:
     """By the ratio of the slopes; Adam moves both by the rate."""
     strong, weak = moved([[-1.0, -0.01]] * 5)
-    assert strong > 0 and weak == pytest.approx(strong / 100)
+    assert strong > 0
+    assert weak == pytest.approx(strong / 100)
 
 
 def test_a_single_look_moves_a_texel_once() -> None:

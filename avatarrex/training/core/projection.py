@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
@@ -29,6 +29,7 @@ from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.colour import surface_points
 from avatarrex.training.core.agreement import agreed
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
+from avatarrex.training.core.supervision import hidden_at_rest
 from avatarrex.training.core.trained_field import FACE
 
 PICTURES = 120
@@ -42,6 +43,8 @@ ALONE = 0.01
 ROUNDS, STRAY = 2, 0.1
 """Means after the first, and the difference in sRGB at which a pixel's weight has fallen to a quarter."""
 
+EYES, MOUTH = ("left_eye", "right_eye"), ("upper_teeth", "lower_teeth", "tongue")
+"""Groups of the face's template: what lids hide has texels, what lies within the mouth has none."""
 SEEN = 1e-4
 """Weight from which a texel counts as seen."""
 
@@ -62,7 +65,10 @@ def start_from_pictures(avatar: Avatar, part: str, store: FrameStore, spacing: f
     Raises `InputError` where no picture shows it.
     """
     field = avatar.face if part == "face" else avatar.body
-    field.add_detail(spacing)
+    if isinstance(field, FaceField):
+        field.add_detail(spacing, without_mouth(avatar))
+    else:
+        field.add_detail(spacing)
     assert field.detail is not None
     stores = [store] if store.close is None else [store, store.close]
     chosen = [(one, one.pairs[k]) for one in stores for k in _spread(len(one.pairs), PICTURES // len(stores))]
@@ -71,6 +77,19 @@ def start_from_pictures(avatar: Avatar, part: str, store: FrameStore, spacing: f
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
     for parameter in last.parameters():
         parameter.zero_()
+
+
+def without_mouth(avatar: Avatar) -> Bool[Tensor, " f"]:
+    """The face's triangles but those within the mouth, which show while it is open alone.
+
+    Lips slide over them: where the pictures' lips are not quite the template's, texels of teeth and cavity lay on lips, and
+    a smile that no picture has was dotted with them.
+    """
+    template = avatar.person.face
+    hidden = hidden_at_rest(avatar.face, template.v_template.float())
+    for name, within in {**dict.fromkeys(EYES, False), **dict.fromkeys(MOUTH, True)}.items():
+        hidden[template.model.groups.get(name, [])] = within
+    return ~hidden[template.faces].all(1)
 
 
 def _spread(count: int, wanted: int) -> list[int]:
