@@ -56,27 +56,33 @@ class DetailTexture(nn.Module):
     edge: Tensor
     """(f,) texel intervals along an edge; 0 where a triangle has none."""
 
-    def __init__(self, edge: UInt8[Tensor, " f"]) -> None:
+    def __init__(self, edge: UInt8[Tensor, " f"], off: tuple[float, float] = OFF) -> None:
         super().__init__()
         self.register_buffer("edge", edge)
+        self.off = off
         self.texel = nn.Parameter(torch.zeros(int(texel_count(edge.long().numpy()).sum()), 3))
         self._lattice: _Lattice | None = None
 
     @classmethod
     def of(
-        cls, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"], spacing: float, shown: Bool[Tensor, " f"]
+        cls,
+        vertices: Float[Tensor, "v 3"],
+        faces: Int[Tensor, "f 3"],
+        spacing: float,
+        shown: Bool[Tensor, " f"],
+        off: tuple[float, float] = OFF,
     ) -> DetailTexture:
-        """Texels about `spacing` metres apart on the triangles that are `shown`, all grey."""
+        """Texels about `spacing` metres apart on the triangles that are `shown`, all grey; they fade out `off` metres from them."""
         a, b, c = vertices[faces].double().unbind(1)
         area = torch.linalg.cross(b - a, c - a).norm(dim=-1) / 2
         edge = ((4 * area / 3**0.5).sqrt() / spacing).round().clamp(1, MOST_EDGE) * shown
-        texture = cls(edge.to(torch.uint8))
+        texture = cls(edge.to(torch.uint8), off)
         texture.lay(vertices, faces)
         return texture
 
     def lay(self, vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) -> None:
         """Let the triangles be those of a mesh at rest, metres."""
-        self._lattice = _Lattice(vertices.double().numpy(), faces.numpy(), self.edge.numpy())
+        self._lattice = _Lattice(vertices.double().numpy(), faces.numpy(), self.edge.numpy(), self.off)
 
     @property
     def lattice(self) -> _Lattice:
@@ -92,9 +98,11 @@ class DetailTexture(nn.Module):
         texel, share = self.lattice.around(self.lattice.shown[face], weight, points, impl)
         return TexelPlaces(torch.from_numpy(texel), torch.from_numpy(share).to(self.texel.dtype))
 
-    def places_on(self, face: Int[np.ndarray, " p"], weight: Float[np.ndarray, "p 3"]) -> TexelPlaces:
-        """Of barycentrics on triangles that have texels."""
-        texel, share = self.lattice.around(face, weight, self.lattice.at(face, weight))
+    def places_on(
+        self, face: Int[np.ndarray, " p"], weight: Float[np.ndarray, "p 3"], off: Float[np.ndarray, "p 3"]
+    ) -> TexelPlaces:
+        """Of barycentrics on triangles that have texels, for points that are `off` them, metres."""
+        texel, share = self.lattice.around(face, weight, self.lattice.at(face, weight) + off)
         return TexelPlaces(torch.from_numpy(texel), torch.from_numpy(share).to(self.texel.dtype))
 
     def forward(self, places: TexelPlaces) -> Float[Tensor, "p 3"]:
@@ -102,18 +110,28 @@ class DetailTexture(nn.Module):
         return torch.nn.functional.embedding_bag(places.texel, self.texel, per_sample_weights=places.share, mode="sum")
 
     @torch.no_grad()
-    def paint(self, albedo: Float[Tensor, "t 3"], known: Bool[Tensor, " t"]) -> None:
-        """Set the texels to `albedo` (sRGB, light divided out) where it is `known`, elsewhere to the nearest known one's."""
-        place = self.lattice.position
-        texel = logit(albedo)
-        if not known.all():
-            texel[~known] = texel[torch.from_numpy(_nearest(place, known.numpy()))]
-        self.texel.copy_(texel)
+    def paint(self, albedo: Float[Tensor, "t 3"]) -> None:
+        """Set the texels to `albedo`, sRGB, light divided out."""
+        self.texel.copy_(logit(albedo))
+
+    def continued(self, albedo: Float[Tensor, "t 3"], known: Bool[Tensor, " t"]) -> Float[Tensor, "t 3"]:
+        """`albedo` where it is `known`, elsewhere the nearest known one's."""
+        if known.all():
+            return albedo
+        found = albedo.clone()
+        found[~known] = albedo[torch.from_numpy(_nearest(self.lattice.position, known.numpy()))]
+        return found
 
 
 def texel_count(edge: Int[np.ndarray, " f"]) -> Int[np.ndarray, " f"]:
     """How many texels a triangle has that has so many intervals along an edge; none of 0."""
     return np.where(edge > 0, (edge + 1) * (edge + 2) // 2, 0)
+
+
+def texel_number(i: np.ndarray, j: np.ndarray, r: np.ndarray | int) -> np.ndarray:
+    """Of the texel at (i, j, r − i − j)/r within its triangle: rows of i, the longest first."""
+    number: np.ndarray = i * (r + 1) - i * (i - 1) // 2 + j
+    return number
 
 
 def _nearest(place: Float[np.ndarray, "t 3"], known: Bool[np.ndarray, " t"]) -> Int[np.ndarray, " u"]:
@@ -154,8 +172,8 @@ def unpacked(state: Mapping[str, Tensor]) -> dict[str, Tensor]:
 class _Lattice:
     """Where the texels of a mesh's triangles are; the same for all copies of a texture."""
 
-    def __init__(self, vertices: np.ndarray, faces: np.ndarray, edge: np.ndarray) -> None:
-        self.vertices, self.faces = vertices, faces
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, edge: np.ndarray, off: tuple[float, float]) -> None:
+        self.vertices, self.faces, self.off = vertices, faces, off
         self.edge = edge.astype(np.int64)
         self.shown = np.flatnonzero(self.edge)
         self.first = np.concatenate([[0], np.cumsum(texel_count(self.edge))[:-1]])
@@ -177,7 +195,7 @@ class _Lattice:
             i, j = (table.ravel() for table in np.indices((r + 1, r + 1)))
             i, j = i[i + j <= r], j[i + j <= r]
             weight = np.stack([i, j, r - i - j], 1) / r
-            rows = self.first[some, None] + self._number(i, j, r)
+            rows = self.first[some, None] + texel_number(i, j, r)
             found[rows] = np.einsum("tk,fkc->ftc", weight, self.vertices[self.faces[some]])
         return found
 
@@ -196,7 +214,7 @@ class _Lattice:
         if impl == "auto":
             texel, share = np.empty((len(face), 3), np.int64), np.empty((len(face), 3), np.float32)
             tables = self.first, self.edge, self.vertices, self.faces
-            spread(loops.texels_around, len(face), face, weight, points, tables, OFF, texel, share)
+            spread(loops.texels_around, len(face), face, weight, points, tables, self.off, texel, share)
             return texel, share
         r = self.edge[face]
         scaled = weight * r[:, None]
@@ -208,13 +226,7 @@ class _Lattice:
         texel = np.empty((len(face), 3), np.int64)
         for axis, step in enumerate(np.eye(3, dtype=np.int64)):
             corner = np.where(turned, low + 1 - step, low + np.where(left == 1, 1, 0)[:, None] * step)
-            texel[:, axis] = self.first[face] + self._number(corner[:, 0], corner[:, 1], r)
-        off = np.linalg.norm(points - self.at(face, weight), axis=1)
-        fade = np.clip((OFF[1] - off) / (OFF[1] - OFF[0]), 0, 1)
+            texel[:, axis] = self.first[face] + texel_number(corner[:, 0], corner[:, 1], r)
+        away = np.linalg.norm(points - self.at(face, weight), axis=1)
+        fade = np.clip((self.off[1] - away) / (self.off[1] - self.off[0]), 0, 1)
         return texel, (share * fade[:, None]).astype(np.float32)
-
-    @staticmethod
-    def _number(i: np.ndarray, j: np.ndarray, r: np.ndarray | int) -> np.ndarray:
-        """Of the texel at (i, j, r − i − j)/r within its triangle: rows of i, the longest first."""
-        number: np.ndarray = i * (r + 1) - i * (i - 1) // 2 + j
-        return number

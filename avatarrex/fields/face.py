@@ -12,7 +12,7 @@ from itertools import chain
 from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
@@ -32,6 +32,9 @@ COEFFICIENTS = 61
 """ψ 52, jaw 3, eyes 2 × 3."""
 OUTPUT = 0.05
 """Metres per unit of the geometry MLP's output: the composition's band is about one unit deep."""
+
+DETAIL_OFF = (0.005, 0.01)
+"""Metres off its triangles where static detail fades out: what lies between open lips has none of theirs."""
 
 
 class FaceField(nn.Module):
@@ -96,15 +99,15 @@ class FaceField(nn.Module):
         modules = (self.colour_net, self.detail)
         return list(chain.from_iterable(module.parameters() for module in modules if module is not None))
 
-    def add_detail(self, spacing: float) -> None:
-        """Lay grey texels on the face where ω > 0, `spacing` metres apart."""
-        self.detail = DetailTexture.of(self.rest.cpu(), self.faces.cpu(), spacing, self.own.cpu())
+    def add_detail(self, spacing: float, shown: Bool[Tensor, " f"]) -> None:
+        """Lay grey texels on the triangles that are `shown` and where ω > 0, `spacing` metres apart."""
+        self.detail = DetailTexture.of(self.rest.cpu(), self.faces.cpu(), spacing, self.own.cpu() & shown, DETAIL_OFF)
 
     def expect(self, state: Mapping[str, Tensor]) -> None:
         """Have the static detail that a state to be loaded has, or none."""
         self.detail = None
         if "detail.edge" in state:
-            self.detail = DetailTexture(state["detail.edge"].clone())
+            self.detail = DetailTexture(state["detail.edge"].clone(), DETAIL_OFF)
             self.detail.requires_grad_(False).lay(self.rest.cpu(), self.faces.cpu())
 
     def sdf(self, planes: Float[Tensor, "..."], position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:

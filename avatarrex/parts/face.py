@@ -30,15 +30,22 @@ FIRST_BAND = 0.012
 
 
 class PosedTriangles:
-    """The triangles of a posed face on which static detail lies; the tree is made when a point is first coloured."""
+    """The triangles of a posed face; a tree of those that have texels is made when a point is first coloured."""
 
     def __init__(self, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
         self.vertices, self.faces = vertices, faces
+        self._tree: SearchTree | None = None
 
-    @cached_property
-    def tree(self) -> SearchTree:
-        """Of `faces`, in their order."""
-        return SearchTree.of_triangles(self.vertices, self.faces)
+    def closest(
+        self, shown: Int[np.ndarray, " s"], points: Float[np.ndarray, "p 3"]
+    ) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"]]:
+        """Of points (head frame) the nearest of the `shown` triangles, which are the same at each call, the barycentrics of
+        the nearest place on it, and what the point is off it, metres."""
+        if self._tree is None:
+            self._tree = SearchTree.of_triangles(self.vertices, self.faces[shown])
+        row, weight = closest_triangle(self._tree, points)
+        face = shown[row]
+        return face, weight, points - np.einsum("pk,pkc->pc", weight, self.vertices[self.faces[face]])
 
 
 @dataclass(eq=False)
@@ -49,7 +56,7 @@ class FaceState(PartState):
     _drive: Callable[[], Tensor]
     _decode: Callable[[Tensor], Tensor]
     triangles: PosedTriangles
-    """Those with ω > 0."""
+    """Of all the mesh."""
     colour: Float[Tensor, "..."] | None = None
     """Colour tri-planes; decoded when a point is first coloured."""
 
@@ -102,7 +109,7 @@ class Face(Part[FaceState]):
         def drive() -> Tensor:
             return self.field.driven(vertices.float(), coefficients.float(), impl).to(vertices.dtype)
 
-        triangles = PosedTriangles(mesh, self.field.faces[self.field.own].cpu().numpy())
+        triangles = PosedTriangles(mesh, self.field.faces.cpu().numpy())
         return FaceState(skin, drive, self.field.geometry_planes, triangles)
 
     def start(self, state: FaceState, grid: Grid, everywhere: bool) -> Start:
@@ -151,8 +158,8 @@ class Face(Part[FaceState]):
         """Texels about the points of the posed mesh that are closest to `position` (head frame); None where it has none."""
         if self.field.detail is None:
             return None
-        face, weight = closest_triangle(state.triangles.tree, position.detach().double().cpu().numpy())
-        return self.field.detail.places_on(self.field.detail.lattice.shown[face], weight)
+        points = position.detach().double().cpu().numpy()
+        return self.field.detail.places_on(*state.triangles.closest(self.field.detail.lattice.shown, points))
 
     def colour(self, state: FaceState, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
         """C_F (paper eq. 12), brought to the body's tone."""

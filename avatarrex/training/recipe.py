@@ -104,7 +104,7 @@ class PassTwo:
     """Metres between the texels of the static detail (fields/detail_texture.py; ours), painted from the pictures at the
     beginning; 0: none."""
     texel_rate: float = 1.0
-    """Of the learning rate, for the texels."""
+    """Of the learning rate, for the texels (core/texel_descent.py)."""
     view_dropout: float = 0.0
     """Share of the patches that are shaded as if seen along a random direction: colours from where no camera looked are then
     those of all cameras (ours)."""
@@ -181,7 +181,7 @@ PAPER = Recipe(
 """Line by line against the paper: tests/training/test_paper.py."""
 _PLUS_ONE: dict[str, Any] = {"sampling": "near", "quadrature": "interval", "weights": LossWeights()}
 _PLUS_TWO = replace(_PAPER_TWO, clamped=True, weights=LossWeights())
-_DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 0.5, "view_dropout": 0.5}
+_DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 4.0, "view_dropout": 0.5}
 """Of the body: what its pictures show at once, and no colours of their own for cameras that were not there."""
 PAPER_PLUS = replace(
     PAPER, name="paper+", about="the paper's schedule and networks with our warm start, samples and regularisers, for a GPU",
@@ -200,7 +200,7 @@ _BODY = PassOne(
 )  # fmt: skip
 """Under the paper's L_node, a 25th of this, nodes drift by centimetres."""
 _TWO = PassTwo(steps=1000, rate=3e-3, decay=0.05, decay_steps=1000)
-_FACE_DETAIL: dict[str, Any] = {"texel": _FACE_TEXEL, "texel_rate": 0.5}
+_FACE_DETAIL: dict[str, Any] = {"texel": _FACE_TEXEL, "texel_rate": 8.0}
 QUICK = Recipe(
     name="quick", about="compact networks within the hour on two cores", preset="compact", interval=200, evaluate=400,
     face=(_FACE, _lasting(_TWO, 800, 0.05, **_FACE_DETAIL)),
@@ -221,8 +221,8 @@ _SETTLED: dict[str, Any] = {
 }
 REFINE = replace(
     QUICK, name="refine", about="goes on from an avatar of quick or long (--start): known colours tell the geometry more",
-    face=(_lasting(_FACE, 300, 0.1, geometry_rate=0.1, **_SETTLED), _lasting(_TWO, 800, 0.05, rate=2e-3, texel_rate=0.5)),
-    body=(_lasting(_BODY, 1000, 0.1, rays=800, **_SETTLED), _lasting(_TWO, 1600, 0.05, rate=2e-3)),
+    face=(_lasting(_FACE, 300, 0.1, geometry_rate=0.1, **_SETTLED), _lasting(_TWO, 800, 0.05, rate=2e-3, texel_rate=8.0)),
+    body=(_lasting(_BODY, 1000, 0.1, rays=800, **_SETTLED), _lasting(_TWO, 1600, 0.05, rate=2e-3, texel_rate=4.0)),
 )  # fmt: skip
 _SMOKE_ONE = PassOne(
     steps=6, frames=1, rays=64, samples=6, rate=2e-3, decay=0.5, decay_steps=10, gamma_steps=10, warm_steps=6,

@@ -33,7 +33,7 @@ def test_what_is_linear_is_given_back(spacing: float) -> None:
     weight[:3] = np.eye(3)  # corners
     weight[3:6] = (1 - np.eye(3)) / 2  # edges
     texture.texel.data.copy_(torch.from_numpy(texture.lattice.position))
-    found = texture(texture.places_on(face, weight)).detach()
+    found = texture(texture.places_on(face, weight, np.zeros((len(face), 3)))).detach()
     np.testing.assert_allclose(found, texture.lattice.at(face, weight), atol=1e-6)
 
 
@@ -78,7 +78,7 @@ def test_compiled_loops_are_the_reference() -> None:
 def test_gradients_reach_the_texels() -> None:
     texture, (face, weight) = laid(0.05), on_faces(20)
     texture.double()
-    places = texture.places_on(face, weight)
+    places = texture.places_on(face, weight, np.zeros((len(face), 3)))
     wanted = torch.rand(20, 3, dtype=torch.double)
     texture(places).backward(wanted)
     assert texture.texel.grad is not None
@@ -88,12 +88,12 @@ def test_gradients_reach_the_texels() -> None:
     torch.testing.assert_close(texture.texel.grad, expected)
 
 
-def test_paint_gives_unseen_texels_their_nearest_seen_ones_colour() -> None:
+def test_unseen_texels_continue_with_their_nearest_seen_ones_colour() -> None:
     texture = laid()
     place = torch.from_numpy(texture.lattice.position)
     known = place[:, 0] < 0
     albedo = torch.where(known[:, None], torch.tensor([0.2, 0.4, 0.6]), torch.tensor([1.0, 1.0, 1.0]))
-    texture.paint(albedo.float(), known)
+    texture.paint(texture.continued(albedo.float(), known))
     torch.testing.assert_close(torch.sigmoid(texture.texel), torch.tensor([[0.2, 0.4, 0.6]]).expand(len(place), 3))
 
 

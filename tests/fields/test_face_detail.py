@@ -13,6 +13,7 @@ from avatarrex.counters import Counters
 from avatarrex.parts.face import Face, FaceState
 from avatarrex.parts.part import SurfacePoints
 from avatarrex.templates.person import load_person
+from avatarrex.training.core.projection import without_mouth
 
 SPACING = 0.004
 
@@ -20,7 +21,7 @@ SPACING = 0.004
 def avatar(detailed: bool = True) -> Avatar:
     made = Avatar.create(load_person(), "compact", 0)
     if detailed:
-        made.face.add_detail(SPACING)
+        made.face.add_detail(SPACING, torch.ones(len(made.face.own), dtype=torch.bool))
     return made
 
 
@@ -115,3 +116,32 @@ def test_colour_parameters_are_networks_and_texels(detailed: bool) -> None:
     names = {id(p): name for name, p in made.named_parameters()}
     found = {names[id(p)].split(".")[0] for p in made.colour_parameters()}
     assert found == ({"colour_net", "detail"} if detailed else {"colour_net"})
+
+
+@torch.no_grad()
+def test_what_lies_off_the_texels_has_none() -> None:
+    """A point 1 cm before the nose, and a face without the triangles of the mouth: none of its points."""
+    made = Avatar.create(load_person(), "compact", 0)
+    shown = without_mouth(made)
+    made.face.add_detail(SPACING, shown)
+    detail, template = made.face.detail, made.person.face
+    assert detail is not None
+    assert torch.equal(detail.edge > 0, made.face.own & shown)
+    detail.texel.copy_(torch.ones_like(detail.texel))
+    face, state, moved, _ = posed(made)
+    places = face.places(state, moved)
+    assert places is not None
+    said = detail(places)[:, 0]
+    teeth = torch.cat([template.model.groups[name] for name in ("upper_teeth", "lower_teeth")])
+    of_teeth = torch.isin(template.faces[made.face.own], teeth).all(1)
+    eyes = torch.cat([template.model.groups[name] for name in ("left_eye", "right_eye")])
+    of_eyes = torch.isin(template.faces[made.face.own], eyes).all(1)
+    assert of_teeth.sum() > 100
+    assert not (made.face.own & shown)[made.face.own][of_teeth].any()
+    assert (said[of_teeth] < 0.5).float().mean() > 0.3
+    torch.testing.assert_close(said[of_eyes], torch.ones_like(said[of_eyes]))
+    nose = moved[moved[:, 2].argmax()][None]
+    for away, expected in ((0.004, 1.0), (0.0075, 0.5), (0.011, 0.0)):
+        before = face.places(state, nose + torch.tensor([0, 0, away]))
+        assert before is not None
+        assert float(detail(before)[0, 0]) == pytest.approx(expected, abs=0.15)

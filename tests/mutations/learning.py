@@ -148,6 +148,27 @@ LEARNING: dict[str, Mutant] = {
         "weight = weight / (1 + 0 * away).square()",
         "tests/training/test_projection.py::test_what_moved_over_a_texel_does_not_count",
     ),
+    "texels that follow nobody": Mutant(
+        "what is learnt",
+        f"{CORE}/agreement.py",
+        "(tie * laplacian(pairs, len(mean))",
+        "(0 * tie * laplacian(pairs, len(mean))",
+        "tests/training/test_agreement.py::test_what_no_picture_shows_is_continued",
+    ),
+    "edges met in the wrong sense": Mutant(
+        "what is learnt",
+        "avatarrex/fields/texel_neighbours.py",
+        "there = np.where(turned, beyond - there, there)",
+        "there = np.where(turned, there, there)",
+        "tests/fields/test_texel_neighbours.py::test_equal_lattices_meet_at_their_edge",
+    ),
+    "texels that all move alike": Mutant(
+        "what is learnt",
+        f"{CORE}/texel_descent.py",
+        '/ size * state["mean"]',
+        '* state["mean"].sign()',
+        "tests/training/test_texel_descent.py::test_a_weak_slope_moves_little",
+    ),
     "mattes that explain nothing": Mutant(
         "what is learnt",
         f"{CORE}/carving.py",

@@ -16,17 +16,20 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
 from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
 from avatarrex.fields.face import FaceField
+from avatarrex.fields.texel_neighbours import texel_neighbours
 from avatarrex.parts.face import Face, face_state
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.colour import surface_points
+from avatarrex.training.core.agreement import agreed
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
+from avatarrex.training.core.supervision import hidden_at_rest
 from avatarrex.training.core.trained_field import FACE
 
 PICTURES = 120
@@ -39,6 +42,11 @@ ALONE = 0.01
 """Share of the parts beside the body, at most."""
 ROUNDS, STRAY = 2, 0.1
 """Means after the first, and the difference in sRGB at which a pixel's weight has fallen to a quarter."""
+
+EYES, MOUTH = ("left_eye", "right_eye"), ("upper_teeth", "lower_teeth", "tongue")
+"""Groups of the face's template: what lids hide has texels, what lies within the mouth has none."""
+SEEN = 1e-4
+"""Weight from which a texel counts as seen."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +65,10 @@ def start_from_pictures(avatar: Avatar, part: str, store: FrameStore, spacing: f
     Raises `InputError` where no picture shows it.
     """
     field = avatar.face if part == "face" else avatar.body
-    field.add_detail(spacing)
+    if isinstance(field, FaceField):
+        field.add_detail(spacing, without_mouth(avatar))
+    else:
+        field.add_detail(spacing)
     assert field.detail is not None
     stores = [store] if store.close is None else [store, store.close]
     chosen = [(one, one.pairs[k]) for one in stores for k in _spread(len(one.pairs), PICTURES // len(stores))]
@@ -66,6 +77,19 @@ def start_from_pictures(avatar: Avatar, part: str, store: FrameStore, spacing: f
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
     for parameter in last.parameters():
         parameter.zero_()
+
+
+def without_mouth(avatar: Avatar) -> Bool[Tensor, " f"]:
+    """The face's triangles but those within the mouth, which show while it is open alone.
+
+    Lips slide over them: where the pictures' lips are not quite the template's, texels of teeth and cavity lay on lips, and
+    a smile that no picture has was dotted with them.
+    """
+    template = avatar.person.face
+    hidden = hidden_at_rest(avatar.face, template.v_template.float())
+    for name, within in {**dict.fromkeys(EYES, False), **dict.fromkeys(MOUTH, True)}.items():
+        hidden[template.model.groups.get(name, [])] = within
+    return ~hidden[template.faces].all(1)
 
 
 def _spread(count: int, wanted: int) -> list[int]:
@@ -110,7 +134,7 @@ def _on_face(avatar: Avatar, frame: TrainingFrame, position: Tensor) -> tuple[Te
 
 def paint(detail: DetailTexture, pictures: list[Projected], where: str) -> None:
     """Robust means of what the pictures show; `where` they are from, for an error."""
-    mean = total = torch.zeros(len(detail.texel), 1)
+    mean, beside = torch.zeros(len(detail.texel), 3), texel_neighbours(detail.lattice.edge, detail.lattice.faces)
     for round in range(1 + ROUNDS):
         old = mean
         sums = torch.zeros(len(detail.texel), 4)
@@ -123,8 +147,9 @@ def paint(detail: DetailTexture, pictures: list[Projected], where: str) -> None:
             counted = (weight[..., None] * one.albedo[:, None]).flatten(0, 1)
             for column, value in enumerate((weight.flatten(), *counted.T)):
                 sums[:, column] += torch.bincount(flat, value, len(sums))
-        mean, total = sums[:, 1:], sums[:, :1]
-        mean = mean / total.clamp_min(1e-12)
-    if not (total > 0).any():
-        raise InputError(where, "pictures", "some that show the body", "none")
-    detail.paint(mean, total[:, 0] > 1e-4)
+        total = sums[:, 0]
+        if not (total > 0).any():
+            raise InputError(where, "pictures", "some that show the body", "none")
+        mean = detail.continued(sums[:, 1:] / total[:, None].clamp_min(1e-12), total > SEEN)
+        mean = agreed(mean, total, beside)
+    detail.paint(mean)

@@ -18,6 +18,7 @@ from avatarrex.training.core.losses import weighted
 from avatarrex.training.core.pass_one import BodyPass, FacePass, StepResult
 from avatarrex.training.core.pass_two import PatchPass
 from avatarrex.training.core.stage import Stage
+from avatarrex.training.core.texel_descent import TexelDescent
 from avatarrex.training.recipe import PassTwo
 
 AnyPass = BodyPass | FacePass | PatchPass
@@ -44,10 +45,13 @@ class Work:
         self.parameters = losses.parameters()
         for parameter in self.parameters:
             parameter.requires_grad_(True)
-        groups = _groups(losses.avatar, stage.part, self.parameters)
-        self.optimiser = torch.optim.Adam(groups, lr=stage.rate(self.step), fused=True)
+        geometry, texels, others = _groups(losses.avatar, stage.part, self.parameters)
+        self.optimiser = torch.optim.Adam([geometry, others], lr=stage.rate(self.step), fused=True)
+        self.texels = TexelDescent(texels["params"], stage.rate(self.step)) if texels["params"] else None
         if state is not None:
             load(self.optimiser, state["optimiser"])
+            if self.texels is not None:
+                self.texels.load_state_dict(state["texels"])
             if isinstance(losses, BodyPass):
                 losses.frame_codes.data.copy_(state["frame_codes"])
 
@@ -58,17 +62,22 @@ class Work:
 
     def descend(self, total: Tensor) -> None:
         """Change the parameters along the gradient of `total`."""
-        for group, rate in zip(self.optimiser.param_groups, self.stage.rates(self.step)):
-            group["lr"] = rate
-        self.optimiser.zero_grad(set_to_none=True)
+        geometry, texels, others = self.stage.rates(self.step)
+        rates = {self.optimiser: (geometry, others)} | ({self.texels: (texels,)} if self.texels else {})
+        for optimiser, some in rates.items():
+            for group, rate in zip(optimiser.param_groups, some):
+                group["lr"] = rate
+            optimiser.zero_grad(set_to_none=True)
         if total.requires_grad:  # else nothing of the part is seen in the patch: nothing to learn
             torch.autograd.backward(total)
-            self.optimiser.step()
+            for optimiser in rates:
+                optimiser.step()
 
     def state(self) -> dict[str, Any]:
         """What a checkpoint within the stage stores besides the avatar."""
         codes = {"frame_codes": self.losses.frame_codes.data} if isinstance(self.losses, BodyPass) else {}
-        return {"optimiser": self.optimiser.state_dict(), **codes}
+        texels = {} if self.texels is None else {"texels": self.texels.state_dict()}
+        return {"optimiser": self.optimiser.state_dict(), **texels, **codes}
 
     def figures(self, result: StepResult, total: float, speed: float) -> dict[str, float]:
         """What is reported of a step, by tag; `speed` in steps per second."""
