@@ -9,7 +9,6 @@ distance from where the fit starts. Points are given at rest, left side; `right:
 
 from __future__ import annotations
 
-import fcntl
 import json
 import sys
 from collections.abc import Callable
@@ -389,11 +388,9 @@ def main() -> None:
     """Fit and print."""
     for name in sys.argv[1:] or FITS:
         turns, goals, deepest = solved(FITS[name]())
-        with open(FITTED.with_suffix(".lock"), "w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            entries = {**(read_json(FITTED) if FITTED.exists() else {}), name: turns}
-            lines = (f"{json.dumps(key)}: {json.dumps(entries[key])}" for key in FITS if key in entries)
-            write_text(FITTED, "{\n" + ",\n".join(lines) + "\n}\n")
+        entries = {**(read_json(FITTED) if FITTED.exists() else {}), name: turns}
+        lines = (f"{json.dumps(key)}: {json.dumps(entries[key])}" for key in FITS if key in entries)
+        write_text(FITTED, "{\n" + ",\n".join(lines) + "\n}\n")
         print(f"{name}: goals {1000 * goals:.1f} mm, deepest {1000 * deepest:.1f} mm", flush=True)
 
 

@@ -225,7 +225,11 @@ def _config(
 def _command(arguments: argparse.Namespace) -> str:
     """The command line as it is kept in files that are given away: of paths the last name alone."""
     paths = {arguments.capture, arguments.out, arguments.start}
-    return shlex.join(["avatarrex-studio", *(Path(word).name if word in paths else word for word in arguments.words)])
+    words = ["avatarrex-studio"]
+    for word in arguments.words:
+        option, equals, value = word.rpartition("=")  # also in --out=FOLDER
+        words.append(option + equals + Path(value).name if value in paths else word)
+    return shlex.join(words)
 
 
 def _open_run(arguments: argparse.Namespace, config: dict[str, Any]) -> Run:

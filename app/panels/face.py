@@ -38,6 +38,8 @@ class FacePanel(joints.SignalPanel):
         regions = {**FACE_GROUPS, "eye": (*FACE_GROUPS["eye"], *FACE_JOINTS[1:]), "jaw": (*FACE_GROUPS["jaw"], "jaw")}
         super().__init__("face", regions, "Search the face", self._row, limits=False)
         self.linked = True
+        self._strong: tuple[str, float] | None = None
+        """The region whose strength is dragged, and where the slider is, percent."""
 
     def title(self, group: str) -> str:
         """A region in words."""
@@ -46,7 +48,7 @@ class FacePanel(joints.SignalPanel):
     def above(self, state: StudioState, group: str | None) -> Iterator[Command]:
         """Over all, the macros; over a region, how strong it is and a random one."""
         if group is not None:
-            yield from _strength(group)
+            yield from self._strength(group)
             return
         self.linked = imgui.checkbox("Link left and right##face", self.linked)[1]
         widgets.tooltip("A coefficient of one side gives the other side the same value")
@@ -59,6 +61,23 @@ class FacePanel(joints.SignalPanel):
                     if new is not None:
                         yield SetFaceMacro(macro, new / 100)
 
+    def _strength(self, group: str) -> Iterator[Command]:
+        """A slider that makes a region weaker or stronger from what it is when the drag begins, and a random one."""
+        widgets.label("Strength", LABEL)
+        dragged = self._strong is not None and self._strong[0] == group
+        value = self._strong[1] if self._strong and dragged else 100.0
+        new = widgets.slider(f"strength.{group}", value, (0, 200), "%.0f %%", widgets.room() - 34, rest=100)
+        if new is not None:
+            self._strong = group, new
+            yield ScaleGroup(group, new / 100)
+        elif dragged and not imgui.is_item_active():
+            self._strong = None
+        widgets.tooltip("Drag: all of this region weaker or stronger; 0 is rest")
+        imgui.same_line(0, 6)
+        if imgui.button(f"{icons.ICON_FA_DICE}##random.{group}", (28, 0)):
+            yield Randomise(group, STRENGTH, secrets.randbits(31))
+        widgets.tooltip("Something random")
+
     def _row(self, state: StudioState, name: str, group: str) -> Iterator[Command]:
         """A joint, or a coefficient: `mouthSmileLeft` in the group mouth is titled `Smile left`."""
         if name in FACE_JOINTS:
@@ -70,19 +89,6 @@ class FacePanel(joints.SignalPanel):
         widgets.tooltip(f"{words(name).capitalize()} ({name})")
         if new is not None:
             yield SetExpression(name, new, self.linked and counterpart(name) != name)
-
-
-def _strength(group: str) -> Iterator[Command]:
-    """A slider that makes a region weaker or stronger from what it is when the drag begins, and a random one."""
-    widgets.label("Strength", LABEL)
-    new = widgets.slider(f"strength.{group}", 100, (0, 200), "%.0f %%", widgets.room() - 34, rest=100)
-    widgets.tooltip("Drag: all of this region weaker or stronger; 0 is rest")
-    if new is not None and new != 100:
-        yield ScaleGroup(group, new / 100)
-    imgui.same_line(0, 6)
-    if imgui.button(f"{icons.ICON_FA_DICE}##random.{group}", (28, 0)):
-        yield Randomise(group, STRENGTH, secrets.randbits(31))
-    widgets.tooltip("Something random")
 
 
 def face_panel() -> FacePanel:

@@ -13,7 +13,6 @@ from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 
 QUESTION, MENU = "Library##question", "own entry"
-NOUNS = {"pose": "pose", "hand": "hand", "expression": "expression"}
 
 
 class OwnEntries:
@@ -43,7 +42,7 @@ class OwnEntries:
     def draw(self, signals: Signals, kind: str, side: str) -> None:
         """The line that saves what is shown, what went wrong, and what is open."""
         widgets.fill(78)
-        _, self.name = imgui.input_text_with_hint("##own.name", f"Name of this {NOUNS[kind]}", self.name)
+        _, self.name = imgui.input_text_with_hint("##own.name", f"Name of this {kind}", self.name)
         imgui.same_line()
         imgui.begin_disabled(not self.name.strip())
         if imgui.button(f"{icons.ICON_FA_FLOPPY_DISK}  Save##own", (70, 0)):

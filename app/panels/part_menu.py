@@ -10,6 +10,7 @@ from avatarrex_studio.panels import widgets
 from avatarrex_studio.session.actions import words
 from avatarrex_studio.session.commands import Command, Pin, ResetGroup
 from avatarrex_studio.session.grip import LOOK, Grip, handle_of
+from avatarrex_studio.session.posing import FACE_GROUPS
 from avatarrex_studio.session.state import Vector, vector
 from imgui_bundle import imgui
 
@@ -40,7 +41,7 @@ class PartMenu:
             if imgui.menu_item(f"{'Unpin' if pinned else 'Pin'} the {words(handle)}", "", False)[0]:
                 yield Pin((handle,), not pinned)
         if part and imgui.menu_item(f"Reset the {words(part)}", "", False)[0]:
-            yield ResetGroup(part)
+            yield from map(ResetGroup, dict.fromkeys((part, *FACE_GROUPS.get(part, ()))))
         figure = studio.figure
         camera = vector(state.view.camera(1, 1).centre)
         for title, target in (("Look here", self.point), ("Look at the camera", camera)):

@@ -11,8 +11,8 @@ from jaxtyping import Float64
 
 from avatarrex.camera import Camera
 
-NEAR, FAR = 0.02, 100.0
-"""Metres: clip planes of a gizmo."""
+NEAR = 0.02
+"""Metres before the camera from which points are on the screen."""
 
 
 @dataclass(frozen=True)
@@ -44,17 +44,3 @@ class Projection:
         """The point of the world at a place of the screen, `depth` metres from the camera's plane."""
         x, y = (np.array(place) - self.low) / self.scale
         return self.camera.point((x, y), depth)
-
-    @property
-    def view_matrix(self) -> Float64[np.ndarray, "4 4"]:
-        """OpenGL's view: y up, the camera looks along −z."""
-        return np.asarray(np.diag([1.0, -1.0, -1.0, 1.0]) @ self.camera.camera_from_world)
-
-    @property
-    def clip_matrix(self) -> Float64[np.ndarray, "4 4"]:
-        """OpenGL's projection of the same."""
-        k, camera = self.camera.intrinsics, self.camera
-        clip = np.zeros((4, 4))
-        clip[0, 0], clip[1, 1] = 2 * k[0, 0] / camera.width, 2 * k[1, 1] / camera.height
-        clip[2, 2:], clip[3, 2] = ((FAR + NEAR) / (NEAR - FAR), 2 * FAR * NEAR / (NEAR - FAR)), -1.0
-        return clip

@@ -407,6 +407,8 @@ class Blend(Setting):
             raise InputError("blend", "", "0 to 1", self.amount)
         if unknown := sorted(set(self.parts) - set(SHAPES)):
             raise InputError("blend", unknown[0], "one of " + ", ".join(SHAPES), "an unknown field")
+        if self.amount == 0:
+            return state  # to the bit
         target = self.signals if self.amount == 1 else interpolate(state.signals, self.signals, self.amount)
         return state.pose(**{part: getattr(target, part) for part in self.parts})
 

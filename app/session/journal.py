@@ -51,24 +51,32 @@ class Journal:
 
     def do(self, command: Command, gesture: object = None) -> StudioState:
         """Apply `command`; commands that share a `gesture` (not None) are undone together. Raises `InputError`."""
+        last = self.steps[-1] if self.steps else None
+        shared = last if last and gesture is not None and last.gesture == gesture else None
+        if shared and supersedes(command, shared.commands[-1]):
+            return self._replaced(shared, command)
         state = command.apply(self.state)
         if state == self.state:
             return state
         if isinstance(command, Choice):
             self.state = state
             return state
-        last = self.steps[-1] if self.steps else None
-        if last and gesture is not None and last.gesture == gesture:
-            if supersedes(command, last.commands[-1]):
-                last.commands[-1] = command
-                state = _after(self._present(last.before), last.commands)  # what a replay will do, to the last bit
-            else:
-                last.commands.append(command)
+        if shared:
+            shared.commands.append(command)
         else:
             self._add(Step(self.state, [command], gesture))
         self.undone.clear()
         self.state = state
         return state
+
+    def _replaced(self, step: Step, command: Command) -> StudioState:
+        """With `command` in place of the last of `step`, which goes where that leads back to its beginning."""
+        before, commands = self._present(step.before), [*step.commands[:-1], command]
+        self.state = _after(before, commands)  # what a replay will do, to the last bit
+        step.commands[:] = commands
+        if self.state == before:
+            self.steps.pop()
+        return self.state
 
     def undo(self) -> StudioState:
         """Back over the last step; nothing where there is none."""

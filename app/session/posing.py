@@ -77,8 +77,8 @@ def set_expression(signals: Signals, name: str, value: float) -> Signals:
 
 
 def reset(signals: Signals, group: str) -> Signals:
-    """One of `GROUPS`, or a single joint or coefficient, at rest again. Raises `InputError` for another name."""
-    names = GROUPS.get(group, (group,))
+    """A single joint or coefficient, or else one of `GROUPS`, at rest again. Raises `InputError` for another name."""
+    names = _entries(group)
     if not set(names) <= set(SLOTS):
         raise InputError("reset", "", "a group, a joint or a coefficient", group)
     return _with(signals, dict.fromkeys(names, 0.0))
@@ -108,17 +108,23 @@ def limited(signals: Signals, parts: tuple[str, ...]) -> Signals:
 
 
 def scaled(signals: Signals, group: str, factor: float) -> Signals:
-    """The joints and coefficients of one of `GROUPS` times `factor`. Raises `InputError` for another name."""
+    """The joints and coefficients of one of `GROUPS` times `factor`, coefficients to 1 at most. Raises `InputError` for another name."""
     if group not in GROUPS:
         raise InputError("group", "", "one of " + ", ".join(GROUPS), group)
     numbers = _numbers(signals)
-    return _with(signals, {name: factor * numbers[SLOTS[name]] for name in GROUPS[group]})
+    most = {name: 1.0 if name in EXPRESSION_NAMES else np.inf for name in GROUPS[group]}
+    return _with(signals, {name: np.minimum(factor * numbers[SLOTS[name]], most[name]) for name in GROUPS[group]})
 
 
 def changed(signals: Signals, name: str) -> bool:
-    """Whether a joint, a coefficient, or anything of a group is away from rest."""
+    """Whether a joint, a coefficient, or else anything of a group is away from rest."""
     numbers = _numbers(signals)
-    return any(numbers[SLOTS[entry]].any() for entry in GROUPS.get(name, (name,)))
+    return any(numbers[SLOTS[entry]].any() for entry in _entries(name))
+
+
+def _entries(name: str) -> tuple[str, ...]:
+    """What a name stands for; the joints `jaw` and `head` go before the groups that are called so."""
+    return (name,) if name in SLOTS else GROUPS.get(name, (name,))
 
 
 def _numbers(signals: Signals) -> Float64[np.ndarray, " n"]:

@@ -54,7 +54,7 @@ class Entry:
     @classmethod
     def from_json(cls, data: Any, source: str) -> Entry:
         """From `to_json`'s dictionary. Raises `InputError`."""
-        if not isinstance(data, dict) or data.get("kind") not in PARTS:
+        if not isinstance(data, dict) or not (isinstance(data.get("kind"), str) and data["kind"] in PARTS):
             raise InputError(
                 source, "kind", " or ".join(PARTS), data.get("kind") if isinstance(data, dict) else type(data).__name__
             )

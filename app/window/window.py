@@ -228,7 +228,8 @@ class Window:
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = not self.studio.moving and self._frames > WARM_UP + 1
         typing = TYPING_FPS if imgui.get_io().want_text_input else IDLE_FPS
-        self.poses.cards.tend(context, self.studio.avatars.ready(self.studio.state.avatar), not self.studio.moving)
+        shown = self.studio.avatars.ready(self.studio.state.avatar) if self.studio.live else None
+        self.poses.cards.tend(context, shown, not self.studio.moving)
         waiting = self.studio.avatars.reading or self.poses.cards.waiting
         idling.fps_idle = READING_FPS if waiting else typing
         if context.screen:

@@ -23,6 +23,8 @@ from avatarrex.files.gate import read_bytes
 from avatarrex.files.gate import write_text as write_text
 from avatarrex.files.gate import written as written
 
+NO_PICTURE = (OSError, ValueError, SyntaxError, Image.DecompressionBombError, Image.DecompressionBombWarning)
+"""What Pillow raises for what is no picture; ValueError: text that unpacks to megabytes."""
 Append = Callable[[np.ndarray], None]
 Colour = tuple[float, float, float, float]
 
@@ -54,7 +56,7 @@ def read_png_text(path: str | Path, name: str) -> tuple[tuple[int, int], str | N
     try:
         with Image.open(io.BytesIO(content), formats=("PNG",)) as picture:
             return picture.size, picture.info.get(name)
-    except (OSError, ValueError, SyntaxError) as error:  # ValueError: text that unpacks to megabytes
+    except NO_PICTURE as error:
         raise InputError(path, "", "a PNG", str(error).splitlines()[0]) from None
 
 

@@ -118,7 +118,7 @@ class Problem:
     moves: bool = False
     """Whether the root may be moved, too."""
     limited: bool = True
-    """Whether joints stay within `LIMITS`; else within a turn of 180° about each axis."""
+    """Whether joints stay within `LIMITS`, else within a turn of 180° about each axis; those that are beyond already may stay there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +180,9 @@ class _Search:
         self.low, self.high = np.concatenate([turns.reshape(-1, 2), place]).T
         self.middle = np.concatenate([turns.mean(-1).ravel(), translation[: 3 * problem.moves]])
         """Of the limits; a root that may move has none."""
-        self.begin = np.clip(self._numbers(pose, translation), self.low, self.high)
-        self.rest = np.clip(self._numbers(*prior), self.low, self.high)
+        self.begin, self.rest = self._numbers(pose, translation), self._numbers(*prior)
+        beyond = np.stack([self.begin, self.rest])
+        self.low, self.high = np.minimum(self.low, beyond.min(0)), np.maximum(self.high, beyond.max(0))
         stiffness = np.ones(len(free)) if problem.stiffness is None else problem.stiffness
         self.prior = PRIOR * np.concatenate([np.repeat(stiffness, 3), np.full(3 * problem.moves, 1.0)])
         self.weights = np.repeat([goal.weight for goal in problem.goals], 3)

@@ -1,6 +1,6 @@
 // One texture vertex of a posed surface. Reads positions (m), normals, tints of its vertex in the root frame; writes clip
 // coordinates with the picture's top as the first row. Light is evaluated here: a triangle is some pixels large, so that E of its
-// corners' normals is E of every pixel's (57 dB) for less.
+// corners' normals is E of every pixel's (55 dB) for less.
 #include "lib/light.glsl"
 
 layout(std430, binding = 0) readonly buffer Positions { float in_position[]; };  // 3 a vertex each

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 import subprocess
 import sys
 import threading
+import zlib
 
 import numpy as np
 import pytest
@@ -170,6 +172,11 @@ def test_inspect_says_what_a_file_is(motion, capsys):
     assert "12 frames at 24 frames a second" in capsys.readouterr().out
 
 
+def crc(side):
+    """Of the header of an RGB picture of so many pixels a side."""
+    return struct.pack(">I", zlib.crc32(b"IHDR" + struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)))
+
+
 def test_inspect_says_what_a_picture_shows(tmp_path, capsys):
     state = SetCamera(azimuth=30.0).apply(StudioState()).pose(translation=np.array([0.0, 0.1, 0.0]))
     pixels = np.full((16, 24, 4), 255, np.uint8)
@@ -188,6 +195,11 @@ def test_inspect_says_what_a_picture_shows(tmp_path, capsys):
     for name, content, cause in (
         ("cut.png", whole[:20], "expected a PNG"),
         ("text.png", b"no picture", "expected a PNG"),
+        (
+            "bomb.png",
+            whole[:16] + struct.pack(">II", 60000, 60000) + whole[24:29] + crc(60000) + whole[33:],
+            "expected a PNG",
+        ),
         ("bits.png", whole.replace(b"translation", b"translatoin"), "expected a PNG"),
     ):
         (tmp_path / name).write_bytes(content)

@@ -216,6 +216,16 @@ def test_reset_of_a_group_leaves_the_rest():
     assert np.array_equal(reset.signals.expression, state.signals.expression)
 
 
+def test_a_joint_goes_before_a_group_of_its_name():
+    moved = posing.set_expression(posing.set_joint(Signals.rest(), "jaw", (0.2, 0.0, 0.0)), "jawOpen", 0.5)
+    assert posing.changed(moved, "jaw")
+    after = posing.reset(moved, "jaw")
+    assert not posing.changed(after, "jaw")
+    assert posing.changed(after, "jawOpen")
+    head = posing.set_joint(posing.set_joint(Signals.rest(), "head", (0.1, 0.0, 0.0)), "neck", (0.1, 0.0, 0.0))
+    assert posing.joint(posing.reset(head, "head"), "neck") == (0.1, 0.0, 0.0)
+
+
 def test_mirror_twice_is_nothing_and_once_swaps_sides():
     state = commands.Randomise("all", 1.0, 3).apply(StudioState())
     once = commands.Mirror().apply(state)

@@ -17,7 +17,16 @@ from avatarrex_studio.panels.timeline import TimelinePanel
 from avatarrex_studio.panels.viewport import Shown, ViewportPanel
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.actions import ACTIONS
-from avatarrex_studio.session.commands import OrbitBy, PanBy, ResetGroup, Select, SetExpression, SetJoint, ZoomBy
+from avatarrex_studio.session.commands import (
+    OrbitBy,
+    PanBy,
+    ResetGroup,
+    ScaleGroup,
+    Select,
+    SetExpression,
+    SetJoint,
+    ZoomBy,
+)
 from avatarrex_studio.session.state import LEVELS, OrbitView, StudioState
 from avatarrex_studio.window.window import Window
 from ball_studio import ball_studio
@@ -114,6 +123,25 @@ def test_a_double_click_resets_a_slider(screen):
     screen.seconds = 0.02
     clicks = screen.drag(lambda: panel.draw(state), place, place) + screen.drag(lambda: panel.draw(state), place, place)
     assert clicks[-1] == SetExpression("jawOpen", 0.0)
+
+
+def test_the_strength_of_a_region_goes_on_from_frame_to_frame(screen):
+    """A drag in five moves: the factors add up, and a drag back is no change."""
+    panel, state = face_panel(), StudioState()
+    find(screen, lambda: panel.draw(state), lambda command: isinstance(command, ScaleGroup))
+    x, y = screen.io.mouse_pos
+    factors = []
+    for place, pressed in ((x, None), (x, True), *((x + step, None) for step in (20, 40, 60, 30, 0)), (x, False)):
+        screen.io.add_mouse_pos_event(place, y)
+        if pressed is not None:
+            screen.io.add_mouse_button_event(0, pressed)
+        factors += [each.factor for each in screen.frame(lambda: panel.draw(state)) if isinstance(each, ScaleGroup)]
+    steps = np.diff([1.0, *factors])
+    assert len(factors) == 5
+    assert steps[:3] == pytest.approx(steps[0], abs=0.011)
+    assert factors[2] > 1.15
+    assert factors[-1] == pytest.approx(1.0, abs=0.011)
+    assert screen.frame(lambda: panel.draw(state)) == []
 
 
 def test_search_narrows_the_list(screen, monkeypatch):

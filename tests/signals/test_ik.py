@@ -57,6 +57,21 @@ def test_a_handle_reaches_what_is_in_reach(name):
     assert np.median(misses) < 0.002
 
 
+@pytest.mark.parametrize("limited", [True, False])
+def test_a_joint_beyond_its_limits_does_not_jump(limited):
+    """An imported knee of 2.7 rad, a shoulder turned past half a turn: pulled to where it is, and a little further."""
+    pose = STAND.full_pose()
+    pose[JOINT_NAMES.index("left_knee"), 0] = 2.7
+    pose[JOINT_NAMES.index("left_shoulder"), 1] = 4.0
+    signals = Signals.from_full_pose(pose)
+    for name in ("left_foot", "left_hand"):
+        here = at(signals, name)
+        still = pulled(SKELETON, signals, Pull(name, here), prior=signals, limited=limited)
+        assert np.abs(still.full_pose() - signals.full_pose()).max() < 1e-6
+        near = pulled(SKELETON, signals, Pull(name, here + 0.01), prior=signals, limited=limited)
+        assert np.abs(near.full_pose() - signals.full_pose()).max() < 0.3
+
+
 @pytest.mark.parametrize("name", ["left_hand", "left_knee"])
 def test_out_of_reach_a_limb_points_there_without_jumps(name):
     """Round a circle far out of reach: as near as any pose of many, small steps, and the same pose after a round."""

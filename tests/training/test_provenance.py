@@ -76,10 +76,10 @@ def test_a_trained_avatar_and_inspect_say_it(capture, tmp_path, monkeypatch):
     """Written by the verb; a path of the machine is not in it."""
     monkeypatch.setitem(train.RECIPES, "smoke", TINY)
     run = tmp_path / "run"
-    assert main(["train", str(capture), "--recipe", "smoke", "--out", str(run), "--no-surface"]) == 0
+    assert main(["train", str(capture), "--recipe", "smoke", f"--out={run}", "--no-surface"]) == 0
     (*_, last) = sorted((run / "checkpoints").iterdir())
     training = load_avatar(last / "avatar.avatar").meta["training"]
-    assert training["command"] == "avatarrex-studio train capture --recipe smoke --out run --no-surface"
+    assert training["command"] == "avatarrex-studio train capture --recipe smoke --out=run --no-surface"
     assert training["seconds"] > 0
     told = "\n".join(inspect.describe(str(last / "avatar.avatar")))
     for name, value in (("tracking", training["tracking"]), ("template: hands", training["template"]["hands"])):

@@ -34,7 +34,7 @@ class TexelDescent(torch.optim.Optimizer):
             for texel in (one for one in group["params"] if one.grad is not None):
                 state, slope = self.state[texel], texel.grad
                 if not state:
-                    state |= {"step": 0, "mean": torch.zeros_like(texel), "square": torch.zeros(())}
+                    state |= {"step": 0, "mean": torch.zeros_like(texel), "square": texel.new_zeros(())}
                 seen = (slope != 0).any(-1)
                 if not seen.any():
                     continue
