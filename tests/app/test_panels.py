@@ -127,21 +127,23 @@ def test_a_double_click_resets_a_slider(screen):
 
 def test_the_strength_of_a_region_goes_on_from_frame_to_frame(screen):
     """A drag in five moves: the factors add up, and a drag back is no change."""
-    panel, state = face_panel(), StudioState()
-    find(screen, lambda: panel.draw(state), lambda command: isinstance(command, ScaleGroup))
+    panel = face_panel()
+    find(screen, lambda: panel._strength("mouth"), lambda command: isinstance(command, ScaleGroup))
     x, y = screen.io.mouse_pos
     factors = []
     for place, pressed in ((x, None), (x, True), *((x + step, None) for step in (20, 40, 60, 30, 0)), (x, False)):
         screen.io.add_mouse_pos_event(place, y)
         if pressed is not None:
             screen.io.add_mouse_button_event(0, pressed)
-        factors += [each.factor for each in screen.frame(lambda: panel.draw(state)) if isinstance(each, ScaleGroup)]
+        factors += [
+            each.factor for each in screen.frame(lambda: panel._strength("mouth")) if isinstance(each, ScaleGroup)
+        ]
     steps = np.diff([1.0, *factors])
     assert len(factors) == 5
     assert steps[:3] == pytest.approx(steps[0], abs=0.011)
     assert factors[2] > 1.15
     assert factors[-1] == pytest.approx(1.0, abs=0.011)
-    assert screen.frame(lambda: panel.draw(state)) == []
+    assert screen.frame(lambda: panel._strength("mouth")) == []
 
 
 def test_search_narrows_the_list(screen, monkeypatch):
