@@ -23,14 +23,17 @@ from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.grip import LOOK, Grip
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.playback import Playback
-from avatarrex_studio.session.state import OrbitView, StudioState, Vector
+from avatarrex_studio.session.state import OrbitView, StudioState, Vector, vector
 
 from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
 from avatarrex.signals.import_options import ImportOptions
+from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.figure import Figure
 
 log = logging.getLogger(__name__)
+FACE = np.array([0.0, 0.037, 0.0])
+"""Metres: from the head's joint to what is in the middle of a picture of the face, at rest."""
 
 
 @runtime_checkable
@@ -185,6 +188,13 @@ class Studio:
             points = Outline(self.avatars.get(self.state.avatar).person.body).points(self.state.signals)
             view = framed(OrbitView(), points, self.state.size.pixels(viewport))
             self.do(SetCamera(view.azimuth, view.elevation, view.distance, view.fov, view.target))
+
+    def frame_face(self) -> None:
+        """The face fills the picture, seen from where the view is, wherever the head has gone."""
+        figure = self.figure
+        if figure is not None:
+            head, posed = JOINT_NAMES.index("head"), figure.posed
+            self.do(SetCamera(distance=0.75, target=vector(posed.position[head] + posed.rotation[head] @ FACE)))
 
     def look_at_camera(self) -> None:
         """Eyes and head turn to who looks at the picture."""

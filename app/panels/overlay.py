@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 from avatarrex_studio.panels import theme
+from avatarrex_studio.panels.joints import SPINE
 from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.actions import words
@@ -117,6 +118,8 @@ def draw_name(pen: imgui.ImDrawList, text: str, place: tuple[float, float]) -> N
 
 def title(part: str) -> str:
     """A joint or region as a person writes it: `left_index3` is the left index tip."""
+    if part in SPINE:
+        return SPINE[part]
     place = KNUCKLES.get(part[-1], "") if part[-1:].isdigit() and not part.startswith("spine") else ""
     return f"{words(part.rstrip('123') if place else part)} {place}".strip().capitalize()
 

@@ -20,7 +20,7 @@ class OwnEntries:
 
     def __init__(self, library: UserLibrary | None = None) -> None:
         self.library = library or UserLibrary()
-        self.name, self.error = "", ""
+        self.name, self.new_name, self.error = "", "", ""
         self._read = False
         self._menu: Entry | None = None
         self._overwriting: Entry | None = None
@@ -37,7 +37,7 @@ class OwnEntries:
 
     def open_menu(self, entry: Entry) -> None:
         """The menu of a card."""
-        self._menu, self.name, self._opened = entry, entry.name, MENU
+        self._menu, self.new_name, self._opened = entry, entry.name, MENU
 
     def draw(self, signals: Signals, kind: str, side: str) -> None:
         """The line that saves what is shown, what went wrong, and what is open."""
@@ -72,12 +72,13 @@ class OwnEntries:
         assert entry is not None
         widgets.caption(entry.name, theme.TEXT)
         imgui.set_next_item_width(170)
-        _, self.name = imgui.input_text("##own.rename", self.name)
+        entered, self.new_name = imgui.input_text(
+            "##own.rename", self.new_name, imgui.InputTextFlags_.enter_returns_true
+        )
         imgui.same_line()
-        if imgui.button("Rename##own") and self._do(
-            lambda: self.library.rename(entry.kind, entry.name, self.name.strip())
+        if (imgui.button("Rename##own") or entered) and self._do(
+            lambda: self.library.rename(entry.kind, entry.name, self.new_name.strip())
         ):
-            self.name = ""
             imgui.close_current_popup()
         if imgui.selectable(f"{icons.ICON_FA_TRASH}  Delete…", False)[0]:
             self._deleting, self._opened = entry, QUESTION
@@ -99,6 +100,7 @@ class OwnEntries:
                 if self._deleting
                 else (lambda: self.library.save(entry, overwrite=True))
             )
+            self.name = self.name if self._deleting else ""
             self._done()
         imgui.same_line()
         if imgui.button("Keep it##own", (110, 0)) or imgui.is_key_pressed(imgui.Key.escape):
@@ -107,7 +109,6 @@ class OwnEntries:
 
     def _done(self) -> None:
         self._deleting = self._overwriting = None
-        self.name = ""
         imgui.close_current_popup()
 
     def _do(self, change: Callable[[], None]) -> bool:

@@ -12,9 +12,11 @@ from imgui_bundle import imgui
 
 ROWS = 12
 MOUSE = (
+    ("Click on the person", "Select a joint or a region of the face"), ("Drag a ring", "Turn the joint"),
+    ("Drag a round handle", "Pull hand, foot, elbow, knee, head or pelvis"), ("Right click on the person", "Pin, reset, look here"),
     ("Left drag", "Orbit"), ("Right or middle drag, Shift+left drag", "Pan"), ("Wheel", "Zoom"),
     ("Double click in the picture", "Centre on that point"), ("Double click on a slider", "Reset it"),
-    ("Ctrl+click on a slider", "Type a value"),
+    ("Ctrl+click on a slider", "Type a value"), ("Alt or Shift on a slider", "Finer or coarser"),
 )  # fmt: skip
 
 

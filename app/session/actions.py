@@ -13,14 +13,11 @@ from avatarrex_studio.session import commands
 from avatarrex_studio.session.commands import Command
 from avatarrex_studio.session.grip import handle_of
 from avatarrex_studio.session.journal import Journal
-from avatarrex_studio.session.state import AUTO, IMAGE, LEVELS, OrbitView, StudioState
+from avatarrex_studio.session.state import AUTO, IMAGE, LEVELS, StudioState
 
 from avatarrex.signals.handles import HANDLES
 from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
 from avatarrex.templates.parts import PARTS
-
-HEAD = OrbitView(target=(0.0, 0.72, 0.03))
-"""Before the face of a person at rest."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +49,6 @@ def _has_motion(journal: Journal) -> bool:
 
 def _view(azimuth: float, elevation: float) -> Callable[[StudioState], Command]:
     return lambda state: commands.SetCamera(azimuth=azimuth, elevation=elevation)
-
-
-def _face(state: StudioState) -> Command:
-    return commands.SetCamera(distance=0.75, target=HEAD.moved(state.signals.translation).target)
 
 
 def _has_handle(journal: Journal) -> bool:
@@ -125,7 +118,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("view.back", "Back view", "View", "Ctrl+1", command=_view(180.0, 0.0)),
     Action("view.left", "Left view", "View", "Ctrl+3", command=_view(90.0, 0.0)),
     Action("view.home", "Whole person", "View", "Home", effect="whole_person", separator=True),
-    Action("view.face", "Frame the face", "View", "F", command=_face),
+    Action("view.face", "Frame the face", "View", "F", effect="frame_face"),
     Action("view.orbit_left", "Turn left", "", "4", command=_fixed(commands.OrbitBy(-15.0, 0.0))),
     Action("view.orbit_right", "Turn right", "", "6", command=_fixed(commands.OrbitBy(15.0, 0.0))),
     Action("overlay.joints", "Joints", "View", "J", command=_overlay("joints"), separator=True),

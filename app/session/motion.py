@@ -19,6 +19,16 @@ from avatarrex.signals.imported import ImportedMotion
 from avatarrex.signals.read import import_motion
 from avatarrex.signals.sequence import SignalSequence
 
+WHOLES = (
+    ("global_orient", "translation", "body_pose"),
+    ("left_hand_pose",),
+    ("right_hand_pose",),
+    ("expression",),
+    ("jaw_pose",),
+    ("eye_pose",),
+)
+"""Fields of `Signals` that a motion drives together, at rest where it says nothing of a joint."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -58,10 +68,10 @@ class Motion:
         return tuple(name for name, mask in self.masks.items() if mask.any())
 
     def signals(self, frame: int, base: Signals) -> Signals:
-        """`base` with what the motion drives, at `frame`."""
-        source = self.sequence[frame]
-        values = {name: np.where(self.masks[name], getattr(source, name), getattr(base, name)) for name in self.driven}
-        return base.replace(**values)
+        """`base` with what the motion drives, at `frame`: each of `WHOLES` all of it, so that nothing of a motion before is left."""
+        source, driven = self.sequence[frame], set(self.driven)
+        wholes = [whole for whole in WHOLES if driven & set(whole)]
+        return base.replace(**{name: getattr(source, name) for whole in wholes for name in whole})
 
     def loaded(self, base: Signals) -> LoadMotion:
         """The command that loads this motion."""

@@ -68,7 +68,7 @@ class Entry:
                 source,
                 "signals",
                 "an object of " + ", ".join(PARTS[kind]),
-                values if values is None else sorted(values),
+                sorted(values) if isinstance(values, dict) else type(values).__name__,
             )
         return cls(kind, checked_name(data.get("name"), source), Signals.from_json(values, source))
 

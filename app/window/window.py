@@ -83,7 +83,7 @@ class Window:
             "open_session": lambda: self.files.open("session", "Open a session", studio.open_session),
             "save_session": lambda: self.files.open("session", "Save the session", studio.save_session, save=True),
             "copy_pose": self._copy, "paste_pose": self._paste, "paste_flipped": partial(self._paste, flipped=True),
-            "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera,
+            "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,
             "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
             "quit": self._quit,

@@ -17,7 +17,7 @@ from avatarrex.signals.fbx import read_fbx
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.imported import Guess, ImportedMotion
 from avatarrex.signals.livelink import read_livelink
-from avatarrex.signals.own_motions import resolved
+from avatarrex.signals.own_motions import MOTIONS, resolved
 from avatarrex.signals.sequence import SignalSequence, check_frames, check_rate
 from avatarrex.signals.smplx_npz import read_smplx, read_vectors
 
@@ -48,7 +48,8 @@ def import_motion(path: str | Path, options: ImportOptions | None = None) -> Imp
     path, options = resolved(path), options or ImportOptions()
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise InputError(path, "", "a motion file: " + ", ".join(READERS), path.suffix or "no extension")
+        named = "" if path.suffix else "; or " + ", ".join(MOTIONS)
+        raise InputError(path, "", "a motion file: " + ", ".join(READERS) + named, path.suffix or "no extension")
     found = what_is(path)
     if found != "a file":
         raise InputError(path, "", "a motion file", found)

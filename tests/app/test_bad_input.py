@@ -79,7 +79,7 @@ OPTIONS = {
     "--set root.place=1,2,3": "root.translation or root.orientation", "--set root.translation=0,0,1e9": "translation: expected",
     "--pose ballet": "pose: ballet: expected one of .*found an unknown name", "--pose None": "an unknown name",
     "--hand middle=fist": "left=NAME, right=NAME or both=NAME", "--hand left=paw": "hand: paw: expected one of",
-    "--hand fist": "found fist", "--expression grin": "expression: grin: expected one of",
+    "--hand fist": "found fist", "--expression gurn": "expression: gurn: expected one of",
     "--background blurple": "a colour name, #rrggbb, r,g,b or transparent, found blurple", "--background 1,2": "r,g,b as integers",
     "--background 300,0,0": "found 300,0,0", "--background inf,0,0": NUMBER,
     "--aov albedo": "--aov: expected some of depth,normal,position,mask, found albedo", "--aov depth,,normal": "found nothing",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from avatarrex_studio.session.actions import ACTIONS, action, find
-from avatarrex_studio.session.commands import OrbitBy, SetBackground, SetExpression, SetJoint, SetLevel
+from avatarrex_studio.session.commands import OrbitBy, SetBackground, SetExpression, SetJoint, SetLevel, SetSignals
 from avatarrex_studio.session.motion import Motion
 from ball import render_ball
 from ball_studio import ball_studio
@@ -13,8 +13,11 @@ from ball_studio import ball_studio
 from avatarrex.errors import InputError
 from avatarrex.levels import DRAGGED_VOXEL, REUSE_TOLERANCE, level
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.library import named_expression, named_hand, named_pose
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
+from avatarrex.templates.figure import Figure
+from avatarrex.templates.person import load_person
 
 VIEWPORT = (320, 240)
 
@@ -171,3 +174,28 @@ def test_a_saved_session_opens_again(studio, clock, tmp_path):
     other = ball_studio(clock)
     other.open_session(str(tmp_path / "a.json"))
     assert other.state == studio.state
+
+
+def test_nothing_of_a_motion_is_left_when_the_next_is_loaded(studio, tmp_path):
+    """In joints that the next leaves at rest, too; what neither moves stays as it was posed."""
+    bent = Signals.rest().replace(body_pose=named_pose("squat"), expression=named_expression("smile"))
+    fist = {"left_hand_pose": named_hand("fist", "left")}
+    for name, frame in (("a", bent), ("b", Signals.rest().replace(body_pose=named_pose("wave")))):
+        write_json(tmp_path / f"{name}.json", SignalSequence((frame, frame), 24.0, name))
+    studio.do(SetSignals(Signals.rest().replace(**fist)))
+    studio.open_motion(str(tmp_path / "a.json"))
+    studio.open_motion(str(tmp_path / "b.json"))
+    found = studio.state.signals
+    assert np.array_equal(found.body_pose, named_pose("wave"))
+    assert np.array_equal(found.expression, named_expression("smile")), "b says nothing of the face"
+    assert np.array_equal(found.left_hand_pose, fist["left_hand_pose"])
+
+
+def test_the_face_is_framed_wherever_the_head_has_gone(studio, monkeypatch):
+    figure = Figure(load_person().body, Signals.rest().replace(body_pose=named_pose("bow")))
+    monkeypatch.setattr(type(studio), "figure", figure)
+    studio.frame_face()
+    lower, upper = (figure.vertices[figure.region(name)].mean(0) for name in ("mouth", "brow"))
+    middle = np.asarray(studio.state.view.target)
+    assert np.linalg.norm(middle - (lower + upper) / 2) < 0.1
+    assert middle[2] > 0.2, "before the body, which bows"

@@ -83,6 +83,8 @@ GOOD = taken(SIGNALS, "pose", "x").to_json()
         (json.dumps({**GOOD, "format": 9}), "format: expected 1, found 9"),
         (json.dumps({**GOOD, "name": "y"}), "name: expected x, found y"),
         (json.dumps({**GOOD, "name": 5}), "name: expected 1 to 60 letters"),
+        (json.dumps({**GOOD, "signals": 5}), "signals: expected an object of"),
+        (json.dumps({**GOOD, "signals": [1, "a"]}), "signals: expected an object of"),
         (json.dumps({**GOOD, "kind": []}), "kind: expected pose or hand or expression"),
         (json.dumps({**GOOD, "script": "rm"}), "script: expected one of format"),
         (json.dumps({**GOOD, "signals": {**GOOD["signals"], "body_pose": [[1e9] * 3] * 21}}), "body_pose: expected numbers up to"),
