@@ -17,6 +17,7 @@ from avatarrex.signals.direction import degrees_between, unit
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.imported import ImportedMotion
+from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.library import named_pose
 from avatarrex.signals.limits import LIMITS
 from avatarrex.signals.read import import_motion
@@ -96,6 +97,22 @@ def test_a_bundle_s_limbs_are_turned_as_their_hinges_bend(tmp_path: Path) -> Non
 def test_feet_that_rest_turned_out_point_where_they_point(tmp_path: Path) -> None:
     write(tmp_path / "m.bvh", replace(DIALECTS["mixamo"], feet=(0.1, 0.3)), steps())
     assert import_motion(tmp_path / "m.bvh").errors["feet"][1] < 1
+
+
+def test_a_hand_that_the_file_lacks_is_not_measured(tmp_path: Path) -> None:
+    """Wrists without fingers, their end sites at the wrists: nothing says where the hands point."""
+    kept = {ours: theirs for ours, theirs in DIALECTS["mixamo"].names.items() if ours in JOINT_NAMES[:25]}
+    write(tmp_path / "m.bvh", replace(DIALECTS["mixamo"], names=kept), steps())
+    assert "hands" in import_motion(tmp_path / "m.bvh").errors
+    text, count = re.subn(
+        r"(Hand\n(?:(?!JOINT).)*?End Site\s+\{\s+OFFSET)[^\n]*",
+        r"\1 0 0 0",
+        (tmp_path / "m.bvh").read_text(),
+        flags=re.DOTALL,
+    )
+    assert count == 2
+    (tmp_path / "m.bvh").write_text(text)
+    assert list(import_motion(tmp_path / "m.bvh").errors) == ["hips", "limbs", "feet", "head"]
 
 
 def test_an_asf_comes_in_as_it_was(tmp_path: Path) -> None:
