@@ -27,8 +27,6 @@ READERS: dict[str, Callable[[Path, ImportOptions], ImportedMotion]] = {
     ".json": lambda path, options: _of_json(path, options),
 }  # fmt: skip
 """What reads a file, by its extension."""
-SKELETONS = (".bvh", ".amc", ".fbx")
-"""Kinds with a skeleton of their own."""
 
 
 def read_motion(path: str | Path, options: ImportOptions | None = None) -> SignalSequence:
@@ -59,10 +57,18 @@ def import_motion(path: str | Path, options: ImportOptions | None = None) -> Imp
             raise
         # a frame that cannot be: say whose
         raise InputError(path, error.field, error.expected, error.found) from None
-    unused = [name for name in ("joints", "rest") if path.suffix.lower() not in SKELETONS and getattr(options, name)]
+    return _with_unused(read, options)
+
+
+def _with_unused(read: ImportedMotion, options: ImportOptions) -> ImportedMotion:
+    """The motion with a warning of the options that no guess of its reader names."""
+    used = {guess.option for guess in read.guesses}
+    unused = [name for name in options.to_json() if name not in used]
     if not unused:
         return read
-    return replace(read, warnings=(*read.warnings, f"no skeleton in this file: {', '.join(unused)} not used"))
+    text = f"not used, as nothing in this file depends on it: {', '.join(unused)}"
+    sequence = replace(read.sequence, notes=(*read.sequence.notes, f"warning: {text}"))
+    return replace(read, sequence=sequence, warnings=(*read.warnings, text))
 
 
 def _of_json(path: Path, options: ImportOptions) -> ImportedMotion:

@@ -20,7 +20,7 @@ from avatarrex.signals.contacts import locked
 from avatarrex.signals.driving import LARGEST
 from avatarrex.signals.ground import WORDS, grounded
 from avatarrex.signals.import_options import ImportOptions
-from avatarrex.signals.imported import Guess, ImportedMotion
+from avatarrex.signals.imported import Guess, ImportedMotion, feet
 from avatarrex.signals.joints import JOINT_ROWS
 from avatarrex.signals.sequence import MOST_FRAMES, SignalSequence, check_frames, check_rate, stack
 from avatarrex.signals.suspicion import suspicions
@@ -98,16 +98,18 @@ def _imported(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions,
     if walked:
         translation = require(arrays, path, walked, (len(full), 3)).astype(np.float64) * (options.metres or 1.0)
     guesses = [Guess("file", f"{kind}, {model}", f"{len(full)} frames; path: {walked or 'none'}"), rate]
+    if walked:
+        guesses += [Guess("unit", options.unit or "metres", "chosen" if options.unit else "", "unit")]
     expression = None
     if "arkit52" in arrays:
         expression = np.clip(require(arrays, path, "arkit52", (len(full), 52)).astype(np.float64), 0, 1)
-        notes.append("a capture in our layout: path as stored")
+        notes.append("a capture in our layout: axes and floor as stored")
     else:
         if "expression" in arrays:
             notes.append("the file's expression coefficients belong to another face: not applied")
         world, axes = pelvis_axes(path, full[:, 0], options)
         translation, floor = _placed(full, translation, world, options, fps)
-        guesses += [Guess("unit", options.unit or "metres", "chosen" if options.unit else "", "unit"), *axes, floor]
+        guesses += [*axes, floor, feet(options)]
     warnings += suspicions(full, translation, fps)
     if not full[:, 25:].any():
         notes.append("no finger moves: flat hands")
