@@ -13,7 +13,7 @@ from avatarrex.files.json_text import read_json as read_json_file
 from avatarrex.signals.asf import read_amc
 from avatarrex.signals.bvh import read_bvh
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.fbx import read_fbx
+from avatarrex.signals.fbx import SECONDS, read_fbx
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.imported import Guess, ImportedMotion
 from avatarrex.signals.livelink import read_livelink
@@ -38,10 +38,12 @@ def read_motion(path: str | Path, options: ImportOptions | None = None) -> Signa
     return import_motion(path, options).sequence
 
 
-def import_motion(path: str | Path, options: ImportOptions | None = None) -> ImportedMotion:
+def import_motion(
+    path: str | Path, options: ImportOptions | None = None, fbx_seconds: float = SECONDS
+) -> ImportedMotion:
     """As `read_motion`, with every guess, the file's own skeleton and how far its directions are from ours.
 
-    `options` decide what would be guessed. Raises `InputError`.
+    `options` decide what would be guessed; `fbx_seconds`: the longest that Blender may take over an `.fbx`. Raises `InputError`.
     """
     path, options = resolved(path), options or ImportOptions()
     reader = READERS.get(path.suffix.lower())
@@ -51,7 +53,7 @@ def import_motion(path: str | Path, options: ImportOptions | None = None) -> Imp
     if found != "a file":
         raise InputError(path, "", "a motion file", found)
     try:
-        read = reader(path, options)
+        read = read_fbx(path, options, fbx_seconds) if reader is read_fbx else reader(path, options)
     except InputError as error:
         if error.source != "signals":
             raise
