@@ -15,7 +15,7 @@ from avatarrex_studio.session.motion import Motion
 from imgui_bundle import imgui
 
 from avatarrex.signals.import_options import AXES, FLOORS, RESTS, UNITS, ImportOptions
-from avatarrex.signals.imported import Guess
+from avatarrex.signals.imported import Guess, ImportedMotion
 from avatarrex.signals.joints import JOINT_NAMES
 
 SIZE = (620.0, 560.0)
@@ -43,7 +43,7 @@ class MotionImport:
 
     def draw(self, studio: Studio) -> None:
         """Draw the window where it is open; read the motion again where a guess was changed."""
-        motion = studio.playback.motion if studio.state.motion else None
+        motion = studio.playback.current(studio.state)
         if motion is None:
             self.shown, self._seen = False, None
             return
@@ -72,11 +72,7 @@ class MotionImport:
         if not imported.warnings:
             widgets.caption("Nothing looks wrong.")
         imgui.spacing()
-        chosen = self._guesses(imported.guesses, imported.options)
-        on = imported.options.lock_feet
-        changed, locked = imgui.checkbox("Feet that stand neither slide nor sink", on)
-        if changed:
-            chosen = replace(imported.options, lock_feet=locked)
+        chosen = self._guesses(imported)
         if imported.errors:
             angles = ", ".join(f"{part} {largest:.1f}°" for part, (_, largest) in imported.errors.items())
             widgets.caption(f"Directions off from the file's own at most: {angles}")
@@ -84,7 +80,7 @@ class MotionImport:
             chosen = self._joints(motion) or chosen
         return chosen
 
-    def _guesses(self, guesses: tuple[Guess, ...], options: ImportOptions) -> ImportOptions | None:
+    def _guesses(self, imported: ImportedMotion) -> ImportOptions | None:
         """The table; the options after a change."""
         chosen = None
         if not imgui.begin_table("guesses", 3, imgui.TableFlags_.row_bg | imgui.TableFlags_.sizing_stretch_prop):
@@ -92,12 +88,12 @@ class MotionImport:
         for title, width in zip(("what", "value"), COLUMNS):
             imgui.table_setup_column(title, imgui.TableColumnFlags_.width_fixed, width)
         imgui.table_setup_column("why", imgui.TableColumnFlags_.width_stretch)
-        for guess in guesses:
+        for guess in imported.guesses:
             imgui.table_next_column()
             imgui.align_text_to_frame_padding()
             widgets.caption(guess.what.capitalize())
             imgui.table_next_column()
-            chosen = _value(guess, options) or chosen
+            chosen = _value(guess, imported) or chosen
             imgui.table_next_column()
             imgui.align_text_to_frame_padding()
             widgets.paragraph(guess.why)
@@ -120,8 +116,9 @@ class MotionImport:
         return chosen
 
 
-def _value(guess: Guess, options: ImportOptions) -> ImportOptions | None:
-    """A guess as a list to choose from, a number, or its words; the options after a change."""
+def _value(guess: Guess, imported: ImportedMotion) -> ImportOptions | None:
+    """A guess as a list to choose from, a number, a box to tick, or its words; the options after a change."""
+    options = imported.options
     widgets.fill()
     if guess.option in CHOICES:
         allowed = [name for name in CHOICES[guess.option] if guess.option != "forward" or name[1] != options.up[1:]]
@@ -133,11 +130,12 @@ def _value(guess: Guess, options: ImportOptions) -> ImportOptions | None:
             said["forward"] = ""
         return replace(options, **said)
     if guess.option == "fps":
-        rate = float(guess.value.split()[0])
-        changed, typed = imgui.input_float(
-            "##fps", rate, 0, 0, "%.3g a second", imgui.InputTextFlags_.enter_returns_true
-        )
+        rate, enter = imported.sequence.fps, imgui.InputTextFlags_.enter_returns_true
+        changed, typed = imgui.input_double("##fps", rate, 0, 0, "%.12g a second", enter)
         return replace(options, fps=typed) if changed and 0 < typed <= 1000 else None
+    if guess.option == "lock_feet":
+        changed, locked = imgui.checkbox("Stay where they stand##lock_feet", options.lock_feet)
+        return replace(options, lock_feet=locked) if changed else None
     imgui.align_text_to_frame_padding()
     widgets.paragraph(guess.value, theme.TEXT)
     return None

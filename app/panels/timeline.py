@@ -50,8 +50,8 @@ class TimelinePanel:
             if imgui.menu_item("How the motion was read…", "", False, studio.state.motion is not None)[0]:
                 self.reading.open()
             imgui.end_popup()
-        motion = studio.playback.motion
-        if studio.state.motion and motion and motion.imported.warnings:
+        motion = studio.playback.current(studio.state)
+        if motion and motion.imported.warnings:
             imgui.same_line()
             if imgui.button(f"{icons.ICON_FA_TRIANGLE_EXCLAMATION}##motion.warnings"):
                 self.reading.open()

@@ -14,6 +14,7 @@ import numpy as np
 from avatarrex_studio.session.commands import LoadMotion, SetFrame
 
 from avatarrex.signals.driving import SHAPES, Signals
+from avatarrex.signals.fbx import SECONDS
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.imported import ImportedMotion
 from avatarrex.signals.read import import_motion
@@ -39,9 +40,9 @@ class Motion:
     imported: ImportedMotion
 
     @classmethod
-    def read(cls, path: str | Path, options: ImportOptions | None = None) -> Motion:
-        """Read any kind of motion file, guesses replaced by `options`. Raises `InputError`."""
-        return cls(str(path), import_motion(path, options))
+    def read(cls, path: str | Path, options: ImportOptions | None = None, fbx_seconds: float = SECONDS) -> Motion:
+        """Read any kind of motion file, guesses replaced by `options`, an `.fbx` in `fbx_seconds`. Raises `InputError`."""
+        return cls(str(path), import_motion(path, options, fbx_seconds))
 
     @property
     def sequence(self) -> SignalSequence:

@@ -11,6 +11,9 @@ from avatarrex_studio.session.state import StudioState
 from avatarrex.errors import InputError
 from avatarrex.signals.import_options import ImportOptions
 
+FBX_SECONDS = 60.0
+"""The longest that the window, which stands still meanwhile, waits for Blender."""
+
 log = logging.getLogger(__name__)
 
 
@@ -20,7 +23,10 @@ class Playback:
     def __init__(self) -> None:
         self.playing = False
         self.loop = True
-        self.motion: Motion | None = None
+        self._motion: Motion | None = None
+        """What was read last; the state may name another."""
+        self._refused: tuple[str, ImportOptions] | None = None
+        """What could not be read last: it is not tried again in every frame of the window."""
         self._started = (0.0, 0)
         """The time of the start and the frame then."""
         self._plays = 0
@@ -32,17 +38,38 @@ class Playback:
 
     def open(self, path: str, options: ImportOptions | None = None) -> Motion:
         """Read a motion in place of the last. Raises `InputError`."""
-        self.motion = Motion.read(path, options)
+        self._motion, self._refused = Motion.read(path, options, FBX_SECONDS), None
         self.playing = False
-        return self.motion
+        return self._motion
 
     def close(self) -> None:
         """Forget it."""
-        self.playing, self.motion = False, None
+        self.playing, self._motion, self._refused = False, None, None
+
+    def current(self, state: StudioState) -> Motion | None:
+        """The motion that the state names, read again after an undo or a session that was opened.
+
+        None without one, and where it cannot be read: that is logged once, and `toggle` tries again.
+        """
+        if state.motion is None:
+            return None
+        wanted = state.motion.path, state.motion.options
+        if self._motion is not None and (self._motion.path, self._motion.imported.options) == wanted:
+            return self._motion
+        if wanted == self._refused:
+            return None
+        try:
+            self._motion, self._refused = Motion.read(*wanted, FBX_SECONDS), None
+        except InputError as error:
+            log.error("%s", error)
+            self.playing, self._refused = False, wanted
+            return None
+        return self._motion
 
     def toggle(self, state: StudioState, now: float) -> None:
         """Start, again from the first frame after the last, or stop."""
-        if self._current(state) is None or state.motion is None:
+        self._refused = None
+        if self.current(state) is None or state.motion is None:
             return
         self.playing = not self.playing
         at_end = state.motion.frame == state.motion.frames - 1
@@ -51,12 +78,12 @@ class Playback:
 
     def at(self, state: StudioState, frame: int) -> SetFrame | None:
         """The command that goes to a frame, beyond the ends to the nearest; None without a motion."""
-        motion = self._current(state)
+        motion = self.current(state)
         return None if motion is None else motion.at(min(max(frame, 0), len(motion) - 1), state.signals)
 
     def due(self, state: StudioState, now: float) -> int | None:
         """The frame to go to, where it is not the state's own."""
-        motion = self._current(state) if self.playing else None
+        motion = self.current(state) if self.playing else None
         if motion is None:
             self.playing = False
             return None
@@ -69,17 +96,3 @@ class Playback:
             else:
                 self.playing, frame = False, len(motion) - 1
         return frame if state.motion and frame != state.motion.frame else None
-
-    def _current(self, state: StudioState) -> Motion | None:
-        """The motion that the state names, read again after an undo or a session that was opened."""
-        if state.motion is None:
-            return None
-        wanted = state.motion.path, state.motion.options
-        if self.motion is None or (self.motion.path, self.motion.imported.options) != wanted:
-            try:
-                self.motion = Motion.read(*wanted)
-            except InputError as error:
-                log.error("%s", error)
-                self.playing = False
-                return None
-        return self.motion

@@ -82,7 +82,12 @@ def _read_skeleton(path: Path) -> _Skeleton:
     bones = [root, *_bones(path, sections.get("bonedata", []), to_radians)]
     if len(bones) == 1:
         raise InputError(path, ":bonedata", "bones", "none")
-    return _Skeleton(_ordered(path, bones, sections.get("hierarchy", [])), to_radians)
+    ordered = _ordered(path, bones, sections.get("hierarchy", []))
+    if len(ordered) == 1:
+        raise InputError(path, ":hierarchy", "bones below the root", "none")
+    if not any(bone.channels for bone in ordered):
+        raise InputError(path, "", "channels: an order of the root or a dof of a bone", "none")
+    return _Skeleton(ordered, to_radians)
 
 
 def _sections(path: Path, text: str) -> dict[str, list[tuple[int, list[str]]]]:

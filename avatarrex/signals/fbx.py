@@ -5,6 +5,7 @@ Blender's importer is native code of another project: what it does to a broken f
 
 from __future__ import annotations
 
+import logging
 import subprocess
 import sys
 import tempfile
@@ -27,12 +28,17 @@ from avatarrex.signals.source_motion import SourceMotion
 
 LARGEST_FILE = 2**29
 """Bytes of an `.fbx`."""
-SECONDS = 300
+SECONDS = 300.0
 """Until Blender is ended: a minute of motion takes some seconds."""
 
+log = logging.getLogger(__name__)
 
-def read_fbx(path: Path, options: ImportOptions) -> ImportedMotion:
-    """Read and retarget the first skeleton of an FBX file. Raises `InputError`, also where `bpy` is missing."""
+
+def read_fbx(path: Path, options: ImportOptions, seconds: float = SECONDS) -> ImportedMotion:
+    """Read and retarget the first skeleton of an FBX file.
+
+    Raises `InputError`, also where `bpy` is missing or Blender takes longer than `seconds`.
+    """
     check_file(path, "an FBX file", LARGEST_FILE)
     if find_spec("bpy") is None:
         remedy = "Blender as a Python module to read it (pip install 'avatarrex-studio[fbx]'), or the motion as .bvh"
@@ -40,10 +46,11 @@ def read_fbx(path: Path, options: ImportOptions) -> ImportedMotion:
     with tempfile.TemporaryDirectory() as folder:
         out, said = Path(folder) / "motion.npz", Path(folder) / "said"
         words = [sys.executable, fbx_scene.__file__, str(path.resolve()), str(out), str(said)]
+        log.info("%s: reading through Blender, %g s at most", path.name, seconds)
         try:
-            subprocess.run(words, capture_output=True, timeout=SECONDS, cwd=folder, check=False)
+            subprocess.run(words, capture_output=True, timeout=seconds, cwd=folder, check=False)
         except subprocess.TimeoutExpired:
-            raise InputError(path, "", f"an FBX file that Blender reads in {SECONDS} s", "a slower one") from None
+            raise InputError(path, "", f"an FBX file that Blender reads in {seconds:g} s", "a slower one") from None
         if not out.exists():
             reason = read_text(said, "words").strip() if said.exists() else "Blender ended"
             raise InputError(path, "", "an FBX file with a moving skeleton", reason)

@@ -48,7 +48,7 @@ class Fidelity:
                 )
             ],
             "limbs": [self._bone(f"{s}_{a}", f"{s}_{b}") for s in sides for a, b in _BONES if f"{s}_{b}" in self.found],
-            "hands": [self._hand(side) for side in sides if f"{side}_wrist" in self.found],
+            "hands": [angles for side in sides for angles in self._hand(side)],
             "feet": [self._sole(s) for s in sides if f"{s}_ankle" in self.found and f"{s}_foot" in self.found],
             "head": self._head() if "head" in self.found else [],
         }
@@ -66,14 +66,16 @@ class Fidelity:
     def _bone(self, start: str, end: str) -> np.ndarray:
         return degrees_between(self._theirs(self.found[start], self.found[end]), self._ours(start, end))
 
-    def _hand(self, side: str) -> np.ndarray:
+    def _hand(self, side: str) -> list[np.ndarray]:
         wrist, middle = f"{side}_wrist", f"{side}_middle1"
+        if wrist not in self.found:
+            return []
         if all(f"{side}_{finger}1" in self.found for finger in ("index", "middle", "pinky")):
-            return self._bone(wrist, middle)
+            return [self._bone(wrist, middle)]
         end = hand_tip(self.source, self.found, side)
         if end is None:
-            return np.zeros(len(self.places))  # without a hand in the file there is nothing to be wrong
-        return degrees_between(self._theirs(self.found[wrist], end), self._ours(wrist, middle))
+            return []
+        return [degrees_between(self._theirs(self.found[wrist], end), self._ours(wrist, middle))]
 
     def _sole(self, side: str) -> np.ndarray:
         ankle, foot = f"{side}_ankle", f"{side}_foot"

@@ -19,10 +19,17 @@ class Guess:
     value: str
     why: str = ""
     option: str = ""
-    """The field of `ImportOptions` that decides it instead."""
+    """The field of `ImportOptions` that decides it instead: a reader that heeds an option has a guess that names it."""
 
     def __str__(self) -> str:
         return plain(f"{self.what}: {self.value}" + (f" ({self.why})" if self.why else ""))
+
+
+def feet(options: ImportOptions) -> Guess:
+    """Whether feet that stand are kept where they stand."""
+    if options.lock_feet:
+        return Guess("feet", "stay where they stand", "chosen", "lock_feet")
+    return Guess("feet", "as in the file", "", "lock_feet")
 
 
 @dataclass(frozen=True, eq=False)

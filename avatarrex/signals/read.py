@@ -13,7 +13,7 @@ from avatarrex.files.json_text import read_json as read_json_file
 from avatarrex.signals.asf import read_amc
 from avatarrex.signals.bvh import read_bvh
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.fbx import read_fbx
+from avatarrex.signals.fbx import SECONDS, read_fbx
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.imported import Guess, ImportedMotion
 from avatarrex.signals.livelink import read_livelink
@@ -27,8 +27,6 @@ READERS: dict[str, Callable[[Path, ImportOptions], ImportedMotion]] = {
     ".json": lambda path, options: _of_json(path, options),
 }  # fmt: skip
 """What reads a file, by its extension."""
-SKELETONS = (".bvh", ".amc", ".fbx")
-"""Kinds with a skeleton of their own."""
 
 
 def read_motion(path: str | Path, options: ImportOptions | None = None) -> SignalSequence:
@@ -40,10 +38,12 @@ def read_motion(path: str | Path, options: ImportOptions | None = None) -> Signa
     return import_motion(path, options).sequence
 
 
-def import_motion(path: str | Path, options: ImportOptions | None = None) -> ImportedMotion:
+def import_motion(
+    path: str | Path, options: ImportOptions | None = None, fbx_seconds: float = SECONDS
+) -> ImportedMotion:
     """As `read_motion`, with every guess, the file's own skeleton and how far its directions are from ours.
 
-    `options` decide what would be guessed. Raises `InputError`.
+    `options` decide what would be guessed; `fbx_seconds`: the longest that Blender may take over an `.fbx`. Raises `InputError`.
     """
     path, options = resolved(path), options or ImportOptions()
     reader = READERS.get(path.suffix.lower())
@@ -54,16 +54,24 @@ def import_motion(path: str | Path, options: ImportOptions | None = None) -> Imp
     if found != "a file":
         raise InputError(path, "", "a motion file", found)
     try:
-        read = reader(path, options)
+        read = read_fbx(path, options, fbx_seconds) if reader is read_fbx else reader(path, options)
     except InputError as error:
         if error.source != "signals":
             raise
         # a frame that cannot be: say whose
         raise InputError(path, error.field, error.expected, error.found) from None
-    unused = [name for name in ("joints", "rest") if path.suffix.lower() not in SKELETONS and getattr(options, name)]
+    return _with_unused(read, options)
+
+
+def _with_unused(read: ImportedMotion, options: ImportOptions) -> ImportedMotion:
+    """The motion with a warning of the options that no guess of its reader names."""
+    used = {guess.option for guess in read.guesses}
+    unused = [name for name in options.to_json() if name not in used]
     if not unused:
         return read
-    return replace(read, warnings=(*read.warnings, f"no skeleton in this file: {', '.join(unused)} not used"))
+    text = f"not used, as nothing in this file depends on it: {', '.join(unused)}"
+    sequence = replace(read.sequence, notes=(*read.sequence.notes, f"warning: {text}"))
+    return replace(read, sequence=sequence, warnings=(*read.warnings, text))
 
 
 def _of_json(path: Path, options: ImportOptions) -> ImportedMotion:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from avatarrex.signals.direction import degrees_between, frame_turn, smallest_turn, unit
+from avatarrex.signals.direction import TINY, degrees_between, frame_turn, smallest_turn, unit
 from avatarrex.signals.joint_names import ancestors
 from avatarrex.signals.joints import FINGERS, JOINT_NAMES
 from avatarrex.signals.rest_skeleton import rest_skeleton
@@ -26,6 +26,8 @@ SNAPS = 20.0
 """Degrees from an axis of the file within which a rest pose stands along it."""
 DANGLES = 35.0
 """Degrees between shin and foot from which on a foot is flat (ours 72; 45 in the steepest rig seen, MakeHuman's 60)."""
+ACROSS = 0.02
+"""Least share of the hips' line that is across the trunk, to give axes at all."""
 RISES = 65.0
 """Degrees between a collar bone and the line of the shoulders from which on the bone is no collar's at rest (ours 14)."""
 
@@ -33,22 +35,28 @@ BENT_WRIST = 45.0
 """Degrees between forearm and hand at rest beyond which an end site is no fingertip."""
 
 
-def rest_axes(source: SourceMotion, found: dict[str, int]) -> np.ndarray | None:
-    """Rotation from the file's axes to ours (+X left, +Y up, +Z forward) at rest; None where no person rests so.
+def rest_axes(source: SourceMotion, found: dict[str, int], chosen: bool = False) -> np.ndarray | None:
+    """Rotation (3, 3) from the file's axes to ours (+X left, +Y up, +Z forward) at rest; None where no person rests so.
 
-    Along the file's own axes where the person nearly is: hips and trunks of rigs lean by some degrees that mean nothing.
+    Along the file's own axes where the person nearly is: hips and trunks of rigs lean by some degrees that mean nothing. Where a
+    person's pose was `chosen`, it may sit, and None is where hips and trunk lie along one line.
     """
     rest = source.rest
     left = rest[found["left_hip"]] - rest[found["right_hip"]]
     hips = (rest[found["left_hip"]] + rest[found["right_hip"]]) / 2
     trunk = rest[found.get("neck", found["left_shoulder"])] - hips
     thighs = (rest[found["left_knee"]] + rest[found["right_knee"]]) / 2 - hips
-    y = _snapped(trunk - thighs)
+    stands = degrees_between(trunk, thighs) >= OPPOSITE
+    y = _snapped(trunk - thighs if stands else trunk)
     across = left - (left @ y) * y
-    tilted = np.linalg.norm(across) < 0.7 * np.linalg.norm(left)
-    if tilted or not left.any() or degrees_between(trunk, thighs) < OPPOSITE:
+    level = np.linalg.norm(across) / max(float(np.linalg.norm(left)), TINY)
+    if not y.any() or level < ACROSS:
+        return None
+    if not chosen and (level < 0.7 or not stands):
         return None
     x = _snapped(across)
+    if abs(x @ y) > TINY:
+        x = unit(across)
     return np.stack([x, y, np.cross(x, y)])
 
 

@@ -22,7 +22,7 @@ from avatarrex.signals.direction import smallest_turn
 from avatarrex.signals.fidelity import Fidelity
 from avatarrex.signals.ground import WORDS, grounded
 from avatarrex.signals.import_options import UNITS, ImportOptions
-from avatarrex.signals.imported import Guess, ImportedMotion, Skeleton
+from avatarrex.signals.imported import Guess, ImportedMotion, Skeleton, feet
 from avatarrex.signals.joint_names import NEEDED, find
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.limits import LIMITS
@@ -57,9 +57,11 @@ def retarget(path: Path, source: SourceMotion, options: ImportOptions) -> Import
     for name in NEEDED:
         if name not in found:
             raise InputError(path, "HIERARCHY", f"a joint for {name}", ", ".join(source.names[:12]))
-    axes = None if options.rest == "bones" else rest_axes(source, found)
+    axes = None if options.rest == "bones" else rest_axes(source, found, options.rest == "pose")
+    if options.rest == "pose" and axes is None:
+        raise InputError(path, "rest", "a pose whose hips lie across the trunk (or bones)", "one line for both")
     world, axis_guesses, warnings = world_axes(path, source, found, axes, options)
-    rest = _rest(path, source, found, axes, world)
+    rest = _rest(source, found, axes, world, options)
     globals_ = _globals(source.turned, world, rest.turns, found)
     _straighten(globals_, source.places @ world.T, found)
     pose = _locals(globals_)
@@ -84,7 +86,7 @@ def retarget(path: Path, source: SourceMotion, options: ImportOptions) -> Import
         pose = locked(pose, moved, fps)
     guesses = (
         Guess("file", source.dialect, f"{len(pose)} frames, {len(source.names)} joints and ends"), unit, *axis_guesses, rest.guess,
-        rate, Guess("floor", WORDS[how], why, "floor"), *_joint_guesses(found, toes),
+        rate, Guess("floor", WORDS[how], why, "floor"), feet(options), *_joint_guesses(found, toes),
     )  # fmt: skip
     skeleton = Skeleton(source.names, source.parents, places + (moved - path_metres)[:, None], _names(source, found))
     skeleton.places[..., 1] += _hip_height()
@@ -93,13 +95,14 @@ def retarget(path: Path, source: SourceMotion, options: ImportOptions) -> Import
     return ImportedMotion(sequence, guesses, tuple(warnings), skeleton, errors, options)
 
 
-def _rest(path: Path, source: SourceMotion, found: dict[str, int], axes: np.ndarray | None, world: np.ndarray) -> _Rest:
+def _rest(
+    source: SourceMotion, found: dict[str, int], axes: np.ndarray | None, world: np.ndarray, options: ImportOptions
+) -> _Rest:
     """B of each joint, and the table's line."""
-    bones = BoneFrames(source, found, world[1])
+    bones, chosen = BoneFrames(source, found, world[1]), "chosen; " if options.rest else ""
     if axes is None:
-        return _Rest(
-            bones.all(), None, Guess("rest pose", "a bundle of bones", "their directions and averages count", "rest")
-        )
+        why = f"{chosen}their directions and averages count"
+        return _Rest(bones.all(), None, Guess("rest pose", "a bundle of bones", why, "rest"))
     turns, odd = rest_turns(source, found, axes), dangling(source, found, axes)
     if odd:
         bones.turns.update(zip(JOINT_NAMES, turns))
@@ -108,7 +111,7 @@ def _rest(path: Path, source: SourceMotion, found: dict[str, int], axes: np.ndar
             bones.foot(side) if part == "ankle" else bones.collar(side)
         turns = np.stack([bones.turns[name] for name in JOINT_NAMES])
     letters = [near_axis(row) for row in axes]
-    why = f"left, up, forward are {', '.join(letters)}" + (f"; by their bones: {', '.join(odd)}" if odd else "")
+    why = f"{chosen}left, up, forward are {', '.join(letters)}" + (f"; by their bones: {', '.join(odd)}" if odd else "")
     return _Rest(turns, axes, Guess("rest pose", "a person's", why, "rest"))
 
 

@@ -17,15 +17,14 @@ from avatarrex.errors import InputError
 from avatarrex.files.arrays import read_array, read_arrays
 from avatarrex.files.assets import require
 from avatarrex.signals.contacts import locked
-from avatarrex.signals.direction import unit
 from avatarrex.signals.driving import LARGEST
 from avatarrex.signals.ground import WORDS, grounded
-from avatarrex.signals.import_options import ImportOptions, axis
-from avatarrex.signals.imported import Guess, ImportedMotion
+from avatarrex.signals.import_options import ImportOptions
+from avatarrex.signals.imported import Guess, ImportedMotion, feet
 from avatarrex.signals.joints import JOINT_ROWS
 from avatarrex.signals.sequence import MOST_FRAMES, SignalSequence, check_frames, check_rate, stack
 from avatarrex.signals.suspicion import suspicions
-from avatarrex.signals.world_axes import axis_name, near_axis, nearest_axis, world_of
+from avatarrex.signals.world_axes import pelvis_axes
 
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framerate")
 POSES = ("poses", "fullpose", "pose_world", "smpl_poses", "smpl_thetas", "pose")
@@ -56,8 +55,6 @@ VECTORS: dict[int, tuple[str, dict[str, slice]]] = {
                        "trans": slice(309, 312)}),
 }  # fmt: skip
 """Vectors of one frame by their length, and where its parts are; what is left out belongs to another face and body."""
-LEVEL = 0.3
-"""Least level share of the direction in which the pelvis looks, to tell a heading; else its left side does."""
 
 
 def read_smplx(path: Path, options: ImportOptions) -> ImportedMotion:
@@ -101,16 +98,18 @@ def _imported(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions,
     if walked:
         translation = require(arrays, path, walked, (len(full), 3)).astype(np.float64) * (options.metres or 1.0)
     guesses = [Guess("file", f"{kind}, {model}", f"{len(full)} frames; path: {walked or 'none'}"), rate]
+    if walked:
+        guesses += [Guess("unit", options.unit or "metres", "chosen" if options.unit else "", "unit")]
     expression = None
     if "arkit52" in arrays:
         expression = np.clip(require(arrays, path, "arkit52", (len(full), 52)).astype(np.float64), 0, 1)
-        notes.append("a capture in our layout: path as stored")
+        notes.append("a capture in our layout: axes and floor as stored")
     else:
         if "expression" in arrays:
             notes.append("the file's expression coefficients belong to another face: not applied")
-        world, axes = _world(path, full, options)
+        world, axes = pelvis_axes(path, full[:, 0], options)
         translation, floor = _placed(full, translation, world, options, fps)
-        guesses += [Guess("unit", options.unit or "metres", "chosen" if options.unit else "", "unit"), *axes, floor]
+        guesses += [*axes, floor, feet(options)]
     warnings += suspicions(full, translation, fps)
     if not full[:, 25:].any():
         notes.append("no finger moves: flat hands")
@@ -160,7 +159,8 @@ def _poses(arrays: dict[str, np.ndarray], path: Path, key: str) -> tuple[np.ndar
         poses = poses.reshape(len(poses), -1)
     poses = require({**arrays, key: poses}, path, key, (None, None)).astype(np.float64)
     if poses.shape[1] not in WIDTHS or not len(poses):
-        raise InputError(path, key, "shape (any, 156) SMPL-H, (any, 165) SMPL-X or (any, 72) SMPL", poses.shape)
+        expected = " or ".join(f"(any, {width}) {model}" for width, (model, _) in WIDTHS.items())
+        raise InputError(path, key, f"shape {expected}", poses.shape)
     model, joints = WIDTHS[poses.shape[1]]
     full = np.zeros((len(poses), 55, 3))
     full[:, joints] = poses.reshape(len(poses), -1, 3)[:, : len(joints)]
@@ -178,27 +178,6 @@ def _by_parts(arrays: dict[str, np.ndarray], path: Path) -> np.ndarray:
     if wide.ndim == 2 and wide.shape[1] == 69:  # SMPL's 23 joints: the last two are its hands
         arrays = {**arrays, body: wide[:, :63]}
     return joint_rotations(arrays, path, body)
-
-
-def _world(path: Path, full: np.ndarray, options: ImportOptions) -> tuple[np.ndarray, list[Guess]]:
-    """Rotation (3, 3) from the file's world to ours: AMASS is Z-up, most other files are Y-up and cameras' worlds Y-down."""
-    pelvis = Rotation.from_rotvec(full[:, 0])
-    mean = pelvis.apply([0.0, 1.0, 0.0]).mean(0)
-    up = np.array(axis(options.up)) if options.up else nearest_axis(mean)
-    why = "chosen" if options.up else f"{100 * float(mean @ up):.0f} % of the average pelvis"
-    if axis_name(up) == "-Y" and not options.up:
-        why += "; a camera's world"
-    guesses = [Guess("up", axis_name(up), why, "up")]
-    if options.forward:
-        forward, why, name = np.array(axis(options.forward)), "chosen", options.forward
-        if abs(forward @ up) > 0.5:
-            raise InputError(path, "forward", f"an axis across up ({axis_name(up)})", options.forward)
-    else:
-        left, ahead = pelvis[0].apply([1.0, 0.0, 0.0]), pelvis[0].apply([0.0, 0.0, 1.0])
-        level = ahead - (ahead @ up) * up
-        forward = unit(level if np.linalg.norm(level) > LEVEL else np.cross(left, up))
-        name, why = near_axis(forward), "the person looks at the camera in the first frame"
-    return world_of(up, forward), [*guesses, Guess("forward", name, why, "forward")]
 
 
 def _placed(

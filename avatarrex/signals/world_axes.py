@@ -1,14 +1,18 @@
 """Which way a file's world is turned: its up from the average body over the motion, its forward from the person at first.
 
+`world_axes` of a skeleton's joints, `pelvis_axes` of files that store rotations of our own pelvis (SMPL).
+
 A file's rest pose may stand along another axis than its motion does, so the motion decides; the rest pose only where the body
 is as much along another axis. Letters: t frames.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
 from avatarrex.signals.direction import unit
@@ -19,7 +23,7 @@ from avatarrex.signals.source_motion import SourceMotion
 REST_COUNTS = 0.25
 """What the rest pose's up counts beside the average body's, whose components are at most 1."""
 LEVEL = 0.3
-"""Least share of the hips' line that is level where it tells which way a person looks; else the shoulders' does."""
+"""Least share of a direction that is level where it tells which way a person looks; else another one does."""
 
 
 def world_axes(
@@ -30,27 +34,56 @@ def world_axes(
     `rest` (3, 3): the rest pose's axes (rest_pose.py), where it is a pose.
     """
     up, guess, warnings = _up(source, found, rest, options)
-    left = source.places[0, found["left_hip"]] - source.places[0, found["right_hip"]]
-    if options.forward:
-        forward, why = np.array(axis(options.forward)), "chosen"
-        if abs(forward @ up) > 0.5:
-            raise InputError(path, "forward", f"an axis across up ({axis_name(up)})", options.forward)
-        name = options.forward
-    else:
+
+    def ahead() -> np.ndarray:
+        left = source.places[0, found["left_hip"]] - source.places[0, found["right_hip"]]
         level = left - (left @ up) * up
         if np.linalg.norm(level) < LEVEL * np.linalg.norm(left):
             left = source.places[0, found["left_shoulder"]] - source.places[0, found["right_shoulder"]]
             level = left - (left @ up) * up
         if not level.any():
             raise InputError(path, "hips", "a left and a right hip apart from each other", "one place for both")
-        forward = np.cross(unit(level), up)
+        return np.cross(unit(level), up)
+
+    world, forward = _facing(path, up, ahead, options)
+    return world, (guess, forward), warnings
+
+
+def pelvis_axes(path: Path, turns: np.ndarray, options: ImportOptions) -> tuple[np.ndarray, tuple[Guess, ...]]:
+    """Rotation (3, 3) from the file's world to ours and how it was found, of a pelvis' rotation vectors (t, 3).
+
+    AMASS is Z-up, most other files are Y-up and cameras' worlds Y-down. Raises `InputError`.
+    """
+    pelvis = Rotation.from_rotvec(turns)
+    if options.up:
+        up, why = np.array(axis(options.up)), "chosen"
+    else:
+        mean = pelvis.apply([0.0, 1.0, 0.0]).mean(0)
+        up = nearest_axis(mean)
+        why = f"{100 * float(mean @ up):.0f} % of the average pelvis"
+        why += "; a camera's world" if axis_name(up) == "-Y" else ""
+
+    def ahead() -> np.ndarray:
+        left, forward = pelvis[0].apply([1.0, 0.0, 0.0]), pelvis[0].apply([0.0, 0.0, 1.0])
+        level = forward - (forward @ up) * up
+        return unit(level if np.linalg.norm(level) > LEVEL else np.cross(left, up))
+
+    world, forward = _facing(path, up, ahead, options)
+    return world, (Guess("up", axis_name(up), why, "up"), forward)
+
+
+def _facing(
+    path: Path, up: np.ndarray, ahead: Callable[[], np.ndarray], options: ImportOptions
+) -> tuple[np.ndarray, Guess]:
+    """Rotation (3, 3) that takes a file's `up` to +Y and its forward, as chosen or as `ahead` says, to +Z."""
+    if options.forward:
+        forward, name, why = np.array(axis(options.forward)), options.forward, "chosen"
+        if abs(forward @ up) > 0.5:
+            raise InputError(path, "forward", f"an axis across up ({axis_name(up)})", options.forward)
+    else:
+        forward = ahead()
         name, why = near_axis(forward), "the person looks at the camera in the first frame"
-    return world_of(up, forward), (guess, Guess("forward", name, why, "forward")), warnings
-
-
-def world_of(up: np.ndarray, forward: np.ndarray) -> np.ndarray:
-    """Rotation (3, 3) that takes a file's `up` to +Y and its `forward`, across it, to +Z."""
-    return np.stack([np.cross(up, forward), up, forward])
+    return np.stack([np.cross(up, forward), up, forward]), Guess("forward", name, why, "forward")
 
 
 def average_up(places: np.ndarray, found: dict[str, int]) -> np.ndarray:

@@ -9,20 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 from avatarrex_studio.cli.main import main
-from avatarrex_studio.session import commands
+from avatarrex_studio.session import commands, motion
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.state import StudioState
 from ball import ball_engine
 from imgui_bundle import icons_fontawesome_6 as icons
+from imgui_bundle import imgui
 from PIL import Image
 from signals.dialects import DIALECTS, steps, write
 from test_window import drive, rest
 
 from avatarrex.signals.import_options import ImportOptions
+from avatarrex.signals.imported import ImportedMotion
 from avatarrex.signals.own_motions import MOTIONS
-from avatarrex.signals.read import read_motion
+from avatarrex.signals.read import import_motion, read_motion
 
 LYING = "rest along another up"
 
@@ -50,6 +52,47 @@ def test_options_come_back_with_the_state_and_the_journal(odd: Path) -> None:
     frame = playback.at(again, 3)
     assert frame is not None
     assert frame.signals == Motion.read(odd, chosen).at(3, again.signals).signals
+
+
+def test_the_present_motion_is_the_one_that_the_state_names(odd: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """After an undone option, after another session was opened; a file that went away is refused once until Play."""
+    playback = Playback()
+    free, chosen = (Motion.read(odd, options).loaded(StudioState().signals).apply(StudioState())
+                    for options in (ImportOptions(), ImportOptions(up="+Z")))  # fmt: skip
+    playback.open(str(odd), ImportOptions(up="+Z"))
+
+    def options_now(state: StudioState) -> ImportOptions:
+        motion = playback.current(state)
+        assert motion is not None
+        return motion.imported.options
+
+    assert options_now(free) == ImportOptions()
+    playback.close()
+    assert options_now(chosen) == ImportOptions(up="+Z")
+    text = odd.read_text()
+    odd.unlink()
+    assert [playback.current(free) for _ in range(3)] == [None] * 3
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
+    odd.write_text(text)
+    assert playback.current(free) is None
+    playback.toggle(free, 0.0)
+    assert options_now(free) == ImportOptions()
+
+
+def test_the_window_does_not_wait_for_blender_as_long_as_a_command(odd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    waits = []
+
+    def timed(path: str, options: ImportOptions | None, seconds: float) -> ImportedMotion:
+        waits.append(seconds)
+        return import_motion(path, options, seconds)
+
+    monkeypatch.setattr(motion, "import_motion", timed)
+    playback = Playback()
+    state = playback.open(str(odd)).loaded(StudioState().signals).apply(StudioState())
+    playback.close()
+    playback.current(state)
+    Motion.read(odd)
+    assert waits == [60.0, 60.0, 300.0]
 
 
 def test_a_session_of_before_has_no_options() -> None:
@@ -164,6 +207,25 @@ def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) ->
         studio.undo()
         test.yield_(2)
         seen["undone"] = studio.state.motion.options
+        test.item_click("guesses/##floor")
+        test.yield_(2)
+        test.item_click("//$FOCUSED/each")
+        test.yield_(4)
+        seen["next"] = studio.state.motion.options
+        studio.open_motion(str(odd), ImportOptions(fps=29.97))
+        test.yield_(4)
+        test.item_click("guesses/##fps")
+        test.key_press(imgui.Key.enter)
+        test.yield_(4)
+        seen["fps"] = studio.state.motion.options
+        test.item_click("guesses/Stay where they stand##lock_feet")
+        test.yield_(4)
+        seen["feet"] = studio.state.motion.options
+        window.timeline.reading.shown = False
+        studio.open_session(str(tmp_path / "s.json"))
+        window.timeline.reading.open()
+        test.yield_(4)
+        seen["opened"] = window.timeline.reading.shown
 
     drive(ball_engine, scenario)
     assert seen["own"].path == "wave"
@@ -171,6 +233,10 @@ def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) ->
     assert seen["warned"]
     assert seen["chosen"] == ImportOptions(up="+Z")
     assert seen["undone"] == ImportOptions()
+    assert seen["next"] == ImportOptions(floor="each"), "the undone choice does not come back"
+    assert seen["fps"] == ImportOptions(fps=29.97)
+    assert seen["feet"] == ImportOptions(fps=29.97, lock_feet=True)
+    assert seen["opened"], "a session that was opened has a motion, before it plays"
     again = Journal.load(str(tmp_path / "s.json")).state
     assert again.signals == seen["signals"]
     assert again.motion is not None

@@ -353,6 +353,16 @@ CASES: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path], str]] =
         lambda d: skeleton(d, ":bonedata\n" + "begin\nname x\nend\n" * 30000 + ":hierarchy\n", "1\n"),
         "at most 1000 bones, found another",
     ),
+    "asf: an empty hierarchy": (
+        read_motion,
+        lambda d: skeleton(d, BONES.replace("root a\n", ""), "1\n"),
+        r"m\.asf: :hierarchy: expected bones below the root, found none",
+    ),
+    "asf: no channel": (
+        read_motion,
+        lambda d: skeleton(d, ":root\norder\n" + BONES.replace("dof rx\n", ""), "1\n"),
+        r"m\.asf: expected channels: an order of the root or a dof of a bone, found none",
+    ),
     "asf: 20 GB": (
         read_motion,
         lambda d: skeleton(d, "", "1\n", 20 * GB),

@@ -17,6 +17,7 @@ from avatarrex.signals.direction import degrees_between, unit
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.imported import ImportedMotion
+from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.library import named_pose
 from avatarrex.signals.limits import LIMITS
 from avatarrex.signals.read import import_motion
@@ -96,6 +97,22 @@ def test_a_bundle_s_limbs_are_turned_as_their_hinges_bend(tmp_path: Path) -> Non
 def test_feet_that_rest_turned_out_point_where_they_point(tmp_path: Path) -> None:
     write(tmp_path / "m.bvh", replace(DIALECTS["mixamo"], feet=(0.1, 0.3)), steps())
     assert import_motion(tmp_path / "m.bvh").errors["feet"][1] < 1
+
+
+def test_a_hand_that_the_file_lacks_is_not_measured(tmp_path: Path) -> None:
+    """Wrists without fingers, their end sites at the wrists: nothing says where the hands point."""
+    kept = {ours: theirs for ours, theirs in DIALECTS["mixamo"].names.items() if ours in JOINT_NAMES[:25]}
+    write(tmp_path / "m.bvh", replace(DIALECTS["mixamo"], names=kept), steps())
+    assert "hands" in import_motion(tmp_path / "m.bvh").errors
+    text, count = re.subn(
+        r"(Hand\n(?:(?!JOINT).)*?End Site\s+\{\s+OFFSET)[^\n]*",
+        r"\1 0 0 0",
+        (tmp_path / "m.bvh").read_text(),
+        flags=re.DOTALL,
+    )
+    assert count == 2
+    (tmp_path / "m.bvh").write_text(text)
+    assert list(import_motion(tmp_path / "m.bvh").errors) == ["hips", "limbs", "feet", "head"]
 
 
 def test_an_asf_comes_in_as_it_was(tmp_path: Path) -> None:
@@ -192,6 +209,54 @@ def test_unit_rate_and_floor_are_what_was_chosen(tmp_path: Path) -> None:
     doubled = mixamo(tmp_path, unit="0.02").sequence
     rise = [np.ptp([frame.translation[1] for frame in motion]) for motion in (read.sequence, doubled)]
     assert rise[1] == pytest.approx(2 * rise[0])
+
+
+SITTING = {
+    f"{side}_{part}": (angle, 0.0, 0.0) for side in ("left", "right") for part, angle in (("hip", -1.5), ("knee", 1.5))
+}
+
+
+def test_a_rest_pose_is_read_as_chosen(tmp_path: Path) -> None:
+    """A rest pose that sits is guessed as a bundle of bones, one that stands as a person's: the other may be chosen."""
+    for dialect, guessed, rest, value in (
+        (replace(DIALECTS["mixamo"], rest_pose=SITTING), "a bundle of bones", "pose", "a person's"),
+        (DIALECTS["mixamo"], "a person's", "bones", "a bundle of bones"),
+    ):
+        write(tmp_path / "m.bvh", dialect, steps())
+        free, chosen = (import_motion(tmp_path / "m.bvh", ImportOptions(rest=option)) for option in ("", rest))
+        lines = [next(guess for guess in read.guesses if guess.option == "rest") for read in (free, chosen)]
+        assert [line.value for line in lines] == [guessed, value]
+        assert [line.why.startswith("chosen") for line in lines] == [False, True]
+        assert not chosen.warnings
+        assert apart(list(chosen.sequence), steps())["limbs"] < 0.1
+        assert not np.allclose(free.sequence[3].body_pose, chosen.sequence[3].body_pose), "it does something"
+
+
+def test_a_sitting_rest_pose_that_was_chosen_brings_the_motion_as_it_was(tmp_path: Path) -> None:
+    write(tmp_path / "m.bvh", replace(DIALECTS["mixamo"], rest_pose=SITTING), steps())
+    read = import_motion(tmp_path / "m.bvh", ImportOptions(rest="pose"))
+    assert max(apart(list(read.sequence), steps()).values()) < MOST
+    assert max(largest for _, largest in read.errors.values()) < MOST
+
+
+def test_a_rest_pose_between_the_axes_has_axes_across_each_other(tmp_path: Path) -> None:
+    between = Rotation.from_euler("ZX", [15.0, 18.0], degrees=True).as_matrix()
+    write(tmp_path / "m.bvh", replace(DIALECTS["mixamo"], rest=between, world=between), steps())
+    read = import_motion(tmp_path / "m.bvh", ImportOptions(rest="pose", up="+Y"))
+    for frame in read.sequence:
+        assert np.isfinite(frame.full_pose()).all()
+    assert max(largest for _, largest in read.errors.values()) < 1
+
+
+def test_hips_along_the_trunk_are_no_pose(tmp_path: Path) -> None:
+    write(tmp_path / "m.bvh", DIALECTS["mixamo"], steps())
+    text = (tmp_path / "m.bvh").read_text()
+    text = re.sub(
+        r"(RightUpLeg\s+\{\s+OFFSET)[^\n]*", r"\1 0 9 0", re.sub(r"(LeftUpLeg\s+\{\s+OFFSET)[^\n]*", r"\1 0 1 0", text)
+    )
+    (tmp_path / "m.bvh").write_text(text)
+    with pytest.raises(InputError, match=r"m\.bvh: rest: expected a pose whose hips lie across the trunk \(or bones\)"):
+        import_motion(tmp_path / "m.bvh", ImportOptions(rest="pose"))
 
 
 def test_toes_that_bend_as_none_do_are_limited(tmp_path: Path) -> None:

@@ -80,6 +80,18 @@ def test_what_blender_may_not_do(made: Path, monkeypatch: pytest.MonkeyPatch, ch
         import_motion(by(monkeypatch, made, change))
 
 
+def test_blender_has_its_time_and_is_announced(
+    made: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = by(monkeypatch, made, "import time; time.sleep(30)")
+    with (
+        caplog.at_level("INFO"),
+        pytest.raises(InputError, match=r"an FBX file that Blender reads in 0.5 s, found a slower"),
+    ):
+        import_motion(path, fbx_seconds=0.5)
+    assert "m.fbx: reading through Blender, 0.5 s at most" in caplog.text
+
+
 def test_a_missing_blender_is_named_with_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fbx, "find_spec", lambda name: None)
     (tmp_path / "m.fbx").write_bytes(b"Kaydara FBX Binary")
