@@ -34,7 +34,7 @@ class FileDialogs:
         im_file_dialog.FileDialog.instance().save(kind, title, FILTERS[kind])
         ending = FILTERS[kind].partition("{")[2].partition(",")[0].rstrip("}")
         self._waiting[kind] = lambda path: then(path if Path(path).suffix else path + ending)
-        self._name_in = title
+        self._name_in = f"{title}###{kind}"
 
     def draw(self) -> None:
         """Draw the open dialog and pass on its answer."""
@@ -55,4 +55,5 @@ class FileDialogs:
         window = imgui.internal.find_window_by_name(self._name_in)
         if window is not None and window.active:
             imgui.internal.activate_item_by_id(window.get_id(NAME_FIELD))
+            imgui.get_current_context().nav_next_activate_flags = imgui.internal.ActivateFlags_.prefer_input
             self._name_in = ""

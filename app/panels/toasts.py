@@ -118,7 +118,8 @@ def _draw(number: int, toast: Toast, alpha: float, corner: tuple[float, float], 
         imgui_ctx.push_style_color(imgui.Col_.window_bg, theme.vec4(theme.RAISED, 0.97)),
         imgui_ctx.begin(f"##toast{number}", None, _FLAGS),
     ):
-        imgui.internal.bring_window_to_display_front(imgui.internal.get_current_window())
+        if imgui.internal.get_top_most_popup_modal() is None:
+            imgui.internal.bring_window_to_display_front(imgui.internal.get_current_window())
         widgets.caption(icon, colour)
         imgui.same_line(34)
         with imgui_ctx.begin_group():
