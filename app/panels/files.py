@@ -29,9 +29,9 @@ class FileDialogs:
         im_file_dialog.FileDialog.instance().open(kind, title, FILTERS[kind])
         self._waiting[kind] = then
 
-    def save(self, kind: str, title: str, then: Callable[[str], None]) -> None:
-        """Choose a name to write; `then` gets its path, with the first ending of its kind where it has none."""
-        im_file_dialog.FileDialog.instance().save(kind, title, FILTERS[kind])
+    def save(self, kind: str, title: str, then: Callable[[str], None], folder: Path) -> None:
+        """Choose a name to write, first in `folder`; `then` gets its path, with the first ending of its kind where it has none."""
+        im_file_dialog.FileDialog.instance().save(kind, title, FILTERS[kind], str(folder))
         ending = FILTERS[kind].partition("{")[2].partition(",")[0].rstrip("}")
         self._waiting[kind] = lambda path: then(path if Path(path).suffix else path + ending)
         self._name_in = f"{title}###{kind}"

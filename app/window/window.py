@@ -304,11 +304,12 @@ class Window:
             answers = {"Overwrite": lambda: write(path), "Other name…": lambda: self._save_as(then), "Cancel": nothing}
             self.questions.put(Question("Overwrite the file?", f"{path} is there already.", answers))
 
-        self.files.save("session", "Save the session", chosen)
+        folder = Path(self.studio.journal.path or "session").absolute().parent
+        self.files.save("session", "Save the session", chosen, folder)
 
     def _refused(self, opening: str, text: str) -> None:
         """A file that cannot be opened."""
-        self.questions.put(Question("This cannot be opened", f"{opening}\n\n{text}"))
+        self.questions.put(Question(f"{Path(opening).name} cannot be opened", text))
 
     def _toasts(self) -> None:
         low = imgui.get_main_viewport().work_pos
