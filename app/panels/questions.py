@@ -60,7 +60,8 @@ class Questions:
             return
         widgets.paragraph(question.text, theme.TEXT)
         imgui.spacing()
-        chosen = next(iter(question.answers)) if imgui.is_key_pressed(imgui.Key.enter, False) else None
+        entered = imgui.is_key_pressed(imgui.Key.enter, False) and not imgui.is_window_appearing()
+        chosen = next(iter(question.answers)) if entered else None  # the key that put the question does not answer it
         for answer in widgets.in_rows(question.answers):
             if imgui.button(answer, (BUTTON, 0)):
                 chosen = answer
