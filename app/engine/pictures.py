@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from avatarrex_studio.engine.engine import QUICKEST
 from avatarrex_studio.engine.request import Answer, Exact, Picture, Request
+from avatarrex_studio.session.notice import NOTICE
 from avatarrex_studio.session.state import AUTO, IMAGE, LIVE, OrbitView, StudioState, Vector, vector
 
 log = logging.getLogger(__name__)
@@ -170,7 +171,7 @@ class Pictures:
             if answer.error:
                 log.error("%s", answer.error)
             else:
-                log.info("wrote %s", answer.request.path)
+                log.log(NOTICE, "Picture written: %s", answer.request.path)
             return False
         made, self._under_way = self._under_way, None
         assert made is not None

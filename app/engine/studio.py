@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -22,11 +21,11 @@ from avatarrex_studio.engine.request import Exact
 from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.grip import LOOK, Grip
 from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.notice import NOTICE, refusals_logged
 from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.state import OrbitView, StudioState, Vector, vector
 
 from avatarrex.avatar import Avatar
-from avatarrex.errors import InputError
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.figure import Figure
@@ -58,15 +57,6 @@ class Live(Protocol):
 
     def point(self, column: int, row: int) -> Vector | None:
         """World metres: what is under the centre of a pixel of the last picture; None where nothing is."""
-
-
-@contextmanager
-def refusals_logged() -> Iterator[None]:
-    """An `InputError` ends the block and becomes a line of the console."""
-    try:
-        yield
-    except InputError as error:
-        log.error("%s", error)
 
 
 class Studio:
@@ -205,7 +195,7 @@ class Studio:
 
     def open_motion(self, path: str, options: ImportOptions | None = None) -> None:
         """Load a motion file, or one that comes with the program by its name, and go to its first frame."""
-        with refusals_logged():
+        with refusals_logged(opening=path):
             motion = self.playback.open(path, options)
             self.do(motion.loaded(self.state.signals))
             for note in motion.sequence.notes:
@@ -228,20 +218,25 @@ class Studio:
             self.playback.playing = False
             self.go_to(self.state.motion.frame + frames)
 
-    def save_session(self, path: str) -> None:
-        """Write the journal."""
+    def save_session(self, path: str) -> bool:
+        """Write the journal; whether it was written."""
         with refusals_logged():
             self.journal.save(path)
-            log.info("saved %s", path)
+            log.log(NOTICE, "Saved %s", path)
+            return True
+        return False
 
     def open_session(self, path: str) -> None:
         """Go on from a saved journal."""
-        with refusals_logged():
-            journal = Journal.load(path)
-            self.avatars.get(journal.state.avatar)  # a session without its avatar does not replace this one
-            self.journal = journal
-            self.playback.close()
+        with refusals_logged(opening=path):
+            self.go_on(Journal.load(path))
             log.info("opened %s", path)
+
+    def go_on(self, journal: Journal) -> None:
+        """Go on from a journal in place of this one. Raises `InputError` where its avatar cannot be read, and changes nothing."""
+        self.avatars.get(journal.state.avatar)
+        self.journal = journal
+        self.playback.close()
 
     def save_image(self, path: str | Path, viewport: tuple[int, int]) -> None:
         """Have the state rendered at its full raster and written as PNG; the console tells when it is there."""

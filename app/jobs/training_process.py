@@ -94,6 +94,12 @@ class TrainingProcesses:
         """Whether a training that was started here works in folder `out`."""
         return Path(out).absolute() in self._children
 
+    @property
+    def paths(self) -> list[Path]:
+        """Folders of the trainings that were started here and are at work."""
+        self.poll()
+        return list(self._children)
+
     def poll(self) -> None:
         """See which have ended, and interrupt those that do not stop."""
         for out, child in list(self._children.items()):

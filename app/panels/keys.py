@@ -8,6 +8,20 @@ MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": im
 ARROWS = {"Left": imgui.Key.left_arrow, "Right": imgui.Key.right_arrow}
 
 
+def free() -> bool:
+    """Whether a key is a shortcut: no text is typed, and neither menu nor dialog is open."""
+    return not (imgui.get_io().want_text_input or imgui.is_popup_open("", imgui.PopupFlags_.any_popup))
+
+
+def close_topmost() -> bool:
+    """Close the menu, list or dialog that was opened last, where Esc was pressed; whether there was one."""
+    opened = imgui.get_current_context().open_popup_stack.size()
+    if not opened or not imgui.is_key_pressed(imgui.Key.escape, False):
+        return False
+    imgui.internal.close_popup_to_level(opened - 1, True)
+    return True
+
+
 def chord(shortcut: str) -> int:
     """The key chord of a shortcut. Raises `KeyError` or `AttributeError` for an unknown key."""
     *modifiers, key = shortcut.split("+")

@@ -93,7 +93,7 @@ class Palette:
         imgui.separator()
         _table("mouse", MOUSE)
         imgui.spacing()
-        if imgui.button(f"{icons.ICON_FA_CHECK}  Close", (110, 0)) or imgui.is_key_pressed(imgui.Key.escape):
+        if imgui.button(f"{icons.ICON_FA_CHECK}  Close", (110, 0)):
             imgui.close_current_popup()
         imgui.end_popup()
 

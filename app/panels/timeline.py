@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import widgets
+from avatarrex_studio.panels.files import FileDialogs
 from avatarrex_studio.panels.motion_import import MotionImport
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
@@ -16,7 +17,7 @@ class TimelinePanel:
 
     def __init__(self) -> None:
         self.path = ""
-        self.reading = MotionImport()
+        self.reading, self.files = MotionImport(), FileDialogs()
 
     def draw(self, studio: Studio) -> int | None:
         """Draw the panel; the frame that was scrubbed to, if any."""
@@ -34,8 +35,12 @@ class TimelinePanel:
             "##motion.path", "Path of a motion file", self.path, imgui.InputTextFlags_.enter_returns_true
         )
         imgui.same_line()
-        if (imgui.button(f"{icons.ICON_FA_FOLDER_OPEN}  Load##motion", (-1, 0)) or entered) and self.path:
-            studio.open_motion(self.path.strip())
+        loads, path = imgui.button(f"{icons.ICON_FA_FOLDER_OPEN}  Load##motion", (-1, 0)), self.path.strip()
+        if path and (loads or entered):
+            studio.open_motion(path)
+        elif loads:
+            self.files.open("motion", "Open a motion", studio.open_motion)
+        self.files.draw()
         return wanted
 
     def _own(self, studio: Studio) -> None:

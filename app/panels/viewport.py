@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from avatarrex_studio.engine.studio import Studio
@@ -99,12 +100,13 @@ class ViewportPanel:
             canvas.add_rect_filled(origin, corner, theme.colour((red, green, blue)))
         if picture:
             canvas.add_image(imgui.ImTextureRef(picture.texture), low, high)
-        yield from self._mouse(studio, low, high)
+        if picture:  # nobody clicks on what is not there yet
+            yield from self._mouse(studio, low, high)
         yield from self._over(canvas, studio, low, high)
         if studio.pictures.error:
             _message(canvas, origin, room, studio.pictures.error)
         elif picture is None:
-            _centred(canvas, origin, room, "Preparing the avatar…")
+            _centred(canvas, origin, room, preparing(studio))
 
     def _mouse(self, studio: Studio, low: imgui.ImVec2, high: imgui.ImVec2) -> Iterator[Command]:
         io = imgui.get_io()
@@ -255,6 +257,16 @@ class ViewportPanel:
             overlay.draw_name(canvas, axis_names(joint)[axis].capitalize(), place)
         elif self.hovered:
             overlay.draw_name(canvas, overlay.title(self.hovered), place)
+
+
+def preparing(studio: Studio) -> str:
+    """What is under way before the first picture."""
+    name = Path(studio.state.avatar).name
+    if studio.avatars.reading:
+        return f"Reading the avatar {name}…"
+    if studio.pictures.exact.busy:
+        return f"Rendering the first picture of {name}…"
+    return f"Preparing {name}…"
 
 
 def _on_screen(projection: Projection, figure: Figure, selected: str | None) -> dict[str, tuple[float, float]]:

@@ -37,6 +37,23 @@ class Step:
     gesture: object = None
 
 
+@dataclass(frozen=True)
+class Snapshot:
+    """A journal at one moment, for a thread that writes it."""
+
+    start: StudioState
+    steps: tuple[tuple[Command, ...], ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The session file's content."""
+        return {
+            "format": FORMAT,
+            "kind": "session",
+            "start": self.start.to_json(),
+            "steps": [[command.to_json() for command in step] for step in self.steps],
+        }
+
+
 @dataclass
 class Journal:
     """A state with its history."""
@@ -45,9 +62,19 @@ class Journal:
     steps: list[Step] = field(default_factory=list)
     undone: list[Step] = field(default_factory=list)
     state: StudioState = field(init=False)
+    path: str | None = field(default=None, compare=False)
+    """The file that it was last saved to, or read from."""
+    saved: StudioState | None = field(init=False, compare=False)
+    """The state that needs no saving: the file's, or that of a new session; None: there is none."""
 
     def __post_init__(self) -> None:
         self.state = _after(self.start, [command for step in self.steps for command in step.commands])
+        self.saved = self.state
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether there is work to lose. A look from elsewhere, another level or a tool is none."""
+        return self.saved is None or (self.state is not self.saved and _work(self.state) != _work(self.saved))
 
     def do(self, command: Command, gesture: object = None) -> StudioState:
         """Apply `command`; commands that share a `gesture` (not None) are undone together. Raises `InputError`."""
@@ -96,12 +123,11 @@ class Journal:
 
     def to_json(self) -> dict[str, Any]:
         """The session file's content."""
-        return {
-            "format": FORMAT,
-            "kind": "session",
-            "start": self._present(self.start).to_json(),
-            "steps": [[command.to_json() for command in step.commands] for step in self.steps],
-        }
+        return self.snapshot().to_json()
+
+    def snapshot(self) -> Snapshot:
+        """What `to_json` writes, apart from what will be done next."""
+        return Snapshot(self._present(self.start), tuple(tuple(step.commands) for step in self.steps))
 
     @classmethod
     def from_json(cls, data: Any, source: str = "session") -> Journal:
@@ -119,6 +145,7 @@ class Journal:
             raise InputError(source, "steps", f"at most {COMMANDS:,} commands", f"{count:,}")
         for number, entries in enumerate(data["steps"]):
             journal._read(entries, source, f"steps[{number}]")
+        journal.saved = journal.state
         return journal
 
     def _read(self, entries: list[Any], source: str, place: str) -> None:
@@ -146,13 +173,16 @@ class Journal:
             self.start = self.steps[0].before
 
     def save(self, path: str | Path) -> None:
-        """Write the session, all or nothing. Raises `InputError`."""
+        """Write the session, all or nothing; from then on it is saved. Raises `InputError`."""
         write_text(path, json.dumps(self.to_json(), indent=1))
+        self.path, self.saved = str(path), self.state
 
     @classmethod
     def load(cls, path: str | Path) -> Journal:
         """Read a session file. Raises `InputError`."""
-        return cls.from_json(read_json(path, "a session file", SESSION_BYTES), str(path))
+        journal = cls.from_json(read_json(path, "a session file", SESSION_BYTES), str(path))
+        journal.path = str(path)
+        return journal
 
 
 @contextmanager
@@ -172,6 +202,12 @@ def supersedes(later: Command, earlier: Command) -> bool:
     """Whether `earlier` has no effect before `later`: a setting of the same joint, coefficient or field."""
     same = all(getattr(earlier, name, None) == getattr(later, name, None) for name in ("joint", "name", "index"))
     return isinstance(later, Setting) and type(earlier) is type(later) and same
+
+
+def _work(state: StudioState) -> StudioState:
+    """The state without what only says how it is looked at."""
+    fresh = StudioState()
+    return state.change(view=fresh.view, tools=fresh.tools, level=fresh.level)
 
 
 def _after(state: StudioState, commands: list[Command]) -> StudioState:

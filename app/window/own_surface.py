@@ -6,7 +6,7 @@ import logging
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from avatarrex_studio.engine.studio import refusals_logged
+from avatarrex_studio.session.notice import refusals_logged
 
 from avatarrex.avatar import Avatar
 from avatarrex.files.assets import DATA

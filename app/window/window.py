@@ -17,7 +17,7 @@ from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.live import LiveSurface, read_avatar
-from avatarrex_studio.engine.studio import Studio, refusals_logged
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.distilling import Distilling
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
@@ -29,14 +29,19 @@ from avatarrex_studio.panels.hands import HandPanel
 from avatarrex_studio.panels.joints import body_panel
 from avatarrex_studio.panels.palette import Palette
 from avatarrex_studio.panels.poses import PosesPanel
+from avatarrex_studio.panels.questions import Question, Questions, nothing
 from avatarrex_studio.panels.timeline import TimelinePanel
+from avatarrex_studio.panels.toasts import Toasts
 from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.panels.viewport import ViewportPanel
 from avatarrex_studio.session.actions import ACTIONS, Action
+from avatarrex_studio.session.autosave import Autosave
 from avatarrex_studio.session.commands import Command, Select, SetSignals, ZoomBy
 from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.window.docking import docking
+from avatarrex_studio.window.leaving import Leaving
 from avatarrex_studio.window.own_surface import OwnSurface
 from avatarrex_studio.window.runner import runner_params
 from avatarrex_studio.window.screen import Screen
@@ -69,10 +74,15 @@ class Window:
         self.body, self.left, self.right = body_panel(), HandPanel("left"), HandPanel("right")
         self._sliders = {"Body": self.body, "Left hand": self.left, "Right hand": self.right, "Face": face_panel()}
         self.face, self.poses, self.palette, self.files = self._sliders["Face"], PosesPanel(), Palette(), FileDialogs()
-        self.screen = Screen()
+        self.screen, self.questions, self.autosave = Screen(), Questions(), Autosave()
+        self.toasts = Toasts(self._refused)
+        self.leaving = Leaving(studio, self.training.processes, self.questions, self.autosave)
+        self.leaving.offer()
         self.distilling = Distilling(device=device)
         self.own_surface = OwnSurface(studio.avatars, self.distilling)
         self._frames = self._gesture = 0
+        self._keys_free = True
+        """Whether keys were shortcuts when this frame began: what Esc closes does not pass it on."""
         self._wheel = (0.0, 0)
         self._chords = [(keys.chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut]
         self._effects: dict[str, Callable[[], None]] = {
@@ -81,7 +91,7 @@ class Window:
             "read_motion": self.timeline.reading.open,
             "open_motion": lambda: self.files.open("motion", "Open a motion", studio.open_motion),
             "open_session": lambda: self.files.open("session", "Open a session", studio.open_session),
-            "save_session": lambda: self.files.open("session", "Save the session", studio.save_session, save=True),
+            "save_session": self._save, "save_session_as": self._save_as,
             "copy_pose": self._copy, "paste_pose": self._paste, "paste_flipped": partial(self._paste, flipped=True),
             "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,
             "whole_person": lambda: studio.frame_person(self.viewport.size),
@@ -112,6 +122,7 @@ class Window:
         calls.show_gui = self._over
         calls.show_menus = lambda: self._run(menu.draw(self.studio.journal))
         calls.show_status = self._status
+        calls.confirm_exit = self._may_close
         calls.before_exit = self._close
         params.docking_params = docking(self._panels())
         return params
@@ -196,7 +207,9 @@ class Window:
         self._run(self.palette.draw(self.studio.journal))
         self.files.draw()
         self.timeline.reading.draw(self.studio)
-        if not imgui.get_io().want_text_input:
+        self.questions.draw()
+        self._toasts()
+        if not keys.close_topmost() and keys.free() and self._keys_free:
             for chord, entry in self._chords:
                 if imgui.is_key_chord_pressed(chord) and entry.enabled(self.studio.journal):
                     self._run(entry)
@@ -215,6 +228,9 @@ class Window:
         """Before the interface's frame."""
         self.training.upload(self.screen.open())
         theme.window_background(0.0)
+        self._keys_free = keys.free()
+        if self._frames < WARM_UP:
+            imgui.get_io().clear_events_queue()  # clicks and keys that came before there was anything to see
 
     def _render(self) -> None:
         """Show what changed. After the panels, so that a picture follows the mouse in the same frame."""
@@ -225,12 +241,13 @@ class Window:
         if self._frames > WARM_UP:
             self.screen.show(self.studio, self.studio.tick(self.viewport.size))
             self.own_surface.tend(self.studio.state.avatar)
+        self.autosave.tend(self.studio.journal)
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = not self.studio.moving and self._frames > WARM_UP + 1
         typing = TYPING_FPS if imgui.get_io().want_text_input else IDLE_FPS
         shown = self.studio.avatars.ready(self.studio.state.avatar) if self.studio.live else None
         self.poses.cards.tend(context, shown, not self.studio.moving)
-        waiting = self.studio.avatars.reading or self.poses.cards.waiting
+        waiting = self.studio.avatars.reading or self.poses.cards.waiting or self.toasts.moving
         idling.fps_idle = READING_FPS if waiting else typing
         if context.screen:
             context.screen.use()
@@ -251,6 +268,10 @@ class Window:
         hello_imgui.get_runner_params().docking_params.layout_reset = True
 
     def _quit(self) -> None:
+        if self._may_close():
+            self._exit()
+
+    def _exit(self) -> None:
         hello_imgui.get_runner_params().app_shall_exit = True
 
     def _close(self) -> None:
@@ -258,6 +279,47 @@ class Window:
         self.distilling.close()
         self.studio.close()
         self.screen.close()
+        self.autosave.close()
+
+    def _may_close(self) -> bool:
+        """Whether the window can close at once; else a question is on the screen."""
+        return self.leaving.now(self._save, self._exit)
+
+    def _save(self, then: Callable[[], None] = nothing) -> None:
+        """Write the session to its file, or to one that is chosen; `then` comes after it."""
+        path = self.studio.journal.path
+        if path is None:
+            self._save_as(then)
+        elif self.studio.save_session(path):
+            then()
+
+    def _save_as(self, then: Callable[[], None] = nothing) -> None:
+        def write(path: str) -> None:
+            if self.studio.save_session(path):
+                then()
+
+        def chosen(path: str) -> None:
+            if not Path(path).exists():
+                write(path)
+                return
+            answers = {"Overwrite": lambda: write(path), "Other name…": lambda: self._save_as(then), "Cancel": nothing}
+            self.questions.put(Question("Overwrite the file?", f"{path} is there already.", answers))
+
+        folder = Path(self.studio.journal.path or "session").absolute().parent
+        self.files.save("session", "Save the session", chosen, folder)
+
+    def _refused(self, opening: str, text: str) -> None:
+        """A file that cannot be opened."""
+        self.questions.put(Question(f"{Path(opening).name} cannot be opened", text))
+
+    def _toasts(self) -> None:
+        low = imgui.get_main_viewport().work_pos
+        high = low + imgui.get_main_viewport().work_size
+        window = imgui.internal.find_window_by_name("Viewport")
+        if window is not None:
+            low, high = window.pos, window.pos + window.size
+        if self.toasts.draw((low.x, low.y), (high.x, high.y)):
+            hello_imgui.get_runner_params().docking_params.focus_dockable_window("Console")
 
 
 def run_window(source: str = "default", device: str = "cpu") -> int:
@@ -271,7 +333,9 @@ def run_window(source: str = "default", device: str = "cpu") -> int:
         raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
     exact.arrived = glfw.post_empty_event
     window = Window(Studio(exact, avatars, journal, LiveSurface()), device=device)
-    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[window.console, logging.StreamHandler()])
+    logging.basicConfig(
+        level=logging.INFO, format="%(message)s", handlers=[window.console, window.toasts, logging.StreamHandler()]
+    )
     log.info("AvatarReX Studio. F1 shows the keys, Ctrl+P finds every command.")
     immapp.run(window.params())
     return 0

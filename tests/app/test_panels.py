@@ -8,13 +8,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from avatarrex_studio.engine.request import Request
 from avatarrex_studio.panels import camera, keys, performance, render, scene
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.hands import HandPanel
 from avatarrex_studio.panels.joints import body_panel
 from avatarrex_studio.panels.poses import PosesPanel
 from avatarrex_studio.panels.timeline import TimelinePanel
-from avatarrex_studio.panels.viewport import Shown, ViewportPanel
+from avatarrex_studio.panels.viewport import Shown, ViewportPanel, preparing
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.actions import ACTIONS
 from avatarrex_studio.session.commands import (
@@ -190,7 +191,7 @@ def test_the_viewport_mouse(screen, studio):
     panel = ViewportPanel()
 
     def draw():
-        return panel.draw(studio, None)
+        return panel.draw(studio, Shown(1, 400, 3000))
 
     screen.frame(draw)
     (orbit,) = screen.drag(draw, (100, 100), (130, 120))
@@ -274,7 +275,7 @@ def test_a_press_far_from_where_the_mouse_was_turns_nothing(screen, studio):
     panel = ViewportPanel()
 
     def draw():
-        return panel.draw(studio, None)
+        return panel.draw(studio, Shown(1, 400, 3000))
 
     screen.io.add_mouse_pos_event(300, 40)
     screen.frame(draw)
@@ -285,6 +286,17 @@ def test_a_press_far_from_where_the_mouse_was_turns_nothing(screen, studio):
     screen.io.add_mouse_pos_event(110, 100)
     (orbit,) = screen.frame(draw)
     assert orbit.azimuth == pytest.approx(-4)
+
+
+def test_before_the_first_picture_the_viewport_takes_no_clicks_and_says_why(screen, studio):
+    panel = ViewportPanel()
+    commands = screen.drag(lambda: panel.draw(studio, None), (100, 100), (160, 120))
+    assert commands == []
+    assert screen.drag(lambda: panel.draw(studio, Shown(1, 400, 3000)), (100, 100), (160, 120))
+    studio.avatars.get("default")
+    assert preparing(studio) == "Preparing default…"
+    studio.pictures.exact.request(Request(studio.state, (64, 48)))
+    assert preparing(studio) == "Rendering the first picture of default…"
 
 
 def test_a_changed_group_offers_its_reset(screen, monkeypatch):

@@ -277,7 +277,7 @@ def test_files_are_written_beside_pictures_and_survive_a_change(live, clock, tmp
     for _ in range(4):
         answer(live, clock)
     assert (tmp_path / "a.png").stat().st_size > 100
-    assert f"wrote {tmp_path / 'a.png'}" in caplog.text
+    assert f"Picture written: {tmp_path / 'a.png'}" in caplog.text
     assert any(r.levelname == "ERROR" and r.getMessage().startswith("/proc/b.png:") for r in caplog.records)
 
 

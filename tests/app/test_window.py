@@ -295,7 +295,7 @@ def test_the_interface_does_not_wait_for_the_engine(display, tmp_path, caplog):
     assert (tmp_path / "a.png").stat().st_size > 100
     lines = "\n".join(line for _, line in window.console.lines)
     assert "killed by SIGKILL" in lines
-    assert "wrote" in lines
+    assert "Picture written" in lines
     assert not Path(f"/proc/{window.studio.pictures.exact.process}").exists(), "closing the window ends the engine"
 
 
