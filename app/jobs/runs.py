@@ -12,6 +12,7 @@ from typing import Any
 from avatarrex_studio.jobs.run_view import RunView, checkpoints_of, newest_avatar
 
 from avatarrex.errors import plain
+from avatarrex.files.gate import what_is
 from avatarrex.training.runs.control import Heartbeat, read_json
 from avatarrex.training.runs.events import EventReader
 
@@ -109,7 +110,7 @@ class Runs:
 
 def run_folders(folder: Path, depth: int = DEPTH) -> Iterator[Path]:
     """`folder` itself where it is a run, else the runs below it."""
-    if (folder / "run.json").is_file():
+    if what_is(folder / "run.json") == "a file":
         yield folder
         return
     try:
