@@ -22,6 +22,7 @@ from avatarrex_studio.engine.request import Exact
 from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.grip import LOOK, Grip
 from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.state import OrbitView, StudioState, Vector
 
@@ -196,11 +197,16 @@ class Studio:
     def open_motion(self, path: str, options: ImportOptions | None = None) -> None:
         """Load a motion file, or one that comes with the program by its name, and go to its first frame."""
         with refusals_logged():
-            motion = self.playback.open(path, options)
-            self.do(motion.loaded(self.state.signals))
-            for note in motion.sequence.notes:
-                log.info("%s: %s", Path(path).name, note)
-            log.info("%s: %d frames, %g a second", Path(path).name, len(motion), motion.sequence.fps)
+            self.take_motion(Motion.read(path, options))
+
+    def take_motion(self, motion: Motion) -> None:
+        """Go to the first frame of a motion that was read."""
+        self.playback.take(motion)
+        self.do(motion.loaded(self.state.signals))
+        name = Path(motion.path).name
+        for note in motion.sequence.notes:
+            log.info("%s: %s", name, note)
+        log.info("%s: %d frames, %g a second", name, len(motion), motion.sequence.fps)
 
     def toggle_play(self) -> None:
         """Start or stop the motion."""
@@ -229,9 +235,13 @@ class Studio:
         with refusals_logged():
             journal = Journal.load(path)
             self.avatars.get(journal.state.avatar)  # a session without its avatar does not replace this one
-            self.journal = journal
-            self.playback.close()
+            self.take_journal(journal)
             log.info("opened %s", path)
+
+    def take_journal(self, journal: Journal) -> None:
+        """Go on from a journal that was read."""
+        self.journal = journal
+        self.playback.close()
 
     def save_image(self, path: str | Path, viewport: tuple[int, int]) -> None:
         """Have the state rendered at its full raster and written as PNG; the console tells when it is there."""

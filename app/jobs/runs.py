@@ -80,6 +80,8 @@ class Runs:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
+        self.others: tuple[Path, ...] = ()
+        """Single runs elsewhere."""
         self._watched: dict[Path, Watched] = {}
         self._listed = -1e9
 
@@ -87,7 +89,7 @@ class Runs:
         """Look for runs and read on in each; True where more is waiting."""
         if time.monotonic() - self._listed > SLOW_SECONDS:
             self._listed = time.monotonic()
-            paths = sorted(run_folders(self.folder))
+            paths = [*sorted(run_folders(self.folder)), *self.others]
             self._watched = {path: self._watched.get(path) or Watched(path, self._name(path)) for path in paths}
         waiting = False
         for entry in self._watched.values():
@@ -105,7 +107,8 @@ class Runs:
         return tuple(entry.view for entry in self._watched.values())
 
     def _name(self, path: Path) -> str:
-        return plain(path.absolute().name if path == self.folder else path.relative_to(self.folder).as_posix())
+        alone = path == self.folder or path in self.others
+        return plain(path.absolute().name if alone else path.relative_to(self.folder).as_posix())
 
 
 def run_folders(folder: Path, depth: int = DEPTH) -> Iterator[Path]:

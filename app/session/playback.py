@@ -9,7 +9,6 @@ from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import StudioState
 
 from avatarrex.errors import InputError
-from avatarrex.signals.import_options import ImportOptions
 
 log = logging.getLogger(__name__)
 
@@ -30,11 +29,9 @@ class Playback:
         """What the frames of one playback have in common: they are undone together."""
         return "play", self._plays
 
-    def open(self, path: str, options: ImportOptions | None = None) -> Motion:
-        """Read a motion in place of the last. Raises `InputError`."""
-        self.motion = Motion.read(path, options)
-        self.playing = False
-        return self.motion
+    def take(self, motion: Motion) -> None:
+        """Have a motion that was read in place of the last."""
+        self.motion, self.playing = motion, False
 
     def close(self) -> None:
         """Forget it."""

@@ -169,6 +169,11 @@ def cache_folder() -> Path:
     return _user_folder("XDG_CACHE_HOME", (".cache",), "Caches") / "avatarrex-studio"
 
 
+def state_folder() -> Path:
+    """`avatarrex-studio` where the system keeps what a program remembers between runs."""
+    return _user_folder("XDG_STATE_HOME", (".local", "state"), "Application Support") / "avatarrex-studio"
+
+
 def _user_folder(variable: str, elsewhere: tuple[str, ...], mac: str) -> Path:
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")

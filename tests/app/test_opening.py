@@ -1,0 +1,259 @@
+"""Anything is opened in the window: by the dialog, by dropping files on it, and from the list of recent files."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+import os
+import shutil
+import time
+from pathlib import Path
+
+import glfw
+import numpy as np
+import pytest
+from avatarrex_studio.panels.files import FileDialog
+from avatarrex_studio.panels.folder import listed, places, size_words
+from avatarrex_studio.panels.keys import chord
+from avatarrex_studio.session.commands import SetExpression
+from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.recent import MOST, Recent
+from avatarrex_studio.window.window import start
+from ball import ball_engine
+from capture.tiny_capture import TinyCapture
+from imgui_bundle import imgui
+from test_window import drive, surfaced
+
+from avatarrex.errors import InputError
+from avatarrex.files.gate import what_is
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.read import write_json
+from avatarrex.signals.sequence import SignalSequence
+from avatarrex.training.runs.folder import Run
+
+window_test = pytest.mark.window
+
+
+def read_any_avatar(name):
+    """Untrained fields for every avatar that is there."""
+    if name != "default" and what_is(name) == "nothing there":
+        raise InputError(name, "", "an avatar folder or an .avatar file", "nothing there")
+    time.sleep(0.3)
+    return surfaced(name)
+
+
+@pytest.fixture
+def things(tmp_path):
+    """A path of each kind, by kind."""
+    (tmp_path / "anna.avatar").write_bytes(b"read by `read_any_avatar`")
+    frames = tuple(Signals.rest().replace(translation=np.array([0.0, 0.0, 0.01 * k])) for k in range(5))
+    write_json(tmp_path / "turn.json", SignalSequence(frames, 30.0, "turn"))
+    journal = Journal(start())
+    journal.do(SetExpression("jawOpen", 0.7))
+    journal.save(tmp_path / "session.json")
+    TinyCapture.make(("body",)).folder(tmp_path / "capture")
+    with Run.create(tmp_path / "run", {"part": "body", "steps": {"body": 400}, "preset": "quick", "seed": 3}) as run:
+        checkpoint = run.save(30, {"x": 1})
+        shutil.copy(tmp_path / "anna.avatar", checkpoint / "avatar.avatar")
+    names = {
+        "avatar": "anna.avatar",
+        "motion": "turn.json",
+        "session": "session.json",
+        "capture": "capture",
+        "run": "run",
+    }
+    return {kind: str(tmp_path / name) for kind, name in names.items()}
+
+
+def drop(*paths):
+    """What GLFW does when files are dropped on the only window."""
+    ((_, callback),) = (entry for entry in glfw._window_drop_callback_repository.values() if entry[0])
+    callback(None, len(paths), (ctypes.c_char_p * len(paths))(*(path.encode() for path in paths)))
+
+
+def settle(test, window, seconds=30):
+    """Let the window draw until everything has been opened."""
+    until = time.monotonic() + seconds
+    test.yield_(3)
+    while (window.opening.busy or window.studio.avatars.reading) and time.monotonic() < until:
+        test.yield_()
+    assert not window.opening.busy
+    test.yield_(3)
+
+
+def by_dialog(test, window, path):
+    """Ctrl+O, the name of the file, Open."""
+    window.files.folder = str(Path(path).parent)
+    test.key_press(chord("Ctrl+O"))
+    test.yield_(4)
+    test.item_click("//Open###files/##name")
+    test.key_chars_replace(Path(path).name)
+    test.yield_(2)
+    test.item_click("//Open###files/###answer")
+    settle(test, window)
+
+
+@window_test
+def test_everything_by_dialog_and_by_drop(display, things, tmp_path, caplog):
+    seen = {}
+    caplog.set_level(logging.INFO)
+    ways = {"dialog": by_dialog, "drop": lambda test, window, path: (drop(path), settle(test, window))}
+
+    def shown(window):
+        state = window.studio.state
+        ready = window.studio.avatars.ready(state.avatar) is not None
+        return {
+            "avatar": (state.avatar, ready), "motion": state.motion and state.motion.path,
+            "session": round(float(state.signals.expression.max()), 3),
+            "capture": window.training.form.capture, "run": str(window.training.runs.chosen),
+        }  # fmt: skip
+
+    def scenario(test, window):
+        settle(test, window)
+        for name, way in ways.items():
+            window.studio.journal = Journal(start())
+            window.training.form.capture, window.training.runs.chosen = "", None
+            for kind in ("session", "motion", "avatar", "capture"):
+                way(test, window, things[kind])
+                seen[name, kind] = shown(window)[kind]
+                seen[name, kind, "tab"] = imgui.internal.find_window_by_name("Training").dock_tab_is_visible
+                if kind == "avatar":
+                    test.key_press(chord("Ctrl+Z"))
+                    settle(test, window)
+                    seen[name, "undone"] = shown(window)["avatar"]
+            way(test, window, things["run"])
+            seen[name, "run"], seen[name, "run's avatar"] = shown(window)["run"], shown(window)["avatar"]
+        before = window.studio.state
+        drop(str(tmp_path / "nothing.bvh"), str(tmp_path), str(tmp_path / "lost.avatar"))
+        settle(test, window)
+        seen["unchanged"] = window.studio.state is before
+        seen["words"] = window.training.form._told[1]
+
+    window = drive(ball_engine, scenario, load=read_any_avatar)
+    resting = seen["dialog", "session"]
+    for way in ways:
+        assert seen[way, "session"] == resting == pytest.approx(0.7, abs=0.01)
+        assert seen[way, "motion"] == things["motion"]
+        assert seen[way, "avatar"] == (things["avatar"], True)
+        assert seen[way, "undone"] == ("default", True)
+        assert seen[way, "capture"] == things["capture"]
+        assert seen[way, "run"] == things["run"]
+        kept = os.path.join(things["run"], "avatars", "step_00000030.avatar")
+        assert seen[way, "run's avatar"] == (kept, True)
+    assert seen["dialog", "avatar", "tab"] is False
+    assert seen["dialog", "capture", "tab"] is True, "the Training tab comes to the front"
+    assert seen["words"] == "body: 3 frames, 3 cameras"
+    assert seen["unchanged"]
+    assert "nothing.bvh: expected an avatar, a motion" in caplog.text
+    assert (
+        "lost.avatar: expected an avatar folder" in caplog.text or "lost.avatar: expected an avatar, a" in caplog.text
+    )
+    assert window.opening.recent.paths[:2] == (things["run"], things["capture"])
+    assert Recent().paths == window.opening.recent.paths
+
+
+@window_test
+def test_recent_files_and_the_dialog_itself(display, things, tmp_path):
+    seen = {}
+
+    def scenario(test, window):
+        settle(test, window)
+        window.opening.recent.add(things["motion"])
+        window.opening.recent.add(things["session"])
+        os.rename(things["session"], tmp_path / "moved.json")
+        test.menu_click("//##MainMenuBar/File/Recent/turn.json##" + things["motion"].replace("/", "\\/"))
+        settle(test, window)
+        seen["motion"] = window.studio.state.motion
+        seen["gone"] = window.opening.recent.gone
+        window.files.folder = str(tmp_path)
+        test.key_press(chord("Ctrl+O"))
+        test.yield_(4)
+        seen["entries"] = [entry.name for entry in window.files._entries]
+        test.key_press(chord("M"))
+        test.yield_(2)
+        seen["mirrored"] = len(window.studio.journal.steps)
+        test.key_press(chord("Escape"))
+        test.yield_(3)
+        seen["open"] = window.files.is_open
+        test.key_press(chord("Ctrl+S"))
+        test.yield_(4)
+        test.item_click("//Save the session###files/##name")
+        test.key_chars_replace("mine")
+        test.yield_(2)
+        test.item_click("//Save the session###files/###answer")
+        test.yield_(3)
+
+    drive(ball_engine, scenario, load=read_any_avatar)
+    assert seen["motion"].path == things["motion"]
+    assert seen["gone"] == {things["session"]}
+    assert seen["entries"] == ["capture", "run", "anna.avatar", "moved.json", "turn.json"]
+    assert seen["mirrored"] == 1, "keys go to the dialog"
+    assert not seen["open"]
+    assert Journal.load(tmp_path / "mine.json").state.motion.path == things["motion"]
+
+
+def test_what_a_folder_has(tmp_path):
+    (tmp_path / "Zoo").mkdir()
+    (tmp_path / "b.bvh").write_bytes(bytes(1234))
+    (tmp_path / "a.txt").write_text("")
+    (tmp_path / ".hidden").write_text("")
+    os.symlink("nowhere", tmp_path / "lost")
+    assert [entry.name for entry in listed(str(tmp_path))] == ["Zoo", "a.txt", "b.bvh", "lost"]
+    folder, file = listed(str(tmp_path), (".bvh",))
+    assert (folder.size_words, file.size_words) == ("", "1.2 kB")
+    for name in ("nothing", "a.txt", "x\0"):
+        with pytest.raises(InputError, match=r"a folder that can be read"):
+            listed(str(tmp_path / name))
+    assert str(Path.home()) in places().values()
+    sizes = {
+        0: "0 B",
+        999: "999 B",
+        1000: "1.0 kB",
+        999_499: "999 kB",
+        999_500: "1.0 MB",
+        9.9e9: "9.9 GB",
+        2e16: "20000 TB",
+    }
+    assert {size: size_words(int(size)) for size in sizes} == sizes
+
+
+def test_recent_files_are_kept(tmp_path):
+    for number in range(MOST + 3):
+        (tmp_path / f"{number}.bvh").write_text("")
+        Recent(tmp_path / "state" / "recent.json").add(str(tmp_path / f"{number}.bvh"))
+    recent = Recent(tmp_path / "state" / "recent.json")
+    recent.add(str(tmp_path / "7.bvh"))
+    recent.add("default")
+    recent.add(str(tmp_path / "nothing"))
+    names = [Path(path).name for path in recent.paths]
+    assert names == ["7.bvh", *(f"{number}.bvh" for number in range(14, 2, -1) if number != 7)]
+    (tmp_path / "7.bvh").unlink()
+    recent.look()
+    assert recent.gone == {str(tmp_path / "7.bvh")}
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1, null]", '["relative.bvh", "/a\\u001b[2J"]', "[" * 9000])
+def test_a_broken_list_of_recent_files_is_an_empty_one(text, tmp_path):
+    (tmp_path / "recent.json").write_text(text)
+    assert Recent(tmp_path / "recent.json").paths == ()
+
+
+def test_recent_files_that_cannot_be_written_end_nothing(tmp_path, caplog):
+    (tmp_path / "state").write_text("no folder")
+    (tmp_path / "a.bvh").write_text("")
+    recent = Recent(tmp_path / "state" / "recent.json")
+    recent.add(str(tmp_path / "a.bvh"))
+    assert recent.paths == (str(tmp_path / "a.bvh"),)
+    assert "recent.json" in caplog.text
+
+
+def test_what_a_name_in_the_dialog_means(tmp_path):
+    dialog = FileDialog()
+    dialog.folder = str(tmp_path)
+    for kind, save, typed, path in (
+        ("any", False, "", ""), ("any", False, "a.bvh", "a.bvh"), ("any", False, "/b.bvh", "/b.bvh"), ("session", False, "", None),
+        ("session", True, "", None), ("session", True, "mine", "mine.json"), ("session", True, "mine.txt", "mine.txt"),
+    ):  # fmt: skip
+        dialog.open(kind, "Title", lambda path: None, save)
+        dialog.name = typed
+        assert dialog._path() == (None if path is None else os.path.join(tmp_path, path) if path else str(tmp_path))
