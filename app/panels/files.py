@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from avatarrex_studio.jobs.file_kind import kind_of
+from avatarrex_studio.jobs.file_kind import AVATAR, MOTION, kind_of
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.panels.folder import Entry, listed, places
 from imgui_bundle import icons_fontawesome_6 as icons
@@ -35,6 +35,8 @@ CHOICES = {
     "session": Choice("Sessions", (".json",)),
     "capture": Choice("Captures", (".zip",), True),
 }
+KINDS = {".avatar": AVATAR, **{suffix: MOTION for suffix in READERS if suffix != ".json"}}
+"""Of files, by extension; a `.json` may be a motion or a session."""
 
 
 class FileDialog:
@@ -159,8 +161,10 @@ class FileDialog:
         return entry.path if twice and not self._save else None
 
     def _kind(self, entry: Entry) -> str:
-        """What a folder is, where it is something: found out once it is on the screen."""
-        if not entry.is_folder or not self._choice.folders:
+        """What an entry is, as far as its name says; of a folder found out once it is on the screen."""
+        if not entry.is_folder:
+            return KINDS.get(os.path.splitext(entry.name)[1].lower(), "")
+        if not self._choice.folders:
             return ""
         if entry.path not in self._kinds:
             try:
