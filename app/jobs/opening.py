@@ -41,9 +41,7 @@ def read_any(path: str, read_avatar: Callable[[str], Future[Avatar]]) -> Opened:
     if kind == AVATAR:
         return Opened(kind, path, path, _whole(read_avatar(path)))
     if kind == MOTION:
-        motion = Motion.read(path)
-        notes = "; ".join((f"{len(motion)} frames, {motion.sequence.fps:g} a second", *motion.sequence.notes))
-        return Opened(kind, path, motion=motion, words=notes)
+        return Opened(kind, path, motion=Motion.read(path))
     if kind == SESSION:
         journal = Journal.load(path)
         name = journal.state.avatar

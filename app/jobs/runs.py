@@ -87,7 +87,7 @@ class Runs:
 
     def poll(self) -> bool:
         """Look for runs and read on in each; True where more is waiting."""
-        if time.monotonic() - self._listed > SLOW_SECONDS:
+        if time.monotonic() - self._listed > SLOW_SECONDS or not self._watched.keys() >= {*self.others}:
             self._listed = time.monotonic()
             paths = [*sorted(run_folders(self.folder)), *self.others]
             self._watched = {path: self._watched.get(path) or Watched(path, self._name(path)) for path in paths}
