@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import logging
 import os
 import shutil
@@ -31,8 +32,6 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.training.runs.folder import Run
-
-window_test = pytest.mark.window
 
 
 def read_any_avatar(name):
@@ -99,102 +98,119 @@ def by_dialog(test, window, path):
     settle(test, window)
 
 
-@window_test
-def test_everything_by_dialog_and_by_drop(display, things, tmp_path, caplog):
+def shown(window):
+    """What the window shows, by kind."""
+    state, training = window.studio.state, window.training
+    return {
+        "avatar": (state.avatar, window.studio.avatars.ready(state.avatar) is not None),
+        "motion": state.motion and state.motion.path,
+        "session": round(float(state.signals.expression.max()), 3),
+        "capture": (training.form.capture, not imgui.internal.find_window_by_name("Training").hidden),
+        "run": training.runs.chosen,
+    }
+
+
+def everything(test, window, way, things):
+    """Open each kind in one way; what was shown after each, and after the avatar was undone."""
+    window.studio.journal = Journal(start())
+    window.training.form.capture, window.training.runs.chosen = "", None
+    test.window_focus("//Body")
+    seen = {}
+    for kind in ("session", "motion", "avatar", "capture", "run"):
+        way(test, window, things[kind])
+        seen[kind] = shown(window)[kind]
+        if kind == "avatar":
+            seen["tab before"] = shown(window)["capture"][1]
+            test.key_press(chord("Ctrl+Z"))
+            settle(test, window)
+            seen["undone"] = shown(window)["avatar"]
+    return {**seen, "run's avatar": shown(window)["avatar"]}
+
+
+def lost(test, window, folder):
+    """Things that cannot be opened; whether they changed anything."""
+    before = window.studio.state
+    drop(str(folder / "nothing.bvh"), str(folder / "empty"), str(folder / "lost.avatar"), str(folder / "lost.json"))
+    settle(test, window)
+    return window.studio.state is before
+
+
+def from_recent(test, window, things):
+    """A recent file by the menu, another one that is gone."""
+    window.opening.recent.add(things["motion"])
+    window.opening.recent.add(things["session"])
+    os.rename(things["session"], things["session"] + ".moved")
+    window.studio.journal = Journal(start())
+    test.menu_click("//##MainMenuBar/File/Recent/turn.json##" + things["motion"].replace("/", "\\/"))
+    settle(test, window)
+    return shown(window)["motion"], window.opening.recent.gone
+
+
+def the_dialog_itself(test, window, folder):
+    """Its entries, a key that is no shortcut while it is open, Escape; then a name to save under."""
+    window.files.folder = str(folder)
+    test.key_press(chord("Ctrl+O"))
+    test.yield_(4)
+    entries, state = [entry.name for entry in window.files._entries], window.studio.state
+    test.key_press(chord("M"))
+    test.yield_(2)
+    kept = window.studio.state is state
+    test.key_press(chord("Escape"))
+    test.yield_(3)
+    left = window.files.is_open
+    test.key_press(chord("Ctrl+S"))
+    test.yield_(4)
+    test.key_chars("mine")  # the name has the focus
+    test.yield_(2)
+    test.item_click("//Save the session###files/###answer")
+    test.yield_(3)
+    return entries, kept, left
+
+
+@pytest.mark.window
+def test_everything_is_opened(display, things, tmp_path, caplog):
     seen = {}
     caplog.set_level(logging.INFO)
     ways = {"dialog": by_dialog, "drop": lambda test, window, path: (drop(path), settle(test, window))}
-
-    def shown(window):
-        state = window.studio.state
-        ready = window.studio.avatars.ready(state.avatar) is not None
-        return {
-            "avatar": (state.avatar, ready), "motion": state.motion and state.motion.path,
-            "session": round(float(state.signals.expression.max()), 3),
-            "capture": window.training.form.capture, "run": str(window.training.runs.chosen),
-        }  # fmt: skip
+    (tmp_path / "empty").mkdir()
+    session = {
+        "format": 1,
+        "kind": "session",
+        "start": {"format": 1, "avatar": str(tmp_path / "x.avatar")},
+        "steps": [],
+    }
+    (tmp_path / "lost.json").write_text(json.dumps(session))
 
     def scenario(test, window):
         settle(test, window)
-        for name, way in ways.items():
-            window.studio.journal = Journal(start())
-            window.training.form.capture, window.training.runs.chosen = "", None
-            for kind in ("session", "motion", "avatar", "capture"):
-                way(test, window, things[kind])
-                seen[name, kind] = shown(window)[kind]
-                seen[name, kind, "tab"] = not imgui.internal.find_window_by_name("Training").hidden
-                if kind == "avatar":
-                    test.key_press(chord("Ctrl+Z"))
-                    settle(test, window)
-                    seen[name, "undone"] = shown(window)["avatar"]
-            way(test, window, things["run"])
-            seen[name, "run"], seen[name, "run's avatar"] = shown(window)["run"], shown(window)["avatar"]
-        before = window.studio.state
-        drop(str(tmp_path / "nothing.bvh"), str(tmp_path), str(tmp_path / "lost.avatar"))
-        settle(test, window)
-        seen["unchanged"] = window.studio.state is before
+        seen.update({name: everything(test, window, way, things) for name, way in ways.items()})
+        seen["views"] = [view.path for view in window.training.watcher.views]
         seen["words"] = window.training.form._told[1]
+        seen["unchanged"] = lost(test, window, tmp_path)
+        seen["recent"] = window.opening.recent.paths[:2]
+        seen["menu"] = from_recent(test, window, things)
+        seen["dialog itself"] = the_dialog_itself(test, window, tmp_path)
 
-    window = drive(ball_engine, scenario, load=read_any_avatar)
-    resting = seen["dialog", "session"]
-    for way in ways:
-        assert seen[way, "session"] == resting == pytest.approx(0.7, abs=0.01)
-        assert seen[way, "motion"] == things["motion"]
-        assert seen[way, "avatar"] == (things["avatar"], True)
-        assert seen[way, "undone"] == ("default", True)
-        assert seen[way, "capture"] == things["capture"]
-        assert seen[way, "run"] == things["run"]
-        kept = os.path.join(things["run"], "avatars", "step_00000030.avatar")
-        assert seen[way, "run's avatar"] == (kept, True)
-    assert seen["dialog", "avatar", "tab"] is False
-    assert seen["dialog", "capture", "tab"] is True, "the Training tab comes to the front"
+    drive(ball_engine, scenario, (1000, 640), load=read_any_avatar)
+    for name in ways:
+        found = seen[name]
+        assert found["session"] == pytest.approx(0.7, abs=0.01)
+        assert found["motion"] == things["motion"]
+        assert found["avatar"] == (things["avatar"], True)
+        assert found["undone"] == ("default", True)
+        assert not found["tab before"]
+        assert found["capture"] == (things["capture"], True), "the Training tab comes to the front"
+        assert found["run"] == Path(things["run"])
+        assert found["run's avatar"] == (os.path.join(things["run"], "avatars", "step_00000030.avatar"), True)
+    assert seen["views"] == [Path(things["run"])]
     assert seen["words"] == "body: 3 frames, 3 cameras"
     assert seen["unchanged"]
-    assert "nothing.bvh: expected an avatar, a motion" in caplog.text
-    assert (
-        "lost.avatar: expected an avatar folder" in caplog.text or "lost.avatar: expected an avatar, a" in caplog.text
-    )
-    assert window.opening.recent.paths[:2] == (things["run"], things["capture"])
-    assert Recent().paths == window.opening.recent.paths
-
-
-@window_test
-def test_recent_files_and_the_dialog_itself(display, things, tmp_path):
-    seen = {}
-
-    def scenario(test, window):
-        settle(test, window)
-        window.opening.recent.add(things["motion"])
-        window.opening.recent.add(things["session"])
-        os.rename(things["session"], tmp_path / "moved.json")
-        test.menu_click("//##MainMenuBar/File/Recent/turn.json##" + things["motion"].replace("/", "\\/"))
-        settle(test, window)
-        seen["motion"] = window.studio.state.motion
-        seen["gone"] = window.opening.recent.gone
-        window.files.folder = str(tmp_path)
-        test.key_press(chord("Ctrl+O"))
-        test.yield_(4)
-        seen["entries"] = [entry.name for entry in window.files._entries]
-        test.key_press(chord("M"))
-        test.yield_(2)
-        seen["mirrored"] = len(window.studio.journal.steps)
-        test.key_press(chord("Escape"))
-        test.yield_(3)
-        seen["open"] = window.files.is_open
-        test.key_press(chord("Ctrl+S"))
-        test.yield_(4)
-        test.item_click("//Save the session###files/##name")
-        test.key_chars_replace("mine")
-        test.yield_(2)
-        test.item_click("//Save the session###files/###answer")
-        test.yield_(3)
-
-    drive(ball_engine, scenario, load=read_any_avatar)
-    assert seen["motion"].path == things["motion"]
-    assert seen["gone"] == {things["session"]}
-    assert seen["entries"] == ["capture", "run", "anna.avatar", "moved.json", "turn.json"]
-    assert seen["mirrored"] == 1, "keys go to the dialog"
-    assert not seen["open"]
+    for words in ("nothing.bvh: expected an avatar", "an empty folder", "lost.avatar: expected an avatar", "x.avatar"):
+        assert words in caplog.text
+    assert seen["recent"] == (things["run"], things["capture"])
+    assert seen["menu"] == (things["motion"], {things["session"]})
+    names = ["capture", "empty", "run", "anna.avatar", "lost.json", "turn.json"]
+    assert seen["dialog itself"] == (names, True, False), "keys go to the dialog"
     assert Journal.load(tmp_path / "mine.json").state.motion.path == things["motion"]
 
 
