@@ -152,7 +152,7 @@ def the_dialog_itself(test, window, folder):
     test.key_press(chord("Ctrl+O"))
     test.yield_(4)
     entries, state = [entry.name for entry in window.files._entries], window.studio.state
-    test.key_press(chord("M"))
+    test.key_press(chord("N"))
     test.yield_(2)
     kept = window.studio.state is state
     test.key_press(chord("Escape"))
