@@ -247,10 +247,11 @@ def test_recent_files_are_kept(tmp_path):
         Recent(tmp_path / "state" / "recent.json").add(str(tmp_path / f"{number}.bvh"))
     recent = Recent(tmp_path / "state" / "recent.json")
     recent.add(str(tmp_path / "7.bvh"))
+    recent.add(str(tmp_path / "0.bvh"))
     recent.add("default")
     recent.add(str(tmp_path / "nothing"))
     names = [Path(path).name for path in recent.paths]
-    assert names == ["7.bvh", *(f"{number}.bvh" for number in range(14, 2, -1) if number != 7)]
+    assert names == [f"{number}.bvh" for number in (0, 7, 14, 13, 12, 11, 10, 9, 8, 6, 5, 4)]
     (tmp_path / "7.bvh").unlink()
     recent.look()
     assert recent.gone == {str(tmp_path / "7.bvh")}
