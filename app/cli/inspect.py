@@ -1,20 +1,18 @@
-"""`avatarrex-studio inspect PATH`: what a file is, an avatar, a motion, a session or a picture, said in a few lines."""
+"""`avatarrex-studio inspect PATH`: what a file or folder is and what it contains, said in a few lines."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 
 import numpy as np
+from avatarrex_studio.jobs.file_kind import AVATAR, CAPTURE, MOTION, PICTURE, RUN, SESSION, kind_of
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import StudioState
 
-from avatarrex.errors import InputError, plain
-from avatarrex.files.gate import what_is
-from avatarrex.files.json_text import parse_json, read_json
-from avatarrex.signals.own_motions import MOTIONS
+from avatarrex.errors import plain
+from avatarrex.files.json_text import parse_json
 
 WIDTH = 160
 """Of a value, characters."""
@@ -37,17 +35,8 @@ def describe(path: str) -> list[str]:
 
 
 def _lines(path: str) -> list[str]:
-    file = Path(path)
-    if path in MOTIONS:
-        return _motion(file)
-    found = "a file" if path == "default" else what_is(path)
-    if found not in ("a file", "a folder"):
-        raise InputError(path, "", "an avatar, a motion, a session or a picture", found)
-    if path == "default" or found == "a folder" or file.suffix == ".avatar":
-        return _avatar(path)
-    if file.suffix == ".json" and _is_session(file):
-        return _session(file)
-    return _picture(file) if file.suffix == ".png" else _motion(file)
+    tellers = {AVATAR: _avatar, MOTION: _motion, CAPTURE: _capture, RUN: _run, SESSION: _session, PICTURE: _picture}
+    return tellers[kind_of(path)](path)
 
 
 def _avatar(path: str) -> list[str]:
@@ -86,7 +75,7 @@ def _short(value: object) -> str:
     return text if len(text) <= WIDTH else text[: WIDTH - 1] + "…"
 
 
-def _motion(file: Path) -> list[str]:
+def _motion(file: str) -> list[str]:
     motion = Motion.read(file)
     sequence = motion.sequence
     return [
@@ -96,7 +85,28 @@ def _motion(file: Path) -> list[str]:
     ]
 
 
-def _session(file: Path) -> list[str]:
+def _capture(path: str) -> list[str]:
+    from avatarrex_studio.jobs.opening import contents  # torch
+
+    from avatarrex.capture.readers.rigs import open_capture
+
+    capture = open_capture(path)
+    return [f"{path}: a capture", f"  {contents(capture)}", *(f"  {note}" for note in capture.notes)]
+
+
+def _run(path: str) -> list[str]:
+    from avatarrex_studio.jobs.opening import newest_run  # torch
+
+    run = newest_run(path)
+    about = {name: run.about.get(name) for name in ("capture", "preset", "note")}
+    return [
+        f"{run.path}: a run, {run.state}, step {run.step:,}" + (f" of {run.steps:,}" if run.steps else ""),
+        *(f"  {name}: {value}" for name, value in about.items() if value),
+        f"  avatar: {run.avatar or 'none yet'}",
+    ]
+
+
+def _session(file: str) -> list[str]:
     journal = Journal.load(file)
     state = journal.state
     return [
@@ -106,7 +116,7 @@ def _session(file: Path) -> list[str]:
     ]
 
 
-def _picture(file: Path) -> list[str]:
+def _picture(file: str) -> list[str]:
     """What the studio wrote into a picture: the state that it shows."""
     from avatarrex.files.images import read_png_text  # torch: a wrong file is refused without it
 
@@ -125,8 +135,3 @@ def _picture(file: Path) -> list[str]:
         *([f"  motion: {state.motion.path}, frame {state.motion.frame}"] if state.motion else []),
         "  not at rest: " + (", ".join(moved) or "nothing"),
     ]
-
-
-def _is_session(file: Path) -> bool:
-    data = read_json(file)
-    return isinstance(data, dict) and data.get("kind") == "session"

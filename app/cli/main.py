@@ -24,7 +24,7 @@ VERBS = {
     "replay": "render the end of a saved session",
     "export": "an avatar as a file for other programs: GLB, VRM, USD, OBJ, PLY, a web page",
     "motion": "how a motion file is read, beside its own skeleton",
-    "inspect": "say what an avatar, motion or session file holds",
+    "inspect": "say what a file or folder contains",
     "runs": "watch trainings: curves, samples, time left",
     "capture": "captures: images of a person from many sides",
     "evaluate": "measure an avatar against a capture's pictures",
@@ -103,12 +103,17 @@ def _as_typed(message: str, words: Sequence[str]) -> str:
     return f"{RENAMED[option]}:{rest}" if RENAMED.get(option) in typed else message
 
 
+def _like_a_path(word: str) -> bool:
+    """Whether a word names something on the disk, there or not."""
+    return os.path.exists(word) or os.sep in word or "." in word
+
+
 def _with_verb(words: list[str]) -> list[str]:
     """The verb as one word at the start (`open` where only what it takes is there), values joined to their options."""
     if " ".join(words[:2]) in VERBS:
         words[:2] = [" ".join(words[:2])]
     named = bool(words) and words[0] in VERBS
-    opens = not words or words[0].startswith("--device") or (words[0][:1] != "-" and os.path.exists(words[0]))
+    opens = not words or words[0].startswith("--device") or (words[0][:1] != "-" and _like_a_path(words[0]))
     joined = ["open"] if opens and not named else []
     for word in words:
         if joined and joined[-1] in SIGNED and word.startswith("-") and not word.startswith("--"):

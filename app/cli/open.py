@@ -1,4 +1,4 @@
-"""`avatarrex-studio open [AVATAR|SESSION]`: the window."""
+"""`avatarrex-studio open [AVATAR|MOTION|CAPTURE|RUN|SESSION]`: the window."""
 
 from __future__ import annotations
 
@@ -8,16 +8,23 @@ import sys
 
 from avatarrex_studio.cli import PROGRAM
 from avatarrex_studio.cli.options import add_device
+from avatarrex_studio.jobs.file_kind import OPENS, PICTURE, kind_of
+
+from avatarrex.errors import InputError
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
     """What the window opens with."""
-    verb.add_argument("source", nargs="?", default="default", help="an avatar or a saved session")
+    verb.add_argument(
+        "source", nargs="?", default="default", help="an avatar, a motion, a capture, a run or a saved session"
+    )
     add_device(verb)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Open the window; returns once it is closed."""
+    """Open the window; returns once it is closed. Raises `InputError` before that for a path that is nothing to open."""
+    if kind_of(arguments.source) == PICTURE:
+        raise InputError(arguments.source, "", OPENS, "a picture")
     if no_display("render OUT.png"):
         return 2
     from avatarrex_studio.window.window import run_window

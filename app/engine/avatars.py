@@ -23,22 +23,30 @@ class Avatars:
 
     def get(self, name: str) -> Avatar:
         """The avatar, waited for. Raises `InputError`, and then keeps the one before."""
-        reading = self._reading if name == self._name else self._threads.submit(self._load, name)
+        reading = self._reading if name == self._name else self.read(name)
         avatar = reading.result()
-        self._name, self._reading = name, reading
+        self.keep(name, reading)
         return avatar
+
+    def read(self, name: str) -> Future[Avatar]:
+        """Begin to read an avatar beside the open one. May be called by any thread."""
+        return self._threads.submit(self._load, name)
+
+    def keep(self, name: str, reading: Future[Avatar]) -> None:
+        """Have what `read` began as the open one."""
+        self._name, self._reading = name, reading
 
     def ready(self, name: str) -> Avatar | None:
         """The avatar where it has been read; None meanwhile, and where it cannot be."""
         if name != self._name:
-            self._name, self._reading = name, self._threads.submit(self._load, name)
+            self.keep(name, self.read(name))
         done = self._reading.done() and self._reading.exception() is None
         return self._reading.result() if done else None
 
     def read_again(self, name: str) -> None:
         """Read the avatar anew, where it is the open one: its file has changed."""
         if name == self._name:
-            self._reading = self._threads.submit(self._load, name)
+            self._reading = self.read(name)
 
     @property
     def reading(self) -> bool:

@@ -21,8 +21,9 @@ from avatarrex_studio.engine.request import Exact
 from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.grip import LOOK, Grip
 from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.notice import NOTICE, refusals_logged
-from avatarrex_studio.session.playback import Playback
+from avatarrex_studio.session.playback import FBX_SECONDS, Playback
 from avatarrex_studio.session.state import OrbitView, StudioState, Vector, vector
 
 from avatarrex.avatar import Avatar
@@ -196,11 +197,16 @@ class Studio:
     def open_motion(self, path: str, options: ImportOptions | None = None) -> None:
         """Load a motion file, or one that comes with the program by its name, and go to its first frame."""
         with refusals_logged(opening=path):
-            motion = self.playback.open(path, options)
-            self.do(motion.loaded(self.state.signals))
-            for note in motion.sequence.notes:
-                log.info("%s: %s", Path(path).name, note)
-            log.info("%s: %d frames, %g a second", Path(path).name, len(motion), motion.sequence.fps)
+            self.take_motion(Motion.read(path, options, FBX_SECONDS))
+
+    def take_motion(self, motion: Motion) -> None:
+        """Go to the first frame of a motion that was read."""
+        self.playback.take(motion)
+        self.do(motion.loaded(self.state.signals))
+        name = Path(motion.path).name
+        for note in motion.sequence.notes:
+            log.info("%s: %s", name, note)
+        log.info("%s: %d frames, %g a second", name, len(motion), motion.sequence.fps)
 
     def toggle_play(self) -> None:
         """Start or stop the motion."""
@@ -235,6 +241,10 @@ class Studio:
     def go_on(self, journal: Journal) -> None:
         """Go on from a journal in place of this one. Raises `InputError` where its avatar cannot be read, and changes nothing."""
         self.avatars.get(journal.state.avatar)
+        self.take_journal(journal)
+
+    def take_journal(self, journal: Journal) -> None:
+        """Go on from a journal that was read."""
         self.journal = journal
         self.playback.close()
 

@@ -12,6 +12,7 @@ from typing import Any
 from avatarrex_studio.jobs.run_view import RunView, checkpoints_of, newest_avatar
 
 from avatarrex.errors import plain
+from avatarrex.files.gate import what_is
 from avatarrex.training.runs.control import Heartbeat, read_json
 from avatarrex.training.runs.events import EventReader
 
@@ -79,14 +80,16 @@ class Runs:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
+        self.others: tuple[Path, ...] = ()
+        """Single runs elsewhere."""
         self._watched: dict[Path, Watched] = {}
         self._listed = -1e9
 
     def poll(self) -> bool:
         """Look for runs and read on in each; True where more is waiting."""
-        if time.monotonic() - self._listed > SLOW_SECONDS:
+        if time.monotonic() - self._listed > SLOW_SECONDS or not self._watched.keys() >= {*self.others}:
             self._listed = time.monotonic()
-            paths = sorted(run_folders(self.folder))
+            paths = [*sorted(run_folders(self.folder)), *self.others]
             self._watched = {path: self._watched.get(path) or Watched(path, self._name(path)) for path in paths}
         waiting = False
         for entry in self._watched.values():
@@ -104,12 +107,13 @@ class Runs:
         return tuple(entry.view for entry in self._watched.values())
 
     def _name(self, path: Path) -> str:
-        return plain(path.absolute().name if path == self.folder else path.relative_to(self.folder).as_posix())
+        alone = path == self.folder or path in self.others
+        return plain(path.absolute().name if alone else path.relative_to(self.folder).as_posix())
 
 
 def run_folders(folder: Path, depth: int = DEPTH) -> Iterator[Path]:
     """`folder` itself where it is a run, else the runs below it."""
-    if (folder / "run.json").is_file():
+    if what_is(folder / "run.json") == "a file":
         yield folder
         return
     try:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from avatarrex_studio.jobs.run_view import RunView
-from avatarrex_studio.jobs.runs import Runs
+from avatarrex_studio.jobs.runs import DEPTH, Runs
 from jaxtyping import UInt8
 from PIL import Image
 
@@ -28,6 +28,8 @@ class Watcher(threading.Thread):
         self.folder = Path(folder)
         self.views: tuple[RunView, ...] = ()
         """The runs as they were last read; replaced, never changed."""
+        self.others: tuple[Path, ...] = ()
+        """Runs elsewhere that are read, too."""
         self._wake, self._closed = threading.Event(), False
         self._pictures: OrderedDict[tuple[Path, int], UInt8[np.ndarray, "h w 3"] | None] = OrderedDict()
         self._requested: list[tuple[Path, int]] = []
@@ -36,6 +38,7 @@ class Watcher(threading.Thread):
         """Read until closed."""
         runs = Runs(self.folder)
         while not self._closed:
+            runs.others = self.others
             waiting = runs.poll()
             self.views = runs.views
             while self._requested and not self._closed:
@@ -60,6 +63,14 @@ class Watcher(threading.Thread):
             self._requested.append(key)
             self._wake.set()
         return None
+
+    def include(self, run: Path) -> Path:
+        """Read a run, wherever it lies; its path in `views`."""
+        place, top = run.resolve(), self.folder.resolve()
+        if place.is_relative_to(top) and len(place.relative_to(top).parts) <= DEPTH:
+            return self.folder / place.relative_to(top)
+        self.others = tuple(dict.fromkeys((*self.others, run)))
+        return run
 
     def look_again(self) -> None:
         """Look now, for a button was pressed."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 
 from avatarrex_studio.panels import theme, widgets
@@ -11,6 +12,7 @@ from avatarrex_studio.session.state import StudioState
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
+from avatarrex.errors import plain
 from avatarrex.templates.parts import PARTS
 
 LABEL = 78.0
@@ -24,7 +26,8 @@ def draw(state: StudioState) -> Iterator[Command]:
     """Draw the panel; the commands of this frame."""
     imgui.text_colored(theme.vec4(theme.ACCENT), icons.ICON_FA_PERSON)
     imgui.same_line()
-    imgui.text(state.avatar)
+    imgui.text(plain(os.path.basename(state.avatar)))
+    widgets.tooltip(plain(state.avatar))
     for part in PARTS:
         toggled, shown = imgui.checkbox(f"{words(part).capitalize()}##show.{part}", part not in state.hidden)
         if toggled:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import widgets
-from avatarrex_studio.panels.files import FileDialogs
+from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.motion_import import MotionImport
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
@@ -17,7 +17,7 @@ class TimelinePanel:
 
     def __init__(self) -> None:
         self.path = ""
-        self.reading, self.files = MotionImport(), FileDialogs()
+        self.reading, self.files = MotionImport(), FileDialog()
 
     def draw(self, studio: Studio) -> int | None:
         """Draw the panel; the frame that was scrubbed to, if any."""

@@ -8,6 +8,7 @@ import logging
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 import moderngl
 from avatarrex_studio.jobs.run_view import RunView, duration, keep_avatar
@@ -40,6 +41,7 @@ class TrainingPanel:
         self.form, self.runs = TrainingForm(), RunList()
         self.plots = TrainingPlots(self.runs.colours, watcher)
         self._error = ""
+        self._unfold = False
 
     def draw(self) -> Iterator[Command]:
         """Draw the panel; an avatar to show is returned as a command."""
@@ -69,8 +71,21 @@ class TrainingPanel:
         self.plots.samples.close()
         curves.close()
 
+    def fill_in(self, capture: str, words: str) -> None:
+        """A capture for the next training, and what there is to say about it."""
+        self.form.take(capture, words)
+        self._unfold = True
+
+    def choose(self, run: Path) -> None:
+        """Show a run; one that lies elsewhere is watched, too."""
+        self.runs.chosen = self.watcher.include(run)
+        self.watcher.look_again()
+
     def _side(self, views: Sequence[RunView], chosen: RunView | None) -> Iterator[Command]:
         """Start, list and details."""
+        if self._unfold:
+            imgui.set_next_item_open(True)
+            self._unfold = False
         if self.viewport and widgets.group("New training", "training.new", opened=not views)[0]:
             order = self.form.draw(self.watcher.folder)
             if order is not None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from avatarrex_studio.jobs.training_process import Order
 from avatarrex_studio.panels import widgets
-from avatarrex_studio.panels.files import FileDialogs
+from avatarrex_studio.panels.files import FileDialog
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
@@ -21,7 +21,9 @@ class TrainingForm:
 
     def __init__(self) -> None:
         self.capture, self.recipe, self.out, self.parts = "", "quick", "", list(TRAINED)
-        self.files = FileDialogs()
+        self.files = FileDialog()
+        self._told = ("", "")
+        """A capture, and what there is to say about it."""
 
     def draw(self, folder: Path) -> Order | None:
         """Draw it; the training to start where the button was pressed. Runs lie in `folder` unless told."""
@@ -30,7 +32,11 @@ class TrainingForm:
         _, self.capture = imgui.input_text_with_hint("##capture", "Folder or .zip", self.capture)
         imgui.same_line(0, 4)
         if imgui.button(f"{icons.ICON_FA_FOLDER_OPEN}##capture", (32, 0)):
-            self.files.open("capture", "Open a capture: its zip, or a file in its folder", self._took_capture)
+            self.files.open("capture", "Open a capture", self.take)
+        told, words = self._told
+        if words and told == self.capture:
+            widgets.label("", LABEL)
+            widgets.paragraph(words)
         widgets.label("Recipe", LABEL)
         shown, titles = self.recipe.capitalize(), {name.capitalize(): recipe.about for name, recipe in RECIPES.items()}
         self.recipe = (widgets.choice("##recipe", titles, shown, shown, titles) or shown).lower()
@@ -50,8 +56,9 @@ class TrainingForm:
             return None
         return Order(self.capture, self.recipe, Path(self.out.strip() or _free(Path(hint))), self.parts)
 
-    def _took_capture(self, path: str) -> None:
-        self.capture = path if path.endswith(".zip") or Path(path).is_dir() else str(Path(path).parent)
+    def take(self, capture: str, words: str = "") -> None:
+        """Fill in a capture, with what there is to say about it."""
+        self.capture, self._told = capture, (capture, words)
 
 
 def _free(path: Path) -> Path:

@@ -88,10 +88,9 @@ def _named(kind: str, name: str, command: Command) -> Action:
 
 
 ACTIONS: tuple[Action, ...] = (
-    Action("motion.open", "Open motion…", "File", "Ctrl+O", effect="open_motion"),
+    Action("open", "Open…", "File", "Ctrl+O", effect="open"),
     Action("motion.close", "Close motion", "File", command=_fixed(commands.CloseMotion()), enabled=_has_motion),
-    Action("session.open", "Open session…", "File", "Ctrl+Shift+O", effect="open_session", separator=True),
-    Action("session.save", "Save session", "File", "Ctrl+S", effect="save_session"),
+    Action("session.save", "Save session", "File", "Ctrl+S", effect="save_session", separator=True),
     Action("session.save_as", "Save session as…", "File", "Ctrl+Shift+S", effect="save_session_as"),
     Action("screenshot", "Screenshot", "File", "F12", effect="screenshot", separator=True),
     Action("quit", "Quit", "File", "Ctrl+Q", effect="quit", separator=True),

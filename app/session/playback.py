@@ -36,11 +36,9 @@ class Playback:
         """What the frames of one playback have in common: they are undone together."""
         return "play", self._plays
 
-    def open(self, path: str, options: ImportOptions | None = None) -> Motion:
-        """Read a motion in place of the last. Raises `InputError`."""
-        self._motion, self._refused = Motion.read(path, options, FBX_SECONDS), None
-        self.playing = False
-        return self._motion
+    def take(self, motion: Motion) -> None:
+        """Have a motion that was read in place of the last."""
+        self._motion, self._refused, self.playing = motion, None, False
 
     def close(self) -> None:
         """Forget it."""

@@ -19,12 +19,13 @@ from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.live import LiveSurface, read_avatar
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.distilling import Distilling
+from avatarrex_studio.jobs.opening import read_any
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status, theme
 from avatarrex_studio.panels.console import ConsolePanel
 from avatarrex_studio.panels.face import face_panel
-from avatarrex_studio.panels.files import FileDialogs
+from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.hands import HandPanel
 from avatarrex_studio.panels.joints import body_panel
 from avatarrex_studio.panels.palette import Palette
@@ -42,10 +43,12 @@ from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.window.docking import docking
 from avatarrex_studio.window.leaving import Leaving
+from avatarrex_studio.window.opening import Opening
 from avatarrex_studio.window.own_surface import OwnSurface
 from avatarrex_studio.window.runner import runner_params
 from avatarrex_studio.window.screen import Screen
 from imgui_bundle import hello_imgui, imgui, immapp
+from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 
 from avatarrex.errors import InputError
 from avatarrex.gl.context import REQUIRED, renderer_name
@@ -73,13 +76,14 @@ class Window:
         self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
         self.body, self.left, self.right = body_panel(), HandPanel("left"), HandPanel("right")
         self._sliders = {"Body": self.body, "Left hand": self.left, "Right hand": self.right, "Face": face_panel()}
-        self.face, self.poses, self.palette, self.files = self._sliders["Face"], PosesPanel(), Palette(), FileDialogs()
+        self.face, self.poses, self.palette, self.files = self._sliders["Face"], PosesPanel(), Palette(), FileDialog()
         self.screen, self.questions, self.autosave = Screen(), Questions(), Autosave()
         self.toasts = Toasts(self._refused)
         self.leaving = Leaving(studio, self.training.processes, self.questions, self.autosave)
         self.leaving.offer()
         self.distilling = Distilling(device=device)
         self.own_surface = OwnSurface(studio.avatars, self.distilling)
+        self.opening = Opening(studio, self.training)
         self._frames = self._gesture = 0
         self._keys_free = True
         """Whether keys were shortcuts when this frame began: what Esc closes does not pass it on."""
@@ -89,8 +93,7 @@ class Window:
             "undo": studio.undo, "redo": studio.redo, "toggle_play": studio.toggle_play,
             "step_back": lambda: studio.step_by(-1), "step_on": lambda: studio.step_by(1),
             "read_motion": self.timeline.reading.open,
-            "open_motion": lambda: self.files.open("motion", "Open a motion", studio.open_motion),
-            "open_session": lambda: self.files.open("session", "Open a session", studio.open_session),
+            "open": lambda: self.files.open("any", "Open", self.opening.open),
             "save_session": self._save, "save_session_as": self._save_as,
             "copy_pose": self._copy, "paste_pose": self._paste, "paste_flipped": partial(self._paste, flipped=True),
             "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,
@@ -120,7 +123,8 @@ class Window:
         calls.pre_new_frame = self._prepare
         calls.before_imgui_render = self._render
         calls.show_gui = self._over
-        calls.show_menus = lambda: self._run(menu.draw(self.studio.journal))
+        calls.show_menus = self._menus
+        calls.post_init = self._take_drops
         calls.show_status = self._status
         calls.confirm_exit = self._may_close
         calls.before_exit = self._close
@@ -194,7 +198,9 @@ class Window:
 
     def _status(self) -> None:
         context = self.screen.context
-        status.draw(self.studio, renderer_name(context) if context else "none", self.own_surface.words)
+        status.draw(
+            self.studio, renderer_name(context) if context else "none", self.opening.words or self.own_surface.words
+        )
 
     def _timeline(self) -> None:
         frame = self.timeline.draw(self.studio)
@@ -241,13 +247,14 @@ class Window:
         if self._frames > WARM_UP:
             self.screen.show(self.studio, self.studio.tick(self.viewport.size))
             self.own_surface.tend(self.studio.state.avatar)
+            self._open_what_was_read()
         self.autosave.tend(self.studio.journal)
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = not self.studio.moving and self._frames > WARM_UP + 1
         typing = TYPING_FPS if imgui.get_io().want_text_input else IDLE_FPS
         shown = self.studio.avatars.ready(self.studio.state.avatar) if self.studio.live else None
         self.poses.cards.tend(context, shown, not self.studio.moving)
-        waiting = self.studio.avatars.reading or self.poses.cards.waiting or self.toasts.moving
+        waiting = self.studio.avatars.reading or self.opening.busy or self.poses.cards.waiting or self.toasts.moving
         idling.fps_idle = READING_FPS if waiting else typing
         if context.screen:
             context.screen.use()
@@ -277,6 +284,7 @@ class Window:
     def _close(self) -> None:
         self.training.close()
         self.distilling.close()
+        self.opening.close()
         self.studio.close()
         self.screen.close()
         self.autosave.close()
@@ -321,22 +329,44 @@ class Window:
         if self.toasts.draw((low.x, low.y), (high.x, high.y)):
             hello_imgui.get_runner_params().docking_params.focus_dockable_window("Console")
 
+    def _menus(self) -> None:
+        chosen = menu.draw(self.studio.journal, self.opening.recent)
+        if isinstance(chosen, str):
+            self.opening.open(chosen)
+        else:
+            self._run(chosen)
+
+    def _take_drops(self) -> None:
+        """Files that are dropped on the window are opened."""
+        import glfw  # after imgui_bundle, which brings its own library
+
+        # the stub has GLFW's own arguments, Python's callback gets the window and a list
+        glfw.set_drop_callback(glfw_window_hello_imgui(), self.opening.dropped)  # type: ignore[arg-type]
+
+    def _open_what_was_read(self) -> None:
+        self.opening.tend()
+        if self.opening.tab:
+            hello_imgui.get_runner_params().docking_params.focus_dockable_window(self.opening.tab)
+            self.opening.tab = ""
+
 
 def run_window(source: str = "default", device: str = "cpu") -> int:
-    """Open the window on an avatar or a saved session, networks on `device`; returns the exit code. Raises `InputError`."""
-    journal = Journal.load(source) if source.endswith(".json") else Journal(start(source))
+    """Open the window on anything that `Opening` opens, networks on `device`; returns the exit code. Raises `InputError`."""
     exact, avatars = ExactEngine(partial(Engine, device=device)), Avatars(read_avatar)
-    avatars.get(journal.state.avatar)  # while the engine starts
+    opened = read_any(source, avatars.read)  # while the engine starts
+    journal = opened.journal or Journal(start(opened.avatar or "default"))
     import glfw  # after imgui_bundle, which brings its own library
 
     if not glfw.init():
         raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
     exact.arrived = glfw.post_empty_event
     window = Window(Studio(exact, avatars, journal, LiveSurface()), device=device)
+    window.opening.arrived = glfw.post_empty_event
     logging.basicConfig(
         level=logging.INFO, format="%(message)s", handlers=[window.console, window.toasts, logging.StreamHandler()]
     )
     log.info("AvatarReX Studio. F1 shows the keys, Ctrl+P finds every command.")
+    window.opening.take(opened)
     immapp.run(window.params())
     return 0
 

@@ -24,7 +24,7 @@ class Clock:
 
 @pytest.fixture(autouse=True)
 def folders_of_our_own(tmp_path_factory, monkeypatch):
-    """The user's library and cache are neither read nor written."""
+    """The user's library, cache and state are neither read nor written."""
     folder = tmp_path_factory.mktemp("user")
     monkeypatch.setenv("AVATARREX_LIBRARY", str(folder / "library"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))

@@ -48,7 +48,7 @@ def test_options_come_back_with_the_state_and_the_journal(odd: Path) -> None:
     assert again.motion.options == chosen
     # a session that was opened reads the motion as it was read before
     playback = Playback()
-    playback.open(str(odd))
+    playback.take(Motion.read(str(odd)))
     frame = playback.at(again, 3)
     assert frame is not None
     assert frame.signals == Motion.read(odd, chosen).at(3, again.signals).signals

@@ -344,3 +344,18 @@ def test_a_series_of_nothing_has_no_rate():
     view = RunView(Path("x"), "x", "running", part="body", series={"body/loss/a": empty})
     assert view.rate is None
     assert view.eta is None
+
+
+def test_a_run_elsewhere_is_watched_too(tmp_path):
+    for place in ("runs/inside", "elsewhere"):
+        Run.create(tmp_path / place, {"part": "body", "steps": {"body": 400}, "preset": "quick", "seed": 3}).close()
+    watcher = Watcher(tmp_path / "runs")
+    watcher.start()
+    until(lambda: watcher.views)
+    assert watcher.include(tmp_path / "runs" / ".." / "runs" / "inside") == tmp_path / "runs" / "inside"
+    assert watcher.others == ()
+    assert watcher.include(tmp_path / "elsewhere") == tmp_path / "elsewhere"
+    watcher.look_again()
+    until(lambda: len(watcher.views) == 2, 1.5)  # before the folders are listed again
+    assert [view.name for view in watcher.views] == ["inside", "elsewhere"]
+    watcher.close()

@@ -612,7 +612,7 @@ CASES: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path], str]] =
     "inspect: a pipe": (
         lambda path: describe(str(path)),
         lambda d: pipe(d / "m.bvh"),
-        "an avatar, a motion, a session or a picture, found no plain file",
+        "an avatar, a motion, a capture, a run or a session, or a picture, found no plain file",
     ),
 }
 
