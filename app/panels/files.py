@@ -62,9 +62,10 @@ class FileDialog:
         """Choose something that exists, of a kind of `CHOICES`; `then` gets its path."""
         self._begin(kind, title, then, False)
 
-    def save(self, kind: str, title: str, then: Callable[[str], None], folder: Path) -> None:
-        """Choose a name to write, first in `folder`; `then` gets its path, with the kind's first suffix where it has none."""
-        self.folder = str(folder)
+    def save(self, kind: str, title: str, then: Callable[[str], None], folder: Path | None = None) -> None:
+        """Choose a name to write, first in `folder`, else where the dialog was; `then` gets its path, with the kind's first
+        suffix where it has none."""
+        self.folder = self.folder if folder is None else str(folder)
         self._begin(kind, title, then, True)
 
     def _begin(self, kind: str, title: str, then: Callable[[str], None], save: bool) -> None:

@@ -313,7 +313,8 @@ class Window:
             answers = {"Overwrite": lambda: write(path), "Other name…": lambda: self._save_as(then), "Cancel": nothing}
             self.questions.put(Question("Overwrite the file?", f"{path} is there already.", answers))
 
-        folder = Path(self.studio.journal.path or "session").absolute().parent
+        path = self.studio.journal.path
+        folder = Path(path).absolute().parent if path else None
         self.files.save("session", "Save the session", chosen, folder)
 
     def _refused(self, opening: str, text: str) -> None:

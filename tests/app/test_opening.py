@@ -71,8 +71,8 @@ def things(tmp_path):
 
 
 def drop(*paths):
-    """What GLFW does when files are dropped on the only window."""
-    ((_, callback),) = (entry for entry in glfw._window_drop_callback_repository.values() if entry[0])
+    """What GLFW does when files are dropped on the window that was opened last."""
+    *_, (_, callback) = (entry for entry in glfw._window_drop_callback_repository.values() if entry[0])
     callback(None, len(paths), (ctypes.c_char_p * len(paths))(*(path.encode() for path in paths)))
 
 
@@ -128,11 +128,17 @@ def everything(test, window, way, things):
 
 
 def lost(test, window, folder):
-    """Things that cannot be opened; whether they changed anything."""
+    """Things that cannot be opened; whether they changed anything, and the dialogs about them."""
     before = window.studio.state
+    logging.getLogger().addHandler(window.toasts)
     drop(str(folder / "nothing.bvh"), str(folder / "empty"), str(folder / "lost.avatar"), str(folder / "lost.json"))
     settle(test, window)
-    return window.studio.state is before
+    logging.getLogger().removeHandler(window.toasts)
+    told = [question.title for question in window.questions.waiting]
+    while window.questions.waiting:
+        test.key_press(chord("Escape"))
+        test.yield_(3)
+    return window.studio.state is before, told
 
 
 def from_recent(test, window, things):
@@ -206,7 +212,8 @@ def test_everything_is_opened(display, things, tmp_path, caplog, monkeypatch):
         assert found["run's avatar"] == (os.path.join(things["run"], "avatars", "step_00000030.avatar"), True)
     assert seen["views"] == [Path(things["run"])]
     assert seen["words"] == "body: 3 frames, 3 cameras"
-    assert seen["unchanged"]
+    lost_ones = ("nothing.bvh", "empty", "lost.avatar", "lost.json")
+    assert seen["unchanged"] == (True, [f"{name} cannot be opened" for name in lost_ones])
     for words in ("nothing.bvh: expected an avatar", "an empty folder", "lost.avatar: expected an avatar", "x.avatar"):
         assert words in caplog.text
     assert seen["recent"] == (things["run"], things["capture"])
