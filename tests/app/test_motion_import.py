@@ -59,7 +59,7 @@ def test_the_present_motion_is_the_one_that_the_state_names(odd: Path, caplog: p
     playback = Playback()
     free, chosen = (Motion.read(odd, options).loaded(StudioState().signals).apply(StudioState())
                     for options in (ImportOptions(), ImportOptions(up="+Z")))  # fmt: skip
-    playback.open(str(odd), ImportOptions(up="+Z"))
+    playback.take(Motion.read(str(odd), ImportOptions(up="+Z")))
 
     def options_now(state: StudioState) -> ImportOptions:
         motion = playback.current(state)
@@ -88,11 +88,10 @@ def test_the_window_does_not_wait_for_blender_as_long_as_a_command(odd: Path, mo
 
     monkeypatch.setattr(motion, "import_motion", timed)
     playback = Playback()
-    state = playback.open(str(odd)).loaded(StudioState().signals).apply(StudioState())
-    playback.close()
+    state = Motion.read(str(odd)).loaded(StudioState().signals).apply(StudioState())
     playback.current(state)
     Motion.read(odd)
-    assert waits == [60.0, 60.0, 300.0]
+    assert waits == [300.0, 60.0, 300.0]
 
 
 def test_a_session_of_before_has_no_options() -> None:

@@ -286,6 +286,6 @@ def test_what_a_name_in_the_dialog_means(tmp_path):
         ("any", False, "", ""), ("any", False, "a.bvh", "a.bvh"), ("any", False, "/b.bvh", "/b.bvh"), ("session", False, "", None),
         ("session", True, "", None), ("session", True, "mine", "mine.json"), ("session", True, "mine.txt", "mine.txt"),
     ):  # fmt: skip
-        dialog.open(kind, "Title", lambda path: None, save)
+        (dialog.save if save else dialog.open)(kind, "Title", lambda path: None)
         dialog.name = typed
         assert dialog._path() == (None if path is None else os.path.join(tmp_path, path) if path else str(tmp_path))

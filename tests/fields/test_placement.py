@@ -21,6 +21,7 @@ from avatarrex.errors import InputError
 from avatarrex.fields.placement import networks
 from avatarrex.measure.bench.frame import of_a_gpu
 from avatarrex.measure.bench.session import Bench
+from avatarrex.ops.native import one_thread
 from avatarrex.pipeline import render_frame
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
@@ -46,7 +47,7 @@ def machine(device: str) -> Iterator[None]:
     if device == "cuda":
         yield
     else:
-        with Elsewhere():
+        with one_thread(), Elsewhere():  # torch's modes are of one thread
             yield
 
 

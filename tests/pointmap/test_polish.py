@@ -19,12 +19,19 @@ from avatarrex.reference.solids import sphere
 from avatarrex.reference.voxel_frame import pose_reference
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.library import named_hand, named_pose
+from avatarrex.signals.library import Turn, named_hand, named_pose, turned
 from avatarrex.volume.composed_field import ComposedField
 
 SETTINGS = RenderSettings(raycast="torch", part_voxel=0.005, antialias=True)
 SIGNALS = Signals.rest().replace(body_pose=named_pose("walk"))
 CAMERA = Camera.orbit(20, 5, 2.6, 40, (0, -0.05, 0), 48, 48)
+PRESSED: dict[str, Turn] = {
+    "both_collar": (9, 13.3, -10.3),
+    "both_shoulder": (28.6, 16.2, -55.1),
+    "both_elbow": (-12.3, -97.9, -8.1),
+    "both_wrist": (-2.9, 5.9, -28.2),
+}
+"""Hands on the hips, finger tips in the cloth."""
 BALL = DenseSolid(sphere((0, 0, 0), 0.3))
 
 
@@ -141,7 +148,7 @@ def test_most_hits_land_on_the_root_of_the_reference(rough: Frame, polished: Fra
 def test_a_polished_point_has_the_colour_of_the_limb_it_came_to(avatar: Avatar) -> None:
     """A finger tip that the cloth of the exact field covers, and that of voxels of 2 cm does not, was grey."""
     signals = Signals.rest().replace(
-        body_pose=named_pose("hands_on_hips"), left_hand_pose=named_hand("relaxed", "left")
+        body_pose=turned(np.zeros((21, 3)), PRESSED), left_hand_pose=named_hand("relaxed", "left")
     )
     view = Camera.orbit(40, 0, 0.2, 30, (0.11, 0.07, 0.1), 64, 64)
     settings = replace(SETTINGS, part_voxel=0.0025, antialias=False, hidden=frozenset({"right_hand", "face"}))
