@@ -24,6 +24,7 @@ from avatarrex_studio.window.window import start
 from ball import ball_engine
 from capture.tiny_capture import TinyCapture
 from imgui_bundle import imgui
+from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 from test_window import drive, surfaced
 
 from avatarrex.errors import InputError
@@ -71,8 +72,9 @@ def things(tmp_path):
 
 
 def drop(*paths):
-    """What GLFW does when files are dropped on the window that was opened last."""
-    *_, (_, callback) = (entry for entry in glfw._window_drop_callback_repository.values() if entry[0])
+    """What GLFW does when files are dropped on the window that is open: its callback, by the window's address."""
+    address = ctypes.cast(ctypes.pointer(glfw_window_hello_imgui()), ctypes.POINTER(ctypes.c_long)).contents.value
+    _, callback = glfw._window_drop_callback_repository[address]
     callback(None, len(paths), (ctypes.c_char_p * len(paths))(*(path.encode() for path in paths)))
 
 
