@@ -107,6 +107,7 @@ ACTIONS: tuple[Action, ...] = (
         for part in PARTS
     ),
     Action("pose.reset_root", "Reset place", "Pose", command=_fixed(commands.ResetGroup("root"))),
+    Action("pose.floor", "Put on the floor", "Pose", "G", command=_fixed(commands.PutOnFloor())),
     Action("look.camera", "Look at the camera", "Pose", effect="look_at_camera", separator=True),
     Action("pin.selected", "Pin or unpin what is selected", "Pose", "P", command=_pin, enabled=_has_handle),
     Action("pin.feet", "Pin or unpin both feet", "Pose", command=_pin_feet),
