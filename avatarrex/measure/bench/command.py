@@ -26,7 +26,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--capture", metavar="C", help="what `training` steps on; a small one is drawn unless given")
     add("--json", metavar=file, help="every figure")
     add("--plot", metavar="DIR", help="PNG plots of time against error; needs matplotlib")
-    add("--record", nargs="?", const="", metavar=file, help="write the baseline of this class of machine: lines of stages that are not run stay")
+    add(
+        "--record",
+        nargs="?",
+        const="",
+        metavar=file,
+        help="write the baseline of this class of machine; other stages stay",
+    )
     add("--gate", nargs="?", const="", metavar=file, help="exit status 1 where something is worse than the baseline")
 
 
