@@ -264,13 +264,14 @@ class Measuring:
 
     def rate(self) -> None:
         """Pictures a second while the surface moves."""
-        with window("live", self.options.motion, self.options.face) as (display, pid):
+        with window("live", None) as (display, pid):
             for drag in DRAGS:
                 display.click(drag.tab)
                 with dragged(display, drag.place, drag.step):
                     self._rate(display, drag.name, drag.seen, pid)
                 display.rest(VIEWPORT)
-            if self.options.motion:
+        if self.options.motion:
+            with window("live", self.options.motion, self.options.face) as (display, pid):
                 display.mouse("mousemove {} {}".format(*PLAY), "click 1")
                 self._rate(display, f"motion {Path(self.options.motion).name}", BAND, pid)
 
