@@ -331,8 +331,14 @@ class Measuring:
     def _nudged(self, display: Display, number: int) -> None:
         """The view turned a little, and the engine begun."""
         x, y = ORBIT
-        display.mouse(f"mousemove {x} {y}", "mousedown 1", f"mousemove {x + 20 - 40 * (number % 2)} {y}", "mouseup 1")
-        time.sleep(0.4)
+        for command in (
+            f"mousemove {x} {y}",
+            "mousedown 1",
+            f"mousemove {x + 20 - 40 * (number % 2)} {y}",
+            "mouseup 1",
+        ):
+            display.mouse(command)
+            time.sleep(0.1)
 
     def _rate(self, display: Display, name: str, place: tuple[slice, slice], pid: int) -> None:
         before = processor(pid)[0]
