@@ -89,17 +89,6 @@ def test_it_is_near_the_field(avatar, distilled) -> None:
 
 
 @pytest.mark.slow
-def test_the_rim_of_a_part_goes_as_the_body_beside_it(distilled) -> None:
-    """Or a bent wrist lifts it off the arm; the palm goes by the hand's own skin weights."""
-    surface, _ = distilled
-    rows = np.concatenate([surface.joint, surface.weight], 1)
-    body = {row.tobytes() for row in rows[surface.part == 0]}
-    for part in (1, 2, 3):
-        as_body = [row.tobytes() in body for row in rows[surface.part == part]]
-        assert 5 < sum(as_body) < 0.5 * len(as_body)
-
-
-@pytest.mark.slow
 def test_only_an_expression_that_moves_is_stored(distilled) -> None:
     surface, _ = distilled
     moved = np.abs(surface.morph).max((1, 2))
