@@ -16,7 +16,7 @@ from avatarrex_studio.session.state import SIZES, StudioState
 
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
-from avatarrex.export.target import check_export, files_of
+from avatarrex.export.target import ENDINGS, check_export, files_of
 from avatarrex.files.gate import check_writable, what_is
 from avatarrex.files.watermark import SMALLEST
 from avatarrex.signals.sequence import SignalSequence
@@ -28,8 +28,19 @@ if TYPE_CHECKING:
 Tell = Callable[[int], None]
 """`tell(done)`: so many of the order's steps are done."""
 Make = Callable[[], "Engine"]
-PICTURES, LAYERS, VIDEOS, SIGNALS, CAMERAS = (".png", ".jpg"), (".exr",), (".mp4", ".webm"), (".json", ".npz", ".csv"), (".json",)
-"""Endings by kind."""
+PICTURES, LAYERS, VIDEOS, SIGNALS, CAMERAS = (
+    (".png", ".jpg"),
+    (".exr",),
+    (".mp4", ".webm"),
+    (".json", ".npz", ".csv"),
+    (".json",),
+)
+FOLDER = "folder of PNG"
+"""In place of an ending: a picture a frame."""
+EXPORTED: dict[str, tuple[str, ...]] = {
+    "Picture": PICTURES, "Layers": LAYERS, "Video": (*VIDEOS, FOLDER), "3D model": ENDINGS, "Signals": SIGNALS, "Camera": CAMERAS,
+}  # fmt: skip
+"""Endings by kind, as a user knows it."""
 SAMPLES = (1, 2, 3, 4)
 """Samples of a pixel along each side."""
 PASSES = ("depth", "normal", "position")
@@ -79,7 +90,9 @@ class Look:
             expected = f"sides of {SIZES[0]} to {SIZES[1]} pixels, times the samples"
             raise InputError(path, "size", expected, " x ".join(map(str, sides)))
         if self.marked and min(self.size) < SMALLEST:
-            raise InputError(path, "size", f"sides of at least {SMALLEST} pixels for the invisible mark", min(self.size))
+            raise InputError(
+                path, "size", f"sides of at least {SMALLEST} pixels for the invisible mark", min(self.size)
+            )
 
 
 @dataclass(frozen=True)
@@ -266,9 +279,7 @@ def turned(states: Iterable[StudioState], turns: float) -> tuple[StudioState, ..
     """The states with the view going round the person `turns` times; the last is one step short of the first."""
     listed = tuple(states)
     azimuths = (state.view.azimuth + 360 * turns * k / len(listed) for k, state in enumerate(listed))
-    return tuple(
-        state.change(view=replace(state.view, azimuth=azimuth)) for state, azimuth in zip(listed, azimuths)
-    )
+    return tuple(state.change(view=replace(state.view, azimuth=azimuth)) for state, azimuth in zip(listed, azimuths))
 
 
 def _ending(path: Path, endings: tuple[str, ...]) -> None:

@@ -149,7 +149,9 @@ def written_folder(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     found = what_is(path)
     if found != "nothing there" and (found != "a folder" or os.listdir(path)):
-        raise InputError(path, "", "a name that is free, or an empty folder", f"{found} with files" if found == "a folder" else found)
+        raise InputError(
+            path, "", "a name that is free, or an empty folder", f"{found} with files" if found == "a folder" else found
+        )
     check_writable(path / "file")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -99,7 +99,7 @@ VIDEOS = (".mp4", ".webm")
 
 
 def video_writer(path: str | Path, width: int, height: int, fps: float) -> AbstractContextManager[Append]:
-    """A block's `append(pixels)` adds a frame, (height, width, 4) straight-alpha bytes, to a video with even sides, by the ending one of `VIDEOS`.
+    """A block's `append(pixels)` adds a frame, (height, width, 4) straight-alpha bytes, to a video with even sides: one of `VIDEOS`.
 
     The file is there once the block ends well. Needs the `video` extra (PyAV). Raises `InputError`.
     """

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from PIL import Image
 from scipy.fft import dctn, idctn
-from scipy.ndimage import gaussian_filter, uniform_filter
+from scipy.ndimage import uniform_filter
 
 SIDE = 512
 """Of the mark's own raster, pixels."""
@@ -27,12 +27,14 @@ BAND = (40, 160)
 SEED = 20231
 SMALLEST = 192
 """Pixels of the shorter side that a picture needs: less than this and half of the band has no place in it."""
-STRENGTH = (1.1, 3.0)
+STRENGTH = (0.7, 3.0)
 """Steps of 8 bits that a flat place and the roughest one change by, as a standard deviation."""
 ROUGH = 24.0
 """Steps of 8 bits: a local standard deviation of the brightness at which the change is halfway to its greatest."""
 FOUND = 7.0
 """Score from which a picture counts as marked: of unmarked ones, one in 10¹¹ reaches it if the score is normal."""
+NEIGHBOURS, MOST = 13, 3.0
+"""Coefficients along each side whose mean size is the usual one of the middle; multiples of it beyond which one counts no more."""
 BRIGHTNESS = np.array([0.299, 0.587, 0.114])
 """Of red, green and blue, as JPEG has it."""
 
@@ -56,9 +58,8 @@ def score(pixels: UInt8[np.ndarray, "h w c"]) -> float:
     brightness = pixels[..., :3].astype(np.float64) @ BRIGHTNESS
     found = _band(dctn(_stretched(brightness, (SIDE, SIDE)), norm="ortho"))
     inside = _inside()
-    size = np.abs(found)
-    usual = gaussian_filter(size * inside, 3.0) / np.maximum(gaussian_filter(inside.astype(np.float64), 3.0), 1e-9)
-    even = np.clip(found / np.maximum(usual, 1e-6), -3, 3)[inside]
+    usual = uniform_filter(np.abs(found), NEIGHBOURS) / np.maximum(_share(), 1e-9)
+    even = np.clip(found / np.maximum(usual, 1e-6), -MOST, MOST)[inside]
     spread = float(np.sqrt((even**2).sum()))
     return float((even * _signs()[inside]).sum() / spread) if spread else 0.0
 
@@ -75,6 +76,12 @@ def _inside() -> np.ndarray:
     rows, columns = np.mgrid[:SIDE, :SIDE]
     radius = np.hypot(rows, columns)
     return (radius >= BAND[0]) & (radius < BAND[1])
+
+
+@lru_cache(maxsize=1)
+def _share() -> np.ndarray:
+    """(SIDE, SIDE): share of each coefficient's neighbours that are in the band."""
+    return np.asarray(uniform_filter(_inside().astype(np.float64), NEIGHBOURS))
 
 
 @lru_cache(maxsize=1)

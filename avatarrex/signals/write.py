@@ -1,8 +1,8 @@
 """Write a motion as a file of another program, by its ending; `read_motion` reads each back.
 
-    .json   ours: every signal to the last bit
-    .npz    SMPL-X in AMASS' layout (`poses`, `trans`, `mocap_frame_rate`, `betas`) with the 52 coefficients as `arkit52`
-    .csv    the face alone, as Live Link Face records it: coefficients and the head's turn, 60 rows a second
+.json   ours: every signal to the last bit
+.npz    SMPL-X in AMASS' layout (`poses`, `trans`, `mocap_frame_rate`, `betas`) with the 52 coefficients as `arkit52`
+.csv    the face alone, as Live Link Face records it: coefficients and the head's turn, 60 rows a second
 """
 
 from __future__ import annotations
