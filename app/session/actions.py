@@ -147,6 +147,10 @@ ACTIONS: tuple[Action, ...] = (
         Action(f"output.{name}", f"Output over {what}", "Output", effect=f"output_{name}", separator=name == "transparent")
         for name, what in (("transparent", "nothing (transparent)"), ("green", "key green"), ("black", "black"))
     ),
+    *(
+        Action(f"output.{name}", f"Output {size}", "Output", effect=f"output_{name}", separator=name == "wide")
+        for name, size in (("wide", "1280 × 720"), ("large", "1920 × 1080"), ("high", "1080 × 1920"))
+    ),
     Action("output.camera", "Virtual camera", "Output", effect="virtual_camera", separator=True),
     Action("palette", "Command palette", "Help", "Ctrl+P", effect="palette"),
     Action("shortcuts", "Keyboard shortcuts", "Help", "F1", effect="shortcuts"),

@@ -16,6 +16,7 @@ import numpy as np
 from avatarrex_studio.session.notice import NOTICE
 from avatarrex_studio.session.state import Colour
 from avatarrex_studio.window.screen import Fade, Layers
+from jaxtyping import UInt8
 
 from avatarrex.gl.shader import draw_program
 
@@ -24,8 +25,8 @@ import glfw  # after imgui_bundle, which brings its own library and is imported 
 
 log = logging.getLogger(__name__)
 TITLE = "AvatarReX Studio output"
-SIZE = (1280, 720)
-"""Points that the window opens with."""
+SIZES = {"wide": (1280, 720), "large": (1920, 1080), "high": (1080, 1920)}
+"""Of the window, points; it opens with the first, and can be drawn to any."""
 GROUNDS: dict[str, Colour] = {
     "transparent": (0.0, 0.0, 0.0, 0.0),
     "green": (0.0, 1.0, 0.0, 1.0),
@@ -40,6 +41,8 @@ class Output:
     """Opened and closed by an action; draws when there is something new."""
 
     def __init__(self) -> None:
+        self.size = SIZES["wide"]
+        """Width and height that the window opens with, points."""
         self.ground = "transparent"
         """Of `GROUNDS`."""
         self.camera = VirtualCamera()
@@ -55,7 +58,7 @@ class Output:
             self.pane = None
             return
         try:
-            self.pane, self._shown = Pane(main), ()
+            self.pane, self._shown = Pane(main, self.size), ()
         except (
             RuntimeError,
             ValueError,
@@ -63,6 +66,12 @@ class Output:
             log.error("the output window could not be opened: %s", error)
             return
         log.info("Output window: have your program capture the window '%s'", TITLE)
+
+    def resize(self, name: str) -> None:
+        """One of `SIZES` for the window, now or when it opens."""
+        self.size = SIZES[name]
+        if self.pane:
+            self.pane.resize(self.size)
 
     def show(self, layers: Layers | None, main: moderngl.Context, new: bool) -> None:
         """Draw what the viewport shows, where it is `new` or the window or its ground is another. `main` is current, before and after."""
@@ -75,7 +84,8 @@ class Output:
         self._fade = self._fade or Fade(main)
         texture = self._fade.draw(layers, GROUNDS[self.ground])
         if self.camera.running:
-            self.camera.send(texture)
+            pixels = np.frombuffer(texture.read(), np.uint8).reshape(texture.height, texture.width, 4)
+            self.camera.send(pixels)
         if self.pane:
             texture.ctx.finish()  # the other context reads what this one has drawn
             self.pane.draw(texture, GROUNDS[self.ground])
@@ -94,7 +104,8 @@ class Output:
 class Pane:
     """A window without anything but a picture, in a context that shares textures with the one that is current. Raises `RuntimeError`."""
 
-    def __init__(self, main: moderngl.Context) -> None:
+    def __init__(self, main: moderngl.Context, size: tuple[int, int]) -> None:
+        """`size`: width and height, points."""
         version = main.version_code
         with _other_window_current() as current:
             for hint, value in {
@@ -102,7 +113,7 @@ class Pane:
                 glfw.OPENGL_PROFILE: glfw.OPENGL_CORE_PROFILE, glfw.TRANSPARENT_FRAMEBUFFER: True, glfw.FOCUS_ON_SHOW: False,
             }.items():  # fmt: skip
                 glfw.window_hint(hint, value)
-            self._window = glfw.create_window(*SIZE, TITLE, None, current)
+            self._window = glfw.create_window(*size, TITLE, None, current)
             glfw.default_window_hints()
             if not self._window:
                 raise RuntimeError("the system gives no second window")
@@ -122,6 +133,10 @@ class Pane:
         """Width and height, pixels."""
         width, height = glfw.get_framebuffer_size(self._window)
         return max(width, 1), max(height, 1)
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Another width and height, points."""
+        glfw.set_window_size(self._window, *size)
 
     def draw(self, picture: moderngl.Texture, ground: Colour) -> None:
         """A straight-alpha picture of another context, as large as it fits, over a ground of the same colour as its own."""
@@ -183,12 +198,11 @@ class VirtualCamera:
             return
         self._wanted = True
 
-    def send(self, texture: moderngl.Texture) -> None:
-        """Send one picture, over black where it is transparent; the device is opened with the first."""
+    def send(self, picture: UInt8[np.ndarray, "h w 4"]) -> None:
+        """Send straight-alpha bytes, over black where they are transparent; the device is opened with the first."""
         import pyvirtualcam
 
-        straight = np.frombuffer(texture.read(), np.uint8).reshape(texture.height, texture.width, 4)
-        pixels = np.ascontiguousarray(straight[: texture.height // 2 * 2, : texture.width // 2 * 2])
+        pixels = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
         opaque = (pixels[..., :3].astype(np.uint16) * pixels[..., 3:] // 255).astype(np.uint8)
         height, width = opaque.shape[:2]
         try:

@@ -46,7 +46,7 @@ from avatarrex_studio.window.docking import docking
 from avatarrex_studio.window.exporting import Exports
 from avatarrex_studio.window.leaving import Leaving
 from avatarrex_studio.window.opening import Opening
-from avatarrex_studio.window.output import GROUNDS, Output
+from avatarrex_studio.window.output import GROUNDS, SIZES, Output
 from avatarrex_studio.window.own_surface import OwnSurface
 from avatarrex_studio.window.runner import runner_params
 from avatarrex_studio.window.screen import Screen
@@ -103,6 +103,7 @@ class Window:
             "open": lambda: self.files.open("any", "Open", self.opening.open),
             "output": lambda: self.output.toggle(self.screen.open()), "virtual_camera": self.output.camera.toggle,
             **{f"output_{name}": partial(setattr, self.output, "ground", name) for name in GROUNDS},
+            **{f"output_{name}": partial(self.output.resize, name) for name in SIZES},
             "export": lambda: self.exports.open(self.viewport.size),
             "save_session": self._save, "save_session_as": self._save_as,
             "copy_pose": self._copy, "paste_pose": self._paste, "paste_flipped": partial(self._paste, flipped=True),

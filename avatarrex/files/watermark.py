@@ -27,12 +27,12 @@ BAND = (40, 160)
 SEED = 20231
 SMALLEST = 192
 """Pixels of the shorter side that a picture needs: less than this and half of the band has no place in it."""
-STRENGTH = (0.7, 3.0)
+STRENGTH = (0.8, 3.5)
 """Steps of 8 bits that a flat place and the roughest one change by, as a standard deviation."""
 ROUGH = 24.0
 """Steps of 8 bits: a local standard deviation of the brightness at which the change is halfway to its greatest."""
-FOUND = 7.0
-"""Score from which a picture counts as marked: of unmarked ones, one in 10¹¹ reaches it if the score is normal."""
+FOUND = 6.0
+"""Score from which a picture counts as marked: of unmarked ones, one in 10⁹ reaches it if the score is normal."""
 NEIGHBOURS, MOST = 13, 3.0
 """Coefficients along each side whose mean size is the usual one of the middle; multiples of it beyond which one counts no more."""
 BRIGHTNESS = np.array([0.299, 0.587, 0.114])
