@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
-from avatarrex_studio.session.state import SIZES, StudioState
+from avatarrex_studio.jobs.export_look import Look
+from avatarrex_studio.session.state import StudioState
 
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.export.target import ENDINGS, check_export, files_of
 from avatarrex.files.gate import check_writable, what_is
-from avatarrex.files.watermark import SMALLEST
 from avatarrex.signals.sequence import SignalSequence
 
 if TYPE_CHECKING:
@@ -41,11 +41,7 @@ EXPORTED: dict[str, tuple[str, ...]] = {
     "Picture": PICTURES, "Layers": LAYERS, "Video": (*VIDEOS, FOLDER), "3D model": ENDINGS, "Signals": SIGNALS, "Camera": CAMERAS,
 }  # fmt: skip
 """Endings by kind, as a user knows it."""
-SAMPLES = (1, 2, 3, 4)
-"""Samples of a pixel along each side."""
 PASSES = ("depth", "normal", "position")
-LABEL = "AvatarReX Studio"
-"""What a visible label says unless told."""
 
 
 @runtime_checkable
@@ -65,34 +61,6 @@ class Order(Protocol):
 
     def write(self, make: Make, tell: Tell) -> None:
         """Do it; `make()` gives an engine. Raises `InputError`."""
-
-
-@dataclass(frozen=True)
-class Look:
-    """How pictures are made."""
-
-    size: tuple[int, int]
-    """Width and height, pixels."""
-    samples: int = 1
-    """Of a pixel along each side: of `SAMPLES`."""
-    level: str = "quality"
-    clear: bool = False
-    """Transparent where nobody is, instead of the background."""
-    label: str = ""
-    """Text at the lower right; empty for none."""
-    marked: bool = False
-    """Whether pictures get the invisible mark."""
-
-    def check(self, path: Path) -> None:
-        """Raise `InputError` for a raster that cannot be made."""
-        sides = [side * self.samples for side in self.size]
-        if not all(SIZES[0] <= side <= SIZES[1] for side in sides):
-            expected = f"sides of {SIZES[0]} to {SIZES[1]} pixels, times the samples"
-            raise InputError(path, "size", expected, " x ".join(map(str, sides)))
-        if self.marked and min(self.size) < SMALLEST:
-            raise InputError(
-                path, "size", f"sides of at least {SMALLEST} pixels for the invisible mark", min(self.size)
-            )
 
 
 @dataclass(frozen=True)
@@ -160,7 +128,7 @@ class VideoOrder:
         return len(self.states)
 
     def check(self) -> list[Path]:
-        """The file; a folder is asked about by nobody: it must be free."""
+        """The file; a folder must be free."""
         self.look.check(self.path)
         if not self.states:
             raise InputError(self.path, "frames", "at least one", 0)

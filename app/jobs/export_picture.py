@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.passes import passes
-from avatarrex_studio.jobs.export_order import Look
+from avatarrex_studio.jobs.export_look import Look
 from avatarrex_studio.session.state import Colour, StudioState
 from jaxtyping import Float, UInt8
 from PIL import Image, ImageDraw, ImageFont

@@ -102,7 +102,7 @@ class Exporting:
         """Take what the process says, and begin the next."""
         job = self._job
         if job is not None:
-            ended = self._heard(job)
+            ended = self._read(job)
             if ended is None:
                 return
             job.process.join(FAREWELL)
@@ -145,7 +145,7 @@ class Exporting:
                 time.sleep(0.1)
         self.arrived()
 
-    def _heard(self, job: _Job) -> Ended | None:
+    def _read(self, job: _Job) -> Ended | None:
         """Read messages; how it ended, None while it works."""
         try:
             while job.connection.poll():

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from avatarrex_studio.jobs.export_order import EXPORTED, FOLDER, SAMPLES, Order
+from avatarrex_studio.jobs.export_look import SAMPLES
+from avatarrex_studio.jobs.export_order import EXPORTED, FOLDER, Order
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.panels.export_form import ABOUT, ExportForm, Frames
 from avatarrex_studio.panels.files import FileDialog
@@ -12,8 +13,10 @@ from avatarrex_studio.session.state import AUTO, LEVELS, SIZES, StudioState
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui, imgui_ctx
 
+from avatarrex.levels import ABOUT as ABOUT_LEVELS
+
 TITLE = "Export###export"
-SIZE, KINDS_WIDTH, LABEL, BUTTON = imgui.ImVec2(660, 430), 120.0, 104.0, 110.0
+SIZE, KINDS_WIDTH, LABEL, BUTTON, ICON_WIDTH = imgui.ImVec2(660, 430), 120.0, 104.0, 110.0, 34.0
 ICONS = {
     "Picture": icons.ICON_FA_IMAGE, "Layers": icons.ICON_FA_LAYER_GROUP, "Video": icons.ICON_FA_FILM, "3D model": icons.ICON_FA_CUBE,
     "Signals": icons.ICON_FA_WAVE_SQUARE, "Camera": icons.ICON_FA_CAMERA,
@@ -57,8 +60,12 @@ class ExportDialog:
         height = -2 * imgui.get_frame_height_with_spacing() - (24 if self.error else 4)
         with imgui_ctx.begin_child("##kinds", imgui.ImVec2(KINDS_WIDTH, height)):
             for kind in EXPORTED:
-                if imgui.selectable(f"{ICONS[kind]}   {kind}###{kind}", kind == self.form.kind)[0]:
+                if imgui.selectable(f"##kind.{kind}", kind == self.form.kind)[0]:
                     self.form.kind, self.error = kind, ""
+                imgui.same_line(8)
+                imgui.text(ICONS[kind])
+                imgui.same_line(ICON_WIDTH)
+                imgui.text(kind)
         imgui.same_line()
         with imgui_ctx.begin_child("##fields", imgui.ImVec2(0, height)):
             self._fields(frames)
@@ -137,9 +144,8 @@ class ExportDialog:
             form.samples = next(n for n in SAMPLES if names[n] == picked)
         widgets.label("Level", LABEL)
         imgui.set_next_item_width(150)
-        form.level = (
-            widgets.choice("##level", [name for name in LEVELS if name != AUTO], form.level, form.level) or form.level
-        )
+        level, levels = form.levels[form.kind], [name for name in LEVELS if name != AUTO]
+        form.levels[form.kind] = widgets.choice("##level", levels, level, level, _about_levels()) or level
         if form.ending not in (".jpg", ".mp4", ".exr"):
             widgets.label("Background", LABEL)
             _, form.clear = imgui.checkbox("Transparent", form.clear)
@@ -184,3 +190,8 @@ class ExportDialog:
 
 def _title(ending: str) -> str:
     return "Folder of PNG" if ending == FOLDER else ending[1:].upper()
+
+
+def _about_levels() -> dict[str, str]:
+    """What each level is, for its tooltip."""
+    return {name: text[0].upper() + text[1:] for name, text in ABOUT_LEVELS.items()}

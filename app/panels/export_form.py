@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from avatarrex_studio.jobs.export_look import Look
 from avatarrex_studio.jobs.export_order import (
     EXPORTED,
     FOLDER,
     CamerasOrder,
     LayersOrder,
-    Look,
     ModelOrder,
     Order,
     PictureOrder,
@@ -63,7 +63,10 @@ class ExportForm:
     name: str = "avatar"
     size: tuple[int, int] = (1024, 1024)
     samples: int = 1
-    level: str = "quality"
+    levels: dict[str, str] = field(
+        default_factory=lambda: {"Picture": "quality", "Layers": "quality", "Video": "balanced"}
+    )
+    """By kind."""
     clear: bool = False
     labelled: bool = False
     label: str = "AvatarReX Studio"
@@ -124,10 +127,8 @@ class ExportForm:
 
     def order(self, state: StudioState, frames: Frames | None) -> Callable[[], Order]:
         """What makes the order; it may take a moment, and be called by any thread."""
-        path, look = (
-            self.path,
-            Look(self.size, self.samples, self.level, self.clear, self.label if self.labelled else "", self.marked),
-        )
+        level, label = self.levels.get(self.kind, ""), self.label if self.labelled else ""
+        path, look = self.path, Look(self.size, self.samples, level, self.clear, label, self.marked)
         frames = frames if self.moving else None
         count, rate, turns, first, last = self.count(frames), self.rate, self.turns, self.first, self.last
 

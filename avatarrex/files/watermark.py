@@ -75,7 +75,7 @@ def _inside() -> np.ndarray:
     """(SIDE, SIDE) bool: which coefficients of the transform are in the band."""
     rows, columns = np.mgrid[:SIDE, :SIDE]
     radius = np.hypot(rows, columns)
-    return (radius >= BAND[0]) & (radius < BAND[1])
+    return np.asarray((radius >= BAND[0]) & (radius < BAND[1]))
 
 
 @lru_cache(maxsize=1)

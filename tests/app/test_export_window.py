@@ -38,7 +38,7 @@ def export(test, window, kind, **fields):
     """Fill in the dialog and press Export."""
     test.key_press(chord("Ctrl+E"))
     test.yield_(6)
-    test.item_click(f"**/###{kind}")
+    test.item_click(f"**/##kind.{kind}")
     test.yield_(3)
     for name, value in fields.items():
         setattr(window.exports.dialog.form, name, value)
@@ -74,7 +74,7 @@ def test_export_and_output(display, tmp_path, monkeypatch):
 
     def scenario(test):
         test.yield_(8)
-        export(test, window, "Picture", size=(200, 256), clear=True, marked=True, level="balanced", name="mine")
+        export(test, window, "Picture", size=(200, 256), clear=True, marked=True, name="mine")
         seen["at work"] = window.exports.busy
         until(test, lambda: not window.exports.busy)
         test.yield_(3)
@@ -94,7 +94,7 @@ def test_export_and_output(display, tmp_path, monkeypatch):
         test.yield_(3)
         test.key_press(int(imgui.Key.escape))
         test.yield_(3)
-        long = {"seconds": 600.0, "rate": 30.0, "size": (64, 64), "marked": False, "name": "clip", "level": "balanced"}
+        long = {"seconds": 600.0, "rate": 30.0, "size": (64, 64), "marked": False, "name": "clip"}
         export(test, window, "Video", **long)
         until(test, lambda: window.exports.process.progress and window.exports.process.progress.done > 1)
         seen["closing"] = window._may_close()

@@ -11,10 +11,10 @@ import pytest
 from avatarrex_studio.cli import main as cli
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.jobs import export_order
+from avatarrex_studio.jobs.export_look import Look
 from avatarrex_studio.jobs.export_order import (
     CamerasOrder,
     LayersOrder,
-    Look,
     ModelOrder,
     PictureOrder,
     SignalsOrder,
@@ -218,7 +218,7 @@ class Steps:
 
 
 def test_the_form_makes_the_frames_of_a_range_at_a_rate(tmp_path):
-    form = ExportForm(kind="Video", folder=str(tmp_path), name="clip", level="live", samples=2)
+    form = ExportForm(kind="Video", folder=str(tmp_path), name="clip", samples=2)
     form.begin((301, 201), STATE, Steps())
     assert (form.first, form.last, form.rate, form.size) == (0, 99, 50.0, (300, 200))
     form.first, form.last, form.rate = 10, 29, 25.0
