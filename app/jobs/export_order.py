@@ -28,13 +28,8 @@ if TYPE_CHECKING:
 Tell = Callable[[int], None]
 """`tell(done)`: so many of the order's steps are done."""
 Make = Callable[[], "Engine"]
-PICTURES, LAYERS, VIDEOS, SIGNALS, CAMERAS = (
-    (".png", ".jpg"),
-    (".exr",),
-    (".mp4", ".webm"),
-    (".json", ".npz", ".csv"),
-    (".json",),
-)
+PICTURES, LAYERS, VIDEOS = (".png", ".jpg"), (".exr",), (".mp4", ".webm")
+SIGNALS, CAMERAS = (".json", ".npz", ".csv"), (".json",)
 FOLDER = "folder of PNG"
 """In place of an ending: a picture a frame."""
 EXPORTED: dict[str, tuple[str, ...]] = {
