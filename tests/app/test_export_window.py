@@ -47,30 +47,25 @@ def export(test, window, kind, **fields):
     test.yield_(4)
 
 
-class OutputPixels:
-    """What the output window shows, read in its own context by the thread that draws."""
+def spied(monkeypatch, window):
+    """The last picture that the output window was about to show, row 0 at the top, in a list of at most one."""
+    pixels, swap = [], glfw.swap_buffers
 
-    def __init__(self, window):
-        self.pixels, self.wanted, self._draw = None, False, window.output.show
-        self._window = window
-        window.output.show = self.show
+    def read(shown):
+        pane = window.output.pane
+        width, height = pane.size
+        content = pane._context.screen.read((0, 0, width, height), 4)
+        pixels[:] = [np.frombuffer(content, np.uint8).reshape(height, width, 4)[::-1]]
+        swap(shown)
 
-    def show(self, layers, main, new):
-        self._draw(layers, main, new or self.wanted)
-        pane = self._window.output.pane
-        if self.wanted and pane:
-            current = glfw.get_current_context()
-            glfw.make_context_current(pane._window)
-            width, height = pane.size
-            content = pane._context.screen.read((0, 0, width, height), 4)
-            glfw.make_context_current(current)
-            self.pixels, self.wanted = np.frombuffer(content, np.uint8).reshape(height, width, 4)[::-1], False
+    monkeypatch.setattr(glfw, "swap_buffers", read)
+    return pixels
 
 
 def test_export_and_output(display, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     window = Window(Studio(ExactEngine(ball_engine), Avatars(load_avatar), Journal(start())), make=ball_engine)
-    output, seen = OutputPixels(window), {}
+    output, seen = spied(monkeypatch, window), {}
 
     def scenario(test):
         test.yield_(8)
@@ -109,9 +104,8 @@ def test_export_and_output(display, tmp_path, monkeypatch):
         until(test, lambda: window.output.pane is not None, 20)
         test.menu_click("Output/Output over key green")
         test.yield_(3)
-        output.wanted = True
-        until(test, lambda: output.pixels is not None, 20)
-        seen["output"] = output.pixels
+        until(test, lambda: output and output[0][2, 2, 1] == 255, 20)
+        seen["output"] = output[0]
         test.menu_click("Output/Virtual camera")
         test.yield_(3)
         seen["camera"] = [toast.title for toast in window.toasts.shown]
