@@ -35,7 +35,7 @@ def draw(progress: Progress, low: tuple[float, float], high: tuple[float, float]
     imgui.set_next_window_size_constraints((width, 0), (width, 200))
     with (
         imgui_ctx.push_style_color(imgui.Col_.window_bg, theme.vec4(theme.RAISED, 0.97)),
-        imgui_ctx.begin("Exporting###exporting", None, _FLAGS),
+        imgui_ctx.begin("Exporting", None, _FLAGS),
     ):
         more = f"   and {progress.waiting} more" if progress.waiting else ""
         widgets.caption(f"{icons.ICON_FA_FILE_EXPORT}  {progress.path.name}{more}", theme.TEXT)
