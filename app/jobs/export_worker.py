@@ -30,7 +30,8 @@ class Ended:
 
 def serve(connection: Connection, order: Order, make: Make) -> None:
     """The process's main function: sends numbers of steps that are done, then one `Ended`."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):  # the second one ends processes that are left when the program ends
+        signal.signal(number, signal.default_int_handler)
     if hasattr(os, "nice"):
         os.nice(NICENESS)
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
