@@ -74,7 +74,8 @@ def test_export_and_output(display, tmp_path, monkeypatch):
         until(test, lambda: not window.exports.busy)
         test.yield_(3)
         seen["toast"] = [toast.title for toast in window.toasts.shown]
-        seen["picture"] = Image.open(tmp_path / "mine.png").mode
+        with Image.open(tmp_path / "mine.png") as image:
+            seen["picture"] = image.mode
         before = (tmp_path / "mine.png").stat().st_mtime_ns
         export(test, window, "Picture", name="mine")
         until(test, lambda: window.questions.waiting)
