@@ -18,13 +18,17 @@ from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.framing import Outline, framed
 from avatarrex_studio.engine.pictures import Pictures, Subject
 from avatarrex_studio.engine.request import Exact
+from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.commands import Command, SetCamera
+from avatarrex_studio.session.evaluation import go_to, settled
 from avatarrex_studio.session.grip import LOOK, Grip
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.notice import NOTICE, refusals_logged
-from avatarrex_studio.session.playback import FBX_SECONDS, Playback
+from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.state import OrbitView, StudioState, Vector, vector
+from avatarrex_studio.session.take import Take
+from avatarrex_studio.session.timeline_commands import OnTimeline
 
 from avatarrex.avatar import Avatar
 from avatarrex.signals.import_options import ImportOptions
@@ -32,6 +36,8 @@ from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.figure import Figure
 
 log = logging.getLogger(__name__)
+FBX_SECONDS = 60.0
+"""The longest that the window, which stands still meanwhile, waits for Blender."""
 FACE = np.array([0.0, 0.037, 0.0])
 """Metres: from the head's joint to what is in the middle of a picture of the face, at rest."""
 
@@ -75,6 +81,8 @@ class Studio:
         self.journal = journal or Journal()
         self.pictures = Pictures(exact)
         self.playback = Playback()
+        self.clips = Clips(lambda path, options: Motion.read(path, options, FBX_SECONDS))
+        self.take = Take()
         self.surface: Drawn | None = None
         """The surface of the present state; None where the avatar has none."""
         self.weight = 0.0
@@ -90,9 +98,15 @@ class Studio:
         return self.journal.state
 
     def do(self, command: Command, gesture: object = None) -> None:
-        """Apply a command; a value that cannot be set is said in the console and changes nothing."""
+        """Apply a command; a value that cannot be set is said in the console and changes nothing.
+
+        While something is recorded, an edit becomes keys; while something plays, all edits are undone together with it.
+        """
         with refusals_logged():
-            self.journal.do(command, gesture)
+            command = self.take.keyed(command, self.state, gesture)
+            if isinstance(command, OnTimeline):
+                command = settled(command, self.state, self.clips)
+            self.journal.do(command, self.playback.gesture if self.playback.playing else gesture)
 
     def undo(self) -> None:
         """Back over the last step."""
@@ -106,7 +120,7 @@ class Studio:
     def tick(self, viewport: tuple[int, int]) -> bool:
         """Advance the motion, draw the surface, take and request exact pictures; whether there is something new to show."""
         now, before = self._clock(), self.weight
-        due = self.playback.due(self.state, now)
+        due = self.playback.due(self.state.timeline, now)
         if due is not None:
             self.go_to(due, self.playback.gesture)
         size = self.state.size.pixels(viewport)
@@ -201,28 +215,36 @@ class Studio:
 
     def take_motion(self, motion: Motion) -> None:
         """Go to the first frame of a motion that was read."""
-        self.playback.take(motion)
-        self.do(motion.loaded(self.state.signals))
+        self.playback.playing = False
+        self.clips.take(motion)
+        self.do(motion.loaded())
         name = Path(motion.path).name
         for note in motion.sequence.notes:
             log.info("%s: %s", name, note)
         log.info("%s: %d frames, %g a second", name, len(motion), motion.sequence.fps)
 
+    @property
+    def motion(self) -> Motion | None:
+        """The lowest clip's motion; None without one, and where it cannot be read."""
+        clip = self.state.timeline.motion
+        return self.clips.motion(clip) if clip else None
+
     def toggle_play(self) -> None:
-        """Start or stop the motion."""
-        self.playback.toggle(self.state, self._clock())
+        """Start or stop the timeline."""
+        self.clips.retry()
+        if not self.clips.missing(self.state.timeline):
+            self.playback.toggle(self.state.timeline, self._clock())
 
     def go_to(self, frame: int, gesture: object = None) -> None:
-        """Go to a frame of the motion; beyond its ends to the nearest."""
-        command = self.playback.at(self.state, frame)
+        """Go to a frame of the timeline; beyond its ends to the nearest."""
+        command = go_to(self.state, frame, self.clips)
         if command is not None:
             self.do(command, gesture)
 
     def step_by(self, frames: int) -> None:
         """Some frames on or back."""
-        if self.state.motion:
-            self.playback.playing = False
-            self.go_to(self.state.motion.frame + frames)
+        self.playback.playing = False
+        self.go_to(self.state.timeline.frame + frames)
 
     def save_session(self, path: str) -> bool:
         """Write the journal; whether it was written."""
@@ -246,7 +268,8 @@ class Studio:
     def take_journal(self, journal: Journal) -> None:
         """Go on from a journal that was read."""
         self.journal = journal
-        self.playback.close()
+        self.playback.playing = False
+        self.clips.forget()
 
     def save_image(self, path: str | Path, viewport: tuple[int, int]) -> None:
         """Have the state rendered at its full raster and written as PNG; the console tells when it is there."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from avatarrex_studio.session import timeline_commands  # noqa: F401  what a file of before or of now names
 from avatarrex_studio.session.commands import Choice, Command, Setting
 from avatarrex_studio.session.state import StudioState
 
