@@ -23,12 +23,15 @@ from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.evaluation import go_to, settled
 from avatarrex_studio.session.grip import LOOK, Grip
 from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.keys import CAMERA
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.notice import NOTICE, refusals_logged
+from avatarrex_studio.session.posing import entries
 from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.state import OrbitView, StudioState, Vector, vector
-from avatarrex_studio.session.take import Take
-from avatarrex_studio.session.timeline_commands import OnTimeline
+from avatarrex_studio.session.take import Take, to_key, values, with_keys
+from avatarrex_studio.session.timeline import Layer
+from avatarrex_studio.session.timeline_commands import AddLayer, OnTimeline
 
 from avatarrex.avatar import Avatar
 from avatarrex.signals.import_options import ImportOptions
@@ -228,6 +231,28 @@ class Studio:
         """The lowest clip's motion; None without one, and where it cannot be read."""
         clip = self.state.timeline.motion
         return self.clips.motion(clip) if clip else None
+
+    def add_motion(self, path: str) -> None:
+        """A motion, face or sound file as a layer over all others."""
+        with refusals_logged(opening=path):
+            motion = Motion.read(path, None, FBX_SECONDS)
+            self.clips.take(motion)
+            self.do(AddLayer(Layer(motion.clip.name, motion.clip, parts=frozenset(motion.parts))))
+
+    def set_key(self) -> None:
+        """Keys of what is selected at the playhead, else of everything that is posed or has keys."""
+        layer, selected = self.take.target(self.state.timeline), self.state.tools.selected
+        names = to_key(self.state, layer, entries(selected) if selected else ())
+        if names:
+            self.do(with_keys(self.state, values(self.state, names), layer))
+
+    def key_camera(self) -> None:
+        """Keys of the view at the playhead."""
+        self.do(with_keys(self.state, values(self.state, tuple(CAMERA)), self.take.target(self.state.timeline)))
+
+    def toggle_recording(self) -> None:
+        """Whether what is changed becomes keys."""
+        self.take.recording = not self.take.recording
 
     def toggle_play(self) -> None:
         """Start or stop the timeline."""

@@ -78,7 +78,7 @@ def set_expression(signals: Signals, name: str, value: float) -> Signals:
 
 def reset(signals: Signals, group: str) -> Signals:
     """A single joint or coefficient, or else one of `GROUPS`, at rest again. Raises `InputError` for another name."""
-    names = _entries(group)
+    names = entries(group)
     if not set(names) <= set(SLOTS):
         raise InputError("reset", "", "a group, a joint or a coefficient", group)
     return _with(signals, dict.fromkeys(names, 0.0))
@@ -119,10 +119,10 @@ def scaled(signals: Signals, group: str, factor: float) -> Signals:
 def changed(signals: Signals, name: str) -> bool:
     """Whether a joint, a coefficient, or else anything of a group is away from rest."""
     values = numbers(signals)
-    return any(values[SLOTS[entry]].any() for entry in _entries(name))
+    return any(values[SLOTS[entry]].any() for entry in entries(name))
 
 
-def _entries(name: str) -> tuple[str, ...]:
+def entries(name: str) -> tuple[str, ...]:
     """What a name stands for; the joints `jaw` and `head` go before the groups that are called so."""
     return (name,) if name in SLOTS else GROUPS.get(name, (name,))
 

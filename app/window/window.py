@@ -41,6 +41,7 @@ from avatarrex_studio.session.commands import Command, Select, SetSignals, ZoomB
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
+from avatarrex_studio.session.timeline_commands import SetFrame
 from avatarrex_studio.window.docking import docking
 from avatarrex_studio.window.leaving import Leaving
 from avatarrex_studio.window.opening import Opening
@@ -92,7 +93,8 @@ class Window:
         self._effects: dict[str, Callable[[], None]] = {
             "undo": studio.undo, "redo": studio.redo, "toggle_play": studio.toggle_play,
             "step_back": lambda: studio.step_by(-1), "step_on": lambda: studio.step_by(1),
-            "read_motion": self.timeline.reading.open,
+            "read_motion": self.timeline.reading.open, "set_key": studio.set_key, "key_camera": studio.key_camera,
+            "record": studio.toggle_recording, "go_to_frame": self.timeline.go_to,
             "open": lambda: self.files.open("any", "Open", self.opening.open),
             "save_session": self._save, "save_session_as": self._save_as,
             "copy_pose": self._copy, "paste_pose": self._paste, "paste_flipped": partial(self._paste, flipped=True),
@@ -202,11 +204,11 @@ class Window:
             self.studio, renderer_name(context) if context else "none", self.opening.words or self.own_surface.words
         )
 
-    def _timeline(self) -> None:
-        frame = self.timeline.draw(self.studio)
-        if frame is not None:
-            self.studio.playback.playing = False
-            self.studio.go_to(frame, ("drag", self._gesture))
+    def _timeline(self) -> Iterator[Command]:
+        for command in self.timeline.draw(self.studio):
+            if isinstance(command, SetFrame):
+                self.studio.playback.playing = False
+            yield command
 
     def _over(self) -> None:
         """What lies over the panels, and the keys."""
