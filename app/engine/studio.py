@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -18,6 +19,7 @@ from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.framing import Outline, framed
 from avatarrex_studio.engine.pictures import Pictures, Subject
 from avatarrex_studio.engine.request import Exact
+from avatarrex_studio.live.listening import Listening
 from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.evaluation import go_to, settled
@@ -31,7 +33,7 @@ from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.state import OrbitView, StudioState, Vector, vector
 from avatarrex_studio.session.take import Take, to_key, values, with_keys
 from avatarrex_studio.session.timeline import Layer
-from avatarrex_studio.session.timeline_commands import AddLayer, OnTimeline
+from avatarrex_studio.session.timeline_commands import AddLayer, OnTimeline, SetFrame, SetLayer
 
 from avatarrex.avatar import Avatar
 from avatarrex.signals.import_options import ImportOptions
@@ -86,11 +88,13 @@ class Studio:
         self.playback = Playback()
         self.clips = Clips(lambda path, options: Motion.read(path, options, FBX_SECONDS))
         self.take = Take()
+        self.listening = Listening(clock)
         self.surface: Drawn | None = None
         """The surface of the present state; None where the avatar has none."""
         self.weight = 0.0
         """Share of the exact picture over the surface, 0 to 1."""
         self._clock = clock
+        self._take_begins = 0.0
         self._drawn: Subject | None = None
         self._faulty: Avatar | None = None
         self._figure: Figure | None = None
@@ -107,6 +111,8 @@ class Studio:
         """
         with refusals_logged():
             command = self.take.keyed(command, self.state, gesture)
+            if isinstance(command, SetFrame):
+                command = replace(command, feeds=self.listening.feeds(self.state.timeline))
             if isinstance(command, OnTimeline):
                 command = settled(command, self.state, self.clips)
             self.journal.do(command, self.playback.gesture if self.playback.playing else gesture)
@@ -124,13 +130,22 @@ class Studio:
         """Advance the motion, draw the surface, take and request exact pictures; whether there is something new to show."""
         now, before = self._clock(), self.weight
         due = self.playback.due(self.state.timeline, now)
+        sent = self.listening.tick(self.state.timeline)
         if due is not None:
             self.go_to(due, self.playback.gesture)
+        elif sent:
+            self._follow()
         size = self.state.size.pixels(viewport)
         drawn = self._draw(size)
         new = self.pictures.tick(now, self.state, size, self.surface is not None, self.playback.playing)
         self.weight = self.pictures.weight(now, self.surface is not None)
         return drawn or new or self.weight != before
+
+    def _follow(self) -> None:
+        """Show what live sources sent."""
+        with refusals_logged():
+            frame = SetFrame(self.state.timeline.frame, self.listening.feeds(self.state.timeline))
+            self.journal.follow(settled(frame, self.state, self.clips))
 
     def _draw(self, size: tuple[int, int]) -> bool:
         """Draw the surface where what it shows has changed; whether it was drawn."""
@@ -183,10 +198,11 @@ class Studio:
     @property
     def moving(self) -> bool:
         """Whether what is shown changes by itself, or the state has just changed."""
-        return self.playback.playing or self.fading or not self.pictures.rests(self._clock())
+        return self.playback.playing or self.listening.present or self.fading or not self.pictures.rests(self._clock())
 
     def close(self) -> None:
-        """End the exact engine."""
+        """End the exact engine, and listen no more."""
+        self.listening.close()
         self.pictures.exact.close()
         self.avatars.close()
 
@@ -249,6 +265,20 @@ class Studio:
     def key_camera(self) -> None:
         """Keys of the view at the playhead."""
         self.do(with_keys(self.state, values(self.state, tuple(CAMERA)), self.take.target(self.state.timeline)))
+
+    def record_live(self, layer: str) -> None:
+        """Begin to record what drives a live layer, or end it: it becomes a clip that begins where the recording did."""
+        drive = self.listening.drives[layer]
+        if drive.take is None:
+            self._take_begins = self.state.timeline.seconds if self.playback.playing else 0.0
+            self.listening.record(layer)
+            return
+        with refusals_logged():
+            motion = Motion.read(self.listening.recorded(layer))
+            parts = self.state.timeline.layer(layer).parts
+            self.clips.take(motion)
+            self.do(AddLayer(Layer(motion.clip.name, motion.clip, parts=parts, offset=self._take_begins)))
+            self.do(SetLayer(layer, muted=True))
 
     def toggle_recording(self) -> None:
         """Whether what is changed becomes keys."""

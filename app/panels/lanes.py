@@ -62,6 +62,10 @@ class Lanes:
         self.opened: set[str] = set()
         """Layers whose tracks are shown."""
         self.in_frames = False
+        self.listening: frozenset[str] = frozenset()
+        """Layers that are listened for."""
+        self.switched = ""
+        """The live layer whose icon was pressed."""
         self.menu = ""
         """The popup to open: `layer`, `keys` or `ruler`."""
         self.pointed = 0.0
@@ -183,8 +187,11 @@ class Lanes:
         mark = {"clip": icons.ICON_FA_FILM, "live": icons.ICON_FA_TOWER_BROADCAST}.get(
             kind, icons.ICON_FA_CARET_DOWN if opened else icons.ICON_FA_CARET_RIGHT
         )
-        if _bare_button(f"{mark}##open", start, 20, theme.MUTED) and kind == "keys":
-            self.opened ^= {layer.name}
+        if _bare_button(f"{mark}###open", start, 20, LIVE if layer.name in self.listening else theme.MUTED):
+            self.opened ^= {layer.name} if kind == "keys" else set()
+            self.switched = layer.name if kind == "live" else ""
+        if kind == "live":
+            widgets.tooltip("Stop listening" if layer.name in self.listening else "Listen")
         weight = 40.0 if column > 150 else 0.0
         name_width = column - 20 - 22 - weight - 8
         imgui.set_cursor_screen_pos((start.x + 20, start.y))
@@ -232,7 +239,8 @@ class Lanes:
         if layer.clip:
             self._clip(draw, layer, y, alpha)
         elif layer.feed:
-            text = f"live: {layer.feed.source}" + ("" if layer.feed.presence else ", nothing comes")
+            off = ", nothing comes" if layer.name in self.listening else ", switched off"
+            text = f"live: {layer.feed.source}" + ("" if layer.feed.presence else off)
             draw.add_text((scale.left + 6, y + 2), theme.colour(LIVE, alpha), text)
         else:
             self._keys(draw, layer, track, y)

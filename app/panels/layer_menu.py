@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.panels.lanes import Lanes
+from avatarrex_studio.panels.live_menu import LiveMenu
 from avatarrex_studio.session import keys as curves
 from avatarrex_studio.session.commands import Command
 from avatarrex_studio.session.timeline import GROUPS, LONGEST_SMOOTHING, PARTS, Layer, Timeline
@@ -36,10 +38,16 @@ class LayerMenu:
     def __init__(self) -> None:
         self.copied: Copied = ()
         """Keys, their times since the first of them."""
+        self.live = LiveMenu()
         self._name = ""
 
-    def draw(self, timeline: Timeline, lanes: Lanes) -> Iterator[Command]:
+    def draw(self, studio: Studio, lanes: Lanes) -> Iterator[Command]:
         """Open the popup that the lanes want, draw those that are open; the commands of this frame."""
+        timeline = studio.state.timeline
+        lanes.listening = frozenset(studio.listening.drives)
+        if lanes.switched:
+            self.live.switch(studio, lanes.switched)
+            lanes.switched = ""
         if lanes.menu:
             imgui.open_popup(f"{lanes.menu} menu")
             self._name, lanes.menu = lanes.layer, ""
@@ -47,6 +55,7 @@ class LayerMenu:
         if imgui.begin_popup("layer menu"):
             if chosen:
                 yield from self._layer(chosen, timeline)
+                self.live.draw(studio, chosen)
             imgui.end_popup()
         if imgui.begin_popup("keys menu"):
             if chosen:

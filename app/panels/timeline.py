@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from avatarrex_studio.engine.studio import Studio
+from avatarrex_studio.live.sources import SOURCES
 from avatarrex_studio.panels import layer_menu, theme, widgets
 from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.lanes import Lanes
 from avatarrex_studio.panels.motion_import import MotionImport
 from avatarrex_studio.session.commands import Command
 from avatarrex_studio.session.take import NAME
-from avatarrex_studio.session.timeline import Layer, Timeline
+from avatarrex_studio.session.timeline import Feed, Layer, Timeline
 from avatarrex_studio.session.timeline_commands import AddLayer, SetFrame, SetTimeline
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
@@ -46,7 +47,7 @@ class TimelinePanel:
         imgui.pop_style_var()
         studio.take.layer = self.lanes.layer
         yield from self.lanes.draw(timeline)
-        yield from self.menu.draw(timeline, self.lanes)
+        yield from self.menu.draw(studio, self.lanes)
         yield from self._go_to(timeline)
         self.files.draw()
 
@@ -97,6 +98,12 @@ class TimelinePanel:
             for name, what in MOTIONS.items():
                 if imgui.menu_item(f"Motion {name}: {what}", "", False)[0]:
                     studio.add_motion(name)
+            imgui.separator()
+            for source, kind in SOURCES.items():
+                if imgui.menu_item(f"Live: {kind.title}", "", False)[0]:
+                    name = studio.state.timeline.free_name(kind.title)
+                    yield AddLayer(Layer(name, feed=Feed(source), parts=frozenset(kind.parts)))
+                    self.lanes.layer, self.lanes.menu = name, "layer"
             imgui.end_popup()
         imgui.same_line()
         if imgui.button(f"{icons.ICON_FA_SLIDERS}##groups", (28, 0)):

@@ -36,6 +36,8 @@ class Step:
     before: StudioState
     commands: list[Command]
     gesture: object = None
+    previous: StudioState | None = None
+    """The state before the last command, where another may take its place."""
 
 
 @dataclass(frozen=True)
@@ -91,19 +93,33 @@ class Journal:
             return state
         if shared:
             shared.commands.append(command)
+            shared.previous = self.state
         else:
-            self._add(Step(self.state, [command], gesture))
+            self._add(Step(self.state, [command], gesture, self.state))
         self.undone.clear()
         self.state = state
         return state
 
     def _replaced(self, step: Step, command: Command) -> StudioState:
         """With `command` in place of the last of `step`, which goes where that leads back to its beginning."""
-        before, commands = self._present(step.before), [*step.commands[:-1], command]
-        self.state = _after(before, commands)  # what a replay will do, to the last bit
-        step.commands[:] = commands
-        if self.state == before:
+        assert step.previous is not None
+        self.state = command.apply(self._present(step.previous))  # what a replay will do, to the last bit
+        step.commands[-1] = command
+        if self.state == self._present(step.before):
             self.steps.pop()
+        return self.state
+
+    def follow(self, command: Command) -> StudioState:
+        """Apply what nobody did: a frame that a live source sent belongs to the last step. Raises `InputError`."""
+        last = self.steps[-1] if self.steps else None
+        if last is None:
+            self.state = self.start = command.apply(self.state)
+        elif last.previous is not None and supersedes(command, last.commands[-1]):
+            self.state = command.apply(self._present(last.previous))
+            last.commands[-1] = command
+        else:
+            last.previous, self.state = self.state, command.apply(self.state)
+            last.commands.append(command)
         return self.state
 
     def undo(self) -> StudioState:

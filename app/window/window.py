@@ -201,7 +201,7 @@ class Window:
     def _status(self) -> None:
         context = self.screen.context
         status.draw(
-            self.studio, renderer_name(context) if context else "none", self.opening.words or self.own_surface.words
+            self.studio, renderer_name(context) if context else "none", self.opening.words or self.own_surface.words, self.studio.listening.words
         )
 
     def _timeline(self) -> Iterator[Command]:
@@ -364,7 +364,7 @@ def run_window(source: str = "default", device: str = "cpu") -> int:
         raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
     exact.arrived = glfw.post_empty_event
     window = Window(Studio(exact, avatars, journal, LiveSurface()), device=device)
-    window.opening.arrived = glfw.post_empty_event
+    window.opening.arrived = window.studio.listening.arrived = glfw.post_empty_event
     logging.basicConfig(
         level=logging.INFO, format="%(message)s", handlers=[window.console, window.toasts, logging.StreamHandler()]
     )
