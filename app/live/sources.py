@@ -11,6 +11,10 @@ from avatarrex_studio.live.received import Received
 FACE = ("head", "expression", "mouth")
 
 
+WEBCAM = "webcam"
+"""The source that is no port: `webcam.py`."""
+
+
 @dataclass(frozen=True)
 class Source:
     """A kind of source."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.live.receiver import LOOPBACK, Receiver
-from avatarrex_studio.live.sources import SOURCES
+from avatarrex_studio.live.sources import SOURCES, WEBCAM
+from avatarrex_studio.live.webcam import EXTRA, Webcam
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.timeline import Feed, Layer
@@ -20,7 +21,8 @@ class LiveMenu:
     def __init__(self) -> None:
         self._places: dict[str, tuple[str, int]] = {}
         """Address and port by layer."""
-        self._phone = ""
+        self._phone = self._model = ""
+        self._camera = 0
 
     def switch(self, studio: Studio, layer: str) -> None:
         """Listen for a layer, or no more."""
@@ -30,26 +32,24 @@ class LiveMenu:
         feed = studio.state.timeline.layer(layer).feed
         assert feed is not None
         with refusals_logged():
-            studio.listening.switch_on(layer, feed.source, *self._place(layer, feed))
+            if feed.source == WEBCAM:
+                studio.listening.take_up(layer, Webcam(self._model, self._camera, lambda: studio.listening.arrived()))
+            else:
+                studio.listening.switch_on(layer, feed.source, *self._place(layer, feed))
 
     def draw(self, studio: Studio, layer: Layer) -> None:
         """Draw it inside of the layer's popup."""
         feed, drive = layer.feed, studio.listening.drives.get(layer.name)
-        if feed is None or feed.source not in SOURCES:
+        if feed is None:
             return
-        source = SOURCES[feed.source]
-        address, port = self._place(layer.name, feed)
         imgui.begin_disabled(drive is not None)
-        widgets.label("Address", LABEL)
-        imgui.set_next_item_width(WIDTH - LABEL)
-        _, address = imgui.input_text("##live.address", address)
-        widgets.tooltip(f"{LOOPBACK} is this computer alone; 0.0.0.0 is every network: whoever reaches it moves the avatar")
-        widgets.label("UDP port", LABEL)
-        imgui.set_next_item_width(WIDTH - LABEL)
-        _, port = imgui.input_int("##live.port", port, 0, 0)
+        if feed.source == WEBCAM:
+            self._webcam()
+        else:
+            self._port(layer, feed)
         imgui.end_disabled()
-        self._places[layer.name] = address, port
-        if imgui.button("Stop listening###live.switch" if drive else "Listen###live.switch", (WIDTH, 0)):
+        words = ("Stop", "Start") if feed.source == WEBCAM else ("Stop listening", "Listen")
+        if imgui.button(f"{words[drive is None]}###live.switch", (WIDTH, 0)):
             self.switch(studio, layer.name)
         if drive is None:
             return
@@ -65,14 +65,40 @@ class LiveMenu:
         if imgui.button(f"{icons.ICON_FA_CIRCLE}  {'End the recording' if recording else 'Record'}###live.record", (half, 0)):
             studio.record_live(layer.name)
         imgui.pop_style_color()
-        if source.hello and isinstance(drive.sender, Receiver):
-            widgets.label("Phone", LABEL)
-            imgui.set_next_item_width(WIDTH - LABEL)
-            enter = imgui.InputTextFlags_.enter_returns_true
-            entered, self._phone = imgui.input_text_with_hint("##live.phone", "Its address, Enter: tell it to send", self._phone, enter)
-            if entered and self._phone.strip():
-                with refusals_logged():
-                    drive.sender.greet(self._phone.strip(), source.hello)
+        if isinstance(drive.sender, Receiver) and SOURCES[feed.source].hello:
+            self._greet(drive.sender, SOURCES[feed.source].hello)
+
+    def _port(self, layer: Layer, feed: Feed) -> None:
+        """Where it is listened."""
+        address, port = self._place(layer.name, feed)
+        widgets.label("Address", LABEL)
+        imgui.set_next_item_width(WIDTH - LABEL)
+        _, address = imgui.input_text("##live.address", address)
+        widgets.tooltip(f"{LOOPBACK} is this computer alone; 0.0.0.0 is every network: whoever reaches it moves the avatar")
+        widgets.label("UDP port", LABEL)
+        imgui.set_next_item_width(WIDTH - LABEL)
+        _, port = imgui.input_int("##live.port", port, 0, 0)
+        self._places[layer.name] = address, port
+
+    def _webcam(self) -> None:
+        """The landmarker's file and the camera's number."""
+        widgets.label("Model file", LABEL)
+        imgui.set_next_item_width(WIDTH - LABEL)
+        _, self._model = imgui.input_text_with_hint("##live.model", "face_landmarker.task", self._model)
+        widgets.tooltip("A face landmarker of mediapipe, which you have downloaded; needs " + EXTRA)
+        widgets.label("Camera", LABEL)
+        imgui.set_next_item_width(WIDTH - LABEL)
+        _, self._camera = imgui.input_int("##live.camera", self._camera, 0, 0)
+
+    def _greet(self, receiver: Receiver, words: bytes) -> None:
+        """Phones that wait for a word at their port."""
+        widgets.label("Phone", LABEL)
+        imgui.set_next_item_width(WIDTH - LABEL)
+        enter = imgui.InputTextFlags_.enter_returns_true
+        entered, self._phone = imgui.input_text_with_hint("##live.phone", "Its address, Enter: tell it to send", self._phone, enter)
+        if entered and self._phone.strip():
+            with refusals_logged():
+                receiver.greet(self._phone.strip(), words)
 
     def _place(self, layer: str, feed: Feed) -> tuple[str, int]:
         source = SOURCES.get(feed.source)

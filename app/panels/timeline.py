@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from avatarrex_studio.engine.studio import Studio
-from avatarrex_studio.live.sources import SOURCES
+from avatarrex_studio.live.sources import FACE, SOURCES, WEBCAM
 from avatarrex_studio.panels import layer_menu, theme, widgets
 from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.lanes import Lanes
@@ -99,10 +99,11 @@ class TimelinePanel:
                 if imgui.menu_item(f"Motion {name}: {what}", "", False)[0]:
                     studio.add_motion(name)
             imgui.separator()
-            for source, kind in SOURCES.items():
-                if imgui.menu_item(f"Live: {kind.title}", "", False)[0]:
-                    name = studio.state.timeline.free_name(kind.title)
-                    yield AddLayer(Layer(name, feed=Feed(source), parts=frozenset(kind.parts)))
+            live = {source: (kind.title, kind.parts) for source, kind in SOURCES.items()}
+            for source, (title, parts) in {**live, WEBCAM: ("Webcam", FACE)}.items():
+                if imgui.menu_item(f"Live: {title}", "", False)[0]:
+                    name = studio.state.timeline.free_name(title)
+                    yield AddLayer(Layer(name, feed=Feed(source), parts=frozenset(parts)))
                     self.lanes.layer, self.lanes.menu = name, "layer"
             imgui.end_popup()
         imgui.same_line()
