@@ -22,14 +22,14 @@ from avatarrex_studio.engine.request import Exact
 from avatarrex_studio.live.listening import Listening
 from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.commands import Command, SetCamera
-from avatarrex_studio.session.evaluation import go_to, settled
+from avatarrex_studio.session.evaluation import go_to, layers_at, settled
 from avatarrex_studio.session.grip import LOOK, Grip
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import CAMERA
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.notice import NOTICE, refusals_logged
-from avatarrex_studio.session.posing import entries
 from avatarrex_studio.session.playback import Playback
+from avatarrex_studio.session.posing import entries
 from avatarrex_studio.session.state import OrbitView, StudioState, Vector, vector
 from avatarrex_studio.session.take import Take, to_key, values, with_keys
 from avatarrex_studio.session.timeline import Layer
@@ -256,11 +256,13 @@ class Studio:
             self.do(AddLayer(Layer(motion.clip.name, motion.clip, parts=frozenset(motion.parts))))
 
     def set_key(self) -> None:
-        """Keys of what is selected at the playhead, else of everything that is posed or has keys."""
-        layer, selected = self.take.target(self.state.timeline), self.state.tools.selected
-        names = to_key(self.state, layer, entries(selected) if selected else ())
+        """Keys at the playhead: of what is selected, else of what was changed there and what has keys already."""
+        state, selected = self.state, self.state.tools.selected
+        layer, seconds = self.take.target(state.timeline), state.timeline.seconds
+        driven = layers_at(state.timeline, state.base, seconds, self.clips)
+        names = entries(selected) if selected else to_key(state, layer, driven)
         if names:
-            self.do(with_keys(self.state, values(self.state, names), layer))
+            self.do(with_keys(state, values(state, names), layer))
 
     def key_camera(self) -> None:
         """Keys of the view at the playhead."""

@@ -5,7 +5,7 @@ Presence: 1 while datagrams come and for `KEEP` seconds after the last; then dow
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from avatarrex_studio.live.received import Neutral, Received
@@ -23,6 +23,7 @@ MOST_TAKE = 36_000
 """Frames of a recording: ten minutes."""
 
 
+@runtime_checkable
 class Sender(Protocol):
     """Where something comes from: a port, or a camera."""
 

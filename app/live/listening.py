@@ -78,7 +78,8 @@ class Listening:
         for gone in set(self.drives) - names:
             self.switch_off(gone)
         now = self._clock()
-        return any([drive.tick(now) for drive in self.drives.values()])
+        changed = [drive.tick(now) for drive in self.drives.values()]
+        return any(changed)
 
     def feeds(self, timeline: Timeline) -> Feeds:
         """Of every live layer: name, signals, presence; as they are where it is switched off."""

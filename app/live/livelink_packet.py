@@ -42,7 +42,9 @@ def decode(data: bytes) -> Received | None:
     return Received(dict(zip(NAMES, values[:52].tolist())), head=head)
 
 
-def encode(weights: dict[str, float], head: tuple[float, float, float] = (0.0, 0.0, 0.0), subject: str = "iPhone") -> bytes:
+def encode(
+    weights: dict[str, float], head: tuple[float, float, float] = (0.0, 0.0, 0.0), subject: str = "iPhone"
+) -> bytes:
     """A datagram as the app sends it: `head` is yaw, pitch and roll, radians."""
     device, name = b"0123-device", subject.encode()
     values = [weights.get(each, 0.0) for each in NAMES] + [*head, *[0.0] * 6]

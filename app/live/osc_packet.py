@@ -22,7 +22,12 @@ PRESETS = {
     "surprised": "surprise",
 }  # fmt: skip
 """VRM's presets, of both of its versions, and our macros."""
-_BLINKS = {"blink_l": "eyeBlinkLeft", "blink_r": "eyeBlinkRight", "blinkleft": "eyeBlinkLeft", "blinkright": "eyeBlinkRight"}
+_BLINKS = {
+    "blink_l": "eyeBlinkLeft",
+    "blink_r": "eyeBlinkRight",
+    "blinkleft": "eyeBlinkLeft",
+    "blinkright": "eyeBlinkRight",
+}
 _PHALANGES = ("Proximal", "Intermediate", "Distal")
 _SIDED = {
     "UpperLeg": "hip", "LowerLeg": "knee", "Foot": "ankle", "Toes": "foot", "Shoulder": "collar", "UpperArm": "shoulder",
@@ -58,7 +63,8 @@ def _said(address: str, values: Sequence[object]) -> Received:
         return Received(_weights(name.lower(), float(finite(value, 100.0)[0])))
     if address in ("/VMC/Ext/Bone/Pos", "/VMC/Ext/Root/Pos"):
         name, numbers = _named(values, 7)
-        place, quaternion = finite(numbers[:3], 1e4), finite(numbers[3:], 10.0)
+        finite(numbers[:3], 1e4)
+        quaternion = finite(numbers[3:], 10.0)
         if np.linalg.norm(quaternion) < 1e-3:
             raise ValueError("a quaternion expected")
         joint = "" if address.endswith("Root/Pos") else BONES.get(name, "")
@@ -69,7 +75,11 @@ def _said(address: str, values: Sequence[object]) -> Received:
 def _named(values: Sequence[object], count: int) -> tuple[str, np.ndarray]:
     """A name and numbers; what follows them is of newer versions. Raises `ValueError`."""
     name, numbers = (values[0] if values else None), values[1 : 1 + count]
-    if not isinstance(name, str) or len(numbers) != count or not all(isinstance(number, int | float) for number in numbers):
+    if (
+        not isinstance(name, str)
+        or len(numbers) != count
+        or not all(isinstance(number, int | float) for number in numbers)
+    ):
         raise ValueError(f"a name and {count} numbers expected")
     return name, np.array(numbers, dtype=np.float64)
 

@@ -40,7 +40,11 @@ class Receiver:
     """Listens from the moment that it is made until `close`."""
 
     def __init__(
-        self, decode: Callable[[bytes], Received | None], address: str, port: int, arrived: Callable[[], None] = lambda: None
+        self,
+        decode: Callable[[bytes], Received | None],
+        address: str,
+        port: int,
+        arrived: Callable[[], None] = lambda: None,
     ) -> None:
         """`arrived` is called by the thread when something new has come. Raises `InputError` where the port cannot be had."""
         self.address, self.port = address, port

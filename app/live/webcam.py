@@ -42,7 +42,9 @@ class Landmarks:
     def of(cls, data: Any, source: str) -> Landmarks:
         """From a line's object. Raises `InputError`."""
         try:
-            weights = {APPLE[name.lower()]: float(value) for name, value in data["weights"].items() if name.lower() in APPLE}
+            weights = {
+                APPLE[name.lower()]: float(value) for name, value in data["weights"].items() if name.lower() in APPLE
+            }
             matrix = finite(np.array(data["matrix"], dtype=np.float64).reshape(16), 1e4).reshape(4, 4)
             finite(np.array([*weights.values(), data["time"]], dtype=np.float64), 1e6)
             head = Rotation.from_matrix(matrix[:3, :3]).as_rotvec()

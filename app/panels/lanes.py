@@ -22,6 +22,8 @@ RULER, ROW = 20.0, 22.0
 """Heights, points."""
 NAMES = (110.0, 210.0)
 """Width of the column of names, points: at least and at most."""
+BAR = 12.0
+"""Points at the right for the scrollbar."""
 NEAR = 6.0
 """Points from a key's middle at which it is caught."""
 DENSE = 4.0
@@ -81,7 +83,7 @@ class Lanes:
         column = min(max(0.32 * widgets.room(), NAMES[0]), NAMES[1])
         place, width = imgui.get_cursor_screen_pos(), widgets.room()
         left = place.x + column
-        scale = Timescale.of_all(left, max(width - column, 50.0), (timeline.frames - 1) / timeline.fps or 1.0)
+        scale = Timescale.of_all(left, max(width - column - BAR, 50.0), (timeline.frames - 1) / timeline.fps or 1.0)
         self._scale = scale if self._shown is None else replace(scale, start=self._shown[0], seconds=self._shown[1])
         self._ruler(timeline, place, column)
         imgui.push_style_var(imgui.StyleVar_.item_spacing, (6, 0))
@@ -93,10 +95,10 @@ class Lanes:
         imgui.end_child()
         imgui.pop_style_var(2)
         yield from self._drag(timeline)
-        if imgui.is_window_focused(imgui.FocusedFlags_.child_windows) and not imgui.get_io().want_text_input:
-            if self.selected and imgui.is_key_pressed(imgui.Key.delete, False):
-                yield DeleteKeys(self.layer, tuple(sorted(self.selected)))
-                self.selected = frozenset()
+        here = imgui.is_window_focused(imgui.FocusedFlags_.child_windows) and not imgui.get_io().want_text_input
+        if here and self.selected and imgui.is_key_pressed(imgui.Key.delete, False):
+            yield DeleteKeys(self.layer, tuple(sorted(self.selected)))
+            self.selected = frozenset()
 
     def show_all(self) -> None:
         """The whole length again."""
@@ -165,14 +167,17 @@ class Lanes:
             imgui.pop_id()
         if not timeline.layers:
             imgui.set_cursor_pos((8, 8))
-            widgets.paragraph("Nothing here yet: choose a motion, open or drop a file, or press K to set a key of the pose.")
+            widgets.paragraph(
+                "Nothing here yet: choose a motion, open or drop a file, or press K to set a key of the pose."
+            )
         bottom = imgui.get_window_pos().y + imgui.get_window_size().y
         draw.push_clip_rect((scale.left, top.y - 4000), (scale.left + scale.width, bottom), True)
         shade = theme.colour(theme.UNREACHED, 0.65)
         window = imgui.get_window_pos().y
         first, last = (scale.x(frame / timeline.fps) for frame in timeline.played)
-        draw.add_rect_filled((scale.left, window), (first, bottom), shade)
-        draw.add_rect_filled((last, window), (scale.left + scale.width, bottom), shade)
+        if timeline.span:
+            draw.add_rect_filled((scale.left, window), (first, bottom), shade)
+            draw.add_rect_filled((last, window), (scale.left + scale.width, bottom), shade)
         x = round(scale.x(timeline.seconds)) + 0.5
         draw.add_line((x, window), (x, bottom), theme.colour(theme.ACCENT), 1.5)
         draw.pop_clip_rect()
@@ -208,13 +213,20 @@ class Lanes:
             imgui.set_cursor_screen_pos((start.x + column - 22 - weight - 4, start.y + 1))
             imgui.set_next_item_width(weight)
             imgui.push_style_var(imgui.StyleVar_.frame_padding, (3, 2))
-            changed, share = imgui.drag_float("##weight", 100 * layer.weight, 0.5, 0.0, 100.0, "%.0f%%", imgui.SliderFlags_.clamp_on_input)
+            changed, share = imgui.drag_float(
+                "##weight", 100 * layer.weight, 0.5, 0.0, 100.0, "%.0f%%", imgui.SliderFlags_.clamp_on_input
+            )
             imgui.pop_style_var()
             widgets.tooltip("How much of this layer counts: drag, or Ctrl+click to type")
             if changed:
                 yield SetLayer(layer.name, weight=share / 100)
         eye = icons.ICON_FA_EYE_SLASH if layer.muted else icons.ICON_FA_EYE
-        if _bare_button(f"{eye}###mute", imgui.ImVec2(start.x + column - 24, start.y), 22, theme.WARNING if layer.muted else theme.MUTED):
+        if _bare_button(
+            f"{eye}###mute",
+            imgui.ImVec2(start.x + column - 24, start.y),
+            22,
+            theme.WARNING if layer.muted else theme.MUTED,
+        ):
             yield SetLayer(layer.name, muted=not layer.muted)
         widgets.tooltip("Muted" if layer.muted else "Mute")
         self._lane(layer, None, start.y)
@@ -222,7 +234,7 @@ class Lanes:
     def _track(self, layer: Layer, track: Track, column: float) -> None:
         """The row of one track's keys."""
         start = imgui.get_cursor_screen_pos()
-        _clipped(words(track.name), start.x + 30, start.y, column - 36, theme.MUTED)
+        _clipped(words(track.name).capitalize(), start.x + 30, start.y, column - 36, theme.MUTED)
         imgui.push_id(track.name)
         self._lane(layer, track, start.y)
         imgui.pop_id()
@@ -264,7 +276,9 @@ class Lanes:
             if start + n * length > right:
                 break
             a, b = scale.x(start + n * length), scale.x(start + (n + 1) * length)
-            draw.add_rect_filled((a, y + 1), (b - 1, y + ROW - 3), theme.colour(CLIP, alpha * (0.4 if n else 0.85)), 4.0)
+            draw.add_rect_filled(
+                (a, y + 1), (b - 1, y + ROW - 3), theme.colour(CLIP, alpha * (0.4 if n else 0.85)), 4.0
+            )
         text = layer.name if layer.rate == 1 else f"{layer.name}  × {layer.rate:g}"
         draw.add_text((max(scale.x(start), scale.left) + 6, y + 2), theme.colour(theme.TEXT, alpha), text)
 
@@ -284,7 +298,14 @@ class Lanes:
             if x - last < DENSE and not chosen:
                 draw.add_line((last, middle), (x, middle), theme.colour(KEYS, 0.8), 4.0)
             else:
-                _diamond(draw, x, middle, key.curve if track else "", theme.TEXT if chosen else KEYS, 0.4 if layer.muted else 1.0)
+                _diamond(
+                    draw,
+                    x,
+                    middle,
+                    key.curve if track else "",
+                    theme.TEXT if chosen else KEYS,
+                    0.4 if layer.muted else 1.0,
+                )
             last = x
 
     def _under(self, layer: Layer, track: Track | None) -> tuple[Place, ...]:
@@ -404,10 +425,11 @@ def shown_keys(layer: Layer, track: Track | None) -> list[tuple[float, Key]]:
 
 def _ranged(timeline: Timeline, end: str, frame: int) -> Iterator[Command]:
     first, last = timeline.played
-    if end == "start":
-        span = (min(max(frame, 0), last - 1), last)
-    else:
-        span = (first, min(max(frame, first + 1), timeline.frames - 1))
+    ends = {
+        "start": (min(max(frame, 0), last - 1), last),
+        "end": (first, min(max(frame, first + 1), timeline.frames - 1)),
+    }
+    span = ends[end]
     if span != timeline.span:
         yield SetTimeline(span=span)
 

@@ -87,9 +87,6 @@ class LayerMenu:
                 yield SetLayer(layer.name, parts=tuple(layer.parts | {part} if driven else layer.parts - {part}))
         imgui.spacing()
         yield from _numbers(layer)
-        toggled, loop = imgui.checkbox("Repeat", layer.loop)
-        if toggled:
-            yield SetLayer(layer.name, loop=loop)
         imgui.separator()
         place = timeline.layers.index(layer)
         if imgui.menu_item("Move up", "", False, place < len(timeline.layers) - 1)[0]:
@@ -111,7 +108,9 @@ class LayerMenu:
             self.copied = copied(layer, places)
         if imgui.menu_item("Paste at the playhead", "", False, bool(self.copied))[0]:
             start = layer.local(timeline.seconds)
-            yield SetKeys(layer.name, tuple((name, start + time, value, curve) for name, time, value, curve in self.copied))
+            yield SetKeys(
+                layer.name, tuple((name, start + time, value, curve) for name, time, value, curve in self.copied)
+            )
         if imgui.menu_item("Select all", "", False, bool(layer.tracks))[0]:
             lanes.selected = frozenset((track.name, key.time) for track in layer.tracks for key in track.keys)
         if imgui.menu_item("Delete", "Del", False, bool(places))[0]:
@@ -145,9 +144,14 @@ def _numbers(layer: Layer) -> Iterator[Command]:
     value = widgets.slider("layer.rate", layer.rate, (0.1, 4.0), "× %.2f", WIDTH - LABEL, rest=1.0)
     if value is not None:
         yield SetLayer(layer.name, rate=value)
+    toggled, loop = imgui.checkbox("Repeat", layer.loop)
+    if toggled:
+        yield SetLayer(layer.name, loop=loop)
     if layer.clip:
         widgets.label("Smoothing", LABEL, layer.smoothing != 0)
-        value = widgets.slider("layer.smoothing", layer.smoothing, (0.0, LONGEST_SMOOTHING / 2), "%.2f s", WIDTH - LABEL)
+        value = widgets.slider(
+            "layer.smoothing", layer.smoothing, (0.0, LONGEST_SMOOTHING / 2), "%.2f s", WIDTH - LABEL
+        )
         widgets.tooltip("Average over neighbouring frames, weighted by a Gaussian of this width")
         if value is not None:
             yield SetLayer(layer.name, smoothing=value)

@@ -54,7 +54,9 @@ class LiveMenu:
         if drive is None:
             return
         counts = drive.sender.counts
-        widgets.caption(f"{counts.rate} a second, {counts.received} in all, {counts.malformed} malformed, {counts.dropped} dropped")
+        widgets.caption(
+            f"{counts.rate} a second, {counts.received} in all, {counts.malformed} malformed, {counts.dropped} dropped"
+        )
         half = (WIDTH - 6) / 2
         if imgui.button("Neutral face###live.neutral", (half, 0)):
             drive.calibrate()
@@ -62,7 +64,9 @@ class LiveMenu:
         imgui.same_line(0, 6)
         recording = drive.take is not None
         imgui.push_style_color(imgui.Col_.text, theme.vec4(theme.ERROR if recording else theme.TEXT))
-        if imgui.button(f"{icons.ICON_FA_CIRCLE}  {'End the recording' if recording else 'Record'}###live.record", (half, 0)):
+        if imgui.button(
+            f"{icons.ICON_FA_CIRCLE}  {'End the recording' if recording else 'Record'}###live.record", (half, 0)
+        ):
             studio.record_live(layer.name)
         imgui.pop_style_color()
         if isinstance(drive.sender, Receiver) and SOURCES[feed.source].hello:
@@ -74,7 +78,9 @@ class LiveMenu:
         widgets.label("Address", LABEL)
         imgui.set_next_item_width(WIDTH - LABEL)
         _, address = imgui.input_text("##live.address", address)
-        widgets.tooltip(f"{LOOPBACK} is this computer alone; 0.0.0.0 is every network: whoever reaches it moves the avatar")
+        widgets.tooltip(
+            f"{LOOPBACK} is this computer alone; 0.0.0.0 is every network: whoever reaches it moves the avatar"
+        )
         widgets.label("UDP port", LABEL)
         imgui.set_next_item_width(WIDTH - LABEL)
         _, port = imgui.input_int("##live.port", port, 0, 0)
@@ -95,7 +101,9 @@ class LiveMenu:
         widgets.label("Phone", LABEL)
         imgui.set_next_item_width(WIDTH - LABEL)
         enter = imgui.InputTextFlags_.enter_returns_true
-        entered, self._phone = imgui.input_text_with_hint("##live.phone", "Its address, Enter: tell it to send", self._phone, enter)
+        entered, self._phone = imgui.input_text_with_hint(
+            "##live.phone", "Its address, Enter: tell it to send", self._phone, enter
+        )
         if entered and self._phone.strip():
             with refusals_logged():
                 receiver.greet(self._phone.strip(), words)

@@ -65,7 +65,9 @@ class TimelinePanel:
         }  # fmt: skip
         for name, (icon, frame) in widgets.in_rows(buttons.items(), 3):
             if name == "play":
-                if imgui.button(f"{icons.ICON_FA_PAUSE if studio.playback.playing else icons.ICON_FA_PLAY}###play", (34, 0)):
+                if imgui.button(
+                    f"{icons.ICON_FA_PAUSE if studio.playback.playing else icons.ICON_FA_PLAY}###play", (34, 0)
+                ):
                     studio.toggle_play()
             elif imgui.button(f"{icon}##{name}", square):
                 yield SetFrame(min(max(frame, 0), timeline.frames - 1))
@@ -82,7 +84,7 @@ class TimelinePanel:
         imgui.same_line()
         if imgui.button(f"{icons.ICON_FA_KEY}##key", (26, 0)):
             studio.set_key()
-        widgets.tooltip("Set key (K): of what is selected, else of everything that is posed. Shift+K: of the camera")
+        widgets.tooltip("Set key (K): of what is selected, else of what you changed. Shift+K: of the camera")
 
     def _layers(self, studio: Studio) -> Iterator[Command]:
         """What a layer can be added from, and what all of them are followed by."""

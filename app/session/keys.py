@@ -62,7 +62,9 @@ class Track:
 
     def __post_init__(self) -> None:
         if self.name not in LENGTHS:
-            raise InputError("track", "name", "a joint, a coefficient, translation or a setting of the camera", self.name)
+            raise InputError(
+                "track", "name", "a joint, a coefficient, translation or a setting of the camera", self.name
+            )
         if not 0 < len(self.keys) <= MOST_KEYS:
             raise InputError(f"track {self.name}", "keys", f"1 to {MOST_KEYS:,}", len(self.keys))
         if any(len(key.value) != LENGTHS[self.name] for key in self.keys):
@@ -100,7 +102,9 @@ class Track:
         if self.name not in ROTATIONS:
             return (1 - share) * start + share * end
         first, last = Rotation.from_quat(start), Rotation.from_quat(end)
-        turned: Float64[np.ndarray, " c"] = (first * Rotation.from_rotvec(share * (first.inv() * last).as_rotvec())).as_rotvec()
+        turned: Float64[np.ndarray, " c"] = (
+            first * Rotation.from_rotvec(share * (first.inv() * last).as_rotvec())
+        ).as_rotvec()
         return turned
 
     def to_json(self) -> dict[str, Any]:
@@ -143,7 +147,9 @@ def found(tracks: Tracks, places: tuple[Place, ...]) -> dict[str, tuple[Key, ...
     for name, time in places:
         wanted.setdefault(name, []).append(time)
     at = {
-        track.name: tuple(key for key in track.keys if any(abs(key.time - time) <= CLOSE for time in wanted[track.name]))
+        track.name: tuple(
+            key for key in track.keys if any(abs(key.time - time) <= CLOSE for time in wanted[track.name])
+        )
         for track in tracks
         if track.name in wanted
     }

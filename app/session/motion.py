@@ -21,7 +21,11 @@ from avatarrex.signals.imported import ImportedMotion
 from avatarrex.signals.read import import_motion
 from avatarrex.signals.sequence import SignalSequence
 
-TOGETHER = (("body", ("root", "body", "head")), ("root", ("root", "body", "head")), ("expression", ("expression", "mouth")))
+TOGETHER = (
+    ("body", ("root", "body", "head")),
+    ("root", ("root", "body", "head")),
+    ("expression", ("expression", "mouth")),
+)
 """What a motion drives as a whole where it moves one part, at rest where it says nothing of a joint."""
 
 

@@ -89,9 +89,7 @@ def copy_group(signals: Signals, source: Signals, group: str) -> Signals:
     if group not in GROUPS:
         raise InputError("group", "", "one of " + ", ".join(GROUPS), group)
     values = numbers(source)
-    return _with(
-        signals, {name: values[SLOTS[name]] for name in GROUPS[group] if name not in ("translation", "shape")}
-    )
+    return _with(signals, {name: values[SLOTS[name]] for name in GROUPS[group] if name not in ("translation", "shape")})
 
 
 def counterpart(name: str) -> str:

@@ -57,7 +57,9 @@ Values = dict[str, tuple[float, ...]]
 def values(state: StudioState, names: tuple[str, ...]) -> Values:
     """What a state shows of some joints, coefficients and settings of the camera."""
     signals = numbers(state.signals)
-    return {name: setting(state.view, name) if name in CAMERA else tuple(signals[SLOTS[name]].tolist()) for name in names}
+    return {
+        name: setting(state.view, name) if name in CAMERA else tuple(signals[SLOTS[name]].tolist()) for name in names
+    }
 
 
 def setting(view: OrbitView, name: str) -> tuple[float, ...]:
@@ -83,12 +85,12 @@ def with_keys(
     return SetKeys(name, keys, None if since is None else layer.local(since))
 
 
-def to_key(state: StudioState, layer: Layer | None, selected: tuple[str, ...] = ()) -> tuple[str, ...]:
-    """What *Set key* keys: what is selected; else what is not at rest, and what has keys already."""
-    if selected:
-        return selected
+def to_key(state: StudioState, layer: Layer | None, driven: Signals) -> tuple[str, ...]:
+    """What *Set key* keys where nothing is selected: what has been changed since the layers gave `driven`, and what has keys already;
+    over a timeline of keys alone all that is not at rest.
+    """
     tracks = {track.name for track in layer.tracks} if layer else set()
-    moved = set(differing(Signals.rest(), state.signals))
-    return tuple(name for name in SLOTS if name != "shape" and (name in moved or name in tracks))
-
-
+    changed = set(differing(driven, state.signals))
+    if not changed and not any(each.clip or each.feed for each in state.timeline.layers):
+        changed = set(differing(Signals.rest(), state.signals))
+    return tuple(name for name in SLOTS if name != "shape" and (name in changed or name in tracks))

@@ -75,7 +75,10 @@ class Clip:
     def to_json(self) -> dict[str, Any]:
         """Plain values; options without a choice are left out."""
         options = self.options.to_json()
-        return {**{key: value for key, value in vars(self).items() if key != "options"}, **({"options": options} if options else {})}
+        return {
+            **{key: value for key, value in vars(self).items() if key != "options"},
+            **({"options": options} if options else {}),
+        }
 
     @classmethod
     def from_json(cls, data: dict[str, Any], source: str = "clip") -> Clip:
@@ -276,7 +279,9 @@ class Timeline:
         for layer in self.layers:
             if layer.name == name:
                 return layer
-        raise InputError("layer", "", ", ".join(layer.name for layer in self.layers) or "a layer to be added first", name)
+        raise InputError(
+            "layer", "", ", ".join(layer.name for layer in self.layers) or "a layer to be added first", name
+        )
 
     def share(self, group: str) -> Share:
         """Of one of `GROUPS`."""

@@ -228,7 +228,9 @@ class SetCurve(OnTimeline, Setting):
 
     def edited(self, timeline: Timeline) -> Timeline:
         layer = _of_keys(timeline, self.name)
-        return timeline.with_layer(self.name, replace(layer, tracks=curves.curved(layer.tracks, self.places, self.curve)))
+        return timeline.with_layer(
+            self.name, replace(layer, tracks=curves.curved(layer.tracks, self.places, self.curve))
+        )
 
 
 def _of_keys(timeline: Timeline, name: str) -> Layer:

@@ -201,7 +201,10 @@ class Window:
     def _status(self) -> None:
         context = self.screen.context
         status.draw(
-            self.studio, renderer_name(context) if context else "none", self.opening.words or self.own_surface.words, self.studio.listening.words
+            self.studio,
+            renderer_name(context) if context else "none",
+            self.opening.words or self.own_surface.words,
+            self.studio.listening.words,
         )
 
     def _timeline(self) -> Iterator[Command]:

@@ -31,7 +31,12 @@ from avatarrex.signals.sequence import SignalSequence, check_frames, stack
 
 FPS, WINDOW = 60.0, 0.04
 BANDS = ((200.0, 800.0), (800.0, 1800.0), (1800.0, 3500.0), (4000.0, 8000.0))
-SHAPES = {"oh": (1.0, 0.25, 0.05, 0.0), "ah": (0.6, 1.0, 0.3, 0.05), "ee": (0.55, 0.15, 1.0, 0.25), "s sh": (0.1, 0.1, 0.4, 1.0)}
+SHAPES = {
+    "oh": (1.0, 0.25, 0.05, 0.0),
+    "ah": (0.6, 1.0, 0.3, 0.05),
+    "ee": (0.55, 0.15, 1.0, 0.25),
+    "s sh": (0.1, 0.1, 0.4, 1.0),
+}
 """Each shape's share of the loudest band in the four bands: rough averages of vowels and of s."""
 QUIETEST = 12.0
 """dB between quiet and loud under which a file is no speech: its mouth stays shut."""
@@ -67,7 +72,9 @@ def _samples(path: Path) -> tuple[Float64[np.ndarray, " s"], int]:
     except (wave.Error, EOFError, RuntimeError) as error:
         raise InputError(path, "", "a .wav file of plain numbers (PCM)", error) from None
     if width not in (1, 2, 3, 4) or not 4000 <= rate <= 400_000 or not 1 <= channels <= 64:
-        raise InputError(path, "format", "8 to 32 bits, 4 to 400 kHz", f"{8 * width} bits, {rate} Hz, {channels} channels")
+        raise InputError(
+            path, "format", "8 to 32 bits, 4 to 400 kHz", f"{8 * width} bits, {rate} Hz, {channels} channels"
+        )
     data = data[: len(data) // (width * channels) * width * channels]
     if not data:
         raise InputError(path, "length", "at least one sample", 0)
@@ -105,5 +112,7 @@ def _weights(samples: Float64[np.ndarray, " s"], rate: int, count: int) -> Float
     share /= share.sum(1, keepdims=True)
     shapes = np.stack([face_direction(name) for name in SHAPES])
     weights = opened[:, None] * (share @ shapes)
-    found: Float64[np.ndarray, "t 52"] = np.clip(gaussian_filter1d(weights, SMOOTHING * FPS, axis=0, mode="nearest"), 0, 1)
+    found: Float64[np.ndarray, "t 52"] = np.clip(
+        gaussian_filter1d(weights, SMOOTHING * FPS, axis=0, mode="nearest"), 0, 1
+    )
     return found

@@ -295,8 +295,10 @@ SESSIONS: Bad = {
     "orbit by nothing": (
         "s.json", _step(command="OrbitBy", azimuth=None, elevation=0), "(values of the right kind|the fields of that command)"),
     "a frame before the first": ("s.json", _step(command="SetFrame", frame=-1, signals={}), "frame: expected 0 or more, found -1"),
-    "a layer of no kind": ("s.json", _step(command="AddLayer", layer={"name": "a", "clip": 3}), "(values of the right kind|the fields of that command)"),
+    "a layer of no kind": (
+        "s.json", _step(command="AddLayer", layer={"name": "a", "clip": 3}), "(values of the right kind|the fields of that command)"),
     "keys of no layer": ("s.json", _step(command="DeleteKeys", name="a", places=[]), "a layer to be added first"),
     "a key at no time": (
-        "s.json", _step(command="AddLayer", layer={"name": "a", "tracks": [{"name": "jawOpen", "keys": [["x", [1], "linear"]]}]}), "finite numbers"),
+        "s.json", _step(command="AddLayer", layer={"name": "a", "tracks": [{"name": "jawOpen", "keys": [["x", [1], "linear"]]}]}),
+        "finite numbers"),
 }  # fmt: skip

@@ -48,11 +48,21 @@ EVERY = (
     timeline_commands.LoadMotion("walk.bvh", "walk.bvh", 5, 30.0, signals=STEPPING),
     timeline_commands.SetFrame(3, signals=STEPPING.replace(translation=np.array([1.0, 0.0, 2.0]))),
     timeline_commands.AddLayer(Layer("Keys"), signals=STEPPING),
-    timeline_commands.AddLayer(Layer("Face", Clip("f.csv", "f.csv", 9, 60.0, ImportOptions(fps=60.0)), parts=frozenset({"head"}))),
+    timeline_commands.AddLayer(
+        Layer("Face", Clip("f.csv", "f.csv", 9, 60.0, ImportOptions(fps=60.0)), parts=frozenset({"head"}))
+    ),
     timeline_commands.AddLayer(Layer("OSC", feed=Feed("osc"))),
     timeline_commands.SetFrame(1, (("OSC", STEPPING, 0.5),), signals=STEPPING),
-    timeline_commands.SetKeys("Keys", (("jawOpen", 0.5, (0.2,), "linear"), ("jawOpen", 1.0, (0.4,), "step"),
-                                       ("camera.target", 0.0, (0.0, 1.0, 2.0), "smooth")), signals=STEPPING, view=OrbitView(fov=31.0)),
+    timeline_commands.SetKeys(
+        "Keys",
+        (
+            ("jawOpen", 0.5, (0.2,), "linear"),
+            ("jawOpen", 1.0, (0.4,), "step"),
+            ("camera.target", 0.0, (0.0, 1.0, 2.0), "smooth"),
+        ),
+        signals=STEPPING,
+        view=OrbitView(fov=31.0),
+    ),
     timeline_commands.MoveKeys("Keys", (("jawOpen", 0.5),), 0.2),
     timeline_commands.SetCurve("Keys", (("jawOpen", 0.7),), "smooth"),
     timeline_commands.DeleteKeys("Keys", (("jawOpen", 1.0),)),

@@ -49,8 +49,16 @@ def turned(x, y, z, w):
     return message("/VMC/Ext/Bone/Pos", "LeftLowerArm", 0.0, 0.0, 0.0, float(x), float(y), float(z), float(w))
 
 
-VMC = bundle(turned(0, np.sin(0.25), 0, np.cos(0.25)), message("/VMC/Ext/Blend/Val", "JawOpen", 0.5), message("/VMC/Ext/Blend/Apply"))
-GOOD = {"osc": VMC, "livelink": livelink_packet.encode({"jawOpen": 0.5, "jawLeft": 0.3}, (0.4, 0.1, 0.0)), "ifacialmocap": IFACIAL}
+VMC = bundle(
+    turned(0, np.sin(0.25), 0, np.cos(0.25)),
+    message("/VMC/Ext/Blend/Val", "JawOpen", 0.5),
+    message("/VMC/Ext/Blend/Apply"),
+)
+GOOD = {
+    "osc": VMC,
+    "livelink": livelink_packet.encode({"jawOpen": 0.5, "jawLeft": 0.3}, (0.4, 0.1, 0.0)),
+    "ifacialmocap": IFACIAL,
+}
 
 
 def test_live_link_face():
@@ -74,7 +82,9 @@ def test_ifacialmocap_of_both_versions():
 
 def test_vmc_bones_presets_and_coefficients():
     said = osc_packet.decode(VMC)
-    assert said.turns["left_elbow"] == pytest.approx([0, -0.5, 0]), "the elbow bends as in Unity, seen in a mirror of its axes"
+    assert said.turns["left_elbow"] == pytest.approx([0, -0.5, 0]), (
+        "the elbow bends as in Unity, seen in a mirror of its axes"
+    )
     assert said.weights == pytest.approx({"jawOpen": 0.5})
     vowel = osc_packet.decode(message("/VMC/Ext/Blend/Val", "A", 1.0).dgram).weights
     assert vowel["jawOpen"] == pytest.approx(0.7)
@@ -248,7 +258,10 @@ def test_a_recording_of_uneven_times_is_even():
 
 def test_a_webcam_s_landmarks_drive_the_face(tmp_path):
     """From recorded results of a landmarker: no model file comes with the program."""
-    frames = [{"time": k / 30, "weights": {"jawOpen": k / 10, "_neutral": 1.0}, "matrix": np.eye(4).tolist()} for k in range(5)]
+    frames = [
+        {"time": k / 30, "weights": {"jawOpen": k / 10, "_neutral": 1.0}, "matrix": np.eye(4).tolist()}
+        for k in range(5)
+    ]
     frames[4]["matrix"][0][:3], frames[4]["matrix"][2][:3] = [0.8, 0.0, 0.6], [-0.6, 0.0, 0.8]
     (tmp_path / "face.jsonl").write_text("\n".join(json.dumps(frame) for frame in frames))
     found = list(replayed(tmp_path / "face.jsonl"))

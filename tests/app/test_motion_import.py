@@ -82,7 +82,9 @@ def test_the_present_motion_is_the_one_that_the_state_names(odd: Path, caplog: p
     assert options_now(free) == ImportOptions()
 
 
-def test_the_window_does_not_wait_for_blender_as_long_as_a_command(odd: Path, clock, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_window_does_not_wait_for_blender_as_long_as_a_command(
+    odd: Path, clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
     waits = []
 
     def timed(path: str, options: ImportOptions | None, seconds: float) -> ImportedMotion:

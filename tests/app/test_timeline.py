@@ -60,7 +60,7 @@ def jaw(state):
     return state.signals.expression[JAW]
 
 
-def test_curves_pass_their_keys_and_differ_between(): 
+def test_curves_pass_their_keys_and_differ_between():
     def at(time, curve):
         return Track("jawOpen", tuple(Key(t, (v,), curve) for t, v in ((0.0, 0.0), (1.0, 1.0), (2.0, 0.5)))).at(time)[0]
 
@@ -154,7 +154,9 @@ def test_keys_for_signals_and_the_camera(studio):
         studio.set_key()
         studio.key_camera()
     assert [layer.name for layer in studio.state.timeline.layers] == ["Keys"]
-    studio.do(edits.SetCurve("Keys", tuple((track.name, 0.0) for track in studio.state.timeline.layers[0].tracks), "linear"))
+    studio.do(
+        edits.SetCurve("Keys", tuple((track.name, 0.0) for track in studio.state.timeline.layers[0].tracks), "linear")
+    )
     studio.go_to(5)
     view = studio.state.view
     assert jaw(studio.state) == pytest.approx(0.5)
@@ -183,9 +185,9 @@ def test_what_is_dragged_while_it_plays_becomes_keys(layered, clock):
         studio.tick((32, 24))
         studio.do(SetExpression("jawOpen", 0.1 * k), ("drag", 1))
     track = studio.state.timeline.layer("Keys").track("jawOpen")
-    assert [(round(key.time, 3), round(key.value[0], 3)) for key in track.keys] == [(0.1 * k, 0.1 * k) for k in range(1, 6)] or [
-        round(key.value[0], 3) for key in track.keys
-    ] == [0.1, 0.2, 0.3, 0.4, 0.5]
+    assert [(round(key.time, 3), round(key.value[0], 3)) for key in track.keys] == [
+        (0.1 * k, 0.1 * k) for k in range(1, 6)
+    ] or [round(key.value[0], 3) for key in track.keys] == [0.1, 0.2, 0.3, 0.4, 0.5]
     assert len(track.keys) == 5
     assert len(studio.journal.steps) == steps + 1
     studio.take.recording = False
