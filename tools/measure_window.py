@@ -33,13 +33,13 @@ from PIL import Image
 from avatarrex.metrics.table import printed
 
 SIZE = (1280, 800)
-VIEWPORT = (slice(40, 580), slice(240, 820))
+VIEWPORT = (slice(40, 560), slice(240, 820))
 """Rows and columns of the picture, in the layout that a first start has; the pointer, which the server draws, stays out of it."""
 BAND = (slice(236, 260), slice(240, 820, 2))
 """Across chest and arms."""
 PANEL = (slice(300, 324), slice(850, 1250, 2))
 """Across the sliders of the Body panel."""
-ORBIT, SLIDER, SCROLL, PLAY = (350, 610), (1203, 444), (1274, 120), (287, 693)
+ORBIT, SLIDER, SCROLL, PLAY = (350, 520), (1203, 444), (1274, 120), (309, 611)
 """Where the mouse is pressed: beside the person, on the left shoulder's third angle, on the Body panel's scroll bar, on Play."""
 RATE = 125.0
 """Moves of the mouse a second: a common mouse's."""

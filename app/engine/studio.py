@@ -113,9 +113,10 @@ class Studio:
             command = self.take.keyed(command, self.state, gesture)
             if isinstance(command, SetFrame):
                 command = replace(command, feeds=self.listening.feeds(self.state.timeline))
+            shared = self.playback.gesture if self.playback.playing else gesture
             if isinstance(command, OnTimeline):
-                command = settled(command, self.state, self.clips)
-            self.journal.do(command, self.playback.gesture if self.playback.playing else gesture)
+                command = settled(command, self.journal.before(command, shared), self.clips)
+            self.journal.do(command, shared)
 
     def undo(self) -> None:
         """Back over the last step."""
@@ -145,7 +146,7 @@ class Studio:
         """Show what live sources sent."""
         with refusals_logged():
             frame = SetFrame(self.state.timeline.frame, self.listening.feeds(self.state.timeline))
-            self.journal.follow(settled(frame, self.state, self.clips))
+            self.journal.follow(settled(frame, self.journal.before_following(frame), self.clips))
 
     def _draw(self, size: tuple[int, int]) -> bool:
         """Draw the surface where what it shows has changed; whether it was drawn."""

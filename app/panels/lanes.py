@@ -373,8 +373,6 @@ class Lanes:
             yield MoveKeys(grabbed.layer, grabbed.places, own)
         if not imgui.is_mouse_down(imgui.MouseButton_.left):
             self._grabbed = None
-            if grabbed.what == "keys":  # what the keys give where they were let go
-                yield SetFrame(timeline.frame)
 
     def _framed(self, layer: Layer, grabbed: Grabbed, now: float) -> frozenset[Place]:
         """The keys between where the drag began and the mouse, of one track or of all."""

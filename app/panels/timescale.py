@@ -58,10 +58,11 @@ class Timescale:
     def ticks(self, fps: float, in_frames: bool) -> Iterator[tuple[float, str]]:
         """Times of the ruler's ticks and their labels, empty for those between."""
         if in_frames:
-            step = next((n for n in FRAME_STEPS if n / fps * self.per_second >= LABEL), FRAME_STEPS[-1]) / fps
+            count = next((n for n in FRAME_STEPS if n / fps * self.per_second >= LABEL), FRAME_STEPS[-1])
+            step, parts = count / fps, [n for n in (10, 5, 2) if count % n == 0]
         else:
-            step = next((each for each in STEPS if each * self.per_second >= LABEL), STEPS[-1])
-        between = next((n for n in (10, 5, 2) if step / n * self.per_second >= 6), 1)
+            step, parts = next((each for each in STEPS if each * self.per_second >= LABEL), STEPS[-1]), [10, 5, 2]
+        between = next((n for n in parts if step / n * self.per_second >= 6), 1)
         first = max(math.ceil(self.start / step - 1e-9), 0)
         for k in range(first * between, int((self.start + self.seconds) / step * between) + 1):
             time = k * step / between

@@ -73,12 +73,21 @@ def state_at(state: StudioState, seconds: float, clips: Clips) -> StudioState:
 
 
 def settled(command: Edit, state: StudioState, clips: Clips) -> Edit:
-    """The command with what the layers give after it; as it is where a motion cannot be read. Raises `InputError`."""
-    timeline = command.edited(state.timeline)
+    """The command with what the layers give after it; as it is where a motion cannot be read. Raises `InputError`.
+
+    At the same time of the timeline it changes only what the layers give otherwise than before: what was edited there stays.
+    """
+    before, timeline = state.timeline, command.edited(state.timeline)
     if clips.missing(timeline):
         return command
     signals = layers_at(timeline, state.base, timeline.seconds, clips)
-    return replace(command, signals=signals, view=view_at(timeline, state.view, timeline.seconds))
+    view = view_at(timeline, state.view, timeline.seconds)
+    if timeline.seconds == before.seconds and not clips.missing(before):
+        old = layers_at(before, state.base, before.seconds, clips)
+        kept = np.where(numbers(signals) == numbers(old), numbers(state.signals), numbers(signals))
+        signals = of_numbers(kept)
+        view = None if view == view_at(before, state.view, before.seconds) else view
+    return replace(command, signals=signals, view=view)
 
 
 def go_to(state: StudioState, frame: int, clips: Clips) -> SetFrame | None:

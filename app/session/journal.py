@@ -100,6 +100,22 @@ class Journal:
         self.state = state
         return state
 
+    def before(self, command: Command, gesture: object = None) -> StudioState:
+        """The state that `do` would apply a command to: without the last command where this one takes its place."""
+        last = self.steps[-1] if self.steps else None
+        shared = last is not None and gesture is not None and last.gesture == gesture
+        return self._without_last(command) if shared else self.state
+
+    def before_following(self, command: Command) -> StudioState:
+        """The same for `follow`."""
+        return self._without_last(command)
+
+    def _without_last(self, command: Command) -> StudioState:
+        last = self.steps[-1] if self.steps else None
+        if last is None or last.previous is None or not supersedes(command, last.commands[-1]):
+            return self.state
+        return self._present(last.previous)
+
     def _replaced(self, step: Step, command: Command) -> StudioState:
         """With `command` in place of the last of `step`, which goes where that leads back to its beginning."""
         assert step.previous is not None
@@ -115,7 +131,7 @@ class Journal:
         if last is None:
             self.state = self.start = command.apply(self.state)
         elif last.previous is not None and supersedes(command, last.commands[-1]):
-            self.state = command.apply(self._present(last.previous))
+            self.state = command.apply(self._without_last(command))
             last.commands[-1] = command
         else:
             last.previous, self.state = self.state, command.apply(self.state)

@@ -238,7 +238,7 @@ def test_a_live_layer_is_smoothed_recorded_and_replayed(studio, clock, tmp_path)
     clip = studio.state.timeline.layers[-1]
     assert clip.clip.frames == pytest.approx(60, abs=2)
     assert studio.state.timeline.layer("Phone").muted
-    studio.go_to(30)
+    studio.go_to(15)  # of 30 a second
     assert studio.state.signals.expression[JAW] == pytest.approx(0.3, abs=0.06)
     studio.save_session(str(tmp_path / "s.json"))
     assert Journal.load(tmp_path / "s.json").state == studio.state

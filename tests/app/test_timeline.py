@@ -92,7 +92,7 @@ def test_layers_give_what_their_parts_weights_and_times_say(layered, motions):
     """In closed form: both motions are linear in time."""
     layered.go_to(5)
     assert (elbow(layered.state), jaw(layered.state)) == pytest.approx((-0.5, 0.5))
-    assert layered.state.timeline.layers[1].parts == {"head", "expression", "mouth"}
+    assert layered.state.timeline.layers[1].parts == {"head", "mouth"}
     assert layered.state.signals.translation[2] == pytest.approx(0.5), "the face says nothing of the place"
     layered.do(edits.SetLayer("face.json", weight=0.25))
     assert jaw(layered.state) == pytest.approx(0.125)
@@ -171,6 +171,37 @@ def test_keys_for_signals_and_the_camera(studio):
     assert copied(layer, (("camera.azimuth", 1.0),)) == (("camera.azimuth", 0.0, (8.0,), "smooth"),)
 
 
+def test_what_is_changed_stays_until_the_playhead_moves(layered):
+    """A command on the timeline changes what it changes; another frame shows what drives."""
+    studio = layered
+    studio.go_to(5)
+    studio.do(SetJoint(ELBOW, (0.0, -0.9, 0.0)))
+    studio.do(SetExpression("jawOpen", 0.9))
+    studio.take.recording = True
+    studio.do(SetExpression("jawOpen", 0.8))
+    studio.take.recording = False
+    assert (elbow(studio.state), jaw(studio.state)) == pytest.approx((-0.9, 0.8))
+    studio.set_key()
+    assert {track.name for track in studio.state.timeline.layer("Keys").tracks} == {ELBOW, "jawOpen"}
+    studio.go_to(6)
+    assert (elbow(studio.state), jaw(studio.state)) == pytest.approx((-0.9, 0.8))
+    studio.do(edits.RemoveLayer("Keys"))
+    assert (elbow(studio.state), jaw(studio.state)) == pytest.approx((-0.6, 0.6))
+
+
+def test_a_drag_of_keys_shows_where_they_are(studio):
+    """Moves of one drag take each other's place; what is shown is of the last."""
+    studio.do(edits.AddLayer(Layer("Keys")))
+    keys = tuple(("jawOpen", time, (time,), "linear") for time in (0.0, 1.0))
+    studio.do(edits.SetKeys("Keys", keys))
+    studio.go_to(15)
+    for by in (0.2, 0.6, 1.0):
+        studio.do(edits.MoveKeys("Keys", (("jawOpen", 1.0),), by), ("drag", 1))
+        assert jaw(studio.state) == pytest.approx(0.5 / (1 + by))
+    studio.undo()
+    assert jaw(studio.state) == pytest.approx(0.5)
+
+
 def test_what_is_dragged_while_it_plays_becomes_keys(layered, clock):
     """One undo step of playing; keys of before that were played over are gone."""
     studio = layered
@@ -185,10 +216,7 @@ def test_what_is_dragged_while_it_plays_becomes_keys(layered, clock):
         studio.tick((32, 24))
         studio.do(SetExpression("jawOpen", 0.1 * k), ("drag", 1))
     track = studio.state.timeline.layer("Keys").track("jawOpen")
-    assert [(round(key.time, 3), round(key.value[0], 3)) for key in track.keys] == [
-        (0.1 * k, 0.1 * k) for k in range(1, 6)
-    ] or [round(key.value[0], 3) for key in track.keys] == [0.1, 0.2, 0.3, 0.4, 0.5]
-    assert len(track.keys) == 5
+    assert [(key.time, key.value[0]) for key in track.keys] == [pytest.approx((0.1 * k, 0.1 * k)) for k in range(1, 6)]
     assert len(studio.journal.steps) == steps + 1
     studio.take.recording = False
     studio.toggle_play()
@@ -207,8 +235,7 @@ def test_a_range_plays_and_repeats_at_the_timeline_s_rate(layered, clock):
         clock.now += 0.1001
         layered.tick((32, 24))
         frames.append(layered.state.timeline.frame)
-    assert frames == [4, 5, 6, 3, 4, 5] or frames[0] in (3, 4)
-    assert set(frames) == {3, 4, 5, 6}
+    assert frames == [4, 5, 6, 3, 4, 5], "from the range's beginning, as the playhead was before it"
     layered.do(edits.SetTimeline(loop=False))
     for _ in range(6):
         clock.now += 0.1001
@@ -266,7 +293,7 @@ def test_a_timeline_that_cannot_be_is_refused(timeline):
 
 
 @pytest.mark.parametrize("layer", [
-    {"name": " "}, {"weight": 1.5}, {"rate": 0.0}, {"parts": frozenset({"tail"})}, {"muted": 1}, {"smoothing": float("nan")},
+    {"name": " "}, {"weight": 1.5}, {"rate": 0.0}, {"parts": frozenset({"tail"})}, {"smoothing": float("nan")},
 ])  # fmt: skip
 def test_a_layer_that_cannot_be_is_refused(layer):
     with pytest.raises(InputError):
@@ -285,8 +312,7 @@ def test_the_ruler_and_its_zoom():
     assert scale.x(10.0) <= 600
     near = scale.zoomed(0.1, 300.0)
     assert near.time(300.0) == pytest.approx(scale.time(300.0))
-    assert [text for _, text in scale.ticks(30.0, False) if text][:3] == ["0 s", "2 s", "4 s"] or [
-        text for _, text in scale.ticks(30.0, False) if text
-    ][1] == "1 s"
-    labelled = [scale.x(time) for time, text in near.ticks(30.0, True) if text]
+    assert [text for _, text in scale.ticks(30.0, False) if text][:3] == ["0 s", "2 s", "4 s"]
+    labelled = [near.x(time) for time, text in near.ticks(30.0, True) if text]
+    assert all(round(time * 30, 6).is_integer() for time, _ in near.ticks(30.0, True)), "no tick between frames"
     assert min(np.diff(labelled)) >= 52

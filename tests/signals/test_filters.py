@@ -24,8 +24,8 @@ def elbow(sequence: SignalSequence) -> np.ndarray:
 
 
 def test_an_average_keeps_a_ramp_and_takes_noise_away() -> None:
-    ramp = np.linspace(0, 1.5, 61)
-    noise = 0.05 * np.random.default_rng(0).standard_normal(61)
+    ramp = np.linspace(0, 1.5, 401)
+    noise = 0.05 * np.random.default_rng(0).standard_normal(401)
     inner = slice(12, -12)
     assert elbow(smoothed(of_elbow(ramp), 0.1))[inner] == pytest.approx(ramp[inner], abs=1e-3)
     left = elbow(smoothed(of_elbow(ramp + noise), 0.1))[inner] - ramp[inner]
