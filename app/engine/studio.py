@@ -43,6 +43,7 @@ from avatarrex.templates.figure import Figure
 log = logging.getLogger(__name__)
 FBX_SECONDS = 60.0
 """The longest that the window, which stands still meanwhile, waits for Blender."""
+SOUND = ".wav"
 FACE = np.array([0.0, 0.037, 0.0])
 """Metres: from the head's joint to what is in the middle of a picture of the face, at rest."""
 
@@ -234,10 +235,10 @@ class Studio:
             self.take_motion(Motion.read(path, options, FBX_SECONDS))
 
     def take_motion(self, motion: Motion) -> None:
-        """Go to the first frame of a motion that was read."""
+        """Go to the first frame of a motion that was read; a sound, which moves the mouth alone, comes over what is there."""
         self.playback.playing = False
         self.clips.take(motion)
-        self.do(motion.loaded())
+        self.do(motion.layer() if Path(motion.path).suffix.lower() == SOUND else motion.loaded())
         name = Path(motion.path).name
         for note in motion.sequence.notes:
             log.info("%s: %s", name, note)
@@ -254,7 +255,7 @@ class Studio:
         with refusals_logged(opening=path):
             motion = Motion.read(path, None, FBX_SECONDS)
             self.clips.take(motion)
-            self.do(AddLayer(Layer(motion.clip.name, motion.clip, parts=frozenset(motion.parts))))
+            self.do(motion.layer())
 
     def set_key(self) -> None:
         """Keys at the playhead: of what is selected, else of what was changed there and what has keys already."""
@@ -280,7 +281,8 @@ class Studio:
             motion = Motion.read(self.listening.recorded(layer))
             parts = self.state.timeline.layer(layer).parts
             self.clips.take(motion)
-            self.do(AddLayer(Layer(motion.clip.name, motion.clip, parts=parts, offset=self._take_begins)))
+            clip = Layer(motion.clip.name, motion.clip, parts=parts, offset=self._take_begins)
+            self.do(AddLayer(clip))
             self.do(SetLayer(layer, muted=True))
 
     def toggle_recording(self) -> None:

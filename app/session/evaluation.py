@@ -8,7 +8,7 @@ curves wait in their first value before they begin and stay in their last.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from avatarrex_studio.session.clips import Clips
@@ -135,7 +135,7 @@ def _mixed(below: Signals, given: Given) -> Signals:
     return of_numbers(values)
 
 
-def _setting(view: OrbitView, name: str, value: Float64[np.ndarray, " c"], weight: float) -> dict[str, object]:
+def _setting(view: OrbitView, name: str, value: Float64[np.ndarray, " c"], weight: float) -> dict[str, Any]:
     """A setting of the view, led towards `value` by `weight`."""
     field = name.removeprefix("camera.")
     mixed = (1 - weight) * np.atleast_1d(getattr(view, field)) + weight * value

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 from avatarrex_studio.session.posing import SLOTS, numbers
-from avatarrex_studio.session.timeline import PARTS, Clip
-from avatarrex_studio.session.timeline_commands import LoadMotion
+from avatarrex_studio.session.timeline import PARTS, Clip, Layer
+from avatarrex_studio.session.timeline_commands import AddLayer, LoadMotion
 
 from avatarrex.signals.fbx import SECONDS
 from avatarrex.signals.import_options import ImportOptions
@@ -69,3 +69,7 @@ class Motion:
         """The command that loads this motion."""
         clip = self.clip
         return LoadMotion(clip.path, clip.name, clip.frames, clip.fps, clip.options, self.parts)
+
+    def layer(self) -> AddLayer:
+        """The command that adds this motion over all layers."""
+        return AddLayer(Layer(self.clip.name, self.clip, parts=frozenset(self.parts)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import wave
 
 import numpy as np
 import pytest
@@ -58,6 +59,19 @@ def elbow(state):
 
 def jaw(state):
     return state.signals.expression[JAW]
+
+
+def test_a_sound_comes_over_the_motion(layered, tmp_path):
+    with wave.open(str(tmp_path / "a.wav"), "wb") as file:
+        file.setparams((1, 2, 8000, 0, "NONE", ""))
+        tone = np.sin(np.arange(8000) * 2 * np.pi * 700 / 8000) * (np.arange(8000) > 4000)
+        file.writeframes((9000 * tone).astype("<i2").tobytes())
+    layered.open_motion(str(tmp_path / "a.wav"))
+    assert [layer.name for layer in layered.state.timeline.layers] == ["body.json", "face.json", "a.wav"]
+    layered.go_to(8)
+    assert jaw(layered.state) > 0.1
+    assert elbow(layered.state) == pytest.approx(-0.8)
+    assert joint(layered.state.signals, "head")[1] == pytest.approx(0.4)
 
 
 def test_curves_pass_their_keys_and_differ_between():
