@@ -81,7 +81,7 @@ def _motion(file: str) -> list[str]:
     sequence = motion.sequence
     return [
         f"{file}: a motion of {len(motion)} frames at {sequence.fps:g} frames a second ({sequence.duration:.2f} s)",
-        "  drives: " + (", ".join(motion.driven) or "nothing"),
+        "  drives: " + (", ".join(motion.parts) or "nothing"),
         *(f"  {note}" for note in sequence.notes),
     ]
 

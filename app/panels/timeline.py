@@ -19,6 +19,8 @@ from imgui_bundle import imgui
 
 from avatarrex.signals.own_motions import MOTIONS
 
+NARROW = 440.0
+"""Points under which the buttons to both ends are left out."""
 FIELD = 90.0
 """Points that the field of the path needs."""
 
@@ -63,7 +65,10 @@ class TimelinePanel:
             "first": (icons.ICON_FA_BACKWARD_FAST, first), "back": (icons.ICON_FA_BACKWARD_STEP, timeline.frame - 1), "play": ("", 0),
             "on": (icons.ICON_FA_FORWARD_STEP, timeline.frame + 1), "last": (icons.ICON_FA_FORWARD_FAST, last),
         }  # fmt: skip
-        for name, (icon, frame) in widgets.in_rows(buttons.items(), 3):
+        narrow = widgets.room() < NARROW
+        shown = [name for name in buttons if not (narrow and name in ("first", "last"))]
+        for name in widgets.in_rows(shown, 3):
+            icon, frame = buttons[name]
             if name == "play":
                 if imgui.button(
                     f"{icons.ICON_FA_PAUSE if studio.playback.playing else icons.ICON_FA_PLAY}###play", (34, 0)

@@ -68,9 +68,10 @@ class Clips:
     def sequence(self, layer: Layer) -> SignalSequence | None:
         """The frames of a clip's layer, smoothed as it says; None where they cannot be read."""
         motion = self.motion(layer.clip) if layer.clip else None
-        if motion is None or not layer.smoothing:
-            return motion and motion.sequence
-        assert layer.clip is not None
+        if layer.clip is None or motion is None:
+            return None
+        if not layer.smoothing:
+            return motion.sequence
         name = (layer.clip.path, layer.clip.options), layer.smoothing
         known = self._smoothed.get(name)
         if known is None or known[0] is not motion:

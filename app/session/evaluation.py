@@ -13,9 +13,10 @@ from typing import Any, TypeVar
 import numpy as np
 from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.keys import CAMERA
+from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.posing import SLOTS, numbers, of_numbers
 from avatarrex_studio.session.state import OrbitView, StudioState, vector
-from avatarrex_studio.session.timeline import GROUPS, PARTS, Layer, Timeline
+from avatarrex_studio.session.timeline import GROUPS, PARTS, Layer, Timeline, of_clip
 from avatarrex_studio.session.timeline_commands import OnTimeline, SetFrame
 from jaxtyping import Bool, Float64
 
@@ -95,6 +96,13 @@ def go_to(state: StudioState, frame: int, clips: Clips) -> SetFrame | None:
     if clips.missing(state.timeline):
         return None
     return settled(SetFrame(min(max(frame, 0), state.timeline.frames - 1)), state, clips)
+
+
+def motion_over(base: Signals, motion: Motion, frame: int) -> Signals:
+    """`base` with what a motion drives at a frame."""
+    clips = Clips()
+    clips.take(motion)
+    return layers_at(of_clip(motion.clip, motion.parts), base, frame / motion.clip.fps, clips)
 
 
 def _given(layer: Layer, below: Signals, seconds: float, clips: Clips) -> Given | None:

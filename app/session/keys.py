@@ -95,17 +95,17 @@ class Track:
         if k < 0 or k == len(self.keys) - 1 or self.keys[k].curve == STEP or abs(time - self.times[k]) < 1e-9:
             return np.array(self.keys[max(k, 0)].value, dtype=np.float64)
         if self.keys[k].curve == SMOOTH:
-            point = self._cubic(time)
-            return Rotation.from_quat(point).as_rotvec() if self.name in ROTATIONS else point
+            return self._shown(self._cubic(time))
         start, end = self._points[k], self._points[k + 1]
         share = (time - self.times[k]) / (self.times[k + 1] - self.times[k])
         if self.name not in ROTATIONS:
-            return (1 - share) * start + share * end
+            return np.asarray((1 - share) * start + share * end)
         first, last = Rotation.from_quat(start), Rotation.from_quat(end)
-        turned: Float64[np.ndarray, " c"] = (
-            first * Rotation.from_rotvec(share * (first.inv() * last).as_rotvec())
-        ).as_rotvec()
-        return turned
+        return np.asarray((first * Rotation.from_rotvec(share * (first.inv() * last).as_rotvec())).as_rotvec())
+
+    def _shown(self, point: Float64[np.ndarray, " q"]) -> Float64[np.ndarray, " c"]:
+        """A point of the curve as the numbers of a key."""
+        return np.asarray(Rotation.from_quat(point).as_rotvec() if self.name in ROTATIONS else point)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
