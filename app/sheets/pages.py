@@ -56,8 +56,6 @@ NAILS = 1.08
 """The same for hands: a few points of each are framed."""
 FEWEST = 4
 """Frames that fill the width; a sheet of fewer is narrower."""
-TURN_HEAD = ("neck", "head")
-"""Joints that a face recording may move."""
 Item = TypeVar("Item")
 
 
