@@ -48,7 +48,7 @@ class TimelinePanel:
         self._field(studio, timeline)
         imgui.pop_style_var()
         studio.take.layer = self.lanes.layer
-        yield from self.lanes.draw(timeline)
+        yield from self.lanes.draw(studio.state.timeline)  # of after the commands above
         yield from self.menu.draw(studio, self.lanes)
         yield from self._go_to(timeline)
         self.files.draw()
