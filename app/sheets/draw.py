@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from avatarrex_studio.session.evaluation import motion_over
 from avatarrex_studio.sheets import pages
 from avatarrex_studio.sheets.captured import captured_page, framed, photograph
 from avatarrex_studio.sheets.order import TRUTHS, SheetOrder
@@ -92,7 +93,7 @@ def _floaters(avatar: Avatar, order: SheetOrder) -> list[Floaters]:
     poses = {name: pages.posed(name) for name in ("stand", *FLOATING)}
     if order.motion:
         name, standing = Path(order.motion.path).name, poses["stand"]
-        poses |= {f"{name} frame {frame}": order.motion.signals(frame, standing) for frame in order.frames}
+        poses |= {f"{name} frame {frame}": motion_over(standing, order.motion, frame) for frame in order.frames}
     found = list(tqdm(find_floaters(avatar, poses, SILHOUETTE_PIXELS), total=len(poses), desc="floaters", unit="pose"))
     for one in found:
         print(one.line())
