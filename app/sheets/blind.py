@@ -12,7 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from avatarrex_studio.sheets.captured import Box, CapturedScene, captured_scene, framed, person_box, photograph
+from avatarrex_studio.sheets.captured import (
+    Box,
+    CapturedScene,
+    captured_scene,
+    drawer_artist,
+    framed,
+    mesh_artist,
+    person_box,
+    photograph,
+)
 from avatarrex_studio.sheets.pages import Artist
 from avatarrex_studio.sheets.paper import Tile, laid_out, over, sheet_width
 from PIL import Image
@@ -25,9 +34,8 @@ from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
 from avatarrex.capture.readers.splits import with_validation
 from avatarrex.errors import check
 from avatarrex.files.gate import written
-from avatarrex.metrics.baselines import fitted_meshes
-from avatarrex.metrics.drawing import AvatarDrawer, Drawer
-from avatarrex.metrics.evaluate import TEST, observations, split_of
+from avatarrex.metrics.drawing import AvatarDrawer
+from avatarrex.metrics.evaluate import TEST, split_of
 from avatarrex.metrics.own_training import as_trained
 from avatarrex.signals.joints import JOINT_NAMES
 
@@ -93,13 +101,11 @@ class Trial:
 
     def _pair(self, capture: Capture, rig: Rig, avatar: Avatar, own: bool) -> tuple[Artist, Artist]:
         """The avatar and its rival, which has the texture of this rig's pictures where it is the mesh, as fine as they resolve."""
-        rival: Drawer
-        if self.other:
-            rival = AvatarDrawer(load_avatar(self.other), SAMPLES)
-        else:
-            person = avatar.person if own else capture.person
-            rival = fitted_meshes(capture, person, list(observations(rig)))[-1]
-        return _artist(AvatarDrawer(avatar, SAMPLES)), _artist(rival)
+        person = avatar.person if own else capture.person
+        first = drawer_artist(AVATAR, AvatarDrawer(avatar, SAMPLES))
+        if not self.other:
+            return framed(first), framed(mesh_artist(capture, rig, person))
+        return framed(first), framed(drawer_artist(OTHER, AvatarDrawer(load_avatar(self.other), SAMPLES)))
 
     def _named(self, number: int, view: BlindView, rig: Rig, rival: str) -> dict[str, Any]:
         """A line of the key."""
@@ -144,10 +150,6 @@ def tiles(number: int, scene: CapturedScene, pair: Sequence[Artist], avatar_firs
         zip(("truth", "A", "B"), (photograph(), *(pair if avatar_first else pair[::-1])))
     )
     return [Tile(_enlarged(over(artist.draw(scene))), f"{number}: {name}") for name, artist in drawn.items()]
-
-
-def _artist(drawer: Drawer) -> Artist:
-    return framed(Artist(drawer.name, lambda scene: drawer.draw(scene.signals, scene.camera).image.numpy()))
 
 
 def _enlarged(picture: np.ndarray) -> np.ndarray:

@@ -11,6 +11,10 @@ from avatarrex_studio.sheets.paper import tile_width
 from avatarrex.capture.fit.check import compared_frames, template_surface
 from avatarrex.capture.fit.overlay import box_about, cut, resized
 from avatarrex.capture.readers.rigs import Capture, Rig
+from avatarrex.metrics.baselines import fitted_meshes
+from avatarrex.metrics.drawing import Drawer
+from avatarrex.metrics.evaluate import observations
+from avatarrex.templates.person import Person
 
 SHOWN, ACROSS = 8, 2
 """Pictures of a page, and groups in a row."""
@@ -50,6 +54,17 @@ def photograph() -> Artist:
         return scene.picture
 
     return Artist("ground truth", draw)
+
+
+def mesh_artist(capture: Capture, rig: Rig, fitted: Person) -> Artist:
+    """The textured mesh with the skin of `fitted` (or one fitted here), as fine as the rig's cameras resolve. Raises `InputError`."""
+    drawer = fitted_meshes(capture, fitted, list(observations(rig)))[-1]
+    return drawer_artist(drawer.name, drawer)
+
+
+def drawer_artist(name: str, drawer: Drawer) -> Artist:
+    """Who shows what a subject of `evaluate` draws."""
+    return Artist(name, lambda scene: drawer.draw(scene.signals, scene.camera).image.numpy())
 
 
 def framed(artist: Artist) -> Artist:
