@@ -84,7 +84,10 @@ class Lanes:
         place, width = imgui.get_cursor_screen_pos(), widgets.room()
         left = place.x + column
         scale = Timescale.of_all(left, max(width - column - BAR, 50.0), (timeline.frames - 1) / timeline.fps or 1.0)
-        self._scale = scale if self._shown is None else replace(scale, start=self._shown[0], seconds=self._shown[1])
+        shown = self._shown or (scale.start, scale.seconds)
+        if self._grabbed:  # what is dragged beyond the end does not change the scale under the mouse
+            shown = self._scale.start, self._scale.seconds
+        self._scale = replace(scale, start=shown[0], seconds=shown[1])
         self._ruler(timeline, place, column)
         imgui.push_style_var(imgui.StyleVar_.item_spacing, (6, 0))
         imgui.push_style_var(imgui.StyleVar_.window_padding, (0, 0))

@@ -62,7 +62,8 @@ def spied(monkeypatch, window):
     return pixels
 
 
-def test_export_and_output(display, tmp_path, monkeypatch):
+def test_export_and_output(display, tmp_path, monkeypatch, caplog):
+    caplog.set_level(logging.INFO)  # toasts tell where a file was written
     monkeypatch.chdir(tmp_path)
     window = Window(Studio(ExactEngine(ball_engine), Avatars(load_avatar), Journal(start())), make=ball_engine)
     output, seen = spied(monkeypatch, window), {}
@@ -103,11 +104,11 @@ def test_export_and_output(display, tmp_path, monkeypatch):
         seen["files"] = sorted(os.listdir(tmp_path))
         test.key_press(chord("F9"))
         until(test, lambda: window.output.pane is not None, 20)
-        test.menu_click("Output/Output over key green")
+        test.menu_click("//##MainMenuBar/Output/Output over key green")
         test.yield_(3)
         until(test, lambda: output and output[0][2, 2, 1] == 255, 20)
         seen["output"] = output[0]
-        test.menu_click("Output/Virtual camera")
+        test.menu_click("//##MainMenuBar/Output/Virtual camera")
         test.yield_(3)
         seen["camera"] = [toast.title for toast in window.toasts.shown]
         test.key_press(chord("F9"))
