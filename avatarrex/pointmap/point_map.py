@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.camera import Camera
+from avatarrex.ops import native
 from avatarrex.ops.finite import require_finite
+from avatarrex.pointmap import image_loops
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,23 +67,40 @@ class CoveredPixels:
     coverage: Float[Tensor, " p"] | None = None
     steps: Float[Tensor, " p"] | None = None
 
-    def scatter(self, camera: Camera, renderer: str, counters: dict[str, int]) -> PointMap:
-        """The images; depth is taken in float64."""
-        row, one = torch.as_tensor(camera.camera_from_world[2]), torch.ones(len(self.pixel))
+    def scatter(self, camera: Camera, renderer: str, counters: dict[str, int], impl: str = "auto") -> PointMap:
+        """The images; depth is taken in float64. `impl`: `auto` (compiled loops, for float32), `torch`."""
+        one = torch.ones(len(self.pixel))
+        hit = one.bool() if self.hit is None else self.hit
+        coverage = one if self.coverage is None else self.coverage
+        steps = 0 * one if self.steps is None else self.steps
+        rows = self.position, self.normal, self.part_weight, hit, coverage, steps
+        serves = native.serves(*(values for values in rows if values is not hit))
+        lay = _compiled if impl == "auto" and serves else _scattered
+        position, normal, part_weight, hit, coverage, steps, depth = lay(self.pixel, rows, camera)
+        return PointMap(position, normal, depth, hit, coverage, part_weight, steps, renderer, counters)
 
-        def image(values: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
-            out = torch.zeros(camera.height * camera.width, *values.shape[1:], dtype=dtype)
-            out[self.pixel] = values.to(dtype)
-            return out.view(camera.height, camera.width, *values.shape[1:])
 
-        return PointMap(
-            position=image(self.position),
-            normal=image(self.normal),
-            depth=image(self.position.double() @ row[:3] + row[3]),
-            hit=image(one if self.hit is None else self.hit, torch.bool),
-            coverage=image(one if self.coverage is None else self.coverage),
-            part_weight=image(self.part_weight),
-            steps=image(0 * one if self.steps is None else self.steps),
-            renderer=renderer,
-            counters=counters,
-        )
+def _compiled(pixel: Tensor, rows: tuple[Tensor, ...], camera: Camera) -> tuple[Tensor, ...]:
+    """The images of `rows`, and depth, by compiled loops."""
+    height, width = camera.height, camera.width
+    at = np.full(height * width, -1, np.int32)
+    at[pixel.numpy()] = np.arange(len(pixel), dtype=np.int32)
+    out = [torch.empty(height * width, *values.shape[1:], dtype=values.dtype) for values in (*rows, rows[4])]
+    covered = image_loops.CoveredRows(*(values.detach().numpy() for values in rows))
+    images = image_loops.Images(*(image.numpy() for image in out))
+    axis = np.ascontiguousarray(camera.camera_from_world[2], np.float64)
+    native.spread(image_loops.scatter, len(at), at, covered, axis, images)
+    return tuple(image.view(height, width, *image.shape[1:]) for image in out)
+
+
+def _scattered(pixel: Tensor, rows: tuple[Tensor, ...], camera: Camera) -> tuple[Tensor, ...]:
+    """The same by torch operations, of any type."""
+    axis = torch.as_tensor(camera.camera_from_world[2])
+
+    def image(values: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
+        out = torch.zeros(camera.height * camera.width, *values.shape[1:], dtype=dtype)
+        out[pixel] = values.to(dtype)
+        return out.view(camera.height, camera.width, *values.shape[1:])
+
+    depth = rows[0].double() @ axis[:3] + axis[3]
+    return tuple(image(values, torch.bool if values is rows[3] else torch.float32) for values in (*rows, depth))

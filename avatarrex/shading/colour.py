@@ -15,7 +15,7 @@ from threading import Lock
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
@@ -26,19 +26,21 @@ from avatarrex.fields.composition import WHOLE
 from avatarrex.fields.limbs import nodes_of
 from avatarrex.ops.side_by_side import SideBySide
 from avatarrex.parts.part import PartState, SurfacePoints
-from avatarrex.shading.known_appearance import COARSEST, KnownAppearance, pixel_spacing
+from avatarrex.shading.known_appearance import COARSEST, KnownAppearance, SeenAppearance, pixel_spacing
 from avatarrex.shading.known_loops import TOLD, UNKNOWN
 from avatarrex.shading.patch_cache import PatchCache
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.posed import PosedPerson
 
-Told = tuple[Float[Tensor, "p c"], UInt8[Tensor, " p"]]
-"""Of `KnownAppearance.interpolate`."""
 PIECE, LEAST_PIECE = 20_000, 2048
 """Points of the body that one thread colours before it takes others: half a picture at 512², or less where there are fewer. Smaller
 pieces share fewer rows of a node (docs/performance.md)."""
 OPAQUE = 0.999
 """Summed ω from which the body's own colour is not computed: its share is below 1/255."""
+
+
+Learnt = tuple[Tensor, ...]
+"""Arguments of `KnownAppearance.add`."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,21 @@ class EarlierViews:
     """Root frame."""
     tolerance: float
     """sRGB."""
+
+
+@dataclass(frozen=True)
+class BodyPoints:
+    """Points in which the body has a share."""
+
+    position: Float[Tensor, "p 3"]
+    direction: Float[Tensor, "p 3"]
+    """Unit, from the eye."""
+    limb: Int[Tensor, " p"]
+    normal: Float[Tensor, "p 3"] | None
+
+    def __getitem__(self, rows: slice) -> BodyPoints:
+        normal = None if self.normal is None else self.normal[rows]
+        return BodyPoints(self.position[rows], self.direction[rows], self.limb[rows], normal)
 
 
 @dataclass
@@ -83,23 +100,23 @@ class SurfaceColour:
         `side`: the limb that each point is on (`Composed.side`); None: the whole body. `normal`: of the surface there, which
         `earlier` needs.
         """
-        work = SideBySide()
+        work, body = SideBySide(), torch.nonzero(weight.sum(-1) < OPAQUE)[:, 0]
+        seen = None if normal is None else self._seen(work, position[body])
         of_parts = [
             (weight[:, column], self._add_part(work, column, position, direction, weight))
             for column in range(len(PARTS))
         ]
-        body = torch.nonzero(weight.sum(-1) < OPAQUE)[:, 0]
         limb = torch.full_like(body, WHOLE) if side is None else side[body]
-        told = None if normal is None else self._told(position[body], normal[body], limb)
-        of_body = self._add_body(work, position[body], direction[body], limb, told)
+        points = BodyPoints(position[body], direction[body], limb, None if normal is None else normal[body])
+        of_body = self._add_body(work, points, seen)
         run = work.run_in_turn if torch.is_grad_enabled() else work.run
         run()
         colour = torch.zeros_like(position)
         if len(body):
-            own = torch.cat([piece.result() for piece in of_body])
+            pieces = [piece.result() for piece in of_body]
+            own = torch.cat([found for found, _ in pieces])
             colour = colour.index_add(0, body, (1 - weight[body].sum(-1, keepdim=True)) * own)
-            if told and normal is not None:
-                self._remember(position[body], normal[body], limb, told, own)
+            self._remember([learnt for _, learnt in pieces if learnt])
         for share, (rows, part) in of_parts:
             if part:
                 colour = colour.index_add(0, rows, share[rows, None] * part.result())
@@ -117,44 +134,41 @@ class SurfaceColour:
         points = surface_points(self.posed.root_from_part(name), position[rows], direction[rows])
         return rows, work.add(part.colour, state, points, self.counters)
 
-    def _add_body(
-        self, work: SideBySide, position: Tensor, direction: Tensor, limb: Tensor, told: Told | None
-    ) -> list[Future[Tensor]]:
-        """Colours of the body to come, in pieces: points that lie together, row by row of the picture."""
-        if len(position) and self.patches is None and not self.sparse:
-            self.patches = PatchCache.of(self.avatar.body.patch_network, self.body_frame.code.embedding)
-        half = max(-(-len(position) // 2), LEAST_PIECE)
-        step = max(len(position), 1) if torch.is_grad_enabled() else min(half, PIECE)
-        pieces = []
-        for first in range(0, len(position), step):
-            some = slice(first, first + step)
-            here = None if told is None else (told[0][some], told[1][some])
-            pieces.append(work.add(self._body, position[some], direction[some], limb[some], here))
-        return pieces
-
-    def _body(self, position: Tensor, direction: Tensor, limb: Tensor, told: Told | None) -> Tensor:
-        if told is None:
-            return self.avatar.body.seen(*self._appearance(position, limb), direction)
-        both, answer = told
-        wanted = torch.nonzero(answer != TOLD)[:, 0]
-        if len(wanted):
-            both[wanted] = torch.cat(self._appearance(position[wanted], limb[wanted]), -1)
-        colour: Tensor = self.avatar.body.seen(both[:, :-3], both[:, -3:], direction)
-        return colour
-
-    def _told(self, position: Tensor, normal: Tensor, limb: Tensor) -> Told | None:
-        """What earlier views tell of the body's points; None: every one is evaluated."""
+    def _seen(self, work: SideBySide, position: Tensor) -> Future[SeenAppearance] | None:
+        """What earlier views tell, to come, for the body's points; None: every one is evaluated."""
         earlier = self.earlier
         if earlier is None or not len(position) or pixel_spacing(earlier.view, position).mean() >= COARSEST:
             return None
-        return earlier.known.interpolate(earlier.view, position, normal, limb, earlier.tolerance)
+        return work.add(earlier.known.seen_by, earlier.view)
 
-    def _remember(self, position: Tensor, normal: Tensor, limb: Tensor, told: Told, colour: Tensor) -> None:
-        """What was evaluated becomes known."""
-        both, answer = told
+    def _add_body(
+        self, work: SideBySide, points: BodyPoints, seen: Future[SeenAppearance] | None
+    ) -> list[Future[tuple[Tensor, Learnt | None]]]:
+        """Colours of the body to come, in pieces: points that lie together, row by row of the picture."""
+        count = len(points.position)
+        if count and self.patches is None and not self.sparse:
+            self.patches = PatchCache.of(self.avatar.body.patch_network, self.body_frame.code.embedding)
+        half = max(-(-count // 2), LEAST_PIECE)
+        step = max(count, 1) if torch.is_grad_enabled() else min(half, PIECE)
+        return [work.add(self._body, points[first : first + step], seen) for first in range(0, count, step)]
+
+    def _body(self, points: BodyPoints, seen: Future[SeenAppearance] | None) -> tuple[Tensor, Learnt | None]:
+        """Colours, and what becomes known. What earlier views tell was added to the work before this piece."""
+        position, direction, limb, normal = points.position, points.direction, points.limb, points.normal
+        if seen is None or normal is None or self.earlier is None:
+            return self.avatar.body.seen(*self._appearance(position, limb), direction), None
+        both, answer = seen.result().interpolate(position, normal, limb, self.earlier.tolerance)
+        wanted = torch.nonzero(answer != TOLD)[:, 0]
+        if len(wanted):
+            both[wanted] = torch.cat(self._appearance(position[wanted], limb[wanted]), -1)
+        colour = self.avatar.body.seen(both[:, :-3], both[:, -3:], direction)
         new = torch.nonzero(answer == UNKNOWN)[:, 0]
-        assert self.earlier
-        self.earlier.known.add(position[new], normal[new], limb[new], both[new], colour[new])
+        return colour, tuple(values[new] for values in (position, normal, limb, both, colour))
+
+    def _remember(self, learnt: list[Learnt]) -> None:
+        """What was evaluated becomes known."""
+        if learnt and self.earlier:
+            self.earlier.known.add(*map(torch.cat, zip(*learnt)))
 
     def _appearance(self, position: Tensor, limb: Tensor) -> tuple[Tensor, Tensor]:
         """Features of the body and the light on it, limb by limb."""

@@ -14,6 +14,8 @@ Letters: p points, m known points, c channels of an appearance. Root frame, metr
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
@@ -47,26 +49,17 @@ class KnownAppearance:
         """Of known points."""
         return self._count
 
-    def interpolate(
-        self,
-        view: Camera,
-        position: Float[Tensor, "p 3"],
-        normal: Float[Tensor, "p 3"],
-        side: Int[Tensor, " p"],
-        tolerance: float,
-        impl: str = "auto",
-    ) -> tuple[Float[Tensor, "p c"], UInt8[Tensor, " p"]]:
-        """Appearances of points that `view` sees, row by row, and for which of them they are right (`known_loops.TOLD`): the colours
-        of their neighbours are within `tolerance` of a plane, in the mean square of the worst channel. `impl`: `auto`, `reference`.
-        """
-        known = self._seen(view)
-        query = _query(view, position, normal, side)
-        if impl == "reference":
-            return _reference(known, query, tolerance)
-        out = np.empty((len(position), self._appearance.shape[1]), np.float32)
-        answer = np.empty(len(position), np.uint8)
-        native.spread(known_loops.interpolate, len(position), query, known, np.float32(tolerance), out, answer)
-        return torch.from_numpy(out), torch.from_numpy(answer)
+    def seen_by(self, view: Camera) -> SeenAppearance:
+        """All that is known, sorted into the pixels of `view`; what is added later is not in it."""
+        pixel = _pixels(view, self._place[: self._count])
+        if self._count > self._most:
+            self._keep(np.flatnonzero(pixel >= 0), 0)
+            pixel = _pixels(view, self._place[: self._count])
+        start = np.zeros(view.width * view.height + 1, np.int64)
+        order = np.empty(len(pixel), np.int64)
+        known_loops.list_by_pixel(pixel, start, order)
+        known = self._place[: self._count], self._side[: self._count], self._appearance[: self._count]
+        return SeenAppearance(view, KnownPoints(*known, start, order[: start[-1]], view.width, view.height))
 
     def add(
         self,
@@ -84,18 +77,6 @@ class KnownAppearance:
         self._side[first:last], self._appearance[first:last] = side.numpy(), appearance.numpy()
         self._count = last
 
-    def _seen(self, view: Camera) -> KnownPoints:
-        """All that is known, sorted into the pixels of `view`."""
-        pixel = _pixels(view, self._place[: self._count])
-        if self._count > self._most:
-            self._keep(np.flatnonzero(pixel >= 0), 0)
-            pixel = _pixels(view, self._place[: self._count])
-        start = np.zeros(view.width * view.height + 1, np.int64)
-        order = np.empty(len(pixel), np.int64)
-        known_loops.list_by_pixel(pixel, start, order)
-        known = self._place[: self._count], self._side[: self._count], self._appearance[: self._count]
-        return KnownPoints(*known, start, order[: start[-1]], view.width, view.height)
-
     def _keep(self, rows: np.ndarray, room: int) -> None:
         """Only these rows, with room for `room`."""
         self._count, room = len(rows), max(len(rows), room)
@@ -104,6 +85,34 @@ class KnownAppearance:
             new = np.empty((room, *old.shape[1:]), old.dtype)
             new[: len(rows)] = old[rows]
             setattr(self, name, new)
+
+
+@dataclass(frozen=True)
+class SeenAppearance:
+    """What is known, for one view."""
+
+    view: Camera
+    """Root frame."""
+    known: KnownPoints
+
+    def interpolate(
+        self,
+        position: Float[Tensor, "p 3"],
+        normal: Float[Tensor, "p 3"],
+        side: Int[Tensor, " p"],
+        tolerance: float,
+        impl: str = "auto",
+    ) -> tuple[Float[Tensor, "p c"], UInt8[Tensor, " p"]]:
+        """Appearances of points that the view sees, row by row, and for which of them they are right (`known_loops.TOLD`): the colours
+        of their neighbours are within `tolerance` of a plane, in the mean square of the worst channel. `impl`: `auto`, `reference`.
+        """
+        query = _query(self.view, position, normal, side)
+        if impl == "reference":
+            return _reference(self.known, query, tolerance)
+        out = np.empty((len(position), self.known.appearance.shape[1]), np.float32)
+        answer = np.empty(len(position), np.uint8)
+        native.spread(known_loops.interpolate, len(position), query, self.known, np.float32(tolerance), out, answer)
+        return torch.from_numpy(out), torch.from_numpy(answer)
 
 
 def _pixels(view: Camera, place: np.ndarray) -> Int[np.ndarray, " p"]:
@@ -131,7 +140,7 @@ def _query(view: Camera, position: Tensor, normal: Tensor, side: Tensor) -> Quer
 def _reference(
     known: KnownPoints, query: QueryPoints, tolerance: float
 ) -> tuple[Float[Tensor, "p c"], UInt8[Tensor, " p"]]:
-    """`KnownAppearance.interpolate` in float64, point by point, as a least-squares problem."""
+    """`SeenAppearance.interpolate` in float64, point by point, as a least-squares problem."""
     out = np.zeros((len(query.position), known.appearance.shape[1]), np.float32)
     answer = np.full(len(out), known_loops.UNKNOWN, np.uint8)
     pixel = np.full(len(known.place), -3 * known.width)  # far from any

@@ -57,7 +57,7 @@ def seen(count: int = 6000) -> tuple[Tensor, Tensor, Tensor]:
 def test_loops_are_the_least_squares_of_the_reference(step: float, count: int) -> None:
     known, points = taught(3.0, step, count), seen(400)
     (mine, answer), (theirs, expected) = (
-        known.interpolate(VIEW, *points, 0.01, impl) for impl in ("auto", "reference")
+        known.seen_by(VIEW).interpolate(*points, 0.01, impl) for impl in ("auto", "reference")
     )
     assert (answer == expected).float().mean() > 0.99
     told = (answer == TOLD) & (expected == TOLD)
@@ -67,7 +67,7 @@ def test_loops_are_the_least_squares_of_the_reference(step: float, count: int) -
 
 def test_what_is_linear_is_told_and_exact() -> None:
     position, normal, side = seen()
-    found, answer = taught().interpolate(VIEW, position, normal, side, 0.01)
+    found, answer = taught().seen_by(VIEW).interpolate(position, normal, side, 0.01)
     assert (answer == TOLD).float().mean() > 0.9
     off = (found - pattern(position, 1.0, 0.0)[0])[answer == TOLD].abs()
     assert off.quantile(0.99) < 2e-3
@@ -76,7 +76,7 @@ def test_what_is_linear_is_told_and_exact() -> None:
 
 def test_an_edge_is_evaluated() -> None:
     position, normal, side = seen()
-    found, answer = taught(step=0.3).interpolate(VIEW, position, normal, side, 0.01)
+    found, answer = taught(step=0.3).seen_by(VIEW).interpolate(position, normal, side, 0.01)
     at_edge, beside = position[:, 0].abs() < 0.1 * PIXEL, position[:, 0].abs() > 2 * PIXEL
     assert not (answer[at_edge] == TOLD).any()
     assert (answer[beside] == TOLD).float().mean() > 0.9
@@ -86,9 +86,8 @@ def test_an_edge_is_evaluated() -> None:
 def test_known_points_are_returned_as_they_are() -> None:
     known, (position, normal) = taught(step=0.3), ball(100_000, 0)
     shown = ((position - torch.as_tensor(VIEW.centre).float()) * normal).sum(-1) < -0.3
-    found, answer = known.interpolate(
-        VIEW, position[shown], normal[shown], torch.zeros(int(shown.sum()), dtype=torch.int64), 0.0
-    )
+    side = torch.zeros(int(shown.sum()), dtype=torch.int64)
+    found, answer = known.seen_by(VIEW).interpolate(position[shown], normal[shown], side, 0.0)
     assert (answer == TOLD).all()
     assert torch.equal(found, pattern(position, 1.0, 0.3)[0][shown])
 
@@ -105,7 +104,7 @@ def test_nothing_is_told_far_beyond_what_is_known() -> None:
     def told(first: float, last: float, impl: str = "auto") -> Tensor:
         """Of points from `first` to `last` pixels beyond."""
         here = (position[:, 0] > first * PIXEL) & (position[:, 0] < last * PIXEL)
-        return known.interpolate(VIEW, position[here], normal[here], side[here], 0.05, impl)[1] == TOLD
+        return known.seen_by(VIEW).interpolate(position[here], normal[here], side[here], 0.05, impl)[1] == TOLD
 
     assert told(-2, -1).float().mean() > 0.9
     assert len(told(0.8, 1.4)) > 500
@@ -115,9 +114,9 @@ def test_nothing_is_told_far_beyond_what_is_known() -> None:
 
 def test_another_limb_and_another_sheet_tell_nothing() -> None:
     position, normal, side = seen()
-    assert not (taught(side=1).interpolate(VIEW, position, normal, side, 0.01)[1] == TOLD).any()
+    assert not (taught(side=1).seen_by(VIEW).interpolate(position, normal, side, 0.01)[1] == TOLD).any()
     across = torch.nn.functional.normalize(torch.linalg.cross(normal, torch.tensor([[0.0, 1.0, 0.0]]), dim=-1), dim=-1)
-    assert not (taught().interpolate(VIEW, position, across, side, 0.01)[1] == TOLD).any()
+    assert not (taught().seen_by(VIEW).interpolate(position, across, side, 0.01)[1] == TOLD).any()
 
 
 def test_the_back_tells_nothing_of_the_front() -> None:
@@ -129,12 +128,12 @@ def test_the_back_tells_nothing_of_the_front() -> None:
         torch.zeros(int(hidden.sum()), dtype=torch.int64),
         *pattern(position[hidden], 1.0, 0),
     )
-    assert (known.interpolate(VIEW, *seen(), 0.01)[1] == UNKNOWN).all()
+    assert (known.seen_by(VIEW).interpolate(*seen(), 0.01)[1] == UNKNOWN).all()
 
 
 def test_where_it_is_crowded_no_more_is_kept() -> None:
     known, (position, normal, side) = taught(step=0.3, count=1_800_000), seen()
-    _, answer = known.interpolate(VIEW, position, normal, side, 0.01)
+    _, answer = known.seen_by(VIEW).interpolate(position, normal, side, 0.01)
     middle = (position[:, 0].abs() < 0.1 * PIXEL) & (normal @ torch.as_tensor(VIEW.centre).float() > 0.8)
     assert 1_800_000 / (4 * torch.pi * 0.2**2) * 9 * PIXEL**2 > CROWDED
     assert (answer[middle] == UNTOLD).all()
@@ -147,7 +146,7 @@ def test_what_a_view_does_not_see_is_forgotten_when_there_is_too_much() -> None:
     known.add(position, normal, side, *pattern(position, 1.0, 0.0))
     before = KnownAppearance(5)
     before.add(position, normal, side, *pattern(position, 1.0, 0.0))
-    (mine, answer), (theirs, expected) = (each.interpolate(VIEW, *seen(), 0.05) for each in (known, before))
+    (mine, answer), (theirs, expected) = (each.seen_by(VIEW).interpolate(*seen(), 0.05) for each in (known, before))
     assert known.count < 2000 < before.count == 3000
     assert torch.equal(answer, expected)
     assert torch.equal(mine[answer == TOLD], theirs[answer == TOLD])
