@@ -14,6 +14,7 @@ def drive(window, scenario, size=(1280, 800)):
 
     def patient():
         io = imgui.test_engine.get_io(hello_imgui.get_imgui_test_engine())
+        io.config_run_speed = imgui.test_engine.TestRunSpeed.fast  # the mouse is where it has to be at once
         io.config_watchdog_warning = io.config_watchdog_kill_test = PATIENCE
 
     params = window.params(size, remember=False)
