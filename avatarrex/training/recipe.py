@@ -105,6 +105,8 @@ class PassTwo:
     beginning; 0: none."""
     texel_rate: float = 1.0
     """Of the learning rate, for the texels (core/texel_descent.py)."""
+    slides: bool = False
+    """Whether the texels are first registered to the pictures: cloth slides over the skin (fields/slide.py; ours)."""
     view_dropout: float = 0.0
     """Share of the patches that are shaded as if seen along a random direction: colours from where no camera looked are then
     those of all cameras (ours)."""

@@ -88,6 +88,7 @@ LINES = (
     Line("sec. 5.3: each part from its own rig", 1, "close", 0.0, 0.0),
     Line("the paper has no static texels", 1, "texel", 0.0, 0.0),
     Line("the paper has no static texels", 1, "texel_rate", 1.0, 1.0),
+    Line("the paper has nothing that slides on the skin", 1, "slides", False, False),
     Line("sec. 3.1: colours see the true view", 1, "view_dropout", 0.0, 0.0),
     Line(TABLE["iterations"] + ", pass II", 1, "steps", 100_000, 100_000),
 )
