@@ -15,6 +15,10 @@ class InputError(ValueError):
         place = f"{source}: {field}" if field else str(source)
         super().__init__(plain(f"{place}: expected {expected}, found {self.found}"))
 
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str, str]]:
+        """It crosses from one process to another."""
+        return type(self), (self.source, self.field, self.expected, self.found)
+
 
 def check(ok: object, source: object, field: str, expected: str, found: object) -> None:
     """Raise `InputError` unless `ok`."""

@@ -1,6 +1,6 @@
 """The window as somebody in front of it sees it: input to picture, frames a second, idling, how a picture settles.
 
-    python tools/measure_window.py [--motion FILE] [--seconds S] [--repeats N] [--only NAME …] [--strip OUT.png]
+    python tools/measure_window.py [--motion FILE [--face FILE]] [--seconds S] [--repeats N] [--only NAME …] [--strip OUT.png]
 
 Starts the window on an Xvfb of its own at 1280×800, moves the mouse by XTest (xdotool) and looks at the pixels in the server's
 memory (`Xvfb -fbdir`), so that the window itself does nothing for it. A latency is the time from the line that xdotool is given
@@ -22,6 +22,7 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import numpy as np
 from avatarrex_studio.jobs.training_process import COMMAND
@@ -31,16 +32,44 @@ from avatarrex_studio.window.window import start
 from PIL import Image
 
 from avatarrex.metrics.table import printed
+from avatarrex.signals.joints import JOINT_ROWS
+from avatarrex.signals.read import read_motion
 
 SIZE = (1280, 800)
 VIEWPORT = (slice(40, 580), slice(240, 820))
 """Rows and columns of the picture, in the layout that a first start has; the pointer, which the server draws, stays out of it."""
-BAND = (slice(236, 260), slice(240, 820, 2))
-"""Across chest and arms."""
+BAND, HAND, HEAD = (
+    (slice(236, 260), slice(240, 820, 2)),
+    (slice(330, 390), slice(620, 650)),
+    (slice(80, 150), slice(500, 556)),
+)
+"""Across chest and arms, of the left hand, of the face."""
 PANEL = (slice(300, 324), slice(850, 1250, 2))
 """Across the sliders of the Body panel."""
-ORBIT, SLIDER, SCROLL, PLAY = (350, 610), (1203, 444), (1274, 120), (287, 693)
-"""Where the mouse is pressed: beside the person, on the left shoulder's third angle, on the Body panel's scroll bar, on Play."""
+ORBIT, SCROLL, PLAY = (350, 610), (1274, 120), (287, 693)
+"""Where the mouse is pressed: beside the person, on the Body panel's scroll bar, on Play."""
+
+
+class Drag(NamedTuple):
+    """A drag of the mouse, and where it changes the picture."""
+
+    name: str
+    tab: tuple[int, int]
+    """The panel's, at the right."""
+    place: tuple[int, int]
+    step: tuple[int, int]
+    """Pixels of a move."""
+    seen: tuple[slice, slice]
+
+
+BODY_TAB, HAND_TAB, FACE_TAB = (862, 35), (926, 35), (1072, 35)
+DRAGS = (
+    Drag("orbit", BODY_TAB, ORBIT, (6, 0), BAND),
+    Drag("pose slider", BODY_TAB, (1203, 444), (2, 0), BAND),
+    Drag("hand slider", HAND_TAB, (1090, 125), (2, 0), HAND),
+    Drag("expression slider", FACE_TAB, (1090, 154), (2, 0), HEAD),
+)
+"""Everything round; a shoulder's third angle; all fingers of the left hand; the first expression."""
 RATE = 125.0
 """Moves of the mouse a second: a common mouse's."""
 STILL, PATIENCE = 0.7, 120.0
@@ -71,6 +100,13 @@ class Display:
         self._mouse.stdin.write("\n".join(commands) + "\n")
         self._mouse.stdin.flush()
 
+    def click(self, place: tuple[int, int]) -> None:
+        """Press and let go, long enough for a frame to see it."""
+        self.mouse("mousemove {} {}".format(*place), "mousedown 1")
+        time.sleep(0.2)
+        self.mouse("mouseup 1")
+        time.sleep(0.2)
+
     def look(self, place: tuple[slice, slice]) -> bytes:
         """The pixels at a place."""
         return self.pixels[place].tobytes()
@@ -94,13 +130,14 @@ class Display:
 
 
 @contextmanager
-def window(level: str, motion: str | None) -> Iterator[tuple[Display, int]]:
+def window(level: str, motion: str | None, face: str | None = None) -> Iterator[tuple[Display, int]]:
     """The studio at `level` on a display of its own, at rest; with the number of its process."""
     with TemporaryDirectory() as name:
         folder = Path(name)
         state = start().change(level=level)
         if motion:
-            state = Motion.read(motion).loaded(state.signals).apply(state)
+            played = with_face(motion, face, folder) if face else motion
+            state = Motion.read(played).loaded(state.signals).apply(state)
         Journal(state).save(folder / "session.json")
         display = Display(folder)
         environment = {**display.environment, "HOME": name, "XDG_CONFIG_HOME": name}
@@ -117,19 +154,35 @@ def window(level: str, motion: str | None) -> Iterator[tuple[Display, int]]:
             display.close()
 
 
-def latency(display: Display, place: tuple[int, int], repeats: int) -> list[float]:
+def with_face(motion: str, face: str, folder: Path) -> str:
+    """A file of the body's frames with those of the face, from the first on, over and over."""
+    body, expressions = read_motion(motion), [frame.expression for frame in read_motion(face)]
+    pose = np.stack([frame.full_pose() for frame in body])
+    parts = ("global_orient", "body_pose", "left_hand_pose", "right_hand_pose")
+    np.savez(
+        folder / "both.npz",
+        fps=body.fps,
+        transl=np.stack([frame.translation for frame in body]),
+        arkit52=np.stack([expressions[k % len(expressions)] for k in range(len(body))]),
+        **{part: pose[:, JOINT_ROWS[part]].reshape(len(pose), -1) for part in parts},
+    )
+    return str(folder / "both.npz")
+
+
+def latency(display: Display, drag: Drag, repeats: int) -> list[float]:
     """Milliseconds from a move of the pressed mouse to a changed picture; the window has been at rest each time."""
-    x, y = place
+    display.click(drag.tab)
+    x, y = drag.place
     display.mouse(f"mousemove {x} {y}", "mousedown 1")
     found = []
     for k in range(repeats):
         display.rest(VIEWPORT, random.uniform(0.3, 0.8))
-        before, begun = display.look(BAND), time.perf_counter()
+        before, begun = display.look(drag.seen), time.perf_counter()
         display.mouse(f"mousemove {x + 12 * (1 - k % 2)} {y}")
-        while display.look(BAND) == before:
+        while display.look(drag.seen) == before:
             time.sleep(5e-4)
             if time.perf_counter() - begun > PATIENCE:
-                raise SystemExit(f"the mouse at {place} moves nothing: another layout?")
+                raise SystemExit(f"the mouse at {drag.place} moves nothing: another layout?")
         found.append(1e3 * (time.perf_counter() - begun))
     display.mouse("mouseup 1")
     return found
@@ -203,18 +256,22 @@ class Measuring:
     def latency(self) -> None:
         """Input to picture, from rest."""
         with window("live", None) as (display, _):
-            for name, place in (("orbit", ORBIT), ("pose slider", SLIDER)):
-                found = latency(display, place, self.options.repeats)
-                self._row(f"latency, {name}", *(f"{x:.0f} ms" for x in (median(found), np.quantile(found, 0.95))), "")
+            for drag in DRAGS:
+                found = latency(display, drag, self.options.repeats)
+                self._row(
+                    f"latency, {drag.name}", *(f"{x:.0f} ms" for x in (median(found), np.quantile(found, 0.95))), ""
+                )
 
     def rate(self) -> None:
         """Pictures a second while the surface moves."""
-        with window("live", self.options.motion) as (display, pid):
-            for name, place, step in (("orbit", ORBIT, (6, 0)), ("pose slider", SLIDER, (2, 0))):
-                with dragged(display, place, step):
-                    self._rate(display, name, BAND, pid)
+        with window("live", None) as (display, pid):
+            for drag in DRAGS:
+                display.click(drag.tab)
+                with dragged(display, drag.place, drag.step):
+                    self._rate(display, drag.name, drag.seen, pid)
                 display.rest(VIEWPORT)
-            if self.options.motion:
+        if self.options.motion:
+            with window("live", self.options.motion, self.options.face) as (display, pid):
                 display.mouse("mousemove {} {}".format(*PLAY), "click 1")
                 self._rate(display, f"motion {Path(self.options.motion).name}", BAND, pid)
 
@@ -251,7 +308,7 @@ class Measuring:
         """A motion that stops: the last pictures of the surface, the exact one faded in, and what changed."""
         if not (self.options.motion and self.options.strip):
             return
-        with window("balanced", self.options.motion) as (display, _):
+        with window("balanced", self.options.motion, self.options.face) as (display, _):
             display.mouse("mousemove {} {}".format(*PLAY), "click 1")
             time.sleep(1.5)
             display.mouse("click 1")
@@ -274,8 +331,14 @@ class Measuring:
     def _nudged(self, display: Display, number: int) -> None:
         """The view turned a little, and the engine begun."""
         x, y = ORBIT
-        display.mouse(f"mousemove {x} {y}", "mousedown 1", f"mousemove {x + 20 - 40 * (number % 2)} {y}", "mouseup 1")
-        time.sleep(0.4)
+        for command in (
+            f"mousemove {x} {y}",
+            "mousedown 1",
+            f"mousemove {x + 20 - 40 * (number % 2)} {y}",
+            "mouseup 1",
+        ):
+            display.mouse(command)
+            time.sleep(0.1)
 
     def _rate(self, display: Display, name: str, place: tuple[slice, slice], pid: int) -> None:
         before = processor(pid)[0]
@@ -317,6 +380,7 @@ def main() -> None:
     names = ("latency", "rate", "interface", "idle", "settling")
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--motion", help="a motion file that is played, too")
+    parser.add_argument("--face", help="a recording of a face that is played with it")
     parser.add_argument("--seconds", type=float, default=4.0, help="of each rate (4)")
     parser.add_argument("--repeats", type=int, default=30, help="of each latency (30)")
     parser.add_argument("--only", nargs="+", choices=names, default=names, help="some of the measurements")

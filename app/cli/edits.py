@@ -12,7 +12,7 @@ from argparse import Namespace
 from avatarrex_studio.cli.options import number
 from avatarrex_studio.session import commands
 from avatarrex_studio.session.commands import Command, SetCamera
-from avatarrex_studio.session.posing import FACE_JOINTS, GROUPS
+from avatarrex_studio.session.posing import FACE_JOINTS, GROUPS, SHAPE_RANGES
 from avatarrex_studio.session.state import Colour
 from PIL import ImageColor
 
@@ -75,7 +75,11 @@ def setting(text: str) -> Command:
     if group == "shape":
         if name not in tuple("0123456789"):
             raise InputError("--set", path, "shape.0 to shape.9", name)
-        return commands.SetShape(int(name), number("--set", path, value))
+        index, size = int(name), number("--set", path, value)
+        if abs(size) > SHAPE_RANGES[index]:
+            within = f"±{SHAPE_RANGES[index]:g}: further out the face of a trained avatar comes apart"
+            raise InputError("--set", path, within, value)
+        return commands.SetShape(index, size)
     if group not in GROUP_JOINTS:
         raise InputError("--set", path, "a group: " + ", ".join((*GROUP_JOINTS, "shape")), group)
     if group == "face" and name in EXPRESSION_NAMES:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from avatarrex_studio.cli.job import Job
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.framing import backed_off, framed
+from avatarrex_studio.engine.passes import passes
 from avatarrex_studio.session.state import StudioState
 from torch import Tensor
 from tqdm import tqdm
@@ -23,7 +23,6 @@ from tqdm import tqdm
 from avatarrex.files.background import background_writer
 from avatarrex.files.gate import write_text
 from avatarrex.files.images import Append, composite, video_writer, write_arrays, write_png
-from avatarrex.frame import Frame
 
 
 def run(job: Job, engine: Engine) -> list[Path]:
@@ -83,24 +82,3 @@ def with_view(job: Job, engine: Engine) -> Job:
         if job.framing == "target":
             view = replace(view, distance=start.distance)
     return replace(job, start=job.start.change(view=view), framing="")
-
-
-def passes(frame: Frame, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """The named passes, float32, world space, metres, zero where the ray through the pixel's centre misses; and `hit`.
-
-    depth (h, w) along the camera's axis; normal, position (h, w, 3); mask (h, w) coverage from 0 to 1.
-    """
-    points, world = frame.pointmap, frame.world_from_root
-    hit = points.hit.cpu().numpy()
-    rotation, translation = world[:3, :3], world[:3, 3]
-
-    def seen(values: Tensor) -> np.ndarray:
-        return values.double().cpu().numpy()
-
-    made: dict[str, Callable[[], np.ndarray]] = {
-        "depth": lambda: seen(points.depth) * hit,
-        "normal": lambda: seen(points.normal) @ rotation.T * hit[..., None],
-        "position": lambda: (seen(points.position) @ rotation.T + translation) * hit[..., None],
-        "mask": lambda: seen(points.coverage),
-    }
-    return {**{name: made[name]().astype(np.float32) for name in names}, "hit": hit}

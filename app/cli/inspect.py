@@ -117,13 +117,17 @@ def _session(file: str) -> list[str]:
 
 
 def _picture(file: str) -> list[str]:
-    """What the studio wrote into a picture: the state that it shows."""
-    from avatarrex.files.images import read_png_text  # torch: a wrong file is refused without it
+    """What the studio wrote into a picture: the state that it shows, and the invisible mark."""
+    from avatarrex.files import images, watermark  # torch: a wrong file is refused without it
 
-    (width, height), text = read_png_text(file, "avatarrex")
-    lines = [f"{file}: a picture of {width}x{height} pixels"]
-    if text is None:
-        return [*lines, "  not rendered by the studio: no text 'avatarrex'"]
+    png = file.lower().endswith(".png")
+    (width, height), text = images.read_png_text(file, "avatarrex") if png else images.read_jpeg_text(file)
+    lines = [
+        f"{file}: a picture of {width}x{height} pixels",
+        *_mark(watermark.score(images.read_pixels(file)), watermark.FOUND),
+    ]
+    if text is None or not (png or text.startswith("{")):
+        return [*lines, f"  not rendered by the studio: no {'text' if png else 'comment'} 'avatarrex'"]
     state = StudioState.from_json(parse_json(text, file, "avatarrex"), f"{file}: avatarrex")
     moved = [name for name, value in vars(state.signals).items() if np.any(value)]
     view = state.view
@@ -135,3 +139,12 @@ def _picture(file: str) -> list[str]:
         *([f"  motion: {state.motion.path}, frame {state.motion.frame}"] if state.motion else []),
         "  not at rest: " + (", ".join(moved) or "nothing"),
     ]
+
+
+def _mark(score: float, found: float) -> list[str]:
+    """Whether there is an invisible mark."""
+    return (
+        [f"  invisible mark: found (score {score:.1f}, {found:g} needed)"]
+        if score >= found
+        else ["  invisible mark: none"]
+    )

@@ -40,7 +40,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     view = "azimuth, elevation, fov in degrees, distance in metres; x, y, z of the target; follow=0|1"
     add("--camera", metavar="K=V,…", help=view)
     settings = "body.left_elbow=0,0,45deg  face.jawOpen=0.6  left_hand.index1=0,0,-30deg  root.translation=0,0,1"
-    add("--set", action="append", default=[], metavar="GROUP.NAME=VALUE", help=settings + "  shape.0=1")
+    add("--set", action="append", default=[], metavar="GROUP.NAME=VALUE", help=settings + "  shape.1=1")
     add("--pose", action="append", default=[], metavar="NAME", help="a named body pose")
     add("--hand", action="append", default=[], metavar="SIDE=NAME", help="a named hand pose: left=fist, both=relaxed")
     add("--expression", action="append", default=[], metavar="NAME", help="a named expression")

@@ -70,7 +70,7 @@ def _of_file(file: Path) -> str:
         return SESSION if isinstance(data, dict) and data.get("kind") == SESSION else MOTION
     if suffix in READERS:
         return MOTION
-    if suffix in (".avatar", ".png"):
+    if suffix in (".avatar", ".png", ".jpg", ".jpeg"):
         return AVATAR if suffix == ".avatar" else PICTURE
     if not zipfile.is_zipfile(file):
         raise InputError(file, "", EXPECTED, "another kind of file")

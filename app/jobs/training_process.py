@@ -37,6 +37,10 @@ class Order:
     """One of `RECIPES`."""
     out: Path
     parts: Sequence[str] = TRAINED
+    start: str = ""
+    """An avatar to go on from."""
+    force: bool = False
+    """Whether a capture is trained on that `capture check` calls unusable."""
 
 
 @dataclass
@@ -70,6 +74,8 @@ class TrainingProcesses:
         if not resume and (out / "run.json").exists():
             raise InputError(out, "", "a folder without a run (resume it instead)", "run.json")
         words = ["train", capture, "--recipe", order.recipe, "--out", str(out), "--parts", ",".join(order.parts)]
+        words += ["--start", order.start] if order.start else []
+        words += ["--force"] if order.force else []
         words += [] if self._device == "cpu" else ["--device", self._device]
         try:
             out.mkdir(parents=True, exist_ok=True)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from avatarrex_studio.jobs.export_order import EXPORTED
 from avatarrex_studio.jobs.file_kind import AVATAR, MOTION, kind_of
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.panels.folder import Entry, listed, places
@@ -31,7 +32,8 @@ class Choice:
     """Whether a folder can be picked, too."""
 
 
-CHOICES = {
+CHOICES: dict[str, Choice] = {
+    **{kind: Choice(kind, endings) for kind, endings in EXPORTED.items()},
     "any": Choice("All that can be opened", (".avatar", *READERS, ".zip"), True),
     "motion": Choice("Motions", tuple(READERS)),
     "session": Choice("Sessions", (".json",)),

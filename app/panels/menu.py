@@ -11,7 +11,7 @@ from imgui_bundle import imgui
 
 from avatarrex.errors import plain
 
-MENUS = ("File", "Edit", "Pose", "View", "Motion", "Help")
+MENUS = ("File", "Edit", "Pose", "View", "Motion", "Output", "Help")
 LONGEST = 48
 """Letters of a folder beside a recent file."""
 

@@ -18,6 +18,7 @@ from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.ground import on_floor
 from avatarrex.signals.library import (
     EXPRESSIONS,
     HANDS,
@@ -45,7 +46,10 @@ class PosesPanel:
         self.kind, self.side, self.flipped, self.strength = "pose", "both", False, 0.5
         self.chosen: str | None = None
         """Id of the entry that the blend slider goes to."""
-        self._blended = 0.0
+        self._blended, self._start = 0.0, Signals.rest()
+        """How far the blend is, from what to the chosen entry."""
+        self._made: Signals | None = None
+        """The signals that this tab has set last; None: it has set some in this frame."""
 
     def draw(self, state: StudioState) -> Iterator[Command]:
         """Draw the tab; the commands of this frame."""
@@ -53,14 +57,15 @@ class PosesPanel:
         if imgui.button(f"{icons.ICON_FA_LEFT_RIGHT}  Mirror##poses", (width, 0)):
             yield Mirror()
         imgui.same_line()
+        self._follow(state.signals)
         if imgui.button(f"{icons.ICON_FA_ROTATE_LEFT}  Reset all##poses", (width, 0)):
             yield Reset()
         self._choices()
         shipped, own = shipped_entries(self.kind), self.own.entries(self.kind)
         yield from self._blend({**shipped, **own})
-        yield from self._cards(own, f"{self.kind}.own.", "Mine")
+        yield from self._cards(own, f"{self.kind}.own.", "Mine", state.signals)
         self.own.draw(state.signals, self.kind, self.side)
-        yield from self._cards(shipped, f"{self.kind}.", "Library")
+        yield from self._cards(shipped, f"{self.kind}.", "Library", state.signals)
         if widgets.group("Random", "poses.random", opened=False)[0]:
             yield from self._random()
 
@@ -77,36 +82,47 @@ class PosesPanel:
             self.flipped = imgui.checkbox("Flipped##poses", self.flipped)[1]
             widgets.tooltip("Apply entries as in a mirror")
 
+    def _follow(self, signals: Signals) -> None:
+        """The blend begins again at `signals` that something else has set."""
+        if self._made is None:
+            self._made = signals
+        if signals is not self._made:
+            self._blended, self._start, self._made = 0.0, signals, signals
+
     def _blend(self, entries: Mapping[str, Entry]) -> Iterator[Command]:
-        """A slider from the present state to the chosen entry; it returns to 0 when it is let go."""
+        """A slider from what was before the chosen entry was clicked, or else is now, to the entry."""
         widgets.label("Blend", LABEL)
         entry = entries.get(self.chosen or "")
         imgui.begin_disabled(entry is None)
         new = widgets.slider("blend", 100 * self._blended, (0, 100), "%.0f %%")
         imgui.end_disabled()
-        widgets.tooltip("Drag: from the present state towards the entry that was clicked last")
+        widgets.tooltip("Drag: between what was and the entry that was clicked last")
         if new is not None and entry is not None:
-            self._blended = new / 100
-            yield self._applied(entry, self._blended)
-        elif not imgui.is_item_active():
-            self._blended = 0.0
+            yield self._applied(entry, new / 100)
 
-    def _cards(self, entries: Mapping[str, Entry], key: str, title: str) -> Iterator[Command]:
+    def _cards(self, entries: Mapping[str, Entry], key: str, title: str, signals: Signals) -> Iterator[Command]:
         if not entries or not widgets.group(title, f"poses.{key}")[0]:
             return
+        titles = {} if key.endswith("own.") else {name: entry_title(name) for name in entries}
         cards = [
-            Card(name, entry_title(entry.name), sitter(entry.kind, entry.signals)) for name, entry in entries.items()
+            Card(name, titles.get(name, entry.name), sitter(entry.kind, entry.signals))
+            for name, entry in entries.items()
         ]
         clicked, menu = self.cards.draw(cards, key, self.chosen)
         if clicked:
-            self.chosen = clicked
+            self.chosen, self._start = clicked, signals
             yield self._applied(entries[clicked], 1.0)
         if menu and key.endswith("own."):
             self.own.open_menu(entries[menu])
 
     def _applied(self, entry: Entry, amount: float) -> Command:
+        """From the start of the blend towards an entry; a body stands on the floor."""
+        self._blended, self._made = amount, None
         parts = parts_of(entry, self.flipped and entry.kind != "hand", SIDES[self.side])
-        return Blend(entry.name, Signals.rest().replace(**parts), tuple(parts), amount)
+        target = self._start.replace(**parts)
+        if entry.kind == "pose":
+            return Blend(entry.name, on_floor(target), (*parts, "translation"), amount, self._start)
+        return Blend(entry.name, target, tuple(parts), amount, self._start)
 
     def _random(self) -> Iterator[Command]:
         widgets.label("Strength", LABEL)

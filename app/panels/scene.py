@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.session.actions import words
 from avatarrex_studio.session.commands import Command, SetHidden, SetShape
+from avatarrex_studio.session.posing import SHAPE_RANGES
 from avatarrex_studio.session.state import StudioState
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
@@ -17,9 +18,6 @@ from avatarrex.templates.parts import PARTS
 
 LABEL = 78.0
 SHAPE_WORDS = "Further out a trained avatar comes apart: its fields were learned on one shape."
-SHAPE_RANGES = (0.2, 2.0, 2.0, 2.0, 1.5, 2.0, 2.0, 2.0, 2.0, 1.2)
-"""Standard deviations, either way, in which the packaged avatar's brows move by 2 mm at most (the first direction moves them by 9.3 mm a
-deviation, the fifth by 1.3, the tenth by 1.5). From 3 mm on they split: the face's field has learned their colour at one place."""
 
 
 def draw(state: StudioState) -> Iterator[Command]:

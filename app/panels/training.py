@@ -11,11 +11,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import moderngl
+from avatarrex_studio.jobs.evaluations import Evaluations, evaluating
 from avatarrex_studio.jobs.run_view import RunView, duration, keep_avatar
+from avatarrex_studio.jobs.task import Task, Tasks
 from avatarrex_studio.jobs.training_process import Order, TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
-from avatarrex_studio.panels import curves, theme, widgets
+from avatarrex_studio.panels import curves, evaluation_table, theme, widgets
+from avatarrex_studio.panels.capture_tools import CaptureTools
 from avatarrex_studio.panels.run_list import RunList
+from avatarrex_studio.panels.task_report import TaskReport
 from avatarrex_studio.panels.training_form import TrainingForm
 from avatarrex_studio.panels.training_plots import TrainingPlots
 from avatarrex_studio.session.commands import Command, OpenAvatar
@@ -35,11 +39,19 @@ LIST_WIDTH = 330.0
 class TrainingPanel:
     """Runs below a folder. `viewport`: whether there is one that an avatar can be loaded into."""
 
-    def __init__(self, watcher: Watcher, processes: TrainingProcesses | None = None, viewport: bool = True) -> None:
+    def __init__(
+        self,
+        watcher: Watcher,
+        processes: TrainingProcesses | None = None,
+        viewport: bool = True,
+        tasks: Tasks | None = None,
+    ) -> None:
         self.watcher, self.viewport = watcher, viewport
         self.processes = processes or TrainingProcesses()
         self.form, self.runs = TrainingForm(), RunList()
         self.plots = TrainingPlots(self.runs.colours, watcher)
+        self.tasks, self.tools, self.report = tasks or Tasks(), CaptureTools(), TaskReport(watcher)
+        self.evaluations, self.baselines = Evaluations(), False
         self._error = ""
         self._unfold = False
 
@@ -48,6 +60,9 @@ class TrainingPanel:
         if not self.watcher.ident:
             self.watcher.start()
         self.processes.poll()
+        ended = self.tasks.poll()
+        if ended and ended.done and ended.task.capture:
+            self.form.take(ended.task.capture)
         views = self.watcher.views
         chosen = self.runs.follow(views)
         if widgets.room() < WIDE:
@@ -64,9 +79,12 @@ class TrainingPanel:
     def upload(self, context: moderngl.Context) -> None:
         """Bring pictures into textures, before the interface's frame."""
         self.plots.samples.upload(context)
+        self.report.upload(context)
 
     def close(self) -> None:
-        """End the reading; trainings go on."""
+        """End the reading and what is checked, made or evaluated; trainings go on."""
+        self.tasks.close()
+        self.report.close()
         self.watcher.close()
         self.plots.samples.close()
         curves.close()
@@ -87,7 +105,7 @@ class TrainingPanel:
             imgui.set_next_item_open(True)
             self._unfold = False
         if self.viewport and widgets.group("New training", "training.new", opened=not views)[0]:
-            order = self.form.draw(self.watcher.folder)
+            order = self.form.draw(self.watcher.folder, lambda: self._do(self.tools.draw(self.form.capture)))
             if order is not None:
                 self._start(order)
         if widgets.group(f"Runs  ({len(views)})", "training.runs")[0]:
@@ -96,6 +114,7 @@ class TrainingPanel:
                 widgets.caption(f"No runs below {self.watcher.folder}")
         if chosen is not None and widgets.group(chosen.name, "training.details")[0]:
             yield from self._details(chosen)
+        self.report.draw_running(self.tasks)
         message = self._error or self.processes.message
         if message:
             imgui.spacing()
@@ -103,6 +122,14 @@ class TrainingPanel:
         self.form.files.draw()
 
     def _plots(self, views: Sequence[RunView], chosen: RunView | None) -> None:
+        """What was found last, the comparison of what was evaluated, and curves."""
+        if self.tasks.outcome is not None and self.report.draw(self.tasks.outcome):
+            self.tasks.outcome = None
+        rows = [
+            row for view in self.runs.ticked(views) or ([chosen] if chosen else []) for row in self.evaluations.of(view)
+        ]
+        if rows and widgets.group("Evaluated on what was kept from training", "training.evaluated")[0]:
+            evaluation_table.draw(rows)
         if chosen is not None:
             self.plots.draw(chosen, self.runs.ticked(views))
 
@@ -113,6 +140,12 @@ class TrainingPanel:
             with self._errors_shown():
                 yield from self._press(pressed, view)
                 self.watcher.look_again()
+        if self._evaluable(view):
+            imgui.same_line()
+            _, self.baselines = imgui.checkbox("with baselines##evaluate", self.baselines)
+            widgets.tooltip(
+                "Beside it the template: naked, textured and in one colour, and with its skin fitted: some minutes more"
+            )
         rows = (((widgets.caption, k, theme.MUTED), (widgets.paragraph, v, theme.TEXT)) for k, v in facts(view).items())
         widgets.table("facts", imgui.TableFlags_.sizing_stretch_prop, rows)
         if view.note:
@@ -126,13 +159,16 @@ class TrainingPanel:
             "resume": (view.state == "paused", f"{icons.ICON_FA_PLAY}  Resume"),
             "stop": (view.live, f"{icons.ICON_FA_STOP}  Stop"),
             "continue": (ended, f"{icons.ICON_FA_PLAY}  Continue"),
+            "evaluate": (self._evaluable(view), f"{icons.ICON_FA_RULER_COMBINED}  Evaluate"),
             "load": (self.viewport and view.avatar is not None, f"{icons.ICON_FA_PERSON}  Show avatar"),
         }
         return {name: title for name, (possible, title) in buttons.items() if possible}
 
     def _press(self, button: str, view: RunView) -> Iterator[Command]:
         """Do what one of `_buttons` says. Raises `InputError`."""
-        if button == "load":
+        if button == "evaluate":
+            self._do(evaluating(view, keep_avatar(view), self.baselines))
+        elif button == "load":
             yield OpenAvatar(str(keep_avatar(view)))
         elif button == "continue":
             about = view.about
@@ -143,6 +179,16 @@ class TrainingPanel:
             self.processes.stop(view.path)
         else:
             request(view.path, "pause" if button == "pause" else "run")
+
+    def _evaluable(self, view: RunView) -> bool:
+        """Whether the newest avatar of a run can be compared with its capture."""
+        return self.viewport and view.avatar is not None and bool(view.about.get("capture")) and self.tasks.task is None
+
+    def _do(self, task: Task | None) -> None:
+        if task is not None:
+            with self._errors_shown():
+                self.tasks.start(task)
+                self._error = ""
 
     def _start(self, order: Order, resume: bool = False) -> None:
         with self._errors_shown():

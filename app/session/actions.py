@@ -92,7 +92,8 @@ ACTIONS: tuple[Action, ...] = (
     Action("motion.close", "Close motion", "File", command=_fixed(commands.CloseMotion()), enabled=_has_motion),
     Action("session.save", "Save session", "File", "Ctrl+S", effect="save_session", separator=True),
     Action("session.save_as", "Save session as…", "File", "Ctrl+Shift+S", effect="save_session_as"),
-    Action("screenshot", "Screenshot", "File", "F12", effect="screenshot", separator=True),
+    Action("export", "Export…", "File", "Ctrl+E", effect="export", separator=True),
+    Action("screenshot", "Screenshot", "File", "F12", effect="screenshot"),
     Action("quit", "Quit", "File", "Ctrl+Q", effect="quit", separator=True),
     Action("undo", "Undo", "Edit", "Ctrl+Z", effect="undo", enabled=lambda journal: bool(journal.steps)),
     Action("redo", "Redo", "Edit", "Ctrl+Shift+Z", effect="redo", enabled=lambda journal: bool(journal.undone)),
@@ -107,6 +108,7 @@ ACTIONS: tuple[Action, ...] = (
         for part in PARTS
     ),
     Action("pose.reset_root", "Reset place", "Pose", command=_fixed(commands.ResetGroup("root"))),
+    Action("pose.floor", "Put on the floor", "Pose", "G", command=_fixed(commands.PutOnFloor())),
     Action("look.camera", "Look at the camera", "Pose", effect="look_at_camera", separator=True),
     Action("pin.selected", "Pin or unpin what is selected", "Pose", "P", command=_pin, enabled=_has_handle),
     Action("pin.feet", "Pin or unpin both feet", "Pose", command=_pin_feet),
@@ -141,6 +143,16 @@ ACTIONS: tuple[Action, ...] = (
     Action("step.back", "Previous frame", "Motion", "Left", effect="step_back", enabled=_has_motion),
     Action("step.on", "Next frame", "Motion", "Right", effect="step_on", enabled=_has_motion),
     Action("motion.read", "How the motion was read…", "Motion", effect="read_motion", enabled=_has_motion, separator=True),
+    Action("output", "Output window", "Output", "F9", effect="output"),
+    *(
+        Action(f"output.{name}", f"Output over {what}", "Output", effect=f"output_{name}", separator=name == "transparent")
+        for name, what in (("transparent", "nothing (transparent)"), ("green", "key green"), ("black", "black"))
+    ),
+    *(
+        Action(f"output.{name}", f"Output {size}", "Output", effect=f"output_{name}", separator=name == "wide")
+        for name, size in (("wide", "1280 × 720"), ("large", "1920 × 1080"), ("high", "1080 × 1920"))
+    ),
+    Action("output.camera", "Virtual camera", "Output", effect="virtual_camera", separator=True),
     Action("palette", "Command palette", "Help", "Ctrl+P", effect="palette"),
     Action("shortcuts", "Keyboard shortcuts", "Help", "F1", effect="shortcuts"),
     *(_named("pose", name, commands.ApplyPose(name)) for name in POSES),

@@ -15,6 +15,7 @@ from avatarrex_studio.session.state import Colour, MotionState, SizePolicy, Stud
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import SHAPES, Signals
+from avatarrex.signals.ground import on_floor
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.joints import FINGERS
 from avatarrex.signals.library import hands_of_pose, mirror, named_expression, named_hand, named_pose
@@ -394,22 +395,30 @@ class ScaleGroup(Setting):
         return state.change(signals=posing.scaled(state.signals, self.name, self.factor))
 
 
+class PutOnFloor(Command):
+    """The lowest point of the figure on the floor."""
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state.change(signals=on_floor(state.signals))
+
+
 class Blend(Setting):
-    """From the present state towards an entry of a library: `amount` of the way (0 to 1) in the fields `parts` of `signals`."""
+    """From the present state, or `start`, towards an entry of a library: `amount` of the way (0 to 1) in the fields `parts` of `signals`."""
 
     name: str
     signals: Signals
     parts: tuple[str, ...]
     amount: float = 1.0
+    start: Signals | None = None
 
     def apply(self, state: StudioState) -> StudioState:
         if not 0 <= self.amount <= 1:
             raise InputError("blend", "", "0 to 1", self.amount)
         if unknown := sorted(set(self.parts) - set(SHAPES)):
             raise InputError("blend", unknown[0], "one of " + ", ".join(SHAPES), "an unknown field")
-        if self.amount == 0:
-            return state  # to the bit
-        target = self.signals if self.amount == 1 else interpolate(state.signals, self.signals, self.amount)
+        start = self.start or state.signals
+        ends = {0.0: start, 1.0: self.signals}  # to the bit
+        target = ends[self.amount] if self.amount in ends else interpolate(start, self.signals, self.amount)
         return state.pose(**{part: getattr(target, part) for part in self.parts})
 
 
@@ -427,7 +436,7 @@ KINDS: dict[str, type[Command]] = {
 
 
 def _read(key: str, value: Any, source: str) -> Any:
-    if key == "signals":
+    if key in ("signals", "start") and value is not None:
         return Signals.from_json(value, source)
     if key == "options":
         return ImportOptions.from_json(value, source)

@@ -50,6 +50,10 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """What can be reset together."""
 
+SHAPE_RANGES = (0.2, 2.0, 2.0, 2.0, 1.5, 2.0, 2.0, 2.0, 2.0, 1.2)
+"""Standard deviations, either way, in which the packaged avatar's brows move by 2 mm at most (the first direction moves them by 9.3 mm a
+deviation, the fifth by 1.3, the tenth by 1.5). From 3 mm on they split: the face's field has learned their colour at one place."""
+
 
 def joint_index(name: str) -> int:
     """Row of `Signals.full_pose`. Raises `InputError` for an unknown joint."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 
 import moderngl
 from avatarrex_studio.engine.request import Picture
@@ -19,12 +20,29 @@ LEAST = 330
 """OpenGL that a window needs to show pictures; with less than `REQUIRED` it draws no surface."""
 
 
+@dataclass(frozen=True)
+class Layers:
+    """Two premultiplied pictures, the exact one faded in over the surface."""
+
+    surface: moderngl.Texture | None
+    exact: moderngl.Texture | None
+    weight: float
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the larger one."""
+        width, height = max(layer.size for layer in (self.surface, self.exact) if layer)
+        return width, height
+
+
 class Screen:
     """Opened by the first frame, for the window makes its context in it."""
 
     def __init__(self) -> None:
         self.context: moderngl.Context | None = None
         self.shown: Shown | None = None
+        self.layers: Layers | None = None
+        """What is shown, without a background."""
         self._fade: Fade | None = None
         self._exact: moderngl.Texture | None = None
         self._uploaded: Picture | None = None
@@ -45,15 +63,13 @@ class Screen:
         context = self.open()
         if picture is not None and weight > 0 and picture is not self._uploaded:
             self._exact, self._uploaded = uploaded(context, picture.image, self._exact), picture
-        layers = [
-            studio.surface.texture if studio.surface and weight < 1 else None,
-            self._exact if weight > 0 else None,
-        ]
-        sizes = [layer.size for layer in layers if layer]
-        if not sizes:
+        surface = studio.surface.texture if studio.surface and weight < 1 else None
+        exact = self._exact if weight > 0 else None
+        if surface is None and exact is None:
             return
         assert self._fade is not None
-        texture = self._fade.draw(layers[0], layers[1], weight, background, max(sizes))
+        self.layers = Layers(surface, exact, weight)
+        texture = self._fade.draw(self.layers, background)
         self.shown, self._background = Shown(texture.glo, *texture.size), background
 
     def close(self) -> None:
@@ -77,16 +93,9 @@ class Fade:
         """Of another size; the interface's present frame may show it yet."""
         self._target: moderngl.Framebuffer | None = None
 
-    def draw(
-        self,
-        surface: moderngl.Texture | None,
-        exact: moderngl.Texture | None,
-        weight: float,
-        background: Colour,
-        size: tuple[int, int],
-    ) -> moderngl.Texture:
+    def draw(self, layers: Layers, background: Colour) -> moderngl.Texture:
         """Straight-alpha sRGB bytes, (width, height); the same texture as long as the size stays."""
-        texture = self._texture
+        texture, size = self._texture, layers.size
         _release(self._retired)
         self._retired = None
         if texture is None or self._target is None or texture.size != size:
@@ -95,11 +104,11 @@ class Fade:
             texture = self._texture = self._context.texture(size, 4)
             texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
             self._target = self._context.framebuffer([texture])
-        for unit, (name, layer) in enumerate({"u_surface": surface, "u_exact": exact}.items()):
+        for unit, (name, layer) in enumerate({"u_surface": layers.surface, "u_exact": layers.exact}.items()):
             (layer or self._nothing).use(unit)
             self._program[name] = unit
         red, green, blue, alpha = background
-        self._program["u_weight"] = weight
+        self._program["u_weight"] = layers.weight
         self._program["u_background"] = (alpha * red, alpha * green, alpha * blue, alpha)
         self._target.use()
         self._context.disable(moderngl.BLEND | moderngl.DEPTH_TEST | moderngl.CULL_FACE)

@@ -19,6 +19,7 @@ from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.live import LiveSurface, read_avatar
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.distilling import Distilling
+from avatarrex_studio.jobs.export_order import Make
 from avatarrex_studio.jobs.opening import read_any
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
@@ -42,8 +43,10 @@ from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.window.docking import docking
+from avatarrex_studio.window.exporting import Exports
 from avatarrex_studio.window.leaving import Leaving
 from avatarrex_studio.window.opening import Opening
+from avatarrex_studio.window.output import GROUNDS, SIZES, Output
 from avatarrex_studio.window.own_surface import OwnSurface
 from avatarrex_studio.window.runner import runner_params
 from avatarrex_studio.window.screen import Screen
@@ -69,8 +72,10 @@ WHEEL_PAUSE = 0.5
 class Window:
     """The loop's callbacks."""
 
-    def __init__(self, studio: Studio, runs: str | Path = "runs", device: str = "cpu") -> None:
-        """`runs`: the folder of the trainings that the Training tab shows; it trains on `device`."""
+    def __init__(
+        self, studio: Studio, runs: str | Path = "runs", device: str = "cpu", make: Make | None = None
+    ) -> None:
+        """`runs`: the folder of the trainings that the Training tab shows; it trains on `device`. `make()` makes the engine that exports."""
         self.studio = studio
         self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
         self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
@@ -84,6 +89,8 @@ class Window:
         self.distilling = Distilling(device=device)
         self.own_surface = OwnSurface(studio.avatars, self.distilling)
         self.opening = Opening(studio, self.training)
+        self.output = Output()
+        self.exports = Exports(studio, self.questions, make or partial(Engine, device=device))
         self._frames = self._gesture = 0
         self._keys_free = True
         """Whether keys were shortcuts when this frame began: what Esc closes does not pass it on."""
@@ -94,6 +101,10 @@ class Window:
             "step_back": lambda: studio.step_by(-1), "step_on": lambda: studio.step_by(1),
             "read_motion": self.timeline.reading.open,
             "open": lambda: self.files.open("any", "Open", self.opening.open),
+            "output": lambda: self.output.toggle(self.screen.open()), "virtual_camera": self.output.camera.toggle,
+            **{f"output_{name}": partial(setattr, self.output, "ground", name) for name in GROUNDS},
+            **{f"output_{name}": partial(self.output.resize, name) for name in SIZES},
+            "export": lambda: self.exports.open(self.viewport.size),
             "save_session": self._save, "save_session_as": self._save_as,
             "copy_pose": self._copy, "paste_pose": self._paste, "paste_flipped": partial(self._paste, flipped=True),
             "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,
@@ -199,7 +210,9 @@ class Window:
     def _status(self) -> None:
         context = self.screen.context
         status.draw(
-            self.studio, renderer_name(context) if context else "none", self.opening.words or self.own_surface.words
+            self.studio,
+            renderer_name(context) if context else "none",
+            self.opening.words or self.exports.words or self.own_surface.words,
         )
 
     def _timeline(self) -> None:
@@ -245,7 +258,9 @@ class Window:
         if context.version_code < REQUIRED:
             self.studio.live = None
         if self._frames > WARM_UP:
-            self.screen.show(self.studio, self.studio.tick(self.viewport.size))
+            new = self.studio.tick(self.viewport.size)
+            self.screen.show(self.studio, new)
+            self.output.show(self.screen.layers, context, new)
             self.own_surface.tend(self.studio.state.avatar)
             self._open_what_was_read()
         self.autosave.tend(self.studio.journal)
@@ -254,7 +269,13 @@ class Window:
         typing = TYPING_FPS if imgui.get_io().want_text_input else IDLE_FPS
         shown = self.studio.avatars.ready(self.studio.state.avatar) if self.studio.live else None
         self.poses.cards.tend(context, shown, not self.studio.moving)
-        waiting = self.studio.avatars.reading or self.opening.busy or self.poses.cards.waiting or self.toasts.moving
+        waiting = (
+            self.exports.busy
+            or self.studio.avatars.reading
+            or self.opening.busy
+            or self.poses.cards.waiting
+            or self.toasts.moving
+        )
         idling.fps_idle = READING_FPS if waiting else typing
         if context.screen:
             context.screen.use()
@@ -285,13 +306,15 @@ class Window:
         self.training.close()
         self.distilling.close()
         self.opening.close()
+        self.exports.close()
         self.studio.close()
+        self.output.close()
         self.screen.close()
         self.autosave.close()
 
     def _may_close(self) -> bool:
         """Whether the window can close at once; else a question is on the screen."""
-        return self.leaving.now(self._save, self._exit)
+        return self.exports.may_close(self._exit) and self.leaving.now(self._save, self._exit)
 
     def _save(self, then: Callable[[], None] = nothing) -> None:
         """Write the session to its file, or to one that is chosen; `then` comes after it."""
@@ -322,11 +345,13 @@ class Window:
         self.questions.put(Question(f"{Path(opening).name} cannot be opened", text))
 
     def _toasts(self) -> None:
+        """What lies over the viewport's lower edge: toasts, and how far an export is."""
         low = imgui.get_main_viewport().work_pos
         high = low + imgui.get_main_viewport().work_size
         window = imgui.internal.find_window_by_name("Viewport")
         if window is not None:
             low, high = window.pos, window.pos + window.size
+        self.exports.draw((low.x, low.y), (high.x, high.y))
         if self.toasts.draw((low.x, low.y), (high.x, high.y)):
             hello_imgui.get_runner_params().docking_params.focus_dockable_window("Console")
 
@@ -362,7 +387,7 @@ def run_window(source: str = "default", device: str = "cpu") -> int:
         raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
     exact.arrived = glfw.post_empty_event
     window = Window(Studio(exact, avatars, journal, LiveSurface()), device=device)
-    window.opening.arrived = glfw.post_empty_event
+    window.opening.arrived = window.exports.process.arrived = glfw.post_empty_event
     logging.basicConfig(
         level=logging.INFO, format="%(message)s", handlers=[window.console, window.toasts, logging.StreamHandler()]
     )

@@ -72,18 +72,18 @@ class Bake:
         """
         share = exact.field(followed.position).part_weight.numpy()
         trust = weight[:, None] * followed.found[:, None].float().clamp_min(FAINT)
-        at_vertex = exact.colour(followed.position, -followed.normal) / light
+        at_vertex = exact.colour(followed.position, followed.gaze) / light
         self.at_vertices.add(np.arange(len(trust)), torch.cat([at_vertex, trust], 1).numpy())
-        columns = (followed.position.numpy(), followed.normal.numpy(), share, light.numpy(), trust.numpy())
+        columns = (followed.position.numpy(), followed.gaze.numpy(), share, light.numpy(), trust.numpy())
         counted = np.flatnonzero((weight.numpy()[self.faces] > 0).any(1)[self.texels.face])
         found = np.zeros((len(counted), 4), np.float32)
         for own in np.array_split(np.arange(len(counted)), len(counted) // BLOCK + 1):
             rows = counted[own]
             block = Texels(self.texels.inside, self.texels.face[rows], self.texels.barycentric[rows])
-            position, normal, part_weight, lit, trusted = (
+            position, gaze, part_weight, lit, trusted = (
                 torch.as_tensor(block.interpolated(self.faces, column)) for column in columns
             )
-            colour = exact.colours.colour(position, -normalize(normal, dim=-1), part_weight).clamp(0, 1) / lit
+            colour = exact.colours.colour(position, normalize(gaze, dim=-1), part_weight).clamp(0, 1) / lit
             found[own] = torch.cat([colour, trusted], 1).numpy()
         self.at_texels.add(counted, found)
 

@@ -21,7 +21,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.distil.atlas import SIDE, make_atlas
 from avatarrex.distil.bake import Bake
 from avatarrex.distil.errors import surface_errors
-from avatarrex.distil.fit import Residuals, fit_correction
+from avatarrex.distil.fit import fit_correction
 from avatarrex.distil.observe import Observation, Observer
 from avatarrex.distil.poses import fitting_poses, single_expressions
 from avatarrex.distil.rest_mesh import rest_mesh
@@ -34,7 +34,7 @@ from avatarrex.surface.surface import Surface
 from avatarrex.surface.surface_file import weights_key
 from avatarrex.templates.parts import PARTS
 
-FORMAT = 2
+FORMAT = 3
 """Of the observed poses: those of another one are not gone on with."""
 POSES = 160
 """Observed poses: with 240 the errors are the same (ROADMAP.md)."""
@@ -101,8 +101,7 @@ def _textured(
     albedo, at_vertices = _baked(observer, signals[:BAKED], places, tell)
     tell("corrections", 0, 1)
     expressions = _expressions(observer, faces)
-    value = np.stack([np.concatenate([one.shift, one.albedo - at_vertices], 1) for one in seen])
-    residuals = Residuals(signals, value, np.stack([one.found for one in seen]))
+    residuals = observer.residuals(signals, seen, at_vertices)
     parents = observer.avatar.person.body.parents
     mean, correction = fit_correction(residuals, mesh.joint[:, 0].astype(int), parents)
     albedo = albedo + places.interpolated(mesh.faces, mean[:, 3:])

@@ -2,7 +2,8 @@
 
     [Δp, Δc](v) = basis(v)ᵀ · clip(weightsᵀ k),   k_n how like the pose is to the n-th observed one (surface/pose_kernel.py)
 
-Where a vertex was not found in a pose, what the fit says is taken for it, and the fit is made again (expectation and maximisation).
+Where a vertex was not found in a pose, it lies between its neighbours (gaps.py); for its colour what the fit says is taken, and the fit
+is made again (expectation and maximisation). Neither counts for the penalty.
 
 Letters: n poses, v vertices, p vertices of a group, g groups, q joints of a group, r rank. Metres at rest; colours sRGB-encoded.
 """
@@ -29,7 +30,7 @@ RIDGES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 HELD_OUT = 0.2
 """Share of the poses that choose the penalty."""
 FILLED = 3
-"""How often what was not found is taken from the fit."""
+"""How often colours that were not found are taken from the fit."""
 RANK = 12
 WIDEN = 0.1
 """Share of its range beyond which a coefficient is clipped."""
@@ -41,7 +42,7 @@ class Residuals:
 
     signals: list[Signals]
     value: Float[np.ndarray, "n v 6"]
-    """Metres at rest, sRGB."""
+    """Metres at rest, without gaps; sRGB, anything where it was not found."""
     found: Bool[np.ndarray, "n v"]
 
 
@@ -91,13 +92,14 @@ def _low_rank(
     scale = np.array([1, 1, 1, *[1 / VISIBLE] * 3])
     value, found = residuals.value[:, rows] * scale, residuals.found[:, rows, None]
     n = len(kernel)
-    mean = (value * found).sum(0) / np.maximum(found.sum(0), 1)
-    target = np.where(found, value - mean, 0).reshape(n, -1)
-    known = np.broadcast_to(found, value.shape).reshape(n, -1)
+    settled = found | (np.arange(6) < 3)
+    mean = (value * settled).sum(0) / np.maximum(settled.sum(0), 1)
+    target = np.where(settled, value - mean, 0).reshape(n, -1)
+    known, settled = np.broadcast_to(found, value.shape).reshape(n, -1), settled.reshape(n, -1)
     ridge = min(RIDGES, key=lambda penalty: _miss(kernel, target, known, penalty))
     inverse = np.linalg.inv(kernel + ridge * np.eye(n))
     for _ in range(FILLED):
-        target = np.where(known, target, kernel @ (inverse @ target))
+        target = np.where(settled, target, kernel @ (inverse @ target))
     weights = inverse @ target
     _, size, right = np.linalg.svd(kernel @ weights, full_matrices=False)
     rank = min(most, int((size > 1e-9 * max(size[0], 1e-30)).sum()))

@@ -2,7 +2,8 @@
 
 A vertex of the cubes goes by skinning, then by fixed-point steps to the point that the local networks see where they saw the
 vertex in the open pose, T⁻¹(p) − Σ w_i (Δn_i − Δn_i of the open pose) / Σ w_i = p̄: nodes move by millimetres with the pose, and a
-printed pattern with them. A vertex of a part goes by that part's own template. Then both go along the normal onto the exact field.
+printed pattern with them. A vertex of a part goes by that part's own template, at its rim by both.
+Then all go along the normal onto the exact field.
 
 Letters: v vertices, k joints of a vertex, j joints. Root frame, metres; colours sRGB-encoded.
 """
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 from torch.nn.functional import normalize
 
@@ -53,6 +54,16 @@ class Followed:
     """Of the mesh."""
     found: Bool[Tensor, " v"]
     """On the exact surface, at their own rest position."""
+    ahead: Float[Tensor, "v 3"]
+    """Unit, where a face looks; 0 elsewhere."""
+
+    @property
+    def gaze(self) -> Float[Tensor, "v 3"]:
+        """Unit, along which colours are looked at: against the normal, at a face halfway from there to its front.
+
+        Along the normal of a lid's edge, or of a nostril, nobody ever looked, and the networks say anything.
+        """
+        return -normalize(self.normal + self.ahead, dim=-1)
 
 
 def skinning(person: Person, signals: Signals) -> Float[Tensor, "55 4 4"]:
@@ -73,18 +84,24 @@ def follow(avatar: Avatar, mesh: RestMesh, exact: ExactPose, signals: Signals) -
     matrix = (matrices[torch.as_tensor(mesh.joint.astype(np.int64))] * weight[..., None, None]).sum(1)
     skinned = skin(matrix, rest)
     start, framed = skinned.clone(), torch.ones(len(rest), dtype=torch.bool)
-    cubes = torch.as_tensor(mesh.part == 0)
-    start[cubes], framed[cubes] = _in_local_frame(
-        exact, torch.as_tensor(mesh.residual), rest[cubes], skinned[cubes], matrix[cubes, :, :3]
+    alone = torch.as_tensor(mesh.alone)
+    body = alone < 1
+    start[body], framed[body] = _in_local_frame(
+        exact, torch.as_tensor(mesh.residual), rest[body], skinned[body], matrix[body, :, :3]
     )
     for number, name in enumerate(PARTS, 1):
-        own = mesh.part == number
+        own = torch.as_tensor(mesh.part == number)
         if own.any():
-            start[torch.as_tensor(own)] = _on_template(avatar, exact, name, mesh.template_vertex[own])
+            vertex = torch.as_tensor(mesh.template_vertex[own.numpy()].astype(np.int64))
+            aside = (matrix[own, :, :3] @ (rest[own] - avatar.person.body.v_template[vertex])[:, :, None])[:, :, 0]
+            template = _on_template(avatar, exact, name, vertex) + aside
+            start[own] = start[own].lerp(template, alone[own, None])
     faces = torch.as_tensor(mesh.faces.astype(np.int64))
     position, missed = onto_field(exact, start, faces, torch.as_tensor(mesh.reach))
     found = framed & (missed < torch.where(torch.as_tensor(mesh.inner), SEEN, ON_SURFACE))
-    return Followed(position, start, skinned, matrix, vertex_normals(position, faces), found)
+    face = torch.as_tensor(mesh.part == PARTS.index("face") + 1)
+    ahead = face[:, None] * normalize(matrix[:, :, 2], dim=-1)
+    return Followed(position, start, skinned, matrix, vertex_normals(position, faces), found, ahead)
 
 
 def lit_by(light: Light, normal: Float[Tensor, "v 3"], lit: Float[Tensor, " v"]) -> Float[Tensor, "v 3"]:
@@ -120,12 +137,12 @@ def _material(exact: ExactPose, residual: Float[Tensor, "n 3"], position: Float[
     return frame.samples.rest_position(position) - torch.where(total[:, None] > 0, shift, torch.zeros_like(shift))
 
 
-def _on_template(avatar: Avatar, exact: ExactPose, name: str, vertex: np.ndarray) -> Float[Tensor, "p 3"]:
+def _on_template(avatar: Avatar, exact: ExactPose, name: str, vertex: Int[Tensor, " p"]) -> Float[Tensor, "p 3"]:
     """The part's own posed mesh at these vertices of the body template."""
     ids = avatar.person.part(name).body_vertex_ids
     index = torch.full((len(avatar.person.body.v_template),), -1)
     known = ids >= 0
     index[ids[known]] = torch.nonzero(known)[:, 0]
-    local = exact.posed.parts[name][index[torch.as_tensor(vertex.astype(np.int64))]]
+    local = exact.posed.parts[name][index[vertex]]
     place = torch.as_tensor(exact.posed.root_from_part(name), dtype=torch.float32)
     return local @ place[:3, :3].T + place[:3, 3]

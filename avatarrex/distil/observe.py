@@ -17,7 +17,9 @@ from torch.nn.functional import normalize
 
 from avatarrex.avatar import Avatar
 from avatarrex.distil.exact import ExactPose
-from avatarrex.distil.follow import Followed, follow, lit_by
+from avatarrex.distil.fit import Residuals
+from avatarrex.distil.follow import Followed, follow, lit_by, skinning
+from avatarrex.distil.gaps import filled, tension
 from avatarrex.distil.onto_field import ON_SURFACE, met_from, onto_field
 from avatarrex.distil.pattern import SLOPE, Pattern, neighbourhoods, sample_places, tangents
 from avatarrex.distil.rest_mesh import RestMesh
@@ -30,6 +32,8 @@ SLIDES = 2
 """Steps of `Pattern.slide`; a third changes the albedo's error by 2 %."""
 STEADYING = 2
 """Means over the neighbours on hands and face, some 5 mm each."""
+SOFTENINGS = 12
+"""Means over the neighbours of skin weights, some 4 cm."""
 SPREAD = 12
 """Triangles by which what is hidden goes with the skin around it: lips are some six deep."""
 LIPS = 4
@@ -61,6 +65,8 @@ class Observer:
         self.neutral: Observation | None = None
         self.own = mesh.part > 0
         self.smooth = neighbourhoods(mesh.faces[:0], mesh.faces.astype(np.int64), len(mesh.vertices))[1]
+        self._tension = tension(mesh.faces, len(mesh.vertices))
+        self._weights = self._sharp_and_soft()
         self.lips = self._lips()
         self.pattern = self._reference()
         neutral = self.observe(Signals.rest())
@@ -76,7 +82,7 @@ class Observer:
         )
         if self.neutral is not None:
             shift = np.where(self.own[:, None], self._steady(guess, shift, followed.found.numpy()), shift)
-        albedo = exact.colour(followed.position, -followed.normal) / self.light(followed)
+        albedo = exact.colour(followed.position, followed.gaze) / self.light(followed)
         return Observation(guess, shift, albedo.numpy(), followed.found.numpy())
 
     def _steady(self, guess: np.ndarray, shift: np.ndarray, found: np.ndarray) -> np.ndarray:
@@ -106,6 +112,25 @@ class Observer:
         change = self.smooth @ (trusted * (observation.albedo - self.neutral.albedo))
         tint = change / np.maximum(self.smooth @ trusted, 1e-3)
         return np.where(self.lips[:, None], 0, tint)
+
+    def residuals(self, signals: list[Signals], seen: list[Observation], albedo: Float[np.ndarray, "v 3"]) -> Residuals:
+        """What skinning with the texture's `albedo` misses; places of hands and face are always known, by their templates."""
+        place = np.stack([self._without_gaps(*both) for both in zip(signals, seen)])
+        tint = np.stack([one.albedo - albedo for one in seen])
+        return Residuals(signals, np.concatenate([place, tint], 2), np.stack([one.found for one in seen]))
+
+    def _without_gaps(self, signals: Signals, one: Observation) -> np.ndarray:
+        """(v, 3) `shift`, what was not found in the place that lies most smoothly between what was.
+
+        Smoothly as it differs from skinning by weights without steps: at the crotch neighbours are skin of either leg in turns.
+        """
+        known, rest = one.found | self.own, self.mesh.vertices
+        matrices = skinning(self.avatar.person, signals)[:, :3].reshape(-1, 12).numpy()
+        sharp, soft = ((weight @ matrices).reshape(-1, 3, 4) for weight in self._weights)
+        base = _placed(soft, rest)
+        posed = base + filled(_placed(sharp, rest + one.shift) - base, known, self._tension)
+        shift = np.linalg.solve(sharp[:, :, :3], (posed - sharp[:, :, 3])[:, :, None])[:, :, 0] - rest
+        return np.where(known[:, None], one.shift, shift)
 
     def follow(self, signals: Signals) -> tuple[ExactPose, Followed]:
         """The exact pose and the vertices on it, where their colours are."""
@@ -172,6 +197,15 @@ class Observer:
         slope = torch.stack(slopes, -1) @ tangents(torch.as_tensor(mesh.vertices), corner)
         return replace(blank, albedo=self._albedo(exact, followed, blank, share), slope=slope)
 
+    def _sharp_and_soft(self) -> tuple[np.ndarray, np.ndarray]:
+        """(v, j) skin weights of the mesh, and means of them over the neighbours."""
+        sharp = np.zeros((len(self.mesh.vertices), self.avatar.person.body.weights.shape[1]))
+        np.put_along_axis(sharp, self.mesh.joint.astype(int), self.mesh.weight, 1)
+        soft = sharp
+        for _ in range(SOFTENINGS):
+            soft = self.smooth @ soft
+        return sharp, soft
+
     def _lips(self) -> Bool[np.ndarray, " v"]:
         """The mouth, and what is few triangles from it."""
         near = self.mesh.mouth.astype(float)
@@ -187,6 +221,10 @@ class Observer:
         share = exact.field(followed.position).part_weight[:, PARTS.index("face")]
         share[torch.as_tensor(self.mesh.part == PARTS.index("face") + 1)] = 1
         return 1 - share.clamp(0, 1)
+
+
+def _placed(matrix: Float[np.ndarray, "v 3 4"], rest: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
+    return np.asarray(np.einsum("vab,vb->va", matrix[:, :, :3], rest) + matrix[:, :, 3])
 
 
 def from_skin_around(

@@ -2,7 +2,8 @@
 
 The open pose spreads legs and arms, so that crotch and armpits are two surfaces. Where a part has taken over from the body
 (ω above `PART_ALONE`) the cubes' mesh ends; the part's own vertices begin below that (ω above `PART_BEGINS`): both lie on one
-surface there and overlap without a seam to sew.
+surface there and overlap without a seam to sew. Towards their rim the part's vertices go more and more as the body's do, or a bent
+wrist would lift the rim off the arm.
 
 Letters: v vertices, f faces. Metres.
 """
@@ -16,6 +17,7 @@ import numpy as np
 import torch
 import trimesh
 from jaxtyping import Bool, Float, Float32, Int32, UInt8
+from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 from torch import Tensor
 
@@ -40,6 +42,8 @@ BODY_TRIANGLES = 16000
 """Edges of 1.3 cm: a limb of 5 cm radius is 0.4 mm off between its vertices."""
 PART_BEGINS, PART_ALONE = 0.4, 0.85
 """Shares ω between which both meshes are there."""
+SUNK = 0.001
+"""Metres of the eyes behind the template's: the field's lids close up to 1 mm behind those of the template."""
 REACH = np.array([0.02, 0.004, 0.004, 0.006], np.float32)
 """Metres, of body, hands and face; where a part and the body are both there, it is the body's."""
 SMALLEST_PIECE = 0.02
@@ -59,6 +63,8 @@ class RestMesh:
     part: UInt8[np.ndarray, " v"]
     template_vertex: Int32[np.ndarray, " v"]
     """The template's vertex that each is, −1 those of the cubes."""
+    alone: Float32[np.ndarray, " v"]
+    """How far a vertex goes by its part's template: 0 those of the cubes and of a part's rim, 1 where the part is alone."""
     reach: Float32[np.ndarray, " v"]
     """Metres that the exact surface may be off the place where skin or template has a vertex; 0: it is not looked for."""
     inner: Bool[np.ndarray, " v"]
@@ -138,13 +144,16 @@ def _joined(avatar: Avatar, exact: ExactPose, position: Float[Tensor, "p 3"], fa
     own = body.faces.numpy()[(omega[body.faces.numpy()].min(1) > PART_BEGINS).any(-1)]
     used, own = np.unique(own, return_inverse=True)
     part = np.concatenate([np.zeros(len(rest)), omega[used].argmax(1) + 1]).astype(np.uint8)
-    joint, weight = _strongest(np.concatenate([weights, body.weights.numpy()[used]]))
-    all_rest = np.concatenate([rest, body.v_template.numpy()[used]]).astype(np.float32)
-    inner, mouth, open_rim = _inner(body, omega[:, PARTS.index("face")] > PART_BEGINS)
+    share = np.clip((omega[used].max(1) - PART_BEGINS) / (PART_ALONE - PART_BEGINS), 0, 1)[:, None]
+    beside = weights[cKDTree(rest).query(body.v_template.numpy()[used])[1]]
+    joint, weight = _strongest(np.concatenate([weights, beside + share * (body.weights.numpy()[used] - beside)]))
+    eyes, inner, mouth, open_rim = _inner(body, omega[:, PARTS.index("face")] > PART_BEGINS)
+    place = body.v_template.numpy()[used] - eyes[used, None] * np.array([0, 0, SUNK])
+    all_rest = np.concatenate([rest, place]).astype(np.float32)
     own = own.reshape(-1, 3)
     own = np.concatenate([own, caps(own, open_rim[used])]) + len(rest)
     inner, mouth = (np.concatenate([np.zeros(len(rest), bool), group[used]]) for group in (inner, mouth))
-    alone = np.concatenate([np.zeros(len(rest)), omega[used].max(1)]) > PART_ALONE
+    alone = np.concatenate([np.zeros(len(rest)), share[:, 0]]).astype(np.float32)
     found = closest_point(body.v_template, body.faces, torch.as_tensor(all_rest), None)
     return RestMesh(
         vertices=all_rest,
@@ -155,15 +164,16 @@ def _joined(avatar: Avatar, exact: ExactPose, position: Float[Tensor, "p 3"], fa
         barycentric=found.barycentric.numpy().astype(np.float32),
         part=part,
         template_vertex=np.concatenate([np.full(len(rest), -1), used]).astype(np.int32),
-        reach=np.where(inner, 0, REACH[part * alone]).astype(np.float32),
+        alone=alone,
+        reach=np.where(inner, 0, REACH[part * (alone == 1)]).astype(np.float32),
         inner=inner,
         mouth=mouth,
         residual=frame.code.residual.numpy(),
     )
 
 
-def _inner(body: TemplateModel, face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices of the template (v,): eyes and what is hidden in the `face`; the mouth; those of its throat, which is open behind."""
+def _inner(body: TemplateModel, face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices of the template (v,): eyes; they and what is hidden in the `face`; the mouth; its throat, which is open behind."""
     teeth, eyes = np.zeros((2, len(face)), bool)
     for group, names in ((teeth, ("upper_teeth", "lower_teeth")), (eyes, ("left_eye", "right_eye"))):
         for name in names:
@@ -171,7 +181,7 @@ def _inner(body: TemplateModel, face: np.ndarray) -> tuple[np.ndarray, np.ndarra
     vertices, faces = body.v_template.double().numpy(), body.faces.numpy()
     unseen = hidden(vertices, faces, face)
     mouth = joined_to(inside_mouth(body.v_template, body.groups).numpy(), unseen, faces)
-    return eyes | unseen | mouth, mouth, mouth & ~teeth
+    return eyes, eyes | unseen | mouth, mouth, mouth & ~teeth
 
 
 def _strongest(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ what was found. Nothing here needs torch, so that a wrong file or option is refu
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 import tempfile
 from collections.abc import Iterator
@@ -137,6 +138,36 @@ def written(path: str | Path) -> Iterator[Path]:
         raise InputError(path, "", "a file that can be written", error.strerror or error) from None
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def written_folder(path: str | Path) -> Iterator[Path]:
+    """A temporary folder beside `path` that takes its name once the block ends well, and vanishes with all in it otherwise.
+
+    Raises `InputError` where something lies at `path`, but for an empty folder, and where the folder cannot be made.
+    """
+    path = Path(path)
+    found = what_is(path)
+    if found != "nothing there" and (found != "a folder" or os.listdir(path)):
+        raise InputError(
+            path, "", "a name that is free, or an empty folder", f"{found} with files" if found == "a folder" else found
+        )
+    check_writable(path / "file")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix="."))
+    except OSError as error:
+        raise InputError(path, "", "a folder that can be written", error.strerror or error) from None
+    try:
+        yield temporary
+        os.chmod(temporary, 0o755)
+        if found == "a folder":
+            path.rmdir()
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(path, "", "a folder that can be written", error.strerror or error) from None
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -1,4 +1,4 @@
-"""Images, passes and videos on disk: PNG, `.npz` and `.mp4`, written under a temporary name and then renamed.
+"""Images, passes and videos on disk: PNG, JPEG, `.npz`, `.mp4` and `.webm`, written under a temporary name and then renamed.
 
 A file with its final name is always whole. In memory colours are premultiplied sRGB-encoded RGBA in [0, 1]; in files
 alpha is straight. Letters: h w image rows and columns.
@@ -50,6 +50,34 @@ def write_png(path: str | Path, pixels: UInt8[np.ndarray, "h w 4"], text: Mappin
         Image.fromarray(pixels[..., :3] if opaque else pixels).save(temporary, format="PNG", pnginfo=fields)
 
 
+def write_jpeg(path: str | Path, pixels: UInt8[np.ndarray, "h w 4"], text: str = "", quality: int = 95) -> None:
+    """Opaque RGBA bytes as JPEG of a quality from 1 to 100; `text` becomes its comment."""
+    with written(path) as temporary:
+        picture = Image.fromarray(np.ascontiguousarray(pixels[..., :3]))
+        picture.save(temporary, format="JPEG", quality=quality, subsampling=0, comment=text.encode())
+
+
+def read_jpeg_text(path: str | Path) -> tuple[tuple[int, int], str | None]:
+    """Width and height of a JPEG, and its comment, None without one; no pixel is decoded. Raises `InputError`."""
+    content = read_bytes(path, "a JPEG")
+    try:
+        with Image.open(io.BytesIO(content), formats=("JPEG",)) as picture:
+            comment = picture.info.get("comment")
+            return picture.size, comment.decode("utf-8", "replace") if comment else None
+    except NO_PICTURE as error:
+        raise InputError(path, "", "a JPEG", str(error).splitlines()[0]) from None
+
+
+def read_pixels(path: str | Path) -> UInt8[np.ndarray, "h w 3"]:
+    """Red, green and blue of a PNG or JPEG. Raises `InputError`."""
+    content = read_bytes(path, "a PNG or JPEG")
+    try:
+        with Image.open(io.BytesIO(content), formats=("PNG", "JPEG")) as picture:
+            return np.asarray(picture.convert("RGBA"))[..., :3].copy()
+    except NO_PICTURE as error:
+        raise InputError(path, "", "a PNG or JPEG", str(error).splitlines()[0]) from None
+
+
 def read_png_text(path: str | Path, name: str) -> tuple[tuple[int, int], str | None]:
     """Width and height of a PNG, and its text field `name`, None without it; no pixel is decoded. Raises `InputError`."""
     content = read_bytes(path, "a PNG")
@@ -66,31 +94,38 @@ def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
+VIDEOS = (".mp4", ".webm")
+"""H.264, whose alpha is ignored, and VP9 with alpha."""
+
+
 def video_writer(path: str | Path, width: int, height: int, fps: float) -> AbstractContextManager[Append]:
-    """A block's `append(pixels)` adds a frame, (height, width, 4) bytes whose alpha is ignored, to an H.264 `.mp4` with even sides.
+    """A block's `append(pixels)` adds a frame, (height, width, 4) straight-alpha bytes, to a video with even sides: one of `VIDEOS`.
 
     The file is there once the block ends well. Needs the `video` extra (PyAV). Raises `InputError`.
     """
     if width % 2 or height % 2:
-        raise InputError(path, "size", "even sides for H.264", f"{width}x{height}")
+        raise InputError(path, "size", "even sides for a video", f"{width}x{height}")
     if not 0.001 <= fps <= 1000:
         raise InputError(path, "fps", "a number from 0.001 to 1000", fps)
     try:
         import av
     except ImportError:
         raise InputError(path, "", "the 'video' extra: pip install 'avatarrex-studio[video]'", "no PyAV") from None
-    return _video(av, path, (width, height), Fraction(fps).limit_denominator(1001))
+    return _video(av, Path(path), (width, height), Fraction(fps).limit_denominator(1001))
 
 
 @contextmanager
-def _video(av: Any, path: str | Path, size: tuple[int, int], rate: Fraction) -> Iterator[Append]:
-    with written(path) as temporary, av.open(str(temporary), "w", format="mp4") as container:
-        stream = container.add_stream("libx264", rate=rate)
-        (stream.width, stream.height), stream.pix_fmt = size, "yuv420p"
-        stream.options = {"crf": "16", "preset": "medium"}
+def _video(av: Any, path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Append]:
+    clear = path.suffix.lower() == ".webm"
+    with written(path) as temporary, av.open(str(temporary), "w", format="webm" if clear else "mp4") as container:
+        stream = container.add_stream("libvpx-vp9" if clear else "libx264", rate=rate)
+        (stream.width, stream.height), stream.pix_fmt = size, "yuva420p" if clear else "yuv420p"
+        quick = {"crf": "18", "b": "0", "deadline": "good", "cpu-used": "5", "row-mt": "1"}
+        stream.options = quick if clear else {"crf": "16", "preset": "medium"}
+        channels, form = (4, "rgba") if clear else (3, "rgb24")
 
         def append(pixels: UInt8[np.ndarray, "h w 4"]) -> None:
-            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels[..., :3]), format="rgb24")
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels[..., :channels]), format=form)
             container.mux(stream.encode(frame))
 
         yield append

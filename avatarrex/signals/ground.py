@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.rest_skeleton import rest_skeleton
 
@@ -66,6 +67,12 @@ def grounded(pose: np.ndarray, translation: np.ndarray, how: str, fps: float = 3
         shift = standing(height, fps) if how == "contacts" else height.min()
         moved[:, 1] -= height if how == "each" else shift
     return moved
+
+
+def on_floor(signals: Signals) -> Signals:
+    """`signals` moved up or down until the lowest point is on the floor."""
+    height = lowest(signals.full_pose()[None], signals.translation[None])[0]
+    return signals.replace(translation=signals.translation - [0.0, height, 0.0])
 
 
 def standing(height: np.ndarray, fps: float) -> float:

@@ -272,7 +272,7 @@ def test_settings_mean_what_they_say():
     assert edits.setting("left_hand.index1=0,0,1") == SetJoint("left_index1", (0.0, 0.0, 1.0))
     assert edits.setting("face.jawOpen=0.6") == SetExpression("jawOpen", 0.6)
     assert edits.setting("root.translation=1,2,3") == SetTranslation((1.0, 2.0, 3.0))
-    assert edits.setting("shape.0=-2") == SetShape(0, -2.0)
+    assert edits.setting("shape.1=-2") == SetShape(1, -2.0)
     assert edits.background("255,0,51") == (1.0, 0.0, 0.2, 1.0)
     assert edits.background("1.0,0.5,0") == (1.0, 0.5, 0.0, 1.0)
     assert edits.background("#ff0033") == (1.0, 0.0, 0.2, 1.0)

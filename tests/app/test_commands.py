@@ -51,6 +51,7 @@ EVERY = (
     commands.SetFaceMacro("smile", 0.5),
     commands.ScaleGroup("face", 0.5),
     commands.Blend("walk", STEPPING, ("body_pose",), 0.5),
+    commands.PutOnFloor(),
 )
 
 

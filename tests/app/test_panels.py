@@ -13,12 +13,13 @@ from avatarrex_studio.panels import camera, keys, performance, render, scene
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.hands import HandPanel
 from avatarrex_studio.panels.joints import body_panel
-from avatarrex_studio.panels.poses import PosesPanel
+from avatarrex_studio.panels.poses import PosesPanel, shipped_entries
 from avatarrex_studio.panels.timeline import TimelinePanel
 from avatarrex_studio.panels.viewport import Shown, ViewportPanel, preparing
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.actions import ACTIONS
 from avatarrex_studio.session.commands import (
+    Blend,
     OrbitBy,
     PanBy,
     ResetGroup,
@@ -28,6 +29,7 @@ from avatarrex_studio.session.commands import (
     SetJoint,
     ZoomBy,
 )
+from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import LEVELS, OrbitView, StudioState
 from avatarrex_studio.window.window import Window
 from ball_studio import ball_studio
@@ -36,6 +38,7 @@ from surface.template_surface import template_surface
 
 from avatarrex.reference.level_errors import LevelError
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
+from avatarrex.signals.library import named_pose
 
 
 class Screen:
@@ -161,6 +164,32 @@ def test_the_other_panels_draw(screen, studio):
     for draw in (camera.draw, render.draw, scene.draw, poses.draw):
         assert screen.frame(lambda draw=draw: draw(studio.state)) == []
     assert screen.frame(lambda: TimelinePanel().draw(studio)) == []
+
+
+def test_the_blend_goes_from_what_was_to_the_chosen_entry(screen):
+    panel, journal = PosesPanel(), Journal()
+    panel.chosen = "squat"
+    squat = shipped_entries("pose")["squat"]
+
+    def draw():
+        for command in (commands := list(panel.draw(journal.state))):
+            journal.do(command)
+        return commands
+
+    screen.frame(draw)
+    blend = find(screen, lambda: panel._blend({"squat": squat}), lambda command: isinstance(command, Blend))[-1]
+    assert (blend.name, blend.start) == ("squat", StudioState().signals)
+    journal.do(panel._applied(squat, 1.0))
+    screen.frame(draw)
+    assert panel._blended == 1.0, "it stays where it is let go, and after a click"
+    assert np.array_equal(journal.state.signals.body_pose, named_pose("squat"))
+    assert journal.state.signals.translation[1] < -0.2, "on the floor"
+    journal.do(panel._applied(squat, 0.0))
+    screen.frame(draw)
+    assert journal.state.signals == StudioState().signals
+    journal.do(SetExpression("jawOpen", 0.4))
+    screen.frame(draw)
+    assert (panel._blended, panel._start) == (0.0, journal.state.signals), "begins again at what something else has set"
 
 
 def test_the_performance_panel_before_and_after_a_picture(screen, studio, clock, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from avatarrex_studio.session.commands import (
     ApplyPose,
     Blend,
     Command,
+    PutOnFloor,
     ScaleGroup,
     SetExpression,
     SetFaceMacro,
@@ -23,6 +25,7 @@ from avatarrex_studio.session.user_library import Entry, UserLibrary, library_fo
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.ground import lowest
 from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
 from avatarrex.signals.limits import random_signals, violations
 from avatarrex.signals.macros import face_value, hand_values
@@ -142,6 +145,29 @@ def test_a_blend_goes_from_the_state_before_the_drag_and_is_one_step():
     again = Journal.from_json(json.loads(json.dumps(journal.to_json())))
     assert again.state == journal.state
     assert journal.undo().signals == SIGNALS
+
+
+def test_a_blend_goes_back_to_where_it_began_after_the_entry_was_applied():
+    """A click applies the entry; the slider then goes from it to the state before the click."""
+    before, entry = StudioState(signals=SIGNALS), blend(1.0)
+    journal = Journal(before)
+    journal.do(entry)
+    for amount in (0.4, 0.0, 0.25):
+        journal.do(replace(entry, amount=amount, start=SIGNALS), "drag")
+    assert journal.state.signals == blend(0.25).apply(before).signals
+    assert Journal.from_json(json.loads(json.dumps(journal.to_json()))).state == journal.state
+    journal.do(replace(entry, amount=0.0, start=SIGNALS), "drag")
+    assert journal.state.signals == SIGNALS, "to the bit"
+
+
+def test_a_figure_is_put_on_the_floor():
+    for name in ("squat", "kneel", "jump"):
+        state = PutOnFloor().apply(
+            StudioState(signals=SIGNALS.replace(body_pose=named_pose(name), translation=np.array([0.3, 0.9, -1.0])))
+        )
+        signals = state.signals
+        assert abs(lowest(signals.full_pose()[None], signals.translation[None])[0]) < 1e-9
+        assert list(signals.translation[[0, 2]]) == [0.3, -1.0], "its place stays"
 
 
 def test_blends_that_cannot_be_are_refused():

@@ -46,7 +46,9 @@ def test_a_mouth_is_coloured_where_a_gaze_from_between_the_lips_meets_it():
     position = torch.tensor([[0.01, 0, 0.01], [-0.01, 0, 0.004], [0, 0, -0.05], [0.3, 0, 0.1]])
     mouth, rim = torch.tensor([[False, False, True, False], [True, True, False, False]])
     still, sideways = torch.zeros(4, 3, 4), torch.tensor([[1.0, 0, 0]] * 4)
-    followed = Followed(position, position, position, still, sideways, torch.tensor([True, True, False, False]))
+    followed = Followed(
+        position, position, position, still, sideways, torch.tensor([True, True, False, False]), 0 * position
+    )
     seen = seen_between(sdf, followed, mouth, rim)
     assert torch.allclose(seen.position[2], torch.tensor([0.0, 0.0, -0.02]), atol=2e-5)
     assert seen.normal[2].tolist() == [0, 0, 1]
@@ -54,6 +56,14 @@ def test_a_mouth_is_coloured_where_a_gaze_from_between_the_lips_meets_it():
     others = ~mouth
     assert torch.equal(seen.position[others], position[others])
     assert torch.equal(seen.normal[others], sideways[others])
+
+
+def test_colours_of_a_face_are_looked_at_halfway_from_its_front():
+    """A lid's edge faces up, and nobody looks at it from above; other skin is seen along its normal."""
+    up, zero = torch.tensor([[0.0, 1, 0]] * 2), torch.zeros(2, 3)
+    ahead = torch.tensor([[0.0, 0, 1], [0, 0, 0]])
+    gaze = Followed(zero, zero, zero, torch.zeros(2, 3, 4), up, torch.ones(2, dtype=torch.bool), ahead).gaze
+    assert torch.allclose(gaze, torch.tensor([[0, -(0.5**0.5), -(0.5**0.5)], [0, -1, 0]]))
 
 
 def test_the_gaze_starts_as_far_in_front_as_the_lips_reach():
@@ -64,6 +74,8 @@ def test_the_gaze_starts_as_far_in_front_as_the_lips_reach():
 
     position = torch.tensor([[0.01, 0, 0.01], [-0.01, 0, -0.01], [0.05, 0, 0.01]])
     mouth = torch.tensor([False, False, True])
-    followed = Followed(position, position, position, torch.zeros(3, 3, 4), position, torch.zeros(3, dtype=torch.bool))
+    followed = Followed(
+        position, position, position, torch.zeros(3, 3, 4), position, torch.zeros(3, dtype=torch.bool), position
+    )
     met = seen_between(sdf, followed, mouth, ~mouth).position[2]
     assert torch.allclose(met, torch.tensor([0.0003**0.5, 0.0, 0.01]), atol=2e-5)

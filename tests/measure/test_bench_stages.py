@@ -321,9 +321,12 @@ def silhouette(hit: np.ndarray) -> np.ndarray:
 
 def test_the_command_measures_records_and_gates(tmp_path, capsys):
     words, record, out = ["bench", "skinning", "--quick"], tmp_path / "baseline.json", tmp_path / "run.json"
+    old = [{"name": name, "value": 1.0, "unit": "mm"} for name in ("sdf.of_another_stage", "skinning.of_before")]
+    record.write_text(json.dumps({"device": {}, "mode": "quick", "metrics": old}))
     assert main([*words, "--json", str(out), "--record", str(record)]) == 0
-    data = json.loads(out.read_text())
-    assert data == json.loads(record.read_text())
+    data, recorded = (json.loads(path.read_text()) for path in (out, record))
+    assert [metric["name"] for metric in recorded["metrics"][:1]] == ["sdf.of_another_stage"]
+    assert recorded["metrics"][1:] == data["metrics"]
     assert data["mode"] == "quick"
     assert "skinning.max_error_m" in capsys.readouterr().out
     data["metrics"] = [metric for metric in data["metrics"] if metric["name"] == "skinning.max_error_m"]

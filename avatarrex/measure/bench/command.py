@@ -26,7 +26,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--capture", metavar="C", help="what `training` steps on; a small one is drawn unless given")
     add("--json", metavar=file, help="every figure")
     add("--plot", metavar="DIR", help="PNG plots of time against error; needs matplotlib")
-    add("--record", nargs="?", const="", metavar=file, help="write the baseline of this class of machine")
+    add(
+        "--record",
+        nargs="?",
+        const="",
+        metavar=file,
+        help="write the baseline of this class of machine; other stages stay",
+    )
     add("--gate", nargs="?", const="", metavar=file, help="exit status 1 where something is worse than the baseline")
 
 
@@ -42,10 +48,12 @@ def run(options: argparse.Namespace) -> int:
     capture = Path(options.capture) if options.capture else None
     device = str(device_named(options.device))
     bench = Bench(quick=options.quick, source=options.avatar, capture=capture, device=device)
+    empty = Report.of([], {}, options.quick, device)
     if options.gate is not None:  # a baseline that is missing is reported now, not in ten minutes
-        empty = Report.of([], {}, options.quick, device)
         path = Path(options.gate or gate.baseline_path(empty))
         baseline = gate.read_baseline(path, empty)
+    record = None if options.record is None else Path(options.record or gate.baseline_path(empty))
+    recorded = Report.read(record) if record and record.is_file() else empty
     metrics = []
     for name in stages:
         began = time.monotonic()
@@ -53,12 +61,11 @@ def run(options: argparse.Namespace) -> int:
         print(f"{name}: {STAGES[name]}, {time.monotonic() - began:.0f} s", file=sys.stderr)
     report = Report.of(metrics, bench.absent, options.quick, device)
     print(report.table())
-    written = [Path(options.json)] if options.json else []
-    if options.record is not None:
-        written.append(Path(options.record or gate.baseline_path(report)))
-    for out in written:
-        write_json(out, asdict(report))
-        print(out)
+    whole = report.over(recorded, stages) if recorded.mode == report.mode else report
+    for out, what in ((options.json, report), (record, whole)):
+        if out:
+            write_json(Path(out), asdict(what))
+            print(out)
     for out in plots.plot(metrics, Path(options.plot)) if options.plot else ():
         print(out)
     if options.gate is None:

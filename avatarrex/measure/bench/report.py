@@ -13,7 +13,8 @@ import math
 import os
 import platform
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -139,6 +140,12 @@ class Report:
             return Report(dict(data["device"]), str(data["mode"]), metrics, dict(data.get("absent", {})))
         except (KeyError, TypeError, ValueError, ArithmeticError) as error:
             raise InputError(path, "", "what `bench --record` wrote", f"{type(error).__name__}: {error}") from None
+
+    def over(self, old: Report, stages: Sequence[str]) -> Report:
+        """This run of `stages`, with what `old`, a run of the same size, has of other stages."""
+        kept = [metric for metric in old.metrics if metric.name.split(".")[0] not in stages]
+        absent = {name: why for name, why in old.absent.items() if name.split(".")[0] not in stages}
+        return replace(self, metrics=[*kept, *self.metrics], absent={**absent, **self.absent})
 
     def table(self) -> str:
         """Everything, aligned; then what could not be measured."""

@@ -113,8 +113,7 @@ def _residuals(observer: Observer, signals: list[Signals], work: Path, name: str
         seen = observed(observer, signals, work, name, lambda what, done, of: bar.update(done - bar.n))
     neutral = observer.neutral
     assert neutral is not None
-    value = np.stack([np.concatenate([one.shift, one.albedo - neutral.albedo], 1) for one in seen])
-    return Residuals(signals, value, np.stack([one.found for one in seen]))
+    return observer.residuals(signals, seen, neutral.albedo)
 
 
 def _numbers(options: argparse.Namespace, name: str) -> list[int]:

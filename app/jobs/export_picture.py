@@ -1,0 +1,88 @@
+"""The pictures of an export: rendered at the order's raster and level, with label and mark. Letters: h w image rows and columns."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.passes import passes
+from avatarrex_studio.jobs.export_look import Look
+from avatarrex_studio.session.state import Colour, StudioState
+from jaxtyping import Float, UInt8
+from PIL import Image, ImageDraw, ImageFont
+from torch import Tensor
+from torch.nn.functional import avg_pool2d
+
+from avatarrex.files.exr import write_exr
+from avatarrex.files.images import composite, write_jpeg, write_png
+from avatarrex.files.watermark import mark
+from avatarrex.frame import Frame
+
+CLEAR: Colour = (0.0, 0.0, 0.0, 0.0)
+LABEL_SHARE, LEAST_LABEL = 1 / 36, 11
+"""Height of the label's letters: a share of the picture's shorter side, pixels at least."""
+
+
+class Drawer:
+    """Draws states as one order wants them."""
+
+    def __init__(self, engine: Engine, look: Look) -> None:
+        self._engine, self._look = engine, look
+
+    def pixels(self, state: StudioState) -> UInt8[np.ndarray, "h w 4"]:
+        """Straight-alpha bytes of a state."""
+        look = self._look
+        image = averaged(self._frame(state).image, look.samples)
+        pixels = composite(image, CLEAR if look.clear else state.background)
+        if look.marked:
+            pixels = mark(pixels)
+        return labelled(pixels, look.label) if look.label else pixels
+
+    def write_picture(self, path: Path, state: StudioState) -> None:
+        """A PNG or JPEG with the state in it."""
+        pixels, text = self.pixels(state), json.dumps(self._shown(state).to_json())
+        if path.suffix.lower() == ".png":
+            write_png(path, pixels, {"avatarrex": text})
+        else:
+            write_jpeg(path, pixels, text)
+
+    def write_layers(self, path: Path, state: StudioState, names: tuple[str, ...]) -> None:
+        """An OpenEXR file: colour averaged over the samples, passes of the sample nearest each pixel's middle."""
+        frame, samples = self._frame(state), self._look.samples
+        image = averaged(frame.image, samples).double().cpu().numpy()
+        middle = slice(samples // 2, None, samples)
+        layers = {LAYER[name]: values[middle, middle] for name, values in passes(frame, names).items() if name in LAYER}
+        write_exr(path, image, layers, {"avatarrex": json.dumps(self._shown(state).to_json())})
+
+    def _shown(self, state: StudioState) -> StudioState:
+        """The state that the file is of: at its level and raster."""
+        return state.change(level=self._look.level, background=CLEAR if self._look.clear else state.background)
+
+    def _frame(self, state: StudioState) -> Frame:
+        width, height = (side * self._look.samples for side in self._look.size)
+        return self._engine.frame(self._shown(state), state.view.camera(width, height))
+
+
+LAYER = {"depth": "Z", "normal": "N", "position": "P"}
+"""Names of passes as compositing programs know them."""
+
+
+def averaged(image: Float[Tensor, "h w 4"], samples: int) -> Float[Tensor, "a b 4"]:
+    """The mean of each square of `samples`² premultiplied pixels."""
+    if samples == 1:
+        return image
+    return avg_pool2d(image.movedim(-1, 0)[None], samples)[0].movedim(0, -1)
+
+
+def labelled(pixels: UInt8[np.ndarray, "h w 4"], text: str) -> UInt8[np.ndarray, "h w 4"]:
+    """The picture with `text` at its lower right, light on a dark shadow."""
+    height, width = pixels.shape[:2]
+    size = max(LEAST_LABEL, round(LABEL_SHARE * min(width, height)))
+    font = ImageFont.load_default(size)
+    layer = Image.new("RGBA", (width, height))
+    draw, place = ImageDraw.Draw(layer), (width - 0.7 * size, height - 0.7 * size)
+    draw.text((place[0] + 1, place[1] + 1), text, (0, 0, 0, 160), font, "rs")
+    draw.text(place, text, (255, 255, 255, 215), font, "rs")
+    return np.asarray(Image.alpha_composite(Image.fromarray(pixels), layer)).copy()

@@ -1,0 +1,133 @@
+"""A verb of the command line that the window has done: captures made, checked and refined, avatars evaluated.
+
+One at a time, in a process of its own, which ends with the window. What it prints goes to the task's log.
+"""
+
+from __future__ import annotations
+
+import logging
+import signal
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from avatarrex_studio.jobs.training_process import COMMAND, last_words
+from avatarrex_studio.session.notice import NOTICE
+
+from avatarrex.errors import InputError
+
+log = logging.getLogger(__name__)
+PATIENCE = 10.0
+"""Seconds that a process has to end after the signal of Ctrl+C; then it is killed."""
+MOST_TEXT = 64 * 1024
+"""Bytes of the log's end that are shown."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be done."""
+
+    title: str
+    """As a person knows it, e.g. `Check small`."""
+    words: tuple[str, ...]
+    """The verb and its options."""
+    log: Path
+    pictures: tuple[Path, ...] = ()
+    """Files that it may write, to be shown."""
+    capture: str = ""
+    """The capture that it makes."""
+    bad: tuple[int, ...] = ()
+    """Exit codes beside 0 that are an answer, too."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How it ended."""
+
+    task: Task
+    code: int
+    text: str
+    """What it printed."""
+
+    @property
+    def done(self) -> bool:
+        """Whether there is an answer."""
+        return self.code == 0 or self.code in self.task.bad
+
+
+class Tasks:
+    """The one at work, and the last that ended."""
+
+    def __init__(self, command: Sequence[str] = COMMAND) -> None:
+        self.task: Task | None = None
+        """What is at work."""
+        self.outcome: Outcome | None = None
+        """Of the last one."""
+        self._command = tuple(command)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._cancelled = False
+
+    def start(self, task: Task) -> None:
+        """Begin. Raises `InputError` while another one is at work, and where the log cannot be written."""
+        if self.task is not None:
+            raise InputError(task.title, "", "nothing else to be at work in this tab", self.task.title)
+        try:
+            task.log.parent.mkdir(parents=True, exist_ok=True)
+            with open(task.log, "wb") as output:
+                self._process = subprocess.Popen(
+                    [*self._command, *task.words],
+                    stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True,
+                )  # fmt: skip
+        except OSError as error:
+            raise InputError(task.log, "", "a file that can be written", error.strerror or error) from None
+        self.task, self._cancelled = task, False
+
+    @property
+    def line(self) -> str:
+        """The last that it printed."""
+        return last_words(self.task.log) if self.task else ""
+
+    def cancel(self) -> None:
+        """Give it the signal of Ctrl+C."""
+        if self._process is not None:
+            self._cancelled = True
+            self._process.send_signal(signal.SIGINT)
+
+    def poll(self) -> Outcome | None:
+        """The outcome of the one that has just ended."""
+        code = self._process.poll() if self._process else None
+        task = self.task
+        if code is None or task is None:
+            return None
+        self.outcome = Outcome(task, code, text_of(task.log))
+        self._process = self.task = None
+        if self._cancelled:
+            log.log(NOTICE, "%s: cancelled", task.title)
+        elif self.outcome.done:
+            log.log(NOTICE, "%s: done", task.title)
+        else:
+            log.error("%s: %s", task.title, last_words(task.log) or f"exit code {code}")
+        return self.outcome
+
+    def close(self) -> None:
+        """End it with the window."""
+        if self._process is None:
+            return
+        self.cancel()
+        try:
+            self._process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+def text_of(path: Path) -> str:
+    """The end of a log, of each line what a terminal would show of it; empty where it cannot be read."""
+    try:
+        with open(path, "rb") as file:
+            file.seek(max(path.stat().st_size - MOST_TEXT, 0))
+            text = file.read().decode("utf-8", "replace")
+    except OSError:
+        return ""
+    return "\n".join(line.rstrip("\r").rpartition("\r")[2].rstrip() for line in text.split("\n")).strip()

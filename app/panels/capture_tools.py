@@ -1,0 +1,123 @@
+"""Captures made, checked and refined: a button for each, and the few things that it needs to know."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+from avatarrex_studio.jobs.task import Task
+from avatarrex_studio.panels import widgets
+from imgui_bundle import icons_fontawesome_6 as icons
+from imgui_bundle import imgui
+
+from avatarrex.files.gate import what_is
+
+LABEL = 72.0
+UNUSABLE = 1
+"""Exit code of a check whose verdict is that."""
+SIZES = {
+    "smoke": "a few small pictures, in a minute",
+    "small": "22 cameras, 80 frames, 384 × 512 pixels: what the packaged avatar was trained on",
+    "paper": "22 cameras, 300 to 400 frames, 1500 × 2048 pixels: many hours",
+}
+SUBJECTS = {
+    "default": "the printed shirt on the template's body",
+    "other": "another body, that the template does not know",
+}
+GARMENTS = {"printed": "a printed shirt", "loose": "a loose tunic"}
+RIGS = ("body", "face")
+
+
+class CaptureTools:
+    """What is filled in."""
+
+    def __init__(self) -> None:
+        self.shown = ""
+        """`make`, `refine`, or nothing."""
+        self.size, self.subject, self.garment, self.seed, self.noise = "small", "default", "printed", 0, 0.0
+        self.out = ""
+
+    def draw(self, capture: str) -> Task | None:
+        """Draw them for the capture that is filled in; the task whose button was pressed."""
+        path = capture.strip()
+        buttons = {"make": f"{icons.ICON_FA_WAND_MAGIC_SPARKLES}  Make…"}
+        if path:
+            buttons = {
+                "check": f"{icons.ICON_FA_CLIPBOARD_CHECK}  Check",
+                "refine": f"{icons.ICON_FA_CROSSHAIRS}  Refine…",
+                **buttons,
+            }
+        pressed = widgets.button_grid(buttons, 84, "capture.")
+        if pressed == "check":
+            return checking(path)
+        if pressed:
+            self.shown, self.out = ("" if self.shown == pressed else pressed), ""
+        if self.shown == "make":
+            return self._make()
+        return self._refine(path) if self.shown == "refine" and path else None
+
+    def _make(self) -> Task | None:
+        """A synthetic capture."""
+        for title, name, choices in (
+            ("Size", "size", SIZES),
+            ("Subject", "subject", SUBJECTS),
+            ("Garment", "garment", GARMENTS),
+        ):
+            widgets.label(title, LABEL)
+            current = getattr(self, name)
+            setattr(self, name, widgets.choice(f"##make.{name}", choices, current, current, choices) or current)
+        widgets.label("", LABEL)
+        widgets.paragraph(SIZES[self.size][0].upper() + SIZES[self.size][1:])
+        widgets.label("Noise", LABEL)
+        _, self.noise = imgui.slider_float("##make.noise", self.noise, 0.0, 2.0, "tracking × %.1f")
+        widgets.label("Seed", LABEL)
+        _, self.seed = imgui.input_int("##make.seed", self.seed)
+        self.seed = max(self.seed, 0)
+        out = self._into(f"capture_{self.size}")
+        if not self._pressed("Make the capture", out):
+            return None
+        words = ("capture", "make", out, "--size", self.size, "--subject", self.subject, "--garment", self.garment,
+                 "--seed", str(self.seed), "--tracking-noise", f"{self.noise:g}")  # fmt: skip
+        return Task(f"Make {Path(out).name}", words, Path(out).with_name(f"{Path(out).name}.log"), capture=out)
+
+    def _refine(self, capture: str) -> Task | None:
+        """Better tracking of the same pictures."""
+        widgets.paragraph(
+            "Poses and size fitted anew to the capture's own mattes and keypoints; the pictures stay where they are."
+        )
+        name = Path(capture).name.removesuffix(".zip")
+        out = self._into(str(Path(capture).with_name(f"{name}_refined")))
+        if not self._pressed("Refine", out):
+            return None
+        pictures = tuple(Path(out) / f"refine_{rig}.png" for rig in RIGS)
+        return Task(
+            f"Refine {name}",
+            ("capture", "refine", capture, out),
+            Path(out).with_name(f"{Path(out).name}.log"),
+            pictures,
+            out,
+        )
+
+    def _into(self, hint: str) -> str:
+        widgets.label("Into", LABEL)
+        _, self.out = imgui.input_text_with_hint("##capture.out", hint, self.out)
+        return os.path.expanduser(self.out.strip()) or hint
+
+    def _pressed(self, title: str, out: str) -> bool:
+        free = what_is(out) in ("nothing there", "a folder")
+        imgui.begin_disabled(not free)
+        pressed = imgui.button(f"{title}##capture.do", (widgets.room(), 0))
+        imgui.end_disabled()
+        if pressed:
+            self.shown = ""
+        return pressed
+
+
+def checking(capture: str) -> Task:
+    """The task that checks a capture; sheets lie in the user's cache."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "avatarrex-studio" / "checks"
+    folder = cache / hashlib.sha256(os.path.abspath(capture).encode()).hexdigest()[:16]
+    words = ("capture", "check", capture, "--out", str(folder))
+    pictures = tuple(folder / f"{rig}.png" for rig in RIGS)
+    return Task(f"Check {Path(capture).name}", words, folder / "check.log", pictures, bad=(UNUSABLE,))
