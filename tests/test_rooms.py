@@ -38,6 +38,7 @@ ROOMS = (
     ("avatarrex.measure",),
     ("avatarrex",),
     ("avatarrex_studio.session",),
+    ("avatarrex_studio.live",),
     ("avatarrex_studio.engine",),
     ("avatarrex_studio.jobs", "avatarrex_studio.sheets"),
     ("avatarrex_studio.panels",),

@@ -36,7 +36,7 @@ from avatarrex.signals.joints import JOINT_ROWS
 from avatarrex.signals.read import read_motion
 
 SIZE = (1280, 800)
-VIEWPORT = (slice(40, 580), slice(240, 820))
+VIEWPORT = (slice(40, 560), slice(240, 820))
 """Rows and columns of the picture, in the layout that a first start has; the pointer, which the server draws, stays out of it."""
 BAND, HAND, HEAD = (
     (slice(236, 260), slice(240, 820, 2)),
@@ -46,7 +46,7 @@ BAND, HAND, HEAD = (
 """Across chest and arms, of the left hand, of the face."""
 PANEL = (slice(300, 324), slice(850, 1250, 2))
 """Across the sliders of the Body panel."""
-ORBIT, SCROLL, PLAY = (350, 610), (1274, 120), (287, 693)
+ORBIT, SCROLL, PLAY = (350, 520), (1274, 120), (309, 611)
 """Where the mouse is pressed: beside the person, on the Body panel's scroll bar, on Play."""
 
 

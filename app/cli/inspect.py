@@ -10,6 +10,7 @@ from avatarrex_studio.jobs.file_kind import AVATAR, CAPTURE, MOTION, PICTURE, RU
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import StudioState
+from avatarrex_studio.session.timeline import Timeline
 
 from avatarrex.errors import plain
 from avatarrex.files.json_text import parse_json
@@ -80,7 +81,7 @@ def _motion(file: str) -> list[str]:
     sequence = motion.sequence
     return [
         f"{file}: a motion of {len(motion)} frames at {sequence.fps:g} frames a second ({sequence.duration:.2f} s)",
-        "  drives: " + (", ".join(motion.driven) or "nothing"),
+        "  drives: " + (", ".join(motion.parts) or "nothing"),
         *(f"  {note}" for note in sequence.notes),
     ]
 
@@ -106,13 +107,21 @@ def _run(path: str) -> list[str]:
     ]
 
 
+def _layers(timeline: Timeline) -> list[str]:
+    """The motions and other layers of a timeline, and where it stands."""
+    if not timeline.layers:
+        return []
+    names = [layer.clip.path if layer.clip else layer.name for layer in timeline.layers]
+    return [f"  timeline: {', '.join(names)}; frame {timeline.frame} of {timeline.frames}"]
+
+
 def _session(file: str) -> list[str]:
     journal = Journal.load(file)
     state = journal.state
     return [
         f"{file}: a session of {len(journal.steps)} steps",
         f"  avatar: {state.avatar}",
-        *([f"  motion: {state.motion.path}, frame {state.motion.frame}"] if state.motion else []),
+        *_layers(state.timeline),
     ]
 
 
@@ -136,7 +145,7 @@ def _picture(file: str) -> list[str]:
         f"  avatar: {state.avatar}",
         f"  level: {state.level}",
         f"  camera: azimuth {view.azimuth:g}, elevation {view.elevation:g}, {view.distance:g} m, {view.fov:g} degrees",
-        *([f"  motion: {state.motion.path}, frame {state.motion.frame}"] if state.motion else []),
+        *_layers(state.timeline),
         "  not at rest: " + (", ".join(moved) or "nothing"),
     ]
 

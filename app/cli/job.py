@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.commands import Command
+from avatarrex_studio.session.evaluation import state_at
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import StudioState
 
@@ -46,11 +48,14 @@ class Job:
 
     def states(self) -> Iterator[tuple[int, StudioState]]:
         """Each frame's number and state."""
+        clips = Clips()
+        if self.motion:
+            clips.take(self.motion)
         for number in self.frames:
             state = self.start
             if self.motion:
-                state = self.motion.loaded(state.signals).apply(state)
-                state = self.motion.at(number, state.signals).apply(state)
+                state = self.motion.loaded().apply(state)
+                state = state_at(state, number / state.timeline.fps, clips)
             for command in self.edits:
                 state = command.apply(state)
             yield number, state

@@ -29,6 +29,7 @@ VERBS = {
     "capture": "captures: images of a person from many sides",
     "evaluate": "measure an avatar against a capture's pictures",
     "sheet": "contact sheets of an avatar, and what floats about it",
+    "judge": "blind sheets: the truth, and two subjects whose names are hidden",
     "distil": "make an avatar's surface, which level live draws",
     "train": "train an avatar from a capture",
     "bench": "run time against error, stage by stage",

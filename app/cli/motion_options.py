@@ -11,7 +11,7 @@ from avatarrex.files.json_text import read_json
 from avatarrex.signals.import_options import AXES, FLOORS, RESTS, SHORT, ImportOptions
 from avatarrex.signals.own_motions import MOTIONS
 
-KINDS = f".bvh, .amc, .fbx, .npz and .npy (SMPL, SMPL-X, AMASS), .csv (Live Link Face), .json; or {', '.join(MOTIONS)}"
+KINDS = f".bvh, .amc, .fbx, .npz and .npy (SMPL, SMPL-X, AMASS), .csv (Live Link Face), .wav (the mouth), .json; or {', '.join(MOTIONS)}"
 """What `--motion` takes."""
 
 

@@ -30,6 +30,9 @@ def add_options(verb: argparse.ArgumentParser) -> None:
         metavar="S",
         help=f"{words} (the clothed subject), or a capture (its own pictures, cameras and poses)",
     )
+    add(
+        "--mesh", action="store_true", help="with --truth CAPTURE: the textured mesh with its skin fitted, between them"
+    )
     add("--motion", metavar="FILE", help=f"motion.jpg: frames of {KINDS}")
     add("--other", metavar="AVATAR2", help="a second avatar that follows the same motion")
     add("--frames", metavar="A:B:S", help=f"frames of the motion ({COLUMNS}, evenly spaced)")
@@ -54,6 +57,8 @@ def read_order(arguments: Namespace) -> SheetOrder:
         options.avatar(avatar)
     if arguments.truth is not None and arguments.truth not in TRUTHS and what_is(arguments.truth) == "nothing there":
         raise InputError("--truth", "", ", ".join([*TRUTHS, "or a capture, a folder or a .zip file"]), arguments.truth)
+    if arguments.mesh and (arguments.truth is None or arguments.truth in TRUTHS):
+        raise InputError("--mesh", "", "--truth CAPTURE with it", arguments.truth or "no truth")
     samples = options.whole("--samples", arguments.samples, 1, MOST_SAMPLES, f"1 to {MOST_SAMPLES}")
     levels = options.levels(arguments.levels)
     only = options.some_of("--only", arguments.only, SHEETS) if arguments.only else SHEETS
@@ -68,7 +73,9 @@ def read_order(arguments: Namespace) -> SheetOrder:
     out = output_folder(arguments.out, "sheet.json")
     drawn = tuple(name for name in SHEETS if name in only and (motion or name != "motion"))
     truth = TRUTHS.get(arguments.truth, arguments.truth)
-    return SheetOrder(arguments.avatar, out, drawn, truth, arguments.other, motion, frames, samples, levels)
+    return SheetOrder(
+        arguments.avatar, out, drawn, truth, arguments.mesh, arguments.other, motion, frames, samples, levels
+    )
 
 
 def _frames(text: str | None, motion: Motion) -> tuple[int, ...]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -18,13 +19,21 @@ from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.framing import Outline, framed
 from avatarrex_studio.engine.pictures import Pictures, Subject
 from avatarrex_studio.engine.request import Exact
+from avatarrex_studio.live.listening import Listening
+from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.commands import Command, SetCamera
+from avatarrex_studio.session.evaluation import go_to, layers_at, settled
 from avatarrex_studio.session.grip import LOOK, Grip
 from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.keys import CAMERA
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.notice import NOTICE, refusals_logged
-from avatarrex_studio.session.playback import FBX_SECONDS, Playback
+from avatarrex_studio.session.playback import Playback
+from avatarrex_studio.session.posing import entries
 from avatarrex_studio.session.state import OrbitView, StudioState, Vector, vector
+from avatarrex_studio.session.take import Take, to_key, values, with_keys
+from avatarrex_studio.session.timeline import Layer
+from avatarrex_studio.session.timeline_commands import AddLayer, OnTimeline, SetFrame, SetLayer
 
 from avatarrex.avatar import Avatar
 from avatarrex.signals.import_options import ImportOptions
@@ -32,6 +41,9 @@ from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.figure import Figure
 
 log = logging.getLogger(__name__)
+FBX_SECONDS = 60.0
+"""The longest that the window, which stands still meanwhile, waits for Blender."""
+SOUND = ".wav"
 FACE = np.array([0.0, 0.037, 0.0])
 """Metres: from the head's joint to what is in the middle of a picture of the face, at rest."""
 
@@ -75,11 +87,15 @@ class Studio:
         self.journal = journal or Journal()
         self.pictures = Pictures(exact)
         self.playback = Playback()
+        self.clips = Clips(lambda path, options: Motion.read(path, options, FBX_SECONDS))
+        self.take = Take()
+        self.listening = Listening(clock)
         self.surface: Drawn | None = None
         """The surface of the present state; None where the avatar has none."""
         self.weight = 0.0
         """Share of the exact picture over the surface, 0 to 1."""
         self._clock = clock
+        self._take_begins = 0.0
         self._drawn: Subject | None = None
         self._faulty: Avatar | None = None
         self._figure: Figure | None = None
@@ -90,9 +106,18 @@ class Studio:
         return self.journal.state
 
     def do(self, command: Command, gesture: object = None) -> None:
-        """Apply a command; a value that cannot be set is said in the console and changes nothing."""
+        """Apply a command; a value that cannot be set is said in the console and changes nothing.
+
+        While something is recorded, an edit becomes keys; while something plays, all edits are undone together with it.
+        """
         with refusals_logged():
-            self.journal.do(command, gesture)
+            command = self.take.keyed(command, self.state, gesture)
+            if isinstance(command, SetFrame):
+                command = replace(command, feeds=self.listening.feeds(self.state.timeline))
+            shared = self.playback.gesture if self.playback.playing else gesture
+            if isinstance(command, OnTimeline):
+                command = settled(command, self.journal.before(command, shared), self.clips)
+            self.journal.do(command, shared)
 
     def undo(self) -> None:
         """Back over the last step."""
@@ -106,14 +131,23 @@ class Studio:
     def tick(self, viewport: tuple[int, int]) -> bool:
         """Advance the motion, draw the surface, take and request exact pictures; whether there is something new to show."""
         now, before = self._clock(), self.weight
-        due = self.playback.due(self.state, now)
+        due = self.playback.due(self.state.timeline, now)
+        sent = self.listening.tick(self.state.timeline)
         if due is not None:
             self.go_to(due, self.playback.gesture)
+        elif sent:
+            self._follow()
         size = self.state.size.pixels(viewport)
         drawn = self._draw(size)
         new = self.pictures.tick(now, self.state, size, self.surface is not None, self.playback.playing)
         self.weight = self.pictures.weight(now, self.surface is not None)
         return drawn or new or self.weight != before
+
+    def _follow(self) -> None:
+        """Show what live sources sent."""
+        with refusals_logged():
+            frame = SetFrame(self.state.timeline.frame, self.listening.feeds(self.state.timeline))
+            self.journal.follow(settled(frame, self.journal.before_following(frame), self.clips))
 
     def _draw(self, size: tuple[int, int]) -> bool:
         """Draw the surface where what it shows has changed; whether it was drawn."""
@@ -166,10 +200,11 @@ class Studio:
     @property
     def moving(self) -> bool:
         """Whether what is shown changes by itself, or the state has just changed."""
-        return self.playback.playing or self.fading or not self.pictures.rests(self._clock())
+        return self.playback.playing or self.listening.present or self.fading or not self.pictures.rests(self._clock())
 
     def close(self) -> None:
-        """End the exact engine."""
+        """End the exact engine, and listen no more."""
+        self.listening.close()
         self.pictures.exact.close()
         self.avatars.close()
 
@@ -200,29 +235,76 @@ class Studio:
             self.take_motion(Motion.read(path, options, FBX_SECONDS))
 
     def take_motion(self, motion: Motion) -> None:
-        """Go to the first frame of a motion that was read."""
-        self.playback.take(motion)
-        self.do(motion.loaded(self.state.signals))
+        """Go to the first frame of a motion that was read; a sound, which moves the mouth alone, comes over what is there."""
+        self.playback.playing = False
+        self.clips.take(motion)
+        self.do(motion.layer() if Path(motion.path).suffix.lower() == SOUND else motion.loaded())
         name = Path(motion.path).name
         for note in motion.sequence.notes:
             log.info("%s: %s", name, note)
         log.info("%s: %d frames, %g a second", name, len(motion), motion.sequence.fps)
 
+    @property
+    def motion(self) -> Motion | None:
+        """The lowest clip's motion; None without one, and where it cannot be read."""
+        clip = self.state.timeline.motion
+        return self.clips.motion(clip) if clip else None
+
+    def add_motion(self, path: str) -> None:
+        """A motion, face or sound file as a layer over all others."""
+        with refusals_logged(opening=path):
+            motion = Motion.read(path, None, FBX_SECONDS)
+            self.clips.take(motion)
+            self.do(motion.layer())
+
+    def set_key(self) -> None:
+        """Keys at the playhead: of what is selected, else of what was changed there and what has keys already."""
+        state, selected = self.state, self.state.tools.selected
+        layer, seconds = self.take.target(state.timeline), state.timeline.seconds
+        driven = layers_at(state.timeline, state.base, seconds, self.clips)
+        names = entries(selected) if selected else to_key(state, layer, driven)
+        if names:
+            self.do(with_keys(state, values(state, names), layer))
+
+    def key_camera(self) -> None:
+        """Keys of the view at the playhead."""
+        self.do(with_keys(self.state, values(self.state, tuple(CAMERA)), self.take.target(self.state.timeline)))
+
+    def record_live(self, layer: str) -> None:
+        """Begin to record what drives a live layer, or end it: it becomes a clip that begins where the recording did."""
+        drive = self.listening.drives[layer]
+        if drive.take is None:
+            self._take_begins = self.state.timeline.seconds if self.playback.playing else 0.0
+            self.listening.record(layer)
+            return
+        with refusals_logged():
+            motion = Motion.read(self.listening.recorded(layer))
+            parts = self.state.timeline.layer(layer).parts
+            self.clips.take(motion)
+            clip = Layer(motion.clip.name, motion.clip, parts=parts, offset=self._take_begins)
+            self.do(AddLayer(clip))
+            self.do(SetLayer(layer, muted=True))
+
+    def toggle_recording(self) -> None:
+        """Whether what is changed becomes keys."""
+        self.take.recording = not self.take.recording
+
     def toggle_play(self) -> None:
-        """Start or stop the motion."""
-        self.playback.toggle(self.state, self._clock())
+        """Start or stop the timeline."""
+        self.clips.retry()
+        if not self.clips.missing(self.state.timeline):
+            self.playback.toggle(self.state.timeline, self._clock())
 
     def go_to(self, frame: int, gesture: object = None) -> None:
-        """Go to a frame of the motion; beyond its ends to the nearest."""
-        command = self.playback.at(self.state, frame)
+        """Go to a frame of the timeline; beyond its ends to the nearest."""
+        command = go_to(self.state, frame, self.clips)
         if command is not None:
             self.do(command, gesture)
 
     def step_by(self, frames: int) -> None:
         """Some frames on or back."""
-        if self.state.motion:
-            self.playback.playing = False
-            self.go_to(self.state.motion.frame + frames)
+        self.playback.playing = False
+        self.go_to(self.state.timeline.frame + frames)
 
     def save_session(self, path: str) -> bool:
         """Write the journal; whether it was written."""
@@ -246,7 +328,8 @@ class Studio:
     def take_journal(self, journal: Journal) -> None:
         """Go on from a journal that was read."""
         self.journal = journal
-        self.playback.close()
+        self.playback.playing = False
+        self.clips.forget()
 
     def save_image(self, path: str | Path, viewport: tuple[int, int]) -> None:
         """Have the state rendered at its full raster and written as PNG; the console tells when it is there."""

@@ -43,7 +43,7 @@ class MotionImport:
 
     def draw(self, studio: Studio) -> None:
         """Draw the window where it is open; read the motion again where a guess was changed."""
-        motion = studio.playback.current(studio.state)
+        motion = studio.motion
         if motion is None:
             self.shown, self._seen = False, None
             return

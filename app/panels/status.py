@@ -22,11 +22,15 @@ def condition(studio: Studio) -> str:
     return f"{studio.age:.0f} s old" if studio.pictures.current else "of an earlier state"
 
 
-def draw(studio: Studio, renderer: str, job: str = "") -> None:
-    """Draw the bar's items in one line; `renderer` is the window's GL_RENDERER, `job` what is under way in the background."""
+def draw(studio: Studio, renderer: str, job: str = "", listens: str = "") -> None:
+    """Draw the bar's items in one line; `renderer` is the window's GL_RENDERER, `job` what is under way in the background.
+
+    `listens`: what listens for live sources; it comes first.
+    """
     picture = studio.pictures.picture
     work = picture.work if picture else None
     items = [f"{hello_imgui.frame_rate():.0f} fps"]
+    items = [listens, *items] if listens else items
     if studio.surface is not None and studio.live is not None:
         items.append(f"live {studio.live.ms['total']:.1f} ms")
     if picture is not None and work is not None:

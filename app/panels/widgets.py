@@ -60,8 +60,8 @@ def _bar(width: float, value: float, rest: float, low: float, high: float) -> No
 
     fill(0, 1, theme.colour(theme.UNREACHED))
     fill(low, high, theme.colour(theme.FRAME))
-    if value != rest:
-        fill(rest, value, theme.colour(theme.ACCENT, 0.42), 2.0)
+    if value != rest or rest == high:
+        fill(low if rest == high else rest, value, theme.colour(theme.ACCENT, 0.42), 2.0)
     if 0 < rest < 1:
         x = place.x + width * rest
         for top in (place.y + 1, place.y + height - 5):  # the text is between

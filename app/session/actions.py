@@ -14,6 +14,7 @@ from avatarrex_studio.session.commands import Command
 from avatarrex_studio.session.grip import handle_of
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import AUTO, IMAGE, LEVELS, StudioState
+from avatarrex_studio.session.timeline_commands import CloseMotion
 
 from avatarrex.signals.handles import HANDLES
 from avatarrex.signals.library import EXPRESSIONS, HANDS, POSES
@@ -43,8 +44,12 @@ def words(name: str) -> str:
     return " ".join(re.findall(r"[A-Z]?[a-z]+\d*", name)).lower()
 
 
+def _has_layers(journal: Journal) -> bool:
+    return bool(journal.state.timeline.layers)
+
+
 def _has_motion(journal: Journal) -> bool:
-    return journal.state.motion is not None
+    return journal.state.timeline.motion is not None
 
 
 def _view(azimuth: float, elevation: float) -> Callable[[StudioState], Command]:
@@ -89,7 +94,7 @@ def _named(kind: str, name: str, command: Command) -> Action:
 
 ACTIONS: tuple[Action, ...] = (
     Action("open", "Open…", "File", "Ctrl+O", effect="open"),
-    Action("motion.close", "Close motion", "File", command=_fixed(commands.CloseMotion()), enabled=_has_motion),
+    Action("motion.close", "Close the timeline", "File", command=_fixed(CloseMotion()), enabled=_has_layers),
     Action("session.save", "Save session", "File", "Ctrl+S", effect="save_session", separator=True),
     Action("session.save_as", "Save session as…", "File", "Ctrl+Shift+S", effect="save_session_as"),
     Action("export", "Export…", "File", "Ctrl+E", effect="export", separator=True),
@@ -108,7 +113,7 @@ ACTIONS: tuple[Action, ...] = (
         for part in PARTS
     ),
     Action("pose.reset_root", "Reset place", "Pose", command=_fixed(commands.ResetGroup("root"))),
-    Action("pose.floor", "Put on the floor", "Pose", "G", command=_fixed(commands.PutOnFloor())),
+    Action("pose.floor", "Put on the floor", "Pose", "Shift+G", command=_fixed(commands.PutOnFloor())),
     Action("look.camera", "Look at the camera", "Pose", effect="look_at_camera", separator=True),
     Action("pin.selected", "Pin or unpin what is selected", "Pose", "P", command=_pin, enabled=_has_handle),
     Action("pin.feet", "Pin or unpin both feet", "Pose", command=_pin_feet),
@@ -139,9 +144,13 @@ ACTIONS: tuple[Action, ...] = (
         for name in LEVELS
     ),
     Action("layout.reset", "Reset layout", "View", effect="reset_layout", separator=True),
-    Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_has_motion),
-    Action("step.back", "Previous frame", "Motion", "Left", effect="step_back", enabled=_has_motion),
-    Action("step.on", "Next frame", "Motion", "Right", effect="step_on", enabled=_has_motion),
+    Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_has_layers),
+    Action("step.back", "Previous frame", "Motion", "Left", effect="step_back", enabled=_has_layers),
+    Action("step.on", "Next frame", "Motion", "Right", effect="step_on", enabled=_has_layers),
+    Action("frame.go_to", "Go to frame…", "Motion", "G", effect="go_to_frame", enabled=_has_layers),
+    Action("key.set", "Set key", "Motion", "K", effect="set_key", separator=True),
+    Action("key.camera", "Set key of the camera", "Motion", "Shift+K", effect="key_camera"),
+    Action("record", "Record what is changed", "Motion", effect="record"),
     Action("motion.read", "How the motion was read…", "Motion", effect="read_motion", enabled=_has_motion, separator=True),
     Action("output", "Output window", "Output", "F9", effect="output"),
     *(

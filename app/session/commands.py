@@ -11,7 +11,8 @@ from typing import Any, dataclass_transform
 
 import numpy as np
 from avatarrex_studio.session import posing
-from avatarrex_studio.session.state import Colour, MotionState, SizePolicy, StudioState, Vector
+from avatarrex_studio.session.state import Colour, OrbitView, SizePolicy, StudioState, Vector
+from avatarrex_studio.session.timeline import Layer, Share
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import SHAPES, Signals
@@ -23,13 +24,19 @@ from avatarrex.signals.limits import random_signals
 from avatarrex.signals.macros import set_face, set_hand
 from avatarrex.signals.sequence import interpolate
 
+KINDS: dict[str, type[Command]] = {}
+"""Commands by name, those that a journal writes down."""
+
 
 @dataclass_transform(frozen_default=True)
 class Command:
     """A user action; every kind of it is a frozen dataclass."""
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(cls, kind: bool = True) -> None:
+        """`kind`: whether it is a command, and not what several have in common."""
         dataclass(frozen=True)(cls)
+        if kind and not issubclass(cls, Choice):
+            KINDS[cls.__name__] = cls
 
     def apply(self, state: StudioState) -> StudioState:
         """The state after this command: its fields set, unless it has a rule of its own. Raises `InputError` for a value
@@ -39,9 +46,7 @@ class Command:
 
     def to_json(self) -> dict[str, Any]:
         """Its name and fields, plain values."""
-        objects = (Signals, ImportOptions)
-        content = {key: value.to_json() if isinstance(value, objects) else value for key, value in vars(self).items()}
-        return {"command": type(self).__name__, **content}
+        return {"command": type(self).__name__, **{key: _plain(value) for key, value in vars(self).items()}}
 
     @staticmethod
     def from_json(data: Any, source: str = "session") -> Command:
@@ -56,11 +61,11 @@ class Command:
             raise InputError(source, name, "the fields of that command", error) from None
 
 
-class Setting(Command):
+class Setting(Command, kind=False):
     """Of several in one gesture the last alone decides."""
 
 
-class Choice(Command):
+class Choice(Command, kind=False):
     """Of a tool: it changes nothing of what is made, is no step of undo and is not written down."""
 
 
@@ -326,33 +331,6 @@ class OpenAvatar(Command):
     avatar: str
 
 
-class LoadMotion(Command):
-    """A motion was read; `signals` are its first frame's."""
-
-    path: str
-    name: str
-    frames: int
-    fps: float
-    signals: Signals
-    options: ImportOptions = ImportOptions()
-
-    def apply(self, state: StudioState) -> StudioState:
-        motion = MotionState(self.path, self.name, self.frames, self.fps, options=self.options)
-        return state.play(motion, self.signals)
-
-
-class SetFrame(Setting):
-    """The motion goes to `frame`, with that frame's `signals`: a journal needs no motion file."""
-
-    frame: int
-    signals: Signals
-
-    def apply(self, state: StudioState) -> StudioState:
-        if state.motion is None:
-            raise InputError("frame", "", "a motion to be loaded first", self.frame)
-        return state.play(replace(state.motion, frame=self.frame), self.signals)
-
-
 class SetFingers(Setting):
     """A macro of one finger, or of `all`: `name` is e.g. `left index curl`; `linked`: of both hands."""
 
@@ -422,22 +400,31 @@ class Blend(Setting):
         return state.pose(**{part: getattr(target, part) for part in self.parts})
 
 
-class CloseMotion(Command):
-    def apply(self, state: StudioState) -> StudioState:
-        return state.change(motion=None)
-
-
-KINDS: dict[str, type[Command]] = {
-    kind.__name__: kind
-    for kind in (*Command.__subclasses__(), *Setting.__subclasses__())
-    if kind not in (Setting, Choice)
-}
-"""Commands by name, those that a journal writes down."""
+def _plain(value: Any) -> Any:
+    if isinstance(value, Signals | ImportOptions | Layer):
+        return value.to_json()
+    if isinstance(value, OrbitView | Share):
+        return vars(value)
+    return [_plain(entry) for entry in value] if isinstance(value, tuple) else value
 
 
 def _read(key: str, value: Any, source: str) -> Any:
-    if key in ("signals", "start") and value is not None:
+    if value is None:
+        return None
+    if key in ("signals", "start"):
         return Signals.from_json(value, source)
     if key == "options":
         return ImportOptions.from_json(value, source)
-    return tuple(value) if isinstance(value, list) else value
+    if key == "layer":
+        return Layer.from_json(value, source)
+    if key == "view":
+        return OrbitView(**{name: _tuples(entry) for name, entry in value.items()})
+    if key == "share":
+        return Share(**value)
+    if key == "feeds":
+        return tuple((name, Signals.from_json(signals, source), presence) for name, signals, presence in value)
+    return _tuples(value)
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from avatarrex_studio.session import timeline_commands  # noqa: F401  what a file of before or of now names
 from avatarrex_studio.session.commands import Choice, Command, Setting
 from avatarrex_studio.session.state import StudioState
 
@@ -35,6 +36,8 @@ class Step:
     before: StudioState
     commands: list[Command]
     gesture: object = None
+    previous: StudioState | None = None
+    """The state before the last command, where another may take its place."""
 
 
 @dataclass(frozen=True)
@@ -90,19 +93,49 @@ class Journal:
             return state
         if shared:
             shared.commands.append(command)
+            shared.previous = self.state
         else:
-            self._add(Step(self.state, [command], gesture))
+            self._add(Step(self.state, [command], gesture, self.state))
         self.undone.clear()
         self.state = state
         return state
 
+    def before(self, command: Command, gesture: object = None) -> StudioState:
+        """The state that `do` would apply a command to: without the last command where this one takes its place."""
+        last = self.steps[-1] if self.steps else None
+        shared = last is not None and gesture is not None and last.gesture == gesture
+        return self._without_last(command) if shared else self.state
+
+    def before_following(self, command: Command) -> StudioState:
+        """The same for `follow`."""
+        return self._without_last(command)
+
+    def _without_last(self, command: Command) -> StudioState:
+        last = self.steps[-1] if self.steps else None
+        if last is None or last.previous is None or not supersedes(command, last.commands[-1]):
+            return self.state
+        return self._present(last.previous)
+
     def _replaced(self, step: Step, command: Command) -> StudioState:
         """With `command` in place of the last of `step`, which goes where that leads back to its beginning."""
-        before, commands = self._present(step.before), [*step.commands[:-1], command]
-        self.state = _after(before, commands)  # what a replay will do, to the last bit
-        step.commands[:] = commands
-        if self.state == before:
+        assert step.previous is not None
+        self.state = command.apply(self._present(step.previous))  # what a replay will do, to the last bit
+        step.commands[-1] = command
+        if self.state == self._present(step.before):
             self.steps.pop()
+        return self.state
+
+    def follow(self, command: Command) -> StudioState:
+        """Apply what nobody did: a frame that a live source sent belongs to the last step. Raises `InputError`."""
+        last = self.steps[-1] if self.steps else None
+        if last is None:
+            self.state = self.start = command.apply(self.state)
+        elif last.previous is not None and supersedes(command, last.commands[-1]):
+            self.state = command.apply(self._without_last(command))
+            last.commands[-1] = command
+        else:
+            last.previous, self.state = self.state, command.apply(self.state)
+            last.commands.append(command)
         return self.state
 
     def undo(self) -> StudioState:

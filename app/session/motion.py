@@ -1,4 +1,4 @@
-"""A motion file in the studio: its frames, and which signals it drives.
+"""A motion file in the studio: its frames, and which parts of the avatar it drives.
 
 A face recording leaves the body as it was posed, a body recording leaves the face: what a file never moves stays the
 user's. The body's shape belongs to the avatar and is never driven.
@@ -11,24 +11,22 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from avatarrex_studio.session.commands import LoadMotion, SetFrame
+from avatarrex_studio.session.posing import SLOTS, numbers
+from avatarrex_studio.session.timeline import PARTS, Clip, Layer
+from avatarrex_studio.session.timeline_commands import AddLayer, LoadMotion
 
-from avatarrex.signals.driving import SHAPES, Signals
 from avatarrex.signals.fbx import SECONDS
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.imported import ImportedMotion
 from avatarrex.signals.read import import_motion
 from avatarrex.signals.sequence import SignalSequence
 
-WHOLES = (
-    ("global_orient", "translation", "body_pose"),
-    ("left_hand_pose",),
-    ("right_hand_pose",),
-    ("expression",),
-    ("jaw_pose",),
-    ("eye_pose",),
+TOGETHER = (
+    ("body", ("root", "body", "head")),
+    ("root", ("root", "body", "head")),
+    ("expression", ("expression", "mouth")),
 )
-"""Fields of `Signals` that a motion drives together, at rest where it says nothing of a joint."""
+"""What a motion drives as a whole where it moves one part, at rest where it says nothing of a joint."""
 
 
 @dataclass(frozen=True)
@@ -53,33 +51,25 @@ class Motion:
         return len(self.sequence)
 
     @cached_property
-    def masks(self) -> dict[str, np.ndarray]:
-        """Per field of `Signals` but the shape: which joints or entries leave rest in some frame."""
-        masks = {}
-        for name in SHAPES:
-            if name != "shape":
-                moved = np.any([getattr(frame, name) != 0 for frame in self.sequence], axis=0)
-                joints = name.endswith("pose") and moved.ndim == 2
-                masks[name] = np.broadcast_to(moved.any(-1, keepdims=True), moved.shape) if joints else moved
-        return masks
+    def parts(self) -> tuple[str, ...]:
+        """What the motion drives, of `PARTS`: each all of it, so that nothing of a motion before is left."""
+        moved = np.any([numbers(frame) != 0 for frame in self.sequence], axis=0)
+        found = {part for part, names in PARTS.items() if any(moved[SLOTS[name]].any() for name in names)}
+        for part, wholes in TOGETHER:
+            found |= set(wholes) if part in found else set()
+        return tuple(part for part in PARTS if part in found)
 
     @property
-    def driven(self) -> tuple[str, ...]:
-        """Names of the fields that the motion moves."""
-        return tuple(name for name, mask in self.masks.items() if mask.any())
+    def clip(self) -> Clip:
+        """What a layer of it names."""
+        name, rate = Path(self.path).name, float(self.sequence.fps)
+        return Clip(self.path, name, len(self), rate, self.imported.options)
 
-    def signals(self, frame: int, base: Signals) -> Signals:
-        """`base` with what the motion drives, at `frame`: each of `WHOLES` all of it, so that nothing of a motion before is left."""
-        source, driven = self.sequence[frame], set(self.driven)
-        wholes = [whole for whole in WHOLES if driven & set(whole)]
-        return base.replace(**{name: getattr(source, name) for whole in wholes for name in whole})
-
-    def loaded(self, base: Signals) -> LoadMotion:
+    def loaded(self) -> LoadMotion:
         """The command that loads this motion."""
-        name = Path(self.path).name
-        rate, options = float(self.sequence.fps), self.imported.options
-        return LoadMotion(self.path, name, len(self), rate, self.signals(0, base), options)
+        clip = self.clip
+        return LoadMotion(clip.path, clip.name, clip.frames, clip.fps, clip.options, self.parts)
 
-    def at(self, frame: int, base: Signals) -> SetFrame:
-        """The command that goes to `frame`."""
-        return SetFrame(frame, self.signals(frame, base))
+    def layer(self) -> AddLayer:
+        """The command that adds this motion over all layers."""
+        return AddLayer(Layer(self.clip.name, self.clip, parts=frozenset(self.parts)))

@@ -31,7 +31,7 @@ SLOTS: dict[str, slice] = {
     "translation": slice(217, 220),
     "shape": slice(220, 230),
 }
-"""Where the numbers of each joint and coefficient, of the place and of the shape are in `_numbers`."""
+"""Where the numbers of each joint and coefficient, of the place and of the shape are in `numbers`."""
 FACE_GROUPS: dict[str, tuple[str, ...]] = {
     group: tuple(name for name in EXPRESSION_NAMES if name.startswith(group)) for group in FACE_REGIONS
 }
@@ -82,7 +82,7 @@ def set_expression(signals: Signals, name: str, value: float) -> Signals:
 
 def reset(signals: Signals, group: str) -> Signals:
     """A single joint or coefficient, or else one of `GROUPS`, at rest again. Raises `InputError` for another name."""
-    names = _entries(group)
+    names = entries(group)
     if not set(names) <= set(SLOTS):
         raise InputError("reset", "", "a group, a joint or a coefficient", group)
     return _with(signals, dict.fromkeys(names, 0.0))
@@ -92,10 +92,8 @@ def copy_group(signals: Signals, source: Signals, group: str) -> Signals:
     """`signals` with the joints and coefficients of `group` taken from `source`. Raises `InputError`."""
     if group not in GROUPS:
         raise InputError("group", "", "one of " + ", ".join(GROUPS), group)
-    numbers = _numbers(source)
-    return _with(
-        signals, {name: numbers[SLOTS[name]] for name in GROUPS[group] if name not in ("translation", "shape")}
-    )
+    values = numbers(source)
+    return _with(signals, {name: values[SLOTS[name]] for name in GROUPS[group] if name not in ("translation", "shape")})
 
 
 def counterpart(name: str) -> str:
@@ -115,31 +113,42 @@ def scaled(signals: Signals, group: str, factor: float) -> Signals:
     """The joints and coefficients of one of `GROUPS` times `factor`, coefficients to 1 at most. Raises `InputError` for another name."""
     if group not in GROUPS:
         raise InputError("group", "", "one of " + ", ".join(GROUPS), group)
-    numbers = _numbers(signals)
+    values = numbers(signals)
     most = {name: 1.0 if name in EXPRESSION_NAMES else np.inf for name in GROUPS[group]}
-    return _with(signals, {name: np.minimum(factor * numbers[SLOTS[name]], most[name]) for name in GROUPS[group]})
+    return _with(signals, {name: np.minimum(factor * values[SLOTS[name]], most[name]) for name in GROUPS[group]})
 
 
 def changed(signals: Signals, name: str) -> bool:
     """Whether a joint, a coefficient, or else anything of a group is away from rest."""
-    numbers = _numbers(signals)
-    return any(numbers[SLOTS[entry]].any() for entry in _entries(name))
+    values = numbers(signals)
+    return any(values[SLOTS[entry]].any() for entry in entries(name))
 
 
-def _entries(name: str) -> tuple[str, ...]:
+def entries(name: str) -> tuple[str, ...]:
     """What a name stands for; the joints `jaw` and `head` go before the groups that are called so."""
     return (name,) if name in SLOTS else GROUPS.get(name, (name,))
 
 
-def _numbers(signals: Signals) -> Float64[np.ndarray, " n"]:
+def numbers(signals: Signals) -> Float64[np.ndarray, " n"]:
     """All numbers of a signal, in the order of `SLOTS`."""
     return np.concatenate([signals.full_pose().ravel(), signals.expression, signals.translation, signals.shape])
 
 
-def _with(signals: Signals, values: dict[str, np.ndarray | float]) -> Signals:
-    """`signals` with the numbers of some names replaced."""
-    numbers = _numbers(signals)
-    for name, value in values.items():
-        numbers[SLOTS[name]] = value
-    pose, expression, translation, shape = np.split(numbers, (165, 217, 220))
+def of_numbers(values: Float64[np.ndarray, " n"]) -> Signals:
+    """The signal that `numbers` came from, validated."""
+    pose, expression, translation, shape = np.split(values, (165, 217, 220))
     return Signals.from_full_pose(pose.reshape(55, 3), expression=expression, translation=translation, shape=shape)
+
+
+def differing(before: Signals, after: Signals) -> tuple[str, ...]:
+    """Names of `SLOTS` whose numbers differ."""
+    differ = numbers(before) != numbers(after)
+    return tuple(name for name, slot in SLOTS.items() if differ[slot].any())
+
+
+def _with(signals: Signals, changes: dict[str, np.ndarray | float]) -> Signals:
+    """`signals` with the numbers of some names replaced."""
+    values = numbers(signals)
+    for name, value in changes.items():
+        values[SLOTS[name]] = value
+    return of_numbers(values)

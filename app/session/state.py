@@ -11,17 +11,17 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, SupportsFloat
 
 import numpy as np
+from avatarrex_studio.session.timeline import Clip, Timeline, of_clip
 
 from avatarrex import levels
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
-from avatarrex.signals.driving import Signals
+from avatarrex.signals.driving import SHAPES, Signals
 from avatarrex.signals.handles import HANDLES
-from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.joints import FACE_REGIONS, JOINT_NAMES
 from avatarrex.templates.parts import PARTS
 
-FORMAT = 2
+FORMAT = 3
 """Version of the JSON form; a reader refuses a newer one by name."""
 AUTO = "auto"
 """The level of whoever lets the studio choose: at rest `balanced`, then `quality`."""
@@ -103,33 +103,6 @@ class SizePolicy:
 
 
 @dataclass(frozen=True)
-class MotionState:
-    """The loaded motion and its present frame."""
-
-    path: str
-    name: str
-    frames: int
-    fps: float
-    frame: int = 0
-    options: ImportOptions = field(default_factory=ImportOptions)
-    """What was chosen instead of guessed when it was read."""
-
-    def __post_init__(self) -> None:
-        if not (isinstance(self.frames, int) and isinstance(self.frame, int) and 0 <= self.frame < self.frames):
-            raise InputError(self.path, "frame", f"0 to {self.frames - 1}", self.frame)
-        if not (_number(self.fps) and self.fps > 0):
-            raise InputError(self.path, "fps", "a positive number", self.fps)
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; options without a choice are left out, as in sessions of before."""
-        options = self.options.to_json()
-        return {
-            **{name: value for name, value in asdict(self).items() if name != "options"},
-            **({"options": options} if options else {}),
-        }
-
-
-@dataclass(frozen=True)
 class Tools:
     """What is selected and what the viewport shows of it: no part of what undo brings back, as in other programs."""
 
@@ -167,16 +140,19 @@ class StudioState:
 
     avatar: str = "default"
     signals: Signals = field(default_factory=Signals.rest)
+    """What is shown."""
     view: OrbitView = field(default_factory=OrbitView)
     size: SizePolicy = field(default_factory=SizePolicy)
     background: Colour = BACKGROUND
-    motion: MotionState | None = None
+    timeline: Timeline = field(default_factory=Timeline)
     hidden: frozenset[str] = frozenset()
     limit_joints: bool = True
     """Whether a joint that is set stays within its limits."""
     level: str = "balanced"
     """One of `LEVELS`: run time against error."""
     tools: Tools = field(default_factory=Tools)
+    posed: Signals | None = None
+    """What sliders, handles and libraries have set, below all layers; None: it is what is shown."""
 
     def __post_init__(self) -> None:
         if len(self.background) != 4 or not all(_number(c) and 0 <= c <= 1 for c in self.background):
@@ -189,8 +165,15 @@ class StudioState:
         if self.level not in LEVELS:
             raise InputError("level", "", " or ".join(LEVELS), self.level)
 
+    @property
+    def base(self) -> Signals:
+        """What the layers of the timeline lie on."""
+        return self.signals if self.posed is None else self.posed
+
     def change(self, **changes: Any) -> StudioState:
-        """A copy with some fields changed, validated."""
+        """A copy with some fields changed, validated. Numbers of the signals that are changed are posed, too."""
+        if self.posed is not None and "signals" in changes and "posed" not in changes:
+            changes["posed"] = _followed(self.posed, self.signals, changes["signals"])
         return replace(self, **changes)
 
     def pose(self, **changes: Any) -> StudioState:
@@ -201,21 +184,32 @@ class StudioState:
         """A copy with some tools changed, validated."""
         return self.change(tools=replace(self.tools, **changes))
 
-    def play(self, motion: MotionState, signals: Signals) -> StudioState:
-        """A copy at a frame of `motion`: its signals, the avatar's own shape; a view that follows moves along the ground."""
+    def show(self, timeline: Timeline, signals: Signals | None = None, view: OrbitView | None = None) -> StudioState:
+        """A copy with another timeline, which gives `signals` (None: those of now), the avatar's own shape.
+
+        `view`: where the timeline leads the camera; else a view that follows moves along the ground.
+        """
+        if signals is None:
+            return self.change(timeline=timeline, view=view or self.view)
         step = (signals.translation - self.signals.translation) * (1, 0, 1)
-        view = self.view.moved(step) if self.view.follow else self.view
-        return self.change(motion=motion, signals=signals.replace(shape=self.signals.shape), view=view)
+        if view is None:
+            view = self.view.moved(step) if self.view.follow and step.any() else self.view
+        shown = signals.replace(shape=self.signals.shape)
+        posed = self.base if timeline.layers else None
+        return self.change(timeline=timeline, signals=shown, view=view, posed=posed)
 
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers."""
         return {
             "format": FORMAT,
-            **asdict(self),
-            "motion": self.motion and self.motion.to_json(),
+            **{name: value for name, value in vars(self).items() if name != "posed"},
+            "view": asdict(self.view),
+            "size": asdict(self.size),
             "signals": self.signals.to_json(),
+            "timeline": self.timeline.to_json(),
             "hidden": sorted(self.hidden),
             "tools": self.tools.to_json(),
+            **({"posed": self.posed.to_json()} if self.posed else {}),
         }
 
     @classmethod
@@ -227,6 +221,8 @@ class StudioState:
         version = data.pop("format", None)
         if not isinstance(version, int) or version > FORMAT:
             raise InputError(source, "format", f"at most {FORMAT} (update the studio)", version)
+        if "motion" in data:  # of formats 1 and 2
+            data["timeline"] = _of_motion(data.pop("motion"), source)
         names = {item.name for item in fields(cls)}
         if unknown := sorted(set(data) - names):
             raise InputError(source, unknown[0], "one of " + ", ".join(sorted(names)), "an unknown field")
@@ -250,16 +246,38 @@ def _tuple(value: Any) -> Any:
     return tuple(map(_tuple, value)) if isinstance(value, list | tuple) else value
 
 
+def _followed(posed: Signals, before: Signals, after: Signals) -> Signals:
+    """`posed` with the joints and coefficients that an edit has changed."""
+    changes = {}
+    for name in SHAPES:
+        differ = getattr(before, name) != getattr(after, name)
+        if differ.any():
+            if name not in ("expression", "shape"):
+                differ = differ.any(-1, keepdims=True)
+            changes[name] = np.where(differ, getattr(after, name), getattr(posed, name))
+    return posed.replace(**changes) if changes else posed
+
+
+def _of_motion(data: Any, source: str) -> dict[str, Any]:
+    """The timeline of the one motion that a state of before names."""
+    if not data:
+        return {}
+    content = dict(data)
+    frame = content.pop("frame", 0)
+    clip = Clip.from_json(content, source)
+    if not (isinstance(frame, int) and 0 <= frame < clip.frames):
+        raise InputError(clip.path, "frame", f"0 to {clip.frames - 1}", frame)
+    return of_clip(clip, frame=frame).to_json()
+
+
 def _read(name: str, value: Any, source: str) -> Any:
-    if name == "signals":
+    if name in ("signals", "posed"):
         return Signals.from_json(value, source)
-    if name == "motion" and not value:
-        return None
-    if name == "motion":
-        value = {**value, "options": ImportOptions.from_json(value.get("options", {}), source)}
+    if name == "timeline":
+        return Timeline.from_json(value, source)
     if name in _RECORDS:
         return _RECORDS[name](**{key: _tuple(entry) for key, entry in value.items()})
     return {"avatar": str, "hidden": frozenset}.get(name, _tuple)(value)
 
 
-_RECORDS: dict[str, Any] = {"view": OrbitView, "size": SizePolicy, "motion": MotionState, "tools": Tools.read}
+_RECORDS: dict[str, Any] = {"view": OrbitView, "size": SizePolicy, "tools": Tools.read}

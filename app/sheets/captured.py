@@ -11,9 +11,15 @@ from avatarrex_studio.sheets.paper import tile_width
 from avatarrex.capture.fit.check import compared_frames, template_surface
 from avatarrex.capture.fit.overlay import box_about, cut, resized
 from avatarrex.capture.readers.rigs import Capture, Rig
+from avatarrex.metrics.baselines import fitted_meshes
+from avatarrex.metrics.drawing import Drawer
+from avatarrex.metrics.evaluate import observations
+from avatarrex.templates.person import Person
 
 SHOWN, ACROSS = 8, 2
 """Pictures of a page, and groups in a row."""
+Box = tuple[float, float, float, float]
+"""Left, top, right, bottom of a part of a picture, pixels."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +39,8 @@ def captured_page(capture: Capture, rig: Rig, artists: int) -> Page:
         (view, frame) for frame in range(rig.frames) for view in range(len(rig.views)) if rig.available(view, frame)
     ]
     chosen = [pair for pair in pairs if pair[1] in rig.held_out_frames] or pairs
-    scenes = [_scene(capture, rig, *chosen[place], side) for place in compared_frames(len(chosen), SHOWN)]
+    pictures = [chosen[place] for place in compared_frames(len(chosen), SHOWN)]
+    scenes = [captured_scene(rig, *picture, person_box(capture, rig, *picture), side) for picture in pictures]
     groups: list[Group] = [[(who, scene) for who in range(artists)] for scene in scenes]
     rows = [groups[k : k + ACROSS] for k in range(0, len(groups), ACROSS)]
     return Page(f"{rig.name.capitalize()}, as captured", rows)
@@ -49,6 +56,17 @@ def photograph() -> Artist:
     return Artist("ground truth", draw)
 
 
+def mesh_artist(capture: Capture, rig: Rig, fitted: Person) -> Artist:
+    """The textured mesh with the skin of `fitted` (or one fitted here), as fine as the rig's cameras resolve. Raises `InputError`."""
+    drawer = fitted_meshes(capture, fitted, list(observations(rig)))[-1]
+    return drawer_artist(drawer.name, drawer)
+
+
+def drawer_artist(name: str, drawer: Drawer) -> Artist:
+    """Who shows what a subject of `evaluate` draws."""
+    return Artist(name, lambda scene: drawer.draw(scene.signals, scene.camera).image.numpy())
+
+
 def framed(artist: Artist) -> Artist:
     """The artist without what lies beyond the photograph's edge."""
 
@@ -59,12 +77,18 @@ def framed(artist: Artist) -> Artist:
     return Artist(artist.name, draw)
 
 
-def _scene(capture: Capture, rig: Rig, view: int, frame: int, side: int) -> CapturedScene:
-    camera, signals, matte = rig.views[view].camera, rig.signals[frame], rig.matte(view, frame)
-    box = box_about(matte, template_surface(capture.person, signals)[0], camera)
+def person_box(capture: Capture, rig: Rig, view: int, frame: int) -> Box:
+    """The square about the person in a picture, pixels."""
+    vertices = template_surface(capture.person, rig.signals[frame])[0]
+    return box_about(rig.matte(view, frame), vertices, rig.views[view].camera)
+
+
+def captured_scene(rig: Rig, view: int, frame: int, box: Box, side: int) -> CapturedScene:
+    """The part `box` of a picture, `side` pixels square."""
+    camera, matte = rig.views[view].camera, rig.matte(view, frame)
     inside = np.where(matte[..., None] > 0, rig.image(view, frame), 0) * (matte[..., None] / 255.0)
     colour, alpha = resized(np.rint(inside).astype(np.uint8), box, side), resized(matte, box, side)
     label = f"{rig.views[view].name}, frame {frame}" + (" (held out)" if frame in rig.held_out_frames else "")
     picture = np.dstack([np.minimum(colour, alpha[..., None]), alpha]) / 255.0  # a cubic rings beyond an edge
     seen = resized(np.full(matte.shape, 255, np.uint8), box, side) > 127
-    return CapturedScene(signals, cut(camera, box, side), label, rig.name, picture, seen)
+    return CapturedScene(rig.signals[frame], cut(camera, box, side), label, rig.name, picture, seen)

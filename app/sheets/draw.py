@@ -9,8 +9,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from avatarrex_studio.session.evaluation import motion_over
 from avatarrex_studio.sheets import pages
-from avatarrex_studio.sheets.captured import captured_page, framed, photograph
+from avatarrex_studio.sheets.captured import captured_page, drawer_artist, framed, mesh_artist, photograph
 from avatarrex_studio.sheets.order import TRUTHS, SheetOrder
 from avatarrex_studio.sheets.pages import Artist, Page
 from avatarrex_studio.sheets.paper import laid_out, write_jpeg
@@ -19,9 +20,10 @@ from tqdm import tqdm
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.capture.readers.splits import with_validation
 from avatarrex.errors import InputError
 from avatarrex.gl.context import NoContext
-from avatarrex.metrics.drawing import AvatarDrawer, by_level
+from avatarrex.metrics.drawing import by_level
 from avatarrex.metrics.floaters import SILHOUETTE_PIXELS, Floaters, find_floaters
 from avatarrex.metrics.own_training import as_trained
 
@@ -41,7 +43,8 @@ def run(order: SheetOrder) -> dict[str, Any]:
         if order.truth in TRUTHS.values():
             artists.insert(0, _truth_artist(order.truth))
         else:
-            captured = as_trained(avatar, order.avatar, open_capture(order.truth))[0]
+            captured, own = as_trained(avatar, order.avatar, with_validation(open_capture(order.truth)))
+            fitted = avatar.person if own else captured.person
     among = list(artists)
     if order.other:
         other = _name(order.other)
@@ -59,7 +62,8 @@ def run(order: SheetOrder) -> dict[str, Any]:
             _draw(order, sheet, page, among, f"{Path(order.motion.path).name} · ")
         elif captured is not None and sheet in captured.rigs:
             rig = captured.rigs[sheet]
-            seen = [photograph(), *map(framed, artists)]
+            mesh = [mesh_artist(captured, rig, fitted)] if order.mesh else []
+            seen = [photograph(), *map(framed, [*mesh, *artists])]
             _draw(order, sheet, captured_page(captured, rig, len(seen)), seen, f"{Path(captured.path).name} · ")
         else:
             _draw(order, sheet, PAGES[sheet](avatar.person, len(artists)), artists)
@@ -92,7 +96,7 @@ def _floaters(avatar: Avatar, order: SheetOrder) -> list[Floaters]:
     poses = {name: pages.posed(name) for name in ("stand", *FLOATING)}
     if order.motion:
         name, standing = Path(order.motion.path).name, poses["stand"]
-        poses |= {f"{name} frame {frame}": order.motion.signals(frame, standing) for frame in order.frames}
+        poses |= {f"{name} frame {frame}": motion_over(standing, order.motion, frame) for frame in order.frames}
     found = list(tqdm(find_floaters(avatar, poses, SILHOUETTE_PIXELS), total=len(poses), desc="floaters", unit="pose"))
     for one in found:
         print(one.line())
@@ -107,10 +111,7 @@ def _name(source: str) -> str:
 def _avatar_artists(name: str, avatar: Avatar, order: SheetOrder) -> list[Artist]:
     """One for each level."""
 
-    def artist(drawer: AvatarDrawer) -> Artist:
-        return Artist(drawer.name, lambda scene: drawer.draw(scene.signals, scene.camera).image.numpy())
-
-    return [artist(drawer) for drawer in by_level(name, avatar, order.levels, order.samples)]
+    return [drawer_artist(drawer.name, drawer) for drawer in by_level(name, avatar, order.levels, order.samples)]
 
 
 def _truth_artist(subject: str) -> Artist:

@@ -25,6 +25,8 @@ class SheetOrder:
     """Of `SHEETS`, in their order; `motion` only where there is one."""
     truth: str | None
     """The name of a packaged subject, or the path of a capture."""
+    mesh: bool
+    """Whether the fitted textured mesh is drawn, too, on pages of a capture's pictures."""
     other: str | None
     motion: Motion | None
     frames: tuple[int, ...]

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 from avatarrex_studio.engine.framing import EVERY, Outline, framed
+from avatarrex_studio.session.evaluation import motion_over
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import OrbitView
 from avatarrex_studio.sheets.order import COLUMNS
@@ -21,7 +22,7 @@ from torch import Tensor
 
 from avatarrex.camera import Camera
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, JOINT_NAMES
+from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.signals.library import named_expression, named_hand, named_pose
 from avatarrex.templates.person import Person
 
@@ -55,8 +56,6 @@ NAILS = 1.08
 """The same for hands: a few points of each are framed."""
 FEWEST = 4
 """Frames that fill the width; a sheet of fewer is narrower."""
-TURN_HEAD = ("neck", "head")
-"""Joints that a face recording may move."""
 Item = TypeVar("Item")
 
 
@@ -172,7 +171,7 @@ def hands_page(person: Person, artists: int) -> Page:
 
 def motion_page(person: Person, artists: int, motion: Motion, frames: Sequence[int]) -> Page:
     """A row for each artist, a column for each frame, in bands of `COLUMNS`; one scale, going along over the ground."""
-    frame_signals = [motion.signals(frame, posed()) for frame in frames]
+    frame_signals = [motion_over(posed(), motion, frame) for frame in frames]
     face = _is_face(motion)
     across = min(COLUMNS, len(frames))
     size = _size(max(across, FEWEST), 1, WIDTH, 1.2 if face else 1.8)
@@ -236,5 +235,4 @@ def _heading(frames: Sequence[Signals]) -> float:
 
 def _is_face(motion: Motion) -> bool:
     """Whether a motion drives the face and no limb, as face recordings do."""
-    limbs = [name not in TURN_HEAD for name in BODY_JOINTS]
-    return bool(motion.masks["expression"].any()) and not motion.masks["body_pose"][limbs].any()
+    return bool({"expression", "mouth"} & set(motion.parts)) and "body" not in motion.parts

@@ -9,7 +9,7 @@ from imgui_bundle import hello_imgui, imgui
 SPLITS = (
     ("MainDockSpace", "Right", imgui.Dir.right, 0.35),
     ("MainDockSpace", "Left", imgui.Dir.left, 0.27),
-    ("MainDockSpace", "Bottom", imgui.Dir.down, 0.16),
+    ("MainDockSpace", "Bottom", imgui.Dir.down, 0.27),
     ("Left", "LeftMiddle", imgui.Dir.down, 0.56),
     ("LeftMiddle", "LeftBottom", imgui.Dir.down, 0.58),
 )

@@ -11,7 +11,8 @@ from avatarrex_studio.jobs.exporting import Exporting
 from avatarrex_studio.panels import export_progress
 from avatarrex_studio.panels.export_dialog import ExportDialog
 from avatarrex_studio.panels.questions import Question, Questions, nothing
-from avatarrex_studio.session.motion import Motion
+from avatarrex_studio.session.clips import Clips
+from avatarrex_studio.session.evaluation import state_at
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
 
@@ -20,15 +21,15 @@ from avatarrex.files.gate import what_is
 
 
 class MotionFrames:
-    """States of a motion over what is posed now."""
+    """States along the timeline."""
 
-    def __init__(self, state: StudioState, motion: Motion) -> None:
-        self.count, self.fps = len(motion), float(motion.sequence.fps)
-        self._state, self._motion = state, motion
+    def __init__(self, state: StudioState, clips: Clips) -> None:
+        self.count, self.fps = state.timeline.frames, state.timeline.fps
+        self._state, self._clips = state, clips
 
     def at(self, frame: int) -> StudioState:
         """The state at a frame. May be called by any thread."""
-        return self._motion.at(frame, self._state.signals).apply(self._state)
+        return state_at(self._state, frame / self.fps, self._clips)
 
 
 class Exports:
@@ -102,5 +103,5 @@ class Exports:
             self.process.start(order)
 
     def _frames(self) -> MotionFrames | None:
-        motion = self._studio.playback.current(self._studio.state)
-        return None if motion is None else MotionFrames(self._studio.state, motion)
+        state = self._studio.state
+        return MotionFrames(state, self._studio.clips) if state.timeline.layers else None

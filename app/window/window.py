@@ -42,6 +42,7 @@ from avatarrex_studio.session.commands import Command, Select, SetSignals, ZoomB
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
+from avatarrex_studio.session.timeline_commands import SetFrame
 from avatarrex_studio.window.docking import docking
 from avatarrex_studio.window.exporting import Exports
 from avatarrex_studio.window.leaving import Leaving
@@ -99,7 +100,8 @@ class Window:
         self._effects: dict[str, Callable[[], None]] = {
             "undo": studio.undo, "redo": studio.redo, "toggle_play": studio.toggle_play,
             "step_back": lambda: studio.step_by(-1), "step_on": lambda: studio.step_by(1),
-            "read_motion": self.timeline.reading.open,
+            "read_motion": self.timeline.reading.open, "set_key": studio.set_key, "key_camera": studio.key_camera,
+            "record": studio.toggle_recording, "go_to_frame": self.timeline.go_to,
             "open": lambda: self.files.open("any", "Open", self.opening.open),
             "output": lambda: self.output.toggle(self.screen.open()), "virtual_camera": self.output.camera.toggle,
             **{f"output_{name}": partial(setattr, self.output, "ground", name) for name in GROUNDS},
@@ -213,13 +215,14 @@ class Window:
             self.studio,
             renderer_name(context) if context else "none",
             self.opening.words or self.exports.words or self.own_surface.words,
+            self.studio.listening.words,
         )
 
-    def _timeline(self) -> None:
-        frame = self.timeline.draw(self.studio)
-        if frame is not None:
-            self.studio.playback.playing = False
-            self.studio.go_to(frame, ("drag", self._gesture))
+    def _timeline(self) -> Iterator[Command]:
+        for command in self.timeline.draw(self.studio):
+            if isinstance(command, SetFrame):
+                self.studio.playback.playing = False
+            yield command
 
     def _over(self) -> None:
         """What lies over the panels, and the keys."""
@@ -387,7 +390,7 @@ def run_window(source: str = "default", device: str = "cpu") -> int:
         raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
     exact.arrived = glfw.post_empty_event
     window = Window(Studio(exact, avatars, journal, LiveSurface()), device=device)
-    window.opening.arrived = window.exports.process.arrived = glfw.post_empty_event
+    window.opening.arrived = window.exports.process.arrived = window.studio.listening.arrived = glfw.post_empty_event
     logging.basicConfig(
         level=logging.INFO, format="%(message)s", handlers=[window.console, window.toasts, logging.StreamHandler()]
     )

@@ -117,14 +117,22 @@ class MeshDrawer:
 
 
 def rivals(capture: Capture, fitted: Person, seen: Sequence[Observation]) -> list[MeshDrawer]:
-    """The captured person's template as it is, in two kinds of colours, and with the skin of `fitted`, or else one that is fitted
-    here; that once more with finer texels where the cameras resolve them. Raises `InputError` as fitting does.
+    """The captured person's template as it is, in two kinds of colours, and its `fitted_meshes`."""
+    naked = capture.person.naked
+    return [textured_mesh(naked, seen), mean_colour_mesh(naked, seen), *fitted_meshes(capture, fitted, seen)]
+
+
+def fitted_meshes(capture: Capture, fitted: Person, seen: Sequence[Observation]) -> list[MeshDrawer]:
+    """The textured template with the skin of `fitted`, or else one that is fitted here; that once more with finer texels where
+    the cameras resolve them. Raises `InputError` as fitting does.
     """
     if fitted.fit is None or fitted.fit.surface is None:
         fitted = fit_surface(capture)
-    naked, edge = capture.person.naked, resolved_edge(fitted, seen)
-    meshes = [textured_mesh(naked, seen), mean_colour_mesh(naked, seen), textured_mesh(fitted, seen, FITTED)]
-    return [*meshes, *([textured_mesh(fitted, seen, FINE, edge)] if edge > EDGE else [])]
+    edge = resolved_edge(fitted, seen)
+    return [
+        textured_mesh(fitted, seen, FITTED),
+        *([textured_mesh(fitted, seen, FINE, edge)] if edge > EDGE else []),
+    ]
 
 
 def textured_mesh(

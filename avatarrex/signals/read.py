@@ -20,10 +20,12 @@ from avatarrex.signals.livelink import read_livelink
 from avatarrex.signals.own_motions import MOTIONS, resolved
 from avatarrex.signals.sequence import SignalSequence, check_frames, check_rate
 from avatarrex.signals.smplx_npz import read_smplx, read_vectors
+from avatarrex.signals.speech import read_speech
 
 FORMAT, VERSION = "avatarrex-signals", 1
 READERS: dict[str, Callable[[Path, ImportOptions], ImportedMotion]] = {
     ".bvh": read_bvh, ".amc": read_amc, ".fbx": read_fbx, ".npz": read_smplx, ".npy": read_vectors, ".csv": read_livelink,
+    ".wav": read_speech,
     ".json": lambda path, options: _of_json(path, options),
 }  # fmt: skip
 """What reads a file, by its extension."""

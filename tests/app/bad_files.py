@@ -294,5 +294,11 @@ SESSIONS: Bad = {
     "zoom by NaN": ("s.json", _step(command="ZoomBy", factor=np.nan), r"steps\[0\]: camera: distance: expected a number"),
     "orbit by nothing": (
         "s.json", _step(command="OrbitBy", azimuth=None, elevation=0), "(values of the right kind|the fields of that command)"),
-    "a frame of no motion": ("s.json", _step(command="SetFrame", frame=0, signals={}), "a motion to be loaded first"),
+    "a frame before the first": ("s.json", _step(command="SetFrame", frame=-1, signals={}), "frame: expected 0 or more, found -1"),
+    "a layer of no kind": (
+        "s.json", _step(command="AddLayer", layer={"name": "a", "clip": 3}), "(values of the right kind|the fields of that command)"),
+    "keys of no layer": ("s.json", _step(command="DeleteKeys", name="a", places=[]), "a layer to be added first"),
+    "a key at no time": (
+        "s.json", _step(command="AddLayer", layer={"name": "a", "tracks": [{"name": "jawOpen", "keys": [["x", [1], "linear"]]}]}),
+        "finite numbers"),
 }  # fmt: skip

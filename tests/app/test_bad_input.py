@@ -386,7 +386,7 @@ def test_the_window_refuses_a_motion_and_stays(name, studio, tmp_path, caplog):
     assert re.search(pattern, record.getMessage())
     assert studio.state is before
     assert studio.journal.steps == steps
-    assert studio.playback.current(studio.state) is None
+    assert studio.motion is None
 
 
 @pytest.mark.parametrize("name", SESSIONS)

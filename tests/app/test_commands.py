@@ -7,13 +7,15 @@ import math
 
 import numpy as np
 import pytest
-from avatarrex_studio.session import commands, posing
+from avatarrex_studio.session import commands, posing, timeline_commands
 from avatarrex_studio.session.commands import KINDS
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import OrbitView, StudioState
+from avatarrex_studio.session.timeline import Clip, Feed, Layer, Share
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.joints import BODY_GROUPS, BODY_JOINTS, EXPRESSION_NAMES
 from avatarrex.signals.library import named_pose
 from avatarrex.signals.limits import LIMITS
@@ -43,9 +45,34 @@ EVERY = (
     commands.SetLevel("quality"),
     commands.OpenAvatar("other"),
     commands.SetSignals(STEPPING),
-    commands.LoadMotion("walk.bvh", "walk.bvh", 5, 30.0, STEPPING),
-    commands.SetFrame(3, STEPPING.replace(translation=np.array([1.0, 0.0, 2.0]))),
-    commands.CloseMotion(),
+    timeline_commands.LoadMotion("walk.bvh", "walk.bvh", 5, 30.0, signals=STEPPING),
+    timeline_commands.SetFrame(3, signals=STEPPING.replace(translation=np.array([1.0, 0.0, 2.0]))),
+    timeline_commands.AddLayer(Layer("Keys"), signals=STEPPING),
+    timeline_commands.AddLayer(
+        Layer("Face", Clip("f.csv", "f.csv", 9, 60.0, ImportOptions(fps=60.0)), parts=frozenset({"head"}))
+    ),
+    timeline_commands.AddLayer(Layer("OSC", feed=Feed("osc"))),
+    timeline_commands.SetFrame(1, (("OSC", STEPPING, 0.5),), signals=STEPPING),
+    timeline_commands.SetKeys(
+        "Keys",
+        (
+            ("jawOpen", 0.5, (0.2,), "linear"),
+            ("jawOpen", 1.0, (0.4,), "step"),
+            ("camera.target", 0.0, (0.0, 1.0, 2.0), "smooth"),
+        ),
+        signals=STEPPING,
+        view=OrbitView(fov=31.0),
+    ),
+    timeline_commands.MoveKeys("Keys", (("jawOpen", 0.5),), 0.2),
+    timeline_commands.SetCurve("Keys", (("jawOpen", 0.7),), "smooth"),
+    timeline_commands.DeleteKeys("Keys", (("jawOpen", 1.0),)),
+    timeline_commands.SetLayer("Face", ("head", "mouth"), 0.5, True, 1.0, 2.0, True, 0.1),
+    timeline_commands.MoveLayer("Face", -1),
+    timeline_commands.RenameLayer("Face", "Face 2"),
+    timeline_commands.SetTimeline(24.0, (2, 40), False),
+    timeline_commands.SetShare("left arm", Share(0.5, True)),
+    timeline_commands.RemoveLayer("OSC"),
+    timeline_commands.CloseMotion(),
     commands.Reset(),
     commands.SetFingers("left index curl", 0.5),
     commands.SetFaceMacro("smile", 0.5),
@@ -98,8 +125,8 @@ def test_a_saved_session_replays_to_the_same_state(tmp_path):
         journal.do(command, gesture=number // 3)
     for frame in range(1, 5):
         place = np.array([0.1 * frame, 0.0, 0.3 * frame])
-        journal.do(commands.LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING))
-        journal.do(commands.SetFrame(frame, STEPPING.replace(translation=place)), gesture="play")
+        journal.do(timeline_commands.LoadMotion("walk.bvh", "walk", 5, 30.0, signals=STEPPING))
+        journal.do(timeline_commands.SetFrame(frame, signals=STEPPING.replace(translation=place)), gesture="play")
     journal.save(tmp_path / "session.json")
     again = Journal.load(tmp_path / "session.json")
     assert again.state == journal.state
@@ -246,7 +273,7 @@ def test_pan_moves_the_picture_by_its_share_of_the_height():
 
 
 def test_a_motion_carries_the_view_over_the_ground_only():
-    state = commands.LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING).apply(StudioState())
+    state = timeline_commands.LoadMotion("walk.bvh", "walk", 5, 30.0, signals=STEPPING).apply(StudioState())
     assert state.view.target == pytest.approx((0.5, -0.05, 1.0))
     still = StudioState(view=OrbitView(follow=False))
-    assert commands.LoadMotion("walk.bvh", "walk", 5, 30.0, STEPPING).apply(still).view == still.view
+    assert timeline_commands.LoadMotion("walk.bvh", "walk", 5, 30.0, signals=STEPPING).apply(still).view == still.view

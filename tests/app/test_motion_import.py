@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from avatarrex_studio.cli.main import main
 from avatarrex_studio.session import commands, motion
+from avatarrex_studio.session.clips import Clips
+from avatarrex_studio.session.evaluation import go_to, settled
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
-from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.state import StudioState
 from ball import ball_engine
+from ball_studio import ball_studio
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 from PIL import Image
@@ -39,47 +41,50 @@ def odd(tmp_path: Path) -> Path:
 def test_options_come_back_with_the_state_and_the_journal(odd: Path) -> None:
     chosen = ImportOptions(up="+Z", fps=12.0, joints=(("head", ""),))
     state = StudioState()
-    load = Motion.read(odd, chosen).loaded(state.signals)
+    clips = Clips()
+    load = settled(Motion.read(odd, chosen).loaded(), state, clips)
     assert commands.Command.from_json(json.loads(json.dumps(load.to_json()))) == load
     after = load.apply(state)
     again = StudioState.from_json(json.loads(json.dumps(after.to_json())))
     assert again == after
-    assert again.motion is not None
-    assert again.motion.options == chosen
+    assert again.timeline.motion is not None
+    assert again.timeline.motion.options == chosen
     # a session that was opened reads the motion as it was read before
-    playback = Playback()
-    playback.take(Motion.read(str(odd)))
-    frame = playback.at(again, 3)
+    clips.take(Motion.read(str(odd)))
+    frame = go_to(again, 3, clips)
     assert frame is not None
-    assert frame.signals == Motion.read(odd, chosen).at(3, again.signals).signals
+    assert frame.signals == Motion.read(odd, chosen).sequence[3]
 
 
 def test_the_present_motion_is_the_one_that_the_state_names(odd: Path, caplog: pytest.LogCaptureFixture) -> None:
     """After an undone option, after another session was opened; a file that went away is refused once until Play."""
-    playback = Playback()
-    free, chosen = (Motion.read(odd, options).loaded(StudioState().signals).apply(StudioState())
+    clips = Clips()
+    free, chosen = (Motion.read(odd, options).loaded().apply(StudioState())
                     for options in (ImportOptions(), ImportOptions(up="+Z")))  # fmt: skip
-    playback.take(Motion.read(str(odd), ImportOptions(up="+Z")))
+    clips.take(Motion.read(str(odd), ImportOptions(up="+Z")))
 
     def options_now(state: StudioState) -> ImportOptions:
-        motion = playback.current(state)
+        assert state.timeline.motion is not None
+        motion = clips.motion(state.timeline.motion)
         assert motion is not None
         return motion.imported.options
 
     assert options_now(free) == ImportOptions()
-    playback.close()
+    clips.forget()
     assert options_now(chosen) == ImportOptions(up="+Z")
     text = odd.read_text()
     odd.unlink()
-    assert [playback.current(free) for _ in range(3)] == [None] * 3
+    assert [go_to(free, 1, clips) for _ in range(3)] == [None] * 3
     assert [record.levelname for record in caplog.records] == ["ERROR"]
     odd.write_text(text)
-    assert playback.current(free) is None
-    playback.toggle(free, 0.0)
+    assert go_to(free, 1, clips) is None
+    clips.retry()
     assert options_now(free) == ImportOptions()
 
 
-def test_the_window_does_not_wait_for_blender_as_long_as_a_command(odd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_window_does_not_wait_for_blender_as_long_as_a_command(
+    odd: Path, clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
     waits = []
 
     def timed(path: str, options: ImportOptions | None, seconds: float) -> ImportedMotion:
@@ -87,16 +92,17 @@ def test_the_window_does_not_wait_for_blender_as_long_as_a_command(odd: Path, mo
         return import_motion(path, options, seconds)
 
     monkeypatch.setattr(motion, "import_motion", timed)
-    playback = Playback()
-    state = Motion.read(str(odd)).loaded(StudioState().signals).apply(StudioState())
-    playback.current(state)
+    ball_studio(clock).open_motion(str(odd))
     Motion.read(odd)
-    assert waits == [300.0, 60.0, 300.0]
+    studio = ball_studio(clock)
+    studio.take_journal(Journal(Motion.read(str(odd)).loaded().apply(StudioState())))
+    studio.go_to(1)
+    assert waits == [60.0, 300.0, 300.0, 60.0]
 
 
 def test_a_session_of_before_has_no_options() -> None:
     data = StudioState().to_json() | {"motion": {"path": "a.bvh", "name": "a", "frames": 2, "fps": 30.0, "frame": 1}}
-    motion = StudioState.from_json(data).motion
+    motion = StudioState.from_json(data).timeline.motion
     assert motion is not None
     assert motion.options == ImportOptions()
 
@@ -190,7 +196,7 @@ def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) ->
         test.yield_(3)
         test.item_click("//$FOCUSED/Wave: " + MOTIONS["wave"])
         test.yield_(3)
-        seen["own"] = studio.state.motion
+        seen["own"] = studio.state.timeline.motion
         seen["quiet"] = window.timeline.reading.shown
         studio.open_motion(str(odd))
         test.yield_(4)
@@ -200,26 +206,26 @@ def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) ->
         test.yield_(2)
         test.item_click("//$FOCUSED/+Z")
         test.yield_(4)
-        seen["chosen"] = studio.state.motion.options
+        seen["chosen"] = studio.state.timeline.motion.options
         studio.save_session(str(tmp_path / "s.json"))
         seen["signals"] = studio.state.signals
         studio.undo()
         test.yield_(2)
-        seen["undone"] = studio.state.motion.options
+        seen["undone"] = studio.state.timeline.motion.options
         test.item_click("guesses/##floor")
         test.yield_(2)
         test.item_click("//$FOCUSED/each")
         test.yield_(4)
-        seen["next"] = studio.state.motion.options
+        seen["next"] = studio.state.timeline.motion.options
         studio.open_motion(str(odd), ImportOptions(fps=29.97))
         test.yield_(4)
         test.item_click("guesses/##fps")
         test.key_press(imgui.Key.enter)
         test.yield_(4)
-        seen["fps"] = studio.state.motion.options
+        seen["fps"] = studio.state.timeline.motion.options
         test.item_click("guesses/Stay where they stand##lock_feet")
         test.yield_(4)
-        seen["feet"] = studio.state.motion.options
+        seen["feet"] = studio.state.timeline.motion.options
         window.timeline.reading.shown = False
         studio.open_session(str(tmp_path / "s.json"))
         window.timeline.reading.open()
@@ -238,5 +244,5 @@ def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) ->
     assert seen["opened"], "a session that was opened has a motion, before it plays"
     again = Journal.load(str(tmp_path / "s.json")).state
     assert again.signals == seen["signals"]
-    assert again.motion is not None
-    assert again.motion.options == ImportOptions(up="+Z")
+    assert again.timeline.motion is not None
+    assert again.timeline.motion.options == ImportOptions(up="+Z")

@@ -105,7 +105,7 @@ def shown(window):
     state, training = window.studio.state, window.training
     return {
         "avatar": (state.avatar, window.studio.avatars.ready(state.avatar) is not None),
-        "motion": state.motion and state.motion.path,
+        "motion": state.timeline.motion and state.timeline.motion.path,
         "session": round(float(state.signals.expression.max()), 3),
         "capture": (training.form.capture, not imgui.internal.find_window_by_name("Training").hidden),
         "run": training.runs.chosen,
@@ -222,7 +222,7 @@ def test_everything_is_opened(display, things, tmp_path, caplog, monkeypatch):
     assert seen["menu"] == (things["motion"], {things["session"]})
     names = ["capture", "empty", "run", "anna.avatar", "lost.json", "turn.json"]
     assert seen["dialog itself"] == (names, True, False), "keys go to the dialog"
-    assert Journal.load(tmp_path / "mine.json").state.motion.path == things["motion"]
+    assert Journal.load(tmp_path / "mine.json").state.timeline.motion.path == things["motion"]
 
 
 def test_what_a_folder_has(tmp_path):

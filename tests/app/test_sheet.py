@@ -285,11 +285,12 @@ def test_the_capture_of_a_sheet_is_its_truth(monkeypatch, capture, tmp_path):
     monkeypatch.setattr(
         draw, "_draw", lambda order, name, page, artists, note="": drawn_pages.append((name, page, artists))
     )
-    words = ["--truth", str(capture), "--only", "body,hands"]
+    monkeypatch.setattr(draw, "mesh_artist", lambda *_: Artist("fitted mesh", lambda scene: scene.picture))
+    words = ["--truth", str(capture), "--mesh", "--only", "body,hands"]
     assert cli.main(["sheet", "default", str(tmp_path / "out"), *words]) == 0
     (body, page, artists), (hands, plain, alone) = drawn_pages
     assert (body, hands) == ("body", "hands")
-    assert [artist.name for artist in artists] == ["ground truth", "default avatar"]
+    assert [artist.name for artist in artists] == ["ground truth", "fitted mesh", "default avatar"]
     assert page.heading == "Body, as captured"
     assert [artist.name for artist in alone] == ["default avatar"]
     assert plain.heading == "Hands"
@@ -318,6 +319,8 @@ REFUSED = {
     "default {file}/deeper": "sheet.json: expected a folder at .*flat, found a file",
     "default /proc/sheets": "a folder at /proc that can be written",
     "default {out} --truth photograph": "--truth: expected subject, loose, or a capture, a folder or a .zip file, found photograph",
+    "default {out} --mesh": "--mesh: expected --truth CAPTURE with it, found no truth",
+    "default {out} --mesh --truth loose": "--mesh: expected --truth CAPTURE with it, found loose",
     "default {out} --only body,feet": "--only: expected some of body,face,hands,motion,floaters, found feet",
     "default {out} --only motion": "--only: motion: expected --motion FILE with it",
     "default {out} --other default": "--other: expected --motion FILE with it, found no motion",

@@ -63,9 +63,12 @@ def test_a_session() -> None:
     state = Journal.load(HERE / "session.json").state
     now, then = json.loads(json.dumps(state.to_json())), json.loads((HERE / "session_state.json").read_text())
     assert then.pop("format") <= now.pop("format")
+    motion = then.pop("motion")
     assert {name: now[name] for name in then} == then
-    assert state.motion is not None
-    assert state.motion.frame == 2
+    clip = state.timeline.motion
+    assert clip is not None
+    assert clip.to_json() | {"frame": state.timeline.frame} == motion
+    assert state.timeline.frame == 2
     as_before(state, "session")
 
 

@@ -1,0 +1,152 @@
+"""What the layers of a timeline give at a time: one pure function of the state, the time and the motions that clips name.
+
+From the base (what sliders have set) upwards each layer leads the joints and coefficients of its parts from what is below towards its
+own: x ← slerp(x, own, weight) for rotations, linear else. Then each group goes back towards the base as its share says. Clips and
+curves wait in their first value before they begin and stay in their last.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from avatarrex_studio.session.clips import Clips
+from avatarrex_studio.session.keys import CAMERA
+from avatarrex_studio.session.motion import Motion
+from avatarrex_studio.session.posing import SLOTS, numbers, of_numbers
+from avatarrex_studio.session.state import OrbitView, StudioState, vector
+from avatarrex_studio.session.timeline import GROUPS, PARTS, Layer, Timeline, of_clip
+from avatarrex_studio.session.timeline_commands import OnTimeline, SetFrame
+from jaxtyping import Bool, Float64
+
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.sequence import interpolate
+
+Edit = TypeVar("Edit", bound=OnTimeline)
+ALL = np.ones(sum(slot.stop - slot.start for slot in SLOTS.values()), dtype=bool)
+LIMITS = {"camera.elevation": (-90.0, 90.0), "camera.distance": (0.05, 1e4), "camera.fov": (1.0, 170.0)}
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What a layer says at a time. Letter: n the numbers of a signal."""
+
+    signals: Signals
+    driven: Bool[np.ndarray, " n"]
+    """Which of its numbers it drives."""
+    weight: float
+
+
+def layers_at(timeline: Timeline, base: Signals, seconds: float, clips: Clips) -> Signals:
+    """The signals that the layers of `timeline` give at a time, over `base`; those whose motion cannot be read give nothing."""
+    below = base
+    for layer in timeline.layers:
+        given = _given(layer, below, seconds, clips)
+        if given is not None:
+            below = _mixed(below, given)
+    for group, share in timeline.shares:
+        below = _mixed(below, Given(base, _mask(GROUPS[group]), 1 - share.of_layers))
+    return below
+
+
+def view_at(timeline: Timeline, view: OrbitView, seconds: float) -> OrbitView | None:
+    """The view at a time, where keys lead the camera; what has no keys is as in `view`. None where none has."""
+    led = None
+    for layer in timeline.layers:
+        if not layer.keyed or layer.muted or not any(track.name in CAMERA for track in layer.tracks):
+            continue
+        led = view if led is None else led
+        for track in layer.tracks:
+            if track.name in CAMERA:
+                led = replace(led, **_setting(led, track.name, track.at(layer.local(seconds)), layer.weight))
+    return led
+
+
+def state_at(state: StudioState, seconds: float, clips: Clips) -> StudioState:
+    """The state at a time of its timeline, playhead, signals and view: what a video renders. Seconds from the first frame.
+
+    The playhead stands at the nearest frame; signals and view are those of the time itself. What cannot be read is left out.
+    """
+    timeline = state.timeline.change(frame=max(round(seconds * state.timeline.fps), 0))
+    signals = layers_at(timeline, state.base, seconds, clips)
+    return state.show(timeline, signals, view_at(timeline, state.view, seconds))
+
+
+def settled(command: Edit, state: StudioState, clips: Clips) -> Edit:
+    """The command with what the layers give after it; as it is where a motion cannot be read. Raises `InputError`.
+
+    At the same time of the timeline it changes only what the layers give otherwise than before: what was edited there stays.
+    """
+    before, timeline = state.timeline, command.edited(state.timeline)
+    if clips.missing(timeline):
+        return command
+    signals = layers_at(timeline, state.base, timeline.seconds, clips)
+    view = view_at(timeline, state.view, timeline.seconds)
+    if timeline.seconds == before.seconds and not clips.missing(before):
+        old = layers_at(before, state.base, before.seconds, clips)
+        kept = np.where(numbers(signals) == numbers(old), numbers(state.signals), numbers(signals))
+        signals = of_numbers(kept)
+        view = None if view == view_at(before, state.view, before.seconds) else view
+    return replace(command, signals=signals, view=view)
+
+
+def go_to(state: StudioState, frame: int, clips: Clips) -> SetFrame | None:
+    """The command that goes to a frame, beyond the ends to the nearest; None where a motion cannot be read."""
+    if clips.missing(state.timeline):
+        return None
+    return settled(SetFrame(min(max(frame, 0), state.timeline.frames - 1)), state, clips)
+
+
+def motion_over(base: Signals, motion: Motion, frame: int) -> Signals:
+    """`base` with what a motion drives at a frame."""
+    clips = Clips()
+    clips.take(motion)
+    return layers_at(of_clip(motion.clip, motion.parts), base, frame / motion.clip.fps, clips)
+
+
+def _given(layer: Layer, below: Signals, seconds: float, clips: Clips) -> Given | None:
+    """What a layer says at a time; None where it says nothing."""
+    if layer.muted or not layer.weight:
+        return None
+    names = [name for part in PARTS if part in layer.parts for name in PARTS[part]]
+    if layer.feed:
+        return Given(layer.feed.signals, _mask(names), layer.weight * layer.feed.presence)
+    if layer.clip:
+        sequence = clips.sequence(layer)
+        if sequence is None:
+            return None
+        return Given(sequence.at(layer.local(seconds)), _mask(names), layer.weight)
+    values, keyed, own = numbers(below), [], layer.local(seconds)
+    for track in layer.tracks:
+        if track.name in names:
+            values[SLOTS[track.name]] = track.at(own)
+            keyed.append(track.name)
+    return Given(of_numbers(values), _mask(keyed), layer.weight) if keyed else None
+
+
+def _mask(names: list[str] | tuple[str, ...]) -> Bool[np.ndarray, " n"]:
+    """Which numbers belong to some joints and coefficients."""
+    mask = ~ALL
+    for name in names:
+        mask[SLOTS[name]] = True
+    return mask
+
+
+def _mixed(below: Signals, given: Given) -> Signals:
+    """`below` led towards a layer by its weight, in what it drives."""
+    if not given.weight:
+        return below
+    own = given.signals if given.weight == 1 else interpolate(below, given.signals, given.weight)
+    values: Float64[np.ndarray, " n"] = numbers(below)
+    values[given.driven] = numbers(own)[given.driven]
+    return of_numbers(values)
+
+
+def _setting(view: OrbitView, name: str, value: Float64[np.ndarray, " c"], weight: float) -> dict[str, Any]:
+    """A setting of the view, led towards `value` by `weight`."""
+    field = name.removeprefix("camera.")
+    mixed = (1 - weight) * np.atleast_1d(getattr(view, field)) + weight * value
+    if name in LIMITS:
+        mixed = np.clip(mixed, *LIMITS[name])
+    return {field: vector(mixed) if field == "target" else float(mixed[0])}

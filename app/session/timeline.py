@@ -1,0 +1,337 @@
+"""The timeline of a session: layers that drive the avatar over time, the playhead and what is played; plain values, JSON in and out.
+
+The playhead counts frames of `Timeline.fps`; keys and offsets are seconds, so that another rate moves nothing. Layers lie one over
+the other, the first at the bottom: each leads what it drives (`parts`) from what is below it towards its own by its `weight`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from avatarrex_studio.session.keys import Track
+
+from avatarrex.errors import InputError
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.import_options import ImportOptions
+from avatarrex.signals.joints import BODY_GROUPS, BODY_JOINTS, EXPRESSION_NAMES, HAND_JOINTS
+
+HEAD = ("neck", "head")
+MOUTH = tuple(name for name in EXPRESSION_NAMES if name.startswith(("jaw", "mouth", "tongue", "cheekPuff")))
+"""The coefficients that speech moves."""
+PARTS: dict[str, tuple[str, ...]] = {
+    "root": ("pelvis", "translation"),
+    "body": tuple(name for name in BODY_JOINTS if name not in HEAD),
+    "head": HEAD,
+    "left hand": tuple(f"left_{name}" for name in HAND_JOINTS),
+    "right hand": tuple(f"right_{name}" for name in HAND_JOINTS),
+    "expression": tuple(name for name in EXPRESSION_NAMES if name not in MOUTH),
+    "mouth": MOUTH,
+    "jaw": ("jaw",),
+    "eyes": ("left_eye", "right_eye"),
+}
+"""What a layer can drive, and the joints and coefficients of each."""
+GROUPS: dict[str, tuple[str, ...]] = {
+    "root": PARTS["root"],
+    **BODY_GROUPS,
+    "left hand": PARTS["left hand"],
+    "right hand": PARTS["right hand"],
+    "face": (*PARTS["expression"], *PARTS["mouth"], *PARTS["jaw"], *PARTS["eyes"]),
+}
+"""What all layers together can be muted on, or have a weight on."""
+EMPTY_SECONDS = 10.0
+"""Length of a timeline without a motion."""
+MOST_LAYERS = 64
+RATES = (1e-6, 1000.0)
+"""Frames a second."""
+MOST_FRAMES = 1_000_000
+LONGEST_SMOOTHING = 1.0
+"""Seconds."""
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A motion file as a layer shows it."""
+
+    path: str
+    name: str
+    frames: int
+    fps: float
+    options: ImportOptions = field(default_factory=ImportOptions)
+    """What was chosen instead of guessed when it was read."""
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.frames, int) and self.frames >= 1):
+            raise InputError(self.path, "frames", "1 or more", self.frames)
+        check(self.path, "fps", self.fps, RATES)
+
+    @property
+    def seconds(self) -> float:
+        """From its first frame to when one more would be due."""
+        return self.frames / self.fps
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; options without a choice are left out."""
+        options = self.options.to_json()
+        return {
+            **{key: value for key, value in vars(self).items() if key != "options"},
+            **({"options": options} if options else {}),
+        }
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any], source: str = "clip") -> Clip:
+        """From `to_json`'s entries. Raises `InputError`."""
+        return cls(**{**data, "options": ImportOptions.from_json(data.get("options", {}), source)})
+
+
+@dataclass(frozen=True)
+class Feed:
+    """What a live source sent last, and how much of it still counts: 1 while it sends, then less to 0."""
+
+    source: str
+    signals: Signals = field(default_factory=Signals.rest)
+    presence: float = 0.0
+
+    def __post_init__(self) -> None:
+        check("live", "presence", self.presence, (0.0, 1.0))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {**vars(self), "signals": self.signals.to_json()}
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any], source: str = "live") -> Feed:
+        """From `to_json`'s entries. Raises `InputError`."""
+        return cls(**{**data, "signals": Signals.from_json(data.get("signals", {}), source)})
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One source of movement: a motion file (`clip`), keys (`tracks`) or a live source (`feed`)."""
+
+    name: str
+    clip: Clip | None = None
+    tracks: tuple[Track, ...] = ()
+    feed: Feed | None = None
+    parts: frozenset[str] = frozenset(PARTS)
+    weight: float = 1.0
+    muted: bool = False
+    offset: float = 0.0
+    """Seconds of the timeline at which it begins."""
+    rate: float = 1.0
+    """How fast it goes: 2 is twice as fast."""
+    loop: bool = False
+    smoothing: float = 0.0
+    """Of a clip: standard deviation of the average over neighbouring frames, seconds of the file."""
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.name, str) and self.name.strip()):
+            raise InputError("layer", "name", "a name", repr(self.name))
+        if unknown := sorted(map(str, self.parts - set(PARTS))):
+            raise InputError(f"layer {self.name}", "parts", ", ".join(PARTS), unknown[0])
+        if len({track.name for track in self.tracks}) != len(self.tracks):
+            raise InputError(f"layer {self.name}", "tracks", "one track of each name", "two of one name")
+        ranges = {
+            "weight": (0.0, 1.0), "offset": (-3600.0, 3600.0), "rate": (0.05, 20.0), "smoothing": (0.0, LONGEST_SMOOTHING),
+        }  # fmt: skip
+        for name, bounds in ranges.items():
+            check(f"layer {self.name}", name, getattr(self, name), bounds)
+        for name in ("muted", "loop"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(f"layer {self.name}", name, "true or false", getattr(self, name))
+
+    @property
+    def keyed(self) -> bool:
+        """Whether it is a layer of keys."""
+        return self.clip is None and self.feed is None
+
+    @property
+    def seconds(self) -> tuple[float, float]:
+        """Where it begins and ends on the timeline, without repetitions; a clip's end is when one more frame would be due."""
+        if self.clip:
+            return self.offset, self.offset + self.clip.seconds / self.rate
+        times = [time for track in self.tracks for time in (track.keys[0].time, track.keys[-1].time)]
+        return (self.on_timeline(min(times)), self.on_timeline(max(times))) if times else (self.offset, self.offset)
+
+    def local(self, seconds: float) -> float:
+        """Its own time at a time of the timeline; what loops begins again."""
+        own = (seconds - self.offset) * self.rate
+        if not self.loop:
+            return own
+        start, end = self.seconds
+        length = (end - start) * self.rate
+        begin = 0.0 if self.clip else (start - self.offset) * self.rate
+        # 1e-9: a time that falls on the end by rounding is the beginning
+        return begin + (own - begin + 1e-9) % length if length > 1e-9 else own
+
+    def on_timeline(self, own: float) -> float:
+        """The time of the timeline at its own time, in the first round."""
+        return self.offset + own / self.rate
+
+    def track(self, name: str) -> Track | None:
+        """Its track of a joint or coefficient."""
+        return next((track for track in self.tracks if track.name == name), None)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            **vars(self),
+            "clip": self.clip and self.clip.to_json(),
+            "tracks": [track.to_json() for track in self.tracks],
+            "feed": self.feed and self.feed.to_json(),
+            "parts": sorted(self.parts),
+        }
+
+    @classmethod
+    def from_json(cls, data: Any, source: str = "layer") -> Layer:
+        """From `to_json`'s dictionary. Raises `InputError`."""
+        if not isinstance(data, dict):
+            raise InputError(source, "layer", "an object", type(data).__name__)
+        content = dict(data)
+        if content.get("clip"):
+            content["clip"] = Clip.from_json(content["clip"], source)
+        if content.get("feed"):
+            content["feed"] = Feed.from_json(content["feed"], source)
+        content["tracks"] = tuple(Track.from_json(track, source) for track in content.get("tracks", ()))
+        content["parts"] = frozenset(content.get("parts", PARTS))
+        return cls(**content)
+
+
+@dataclass(frozen=True)
+class Share:
+    """How much of all layers a group of joints and coefficients follows; what it does not is as the sliders have it."""
+
+    weight: float = 1.0
+    muted: bool = False
+
+    def __post_init__(self) -> None:
+        check("group", "weight", self.weight, (0.0, 1.0))
+        if not isinstance(self.muted, bool):
+            raise InputError("group", "muted", "true or false", self.muted)
+
+    @property
+    def of_layers(self) -> float:
+        """0 to 1."""
+        return 0.0 if self.muted else self.weight
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Layers, the lowest first, and the playhead."""
+
+    layers: tuple[Layer, ...] = ()
+    fps: float = 30.0
+    frame: int = 0
+    span: tuple[int, int] | None = None
+    """First and last frame that are played; None: all."""
+    loop: bool = True
+    shares: tuple[tuple[str, Share], ...] = ()
+    """Of those of `GROUPS` that do not follow the layers in full."""
+
+    def __post_init__(self) -> None:
+        names = [layer.name for layer in self.layers]
+        if len(set(names)) != len(names) or len(names) > MOST_LAYERS:
+            raise InputError("timeline", "layers", f"at most {MOST_LAYERS}, each with a name of its own", names)
+        check("timeline", "fps", self.fps, RATES)
+        if not (isinstance(self.frame, int) and 0 <= self.frame < MOST_FRAMES):
+            raise InputError("timeline", "frame", "0 or more", self.frame)
+        if self.span is not None and not (
+            len(self.span) == 2 and all(isinstance(end, int) for end in self.span) and 0 <= self.span[0] < self.span[1]
+        ):
+            raise InputError("timeline", "span", "a first and a later frame", self.span)
+        if not isinstance(self.loop, bool):
+            raise InputError("timeline", "loop", "true or false", self.loop)
+        for group, _ in self.shares:
+            if group not in GROUPS:
+                raise InputError("timeline", "group", ", ".join(GROUPS), group)
+
+    @property
+    def frames(self) -> int:
+        """How many there are: to the end of the last clip or key."""
+        ends = [layer.seconds[1] * self.fps - (0 if layer.keyed else 1) for layer in self.layers if layer.feed is None]
+        if not any(layer.clip for layer in self.layers):
+            ends.append(EMPTY_SECONDS * self.fps)
+        # 1e-6: a clip at its own rate has its own number of frames
+        return min(max(math.ceil(max(ends) - 1e-6) + 1, 1), MOST_FRAMES)
+
+    @property
+    def played(self) -> tuple[int, int]:
+        """First and last frame that are played."""
+        last = self.frames - 1
+        if self.span is None:
+            return 0, last
+        return min(self.span[0], last), min(self.span[1], last)
+
+    @property
+    def seconds(self) -> float:
+        """Where the playhead is."""
+        return self.frame / self.fps
+
+    @property
+    def motion(self) -> Clip | None:
+        """The lowest clip: of a timeline of one layer the loaded motion."""
+        return next((layer.clip for layer in self.layers if layer.clip), None)
+
+    def layer(self, name: str) -> Layer:
+        """By its name. Raises `InputError`."""
+        for layer in self.layers:
+            if layer.name == name:
+                return layer
+        raise InputError(
+            "layer", "", ", ".join(layer.name for layer in self.layers) or "a layer to be added first", name
+        )
+
+    def share(self, group: str) -> Share:
+        """Of one of `GROUPS`."""
+        return dict(self.shares).get(group, Share())
+
+    def change(self, **changes: Any) -> Timeline:
+        """A copy with some fields changed, validated."""
+        return replace(self, **changes)
+
+    def with_layer(self, name: str, layer: Layer | None) -> Timeline:
+        """With a layer in place of the one of that name, or without it. Raises `InputError` where there is none."""
+        self.layer(name)
+        kept = (layer if each.name == name else each for each in self.layers)
+        return self.change(layers=tuple(each for each in kept if each is not None))
+
+    def free_name(self, wanted: str) -> str:
+        """`wanted`, or with a number where a layer is called so."""
+        names, number, found = {layer.name for layer in self.layers}, 2, wanted
+        while found in names:
+            found, number = f"{wanted} {number}", number + 1
+        return found
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            **vars(self),
+            "layers": [layer.to_json() for layer in self.layers],
+            "shares": {group: asdict(share) for group, share in self.shares},
+        }
+
+    @classmethod
+    def from_json(cls, data: Any, source: str = "timeline") -> Timeline:
+        """From `to_json`'s dictionary. Raises `InputError`."""
+        if not isinstance(data, dict):
+            raise InputError(source, "timeline", "an object", type(data).__name__)
+        content = dict(data)
+        content["layers"] = tuple(Layer.from_json(layer, source) for layer in content.get("layers", ()))
+        content["shares"] = tuple((group, Share(**share)) for group, share in content.get("shares", {}).items())
+        if content.get("span"):
+            content["span"] = tuple(content["span"])
+        return cls(**content)
+
+
+def of_clip(clip: Clip, parts: Iterable[str] = PARTS, frame: int = 0) -> Timeline:
+    """A timeline of one motion at its own rate."""
+    return Timeline((Layer(clip.name, clip, parts=frozenset(parts)),), clip.fps, frame)
+
+
+def check(source: str, name: str, value: object, bounds: tuple[float, float]) -> None:
+    """Raise `InputError` unless `value` is a number within `bounds`."""
+    low, high = bounds
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise InputError(source, name, f"a number from {low:g} to {high:g}", value)

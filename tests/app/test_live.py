@@ -1,0 +1,272 @@
+"""Live sources without a window: what datagrams say, hostile ones, drop-out, calibration, recording. Packets go over loopback."""
+
+from __future__ import annotations
+
+import json
+import random
+import socket
+import time
+
+import numpy as np
+import pytest
+from avatarrex_studio.live import ifacialmocap_packet, livelink_packet, osc_packet
+from avatarrex_studio.live.drive import Drive
+from avatarrex_studio.live.listening import evenly
+from avatarrex_studio.live.received import Received
+from avatarrex_studio.live.receiver import MOST, Counts, Receiver
+from avatarrex_studio.live.sources import SOURCES
+from avatarrex_studio.live.webcam import Landmarks, replayed
+from avatarrex_studio.session.commands import SetExpression
+from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.timeline import Feed, Layer
+from avatarrex_studio.session.timeline_commands import AddLayer
+from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
+from pythonosc.osc_message_builder import OscMessageBuilder
+
+from avatarrex.errors import InputError
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.joints import EXPRESSION_NAMES
+
+JAW = EXPRESSION_NAMES.index("jawOpen")
+IFACIAL = b"mouthSmile_R-12|eyeBlink_L-100|jawOpen-50|=head#10.0,20.0,0.0,0.1,0.2,0.3|rightEye#1,2,3|leftEye#1,2,3|"
+
+
+def message(address, *values):
+    builder = OscMessageBuilder(address)
+    for value in values:
+        builder.add_arg(value)
+    return builder.build()
+
+
+def bundle(*messages):
+    builder = OscBundleBuilder(IMMEDIATELY)
+    for each in messages:
+        builder.add_content(each)
+    return builder.build().dgram
+
+
+def turned(x, y, z, w):
+    return message("/VMC/Ext/Bone/Pos", "LeftLowerArm", 0.0, 0.0, 0.0, float(x), float(y), float(z), float(w))
+
+
+VMC = bundle(
+    turned(0, np.sin(0.25), 0, np.cos(0.25)),
+    message("/VMC/Ext/Blend/Val", "JawOpen", 0.5),
+    message("/VMC/Ext/Blend/Apply"),
+)
+GOOD = {
+    "osc": VMC,
+    "livelink": livelink_packet.encode({"jawOpen": 0.5, "jawLeft": 0.3}, (0.4, 0.1, 0.0)),
+    "ifacialmocap": IFACIAL,
+}
+
+
+def test_live_link_face():
+    said = livelink_packet.decode(GOOD["livelink"])
+    assert said.weights["jawOpen"] == pytest.approx(0.5)
+    assert (said.weights["jawLeft"], said.weights["jawRight"]) == (pytest.approx(0.3), 0)
+    head = livelink_packet.decode(livelink_packet.encode({}, (0.4, 0.0, 0.0))).head
+    assert head == pytest.approx([0, 0.4, 0]), "yaw to the person's left, as in recordings"
+    pose = said.signals().full_pose()
+    assert pose[12] == pytest.approx(pose[15]), "neck and head share the turn"
+
+
+def test_ifacialmocap_of_both_versions():
+    for data in (IFACIAL, IFACIAL.replace(b"-", b"&")):
+        said = ifacialmocap_packet.decode(data)
+        assert said.weights == pytest.approx({"mouthSmileRight": 0.12, "eyeBlinkLeft": 1.0, "jawOpen": 0.5})
+    # Unity's left-handed +y turns from z towards x, its person's right: ours is the other way
+    assert ifacialmocap_packet.decode(b"jawOpen-0|=head#0,30,0,0,0,0|").head == pytest.approx([0, -np.radians(30), 0])
+    assert ifacialmocap_packet.decode(b"jawOpen-0|=head#30,0,0,0,0,0|").head == pytest.approx([np.radians(30), 0, 0])
+
+
+def test_vmc_bones_presets_and_coefficients():
+    said = osc_packet.decode(VMC)
+    assert said.turns["left_elbow"] == pytest.approx([0, -0.5, 0]), (
+        "the elbow bends as in Unity, seen in a mirror of its axes"
+    )
+    assert said.weights == pytest.approx({"jawOpen": 0.5})
+    vowel = osc_packet.decode(message("/VMC/Ext/Blend/Val", "A", 1.0).dgram).weights
+    assert vowel["jawOpen"] == pytest.approx(0.7)
+    assert osc_packet.decode(message("/VMC/Ext/OK", 1).dgram) == Received()
+    assert set(osc_packet.BONES.values()) >= {"pelvis", "head", "left_thumb1", "right_pinky3", "left_eye"}
+
+
+def test_2000_malformed_packets_are_counted_and_end_nothing():
+    """Cut, with bytes changed, random, empty; then a good one still comes through."""
+    numbers = random.Random(5)
+    for name, source in SOURCES.items():
+        receiver = Receiver(source.decode, "127.0.0.1", 0)
+        try:
+            for k in range(2000):
+                data = bytearray(GOOD[name])
+                way = k % 4
+                if way == 0:
+                    data = data[: numbers.randrange(len(data))]
+                elif way == 1:
+                    for _ in range(numbers.randrange(1, 12)):
+                        data[numbers.randrange(len(data))] = numbers.randrange(256)
+                elif way == 2:
+                    data = bytearray(numbers.randbytes(numbers.randrange(400)))
+                else:
+                    data = data + numbers.randbytes(numbers.randrange(1, 40))
+                receiver.take(bytes(data), k / 100)
+            counts = receiver.counts
+            assert counts.received == 2000
+            assert counts.malformed > 500
+            latest, _ = receiver.latest()
+            latest.signals()
+            receiver.take(GOOD[name], 30.0)
+            assert receiver.latest()[0].weights["jawOpen"] == pytest.approx(0.5)
+        finally:
+            receiver.close()
+
+
+def test_a_flood_is_dropped_unread():
+    receiver = Receiver(SOURCES["livelink"].decode, "127.0.0.1", 0)
+    for _ in range(MOST + 50):
+        receiver.take(b"", 1.0)
+    receiver.close()
+    assert receiver.counts.dropped == 50
+
+
+def send(port, *packets):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for data in packets:
+            sender.sendto(data, ("127.0.0.1", port))
+
+
+def wait(condition, seconds=5.0):
+    until = time.monotonic() + seconds
+    while not condition() and time.monotonic() < until:
+        time.sleep(0.005)
+    assert condition()
+
+
+def test_nothing_listens_until_it_is_switched_on_and_a_taken_port_is_said(studio, caplog):
+    studio.do(AddLayer(Layer("Phone", feed=Feed("livelink"))))
+    assert studio.listening.words == ""
+    arrived = []
+    studio.listening.arrived = lambda: arrived.append(1)
+    studio.listening.switch_on("Phone", "livelink", port=0)
+    port = studio.listening.drives["Phone"].sender.port
+    assert studio.listening.words.startswith(f"listening at 127.0.0.1:{port}")
+    with pytest.raises(InputError, match="a free UDP port"):
+        studio.listening.switch_on("Other", "livelink", port=port)
+    send(port, GOOD["livelink"], b"nonsense")
+    wait(lambda: studio.listening.drives["Phone"].sender.counts.received == 2)
+    assert arrived
+    assert "1 malformed" in studio.listening.words
+    studio.undo()
+    studio.tick((32, 24))
+    assert studio.listening.words == "", "what has no layer listens no more"
+
+
+class Sent:
+    """A source that says what a test says."""
+
+    counts = Counts()
+
+    def __init__(self):
+        self.said, self.at = Received(), float("-inf")
+
+    def latest(self):
+        return self.said, self.at
+
+    def close(self):
+        pass
+
+
+def of_jaw(value, yaw=0.0):
+    return Received({"jawOpen": value}, head=np.array([0.0, yaw, 0.0]))
+
+
+def test_drop_out_keeps_then_fades_and_comes_back():
+    sent = Sent()
+    drive, now = Drive(sent), 10.0
+    presence = []
+    for k in range(240):
+        now += 1 / 60
+        if k < 60 or k > 200:
+            sent.said, sent.at = of_jaw(0.6), now
+        drive.tick(now)
+        presence.append(drive.presence)
+    assert presence[59] == presence[85] == 1
+    assert 0.3 < presence[60 + 30 + 30] < 0.7, "half a second of the last, then a second to nothing"
+    assert presence[199] == 0
+    assert presence[-1] == 1
+    assert drive.signals.expression[JAW] == pytest.approx(0.6, abs=1e-3)
+
+
+def test_a_face_is_calibrated_to_neutral():
+    sent = Sent()
+    drive = Drive(sent)
+    sent.said, sent.at = of_jaw(0.2, yaw=0.3), 1.0
+    drive.calibrate()
+    drive.tick(1.0)
+    assert drive.signals == Signals.rest()
+    sent.said, sent.at = of_jaw(0.6, yaw=0.7), 5.0
+    drive.tick(5.0)
+    assert drive.signals.expression[JAW] == pytest.approx(0.5)
+    assert drive.signals.full_pose()[15] == pytest.approx([0, 0.2, 0])
+
+
+def test_frames_are_passed_on_sixty_times_a_second_at_most():
+    sent = Sent()
+    drive, passed = Drive(sent), 0
+    for k in range(1000):
+        sent.said, sent.at = of_jaw(0.001 * k), k / 1000
+        passed += drive.tick(k / 1000)
+    assert 50 <= passed <= 67
+
+
+def test_a_live_layer_is_smoothed_recorded_and_replayed(studio, clock, tmp_path):
+    """Live frames are no undo steps; the recording becomes a clip; the journal gives the same state without either."""
+    studio.do(SetExpression("browInnerUp", 0.2))
+    studio.do(AddLayer(Layer("Phone", feed=Feed("livelink"), parts=frozenset({"expression", "mouth", "head"}))))
+    sent = Sent()
+    studio.listening.take_up("Phone", sent)
+    steps = len(studio.journal.steps)
+    studio.record_live("Phone")
+    for k in range(60):
+        clock.now += 1 / 60
+        sent.said, sent.at = of_jaw(k / 100), clock.now
+        studio.tick((32, 24))
+    assert studio.state.signals.expression[JAW] == pytest.approx(0.59, abs=0.05)
+    assert len(studio.journal.steps) == steps, "nobody did it"
+    studio.record_live("Phone")
+    clip = studio.state.timeline.layers[-1]
+    assert clip.clip.frames == pytest.approx(60, abs=2)
+    assert studio.state.timeline.layer("Phone").muted
+    studio.go_to(15)  # of 30 a second
+    assert studio.state.signals.expression[JAW] == pytest.approx(0.3, abs=0.06)
+    studio.save_session(str(tmp_path / "s.json"))
+    assert Journal.load(tmp_path / "s.json").state == studio.state
+    studio.undo()
+    studio.undo()
+    studio.undo()
+    assert len(studio.state.timeline.layers) == 1
+
+
+def test_a_recording_of_uneven_times_is_even():
+    def at(value):
+        return Signals.rest().replace(expression=np.eye(52)[JAW] * value)
+
+    made = evenly([(0.0, at(0.0)), (0.05, at(0.05)), (0.3, at(0.3)), (1.0, at(1.0))], "take", fps=10.0)
+    assert [frame.expression[JAW] for frame in made] == pytest.approx(np.arange(11) / 10)
+
+
+def test_a_webcam_s_landmarks_drive_the_face(tmp_path):
+    """From recorded results of a landmarker: no model file comes with the program."""
+    frames = [
+        {"time": k / 30, "weights": {"jawOpen": k / 10, "_neutral": 1.0}, "matrix": np.eye(4).tolist()}
+        for k in range(5)
+    ]
+    frames[4]["matrix"][0][:3], frames[4]["matrix"][2][:3] = [0.8, 0.0, 0.6], [-0.6, 0.0, 0.8]
+    (tmp_path / "face.jsonl").write_text("\n".join(json.dumps(frame) for frame in frames))
+    found = list(replayed(tmp_path / "face.jsonl"))
+    assert [said.weights["jawOpen"] for _, said in found] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
+    assert "_neutral" not in found[0][1].weights
+    assert found[4][1].head == pytest.approx([0, np.arctan2(0.6, 0.8), 0]), "about +y: to the person's left"
+    with pytest.raises(InputError):
+        Landmarks.of({"weights": 3}, "x")
