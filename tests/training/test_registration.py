@@ -9,7 +9,7 @@ from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
-from avatarrex.fields.slide import Slide, carriers
+from avatarrex.fields.slide import JOINTS, Slide, carriers
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
@@ -61,7 +61,7 @@ def test_the_slide_is_found_and_holds_in_another_pose(bare: Avatar) -> None:
     body = bare.body
     noise = torch.Generator().manual_seed(0)
     mask = carriers(bare.person.body.v_template[body.node_vertex], bare.person.body.joint_template)
-    share = mask * 0.03 * torch.randn(len(body.node_vertex), 22, generator=noise)
+    share = mask * 0.03 * torch.randn(JOINTS, generator=noise)
     sightings = [pictured(bare, share, seed) for seed in range(6)]
     other = pictured(bare, share, 100)
     body.add_detail(0.02)
@@ -75,5 +75,5 @@ def test_the_slide_is_found_and_holds_in_another_pose(bare: Avatar) -> None:
     before = off(bare, other, share)
     register(bare, sightings, painted)
     after = off(bare, other, share)
-    assert before > 2
-    assert after < 0.75 * before
+    assert before > 5
+    assert after < 0.5 * before

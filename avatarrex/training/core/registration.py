@@ -24,13 +24,13 @@ from avatarrex.avatar import Avatar
 from avatarrex.fields.slide import Slide, carriers, slide_basis
 from avatarrex.training.core.sighting import Sighting
 
-SLOPES = (0.008, 0.005, 0.003, 0.002)
+SLOPES = (0.008, 0.008, 0.005, 0.003, 0.002)
 """Metres between which the texels' slopes are taken, round by round."""
 PIXELS = 250_000
 """Of all pictures, drawn by chance."""
 STRAY = 0.1
 """Difference in sRGB at which a pixel's weight has fallen to a quarter."""
-STILL = 30.0
+STILL = 3.0
 """μ: sRGB per metre, squared."""
 STEPS = 40
 """Of conjugate gradients in a round."""
