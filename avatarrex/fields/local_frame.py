@@ -89,9 +89,9 @@ class Samples:
     def among(self, nodes: Tensor) -> Samples:
         """Only the samples that the nodes of the mask (n,) own."""
         keep = nodes[self.owner]
-        rows = ("rest", "position", "outward", "rest_from_posed", "owner", "slide")
-        chosen = {name: getattr(self, name) for name in rows}
-        return replace(self, **{name: None if values is None else values[keep] for name, values in chosen.items()})
+        rows = ("rest", "position", "outward", "rest_from_posed", "owner")
+        slide = None if self.slide is None else self.slide[keep]
+        return replace(self, **{name: getattr(self, name)[keep] for name in rows}, slide=slide)
 
     def neighbours_of(self, position: Float[Tensor, "p 3"], impl: str = "auto") -> Neighbours:
         """The samples that carry every point, and their weights; differentiable in the point. `impl`: `auto`, `torch`."""

@@ -16,11 +16,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, vstack
 from scipy.sparse.linalg import LinearOperator, cg
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
+from avatarrex.fields.local_frame import Neighbours
 from avatarrex.fields.slide import Slide, carriers, slide_basis
 from avatarrex.training.core.sighting import Sighting
 
@@ -58,18 +59,18 @@ class _Pixels:
         body = avatar.body
         assert body.slide is not None
         count = max(PIXELS // len(sightings), 1)
-        self.parts = []
-        reach, basis = [], []
+        near = body.slide.reach.cpu().numpy()
+        nodes = csr_matrix(np.where(near > 1e-3, near, 0))
+        self.parts, reach, basis = [], [], []
         for one in sightings:
             rows = torch.from_numpy(rng.permutation(len(one.position))[:count])
             samples = one.samples
             moves = slide_basis(samples.rest_from_posed, one.posed.body.skinning, samples.rest)
-            index, weight = one.beside.index[rows], one.beside.weight[rows]
+            carried = _matrix(one.beside.rows(rows), len(samples.rest))
             self.parts.append((one, rows))
-            reach.append((weight[:, :, None] * body.slide.reach[index]).sum(1).numpy())
-            basis.append((weight[:, :, None] * moves.flatten(1)[index]).sum(1).unflatten(1, moves.shape[1:]).numpy())
-        joined = np.concatenate(reach)
-        self.reach = csr_matrix(np.where(joined > 1e-3, joined, 0))
+            reach.append(carried @ nodes)
+            basis.append((carried @ moves.flatten(1).numpy()).reshape(-1, *moves.shape[1:]))
+        self.reach = vstack(reach).tocsr()
         self.basis = np.concatenate(basis)
 
     def step(self, avatar: Avatar, slope: float, mask: np.ndarray) -> np.ndarray:
@@ -120,3 +121,10 @@ class _Pixels:
         jacobian = torch.stack([(texel(step) - texel(-step)) / (2 * slope) for step in steps], -1)
         residual = albedo - texel(torch.zeros(3))
         return torch.cat([residual, one.weight[rows, None]], 1).numpy(), jacobian.numpy()
+
+
+def _matrix(beside: Neighbours, samples: int) -> csr_matrix:
+    """(p, a): means over the samples that carry pixels."""
+    index, weight = beside.index.numpy(), beside.weight.numpy()
+    starts = np.arange(0, index.size + 1, index.shape[1])
+    return csr_matrix((weight.ravel(), index.ravel(), starts), shape=(len(index), samples))
