@@ -40,7 +40,7 @@ from avatarrex.fields.nodes import anchors, covering_radius, farthest_points, no
 from avatarrex.fields.outgrowth import Outgrowth
 from avatarrex.fields.patches import NoPatches, PatchNetwork, patch_features
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
-from avatarrex.fields.slide import Slide, slide_basis
+from avatarrex.fields.slide import Slide
 from avatarrex.ops import native
 from avatarrex.ops.encoding import Encoding, channels
 from avatarrex.ops.skinning import blend, blend_rotations, invert_affine
@@ -276,7 +276,7 @@ class BodyField(nn.Module):
         """All `samples` of a pose with its slide."""
         if self.slide is None:
             return samples
-        return replace(samples, slide=self.slide.offset(slide_basis(samples.rest_from_posed, skinning, samples.rest)))
+        return replace(samples, slide=self.slide.offset(samples.rest_from_posed, skinning, samples.rest))
 
     def _onto(self, posed: PosedTemplate, weights: Tensor, rest: Tensor, vertex: Tensor) -> Float[Tensor, "n 3 4"]:
         """Per sample the linear part of its frame, with the offset that takes its rest position onto its posed vertex."""

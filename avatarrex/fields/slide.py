@@ -16,6 +16,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from avatarrex.ops.skinning import blend, skin
+
 JOINTS = 22
 """Pelvis and body joints."""
 CARRIERS = 6
@@ -49,9 +51,14 @@ class Slide(nn.Module):
         squared = torch.cdist(samples, nodes).square()
         self.reach = torch.softmax(-squared / (2 * SIGMA**2), 1)
 
-    def offset(self, basis: Float[Tensor, "a j 3"]) -> Float[Tensor, "a 3"]:
-        """p̄' − p̄ of the samples; `basis` of `slide_basis`."""
-        offset = ((self.reach @ self.share)[:, :, None] * basis).sum(1)
+    def offset(
+        self, rest_from_posed: Float[Tensor, "a 3 4"], skinning: Float[Tensor, "k 4 4"], rest: Float[Tensor, "a 3"]
+    ) -> Float[Tensor, "a 3"]:
+        """p̄' − p̄ of the samples: `share` times `slide_basis`, the sum over joints first."""
+        share = self.reach @ self.share
+        moved = skin(blend(skinning[:JOINTS], share), rest)
+        back = (rest_from_posed[:, :, :3] @ moved[:, :, None])[:, :, 0]
+        offset = back + share.sum(1, keepdim=True) * (rest_from_posed[:, :, 3] - rest)
         bounded: Tensor = offset / (1 + (offset.norm(dim=-1, keepdim=True) / MOST).square()).sqrt()
         return bounded
 

@@ -35,7 +35,7 @@ def test_other_weights_are_found_back() -> None:
     position = skin(blend(matrices, weights + share), rest)
     slide = Slide(-share)
     slide.reach = torch.eye(40)
-    samples = samples_at(rest, back, slide.offset(slide_basis(back, matrices, rest)))
+    samples = samples_at(rest, back, slide.offset(back, matrices, rest))
     alone = Neighbours(torch.arange(40)[:, None], torch.ones(40, 1))
     off = (samples.rest_position(position, alone) - rest).norm(dim=1)
     left = (samples.painted_position(position, alone) - rest).norm(dim=1)
@@ -43,11 +43,23 @@ def test_other_weights_are_found_back() -> None:
     assert left.mean() < 0.2 * off.mean()
 
 
+def test_the_offset_is_the_sum_over_joints() -> None:
+    noise = torch.Generator().manual_seed(2)
+    rest, matrices = 0.3 * torch.randn(30, 3, generator=noise), posed(noise)
+    back = invert_affine(blend(matrices, torch.rand(30, JOINTS, generator=noise).softmax(1)))
+    slide = Slide(0.001 * torch.randn(30, JOINTS, generator=noise))
+    slide.reach = torch.eye(30)
+    wanted = (slide.share[:, :, None] * slide_basis(back, matrices, rest)).sum(1)
+    assert wanted.norm(dim=1).mean() > 3e-4
+    torch.testing.assert_close(slide.offset(back, matrices, rest), wanted, atol=2e-6, rtol=1e-2)
+
+
 def test_nothing_slides_farther_than_cloth() -> None:
     noise = torch.Generator().manual_seed(1)
     slide = Slide(100 * torch.randn(5, JOINTS, generator=noise))
-    slide.lay(torch.randn(5, 3, generator=noise), torch.randn(30, 3, generator=noise))
-    offset = slide.offset(torch.randn(30, JOINTS, 3, generator=noise))
+    rest = torch.randn(30, 3, generator=noise)
+    slide.lay(torch.randn(5, 3, generator=noise), rest)
+    offset = slide.offset(torch.eye(3, 4).expand(30, 3, 4), posed(noise), rest)
     assert offset.norm(dim=1).max() < 1.001 * MOST
     assert offset.norm(dim=1).min() > 0.9 * MOST
 
