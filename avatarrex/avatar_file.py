@@ -24,6 +24,7 @@ from avatarrex.fields.detail_texture import packed, unpacked
 from avatarrex.fields.local_frame import UNSAID
 from avatarrex.fields.placement import device_named
 from avatarrex.fields.presets import BASES, PRESETS
+from avatarrex.fields.slide import JOINTS
 from avatarrex.files.assets import DATA
 from avatarrex.files.gate import decode, read_bytes, what_is, written
 from avatarrex.files.json_text import SMALL, parse_json
@@ -45,6 +46,8 @@ OUTGROWTH = {"body.outgrowth.first": 1, "body.outgrowth.distance": 3}
 """What an avatar with an outgrowth has, and of how many dimensions."""
 FILES = {"avatar.json": SMALL, "weights.safetensors": 2**30}
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
+SLIDE = "body.slide.share"
+"""What an avatar whose cloth slides has."""
 SURFACE = surface_file.FILE
 WHOLE = "an avatar folder or a whole .avatar file"
 LARGEST_WEIGHT = float(torch.finfo(torch.half).max)
@@ -222,7 +225,7 @@ def _texels_in(state: dict[str, Tensor]) -> list[str]:
 
 
 def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
-    """Give the fields the static detail and the outgrowth whose tensors are in `state`, after checking what these must be."""
+    """Give the fields static detail, slide and outgrowth, whose tensors are in `state`, after checking what these must be."""
     for part, faces in zip(DETAILED, (len(avatar.person.body.faces), len(avatar.person.face.faces))):
         name = f"{part}.detail.edge"
         if name in state and (state[name].dtype, tuple(state[name].shape)) != (torch.uint8, (faces,)):
@@ -238,6 +241,9 @@ def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     distance = state.get("body.outgrowth.distance")
     if distance is not None and not (distance <= 0).any():
         raise InputError(path, "weights.safetensors: body.outgrowth.distance", "somewhere inside", "positive numbers")
+    slides = (len(avatar.body.node_vertex), JOINTS)
+    if SLIDE in state and tuple(state[SLIDE].shape) != slides:
+        raise InputError(path, f"weights.safetensors: {SLIDE}", f"numbers {slides}", tuple(state[SLIDE].shape))
     avatar.body.expect({name.removeprefix("body."): value for name, value in state.items()})
     avatar.face.expect({name.removeprefix("face."): value for name, value in state.items()})
 

@@ -40,6 +40,7 @@ from avatarrex.fields.nodes import anchors, covering_radius, farthest_points, no
 from avatarrex.fields.outgrowth import Outgrowth
 from avatarrex.fields.patches import NoPatches, PatchNetwork, patch_features
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
+from avatarrex.fields.slide import Slide
 from avatarrex.ops import native
 from avatarrex.ops.encoding import Encoding, channels
 from avatarrex.ops.skinning import blend, blend_rotations, invert_affine
@@ -122,6 +123,7 @@ class BodyField(nn.Module):
             raise InputError("body field", "local_frame", " or ".join(LOCAL_FRAMES), local_frame)
         widths = preset.body
         self.widths, self.local_frame, self.template = widths, local_frame, model
+        self.slide: Slide | None = None
         self.register_buffer("node_vertex", farthest_points(model.v_template, widths.nodes, seed))
         self.register_buffer("anchor_vertex", anchors(model, widths.anchors, seed))
         self.register_buffer("clothing_offset", torch.zeros(len(model.v_template)))
@@ -175,6 +177,7 @@ class BodyField(nn.Module):
         self.register_buffer("sample_owner", owner.to(like.device), persistent=False)
         labels = part_labels(model.joint_names, model.weights[vertex])
         self.register_buffer("node_part", labels.to(like.device), persistent=False)
+        self._lay_slide()
 
     @torch.no_grad()
     def measure_clothing_offset(self, posed: PosedTemplate, code: BodyCode) -> None:
@@ -218,12 +221,23 @@ class BodyField(nn.Module):
         shown = ~self.replaced.cpu()[template.faces].all(1)
         self.detail = DetailTexture.of(template.v_template, template.faces, spacing, shown)
 
+    def add_slide(self, share: Float[Tensor, "n j"]) -> None:
+        """Let what is painted slide over the skin, by these numbers."""
+        self.slide = Slide(share)
+        self._lay_slide()
+
+    def _lay_slide(self) -> None:
+        if self.slide is not None:
+            self.slide.lay(self.template.v_template[self.node_vertex.cpu()].to(self.sample_rest), self.sample_rest)
+
     def expect(self, state: Mapping[str, Tensor]) -> None:
-        """Have the static detail and the outgrowth that a state to be loaded has, by its tensors' shapes, or none."""
-        self.detail = self.outgrowth = None
+        """Have the static detail, the slide and the outgrowth that a state to be loaded has, by its tensors' shapes, or none."""
+        self.detail = self.slide = self.outgrowth = None
         if "detail.edge" in state:
             self.detail = DetailTexture(state["detail.edge"].clone())
             self.detail.requires_grad_(False).lay(self.template.v_template, self.template.faces)
+        if "slide.share" in state:
+            self.add_slide(state["slide.share"].float())
         if {"outgrowth.first", "outgrowth.distance"} <= set(state):
             self.outgrowth = Outgrowth(state["outgrowth.first"].clone(), state["outgrowth.distance"].float())
             self.outgrowth.lay(self.template.v_template)
@@ -254,8 +268,15 @@ class BodyField(nn.Module):
             self.sample_owner,
             ANCHOR_SIGMA * (2048 / len(vertex)) ** 0.5,
         )
+        samples = self.slid(samples, posed.skinning)
         cover = covering_radius(posed.vertices.detach(), position.detach()) + CLOTH
         return BodyFrame(code, position, node_rest, node_from_rest, samples, cover)
+
+    def slid(self, samples: Samples, skinning: Float[Tensor, "k 4 4"]) -> Samples:
+        """All `samples` of a pose with its slide."""
+        if self.slide is None:
+            return samples
+        return replace(samples, slide=self.slide.offset(samples.rest_from_posed, skinning, samples.rest))
 
     def _onto(self, posed: PosedTemplate, weights: Tensor, rest: Tensor, vertex: Tensor) -> Float[Tensor, "n 3 4"]:
         """Per sample the linear part of its frame, with the offset that takes its rest position onto its posed vertex."""
@@ -368,7 +389,7 @@ class BodyField(nn.Module):
         that falls on them (None without one). The last three features are the logits of the static detail, where there is one.
         """
         beside = frame.samples.neighbours_of(position)
-        rest = frame.samples.rest_position(position, beside)
+        rest = frame.samples.painted_position(position, beside)
         pairs, local, weight = self.localise(frame, position, pairs, self.widths.colour_cutoff, rest)
         feature = self._colour_features(frame, patches, pairs, local, impl)
         mean, _ = weighted_mean(feature, weight, pairs, len(position))

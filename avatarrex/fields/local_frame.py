@@ -60,6 +60,8 @@ class Samples:
     owner: Int[Tensor, " a"]
     """The node nearest at rest: `among` nodes, only the samples they own are searched."""
     spread: float
+    slide: Float[Tensor, "a 3"] | None = None
+    """What is painted there comes from so far beside at rest (slide.py), metres; None: from there."""
 
     @cached_property
     def tree(self) -> SearchTree:
@@ -88,7 +90,8 @@ class Samples:
         """Only the samples that the nodes of the mask (n,) own."""
         keep = nodes[self.owner]
         rows = ("rest", "position", "outward", "rest_from_posed", "owner")
-        return replace(self, **{name: getattr(self, name)[keep] for name in rows})
+        slide = None if self.slide is None else self.slide[keep]
+        return replace(self, **{name: getattr(self, name)[keep] for name in rows}, slide=slide)
 
     def neighbours_of(self, position: Float[Tensor, "p 3"], impl: str = "auto") -> Neighbours:
         """The samples that carry every point, and their weights; differentiable in the point. `impl`: `auto`, `torch`."""
@@ -133,6 +136,13 @@ class Samples:
         neighbours = self.neighbours_of(position) if neighbours is None else neighbours
         return skin(neighbours.mean(self.rest_from_posed.reshape(-1, 12)).reshape(-1, 3, 4), position)
 
+    def painted_position(self, position: Float[Tensor, "p 3"], neighbours: Neighbours) -> Float[Tensor, "p 3"]:
+        """Where at rest lies what is painted on every point: p̄ with the slide."""
+        if self.slide is None or not len(self.rest):
+            return self.rest_position(position, neighbours)
+        back = torch.cat([self.rest_from_posed[..., :3], self.rest_from_posed[..., 3:] + self.slide[..., None]], -1)
+        return skin(neighbours.mean(back.reshape(-1, 12)).reshape(-1, 3, 4), position)
+
     def facing(self, neighbours: Neighbours) -> Float[Tensor, "p 3"]:
         """Which way the surface next to each point is turned: unit, smooth, turning with the limb."""
         return torch.nn.functional.normalize(neighbours.mean(self.outward), dim=-1)
@@ -145,6 +155,10 @@ class Neighbours:
     index: Int[Tensor, "p k"]
     weight: Float[Tensor, "p k"]
     """Sum 1 over k."""
+
+    def rows(self, some: Int[Tensor, " q"]) -> Neighbours:
+        """Of some of the points."""
+        return Neighbours(self.index[some], self.weight[some])
 
     def mean(self, values: Float[Tensor, "a c"]) -> Float[Tensor, "p c"]:
         """Weighted means of the samples' `values`."""

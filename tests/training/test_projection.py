@@ -19,19 +19,24 @@ from avatarrex.training.core.carving import carve
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.projection import Projected, paint, start_from_pictures
 
+HIDDEN = frozenset({"face", "left_hand", "right_hand"})
+
 
 @pytest.fixture(scope="module")
-def painted(tmp_path_factory: pytest.TempPathFactory) -> Avatar:
-    """The prior's surface, with texels from the miniature's training pictures."""
-    capture = open_capture(write_miniature(tmp_path_factory.mktemp("capture"), "body"))
+def store(tmp_path_factory: pytest.TempPathFactory) -> FrameStore:
+    """Frames of the prior's surface, with texels from the miniature's training pictures."""
+    rig = sealed(open_capture(write_miniature(tmp_path_factory.mktemp("capture"), "body")), "train").rigs["body"]
     avatar = perturbed("body", 0)
     avatar.measure_clothing_offset()
-    store = FrameStore(
-        avatar, sealed(capture, "train").rigs["body"], "body", frozenset({"face", "left_hand", "right_hand"}), True
-    )
+    store = FrameStore(avatar, rig, "body", HIDDEN, True)
     store.renew(0)
-    start_from_pictures(avatar, "body", store, 0.01)
-    return avatar
+    start_from_pictures(avatar, "body", store, 0.01, True)
+    return store
+
+
+@pytest.fixture(scope="module")
+def painted(store: FrameStore) -> Avatar:
+    return store.avatar
 
 
 def test_the_pattern_is_where_it_is(painted: Avatar) -> None:
@@ -44,6 +49,16 @@ def test_the_pattern_is_where_it_is(painted: Avatar) -> None:
     chest = (np.abs(place[:, 0]) < 0.12) & (place[:, 1] > 0) & (place[:, 1] < 0.35) & (np.abs(place[:, 2]) > 0.06)
     assert chest.sum() > 300
     assert np.median(off[chest]) < 0.06
+
+
+def test_frames_slide_whether_they_were_posed_before_or_are_now(store: FrameStore) -> None:
+    anew = FrameStore(store.avatar, store.rig, "body", HIDDEN, True)
+    anew.renew(0)
+    before, now = (one[0].volume.body_frame.samples.slide for one in (store, anew))
+    assert before is not None
+    assert now is not None
+    assert now.norm(dim=1).mean() > 1e-4
+    assert torch.equal(before, now)
 
 
 def test_the_networks_begin_at_nothing(painted: Avatar) -> None:

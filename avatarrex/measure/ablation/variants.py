@@ -3,6 +3,7 @@
     full               pass I, then pass II with the perceptual term; feature patches or tri-planes
     pass-one           its pass I alone: what pass II starts from
     no-detail          no static texels, no view dropout
+    no-slide           static texels that stay on the skin
     no-outgrowth       nothing carved from the mattes
     no-pass-two        pass I alone, lengthened to as many steps
     plain-one          pass I of no-patches alone
@@ -74,6 +75,7 @@ VARIANTS = {
         Variant("no-patches", "both passes, no feature patches", ("body",), "no-patches"),
         Variant("plain", "pass I alone, no feature patches (the paper's baseline)", ("body",), "no-patches", passes=1),
         Variant("no-detail", "both passes, no static texels, colours that see the true view alone", ("body",), two=NO_DETAIL),
+        Variant("no-slide", "both passes, static texels that stay on the skin", ("body",), two={"slides": False}),
         Variant("no-outgrowth", "both passes, nothing stands off the template by more than cloth", ("body",), one={"carved": False}),
         Variant("no-perceptual", "both passes, squared error alone", two={"weights": LossWeights(perceptual=0.0)}),
         Variant(
@@ -101,6 +103,7 @@ QUESTIONS = (
     ("pass II after pass I", "full", "pass-one"),
     ("pass II against as many steps of pass I", "full", "no-pass-two"),
     ("static texels and view dropout", "full", "no-detail"),
+    ("sliding texels", "full", "no-slide"),
     ("outgrowths", "full", "no-outgrowth"),
     ("perceptual term", "full", "no-perceptual"),
     ("separate networks against one", "plain", "one-network"),

@@ -28,7 +28,9 @@ from avatarrex.parts.face import Face, face_state
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.colour import surface_points
 from avatarrex.training.core.agreement import agreed
-from avatarrex.training.core.frames import FrameStore, TrainingFrame
+from avatarrex.training.core.frames import FrameStore
+from avatarrex.training.core.registration import register
+from avatarrex.training.core.sighting import Sighting
 from avatarrex.training.core.supervision import hidden_at_rest
 from avatarrex.training.core.trained_field import FACE
 
@@ -59,8 +61,8 @@ class Projected:
 
 
 @torch.no_grad()
-def start_from_pictures(avatar: Avatar, part: str, store: FrameStore, spacing: float) -> None:
-    """Lay texels on `body` or `face`, paint them, and let the networks begin at nothing.
+def start_from_pictures(avatar: Avatar, part: str, store: FrameStore, spacing: float, slides: bool = False) -> None:
+    """Lay texels on `body` or `face`, paint them, and let the networks begin at nothing; those of the body `slides` or not.
 
     Raises `InputError` where no picture shows it.
     """
@@ -72,8 +74,16 @@ def start_from_pictures(avatar: Avatar, part: str, store: FrameStore, spacing: f
     assert field.detail is not None
     stores = [store] if store.close is None else [store, store.close]
     chosen = [(one, one.pairs[k]) for one in stores for k in _spread(len(one.pairs), PICTURES // len(stores))]
-    projected = [project(avatar, part, one, *pair) for one, pair in chosen]
-    paint(field.detail, projected, f"{store.rig.name} rig")
+    sightings = [sight(one, part, *pair) for one, pair in chosen]
+    detail, where = field.detail, f"{store.rig.name} rig"
+
+    def painted(rounds: int) -> None:
+        paint(detail, [project(avatar, one, part) for one in sightings], where, rounds)
+
+    if part == "body" and slides:
+        register(avatar, sightings, lambda: painted(0))
+        store.slid()
+    painted(ROUNDS)
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
     for parameter in last.parameters():
         parameter.zero_()
@@ -98,8 +108,8 @@ def _spread(count: int, wanted: int) -> list[int]:
     return numbers
 
 
-def project(avatar: Avatar, part: str, store: FrameStore, index: int, view: int) -> Projected:
-    """One picture on the texels of `body` or `face`."""
+def sight(store: FrameStore, part: str, index: int, view: int) -> Sighting:
+    """One picture's pixels of `body` or `face`."""
     frame, rig = store[index], store.rig
     camera = frame.camera(rig.views[view].camera)
     seen = raycast(frame.volume.sdf, camera, antialias=True)
@@ -109,33 +119,39 @@ def project(avatar: Avatar, part: str, store: FrameStore, index: int, view: int)
     own = seen.part_weight[..., FACE] > 0 if part == "face" else seen.part_weight.sum(-1) < ALONE
     counts = (seen.coverage >= 1) & own & (facing > FACING) & (matte >= OPAQUE)
     position, picture = seen.position[counts], torch.from_numpy(rig.image(view, index) / np.float32(255))
-    places, light = (_on_face if part == "face" else _on_body)(avatar, frame, position)
-    albedo = (picture[counts] / light).clamp(0, 1)
-    return Projected(places.texel, places.share * facing[counts, None].square(), albedo)
+    samples, states = frame.volume.body_frame.samples, frame.volume.states
+    return Sighting(frame.posed, samples, states, position, picture[counts], facing[counts].square())
 
 
-def _on_body(avatar: Avatar, frame: TrainingFrame, position: Tensor) -> tuple[TexelPlaces, Tensor]:
+def project(avatar: Avatar, sighting: Sighting, part: str) -> Projected:
+    """A picture's pixels on the texels of `body` or `face`."""
+    places, light = (_on_face if part == "face" else _on_body)(avatar, sighting)
+    albedo = (sighting.colour / light).clamp(0, 1)
+    return Projected(places.texel, places.share * sighting.weight[:, None], albedo)
+
+
+def _on_body(avatar: Avatar, sighting: Sighting) -> tuple[TexelPlaces, Tensor]:
     """Texels about surface points, and the light that falls on them."""
     assert avatar.body.detail is not None
-    samples = frame.volume.body_frame.samples
-    beside = samples.neighbours_of(position)
-    return avatar.body.detail.places(samples.rest_position(position, beside)), avatar.light(samples.facing(beside))
+    samples, beside = sighting.slid(avatar), sighting.beside
+    rest = samples.painted_position(sighting.position, beside)
+    return avatar.body.detail.places(rest), avatar.light(samples.facing(beside))
 
 
-def _on_face(avatar: Avatar, frame: TrainingFrame, position: Tensor) -> tuple[TexelPlaces, Tensor]:
+def _on_face(avatar: Avatar, sighting: Sighting) -> tuple[TexelPlaces, Tensor]:
     """The same of the face, whose colours have their light in them."""
     face = avatar.parts["face"]
     assert isinstance(face, Face)
-    points = surface_points(frame.posed.root_from_part("face"), position, position)
-    places = face.places(face_state(frame.volume.states), points.position)
+    points = surface_points(sighting.posed.root_from_part("face"), sighting.position, sighting.position)
+    places = face.places(face_state(sighting.states), points.position)
     assert places is not None
-    return places, torch.ones_like(position)
+    return places, torch.ones_like(sighting.position)
 
 
-def paint(detail: DetailTexture, pictures: list[Projected], where: str) -> None:
-    """Robust means of what the pictures show; `where` they are from, for an error."""
+def paint(detail: DetailTexture, pictures: list[Projected], where: str, rounds: int = ROUNDS) -> None:
+    """Means of what the pictures show, so many times reweighed; `where` they are from, for an error."""
     mean, beside = torch.zeros(len(detail.texel), 3), texel_neighbours(detail.lattice.edge, detail.lattice.faces)
-    for round in range(1 + ROUNDS):
+    for round in range(1 + rounds):
         old = mean
         sums = torch.zeros(len(detail.texel), 4)
         for one in pictures:

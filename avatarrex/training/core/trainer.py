@@ -125,7 +125,8 @@ class Trainer:
             store.close = FrameStore(self.avatar, close, "body", unseen, stage.name == "II")
         store.renew(stage.begin if state is None else int(state["step"]))
         if state is None and stage.recipe.texel:
-            start_from_pictures(self.avatar, stage.part, store, stage.recipe.texel)
+            slides = isinstance(stage.recipe, PassTwo) and stage.recipe.slides
+            start_from_pictures(self.avatar, stage.part, store, stage.recipe.texel, slides)
         work = Work(stage, pass_of(stage, self.avatar, store, self.perceptual, self.seed), state)
         self.run.stage(stage.part, stage.name, stage.end)
         if state is None:

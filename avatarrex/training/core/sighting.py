@@ -1,0 +1,42 @@
+"""What one training picture shows of the surface: pixels with their places, before they are put on texels.
+
+Letters: p pixels. Root frame, metres; sRGB in [0, 1].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from jaxtyping import Float
+from torch import Tensor
+
+from avatarrex.avatar import Avatar
+from avatarrex.fields.local_frame import Neighbours, Samples
+from avatarrex.parts.part import PartState
+from avatarrex.templates.posed import PosedPerson
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """Pixels of one picture on the surface."""
+
+    posed: PosedPerson
+    samples: Samples
+    """Of the body in this pose."""
+    states: Mapping[str, PartState]
+    """Of the parts."""
+    position: Float[Tensor, "p 3"]
+    colour: Float[Tensor, "p 3"]
+    weight: Float[Tensor, " p"]
+    """The squared cosine at which they are seen."""
+
+    @cached_property
+    def beside(self) -> Neighbours:
+        """The samples of the body that carry them."""
+        return self.samples.neighbours_of(self.position)
+
+    def slid(self, avatar: Avatar) -> Samples:
+        """The samples as the body slides by now."""
+        return avatar.body.slid(self.samples, self.posed.body.skinning)
