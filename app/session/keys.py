@@ -46,11 +46,14 @@ class Key:
     curve: str = SMOOTH
 
     def __post_init__(self) -> None:
-        numbers = (self.time, *self.value)
-        if not all(isinstance(number, int | float) and math.isfinite(number) for number in numbers):
-            raise InputError("key", "", "finite numbers", numbers)
+        _check_finite("key", (self.time, *self.value))
         if self.curve not in CURVES:
             raise InputError("key", "curve", ", ".join(CURVES), self.curve)
+
+
+def _check_finite(source: str, numbers: tuple[Any, ...]) -> None:
+    if not all(isinstance(number, int | float) and math.isfinite(number) for number in numbers):
+        raise InputError(source, "", "finite numbers", numbers)
 
 
 @dataclass(frozen=True)
@@ -116,6 +119,8 @@ class Track:
         """From `to_json`'s dictionary. Raises `InputError`."""
         if not isinstance(data, dict) or set(data) != {"name", "keys"}:
             raise InputError(source, "track", "a name and keys", type(data).__name__)
+        for time, value, _ in data["keys"]:
+            _check_finite(source, (time, *value))
         return cls(data["name"], tuple(Key(time, tuple(value), curve) for time, value, curve in data["keys"]))
 
 

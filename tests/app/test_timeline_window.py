@@ -14,7 +14,7 @@ from avatarrex_studio.session.journal import Journal
 from ball import ball_engine
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
-from test_live import VMC
+from test_live_sources import VMC
 from test_window import drive, rest
 
 from avatarrex.signals.joints import EXPRESSION_NAMES
