@@ -17,6 +17,7 @@ from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.window.window import Window, start
 from ball import ball_engine
 from imgui_bundle import hello_imgui, imgui
+from imgui_bundle import icons_fontawesome_6 as icons
 
 from avatarrex.avatar_file import load_avatar
 
@@ -47,7 +48,7 @@ def test_toasts_dialogs_and_keys(display, tmp_path):
         window.studio.do(SetLevel("none"))
         test.yield_(3)
         seen["toast"] = window.toasts.shown[0].title
-        test.item_click("//Timeline/\uf07c  Load##motion")
+        test.item_click(f"//Timeline/{icons.ICON_FA_FOLDER_OPEN}##motion")
         test.yield_(4)
         seen["folder icon"] = opened()
         test.key_press(ESCAPE)
