@@ -42,8 +42,6 @@ BODY_TRIANGLES = 16000
 """Edges of 1.3 cm: a limb of 5 cm radius is 0.4 mm off between its vertices."""
 PART_BEGINS, PART_ALONE = 0.4, 0.85
 """Shares ω between which both meshes are there."""
-SUNK = 0.001
-"""Metres of the eyes behind the template's: the field's lids close up to 1 mm behind those of the template."""
 REACH = np.array([0.02, 0.004, 0.004, 0.006], np.float32)
 """Metres, of body, hands and face; where a part and the body are both there, it is the body's."""
 SMALLEST_PIECE = 0.02
@@ -147,9 +145,8 @@ def _joined(avatar: Avatar, exact: ExactPose, position: Float[Tensor, "p 3"], fa
     share = np.clip((omega[used].max(1) - PART_BEGINS) / (PART_ALONE - PART_BEGINS), 0, 1)[:, None]
     beside = weights[cKDTree(rest).query(body.v_template.numpy()[used])[1]]
     joint, weight = _strongest(np.concatenate([weights, beside + share * (body.weights.numpy()[used] - beside)]))
-    eyes, inner, mouth, open_rim = _inner(body, omega[:, PARTS.index("face")] > PART_BEGINS)
-    place = body.v_template.numpy()[used] - eyes[used, None] * np.array([0, 0, SUNK])
-    all_rest = np.concatenate([rest, place]).astype(np.float32)
+    inner, mouth, open_rim = _inner(body, omega[:, PARTS.index("face")] > PART_BEGINS)
+    all_rest = np.concatenate([rest, body.v_template.numpy()[used]]).astype(np.float32)
     own = own.reshape(-1, 3)
     own = np.concatenate([own, caps(own, open_rim[used])]) + len(rest)
     inner, mouth = (np.concatenate([np.zeros(len(rest), bool), group[used]]) for group in (inner, mouth))
@@ -172,8 +169,8 @@ def _joined(avatar: Avatar, exact: ExactPose, position: Float[Tensor, "p 3"], fa
     )
 
 
-def _inner(body: TemplateModel, face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices of the template (v,): eyes; they and what is hidden in the `face`; the mouth; its throat, which is open behind."""
+def _inner(body: TemplateModel, face: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices of the template (v,): eyes and what is hidden in the `face`; the mouth; its throat, which is open behind."""
     teeth, eyes = np.zeros((2, len(face)), bool)
     for group, names in ((teeth, ("upper_teeth", "lower_teeth")), (eyes, ("left_eye", "right_eye"))):
         for name in names:
@@ -181,7 +178,7 @@ def _inner(body: TemplateModel, face: np.ndarray) -> tuple[np.ndarray, np.ndarra
     vertices, faces = body.v_template.double().numpy(), body.faces.numpy()
     unseen = hidden(vertices, faces, face)
     mouth = joined_to(inside_mouth(body.v_template, body.groups).numpy(), unseen, faces)
-    return eyes, eyes | unseen | mouth, mouth, mouth & ~teeth
+    return eyes | unseen | mouth, mouth, mouth & ~teeth
 
 
 def _strongest(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
