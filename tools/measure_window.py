@@ -74,6 +74,9 @@ RATE = 125.0
 """Moves of the mouse a second: a common mouse's."""
 STILL, PATIENCE = 0.7, 120.0
 """Seconds without a changed pixel that count as rest, and that rest is waited for."""
+NUDGES, PIECES, PIECE, BUSY = 6, 8, 0.25, 0.5
+"""Poses rendered beside a scrolled panel; pieces that are looked at of each, and their seconds; processor time, in cores, with which
+the engine counts as rendering in one."""
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -280,19 +283,22 @@ class Measuring:
         with window("quality", None) as (display, pid):
             with dragged(display, SCROLL, (0, 6)):
                 self._rate(display, "interface, nothing rendered", PANEL, pid)
-            times: list[float] = []
-            engine, seconds = 0.0, 0.0
-            for k in range(4):
+            apart: list[float] = []
+            seconds = 0.0
+            for k in range(NUDGES):
                 self._nudged(display, k)
-                before, begun = processor(pid)[1], time.perf_counter()
                 with dragged(display, SCROLL, (0, 6)):
-                    times += [*pictures(display, PANEL, 1.0), float("nan")]
-                engine, seconds = engine + processor(pid)[1] - before, seconds + time.perf_counter() - begun
+                    for _ in range(PIECES):
+                        before, begun = processor(pid)[1], time.perf_counter()
+                        times = pictures(display, PANEL, PIECE)
+                        took = time.perf_counter() - begun
+                        if processor(pid)[1] - before > BUSY * took:
+                            apart, seconds = [*apart, *np.diff(times)], seconds + took
                 display.rest(VIEWPORT, 3.0)
-            words = f"{engine / seconds:.2f} cores rendered"
-            apart = np.diff(times)
-            apart = apart[np.isfinite(apart)]
+            if len(apart) < 2:
+                raise SystemExit("the engine rendered nothing beside the panel")
             values = (1 / float(np.median(apart)), 1 / float(np.quantile(apart, 0.95)))
+            words = f"in {seconds:.1f} s in which it took more than {BUSY} cores"
             self._row("interface, `quality` rendered", *(f"{value:.0f} fps" for value in values), words)
 
     def idle(self) -> None:
@@ -329,8 +335,8 @@ class Measuring:
         )
 
     def _nudged(self, display: Display, number: int) -> None:
-        """The view turned a little, and the engine begun."""
-        x, y = ORBIT
+        """A shoulder turned a little, and the engine begun."""
+        x, y = DRAGS[1].place
         for command in (
             f"mousemove {x} {y}",
             "mousedown 1",
