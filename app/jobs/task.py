@@ -6,6 +6,7 @@ One at a time, in a process of its own, which ends with the window. What it prin
 from __future__ import annotations
 
 import logging
+import re
 import signal
 import subprocess
 from collections.abc import Sequence
@@ -22,6 +23,26 @@ PATIENCE = 10.0
 """Seconds that a process has to end after the signal of Ctrl+C; then it is killed."""
 MOST_TEXT = 64 * 1024
 """Bytes of the log's end that are shown."""
+
+BAR = re.compile(r"(?P<what>.*?):? +(?P<percent>\d+)%\|.*\| *(?P<count>\S+) \[\S+<(?P<left>[^,\]]+)")
+"""A line of tqdm: `check body:  75%|███ | 3/4 [00:04<00:01,  1.49s/frame]`."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a task is, as it said last."""
+
+    share: float
+    """0 to 1."""
+    words: str
+
+    @classmethod
+    def read(cls, line: str) -> Progress | None:
+        """Of a line of tqdm; None of any other."""
+        if not (found := BAR.match(line)):
+            return None
+        words = f"{found['what']} {found['count']}, {found['left']} left".strip()
+        return cls(int(found["percent"]) / 100, words)
 
 
 @dataclass(frozen=True)
@@ -123,11 +144,12 @@ class Tasks:
 
 
 def text_of(path: Path) -> str:
-    """The end of a log, of each line what a terminal would show of it; empty where it cannot be read."""
+    """The end of a log, of each line what a terminal would show of it, without bars; empty where it cannot be read."""
     try:
         with open(path, "rb") as file:
             file.seek(max(path.stat().st_size - MOST_TEXT, 0))
             text = file.read().decode("utf-8", "replace")
     except OSError:
         return ""
-    return "\n".join(line.rstrip("\r").rpartition("\r")[2].rstrip() for line in text.split("\n")).strip()
+    lines = [line.rstrip("\r").rpartition("\r")[2].rstrip() for line in text.split("\n")]
+    return "\n".join(line for line in lines if not BAR.match(line)).strip()

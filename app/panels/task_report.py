@@ -6,7 +6,7 @@ from pathlib import Path
 
 import moderngl
 import numpy as np
-from avatarrex_studio.jobs.task import Outcome, Tasks
+from avatarrex_studio.jobs.task import Outcome, Progress, Tasks
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.panels.texture import uploaded
@@ -33,13 +33,19 @@ class TaskReport:
         imgui.same_line(max(widgets.room() - 70, 120))
         if imgui.small_button("Cancel##task"):
             tasks.cancel()
-        widgets.paragraph(tasks.line or "Starting…")
+        if progress := Progress.read(tasks.line):
+            imgui.progress_bar(progress.share, imgui.ImVec2(-1, 0), progress.words)
+        else:
+            widgets.paragraph(tasks.line or "Starting…")
 
     def draw(self, outcome: Outcome) -> bool:
         """What came out of the last one; whether it was closed."""
         widgets.caption(outcome.task.title, theme.TEXT if outcome.done else theme.ERROR)
         imgui.same_line(max(widgets.room() - 60, 120))
         closed = imgui.small_button("Close##report")
+        with imgui_ctx.begin_child("##report.text", imgui.ImVec2(0, TEXT_HEIGHT), imgui.ChildFlags_.borders):
+            for line in outcome.text.splitlines():
+                imgui.text_unformatted(line)
         pictures = [path for path in outcome.task.pictures if path.is_file()]
         self._wanted = None
         if len(pictures) > 1:
@@ -48,9 +54,6 @@ class TaskReport:
                     self._picture = path
         if pictures:
             self._draw_picture(self._shown(pictures))
-        with imgui_ctx.begin_child("##report.text", imgui.ImVec2(0, TEXT_HEIGHT), imgui.ChildFlags_.borders):
-            for line in outcome.text.splitlines():
-                imgui.text_unformatted(line)
         return closed
 
     def upload(self, context: moderngl.Context) -> None:

@@ -141,8 +141,7 @@ class TrainingPanel:
                 yield from self._press(pressed, view)
                 self.watcher.look_again()
         if self._evaluable(view):
-            imgui.same_line()
-            _, self.baselines = imgui.checkbox("with baselines##evaluate", self.baselines)
+            _, self.baselines = imgui.checkbox("Evaluate with baselines##evaluate", self.baselines)
             widgets.tooltip(
                 "Beside it the template: naked, textured and in one colour, and with its skin fitted: some minutes more"
             )

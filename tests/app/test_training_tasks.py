@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from avatarrex_studio.jobs.evaluations import Evaluations, evaluating
 from avatarrex_studio.jobs.run_view import RunView
-from avatarrex_studio.jobs.task import Task, Tasks, text_of
+from avatarrex_studio.jobs.task import Progress, Task, Tasks, text_of
 from avatarrex_studio.jobs.training_process import Order, TrainingProcesses
 from avatarrex_studio.panels.capture_tools import checking
 from PIL import Image
@@ -63,6 +63,11 @@ def test_a_log_is_read_as_a_terminal_shows_it(tmp_path):
     (tmp_path / "a.log").write_bytes(b"first\n 10%|#\r 100%|##########\rlast\nend\n")
     assert text_of(tmp_path / "a.log") == "first\nlast\nend"
     assert text_of(tmp_path / "none.log") == ""
+    line = "check body:  75%|███████▌  | 3/4 [00:04<00:01,  1.49s/frame]"
+    assert Progress.read(line) == Progress(0.75, "check body 3/4, 00:01 left")
+    assert Progress.read("a: 75 pictures") is None
+    (tmp_path / "a.log").write_text(f"first\n{line}\nend\n")
+    assert text_of(tmp_path / "a.log") == "first\nend"
 
 
 def test_a_check_draws_its_sheets(tmp_path, monkeypatch):
