@@ -15,6 +15,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from avatarrex_studio.session.notice import NOTICE
+
 from avatarrex.errors import InputError
 from avatarrex.training.recipe import TRAINED
 from avatarrex.training.runs.control import request
@@ -48,6 +50,8 @@ class _Child:
     process: subprocess.Popen[bytes]
     stop_by: float | None = None
     """When to send the signal, in seconds of the clock."""
+    stopped: bool = False
+    """Whether a person had it stopped."""
 
 
 class TrainingProcesses:
@@ -94,7 +98,7 @@ class TrainingProcesses:
         request(out, "stop")
         child = self._children.get(Path(out).absolute())
         if child is not None:
-            child.stop_by = self._clock() + PATIENCE
+            child.stop_by, child.stopped = self._clock() + PATIENCE, True
 
     def working(self, out: Path) -> bool:
         """Whether a training that was started here works in folder `out`."""
@@ -119,6 +123,9 @@ class TrainingProcesses:
             if code == 0:
                 self.message = f"{out.name}: training ended"
                 log.info("%s", self.message)
+            elif child.stopped:
+                self.message = f"{out.name}: stopped; Continue goes on from its last checkpoint"
+                log.log(NOTICE, "%s", self.message)
             else:
                 self.message = f"{out.name}: {last_words(out / 'train.log') or f'exit code {code}'}"
                 log.error("%s", self.message)

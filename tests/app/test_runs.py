@@ -250,7 +250,7 @@ def test_a_training_that_does_not_listen_gets_the_signal(tmp_path, clock):
     assert processes.working(tmp_path / "run")
     clock.now += 1000
     until(lambda: processes.poll() or not processes.working(tmp_path / "run"))
-    assert processes.message == "run: KeyboardInterrupt"
+    assert processes.message == "run: stopped; Continue goes on from its last checkpoint"
 
 
 @pytest.mark.parametrize(("device", "said"), [("cpu", []), ("cuda:1", ["--device", "cuda:1"])])
