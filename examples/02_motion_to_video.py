@@ -10,7 +10,8 @@ import sys
 from tqdm import tqdm
 
 import avatarrex as ax
-from avatarrex.files.images import composite, video_writer
+from avatarrex.files.images import composite
+from avatarrex.files.video import video_writer
 
 if not sys.argv[1:] or any(word.startswith("-") for word in sys.argv[1:]):
     sys.exit(__doc__)

@@ -22,7 +22,8 @@ from tqdm import tqdm
 
 from avatarrex.files.background import background_writer
 from avatarrex.files.gate import write_text
-from avatarrex.files.images import Append, composite, video_writer, write_arrays, write_png
+from avatarrex.files.images import composite, write_arrays, write_png
+from avatarrex.files.video import Append, video_writer
 
 
 def run(job: Job, engine: Engine) -> list[Path]:
@@ -30,7 +31,7 @@ def run(job: Job, engine: Engine) -> list[Path]:
     written: list[Path] = []
     statistics: list[dict[str, object]] = []
     width, height = job.size
-    video = video_writer(job.out, width, height, job.fps) if job.kind == "video" else None
+    video = video_writer(job.out, width, height, job.fps, job.sound) if job.kind == "video" else None
     engine.avatar(job.start.avatar)
     job = with_view(job, engine)
     if job.motion:

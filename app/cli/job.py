@@ -10,8 +10,10 @@ from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.commands import Command
 from avatarrex_studio.session.evaluation import state_at
 from avatarrex_studio.session.motion import Motion
+from avatarrex_studio.session.soundtrack import soundtrack
 from avatarrex_studio.session.state import StudioState
 
+from avatarrex.files.video import SOUND_RATE, Sound
 from avatarrex.signals.driving import Signals
 
 DEFAULT_SIZE = (512, 512)
@@ -45,6 +47,14 @@ class Job:
             return 30.0
         step = self.frames[1] - self.frames[0] if len(self.frames) > 1 else 1
         return self.motion.sequence.fps / abs(step)
+
+    @property
+    def sound(self) -> Sound | None:
+        """Of a video: that of a sound file, where its frames are not played backwards."""
+        if self.motion is None or self.frames[-1] < self.frames[0]:
+            return None
+        timeline = self.motion.loaded().apply(self.start).timeline
+        return soundtrack(timeline, self.frames[0] / timeline.fps, len(self.frames) / self.fps, SOUND_RATE)
 
     def states(self) -> Iterator[tuple[int, StudioState]]:
         """Each frame's number and state."""

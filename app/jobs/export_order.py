@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from avatarrex_studio.jobs.export_look import Look
+from avatarrex_studio.session.soundtrack import soundtrack
 from avatarrex_studio.session.state import StudioState
 
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.export.target import ENDINGS, check_export, files_of
 from avatarrex.files.gate import check_writable, what_is
+from avatarrex.files.video import SOUND_RATE, VIDEOS, Sound
 from avatarrex.signals.sequence import SignalSequence
 
 if TYPE_CHECKING:
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 Tell = Callable[[int], None]
 """`tell(done)`: so many of the order's steps are done."""
 Make = Callable[[], "Engine"]
-PICTURES, LAYERS, VIDEOS = (".png", ".jpg"), (".exr",), (".mp4", ".webm")
+PICTURES, LAYERS = (".png", ".jpg"), (".exr",)
 SIGNALS, CAMERAS = (".json", ".npz", ".csv"), (".json",)
 FOLDER = "folder of PNG"
 """In place of an ending: a picture a frame."""
@@ -116,6 +118,8 @@ class VideoOrder:
     states: tuple[StudioState, ...]
     fps: float
     look: Look
+    plays: bool = False
+    """Whether the states are the timeline's one after the other: sound files in it sound."""
 
     @property
     def steps(self) -> int:
@@ -144,10 +148,10 @@ class VideoOrder:
     def write(self, make: Make, tell: Tell) -> None:
         """Render and encode one after the other."""
         from avatarrex.files.gate import written_folder
-        from avatarrex.files.images import video_writer
+        from avatarrex.files.video import video_writer
 
         drawer = _drawer(make, self.look)
-        video = video_writer(self.path, *self.look.size, self.fps) if self.path.suffix else None
+        video = video_writer(self.path, *self.look.size, self.fps, self._sound()) if self.path.suffix else None
         folder = nullcontext(self.path) if video else written_folder(self.path)
         with video or nullcontext() as append, folder as place:
             for number, state in enumerate(self.states):
@@ -156,6 +160,12 @@ class VideoOrder:
                 else:
                     drawer.write_picture(place / f"frame_{number:06d}.png", state)
                 tell(number + 1)
+
+    def _sound(self) -> Sound | None:
+        if not self.plays:
+            return None
+        timeline = self.states[0].timeline
+        return soundtrack(timeline, timeline.seconds, len(self.states) / self.fps, SOUND_RATE)
 
 
 @dataclass(frozen=True)

@@ -155,7 +155,7 @@ class ExportForm:
 
         makers: dict[str, Callable[[], Order]] = {
             "Picture": lambda: PictureOrder(path, state, look), "Layers": lambda: LayersOrder(path, state, look),
-            "Video": lambda: VideoOrder(path, turned(states(rate), turns), rate, look),
+            "Video": lambda: VideoOrder(path, turned(states(rate), turns), rate, look, frames is not None),
             "3D model": model, "Signals": lambda: SignalsOrder(path, motion()), "Camera": cameras,
         }  # fmt: skip
         return makers[self.kind]

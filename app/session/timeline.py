@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
+import numpy as np
 from avatarrex_studio.session.keys import Track
 
 from avatarrex.errors import InputError
@@ -47,6 +48,7 @@ MOST_LAYERS = 64
 RATES = (1e-6, 1000.0)
 """Frames a second."""
 MOST_FRAMES = 1_000_000
+Time = TypeVar("Time", float, np.ndarray)
 LONGEST_SMOOTHING = 1.0
 """Seconds."""
 
@@ -155,8 +157,8 @@ class Layer:
         times = [time for track in self.tracks for time in (track.keys[0].time, track.keys[-1].time)]
         return (self.on_timeline(min(times)), self.on_timeline(max(times))) if times else (self.offset, self.offset)
 
-    def local(self, seconds: float) -> float:
-        """Its own time at a time of the timeline; what loops begins again."""
+    def local(self, seconds: Time) -> Time:
+        """Its own time at a time of the timeline, or at an array of them; what loops begins again."""
         own = (seconds - self.offset) * self.rate
         if not self.loop:
             return own

@@ -1,4 +1,4 @@
-"""Images, passes and videos on disk: PNG, JPEG, `.npz`, `.mp4` and `.webm`, written under a temporary name and then renamed.
+"""Images and passes on disk: PNG, JPEG, `.npz`, written under a temporary name and then renamed.
 
 A file with its final name is always whole. In memory colours are premultiplied sRGB-encoded RGBA in [0, 1]; in files
 alpha is straight. Letters: h w image rows and columns.
@@ -7,11 +7,8 @@ alpha is straight. Letters: h w image rows and columns.
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
-from fractions import Fraction
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -25,7 +22,6 @@ from avatarrex.files.gate import written as written
 
 NO_PICTURE = (OSError, ValueError, SyntaxError, Image.DecompressionBombError, Image.DecompressionBombWarning)
 """What Pillow raises for what is no picture; ValueError: text that unpacks to megabytes."""
-Append = Callable[[np.ndarray], None]
 Colour = tuple[float, float, float, float]
 
 
@@ -92,41 +88,3 @@ def write_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
     """Named arrays as a compressed `.npz`."""
     with written(path) as temporary, open(temporary, "wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
-
-
-VIDEOS = (".mp4", ".webm")
-"""H.264, whose alpha is ignored, and VP9 with alpha."""
-
-
-def video_writer(path: str | Path, width: int, height: int, fps: float) -> AbstractContextManager[Append]:
-    """A block's `append(pixels)` adds a frame, (height, width, 4) straight-alpha bytes, to a video with even sides: one of `VIDEOS`.
-
-    The file is there once the block ends well. Needs the `video` extra (PyAV). Raises `InputError`.
-    """
-    if width % 2 or height % 2:
-        raise InputError(path, "size", "even sides for a video", f"{width}x{height}")
-    if not 0.001 <= fps <= 1000:
-        raise InputError(path, "fps", "a number from 0.001 to 1000", fps)
-    try:
-        import av
-    except ImportError:
-        raise InputError(path, "", "the 'video' extra: pip install 'avatarrex-studio[video]'", "no PyAV") from None
-    return _video(av, Path(path), (width, height), Fraction(fps).limit_denominator(1001))
-
-
-@contextmanager
-def _video(av: Any, path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Append]:
-    clear = path.suffix.lower() == ".webm"
-    with written(path) as temporary, av.open(str(temporary), "w", format="webm" if clear else "mp4") as container:
-        stream = container.add_stream("libvpx-vp9" if clear else "libx264", rate=rate)
-        (stream.width, stream.height), stream.pix_fmt = size, "yuva420p" if clear else "yuv420p"
-        quick = {"crf": "18", "b": "0", "deadline": "good", "cpu-used": "5", "row-mt": "1"}
-        stream.options = quick if clear else {"crf": "16", "preset": "medium"}
-        channels, form = (4, "rgba") if clear else (3, "rgb24")
-
-        def append(pixels: UInt8[np.ndarray, "h w 4"]) -> None:
-            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels[..., :channels]), format=form)
-            container.mux(stream.encode(frame))
-
-        yield append
-        container.mux(stream.encode())

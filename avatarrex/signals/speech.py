@@ -13,8 +13,6 @@ Times in seconds, frequencies in hertz. Letters: s samples, t frames, b bands.
 
 from __future__ import annotations
 
-import io
-import wave
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +20,7 @@ from jaxtyping import Float64
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import stft
 
-from avatarrex.errors import InputError
-from avatarrex.files.gate import read_bytes
+from avatarrex.files.sound import read_sound
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.imported import Guess, ImportedMotion
 from avatarrex.signals.macros import face_direction
@@ -42,14 +39,13 @@ QUIETEST = 12.0
 """dB between quiet and loud under which a file is no speech: its mouth stays shut."""
 SMOOTHING = 0.03
 """Seconds: lips do not jump."""
-MOST_BYTES = 2**28
 EMPHASIS = 6.0
 """dB an octave by which speech falls off over its bands, made up for."""
 
 
 def read_speech(path: Path, options: ImportOptions) -> ImportedMotion:
     """Read a `.wav` of 8 to 32 bits; the mouth alone moves. Raises `InputError`."""
-    samples, rate = _samples(path)
+    samples, rate = read_sound(path)
     count = int(len(samples) / rate * FPS) + 1
     check_frames(count, path, "length")
     weights = _weights(samples, rate, count)
@@ -61,31 +57,6 @@ def read_speech(path: Path, options: ImportOptions) -> ImportedMotion:
         Guess("rate", f"{fps:g} frames a second", "chosen" if options.fps else "", "fps"),
     )
     return ImportedMotion(SignalSequence(frames, fps, path.name, (note,)), guesses, options=options)
-
-
-def _samples(path: Path) -> tuple[Float64[np.ndarray, " s"], int]:
-    """The mean of all channels, −1 to 1, and samples a second. Raises `InputError`."""
-    try:
-        with wave.open(io.BytesIO(read_bytes(path, "a sound file", MOST_BYTES))) as file:
-            channels, width, rate = file.getnchannels(), file.getsampwidth(), file.getframerate()
-            data = file.readframes(file.getnframes())
-    except (wave.Error, EOFError, RuntimeError) as error:
-        raise InputError(path, "", "a .wav file of plain numbers (PCM)", error) from None
-    if width not in (1, 2, 3, 4) or not 4000 <= rate <= 400_000 or not 1 <= channels <= 64:
-        raise InputError(
-            path, "format", "8 to 32 bits, 4 to 400 kHz", f"{8 * width} bits, {rate} Hz, {channels} channels"
-        )
-    data = data[: len(data) // (width * channels) * width * channels]
-    if not data:
-        raise InputError(path, "length", "at least one sample", 0)
-    if width == 1:
-        values = np.frombuffer(data, np.uint8).astype(np.float64) - 128
-    elif width == 3:
-        parts = np.frombuffer(data, np.uint8).reshape(-1, 3).astype(np.int32)
-        values = ((parts[:, 0] | parts[:, 1] << 8 | parts[:, 2] << 16) << 8 >> 8).astype(np.float64)
-    else:
-        values = np.frombuffer(data, f"<i{width}").astype(np.float64)
-    return values.reshape(-1, channels).mean(1) / 2.0 ** (8 * width - 1), rate
 
 
 def _weights(samples: Float64[np.ndarray, " s"], rate: int, count: int) -> Float64[np.ndarray, "t 52"]:

@@ -31,7 +31,8 @@ from PIL import Image
 from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 from avatarrex.files.gate import written
-from avatarrex.files.images import composite, video_writer, write_png
+from avatarrex.files.images import composite, write_png
+from avatarrex.files.video import video_writer
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
