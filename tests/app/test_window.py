@@ -305,8 +305,8 @@ def ended(ends):
 
 
 @pytest.mark.slow
-def test_the_real_pipeline_in_the_window(display):
-    """What a user moves is what is computed: the face, the body, rays and colour alone, or nothing at all."""
+def test_the_real_pipeline_in_the_window(display, tmp_path):
+    """What a user moves is what is computed: the face, the body, rays and colour alone, or nothing at all; the session gives the same frame."""
     done, images = {}, {}
 
     def scenario(test, window):
@@ -338,6 +338,7 @@ def test_the_real_pipeline_in_the_window(display):
         note("body")
         test.key_press(chord("3"))
         note("camera")
+        window.studio.journal.save(tmp_path / "session.json")
         test.yield_(10)
         note("nothing")
 
@@ -352,3 +353,6 @@ def test_the_real_pipeline_in_the_window(display):
     assert not any(done["camera"][key] for key in still)
     assert done["nothing"] == {}
     assert images["nothing"] is images["camera"]
+    state, shown = Journal.load(tmp_path / "session.json").state, images["camera"]
+    again = compact_engine(between=None).frame(state, state.view.camera(shown.shape[1], shown.shape[0])).image
+    np.testing.assert_allclose(255 * again.numpy().clip(0, 1), shown, atol=1.0)
