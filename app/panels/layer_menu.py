@@ -11,6 +11,7 @@ from avatarrex_studio.panels.lanes import Lanes
 from avatarrex_studio.panels.live_menu import LiveMenu
 from avatarrex_studio.session import keys as curves
 from avatarrex_studio.session.commands import Command
+from avatarrex_studio.session.thinning import redundant
 from avatarrex_studio.session.timeline import GROUPS, LONGEST_SMOOTHING, PARTS, Layer, Timeline
 from avatarrex_studio.session.timeline_commands import (
     DeleteKeys,
@@ -113,6 +114,11 @@ class LayerMenu:
             )
         if imgui.menu_item("Select all", "", False, bool(layer.tracks))[0]:
             lanes.selected = frozenset((track.name, key.time) for track in layer.tracks for key in track.keys)
+        if imgui.menu_item("Thin out", "", False, bool(places))[0] and (gone := redundant(layer.tracks, places)):
+            yield DeleteKeys(layer.name, gone)
+        widgets.tooltip(
+            "Remove recorded keys that the others say, too, within half a degree and a hundredth of a coefficient"
+        )
         if imgui.menu_item("Delete", "Del", False, bool(places))[0]:
             yield DeleteKeys(layer.name, places)
         imgui.separator()

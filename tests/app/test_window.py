@@ -306,7 +306,7 @@ def ended(ends):
 
 @pytest.mark.slow
 def test_the_real_pipeline_in_the_window(display, tmp_path):
-    """What a user moves is what is computed: the face, the body, rays and colour alone, or nothing at all; the session gives the same frame."""
+    """What a user moves is what is computed, face, body, rays alone or nothing; the saved session gives the same frame."""
     done, images = {}, {}
 
     def scenario(test, window):
