@@ -43,8 +43,9 @@ from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.timeline_commands import SetFrame
-from avatarrex_studio.window.docking import docking
+from avatarrex_studio.window.docking import BARE, docking
 from avatarrex_studio.window.exporting import Exports
+from avatarrex_studio.window.guard import COPY, Failure, Guard
 from avatarrex_studio.window.leaving import Leaving
 from avatarrex_studio.window.opening import Opening
 from avatarrex_studio.window.output import GROUNDS, SIZES, Output
@@ -85,6 +86,7 @@ class Window:
         self.face, self.poses, self.palette, self.files = self._sliders["Face"], PosesPanel(), Palette(), FileDialog()
         self.screen, self.questions, self.autosave = Screen(), Questions(), Autosave()
         self.toasts = Toasts(self._refused)
+        self.guard = Guard(self._failed)
         self.leaving = Leaving(studio, self.training.processes, self.questions, self.autosave)
         self.leaving.offer()
         self.distilling = Distilling(device=device)
@@ -133,13 +135,13 @@ class Window:
         params.renderer_backend_options.open_gl_options = options
         calls = params.callbacks
         calls.setup_imgui_config = _configure
-        calls.pre_new_frame = self._prepare
-        calls.before_imgui_render = self._render
-        calls.show_gui = self._over
-        calls.show_menus = self._menus
-        calls.post_init = self._take_drops
-        calls.show_status = self._status
-        calls.confirm_exit = self._may_close
+        for name, place, call in (
+            ("pre_new_frame", "Preparing a frame", self._prepare), ("before_imgui_render", "The picture", self._render),
+            ("show_gui", "A dialog", self._over), ("show_menus", "The menu", self._menus),
+            ("post_init", "Dropping files", self._take_drops), ("show_status", "The status bar", self._status),
+        ):  # fmt: skip
+            setattr(calls, name, partial(self.guard.run, place, call))
+        calls.confirm_exit = lambda: self.guard.run("Closing", self._may_close) is not False
         calls.before_exit = self._close
         params.docking_params = docking(self._panels())
         return params
@@ -165,7 +167,8 @@ class Window:
             "Timeline": self._timeline,
             "Console": self.console.draw,
         }
-        return {title: partial(self._show, draw) for title, draw in drawn.items()}
+        guarded = {title: partial(self.guard.panel, title, partial(self._show, draw)) for title, draw in drawn.items()}
+        return {**guarded, BARE: partial(self.guard.run, BARE, partial(self._show, drawn[BARE]))}
 
     def _viewport(self) -> Iterator[Command]:
         """The picture from edge to edge, without a tab of its own."""
@@ -207,7 +210,7 @@ class Window:
                 number += time.monotonic() - last > WHEEL_PAUSE
                 self._wheel = (time.monotonic(), number)
                 gesture = ("wheel", number)
-            self.studio.do(command, gesture)
+            self.guard.run(type(command).__name__, partial(self.studio.do, command, gesture))
 
     def _status(self) -> None:
         context = self.screen.context
@@ -242,9 +245,10 @@ class Window:
         if entry is None:
             return
         if entry.command:
-            self.studio.do(entry.command(self.studio.state))
+            command = entry.command
+            self.guard.run(entry.title, lambda: self.studio.do(command(self.studio.state)))
         elif entry.effect:
-            self._effects[entry.effect]()
+            self.guard.run(entry.title, self._effects[entry.effect])
 
     def _prepare(self) -> None:
         """Before the interface's frame."""
@@ -306,14 +310,9 @@ class Window:
         hello_imgui.get_runner_params().app_shall_exit = True
 
     def _close(self) -> None:
-        self.training.close()
-        self.distilling.close()
-        self.opening.close()
-        self.exports.close()
-        self.studio.close()
-        self.output.close()
-        self.screen.close()
-        self.autosave.close()
+        parts = (self.training, self.distilling, self.opening, self.exports, self.studio, self.output, self.screen, self.autosave)
+        for part in parts:  # each ends, whatever becomes of the others
+            self.guard.run(f"Closing ({type(part).__name__})", part.close)
 
     def _may_close(self) -> bool:
         """Whether the window can close at once; else a question is on the screen."""
@@ -346,6 +345,11 @@ class Window:
     def _refused(self, opening: str, text: str) -> None:
         """A file that cannot be opened."""
         self.questions.put(Question(f"{Path(opening).name} cannot be opened", text))
+
+    def _failed(self, failure: Failure) -> None:
+        """A fault of ours."""
+        copy = partial(imgui.set_clipboard_text, failure.details)
+        self.questions.put(Question(f"{failure.place} failed", failure.text, {"Close": nothing, COPY: copy}))
 
     def _toasts(self) -> None:
         """What lies over the viewport's lower edge: toasts, and how far an export is."""
