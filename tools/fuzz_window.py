@@ -224,10 +224,14 @@ class Fuzz(logging.Handler):
         for _ in range(self._random.randint(1, 8)):
             x, y = places[-1]
             near = self._random.random() < 0.7
-            places.append((x + self._random.randint(-60, 60), y + self._random.randint(-60, 60)) if near else self._place())
+            places.append(
+                (x + self._random.randint(-60, 60), y + self._random.randint(-60, 60)) if near else self._place()
+            )
         self._note(f"drag {button} {places} {[key.name for key in keys]}")
         moves = [self._to(place) for place in places]
-        self._later(moves[0], self._button(button, True), *moves[1:], self._button(button, False), *self._released(keys))
+        self._later(
+            moves[0], self._button(button, True), *moves[1:], self._button(button, False), *self._released(keys)
+        )
 
     def _wheel(self) -> None:
         x, y = self._random.choice(((0, 1), (0, -1), (0, 5), (0, -5), (1, 0)))
@@ -286,7 +290,9 @@ class Fuzz(logging.Handler):
         self._later(*(lambda size=size: glfw.set_window_size(window, *size) for size in sizes))  # type: ignore[misc]
 
     def _clipboard(self) -> None:
-        text = self._random.choice(("", "{}", "[1", json.dumps({"body_pose": "x"}), "ä" * 1000, json.dumps({"expression": [1e9]})))
+        text = self._random.choice(
+            ("", "{}", "[1", json.dumps({"body_pose": "x"}), "ä" * 1000, json.dumps({"expression": [1e9]}))
+        )
         self._note(f"clipboard {text[:20]!r}")
         imgui.set_clipboard_text(text)
 
@@ -364,7 +370,9 @@ def _inside(options: argparse.Namespace) -> int:
     faulthandler.enable()
     folder = Path(options.folder)
     os.chdir(folder / "work")
-    window = Window(Studio(ExactEngine(partial(Engine, device="cpu")), Avatars(read_avatar), Journal(start()), LiveSurface()))
+    window = Window(
+        Studio(ExactEngine(partial(Engine, device="cpu")), Avatars(read_avatar), Journal(start()), LiveSurface())
+    )
     logging.basicConfig(level=logging.INFO, handlers=[window.console, window.toasts])
     report = fuzz(window, options.seed, options.seconds, folder, options.size)
     for failure in report.failures:
@@ -372,7 +380,9 @@ def _inside(options: argparse.Namespace) -> int:
     for seconds, value in report.memory[:: max(len(report.memory) // 20, 1)]:
         print(f"{seconds:6.0f} s  {value:7.1f} MiB")
     print(f"seed {report.seed}: {report.actions} actions in {report.frames} frames, the longest {report.longest:.2f} s")
-    print(f"{report.growth:+.1f} MiB from the middle to the end; {len(report.failures)} failures; answers: {report.answers}")
+    print(
+        f"{report.growth:+.1f} MiB from the middle to the end; {len(report.failures)} failures; answers: {report.answers}"
+    )
     return 1 if report.failures else 0
 
 
@@ -395,7 +405,12 @@ def main() -> int:
     folder = Path(options.folder or mkdtemp(prefix="fuzz-"))
     write_files(folder / "files")
     (folder / "work" / "runs").mkdir(parents=True)
-    names = {"AVATARREX_LIBRARY": "library", "XDG_CACHE_HOME": "cache", "XDG_STATE_HOME": "state", "XDG_CONFIG_HOME": "config"}
+    names = {
+        "AVATARREX_LIBRARY": "library",
+        "XDG_CACHE_HOME": "cache",
+        "XDG_STATE_HOME": "state",
+        "XDG_CONFIG_HOME": "config",
+    }
     environment = {**os.environ, **{name: str(folder / place) for name, place in names.items()}}
     words = [sys.executable, __file__, "--inside", "--seed", str(options.seed), "--seconds", str(options.seconds)]
     words += ["--folder", str(folder), "--size", "{}x{}".format(*options.size)]
