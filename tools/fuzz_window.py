@@ -49,6 +49,8 @@ LEAVES = ("quit",)
 """Ids of actions that are not done: the fuzzer itself ends the window."""
 SLOW = 8.0
 """Seconds between two frames that count as a window that does not answer."""
+WARM = 5
+"""Frames before the first action."""
 EVERY = 5.0
 """Seconds between two readings of memory."""
 KEPT = 40
@@ -136,13 +138,16 @@ class Fuzz(logging.Handler):
 
     def _note(self, text: str) -> None:
         self._last.append(text)
-        self._trail.write(f"{self.report.actions} {text}\n")
+        self._trail.write(f"{time.monotonic() - self._begun:.1f} s, {self.report.actions}: {text}\n")
         self._trail.flush()
 
     def _step(self) -> None:
         """One frame."""
         now = time.monotonic()
         self.report.frames += 1
+        if self.window._frames < WARM:
+            self._begun = self._frame = now
+            return
         self.report.longest = max(self.report.longest, now - self._frame)
         if now - self._frame > SLOW:
             self._failed(f"no frame for {now - self._frame:.1f} s")
@@ -155,7 +160,7 @@ class Fuzz(logging.Handler):
             self._end()
         elif self._queue:
             self._queue.popleft()()
-        elif self.window._frames > 5:
+        else:
             self.report.actions += 1
             self._random.choices(list(self._kinds), list(self._kinds.values()))[0]()
 
@@ -170,16 +175,16 @@ class Fuzz(logging.Handler):
                 io.add_key_event(key, False)
             io.add_mouse_pos_event(-1, -1)
             self.window.studio.playback.playing = False
-        elif self._ending < 60:
+        elif self._ending < 30:
             io.add_key_event(imgui.Key.escape, self._ending % 2 == 1)
-        elif self._ending == 62:
+        elif self._ending == 32:
             self.window.studio.do(action("view.front").command(self.window.studio.state))  # type: ignore[misc]
             self._press(imgui.Key._3)
             self._queue.popleft()()
-        elif self._ending == 66:
+        elif self._ending == 35:
             while self._queue:
                 self._queue.popleft()()
-        elif self._ending == 70:
+        elif self._ending == 39:
             self.report.answers = self.window.studio.state.view.azimuth == -90.0
             if not self.report.answers:
                 waiting = [question.title for question in self.window.questions.waiting]

@@ -47,16 +47,23 @@ class Preferences:
     """Whether the hint over the viewport is shown."""
 
     def __post_init__(self) -> None:
-        for name, allowed in CHOICES.items():
-            if getattr(self, name) not in allowed:
-                raise InputError("preferences", name, " or ".join(allowed), getattr(self, name))
-        for name, (low, high) in RANGES.items():
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-                raise InputError("preferences", name, f"a number from {low:g} to {high:g}", value)
-        for name in ("greeting", "hint"):
-            if not isinstance(getattr(self, name), bool):
-                raise InputError("preferences", name, "true or false", getattr(self, name))
+        for item in fields(self):
+            checked(item.name, getattr(self, item.name))
+
+
+def checked(name: str, value: object, source: object = "preferences") -> Any:
+    """The value of a field. Raises `InputError` for one that cannot be."""
+    if name in CHOICES:
+        good, expected = value in CHOICES[name], " or ".join(CHOICES[name])
+    elif name in RANGES:
+        low, high = RANGES[name]
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        good, expected = number and low <= float(value) <= high, f"a number from {low:g} to {high:g}"  # type: ignore[arg-type]
+    else:
+        good, expected = isinstance(value, bool), "true or false"
+    if not good:
+        raise InputError(source, name, expected, value)
+    return value
 
 
 def preferences_file() -> Path:
@@ -79,11 +86,9 @@ def read_preferences(file: Path | None = None) -> Preferences:
     kept: dict[str, Any] = {}
     for name in (item.name for item in fields(Preferences) if item.name in data):
         try:
-            Preferences(**{name: data[name]})
+            kept[name] = checked(name, data[name], file)
         except InputError as error:
-            log.warning("%s", InputError(file, name, error.expected, error.found))
-        else:
-            kept[name] = data[name]
+            log.warning("%s", error)
     return Preferences(**kept)
 
 
