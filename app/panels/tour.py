@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from avatarrex_studio.panels import theme, widgets
+from avatarrex_studio.panels import mouse, theme, widgets
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui, imgui_ctx
 
@@ -26,8 +26,7 @@ class Step:
 
 
 STEPS = (
-    Step("Viewport", "Look around",
-         "Drag beside the person to turn the view, with the right button to move it; the wheel zooms."),
+    Step("Viewport", "Look around", "In the picture: {drags}. The wheel zooms, Home shows the whole person."),
     Step("Viewport", "Grab a hand",
          "Move the mouse to a wrist and drag the round handle: the arm follows. A click on a part shows rings that turn it."),
     Step("Poses", "Take a pose", "Click a card. Blend says how much of it; Ctrl+Z brings back what was before."),
@@ -35,7 +34,7 @@ STEPS = (
     Step("Timeline", "Play a motion, keep a picture",
          "Choose one of Motions and press Space. F12 saves a picture, Ctrl+E a video or a model."),
 )  # fmt: skip
-HINT = "Drag to look around. Move the mouse to a hand and drag its handle."
+HINT = "{orbit} looks around. Move the mouse to a hand and drag its handle."
 WIDTH, GAP = 330.0, 14.0
 _FLAGS = (
     imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_docking | imgui.WindowFlags_.no_saved_settings
@@ -49,6 +48,8 @@ class Tour:
     def __init__(self) -> None:
         self.number: int | None = None
         """The step that is shown."""
+        self.preset = "default"
+        """Of the mouse: what the texts say."""
         self.reveal = ""
         """The panel to be brought to the front."""
 
@@ -73,7 +74,7 @@ class Tour:
         with _raised("##tour"):
             widgets.caption(f"{self.number + 1} of {len(STEPS)}")
             widgets.paragraph(step.title, theme.ACCENT)
-            widgets.paragraph(step.text, theme.TEXT)
+            widgets.paragraph(self.said(step.text), theme.TEXT)
             imgui.spacing()
             last = self.number + 1 == len(STEPS)
             if imgui.button(f"{'Done' if last else 'Next'}###tour.next", (92, 0)):
@@ -86,6 +87,11 @@ class Tour:
             imgui.same_line()
             if not last and imgui.button("Skip###tour.skip", (72, 0)):
                 self.stop()
+
+    def said(self, text: str) -> str:
+        """A text with what the mouse does."""
+        drags = mouse.drags(self.preset)
+        return text.format(drags=", ".join(f"{ways} {what}" for ways, what in drags).lower(), orbit=drags[0][0])
 
     def _go(self, number: int) -> None:
         self.number = number if 0 <= number < len(STEPS) else None
@@ -102,7 +108,7 @@ def draw_hint(tour: Tour) -> bool:
     imgui.set_next_window_size_constraints((width, 0), (width, 200))
     wanted = True
     with _raised("##hint"):
-        widgets.paragraph(HINT, theme.TEXT)
+        widgets.paragraph(tour.said(HINT), theme.TEXT)
         if imgui.button("Show me five things###hint.tour"):
             tour.start()
             wanted = False

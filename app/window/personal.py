@@ -38,7 +38,7 @@ class Personal:
             curves.close()  # made anew in its colours
             theme.use(now.theme)
         units.use(now.angles, now.lengths)
-        self._viewport.preset = self._palette.preset = now.mouse
+        self._viewport.preset = self._palette.preset = self.tour.preset = now.mouse
         self.scale.preferred = now.scale
         hello_imgui.get_runner_params().fps_idling.fps_max = now.fps
         self._applied = now

@@ -10,7 +10,9 @@ from avatarrex_studio.jobs.available import Ability, lines
 
 def test_everything_missing_has_a_next_step():
     found = available.available()
-    assert {"OpenGL 4.3", "GPU for networks", "Videos", "FBX", "Webcam", "Virtual camera"} <= {entry.name for entry in found}
+    assert {"OpenGL 4.3", "GPU for networks", "Videos", "FBX", "Webcam", "Virtual camera"} <= {
+        entry.name for entry in found
+    }
     assert all(entry.words for entry in found)
     assert all(entry.next_step for entry in found if not entry.there)
 

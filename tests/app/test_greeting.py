@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from avatarrex_studio.session.commands import Mirror
 from avatarrex_studio.session.greeting import EASE, LASTS, Greeting, swayed
@@ -34,7 +36,7 @@ def test_it_moves_the_picture_and_not_the_state(clock):
     assert studio.state is before
     assert not studio.journal.steps
     assert not studio.journal.unsaved
-    assert all(not np.array_equal(a, b) for a, b in zip(seen, seen[1:], strict=False))
+    assert all(not np.array_equal(a, b) for a, b in pairwise(seen))
     assert studio.moving
     assert not studio.pictures.exact.begun, "no exact picture of a pose that is gone at once"
 

@@ -7,7 +7,13 @@ import logging
 
 import pytest
 from avatarrex_studio.panels import mouse, theme, units
-from avatarrex_studio.session.preferences import Preferences, checked, preferences_file, read_preferences, write_preferences
+from avatarrex_studio.session.preferences import (
+    Preferences,
+    checked,
+    preferences_file,
+    read_preferences,
+    write_preferences,
+)
 
 from avatarrex.errors import InputError
 
@@ -22,7 +28,8 @@ def test_they_are_kept():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("mouse", "cad"), ("scale", 9), ("scale", True), ("fps", "60"), ("fps", float("inf")), ("greeting", 1), ("theme", None), ("angles", ["degrees"])],
+    [("mouse", "cad"), ("scale", 9), ("scale", True), ("fps", "60"), ("fps", float("inf")), ("greeting", 1), ("theme", None),
+     ("angles", ["degrees"])],
 )  # fmt: skip
 def test_what_cannot_be_is_said_and_the_rest_is_kept(name, value, caplog):
     with pytest.raises(InputError, match=name):
@@ -70,7 +77,9 @@ def test_units():
 
 
 def test_every_colour_of_the_interface_has_one_of_the_light_theme():
-    named = {tuple(value[:3]) for name, value in theme.COLOURS.items() if name != "modal_window_dim_bg"}  # that darkens both
+    named = {
+        tuple(value[:3]) for name, value in theme.COLOURS.items() if name != "modal_window_dim_bg"
+    }  # that darkens both
     assert named <= set(theme.LIGHT)
     brightness = {name: sum(theme.LIGHT[getattr(theme, name)]) for name in ("TEXT", "MUTED", "PANEL")}
     assert brightness["TEXT"] < brightness["MUTED"] < brightness["PANEL"] - 1

@@ -129,7 +129,10 @@ def test_all_grows_alike(io):
         imgui.end()
 
     for _ in range(2):
-        io.display_size, io.display_framebuffer_scale = imgui.ImVec2(800, 600), imgui.ImVec2(1, 1)  # what a back end does
+        io.display_size, io.display_framebuffer_scale = (
+            imgui.ImVec2(800, 600),
+            imgui.ImVec2(1, 1),
+        )  # what a back end does
         frame(draw)
     drawn = imgui.get_draw_data()
     assert seen["points"] == (400, 300)
