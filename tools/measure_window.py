@@ -256,6 +256,27 @@ class Measuring:
         self.options = options
         self._row = printed("at the screen".ljust(34), "median", "95 of 100", "")
 
+    def start(self) -> None:
+        """From the command to the first window, to the studio's own, and to the avatar in it."""
+        for _ in range(self.options.starts):
+            with TemporaryDirectory() as name:
+                display = Display(Path(name))
+                environment = {**display.environment, "HOME": name, "XDG_CONFIG_HOME": name, "XDG_STATE_HOME": name}
+                begun = time.perf_counter()
+                shown = subprocess.Popen([*COMMAND, "open"], env=environment)
+                try:
+                    seconds = [_until(begun, seen, display) for seen in (_any, _panels, _person)]
+                finally:
+                    shown.terminate()
+                    shown.wait()
+                    display.close()
+            self._row(
+                "start, a window",
+                f"{seconds[0]:.1f} s",
+                "",
+                f"the studio's {seconds[1]:.1f} s, the avatar {seconds[2]:.1f} s",
+            )
+
     def latency(self) -> None:
         """Input to picture, from rest."""
         with window("live", None) as (display, _):
@@ -355,6 +376,30 @@ class Measuring:
         self._row(name, *(f"{value:.0f} fps" for value in rates(times)), f"{used:.2f} cores")
 
 
+def _any(pixels: np.ndarray) -> bool:
+    """Whether anything is on the screen."""
+    return bool(pixels[..., :3].any())
+
+
+def _panels(pixels: np.ndarray) -> bool:
+    """Whether the studio's panels are."""
+    return bool(pixels[PANEL][..., :3].any())
+
+
+def _person(pixels: np.ndarray) -> bool:
+    """Whether the avatar is: something bright across its chest, while the panels are there."""
+    return _panels(pixels) and bool((pixels[BAND][..., :3].min(-1) > 150).sum() > 50)
+
+
+def _until(begun: float, seen: Callable[[np.ndarray], bool], display: Display) -> float:
+    """Seconds since `begun` when something is first seen."""
+    while not seen(display.pixels):
+        time.sleep(0.01)
+        if time.perf_counter() - begun > PATIENCE:
+            raise SystemExit("nothing is seen")
+    return time.perf_counter() - begun
+
+
 def _distinct(display: Display, seconds: float) -> list[tuple[float, np.ndarray]]:
     """Every picture of the viewport that differs from the one before, and when."""
     found: list[tuple[float, np.ndarray]] = []
@@ -383,12 +428,13 @@ def _strip(chosen: list[np.ndarray]) -> np.ndarray:
 
 def main() -> None:
     """Measure and print."""
-    names = ("latency", "rate", "interface", "idle", "settling")
+    names = ("start", "latency", "rate", "interface", "idle", "settling")
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--motion", help="a motion file that is played, too")
     parser.add_argument("--face", help="a recording of a face that is played with it")
     parser.add_argument("--seconds", type=float, default=4.0, help="of each rate (4)")
     parser.add_argument("--repeats", type=int, default=30, help="of each latency (30)")
+    parser.add_argument("--starts", type=int, default=3, help="of the program (3)")
     parser.add_argument("--only", nargs="+", choices=names, default=names, help="some of the measurements")
     parser.add_argument("--strip", help="a PNG of the pictures in which a motion stops")
     measuring = Measuring(parser.parse_args())

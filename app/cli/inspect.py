@@ -21,11 +21,18 @@ WIDTH = 160
 
 def add_options(verb: argparse.ArgumentParser) -> None:
     """The file."""
-    verb.add_argument("path", help="a file or folder")
+    verb.add_argument(
+        "path", nargs="?", help="a file or folder; without one: what this machine has of what the studio can use"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print a few lines about it. Raises `InputError`."""
+    if arguments.path is None:
+        from avatarrex_studio.jobs.available import available, lines  # torch
+
+        print("\n".join(lines(available())))
+        return 0
     print("\n".join(describe(arguments.path)))
     return 0
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from typing import TYPE_CHECKING
 
 from avatarrex_studio.cli import PROGRAM
 from avatarrex_studio.cli.options import add_device
 from avatarrex_studio.jobs.file_kind import OPENS, PICTURE, kind_of
 
 from avatarrex.errors import InputError
+
+if TYPE_CHECKING:
+    from avatarrex_studio.window.window import Window
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -27,9 +31,24 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(arguments.source, "", OPENS, "a picture")
     if no_display("render OUT.png"):
         return 2
-    from avatarrex_studio.window.window import run_window
+    from avatarrex_studio.window.starting import Starting, check_display
 
-    return run_window(arguments.source, arguments.device)
+    check_display()
+    starting = Starting()
+
+    def prepare() -> Window:
+        starting.say("Loading the program…")
+        from avatarrex_studio.window.window import prepared
+
+        starting.say(f"Reading {os.path.basename(arguments.source) or arguments.source}…")
+        return prepared(arguments.source, arguments.device)
+
+    window = starting.show_while(prepare)
+    if window is None:
+        return 0
+    from avatarrex_studio.window.window import run as run_window
+
+    return run_window(window)
 
 
 def no_display(instead: str) -> bool:

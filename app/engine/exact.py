@@ -31,7 +31,8 @@ FAREWELL = 1.0
 class ExactEngine:
     """Renders in another process. `make(between)` makes its `Engine` there, and must be importable."""
 
-    def __init__(self, make: Make) -> None:
+    def __init__(self, make: Make, later: bool = False) -> None:
+        """With `later` the process is not started before `begin`, or the first request: it would slow down what else starts."""
         self._make = make
         self.arrived: Callable[[], None] = lambda: None
         """Called by another thread when there may be something to poll: an interface that sleeps on events is woken."""
@@ -41,8 +42,15 @@ class ExactEngine:
         self._current: Request | None = None
         self._tries = 0
         self._ready = self._closed = False
+        self._inbox: SimpleQueue[object] = SimpleQueue()
         self._process: BaseProcess | None = None
-        self._start()
+        if not later:
+            self._start()
+
+    def begin(self) -> None:
+        """Start the process, where there is none."""
+        if self._process is None and not self._closed:
+            self._start()
 
     @property
     def busy(self) -> bool:
@@ -102,7 +110,7 @@ class ExactEngine:
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")  # a fork would share OpenGL contexts and threads
         self._connection, theirs = context.Pipe()
-        self._inbox: SimpleQueue[object] = SimpleQueue()
+        self._inbox = SimpleQueue()
         self._ready = False
         self._process = context.Process(target=serve, args=(theirs, self._make), name="exact engine", daemon=True)
         self._process.start()

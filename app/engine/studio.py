@@ -23,6 +23,7 @@ from avatarrex_studio.live.listening import Listening
 from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.evaluation import go_to, layers_at, settled
+from avatarrex_studio.session.greeting import Greeting
 from avatarrex_studio.session.grip import LOOK, Grip
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import CAMERA
@@ -90,6 +91,8 @@ class Studio:
         self.clips = Clips(lambda path, options: Motion.read(path, options, FBX_SECONDS))
         self.take = Take()
         self.listening = Listening(clock)
+        self.greeting: Greeting | None = None
+        """What moves the avatar until somebody does something."""
         self.surface: Drawn | None = None
         """The surface of the present state; None where the avatar has none."""
         self.weight = 0.0
@@ -110,6 +113,7 @@ class Studio:
 
         While something is recorded, an edit becomes keys; while something plays, all edits are undone together with it.
         """
+        self.end_greeting()
         with refusals_logged():
             command = self.take.keyed(command, self.state, gesture)
             if isinstance(command, SetFrame):
@@ -138,8 +142,10 @@ class Studio:
         elif sent:
             self._follow()
         size = self.state.size.pixels(viewport)
-        drawn = self._draw(size)
-        new = self.pictures.tick(now, self.state, size, self.surface is not None, self.playback.playing)
+        shown = self._greeted(now)
+        drawn = self._draw(size, shown)
+        moves = self.playback.playing or shown is not self.state
+        new = self.pictures.tick(now, self.state, size, self.surface is not None, moves)
         self.weight = self.pictures.weight(now, self.surface is not None)
         return drawn or new or self.weight != before
 
@@ -149,16 +155,34 @@ class Studio:
             frame = SetFrame(self.state.timeline.frame, self.listening.feeds(self.state.timeline))
             self.journal.follow(settled(frame, self.journal.before_following(frame), self.clips))
 
-    def _draw(self, size: tuple[int, int]) -> bool:
+    def greet(self) -> None:
+        """Have the avatar move gently until somebody does something."""
+        self.greeting = Greeting(self._clock())
+
+    def end_greeting(self) -> None:
+        """Somebody did something."""
+        if self.greeting:
+            self.greeting.stop(self._clock())
+
+    def _greeted(self, now: float) -> StudioState:
+        """The state as the surface shows it."""
+        if self.greeting is None or self.surface is None:
+            return self.state
+        if self.greeting.over(now):
+            self.greeting = None
+            return self.state
+        return self.greeting.shown(self.state, now)
+
+    def _draw(self, size: tuple[int, int], shown: StudioState) -> bool:
         """Draw the surface where what it shows has changed; whether it was drawn."""
-        subject, avatar = Subject.of(self.state, size), self.avatars.ready(self.state.avatar)
+        subject, avatar = Subject.of(shown, size), self.avatars.ready(shown.avatar)
         if self.live is None or avatar is None or avatar is self._faulty:
             self.surface = self._drawn = None
             return False
         if subject == self._drawn:
             return False
         try:
-            self.surface, self._drawn = self.live.draw(avatar, self.state, size), subject
+            self.surface, self._drawn = self.live.draw(avatar, shown, size), subject
         except Exception:  # a fault of ours: its trace goes to the log, and exact pictures are shown
             log.exception("the surface could not be drawn")
             self.surface, self._drawn, self._faulty = None, None, avatar
@@ -200,7 +224,14 @@ class Studio:
     @property
     def moving(self) -> bool:
         """Whether what is shown changes by itself, or the state has just changed."""
-        return self.playback.playing or self.listening.present or self.fading or not self.pictures.rests(self._clock())
+        greets = self.greeting is not None and self.surface is not None
+        return (
+            self.playback.playing
+            or self.listening.present
+            or self.fading
+            or greets
+            or not self.pictures.rests(self._clock())
+        )
 
     def close(self) -> None:
         """End the exact engine, and listen no more."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from avatarrex_studio.panels import widgets
+from avatarrex_studio.panels import units, widgets
 from avatarrex_studio.session.actions import Action, action
 from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.state import OrbitView, StudioState
@@ -17,12 +17,12 @@ VIEW_BUTTONS = {
 }  # fmt: skip
 """Buttons of actions."""
 ENTRIES = {
-    "azimuth": ("Azimuth", (-180.0, 180.0), "%.0f°"),
-    "elevation": ("Elevation", (-89.0, 89.0), "%.0f°"),
-    "distance": ("Distance", (0.3, 8.0), "%.2f m"),
-    "fov": ("View angle", (10.0, 100.0), "%.0f°"),
+    "azimuth": ("Azimuth", (-180.0, 180.0), units.angle),
+    "elevation": ("Elevation", (-89.0, 89.0), units.angle),
+    "distance": ("Distance", (0.3, 8.0), units.length),
+    "fov": ("View angle", (10.0, 100.0), units.angle),
 }
-"""Fields of the view with title, range and format."""
+"""Fields of the view with title, range (degrees, metres) and unit."""
 LABEL = 78.0
 REST = OrbitView()
 
@@ -32,11 +32,13 @@ def draw(state: StudioState) -> Iterator[Command | Action]:
     if pressed := widgets.button_grid(VIEW_BUTTONS, 62):
         yield action(pressed)
     imgui.spacing()
-    for name, (title, bounds, form) in ENTRIES.items():
+    for name, (title, (low, high), unit_of) in ENTRIES.items():
+        unit = unit_of()
+        value, rest = (unit.factor * getattr(view, name) for view in (state.view, REST))
         widgets.label(title, LABEL)
-        new = widgets.slider(f"camera.{name}", getattr(state.view, name), bounds, form, rest=getattr(REST, name))
+        new = widgets.slider(f"camera.{name}", value, (unit.factor * low, unit.factor * high), unit.form, rest=rest)
         if new is not None:
-            changed: dict[str, Any] = {name: new}
+            changed: dict[str, Any] = {name: min(max(new / unit.factor, low), high)}
             yield SetCamera(**changed)
     toggled, follow = imgui.checkbox("Follow a motion over the ground", state.view.follow)
     if toggled:

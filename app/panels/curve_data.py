@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.signal import lfilter
 
 MOST_POINTS = 1500
 """Of a curve that are drawn; more would not be seen."""
@@ -39,11 +38,21 @@ def log_ticks(low: float, high: float) -> list[float]:
     return ticks if len(ticks) >= 2 else [float(f"{tick:.2g}") for tick in np.geomspace(low, high, 5)[1:-1]]
 
 
+def step_ticks(low: float, high: float, most: int = 6) -> list[float]:
+    """Whole numbers from `low` to `high`, 1, 2 or 5 times a power of ten apart, at most `most`."""
+    width = max((high - low) / (most - 1), 1.0)
+    power = 10.0 ** np.floor(np.log10(width))
+    step = next(part * power for part in (1, 2, 5, 10) if part * power >= width)
+    return [float(k * step) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
+
+
 def smoothed(values: Float64[np.ndarray, "p"], amount: float) -> Float64[np.ndarray, "p"]:
     """The exponential mean, `amount` in [0, 1); a value that is not finite stays one and leaves the rest alone."""
     finite = np.isfinite(values)
     clean, result = values[finite], values.copy()
     if amount > 0 and len(clean):
+        from scipy.signal import lfilter  # takes 0.25 s: not before there is a curve
+
         weight = 1 - amount ** np.arange(1, len(clean) + 1)
         result[finite] = lfilter([1 - amount], [1, -amount], clean) / weight
     return result

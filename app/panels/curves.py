@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from avatarrex_studio.panels import theme, widgets
-from avatarrex_studio.panels.curve_data import log_ticks, smoothed, span, thinned
+from avatarrex_studio.panels.curve_data import log_ticks, smoothed, span, step_ticks, thinned
 from imgui_bundle import imgui, implot
 from jaxtyping import Float64
 
@@ -105,7 +105,10 @@ class Curves:
         low, high = span(ys, 0.06, log)
         condition = implot.Cond_.always if self.following else implot.Cond_.once
         implot.setup_axes_limits(left, right, low, high, condition)
-        implot.setup_axis_format(implot.ImAxis_.x1, "%g min" if self.by_time else "%.0f")
+        implot.setup_axis_format(implot.ImAxis_.x1, "%g min" if self.by_time else "%g")
+        if self.following and not self.by_time:
+            steps = step_ticks(left, right)
+            implot.setup_axis_ticks(implot.ImAxis_.x1, steps, [f"{step:,.0f}" for step in steps])
         if log:
             implot.setup_axis_scale(implot.ImAxis_.y1, implot.Scale_.log10)
             if self.following:

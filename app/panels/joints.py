@@ -1,4 +1,4 @@
-"""Body and hand tabs: every joint's rotation vector as three sliders in degrees, by limb."""
+"""Body and hand tabs: every joint's rotation vector as three sliders in degrees (or radians), by limb."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-from avatarrex_studio.panels import widgets
+from avatarrex_studio.panels import units, widgets
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.actions import words
 from avatarrex_studio.session.commands import Command, ResetGroup, SetJoint, SetLimits, SetTranslation
@@ -101,15 +101,20 @@ def joint_row(state: StudioState, name: str, group: str) -> Iterator[Command]:
     limited = state.limit_joints and name != "pelvis"
     bounds = np.degrees(LIMITS[JOINT_NAMES.index(name)]) if limited else np.tile([-TURN, TURN], (3, 1))
     rotation = posing.joint(state.signals, name)
-    turned = _vector_row(_joint_title(name, group), name, rotation, bounds, "%.0f°", math.degrees(1))
+    unit = units.angle()
+    title, factor = _joint_title(name, group), unit.factor * math.degrees(1)
+    turned = _vector_row(title, name, rotation, unit.factor * bounds, unit.form, factor)
     if turned is not None:
         yield SetJoint(name, turned)
 
 
 def translation_row(state: StudioState) -> Iterator[Command]:
-    """The root's place, metres."""
+    """The root's place."""
     place = vector(state.signals.translation)
-    moved = _vector_row("Place", "translation", place, np.tile([-3.0, 3.0], (3, 1)), "%.2f m")
+    unit = units.length()
+    moved = _vector_row(
+        "Place", "translation", place, unit.factor * np.tile([-3.0, 3.0], (3, 1)), unit.form, unit.factor
+    )
     if moved is not None:
         yield SetTranslation(moved)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
-ARROWS = {"Left": imgui.Key.left_arrow, "Right": imgui.Key.right_arrow}
+NAMED = {"Left": imgui.Key.left_arrow, "Right": imgui.Key.right_arrow, ",": imgui.Key.comma}
 
 
 def free() -> bool:
@@ -25,7 +25,17 @@ def close_topmost() -> bool:
 def chord(shortcut: str) -> int:
     """The key chord of a shortcut. Raises `KeyError` or `AttributeError` for an unknown key."""
     *modifiers, key = shortcut.split("+")
-    code = int(ARROWS.get(key) or getattr(imgui.Key, f"_{key}" if key.isdigit() else key.lower()))
+    code = int(NAMED.get(key) or getattr(imgui.Key, f"_{key}" if key.isdigit() else key.lower()))
     for name in modifiers:
         code |= int(MODIFIERS[name])
     return code
+
+
+def anything() -> bool:
+    """Whether a key, a button or the wheel was used in this frame."""
+    io = imgui.get_io()
+    pressed = (
+        imgui.is_key_pressed(imgui.Key(code), False)
+        for code in range(int(imgui.Key.named_key_begin), int(imgui.Key.named_key_end))
+    )
+    return bool(imgui.is_any_mouse_down() or io.mouse_wheel or any(pressed))

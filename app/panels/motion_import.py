@@ -5,6 +5,7 @@ It opens by itself over a motion with warnings, and from the Timeline. Every cha
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -18,15 +19,17 @@ from avatarrex.signals.import_options import AXES, FLOORS, RESTS, UNITS, ImportO
 from avatarrex.signals.imported import Guess, ImportedMotion
 from avatarrex.signals.joints import JOINT_NAMES
 
-SIZE = (620.0, 560.0)
+SIZE = (560.0, 640.0)
 """Points, at first."""
 GUESS, NONE = "guessed", "none (at rest)"
 """Entries of the lists beside the values."""
 CHOICES = {"up": AXES, "forward": AXES, "unit": tuple(UNITS), "rest": RESTS, "floor": FLOORS}
 """What each field of the options may be."""
-COLUMNS = (96.0, 210.0)
+COLUMNS = (88.0, 150.0)
 """Points of what was decided and of its value."""
 LABEL = 130.0
+OPTIONS = re.compile(r" \(--[^()]*\)")
+"""What a warning names for the command line."""
 
 
 class MotionImport:
@@ -52,9 +55,12 @@ class MotionImport:
             self.shown = bool(motion.imported.warnings)
         if not self.shown:
             return
-        middle = imgui.get_main_viewport().get_center()
-        imgui.set_next_window_pos(middle, imgui.Cond_.appearing, (0.5, 0.5))
-        imgui.set_next_window_size(SIZE, imgui.Cond_.appearing)
+        screen = imgui.get_main_viewport()
+        corner, room = screen.work_pos + screen.work_size, screen.work_size
+        imgui.set_next_window_pos(
+            (corner.x - 6, corner.y - 6), imgui.Cond_.appearing, (1.0, 1.0)
+        )  # over the sliders: the picture stays free
+        imgui.set_next_window_size((min(SIZE[0], 0.4 * room.x), min(SIZE[1], room.y - 60)), imgui.Cond_.appearing)
         imgui.set_next_window_bg_alpha(1.0)
         opened, shown = imgui.begin("How the motion was read", True, imgui.WindowFlags_.no_docking)
         self.shown = bool(shown)
@@ -68,7 +74,7 @@ class MotionImport:
         imported = motion.imported
         widgets.paragraph(imported.sequence.name, theme.TEXT)
         for text in imported.warnings:
-            widgets.paragraph(text, theme.WARNING)
+            widgets.paragraph(without_options(text), theme.WARNING)
         if not imported.warnings:
             widgets.caption("Nothing looks wrong.")
         imgui.spacing()
@@ -114,6 +120,11 @@ class MotionImport:
                 said = {} if picked == GUESS else {ours: "" if picked == NONE else picked}
                 chosen = replace(imported.options, joints=tuple({**kept, **said}.items()))
         return chosen
+
+
+def without_options(text: str) -> str:
+    """A warning without what the command line would want for it: here the table has a list for that."""
+    return OPTIONS.sub("", text)
 
 
 def _value(guess: Guess, imported: ImportedMotion) -> ImportOptions | None:

@@ -113,7 +113,7 @@ def draw_name(pen: imgui.ImDrawList, text: str, place: tuple[float, float]) -> N
     size = imgui.calc_text_size(text)
     low = (place[0] + 14, place[1] + 8)
     pen.add_rect_filled(low, (low[0] + size.x + 12, low[1] + size.y + 6), theme.colour(DARK, 0.72), 4)
-    pen.add_text((low[0] + 6, low[1] + 3), theme.colour(theme.TEXT), text)
+    pen.add_text((low[0] + 6, low[1] + 3), theme.colour(BRIGHT), text)
 
 
 def title(part: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 
 from avatarrex_studio.panels import theme, widgets
@@ -13,15 +14,18 @@ from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 
 QUESTION, MENU = "Library##question", "own entry"
+LOOK = 2.0
+"""Seconds between two looks for what others have changed in the folder."""
 
 
 class OwnEntries:
     """The user's library with its widgets."""
 
-    def __init__(self, library: UserLibrary | None = None) -> None:
-        self.library = library or UserLibrary()
+    def __init__(self, library: UserLibrary | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+        self.library, self._clock = library or UserLibrary(), clock
         self.name, self.new_name, self.error = "", "", ""
-        self._read = False
+        self._looked = -LOOK
+        """When the folder was looked at, seconds."""
         self._menu: Entry | None = None
         self._overwriting: Entry | None = None
         self._deleting: Entry | None = None
@@ -30,9 +34,9 @@ class OwnEntries:
 
     def entries(self, kind: str) -> Mapping[str, Entry]:
         """By id: the user's names with a mark that no shipped entry has."""
-        if not self._read:
-            self._read = True
-            self.library.read()
+        if self._clock() - self._looked >= LOOK:
+            self._looked = self._clock()
+            self.library.follow()
         return {f"own:{name}": entry for name, entry in self.library.entries[kind].items()}
 
     def open_menu(self, entry: Entry) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from avatarrex_studio.panels import theme, widgets
+from avatarrex_studio.panels import mouse, theme, widgets
 from avatarrex_studio.session.actions import ACTIONS, Action, find
 from avatarrex_studio.session.journal import Journal
 from imgui_bundle import icons_fontawesome_6 as icons
@@ -14,7 +14,7 @@ ROWS = 12
 MOUSE = (
     ("Click on the person", "Select a joint or a region of the face"), ("Drag a ring", "Turn the joint"),
     ("Drag a round handle", "Pull hand, foot, elbow, knee, head or pelvis"), ("Right click on the person", "Pin, reset, look here"),
-    ("Left drag", "Orbit"), ("Right or middle drag, Shift+left drag", "Pan"), ("Wheel", "Zoom"),
+    ("Wheel", "Zoom"),
     ("Double click in the picture", "Centre on that point"), ("Double click on a slider", "Reset it"),
     ("Ctrl+click on a slider", "Type a value"), ("Alt or Shift on a slider", "Finer or coarser"),
 )  # fmt: skip
@@ -25,6 +25,8 @@ class Palette:
 
     def __init__(self) -> None:
         self.text, self.chosen = "", 0
+        self.preset = "default"
+        """Of the mouse, for the sheet."""
         self._open_palette = self._open_sheet = False
 
     def open(self) -> None:
@@ -81,17 +83,23 @@ class Palette:
         if self._open_sheet:
             imgui.open_popup("Keyboard and mouse")
             self._open_sheet = False
-        screen = imgui.get_main_viewport().get_center()
-        imgui.set_next_window_pos(screen, imgui.Cond_.appearing, imgui.ImVec2(0.5, 0.5))
+        screen = imgui.get_main_viewport()
+        imgui.set_next_window_pos(screen.get_center(), imgui.Cond_.always, imgui.ImVec2(0.5, 0.5))
+        imgui.set_next_window_size_constraints((0, 0), (screen.size.x - 20, screen.size.y - 20))
         shown, _ = imgui.begin_popup_modal("Keyboard and mouse", None, imgui.WindowFlags_.always_auto_resize)
         if not shown:
             return
-        rows = [(entry.shortcut, entry.title.rstrip("…")) for entry in ACTIONS if entry.shortcut]
-        half = (len(rows) + 1) // 2
-        for column in widgets.in_rows((rows[:half], rows[half:]), 36):
-            _table(column[0][0], column)
-        imgui.separator()
-        _table("mouse", MOUSE)
+        keys = [(entry.shortcut, entry.title.rstrip("…")) for entry in ACTIONS if entry.shortcut]
+        third = -(-(len(keys) + len(MOUSE) + 3) // 3)
+        for name, rows in widgets.in_rows(
+            {
+                "keys": keys[:third],
+                "more": keys[third : 2 * third],
+                "mouse": [*keys[2 * third :], *mouse.drags(self.preset), *MOUSE],
+            }.items(),
+            30,
+        ):
+            _table(name, rows)
         imgui.spacing()
         if imgui.button(f"{icons.ICON_FA_CHECK}  Close", (110, 0)):
             imgui.close_current_popup()

@@ -1,4 +1,7 @@
-"""The look: a dark, calm interface with one accent colour; fonts and spacing. Colours are sRGB in [0, 1]."""
+"""The look: a calm interface with one accent colour, dark or light; fonts and spacing. Colours are sRGB in [0, 1].
+
+Colours are named as the dark theme has them; the light one replaces each as it is drawn (`LIGHT`).
+"""
 
 from __future__ import annotations
 
@@ -25,6 +28,39 @@ FRAME = (0.169, 0.184, 0.212)
 UNREACHED = (0.137, 0.149, 0.172)
 """Of a slider what its limits exclude."""
 RAISED = (0.212, 0.231, 0.267)
+ALARM = (0.16, 0.09, 0.09)
+"""Behind an error over the picture."""
+_POPUP, _BORDER, _PRESSED, _GRAB, _GRAB_OVER = (
+    (0.137, 0.149, 0.173),
+    (0.06, 0.065, 0.075),
+    (0.25, 0.27, 0.31),
+    (0.26, 0.28, 0.32),
+    (0.32, 0.35, 0.40),
+)
+_SLIDER, _OVER, _HEADER, _LINE = (0.52, 0.58, 0.68), (0.27, 0.30, 0.35), (0.153, 0.169, 0.196), (0.18, 0.195, 0.225)
+LIGHT: dict[Rgb, Rgb] = {
+    ACCENT: (0.09, 0.42, 0.82),
+    TEXT: (0.12, 0.13, 0.15),
+    MUTED: (0.38, 0.41, 0.46),
+    ERROR: (0.75, 0.14, 0.11),
+    WARNING: (0.60, 0.39, 0.02),
+    _BASE: (0.865, 0.875, 0.89),
+    PANEL: (0.94, 0.945, 0.955),
+    FRAME: (0.85, 0.862, 0.88),
+    UNREACHED: (0.90, 0.908, 0.92),
+    RAISED: (0.80, 0.815, 0.84),
+    ALARM: (0.99, 0.92, 0.91),
+    _POPUP: (0.97, 0.973, 0.98),
+    _BORDER: (0.74, 0.76, 0.79),
+    _PRESSED: (0.78, 0.80, 0.83),
+    _GRAB: (0.70, 0.72, 0.75),
+    _GRAB_OVER: (0.62, 0.64, 0.68),
+    _SLIDER: (0.45, 0.50, 0.58),
+    _OVER: (0.74, 0.76, 0.80),
+    _HEADER: (0.885, 0.893, 0.907),
+    _LINE: (0.80, 0.81, 0.83),
+}
+"""The light theme's colour for each of the dark one."""
 SIZES: dict[str, Size] = {
     "window_padding": (10, 10), "frame_padding": (8, 4), "item_spacing": (8, 6), "item_inner_spacing": (6, 4),
     "scrollbar_size": 11, "grab_min_size": 7, "window_rounding": 6, "popup_rounding": 6, "frame_rounding": 4,
@@ -33,16 +69,16 @@ SIZES: dict[str, Size] = {
 }  # fmt: skip
 COLOURS: dict[str, Rgba] = {
     "text": (*TEXT, 1), "text_disabled": (*MUTED, 1), "window_bg": (*PANEL, 1), "child_bg": (*PANEL, 0),
-    "popup_bg": (0.137, 0.149, 0.173, 0.98), "border": (0.06, 0.065, 0.075, 1), "frame_bg": (*FRAME, 1),
-    "frame_bg_hovered": (*RAISED, 1), "frame_bg_active": (0.25, 0.27, 0.31, 1), "title_bg": (*_BASE, 1),
+    "popup_bg": (*_POPUP, 0.98), "border": (*_BORDER, 1), "frame_bg": (*FRAME, 1),
+    "frame_bg_hovered": (*RAISED, 1), "frame_bg_active": (*_PRESSED, 1), "title_bg": (*_BASE, 1),
     "title_bg_active": (*_BASE, 1), "title_bg_collapsed": (*_BASE, 1), "menu_bar_bg": (*_BASE, 1),
-    "scrollbar_bg": (*PANEL, 0), "scrollbar_grab": (0.26, 0.28, 0.32, 1),
-    "scrollbar_grab_hovered": (0.32, 0.35, 0.40, 1), "scrollbar_grab_active": (*ACCENT, 1),
+    "scrollbar_bg": (*PANEL, 0), "scrollbar_grab": (*_GRAB, 1),
+    "scrollbar_grab_hovered": (*_GRAB_OVER, 1), "scrollbar_grab_active": (*ACCENT, 1),
     "check_mark": (*ACCENT, 1),
-    "slider_grab": (0.52, 0.58, 0.68, 0.55), "slider_grab_active": (*ACCENT, 0.8),
-    "button": (*RAISED, 1), "button_hovered": (0.27, 0.30, 0.35, 1), "button_active": (*ACCENT, 0.75),
-    "header": (0.153, 0.169, 0.196, 1), "header_hovered": (*RAISED, 1), "header_active": (*ACCENT, 0.45),
-    "separator": (0.18, 0.195, 0.225, 1),
+    "slider_grab": (*_SLIDER, 0.55), "slider_grab_active": (*ACCENT, 0.8),
+    "button": (*RAISED, 1), "button_hovered": (*_OVER, 1), "button_active": (*ACCENT, 0.75),
+    "header": (*_HEADER, 1), "header_hovered": (*RAISED, 1), "header_active": (*ACCENT, 0.45),
+    "separator": (*_LINE, 1),
     "separator_hovered": (*ACCENT, 0.6), "separator_active": (*ACCENT, 1),
     "resize_grip": (*PANEL, 0), "resize_grip_hovered": (*ACCENT, 0.5), "resize_grip_active": (*ACCENT, 1),
     "tab": (*_BASE, 1), "tab_hovered": (*RAISED, 1), "tab_selected": (*PANEL, 1),
@@ -53,6 +89,24 @@ COLOURS: dict[str, Rgba] = {
 }  # fmt: skip
 
 
+class _Present:
+    """The theme that is used."""
+
+    light = False
+
+
+def use(name: str) -> None:
+    """`dark` or `light`, from the next frame on, for all that is drawn."""
+    if _Present.light != (name == "light"):
+        _Present.light = name == "light"
+        apply_style()
+
+
+def shade(rgb: Rgb) -> Rgb:
+    """A colour of the dark theme as the present one has it."""
+    return LIGHT.get(rgb, rgb) if _Present.light else rgb
+
+
 def load_fonts() -> None:
     """Roboto with the icons of Font Awesome."""
     hello_imgui.load_font_ttf_with_font_awesome_icons(FONT, FONT_SIZE)
@@ -60,7 +114,7 @@ def load_fonts() -> None:
 
 def apply_style() -> None:
     """Spacing and colours of every widget."""
-    imgui.style_colors_dark()
+    (imgui.style_colors_light if _Present.light else imgui.style_colors_dark)()
     imgui.get_style().window_menu_button_position = imgui.Dir.none
     dress(imgui.get_style(), imgui.Col_, SIZES, COLOURS)
 
@@ -70,7 +124,8 @@ def dress(style: Any, names: Any, sizes: Mapping[str, Size], colours: Mapping[st
     for name, size in sizes.items():
         setattr(style, name, imgui.ImVec2(*size) if isinstance(size, tuple) else size)
     for name, value in colours.items():
-        style.set_color_(getattr(names, name), imgui.ImVec4(*value))
+        red, green, blue, alpha = value
+        style.set_color_(getattr(names, name), imgui.ImVec4(*shade((red, green, blue)), alpha))
 
 
 def window_background(alpha: float) -> None:
@@ -80,9 +135,9 @@ def window_background(alpha: float) -> None:
 
 def colour(rgb: Rgb, alpha: float = 1.0) -> int:
     """Packed colour for draw lists."""
-    return imgui.get_color_u32(imgui.ImVec4(*rgb, alpha))
+    return imgui.get_color_u32(imgui.ImVec4(*shade(rgb), alpha))
 
 
 def vec4(rgb: Rgb, alpha: float = 1.0) -> imgui.ImVec4:
     """The same for style and text calls."""
-    return imgui.ImVec4(*rgb, alpha)
+    return imgui.ImVec4(*shade(rgb), alpha)

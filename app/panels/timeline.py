@@ -9,7 +9,7 @@ from avatarrex_studio.live.sources import FACE, SOURCES, WEBCAM
 from avatarrex_studio.panels import layer_menu, theme, widgets
 from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.lanes import Lanes
-from avatarrex_studio.panels.motion_import import MotionImport
+from avatarrex_studio.panels.motion_import import MotionImport, without_options
 from avatarrex_studio.session.commands import Command
 from avatarrex_studio.session.take import NAME
 from avatarrex_studio.session.timeline import Feed, Layer, Timeline
@@ -138,7 +138,7 @@ class TimelinePanel:
             imgui.same_line()
             if imgui.button(f"{icons.ICON_FA_TRIANGLE_EXCLAMATION}##motion.warnings"):
                 self.reading.open()
-            widgets.tooltip("\n".join(motion.imported.warnings))
+            widgets.tooltip("\n".join(map(without_options, motion.imported.warnings)))
 
     def _field(self, studio: Studio, timeline: Timeline) -> None:
         """The path of the loaded motion, where another can be typed, as far as there is room."""

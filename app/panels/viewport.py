@@ -1,6 +1,6 @@
 """The viewport: the picture, the mouse that moves the camera, and what can be grabbed in it.
 
-Left drag orbits, right or middle or Shift+left drag pans, the wheel zooms, a double click centres on the surface under
+What a drag does to the camera is a matter of the preset (mouse.py); the wheel zooms, a double click centres on the surface under
 the cursor. A drag that began here goes on outside. A left drag that begins on a handle pulls it; a click selects what is under the
 mouse, a right click opens its menu. What is selected has rings that turn it (gizmo.py).
 """
@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 from avatarrex_studio.engine.studio import Studio
-from avatarrex_studio.panels import overlay, theme
+from avatarrex_studio.panels import mouse as buttons
+from avatarrex_studio.panels import overlay, theme, units
 from avatarrex_studio.panels.gizmo import Rings, Turn, rings
 from avatarrex_studio.panels.part_menu import PartMenu
 from avatarrex_studio.panels.projection import Projection
@@ -30,7 +31,7 @@ from avatarrex.signals.joints import JOINT_NAMES, axis_names
 from avatarrex.templates.figure import Figure
 
 DEGREES_PER_POINT = 0.4
-ZOOM_PER_NOTCH = 0.88
+ZOOM_PER_NOTCH, ZOOM_PER_POINT = 0.88, 0.994
 CLICK = 4.0
 """Points: a press that moves less is a click."""
 ON_JOINT = 8.0
@@ -59,6 +60,8 @@ class Press:
     at: tuple[float, float]
     last: tuple[float, float]
     """Where it was when it was last acted upon."""
+    motion: str = ""
+    """What a drag does to the camera, where it has grabbed nothing."""
     turn: Turn | None = None
     """The ring that it turns."""
     grip: Grip | None = None
@@ -78,6 +81,8 @@ class ViewportPanel:
         self.size = (640, 480)
         """Pixels that the picture may fill."""
         self.menu = PartMenu()
+        self.preset = "default"
+        """Of the mouse: one of `mouse.PRESETS`."""
         self.hovered: str | None = None
         """The part under the mouse."""
         self._press: Press | None = None
@@ -129,8 +134,9 @@ class ViewportPanel:
     def _pressed(self, studio: Studio, mouse: tuple[float, float], low: imgui.ImVec2, high: imgui.ImVec2) -> Press:
         """What a press begins."""
         button = next((b for b in range(3) if imgui.is_mouse_down(b)), 0)
-        press, figure = Press(button, mouse, mouse), studio.figure
-        if button or imgui.get_io().key_shift or figure is None:
+        modifier, figure = buttons.modifier(), studio.figure
+        press = Press(button, mouse, mouse, buttons.PRESETS[self.preset].get((button, modifier), ""))
+        if button or modifier or figure is None:
             return press
         projection = Projection.of(studio.state.view, low, high)
         seen = _on_screen(projection, figure, studio.state.tools.selected)
@@ -164,10 +170,12 @@ class ViewportPanel:
         elif press.grip:
             place = (mouse[0] + press.offset[0], mouse[1] + press.offset[1])
             yield press.grip.to(studio.state, Projection.of(studio.state.view, low, high).world(place, press.depth))
-        elif press.button == 0 and not imgui.get_io().key_shift:
+        elif press.motion == buttons.ORBIT:
             yield OrbitBy(-DEGREES_PER_POINT * x, DEGREES_PER_POINT * y)
-        else:
+        elif press.motion == buttons.PAN:
             yield PanBy(-x / height, y / height)
+        elif press.motion == buttons.ZOOM:
+            yield ZoomBy(ZOOM_PER_POINT ** (x - y))
 
     def _click(self, studio: Studio, press: Press, low: imgui.ImVec2, high: imgui.ImVec2) -> Iterator[Command]:
         """Select what was clicked on, or open its menu."""
@@ -250,8 +258,8 @@ class ViewportPanel:
         mouse, joint = imgui.get_io().mouse_pos, studio.state.tools.selected
         place = (mouse.x, mouse.y)
         if self._press and self._press.turn and joint:
-            degrees = np.degrees(posing.joint(studio.state.signals, joint))
-            text = "   ".join(f"{name} {value:.0f}°" for name, value in zip(axis_names(joint), degrees + 0.0))
+            unit, turned = units.angle(), np.degrees(posing.joint(studio.state.signals, joint)) + 0.0
+            text = "   ".join(f"{name} {unit.text(value)}" for name, value in zip(axis_names(joint), turned.tolist()))
             overlay.draw_name(canvas, text, place)
         elif axis is not None and joint:
             overlay.draw_name(canvas, axis_names(joint)[axis].capitalize(), place)
@@ -316,7 +324,7 @@ def _message(canvas: imgui.ImDrawList, origin: imgui.ImVec2, room: imgui.ImVec2,
     size = imgui.calc_text_size(text, wrap_width=wrap)
     low = origin + imgui.ImVec2(16, 16)
     high = low + size + imgui.ImVec2(44, 20)
-    canvas.add_rect_filled(low, high, theme.colour((0.16, 0.09, 0.09), 0.94), 6)
+    canvas.add_rect_filled(low, high, theme.colour(theme.ALARM, 0.94), 6)
     canvas.add_rect(low, high, theme.colour(theme.ERROR, 0.8), 6)
     canvas.add_text((low.x + 10, low.y + 10), theme.colour(theme.ERROR), icons.ICON_FA_TRIANGLE_EXCLAMATION)
     font, points = imgui.get_font(), imgui.get_font_size()
@@ -324,4 +332,4 @@ def _message(canvas: imgui.ImDrawList, origin: imgui.ImVec2, room: imgui.ImVec2,
 
 
 def _centred(canvas: imgui.ImDrawList, origin: imgui.ImVec2, room: imgui.ImVec2, text: str) -> None:
-    canvas.add_text(origin + (room - imgui.calc_text_size(text)) / 2, theme.colour(theme.MUTED), text)
+    canvas.add_text(origin + (room - imgui.calc_text_size(text)) / 2, theme.colour(overlay.BRIGHT, 0.6), text)

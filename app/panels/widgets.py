@@ -109,8 +109,8 @@ def highlight() -> None:
 
 
 def label(text: str, width: float, marked: bool = False) -> None:
-    """A label of fixed width before an item that fills the rest; an accent colour and dot say that it is not at rest."""
-    start = imgui.get_cursor_pos_x()
+    """A label of fixed width (at most half the room) before an item that fills the rest; a dot says that it is not at rest."""
+    start, width = imgui.get_cursor_pos_x(), min(width, 0.5 * room())
     imgui.align_text_to_frame_padding()
     if marked:
         place = imgui.get_cursor_screen_pos()

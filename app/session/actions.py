@@ -105,6 +105,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("pose.copy", "Copy pose", "Edit", "Ctrl+C", effect="copy_pose", separator=True),
     Action("pose.paste", "Paste pose", "Edit", "Ctrl+V", effect="paste_pose"),
     Action("pose.paste_flipped", "Paste pose flipped", "Edit", "Ctrl+Shift+V", effect="paste_flipped"),
+    Action("preferences", "Preferences…", "Edit", "Ctrl+,", effect="preferences", separator=True),
     Action("pose.mirror", "Mirror pose", "Pose", "M", command=_fixed(commands.Mirror())),
     Action("pose.reset", "Reset everything", "Pose", "Ctrl+R", command=_fixed(commands.Reset())),
     Action("pose.reset_body", "Reset body", "Pose", command=_fixed(commands.ResetGroup("body")), separator=True),
@@ -143,7 +144,11 @@ ACTIONS: tuple[Action, ...] = (
         Action(f"level.{name}", f"Level: {name}", "View", command=_fixed(commands.SetLevel(name)), separator=name == AUTO)
         for name in LEVELS
     ),
-    Action("layout.reset", "Reset layout", "View", effect="reset_layout", separator=True),
+    *(
+        Action(f"layout.{name.lower()}", f"Layout: {name}", "View", key, effect=f"layout_{name.lower()}", separator=name == "Pose")
+        for name, key in (("Pose", "F2"), ("Animate", "F3"), ("Training", "F4"))
+    ),
+    Action("layout.reset", "Reset layout", "View", effect="reset_layout"),
     Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_has_layers),
     Action("step.back", "Previous frame", "Motion", "Left", effect="step_back", enabled=_has_layers),
     Action("step.on", "Next frame", "Motion", "Right", effect="step_on", enabled=_has_layers),
@@ -162,8 +167,10 @@ ACTIONS: tuple[Action, ...] = (
         for name, size in (("wide", "1280 × 720"), ("large", "1920 × 1080"), ("high", "1080 × 1920"))
     ),
     Action("output.camera", "Virtual camera", "Output", effect="virtual_camera", separator=True),
+    Action("tour", "Tour", "Help", effect="tour"),
     Action("palette", "Command palette", "Help", "Ctrl+P", effect="palette"),
     Action("shortcuts", "Keyboard shortcuts", "Help", "F1", effect="shortcuts"),
+    Action("available", "What is available", "Help", effect="available"),
     *(_named("pose", name, commands.ApplyPose(name)) for name in POSES),
     *(_named("expression", name, commands.ApplyExpression(name)) for name in EXPRESSIONS),
     *(_named(f"{side} hand", name, commands.SetHandPose(side, name)) for side in ("left", "right") for name in HANDS),

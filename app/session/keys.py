@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
@@ -89,7 +88,9 @@ class Track:
         return continuous(values)
 
     @cached_property
-    def _cubic(self) -> PchipInterpolator:
+    def _cubic(self) -> Any:
+        from scipy.interpolate import PchipInterpolator  # takes 0.3 s: not before there is a curve
+
         return PchipInterpolator(self.times, self._points)
 
     def at(self, time: float) -> Float64[np.ndarray, " c"]:

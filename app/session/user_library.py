@@ -30,6 +30,8 @@ MOST = 2000
 """Entries of a kind that are listed."""
 LONGEST = 60
 """Letters of a name."""
+Stamp = frozenset[tuple[str, int, int]]
+"""Name, size and time of change of each file of a folder."""
 PARTS = {
     "pose": ("body_pose", "left_hand_pose", "right_hand_pose"),
     "hand": ("left_hand_pose",),
@@ -82,6 +84,14 @@ class UserLibrary:
         """By kind and name."""
         self.refused: list[str] = []
         """A line for each file that is none."""
+        self._stamp: tuple[Stamp, ...] = ()
+
+    def follow(self) -> None:
+        """Read the folder again where its files have changed since the last time."""
+        stamp = tuple(_stamp(self.folder / kind) for kind in PARTS)
+        if stamp != self._stamp:
+            self._stamp = stamp
+            self.read()
 
     def read(self) -> None:
         """Read the folder again; what is no entry becomes a line of `refused`."""
@@ -155,6 +165,15 @@ def checked_name(name: object, source: str) -> str:
     if not all(letter.isalnum() or letter in " -_" for letter in name) or name.split(".")[0].upper() in _RESERVED:
         raise InputError(source, "name", expected, repr(name)[:LONGEST])
     return name
+
+
+def _stamp(folder: Path) -> Stamp:
+    """What tells a folder's content from a changed one; a folder that cannot be read is empty."""
+    try:
+        with os.scandir(folder) as files:
+            return frozenset((file.name, about.st_size, about.st_mtime_ns) for file in files if (about := file.stat()))
+    except OSError:
+        return frozenset()
 
 
 def library_folder() -> Path:

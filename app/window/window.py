@@ -24,6 +24,7 @@ from avatarrex_studio.jobs.opening import read_any
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status, theme
+from avatarrex_studio.panels.availability import Availability
 from avatarrex_studio.panels.console import ConsolePanel
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.files import FileDialog
@@ -43,18 +44,19 @@ from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.timeline_commands import SetFrame
-from avatarrex_studio.window.docking import docking
+from avatarrex_studio.window.docking import BARE, LAYOUTS, docking
 from avatarrex_studio.window.exporting import Exports
+from avatarrex_studio.window.guard import COPY, Failure, Guard
 from avatarrex_studio.window.leaving import Leaving
 from avatarrex_studio.window.opening import Opening
 from avatarrex_studio.window.output import GROUNDS, SIZES, Output
 from avatarrex_studio.window.own_surface import OwnSurface
+from avatarrex_studio.window.personal import Personal
 from avatarrex_studio.window.runner import runner_params
 from avatarrex_studio.window.screen import Screen
 from imgui_bundle import hello_imgui, imgui, immapp
 from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 
-from avatarrex.errors import InputError
 from avatarrex.gl.context import REQUIRED, renderer_name
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
@@ -85,13 +87,17 @@ class Window:
         self.face, self.poses, self.palette, self.files = self._sliders["Face"], PosesPanel(), Palette(), FileDialog()
         self.screen, self.questions, self.autosave = Screen(), Questions(), Autosave()
         self.toasts = Toasts(self._refused)
+        self.guard = Guard(self._failed)
         self.leaving = Leaving(studio, self.training.processes, self.questions, self.autosave)
         self.leaving.offer()
         self.distilling = Distilling(device=device)
         self.own_surface = OwnSurface(studio.avatars, self.distilling)
         self.opening = Opening(studio, self.training)
-        self.output = Output()
+        self.output, self.available = Output(), Availability()
+        self.personal = Personal(studio, self.viewport, self.palette)
         self.exports = Exports(studio, self.questions, make or partial(Engine, device=device))
+        self.first_picture: Callable[[], None] = nothing
+        """Called once, when there is something to see."""
         self._frames = self._gesture = 0
         self._keys_free = True
         """Whether keys were shortcuts when this frame began: what Esc closes does not pass it on."""
@@ -112,6 +118,8 @@ class Window:
             "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,
             "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
+            **{f"layout_{name.lower()}": partial(hello_imgui.switch_layout, name) for name in LAYOUTS},
+            "preferences": self.personal.dialog.open, "tour": self.personal.tour.start, "available": self.available.open,
             "quit": self._quit,
         }  # fmt: skip
 
@@ -133,15 +141,17 @@ class Window:
         params.renderer_backend_options.open_gl_options = options
         calls = params.callbacks
         calls.setup_imgui_config = _configure
-        calls.pre_new_frame = self._prepare
-        calls.before_imgui_render = self._render
-        calls.show_gui = self._over
-        calls.show_menus = self._menus
-        calls.post_init = self._take_drops
-        calls.show_status = self._status
-        calls.confirm_exit = self._may_close
+        for name, place, call in (
+            ("pre_new_frame", "Preparing a frame", self._prepare), ("before_imgui_render", "The picture", self._render),
+            ("show_gui", "A dialog", self._over), ("show_menus", "The menu", self._menus),
+            ("post_new_frame", "The interface's scale", self.personal.scale.apply),
+            ("post_init", "Opening the window", self._opened), ("show_status", "The status bar", self._status),
+        ):  # fmt: skip
+            setattr(calls, name, partial(self.guard.run, place, call))
+        calls.confirm_exit = lambda: self.guard.run("Closing", self._may_close) is not False
         calls.before_exit = self._close
-        params.docking_params = docking(self._panels())
+        params.docking_params, *params.alternative_docking_layouts = docking(self._panels())
+        params.dpi_aware_params.dpi_window_size_factor = 1.0  # interface_scale.py does it
         return params
 
     def _panels(self) -> dict[str, Callable[[], None]]:
@@ -165,7 +175,8 @@ class Window:
             "Timeline": self._timeline,
             "Console": self.console.draw,
         }
-        return {title: partial(self._show, draw) for title, draw in drawn.items()}
+        guarded = {title: partial(self.guard.panel, title, partial(self._show, draw)) for title, draw in drawn.items()}
+        return {**guarded, BARE: partial(self.guard.run, BARE, partial(self._show, drawn[BARE]))}
 
     def _viewport(self) -> Iterator[Command]:
         """The picture from edge to edge, without a tab of its own."""
@@ -207,7 +218,7 @@ class Window:
                 number += time.monotonic() - last > WHEEL_PAUSE
                 self._wheel = (time.monotonic(), number)
                 gesture = ("wheel", number)
-            self.studio.do(command, gesture)
+            self.guard.run(type(command).__name__, partial(self.studio.do, command, gesture))
 
     def _status(self) -> None:
         context = self.screen.context
@@ -229,7 +240,9 @@ class Window:
         self._run(self.palette.draw(self.studio.journal))
         self.files.draw()
         self.timeline.reading.draw(self.studio)
+        self.available.draw()
         self.questions.draw()
+        self.personal.draw()
         self._toasts()
         if not keys.close_topmost() and keys.free() and self._keys_free:
             for chord, entry in self._chords:
@@ -242,13 +255,15 @@ class Window:
         if entry is None:
             return
         if entry.command:
-            self.studio.do(entry.command(self.studio.state))
+            command = entry.command
+            self.guard.run(entry.title, lambda: self.studio.do(command(self.studio.state)))
         elif entry.effect:
-            self._effects[entry.effect]()
+            self.guard.run(entry.title, self._effects[entry.effect])
 
     def _prepare(self) -> None:
         """Before the interface's frame."""
         self.training.upload(self.screen.open())
+        self.personal.prepare()
         theme.window_background(0.0)
         self._keys_free = keys.free()
         if self._frames < WARM_UP:
@@ -263,6 +278,9 @@ class Window:
         if self._frames > WARM_UP:
             new = self.studio.tick(self.viewport.size)
             self.screen.show(self.studio, new)
+            if self.screen.shown:
+                self.first_picture()
+                self.first_picture = nothing
             self.output.show(self.screen.layers, context, new)
             self.own_surface.tend(self.studio.state.avatar)
             self._open_what_was_read()
@@ -306,14 +324,18 @@ class Window:
         hello_imgui.get_runner_params().app_shall_exit = True
 
     def _close(self) -> None:
-        self.training.close()
-        self.distilling.close()
-        self.opening.close()
-        self.exports.close()
-        self.studio.close()
-        self.output.close()
-        self.screen.close()
-        self.autosave.close()
+        parts = (
+            self.training,
+            self.distilling,
+            self.opening,
+            self.exports,
+            self.studio,
+            self.output,
+            self.screen,
+            self.autosave,
+        )
+        for part in parts:  # each ends, whatever becomes of the others
+            self.guard.run(f"Closing ({type(part).__name__})", part.close)
 
     def _may_close(self) -> bool:
         """Whether the window can close at once; else a question is on the screen."""
@@ -347,6 +369,11 @@ class Window:
         """A file that cannot be opened."""
         self.questions.put(Question(f"{Path(opening).name} cannot be opened", text))
 
+    def _failed(self, failure: Failure) -> None:
+        """A fault of ours."""
+        copy = partial(imgui.set_clipboard_text, failure.details)
+        self.questions.put(Question(f"{failure.place} failed", failure.text, {"Close": nothing, COPY: copy}))
+
     def _toasts(self) -> None:
         """What lies over the viewport's lower edge: toasts, and how far an export is."""
         low = imgui.get_main_viewport().work_pos
@@ -365,8 +392,9 @@ class Window:
         else:
             self._run(chosen)
 
-    def _take_drops(self) -> None:
-        """Files that are dropped on the window are opened."""
+    def _opened(self) -> None:
+        """The window is there: files that are dropped on it are opened, and it is as large as it should be."""
+        self.personal.scale.open()
         import glfw  # after imgui_bundle, which brings its own library
 
         # the stub has GLFW's own arguments, Python's callback gets the window and a list
@@ -379,23 +407,32 @@ class Window:
             self.opening.tab = ""
 
 
-def run_window(source: str = "default", device: str = "cpu") -> int:
-    """Open the window on anything that `Opening` opens, networks on `device`; returns the exit code. Raises `InputError`."""
-    exact, avatars = ExactEngine(partial(Engine, device=device)), Avatars(read_avatar)
-    opened = read_any(source, avatars.read)  # while the engine starts
+def prepared(source: str = "default", device: str = "cpu") -> Window:
+    """A window on anything that `Opening` opens, networks on `device`, to be run by `run`. Raises `InputError`."""
+    exact, avatars = ExactEngine(partial(Engine, device=device), later=True), Avatars(read_avatar)
+    opened = read_any(source, avatars.read)
     journal = opened.journal or Journal(start(opened.avatar or "default"))
-    import glfw  # after imgui_bundle, which brings its own library
-
-    if not glfw.init():
-        raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
-    exact.arrived = glfw.post_empty_event
     window = Window(Studio(exact, avatars, journal, LiveSurface()), device=device)
-    window.opening.arrived = window.exports.process.arrived = window.studio.listening.arrived = glfw.post_empty_event
     logging.basicConfig(
         level=logging.INFO, format="%(message)s", handlers=[window.console, window.toasts, logging.StreamHandler()]
     )
     log.info("AvatarReX Studio. F1 shows the keys, Ctrl+P finds every command.")
+    window.first_picture = exact.begin
     window.opening.take(opened)
+    if source == "default":
+        window.personal.greet()
+    return window
+
+
+def run(window: Window) -> int:
+    """Run the window until it is closed; the exit code."""
+    import glfw  # after imgui_bundle, which brings its own library
+
+    arrived = glfw.post_empty_event
+    if isinstance(window.studio.pictures.exact, ExactEngine):
+        window.studio.pictures.exact.arrived = arrived
+    window.opening.arrived = arrived
+    window.exports.process.arrived = window.studio.listening.arrived = arrived
     immapp.run(window.params())
     return 0
 

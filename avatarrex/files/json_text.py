@@ -48,8 +48,9 @@ def parse_json(text: str, source: object, field: str = "", expected: str = "JSON
         _check_depth(text, source, field, expected)
     try:
         return json.loads(text, parse_int=_integer)
-    except ValueError as error:
-        raise InputError(source, field, expected, error) from None
+    except json.JSONDecodeError as error:
+        found = f"no JSON in line {error.lineno}, column {error.colno}" if text.strip() else "nothing"
+        raise InputError(source, field, expected, found) from None
 
 
 def _check_depth(text: str, source: object, field: str, expected: str) -> None:

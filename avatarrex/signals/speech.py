@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import stft
 
 from avatarrex.files.sound import read_sound
 from avatarrex.signals.import_options import ImportOptions
@@ -63,6 +62,8 @@ def _weights(samples: Float64[np.ndarray, " s"], rate: int, count: int) -> Float
     """The 52 coefficients of every frame."""
     length = max(int(WINDOW * rate), 16)
     padded = np.concatenate([samples, np.zeros(length)])
+    from scipy.signal import stft  # takes 0.25 s: not before there is a sound
+
     frequencies, times, spectrum = stft(padded, rate, "hann", length, length * 3 // 4, padded=True)
     power = np.abs(spectrum) ** 2
     energy = np.stack([power[(frequencies >= low) & (frequencies < high)].sum(0) for low, high in BANDS])

@@ -39,7 +39,7 @@ def _lies(pose: np.ndarray) -> list[str]:
     angle = lean(pose)
     if angle < LIES:
         return []
-    return [f"the mean body lies, {angle:.0f}° from upright: if it should stand, name its up (--up +Y, +Z …)"]
+    return [f"the mean body lies, {angle:.0f}° from upright: if it should stand, choose another up (--up +Y, +Z …)"]
 
 
 def _beyond(pose: np.ndarray) -> list[str]:

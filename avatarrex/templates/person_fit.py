@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.interpolate import RBFInterpolator
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
@@ -100,6 +99,8 @@ class PersonFit:
         shape = torch.from_numpy(self.shape)
         vertices = (body.v_template + body.shapedirs[..., :10] @ shape).numpy()
         joints = (body.joint_template + body.joint_shapedirs[..., :10] @ shape).numpy()
+        from scipy.interpolate import RBFInterpolator  # takes 0.3 s: not before a person is fitted
+
         follows = RBFInterpolator(joints, self.joint_offsets, kernel="linear", degree=1)(vertices)
         if self.surface is not None:
             follows += self.surface.weights(body.v_template.numpy()) @ self.surface.offsets

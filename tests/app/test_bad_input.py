@@ -30,6 +30,8 @@ from ball import ball_engine, render_ball
 from ball_studio import InlineExact
 from PIL import Image
 
+from avatarrex.errors import InputError
+from avatarrex.files.json_text import parse_json
 from avatarrex.signals.read import read_motion
 
 ERROR = "avatarrex-studio: error: "
@@ -439,3 +441,10 @@ def test_the_ball_draws_what_is_right(monkeypatch, tmp_path):
     (tmp_path / "m.csv").write_text(csv())
     for name in ("m.bvh", "m.csv"):
         assert cli.main(["render", str(tmp_path / "out.png"), "--motion", str(tmp_path / name), "--size", "16"]) == 0
+
+
+@pytest.mark.parametrize(("text", "found"), [("", "nothing"), ("[1,\n x]", "no JSON in line 2, column 2")])
+def test_broken_json_is_refused_in_words_of_ours(text, found):
+    with pytest.raises(InputError) as refusal:
+        parse_json(text, "a.json")
+    assert refusal.value.found == found

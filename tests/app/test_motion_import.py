@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from avatarrex_studio.cli.main import main
+from avatarrex_studio.panels.motion_import import without_options
 from avatarrex_studio.session import commands, motion
 from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.evaluation import go_to, settled
@@ -246,3 +247,10 @@ def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) ->
     assert again.signals == seen["signals"]
     assert again.timeline.motion is not None
     assert again.timeline.motion.options == ImportOptions(up="+Z")
+
+
+def test_the_window_does_not_name_options_of_the_command_line():
+    said = "the mean body lies, 80° from upright: if it should stand, choose another up (--up +Y, +Z …)"
+    assert without_options(said) == "the mean body lies, 80° from upright: if it should stand, choose another up"
+    said = "another joint may be meant (--map FILE.json), or the rest pose is read wrongly (--rest bones or pose)"
+    assert without_options(said) == "another joint may be meant, or the rest pose is read wrongly"

@@ -19,7 +19,7 @@ from avatarrex_studio.jobs.run_view import RunView, duration, keep_avatar
 from avatarrex_studio.jobs.runs import Runs, Watched
 from avatarrex_studio.jobs.training_process import Order, TrainingProcesses, last_words
 from avatarrex_studio.jobs.watcher import Watcher
-from avatarrex_studio.panels.curve_data import log_ticks, smoothed, span, thinned
+from avatarrex_studio.panels.curve_data import log_ticks, smoothed, span, step_ticks, thinned
 from avatarrex_studio.panels.samples import HEAT, difference
 
 from avatarrex.errors import InputError
@@ -310,6 +310,14 @@ def test_thinning_keeps_ends_and_peaks():
     assert len(few_x) <= 1002
     assert (few_y.max(), few_y.min(), few_x[0], few_x[-1]) == (9.0, -9.0, 0.0, 99_999.0)
     assert np.array_equal(few_y, y[few_x.astype(int)])
+
+
+@pytest.mark.parametrize(("low", "high", "ticks"), [
+    (-0.5, 0.5, [0]), (0, 1, [0, 1]), (0, 3, [0, 1, 2, 3]), (0, 2000, [0, 500, 1000, 1500, 2000]), (130, 131.5, [130, 131]),
+])  # fmt: skip
+def test_ticks_of_steps_are_whole_numbers(low, high, ticks):
+    assert step_ticks(low, high) == ticks
+    assert [f"{tick:,.0f}" for tick in step_ticks(low, high)] == [f"{tick:,}" for tick in ticks], "never '-0'"
 
 
 def test_axes():

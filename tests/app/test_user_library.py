@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from avatarrex_studio.panels.own_entries import OwnEntries
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.commands import (
     ApplyPose,
@@ -48,6 +50,30 @@ def test_what_is_saved_is_there_for_whoever_opens_the_folder(library, kind):
     assert other.refused == []
     for part, value in parts_of(entry).items():
         assert np.array_equal(value, getattr(SIGNALS, part))
+
+
+def test_what_others_change_in_the_folder_is_seen(library):
+    library.follow()
+    other = UserLibrary(library.folder)
+    other.save(taken(SIGNALS, "pose", "theirs"))
+    assert "theirs" not in library.entries["pose"]
+    library.follow()
+    assert "theirs" in library.entries["pose"]
+    kept = library.entries["pose"]
+    library.follow()
+    assert library.entries["pose"] is kept, "nothing has changed, nothing is read"
+    shutil.rmtree(library.folder)
+    library.follow()
+    assert not library.entries["pose"]
+
+
+def test_the_panel_looks_again_after_a_while(library, clock):
+    own = OwnEntries(library, clock)
+    assert not own.entries("pose")
+    UserLibrary(library.folder).save(taken(SIGNALS, "pose", "theirs"))
+    assert not own.entries("pose")
+    clock.now += 2.5
+    assert list(own.entries("pose")) == ["own:theirs"]
 
 
 def test_rename_overwrite_and_delete(library):

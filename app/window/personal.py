@@ -1,0 +1,62 @@
+"""What is the user's own of a window: preferences and what they change, the hint and the tour, how large all is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from avatarrex_studio.engine.studio import Studio
+from avatarrex_studio.panels import curves, keys, theme, units
+from avatarrex_studio.panels.palette import Palette
+from avatarrex_studio.panels.preferences import PreferencesDialog
+from avatarrex_studio.panels.tour import Tour, draw_hint
+from avatarrex_studio.panels.viewport import ViewportPanel
+from avatarrex_studio.session.preferences import Preferences, read_preferences, write_preferences
+from avatarrex_studio.window.interface_scale import InterfaceScale
+from imgui_bundle import hello_imgui, imgui
+
+
+class Personal:
+    """One window's."""
+
+    def __init__(self, studio: Studio, viewport: ViewportPanel, palette: Palette) -> None:
+        self.preferences = read_preferences()
+        self.scale, self.tour, self.dialog = InterfaceScale(), Tour(), PreferencesDialog()
+        self._studio, self._viewport, self._palette = studio, viewport, palette
+        self._applied: Preferences | None = None
+
+    def greet(self) -> None:
+        """Have the avatar move gently, where that is wanted."""
+        if self.preferences.greeting:
+            self._studio.greet()
+
+    def prepare(self) -> None:
+        """Before the interface's frame: do what preferences say, where they have changed."""
+        now = self.preferences
+        if now == self._applied:
+            return
+        if self._applied is None or now.theme != self._applied.theme:
+            curves.close()  # made anew in its colours
+            theme.use(now.theme)
+        units.use(now.angles, now.lengths)
+        self._viewport.preset = self._palette.preset = self.tour.preset = now.mouse
+        self.scale.preferred = now.scale
+        hello_imgui.get_runner_params().fps_idling.fps_max = now.fps
+        self._applied = now
+
+    def draw(self) -> None:
+        """What lies over the panels; and see whether somebody has done something."""
+        if self._studio.greeting and keys.anything():
+            self._studio.end_greeting()
+        before = self.preferences
+        after = self.dialog.draw(before)
+        if after.hint and self.tour.number is None and not draw_hint(self.tour):
+            after = replace(after, hint=False)
+        self.tour.draw()
+        if imgui.is_key_pressed(imgui.Key.escape, False) and keys.free():
+            self.tour.stop()
+        if self.tour.reveal:
+            hello_imgui.get_runner_params().docking_params.focus_dockable_window(self.tour.reveal)
+            self.tour.reveal = ""
+        if after != before:
+            self.preferences = after
+            write_preferences(after)

@@ -1,0 +1,72 @@
+"""The first window, shown at once: it says what is being prepared, while a thread imports and reads what the studio needs.
+
+It takes no clicks, and imports neither torch nor what does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+from avatarrex_studio.panels import theme
+from avatarrex_studio.window.runner import runner_params
+from imgui_bundle import hello_imgui, imgui, immapp
+
+from avatarrex.errors import InputError
+
+Made = TypeVar("Made")
+SIZE = (420, 92)
+"""Points."""
+FPS = 20.0
+
+
+class Starting:
+    """What the window says."""
+
+    def __init__(self) -> None:
+        self.words = "Starting…"
+
+    def say(self, words: str) -> None:
+        """May be called by any thread."""
+        self.words = words
+
+    def show_while(self, prepare: Callable[[], Made]) -> Made | None:
+        """What `prepare` returns, which a thread does meanwhile; None where the window was closed. Raises what `prepare` raises."""
+        with_thread = ThreadPoolExecutor(1, "starting")
+        made = with_thread.submit(prepare)
+        immapp.run(self._params(made))
+        with_thread.shutdown(wait=False, cancel_futures=True)
+        return made.result() if made.done() else None
+
+    def _params(self, made: Future[Made]) -> hello_imgui.RunnerParams:
+        params = runner_params("AvatarReX Studio", "", SIZE, remember=False)
+        geometry = params.app_window_params.window_geometry
+        geometry.position_mode = hello_imgui.WindowPositionMode.monitor_center
+        params.app_window_params.borderless = True
+        params.app_window_params.borderless_movable = params.app_window_params.borderless_resizable = False
+        params.app_window_params.borderless_closable = False
+        params.imgui_window_params.default_imgui_window_type = hello_imgui.DefaultImGuiWindowType.no_default_window
+        params.imgui_window_params.background_color = theme.vec4(theme.PANEL)
+        params.fps_idling.enable_idling = False
+        params.fps_idling.fps_max = FPS
+
+        def draw() -> None:
+            params.app_shall_exit = made.done()
+            pen, low = imgui.get_foreground_draw_list(), imgui.get_main_viewport().pos
+            pen.add_text((low.x + 24, low.y + 20), theme.colour(theme.TEXT), "AvatarReX Studio")
+            pen.add_text((low.x + 24, low.y + 46), theme.colour(theme.MUTED), self.words)
+            share = imgui.get_time() % 1.6 / 1.6
+            x = low.x + 24 + share * (SIZE[0] - 48 - 60)
+            pen.add_rect_filled((x, low.y + 74), (x + 60, low.y + 77), theme.colour(theme.ACCENT), 1.5)
+
+        params.callbacks.show_gui = draw
+        return params
+
+
+def check_display() -> None:
+    """Raises `InputError` where no window can be opened."""
+    import glfw  # after imgui_bundle, which brings its own library
+
+    if not glfw.init():
+        raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")

@@ -1,0 +1,76 @@
+"""A few seconds of the fuzzer in the true window, on a stand-in for the pipeline; and that it finds what fails."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from avatarrex_studio.panels import scene
+from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.state import SizePolicy, StudioState
+from avatarrex_studio.window.window import Window
+from ball_studio import ball_studio
+from imgui_bundle import hello_imgui, imgui
+
+pytestmark = pytest.mark.window
+PLACE = Path(__file__).parents[2] / "tools" / "fuzz_window.py"
+
+
+@pytest.fixture(scope="module")
+def tool():
+    spec = importlib.util.spec_from_file_location("fuzz_window", PLACE)
+    module = sys.modules["fuzz_window"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules["fuzz_window"]
+
+
+def small_window():
+    """Pictures of a few pixels: the interface is what is driven."""
+    return Window(ball_studio(time.monotonic, journal=Journal(StudioState(size=SizePolicy(fixed=(64, 48))))))
+
+
+@pytest.fixture
+def folder(tool, tmp_path, monkeypatch):
+    for name in ("AVATARREX_LIBRARY", "XDG_CACHE_HOME", "XDG_STATE_HOME"):
+        monkeypatch.setenv(name, str(tmp_path / {"AVATARREX_LIBRARY": "library"}.get(name, name[4:9].lower())))
+    tool.write_files(tmp_path / "files")
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    return tmp_path
+
+
+def test_nothing_ends_the_window(display, tool, folder):
+    window = small_window()
+    seen = {}
+
+    def look():
+        """What F3 does, before anything random."""
+        seen.setdefault("layout", hello_imgui.current_layout_name())
+
+    window.first_picture = look
+    report = tool.fuzz(window, 5, 2.5, folder, (640, 480))
+    assert report.failures == []
+    assert report.answers, "at the end a key does what it should"
+    assert report.actions > 5
+    assert seen["layout"] == "Pose"
+    assert (folder / "actions.txt").read_text().count("\n") >= report.actions
+
+
+def test_what_fails_is_found_and_the_window_goes_on(display, tool, folder, monkeypatch, caplog):
+    caplog.set_level(logging.CRITICAL)
+
+    def broken(state):
+        imgui.begin_child("child")
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr(scene, "draw", broken)
+    window = small_window()
+    report = tool.fuzz(window, 7, 0.2, folder, (640, 480))
+    assert report.answers
+    assert any("on purpose" in failure and "seed 7" in failure for failure in report.failures)
+    assert len([failure for failure in report.failures if "on purpose" in failure]) == 1
