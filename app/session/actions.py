@@ -143,6 +143,8 @@ ACTIONS: tuple[Action, ...] = (
         Action(f"level.{name}", f"Level: {name}", "View", command=_fixed(commands.SetLevel(name)), separator=name == AUTO)
         for name in LEVELS
     ),
+    Action("stage", "Stage on or off", "View", command=lambda state: commands.SetStage("shown", not state.stage.shown), separator=True),
+    Action("stage.picture", "Background picture of the stage…", effect="stage_picture"),
     Action("layout.reset", "Reset layout", "View", effect="reset_layout", separator=True),
     Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_has_layers),
     Action("step.back", "Previous frame", "Motion", "Left", effect="step_back", enabled=_has_layers),

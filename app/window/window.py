@@ -38,7 +38,7 @@ from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.panels.viewport import ViewportPanel
 from avatarrex_studio.session.actions import ACTIONS, Action
 from avatarrex_studio.session.autosave import Autosave
-from avatarrex_studio.session.commands import Command, Select, SetSignals, ZoomBy
+from avatarrex_studio.session.commands import Command, Select, SetSignals, SetStage, ZoomBy
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
@@ -55,9 +55,11 @@ from imgui_bundle import hello_imgui, imgui, immapp
 from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 
 from avatarrex.errors import InputError
+from avatarrex.files.images import read_pixels
 from avatarrex.gl.context import REQUIRED, renderer_name
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
+from avatarrex.stage.stage import PICTURE, Stage
 
 log = logging.getLogger(__name__)
 WARM_UP = 3
@@ -112,7 +114,7 @@ class Window:
             "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,
             "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
-            "quit": self._quit,
+            "quit": self._quit, "stage_picture": self._stage_picture,
         }  # fmt: skip
 
     def params(self, size: tuple[int, int] = (1440, 900), remember: bool = True) -> hello_imgui.RunnerParams:
@@ -291,6 +293,17 @@ class Window:
             signals = Signals.from_json(imgui.get_clipboard_text(), "clipboard")
             self.studio.do(SetSignals(mirror(signals) if flipped else signals))
 
+    def _stage_picture(self) -> None:
+        """Choose the picture behind the figure; one that cannot be read is said and changes nothing."""
+
+        def chosen(path: str) -> None:
+            with refusals_logged(opening=path):
+                read_pixels(path)
+                for name, value in {"picture": path, "backdrop": PICTURE, "shown": True}.items():
+                    self.studio.do(SetStage(name, value), ("stage picture", self._gesture))
+
+        self.files.open("picture", "Background picture", chosen)
+
     def _screenshot(self) -> None:
         path = Path.cwd() / time.strftime("avatarrex-%Y%m%d-%H%M%S.png")
         self.studio.save_image(path, self.viewport.size)
@@ -401,10 +414,10 @@ def run_window(source: str = "default", device: str = "cpu") -> int:
 
 
 def start(avatar: str = "default") -> StudioState:
-    """The state that a new window opens with: standing, hands and face relaxed."""
+    """The state that a new window opens with: standing on a stage, hands and face relaxed."""
     hands = {f"{side}_hand_pose": named_hand("relaxed", side) for side in ("left", "right")}
     parts = {"body_pose": named_pose("stand"), "expression": named_expression("relaxed"), **hands}
-    return StudioState(avatar=avatar, signals=Signals.rest().replace(**parts))
+    return StudioState(avatar=avatar, signals=Signals.rest().replace(**parts), stage=Stage(shown=True))
 
 
 def _configure() -> None:

@@ -45,7 +45,8 @@ class DistanceGrid:
         last = torch.tensor(self.values.shape).flip(0).to(position) - 1
         within = place.clamp(min=torch.zeros_like(last), max=last)
         found = trilinear(self.values[..., None].to(position), within)[:, 0]
-        return (found + self.voxel * (place - within).norm(dim=-1)).reshape(position.shape[:-1])
+        away: Tensor = found + self.voxel * (place - within).norm(dim=-1)
+        return away.reshape(position.shape[:-1])
 
 
 def distance_grid(volume: SdfVolume) -> DistanceGrid:

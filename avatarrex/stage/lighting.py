@@ -7,7 +7,7 @@ Letters: h w pixels, p points. Root frame but where the world is said, metres.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -18,7 +18,7 @@ from avatarrex.frame import DeferredFrame
 from avatarrex.live import LiveFrame
 from avatarrex.stage.distance import DistanceGrid, distance_grid
 from avatarrex.stage.stage import KeyLight
-from avatarrex.stage.visibility import visibility
+from avatarrex.stage.visibility import Cone, visibility
 from avatarrex.surface.floor import FIGURE, FloorLight, box_corners, brightness, floor_region, texel_centres
 from avatarrex.surface.raster import SAMPLES, KeyShadow, Placed, draw_surfaces
 from avatarrex.surface.shadow import Caster, SurfaceShadow, draw_shadow
@@ -47,7 +47,7 @@ def lit(frame: DeferredFrame, light: KeyLight, impl: str = "auto") -> Lit:
     found = frame.pointmap
     pixel = torch.nonzero(found.coverage.reshape(-1) > 0)[:, 0]
     points, normals = (values.reshape(-1, 3)[pixel].float().cpu() for values in (found.position, found.normal))
-    seen = visibility(grid, points, normals, direction, light.width, FIGURE_START, impl).numpy()
+    seen = visibility(grid, points, normals, Cone(direction, light.width), FIGURE_START, impl).numpy()
     gain = torch.ones(found.coverage.numel())
     gain[pixel] = torch.from_numpy(figure_gain(seen, light.shadow).astype(np.float32))
     image = frame.image.float().cpu().clone()
@@ -72,20 +72,36 @@ def floor_light(
     points = torch.from_numpy(((world - place) @ turn).astype(np.float32))
     up, direction = turn.T @ np.array([0.0, 1.0, 0.0]), turn.T @ light.direction
     normals = torch.from_numpy(up.astype(np.float32)).expand_as(points)
-    seen = visibility(grid, points, normals, direction, light.width, FLOOR_START, impl).numpy()
+    seen = visibility(grid, points, normals, Cone(direction, light.width), FLOOR_START, impl).numpy()
     return FloorLight(region, np.rint(255 * seen.clip(0, 1)).astype(np.uint8).reshape(side, side, 2))
+
+
+@dataclass
+class SurfaceLight:
+    """A stage's light on the surface of level `live`, for `render_live`; the shadow is drawn anew where its caster is another one."""
+
+    light: KeyLight
+    shadow: SurfaceShadow | None = field(default=None, compare=False)
+    """On the floor, the last one."""
+    _caster: Caster | None = field(default=None, compare=False)
+
+    def __call__(self, placed: Placed, world_from_root: np.ndarray) -> KeyShadow:
+        """What of a surface with that root is in the light."""
+        caster, old, light = Caster(placed.posed, world_from_root, placed.hidden), self._caster, self.light
+        same = old and old.posed is caster.posed and old.hidden == caster.hidden
+        if not (self.shadow and old and same and np.array_equal(old.world_from_root, world_from_root)):
+            self.shadow, self._caster = draw_shadow([caster], light.direction, light.width, light.height), caster
+        dark, bright = figure_gain(np.array([[0.0, 1.0], [1.0, 1.0]]), light.shadow).tolist()
+        direction = world_from_root[:3, :3].T @ light.direction
+        mapped = self.shadow.map_from_world @ world_from_root
+        return KeyShadow(self.shadow.heights, mapped, direction, (dark, bright - dark))
 
 
 def lit_surface(frame: LiveFrame, light: KeyLight) -> Lit:
     """A frame of level `live` in the light, drawn anew and read back."""
-    shadow = draw_shadow([Caster(frame.posed, frame.world_from_root, frame.settings.hidden)], *light.rays)
-    placed = Placed(frame.posed, frame.harmonics, frame.view, frame.settings.hidden, key=key_shadow(shadow, frame.world_from_root, light))
+    shine = SurfaceLight(light)
+    placed = Placed(frame.posed, frame.harmonics, frame.view, frame.settings.hidden)
+    placed = replace(placed, key=shine(placed, frame.world_from_root))
     picture = draw_surfaces([placed], SAMPLES if frame.settings.antialias else 1)
-    return Lit(torch.from_numpy(picture.read()), shadow.read() if light.floor else None)
-
-
-def key_shadow(shadow: SurfaceShadow, world_from_root: np.ndarray, light: KeyLight) -> KeyShadow:
-    """How a surface of that root is drawn in the light that threw `shadow`."""
-    dark, bright = figure_gain(np.array([[0.0, 1.0], [1.0, 1.0]]), light.shadow).tolist()
-    direction = world_from_root[:3, :3].T @ light.direction
-    return KeyShadow(shadow.heights, shadow.map_from_world @ world_from_root, direction, (dark, bright - dark))
+    assert shine.shadow is not None
+    return Lit(torch.from_numpy(picture.read()), shine.shadow.read() if light.floor else None)

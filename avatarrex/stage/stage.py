@@ -49,11 +49,6 @@ class KeyLight:
         """Tangent of the light's angular radius."""
         return math.tan(math.radians(self.softness))
 
-    @property
-    def rays(self) -> tuple[np.ndarray, float, float]:
-        """Direction, width and the height of the floor."""
-        return self.direction, self.width, self.height
-
 
 @dataclass(frozen=True)
 class Stage:
@@ -88,7 +83,7 @@ class Stage:
                 raise InputError("stage", name, "true or false", getattr(self, name))
         for name, (low, high) in LIMITS.items():
             value = getattr(self, name)
-            if not (_number(value) and low <= value <= high or name == "height" and value is None):
+            if not ((_number(value) and low <= value <= high) or (name == "height" and value is None)):
                 raise InputError("stage", name, f"a number from {low:g} to {high:g}", value)
         if self.backdrop not in BACKDROPS:
             raise InputError("stage", "backdrop", " or ".join(BACKDROPS), self.backdrop)

@@ -14,6 +14,7 @@ the same steps.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import moderngl
 import numpy as np
@@ -21,7 +22,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from avatarrex.gl.context import current_context, gl_unavailable, per_context
+from avatarrex.gl.context import current_context, gl_context, gl_unavailable, per_context
 from avatarrex.gl.grids import GridTextures
 from avatarrex.gl.shader import compute_shader
 from avatarrex.stage.distance import DistanceGrid
@@ -48,6 +49,16 @@ CONSTANTS = {
 }  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class Cone:
+    """What a light fills, seen from anywhere."""
+
+    direction: Float[np.ndarray, "3"]
+    """Unit, towards the light."""
+    width: float
+    """Tangent of its angular radius."""
+
+
 def available() -> tuple[str, ...]:
     """Names of the implementations that run here."""
     return ("reference",) if gl_unavailable() else ("reference", "gl")
@@ -57,12 +68,11 @@ def visibility(
     grid: DistanceGrid,
     points: Float[Tensor, "p 3"],
     normals: Float[Tensor, "p 3"],
-    direction: Float[np.ndarray, "3"],
-    width: float,
+    key: Cone,
     start: float,
     impl: str = "auto",
 ) -> Float[Tensor, "p 2"]:
-    """Shares of the key light, from `direction` (unit, towards it), tangent of its radius `width`, and of the sky.
+    """Shares of the key light, which fills the cone `key`, and of the sky.
 
     Cones begin `start` metres off the points along the unit normals, so that a surface does not shade itself.
     `impl`: `auto`, `gl`, `reference`.
@@ -70,19 +80,17 @@ def visibility(
     if impl == "auto":
         impl = available()[-1]
     made = _by_shader if impl == "gl" else _reference
-    return made(grid, points + start * normals, normals, direction, width)
+    return made(grid, points + start * normals, normals, key)
 
 
-def _reference(
-    grid: DistanceGrid, origin: Tensor, normals: Tensor, direction: np.ndarray, width: float
-) -> Float[Tensor, "p 2"]:
-    towards = torch.as_tensor(direction).to(origin).expand_as(origin)
+def _reference(grid: DistanceGrid, origin: Tensor, normals: Tensor, key: Cone) -> Float[Tensor, "p 2"]:
+    towards = torch.as_tensor(key.direction).to(origin).expand_as(origin)
     facing = ((normals * towards).sum(-1) - RAMP[0]) / (RAMP[1] - RAMP[0])
     facing = facing.clamp(0, 1)
-    key = facing * facing * (3 - 2 * facing) * _narrow_cone(grid, origin, towards, width)
+    lit = facing * facing * (3 - 2 * facing) * _narrow_cone(grid, origin, towards, key.width)
     weights = [CENTRE] + [RING] * AROUND
     sky = sum(weight * _wide_cone(grid, origin, axis) for weight, axis in zip(weights, _axes(normals)))
-    return torch.stack([key, torch.as_tensor(sky)], -1)
+    return torch.stack([lit, torch.as_tensor(sky)], -1)
 
 
 def _share(free: Tensor) -> Tensor:
@@ -122,13 +130,9 @@ def _axes(normals: Tensor) -> list[Tensor]:
 
 
 @current_context()
-def _by_shader(
-    grid: DistanceGrid, origin: Tensor, normals: Tensor, direction: np.ndarray, width: float
-) -> Float[Tensor, "p 2"]:
-    from avatarrex.gl.context import gl_context
-
+def _by_shader(grid: DistanceGrid, origin: Tensor, normals: Tensor, key: Cone) -> Float[Tensor, "p 2"]:
     context = gl_context()
-    return per_context(context, "stage visibility", lambda: _Marcher(context)).march(grid, origin, normals, direction, width)
+    return per_context(context, "stage visibility", lambda: _Marcher(context)).march(grid, origin, normals, key)
 
 
 class _Marcher:
@@ -138,28 +142,26 @@ class _Marcher:
         self._context, self._textures = context, GridTextures(context)
         self._program = compute_shader(context, "stage/visibility.comp", CONSTANTS)
 
-    def march(
-        self, grid: DistanceGrid, origin: Tensor, normals: Tensor, direction: np.ndarray, width: float
-    ) -> Float[Tensor, "p 2"]:
+    def march(self, grid: DistanceGrid, origin: Tensor, normals: Tensor, key: Cone) -> Float[Tensor, "p 2"]:
         """See `visibility`."""
         count = len(origin)
         if not count:
             return origin.new_zeros(0, 2)
         rows = np.zeros((count, 8), np.float32)
         rows[:, :3], rows[:, 4:7] = origin.numpy(), normals.numpy()
-        asked, answered = self._context.buffer(rows.tobytes()), self._context.buffer(reserve=8 * count)
+        places, shares = self._context.buffer(rows.tobytes()), self._context.buffer(reserve=8 * count)
         self._textures.bind("stage distance", grid.values, 0)
         program = self._program
         program["u_origin"], program["u_voxel"] = tuple(np.asarray(grid.origin).tolist()), grid.voxel
         program["u_last"] = tuple(side - 1 for side in grid.values.shape[::-1])
-        program["u_key"], program["u_width"] = tuple(np.asarray(direction, float).tolist()), width
+        program["u_key"], program["u_width"] = tuple(key.direction.tolist()), key.width
         program["u_count"] = count
-        asked.bind_to_storage_buffer(0)
-        answered.bind_to_storage_buffer(1)
+        places.bind_to_storage_buffer(0)
+        shares.bind_to_storage_buffer(1)
         groups = -(-count // GROUP)
         program.run(min(groups, 32768), -(-groups // 32768))
         self._context.memory_barrier()
-        found = np.frombuffer(answered.read(), np.float32).reshape(count, 2).copy()
-        asked.release()
-        answered.release()
+        found = np.frombuffer(shares.read(), np.float32).reshape(count, 2).copy()
+        places.release()
+        shares.release()
         return torch.from_numpy(found)

@@ -42,7 +42,9 @@ def floor_region(corners: Float[np.ndarray, "8 3"], direction: Float[np.ndarray,
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def box_corners(bounds: Float[np.ndarray, "2 3"], world_from_root: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "8 3"]:
+def box_corners(
+    bounds: Float[np.ndarray, "2 3"], world_from_root: Float[np.ndarray, "4 4"]
+) -> Float[np.ndarray, "8 3"]:
     """World corners of a box of the root frame."""
     corner = np.stack(np.meshgrid(*np.asarray(bounds, np.float64).T), -1).reshape(8, 3)
     return np.asarray(corner @ world_from_root[:3, :3].T + world_from_root[:3, 3])

@@ -269,9 +269,9 @@ class Raster:
         self._programs["caster"]["u_clip_from_root"] = tuple(clip.T.ravel().tolist())
         context.disable(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         context.enable(moderngl.BLEND)
-        context.blend_equation = moderngl.MIN
+        context.blend_equation = (moderngl.MIN, moderngl.MIN)
         triangles.shapes["caster"].render(moderngl.TRIANGLES)
-        context.blend_equation = moderngl.FUNC_ADD
+        context.blend_equation = (moderngl.FUNC_ADD, moderngl.FUNC_ADD)
         context.disable(moderngl.BLEND)
 
     def _average(self, sampled: Target, samples: int, picture: moderngl.Framebuffer, tile: Box) -> None:

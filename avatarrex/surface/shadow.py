@@ -52,7 +52,7 @@ class SurfaceShadow:
     texture: moderngl.Texture
     """RG8, (x, z): key light and sky."""
     heights: moderngl.Texture
-    """The light's map; the next shadow that is drawn takes it."""
+    """The light's map."""
     map_from_world: Float[np.ndarray, "4 4"]
     """(u, v, height) of a world point in `heights`."""
 
@@ -86,12 +86,9 @@ class _Floor:
         self._program = draw_program(context, "window/whole.vert", "surface/floor.frag", constants)
         self._soften = draw_program(context, "window/whole.vert", "surface/soften.frag")
         self._triangles = [context.vertex_array(program, []) for program in (self._program, self._soften)]
-        self._rough = self._texture()
-        self._heights = context.texture((RAYS, RAYS), 2, dtype="f4")
-        self._heights.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._heights.repeat_x = self._heights.repeat_y = False
-        self._rays = context.framebuffer([self._heights])
-        self._free: list[moderngl.Texture] = []
+        self._rough = self._floor()
+        self._free: list[tuple[moderngl.Texture, moderngl.Texture]] = []
+        """The light's map and the floor's, of shadows that are no more."""
 
     def draw(
         self,
@@ -104,33 +101,28 @@ class _Floor:
     ) -> SurfaceShadow:
         """See `draw_shadow`."""
         mapped = _map_from_world(region, direction, height)
-        texture = self._free.pop() if self._free else self._texture()
+        made = heights, texture = self._free.pop() if self._free else (self._heights(), self._floor())
         with target_kept(self._context):
-            self._cast(raster, casters, mapped)
-            self._gather(casters, texture, region, direction, width, height)
-        shadow = SurfaceShadow(region, texture, self._heights, mapped)
-        weakref.finalize(shadow, self._free.append, texture).atexit = False
+            self._cast(raster, casters, heights, mapped)
+            self._place(casters, region, height)
+            self._program["u_penumbra"] = tuple(_penumbra(direction, width).T.ravel().tolist())
+            self._gather(heights, texture)
+        shadow = SurfaceShadow(region, texture, heights, mapped)
+        weakref.finalize(shadow, self._free.append, made).atexit = False
         return shadow
 
-    def _cast(self, raster: Raster, casters: Sequence[Caster], mapped: np.ndarray) -> None:
+    def _cast(self, raster: Raster, casters: Sequence[Caster], heights: moderngl.Texture, mapped: np.ndarray) -> None:
         """The heights along the light's rays."""
-        self._rays.use()
-        self._rays.clear(NOTHING, NOTHING)
+        target = self._target(heights)
+        target.use()
+        target.clear(NOTHING, NOTHING)
         clip_from_map = np.array([[2, 0, 0, -1], [0, 2, 0, -1], [0, 0, 1, 0], [0, 0, 0, 1.0]])
         counters = Counters()
         for one in casters:
             raster.cast(one.posed, one.hidden, clip_from_map @ mapped @ one.world_from_root, counters)
 
-    def _gather(
-        self,
-        casters: Sequence[Caster],
-        texture: moderngl.Texture,
-        region: Region,
-        direction: np.ndarray,
-        width: float,
-        height: float,
-    ) -> None:
-        """The floor's texels."""
+    def _place(self, casters: Sequence[Caster], region: Region, height: float) -> None:
+        """Tell the program where the map lies, and the spheres."""
         program = self._program
         spheres = np.concatenate([_spheres(one) for one in casters])[: 2 * MOST]
         spheres[:, :3] -= [region[0], height, region[1]]
@@ -139,17 +131,26 @@ class _Floor:
         program["u_spheres"] = [tuple(row) for row in table.tolist()]
         program["u_count"] = len(spheres)
         program["u_size"] = (region[2] - region[0], region[3] - region[1])
-        program["u_penumbra"] = tuple(_penumbra(direction, width).T.ravel().tolist())
-        self._heights.use(0)
-        program["u_cast"] = 0
+
+    def _gather(self, heights: moderngl.Texture, texture: moderngl.Texture) -> None:
+        """The floor's texels."""
+        heights.use(0)
         self._context.disable(moderngl.BLEND | moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         for made, triangle in zip((self._rough, texture), self._triangles):
-            target = per_context(self._context, ("floor", made.glo), lambda: self._context.framebuffer([made]))
-            target.use()
+            self._target(made).use()
             triangle.render(moderngl.TRIANGLES, vertices=3)
             made.use(0)
 
-    def _texture(self) -> moderngl.Texture:
+    def _target(self, texture: moderngl.Texture) -> moderngl.Framebuffer:
+        return per_context(self._context, ("shadow", texture.glo), lambda: self._context.framebuffer([texture]))
+
+    def _heights(self) -> moderngl.Texture:
+        texture = self._context.texture((RAYS, RAYS), 2, dtype="f4")
+        texture.repeat_x = texture.repeat_y = False
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return texture
+
+    def _floor(self) -> moderngl.Texture:
         texture = self._context.texture((SIDE, SIDE), 2, alignment=1)
         texture.repeat_x = texture.repeat_y = False
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
@@ -174,9 +175,10 @@ def _penumbra(direction: np.ndarray, width: float) -> np.ndarray:
     level = direction[[0, 2]]
     length = float(np.linalg.norm(level))
     if length < 1e-6:
-        return np.eye(2) * across
+        return np.diag([across, across])
     along = level / length
-    return np.stack([along * across / direction[1], np.array([-along[1], along[0]]) * across], 1)
+    sideways = np.array([-along[1], along[0]])
+    return np.stack([along * across / direction[1], sideways * across], 1)
 
 
 def _spheres(one: Caster) -> Float[np.ndarray, "n 4"]:

@@ -4,8 +4,8 @@ layout(local_size_x = 64) in;
 #include "lib/trilinear.glsl"
 #include "lib/slab.glsl"
 
-struct Asked { vec4 point, normal; };
-layout(std430, binding = 0) readonly buffer Points { Asked in_asked[]; };
+struct Place { vec4 point, normal; };
+layout(std430, binding = 0) readonly buffer Points { Place in_place[]; };
 layout(std430, binding = 1) writeonly buffer Shares { vec2 out_share[]; };
 layout(binding = 0) uniform sampler3D u_distance;
 uniform vec3 u_origin;  // of voxel 0
@@ -47,7 +47,7 @@ float wide_cone(vec3 origin, vec3 axis) {
 void main() {
     uint row = (gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * 64u + gl_LocalInvocationIndex;
     if (row >= uint(u_count)) return;
-    vec3 origin = in_asked[row].point.xyz, normal = in_asked[row].normal.xyz;
+    vec3 origin = in_place[row].point.xyz, normal = in_place[row].normal.xyz;
     float facing = smoothstep(RAMP_FROM, RAMP_TO, dot(normal, u_key));
     float key = facing > 0 ? facing * narrow_cone(origin, u_key) : 0.0;
     vec3 side = abs(normal.x) > 0.8 ? vec3(0, 0, 1) : vec3(1, 0, 0);
