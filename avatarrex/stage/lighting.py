@@ -28,6 +28,8 @@ SIDE = 192
 """Texels along a side of the floor's map: 12 mm of a person's shadow."""
 FLOOR_START, FIGURE_START = 0.003, 0.012
 """Metres off the surface at which cones begin: a floor is exact, a figure is as far as its voxels are."""
+SURFACE_SKY = 0.88
+"""Share of the sky that a surface's vertices are taken to see: the mean of the exact figure's over six poses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +93,7 @@ class SurfaceLight:
         same = old and old.posed is caster.posed and old.hidden == caster.hidden
         if not (self.shadow and old and same and np.array_equal(old.world_from_root, world_from_root)):
             self.shadow, self._caster = draw_shadow([caster], light.direction, light.width, light.height), caster
-        dark, bright = figure_gain(np.array([[0.0, 1.0], [1.0, 1.0]]), light.shadow).tolist()
+        dark, bright = figure_gain(np.array([[0.0, SURFACE_SKY], [1.0, SURFACE_SKY]]), light.shadow).tolist()
         direction = world_from_root[:3, :3].T @ light.direction
         mapped = self.shadow.map_from_world @ world_from_root
         return KeyShadow(self.shadow.heights, mapped, direction, (dark, bright - dark))

@@ -33,8 +33,8 @@ class FloorLight:
     values: UInt8[np.ndarray, "z x 2"]
 
 
-def floor_region(corners: Float[np.ndarray, "8 3"], direction: Float[np.ndarray, "3"], height: float) -> Region:
-    """Where a floor is darkened by what lies in a box with these world corners, by a light from `direction` (unit)."""
+def floor_region(corners: Float[np.ndarray, "p 3"], direction: Float[np.ndarray, "3"], height: float) -> Region:
+    """Where a floor is darkened by what lies in boxes with these world corners, by a light from `direction` (unit)."""
     above = np.maximum(corners[:, 1] - height, 0)[:, None]
     ground = corners[:, [0, 2]]
     touched = np.concatenate([ground, ground - above * direction[[0, 2]] / direction[1]])

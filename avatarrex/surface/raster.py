@@ -264,15 +264,18 @@ class Raster:
     def cast(
         self, posed: PosedSurface, hidden: frozenset[str], clip: Float[np.ndarray, "4 4"], counters: Counters
     ) -> None:
-        """Heights (clip z) of a surface into the target in use, whose channels keep the least: of height and −height."""
+        """Heights (clip z) of the sides away from the light into the target in use, whose channels keep the least: of height and −height.
+
+        The lowest point of a ray is on such a side; and what is below the highest of them is in another limb's shadow, not its own.
+        """
         context, triangles = self._context, self.bound(posed, counters).triangles(hidden, self._programs)
         self._programs["caster"]["u_clip_from_root"] = tuple(clip.T.ravel().tolist())
-        context.disable(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        context.enable(moderngl.BLEND)
+        context.disable(moderngl.DEPTH_TEST)
+        context.enable(moderngl.BLEND | moderngl.CULL_FACE)
         context.blend_equation = (moderngl.MIN, moderngl.MIN)
         triangles.shapes["caster"].render(moderngl.TRIANGLES)
         context.blend_equation = (moderngl.FUNC_ADD, moderngl.FUNC_ADD)
-        context.disable(moderngl.BLEND)
+        context.disable(moderngl.BLEND | moderngl.CULL_FACE)
 
     def _average(self, sampled: Target, samples: int, picture: moderngl.Framebuffer, tile: Box) -> None:
         """The samples' mean into the tile of the picture."""

@@ -26,7 +26,7 @@ from avatarrex.surface.pose import PosedSurface
 from avatarrex.surface.raster import Raster, target_kept
 from avatarrex.surface.spheres import MOST, Spheres
 
-RAYS, SIDE = 256, 128
+RAYS, SIDE = 192, 128
 """Texels along a side of the light's map and of the floor's."""
 TAPS = 20
 TALLEST = 2.6

@@ -18,9 +18,9 @@ from jaxtyping import Float, Int
 from avatarrex.signals.joints import BODY_JOINTS, JOINT_NAMES
 from avatarrex.surface.surface import Surface
 
-LENGTH = 0.13
+LENGTH = 0.17
 """Metres."""
-MOST = 64
+MOST = 32
 """Spheres of one surface; pieces beyond it are longer."""
 _made: WeakKeyDictionary[Surface, Spheres] = WeakKeyDictionary()
 
