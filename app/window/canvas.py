@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Protocol, runtime_checkable
 
 import moderngl
+
+from avatarrex.surface.raster import target_kept
 
 
 @runtime_checkable
@@ -25,8 +29,9 @@ class Canvas:
         """Of another size; the interface's present frame may show it yet."""
         self._target: moderngl.Framebuffer | None = None
 
-    def begin(self, size: tuple[int, int]) -> moderngl.Texture:
-        """What follows is drawn into the texture, (width, height); the same one as long as the size stays."""
+    @contextmanager
+    def drawing(self, size: tuple[int, int]) -> Iterator[moderngl.Texture]:
+        """The block draws into the texture, (width, height); the same one as long as the size stays."""
         texture = self._texture
         release(self._retired)
         self._retired = None
@@ -36,9 +41,10 @@ class Canvas:
             texture = self._texture = self._context.texture(size, 4)
             texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
             self._target = self._context.framebuffer([texture])
-        self._target.use()
-        self._context.disable(moderngl.BLEND | moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        return texture
+        with target_kept(self._context):
+            self._target.use()
+            self._context.disable(moderngl.BLEND | moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+            yield texture
 
     def release(self) -> None:
         """Give everything back."""

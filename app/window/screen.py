@@ -82,14 +82,14 @@ class Fade:
 
     def draw(self, layers: Layers, background: Colour) -> moderngl.Texture:
         """Straight-alpha sRGB bytes, (width, height); the same texture as long as the size stays."""
-        texture = self._canvas.begin(layers.size)
         for unit, (name, layer) in enumerate({"u_surface": layers.surface, "u_exact": layers.exact}.items()):
             (layer or self._nothing).use(unit)
             self._program[name] = unit
         red, green, blue, alpha = background
         self._program["u_weight"] = layers.weight
         self._program["u_background"] = (alpha * red, alpha * green, alpha * blue, alpha)
-        self._triangle.render(moderngl.TRIANGLES, vertices=3)
+        with self._canvas.drawing(layers.size) as texture:
+            self._triangle.render(moderngl.TRIANGLES, vertices=3)
         return texture
 
     def release(self) -> None:

@@ -58,7 +58,6 @@ class Staging:
         floor = self._uploaded(scene.exact_floor) if scene.exact_floor else None
         picture = self._read(scene.state.stage.picture) if scene.state.stage.backdrop == PICTURE else None
         shadow = scene.surface_floor
-        texture = self._canvas.begin(size)
         textures = layers.surface, layers.exact, picture, shadow.texture if shadow else None, floor
         for (name, unit), bound in zip(UNITS.items(), textures):
             (bound or self._nothing).use(unit)
@@ -69,7 +68,8 @@ class Staging:
         program["u_exact_region"] = scene.exact_floor.region if scene.exact_floor else (0.0, 0.0, 0.0, 0.0)
         self._behind(scene.state, size, picture)
         self._on_floor(scene, size)
-        self._triangle.render(moderngl.TRIANGLES, vertices=3)
+        with self._canvas.drawing(size) as texture:
+            self._triangle.render(moderngl.TRIANGLES, vertices=3)
         return texture
 
     def _behind(self, state: StudioState, size: tuple[int, int], picture: moderngl.Texture | None) -> None:
