@@ -21,7 +21,7 @@ LABEL = 88.0
 BACKDROPS = {GRADIENT: "Gradient", COLOUR: "One colour", PICTURE: "Picture"}
 SLIDERS = (
     ("azimuth", "Light from", "%.0f°", "Where the light stands: 0° before the person, 90° at the person's left"),
-    ("elevation", "Height", "%.0f°", "Low light throws long shadows"),
+    ("elevation", "Light height", "%.0f°", "Low light throws long shadows"),
     ("softness", "Softness", "%.1f°", "How large the light is: a large one has soft shadows"),
     ("shadow", "Darkness", "%.2f", "How dark shadows are"),
 )
