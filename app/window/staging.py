@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -16,18 +18,12 @@ from avatarrex.errors import InputError
 from avatarrex.files.images import read_pixels
 from avatarrex.gl.shader import draw_program
 from avatarrex.stage.composite import POOL, POOL_RADIUS
-from avatarrex.stage.stage import BACKDROPS, GRADIENT, PICTURE
+from avatarrex.stage.stage import BACKDROPS, GRADIENT, PICTURE, KeyLight
 from avatarrex.surface.floor import FADE, KEY, SKY, FloorLight
 from avatarrex.surface.shadow import SurfaceShadow
 
 log = logging.getLogger(__name__)
 CONSTANTS = {"FADE": FADE, "KEY": KEY, "SKY": SKY, "POOL_RADIUS": POOL_RADIUS}
-SURFACE, EXACT, PICTURE_UNIT, SURFACE_FLOOR, EXACT_FLOOR = range(5)
-UNITS = {
-    "u_surface": SURFACE, "u_exact": EXACT, "u_picture": PICTURE_UNIT, "u_surface_floor": SURFACE_FLOOR,
-    "u_exact_floor": EXACT_FLOOR,
-}  # fmt: skip
-"""Texture units by name."""
 
 
 @dataclass(frozen=True)
@@ -46,56 +42,63 @@ class Staging:
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context, self._canvas = context, Canvas(context)
-        self._program = draw_program(context, "window/whole.vert", "window/stage.frag", CONSTANTS)
-        self._triangle = context.vertex_array(self._program, [])
-        self._nothing = context.texture((1, 1), 4, bytes(4))
+        self._programs: dict[tuple[int, ...], tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        """By what they draw: pictures, maps of the floor, whether there is a floor, background."""
         self._floor: tuple[FloorLight, moderngl.Texture] | None = None
         self._picture: tuple[str, moderngl.Texture | None] = ("", None)
 
     def draw(self, layers: Layers, scene: Scene) -> moderngl.Texture:
         """Straight-alpha sRGB bytes, (width, height); the same texture as long as the size stays."""
-        program, size = self._program, layers.size
-        floor = self._uploaded(scene.exact_floor) if scene.exact_floor else None
-        picture = self._read(scene.state.stage.picture) if scene.state.stage.backdrop == PICTURE else None
-        shadow = scene.surface_floor
-        textures = layers.surface, layers.exact, picture, shadow.texture if shadow else None, floor
-        for (name, unit), bound in zip(UNITS.items(), textures):
-            (bound or self._nothing).use(unit)
-            program[name] = unit
-        program["u_weight"] = layers.weight
-        program["u_floor_weight"] = layers.weight if shadow and floor else float(floor is not None)
-        program["u_surface_region"] = shadow.region if shadow else (0.0, 0.0, 0.0, 0.0)
-        program["u_exact_region"] = scene.exact_floor.region if scene.exact_floor else (0.0, 0.0, 0.0, 0.0)
-        self._behind(scene.state, size, picture)
-        self._on_floor(scene, size)
-        with self._canvas.drawing(size) as texture:
-            self._triangle.render(moderngl.TRIANGLES, vertices=3)
-        return texture
-
-    def _behind(self, state: StudioState, size: tuple[int, int], picture: moderngl.Texture | None) -> None:
-        """Background and exposure; a picture that cannot be read is the gradient."""
-        program, stage = self._program, state.stage
-        red, green, blue, alpha = state.background
-        program["u_backdrop"] = BACKDROPS.index(
-            GRADIENT if stage.backdrop == PICTURE and not picture else stage.backdrop
-        )
-        program["u_background"] = (alpha * red, alpha * green, alpha * blue, alpha)
-        program["u_top"], program["u_bottom"], program["u_gain"] = stage.top, stage.bottom, stage.gain
-        wide = picture.width / picture.height * size[1] / size[0] if picture else 1.0
-        program["u_part"] = (min(1 / wide, 1.0), min(wide, 1.0))
-
-    def _on_floor(self, scene: Scene, size: tuple[int, int]) -> None:
-        program, stage, camera = self._program, scene.state.stage, scene.camera
+        stage, shadow, exact = scene.state.stage, scene.surface_floor, scene.exact_floor
+        picture = self._read(stage.picture) if stage.backdrop == PICTURE else None
         light = stage.light
-        program["u_has_floor"] = bool(light and light.floor)
-        if light is None:
-            return
-        pixel_from_uv = np.diag([camera.width, camera.height, 1.0])
-        ray = camera.camera_from_world[:3, :3].T @ np.linalg.inv(camera.intrinsics) @ pixel_from_uv
-        program["u_ray_from_uv"] = tuple(ray.T.ravel().tolist())
-        program["u_eye"] = tuple(camera.centre.tolist())
-        program["u_height"], program["u_shadow"] = light.height, light.shadow
-        program["u_pool"] = (*scene.state.place, POOL * (stage.backdrop != PICTURE))
+        has_floor = light is not None and light.floor
+        textures = {
+            "u_surface": layers.surface,
+            "u_exact": layers.exact,
+            "u_surface_floor": shadow.texture if shadow and has_floor else None,
+            "u_exact_floor": self._uploaded(exact) if exact and has_floor else None,
+            "u_picture": picture,
+        }
+        given = [texture is not None for texture in textures.values()]
+        backdrop = GRADIENT if stage.backdrop == PICTURE and not picture else stage.backdrop
+        kind = (given[0] + 2 * given[1], given[2] + 2 * given[3], int(has_floor), BACKDROPS.index(backdrop))
+        program, triangle = self._program(kind)
+        values = self._behind(scene.state, layers.size, picture) | {"u_weight": layers.weight}
+        values |= _on_floor(scene, light) if light else {}
+        for unit, (name, texture) in enumerate(textures.items()):
+            if texture is not None:
+                texture.use(unit)
+                values[name] = unit
+        for name, value in values.items():
+            if name in program:
+                program[name] = value
+        with self._canvas.drawing(layers.size) as drawn:
+            triangle.render(moderngl.TRIANGLES, vertices=3)
+        return drawn
+
+    def _program(self, kind: tuple[int, ...]) -> tuple[moderngl.Program, moderngl.VertexArray]:
+        """The one that draws such a scene."""
+        if kind not in self._programs:
+            chosen = CONSTANTS | dict(zip(("PICTURES", "MAPS", "HAS_FLOOR", "BACKDROP"), kind))
+            program = draw_program(self._context, "window/whole.vert", "window/stage.frag", chosen)
+            self._programs[kind] = program, self._context.vertex_array(program, [])
+        return self._programs[kind]
+
+    def _behind(self, state: StudioState, size: tuple[int, int], picture: moderngl.Texture | None) -> dict[str, Any]:
+        """Background and exposure, by uniform."""
+        stage = state.stage
+        red, green, blue, alpha = state.background
+        wide = picture.width / picture.height * size[1] / size[0] if picture else 1.0
+        part = (min(1 / wide, 1.0), min(wide, 1.0))
+        return {
+            "u_background": (alpha * red, alpha * green, alpha * blue, alpha),
+            "u_top": stage.top,
+            "u_bottom": stage.bottom,
+            "u_gain": stage.gain,
+            "u_part": part,
+            "u_picture_level": max(math.log2(part[0] * picture.width / size[0]), 0.0) if picture else 0.0,
+        }
 
     def _uploaded(self, floor: FloorLight) -> moderngl.Texture:
         """The exact picture's map of the floor."""
@@ -127,4 +130,22 @@ class Staging:
     def release(self) -> None:
         """Give everything back."""
         self._canvas.release()
-        release(self._floor[1] if self._floor else None, self._picture[1], self._triangle, self._program, self._nothing)
+        release(self._floor[1] if self._floor else None, self._picture[1])
+        for program, triangle in self._programs.values():
+            release(triangle, program)
+
+
+def _on_floor(scene: Scene, light: KeyLight) -> dict[str, Any]:
+    """The floor and its maps, by uniform."""
+    camera, stage = scene.camera, scene.state.stage
+    pixel_from_uv = np.diag([camera.width, camera.height, 1.0])
+    ray = camera.camera_from_world[:3, :3].T @ np.linalg.inv(camera.intrinsics) @ pixel_from_uv
+    return {
+        "u_ray_from_uv": tuple(ray.T.ravel().tolist()),
+        "u_eye": tuple(camera.centre.tolist()),
+        "u_height": light.height,
+        "u_shadow": light.shadow,
+        "u_pool": (*scene.state.place, POOL * (stage.backdrop != PICTURE)),
+        "u_surface_region": scene.surface_floor.region if scene.surface_floor else None,
+        "u_exact_region": scene.exact_floor.region if scene.exact_floor else None,
+    }

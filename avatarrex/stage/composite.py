@@ -21,8 +21,8 @@ from avatarrex.files.images import Colour, read_pixels
 from avatarrex.stage.stage import COLOUR, PICTURE, KeyLight, Stage
 from avatarrex.surface.floor import FADE, FloorLight, brightness
 
-POOL, POOL_RADIUS = 0.16, 1.1
-"""How much brighter the floor is under the figure, and the metres over which that falls to a third."""
+POOL, POOL_RADIUS = 0.16, 2.2
+"""How much brighter the floor is under the figure, and the metres over which that falls to nothing."""
 
 
 def staged(
@@ -88,7 +88,7 @@ def _on_floor(
     seen = (ray[..., 1] < 0) & (above > 0)
     t = above / np.where(seen, -ray[..., 1], 1)
     x, z = eye[0] + t * ray[..., 0], eye[2] + t * ray[..., 2]
-    near = np.exp(-((x - place[0]) ** 2 + (z - place[1]) ** 2) / POOL_RADIUS**2)
+    near = np.maximum(1 - ((x - place[0]) ** 2 + (z - place[1]) ** 2) / POOL_RADIUS**2, 0) ** 2
     shade = 1 - light.shadow * (1 - _brightness(floor, x, z)) if floor else np.ones_like(x)
     gain, shade = np.where(seen, 1 + pool * near, 1)[..., None], np.where(seen, shade, 1)[..., None]
     alpha = behind[..., 3:]

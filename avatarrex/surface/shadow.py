@@ -26,9 +26,9 @@ from avatarrex.surface.pose import PosedSurface
 from avatarrex.surface.raster import Raster, target_kept
 from avatarrex.surface.spheres import MOST, Spheres
 
-RAYS, SIDE = 192, 128
+RAYS, SIDE = 192, 112
 """Texels along a side of the light's map and of the floor's."""
-TAPS = 20
+TAPS = 16
 TALLEST = 2.6
 """Metres over the floor: what is higher softens no shadow any more."""
 NOTHING = 1e4

@@ -17,7 +17,7 @@ from avatarrex.stage.stage import Stage
 from avatarrex.surface.floor import MARGIN, box_corners, floor_region, texel_centres
 from avatarrex.surface.pose import PosedSurface, pose_surface
 from avatarrex.surface.raster import Placed, draw_surfaces
-from avatarrex.surface.shadow import Caster, draw_shadow
+from avatarrex.surface.shadow import SIDE, Caster, draw_shadow
 from avatarrex.surface.spheres import MOST, Spheres
 from avatarrex.surface.surface import Correction, Surface
 from avatarrex.templates.person import load_person
@@ -72,8 +72,8 @@ def test_what_is_drawn_is_what_is_marched(ball):
     marched = floor_light(distance_grid(volume), np.eye(4), light, side=64)
     points = texel_centres(marched.region, light.height, 64)
     x0, z0, x1, z1 = drawn.region
-    column = np.clip((points[:, 0] - x0) / (x1 - x0) * 128, 0, 127).astype(int)
-    row = np.clip((points[:, 2] - z0) / (z1 - z0) * 128, 0, 127).astype(int)
+    column = np.clip((points[:, 0] - x0) / (x1 - x0) * SIDE, 0, SIDE - 1).astype(int)
+    row = np.clip((points[:, 2] - z0) / (z1 - z0) * SIDE, 0, SIDE - 1).astype(int)
     inside = (points[:, 0] > x0) & (points[:, 0] < x1) & (points[:, 2] > z0) & (points[:, 2] < z1)
     apart = np.abs(drawn.values[row, column].astype(int) - marched.values.reshape(-1, 2))[inside]
     assert apart.mean(0)[0] < 5
