@@ -10,8 +10,9 @@ Nothing is read back before `image` or `pointmap` is taken. Letters: h w pixels.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -29,7 +30,15 @@ from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.surface.look import Look
 from avatarrex.surface.pose import PosedSurface, pose_surface
-from avatarrex.surface.raster import SAMPLES, Placed, SurfacePicture, draw_surfaces, surface_geometry
+from avatarrex.surface.raster import SAMPLES, KeyShadow, Placed, SurfacePicture, draw_surfaces, surface_geometry
+
+
+@runtime_checkable
+class Shine(Protocol):
+    """The light of a stage on a surface; equal ones give equal pictures."""
+
+    def __call__(self, placed: Placed, world_from_root: np.ndarray) -> KeyShadow:
+        """What of the surface is in it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,8 +50,8 @@ class LiveFrame(Frame):
     """(8, 3), the avatar's light."""
     picture: SurfacePicture
     """In the OpenGL context that was in use."""
-    look: Look | None = None
-    """What the picture shows instead of colours."""
+    look: Look | Shine | None = None
+    """What the picture shows instead of colours, or the light on them."""
 
     @cached_property
     def image(self) -> Float32[Tensor, "h w 4"]:
@@ -79,9 +88,9 @@ def render_live(
     camera: Camera,
     settings: RenderSettings,
     previous: Frame | None = None,
-    look: Look | None = None,
+    look: Look | Shine | None = None,
 ) -> LiveFrame:
-    """`avatar`'s surface under `signals` seen by `camera`, `look`: as what; see `render_frame`.
+    """`avatar`'s surface under `signals` seen by `camera`, `look`: as what, or in which light; see `render_frame`.
 
     Raises `InputError` for an avatar without a surface, and where there is no OpenGL 4.3.
     """
@@ -98,11 +107,12 @@ def render_live(
     view = camera.seen_from(world_from_root)
     with clock("raster"):
         harmonics = avatar.light.harmonics.detach().double().cpu().numpy()
-        if old is not None and old.look == look and _same(old, posed, view, settings, harmonics):
+        placed = Placed(posed, harmonics, view, settings.hidden)
+        if old is not None and old.look == look and _same(old, placed, world_from_root, settings):
             picture = old.picture
         else:
-            samples = SAMPLES if settings.antialias else 1
-            picture = draw_surfaces([Placed(posed, harmonics, view, settings.hidden, look)], samples, counters)
+            shown = {"key": look(placed, world_from_root)} if isinstance(look, Shine) else {"look": look}
+            picture = draw_surfaces([replace(placed, **shown)], SAMPLES if settings.antialias else 1, counters)
     return LiveFrame(
         signals=signals,
         camera=camera,
@@ -119,13 +129,14 @@ def render_live(
     )
 
 
-def _same(old: LiveFrame, posed: PosedSurface, view: Camera, settings: RenderSettings, harmonics: np.ndarray) -> bool:
-    """Whether the old picture is the new one."""
+def _same(old: LiveFrame, placed: Placed, world_from_root: np.ndarray, settings: RenderSettings) -> bool:
+    """Whether the old picture is the new one, in the same light."""
     return (
-        old.posed is posed
-        and old.view.key() == view.key()
+        old.posed is placed.posed
+        and old.view.key() == placed.view.key()
         and (old.settings.hidden, old.settings.antialias) == (settings.hidden, settings.antialias)
-        and np.array_equal(old.harmonics, harmonics)
+        and np.array_equal(old.harmonics, placed.harmonics)
+        and (not isinstance(old.look, Shine) or np.array_equal(old.world_from_root, world_from_root))
     )
 
 

@@ -29,6 +29,7 @@ ROOMS = (
     ("avatarrex.frame",),
     ("avatarrex.live",),
     ("avatarrex.pipeline",),
+    ("avatarrex.stage",),
     ("avatarrex.reference",),
     ("avatarrex.capture",),
     ("avatarrex.distil",),

@@ -16,14 +16,15 @@ from avatarrex_studio.cli.job import Job
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.framing import backed_off, framed
 from avatarrex_studio.engine.passes import passes
+from avatarrex_studio.engine.staging import in_light, over_stage
 from avatarrex_studio.session.state import StudioState
-from torch import Tensor
 from tqdm import tqdm
 
 from avatarrex.files.background import background_writer
 from avatarrex.files.gate import write_text
-from avatarrex.files.images import composite, write_arrays, write_png
+from avatarrex.files.images import write_arrays, write_png
 from avatarrex.files.video import Append, video_writer
+from avatarrex.stage.lighting import Lit
 
 
 def run(job: Job, engine: Engine) -> list[Path]:
@@ -45,7 +46,7 @@ def run(job: Job, engine: Engine) -> list[Path]:
                 tqdm.write(", ".join(frame.notes), file=sys.stderr)
             arrays = passes(frame, job.aovs) if job.aovs else {}
             path = job.image_path(number)
-            do(_keep, path, state, frame.image, arrays, append)
+            do(_keep, path, state, in_light(frame, state), arrays, append)
             written += [] if video else [path]
             written += [path.with_suffix(".npz")] if job.aovs else []
             statistics.append({"frame": number, "ms": frame.ms, "counters": frame.counters})
@@ -58,9 +59,9 @@ def run(job: Job, engine: Engine) -> list[Path]:
     return written
 
 
-def _keep(path: Path, state: StudioState, image: Tensor, arrays: dict[str, np.ndarray], append: Append | None) -> None:
+def _keep(path: Path, state: StudioState, shown: Lit, arrays: dict[str, np.ndarray], append: Append | None) -> None:
     """Encode and write one frame while the next is rendered."""
-    pixels = composite(image, state.background)
+    pixels = over_stage(shown, state)
     if append:
         append(pixels)
     else:

@@ -9,11 +9,16 @@ from collections.abc import Iterable
 from typing import Any
 
 from avatarrex_studio.session.state import SIZES
+from PIL import ImageColor
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import what_is
 from avatarrex.levels import DEFAULT_LEVEL, LEVELS
 from avatarrex.settings import DEVICE
+from avatarrex.stage.stage import COLOUR, PICTURE, Stage
+
+STAGE = ("floor", "height", "azimuth", "elevation", "softness", "shadow", "exposure", "top", "bottom", "picture")
+"""Keys of `--stage`."""
 
 
 def add_device(verb: argparse.ArgumentParser) -> None:
@@ -118,6 +123,44 @@ def size(text: str) -> tuple[int, int]:
     if not all(SIZES[0] <= side <= SIZES[1] for side in (width, height)):
         raise InputError("--size", "", f"sides of {SIZES[0]} to {SIZES[1]} pixels", text)
     return width, height
+
+
+def stage(text: str, own_background: bool) -> Stage:
+    """`floor=0|1,height=Y,azimuth=A,elevation=E,softness=D,shadow=S,exposure=STOPS,top=COLOUR,bottom=COLOUR,picture=FILE`.
+
+    `own_background`: the background that other options set takes the place of the gradient. Pictures are read at once.
+    """
+    given: dict[str, Any] = {"backdrop": COLOUR} if own_background else {}
+    for item in filter(None, text.split(",")):
+        name, _, value = item.partition("=")
+        name = name.strip()
+        if name not in STAGE:
+            raise InputError("--stage", name, "one of " + ", ".join(STAGE), "an unknown key")
+        if name == "picture":
+            given |= {"picture": value, "backdrop": PICTURE}
+            _check_picture(value)
+        elif name in ("top", "bottom"):
+            given[name] = _rgb(name, value)
+        else:
+            given[name] = bool(number("--stage", name, value)) if name == "floor" else number("--stage", name, value)
+    return Stage(shown=True, **given)
+
+
+def _check_picture(path: str) -> None:
+    if what_is(path) != "a file":
+        raise InputError("--stage", "picture", "the path of a PNG or JPEG", path or "nothing")
+    from avatarrex.files.images import read_pixels
+
+    read_pixels(path)
+
+
+def _rgb(name: str, text: str) -> tuple[float, float, float]:
+    """A colour name or `#rrggbb`."""
+    try:
+        red, green, blue = ImageColor.getrgb(text)[:3]
+    except ValueError:
+        raise InputError("--stage", name, "a colour name or #rrggbb", text or "nothing") from None
+    return red / 255, green / 255, blue / 255
 
 
 def frame(text: str, count: int, option: str = "--frame") -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 
 from avatarrex_studio.cli import edits, motion_options, options
@@ -19,8 +20,10 @@ from avatarrex.errors import InputError
 from avatarrex.files.gate import check_writable, what_is
 from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.ground import floor_height, lowest
 from avatarrex.signals.library import POSES, named_pose
 from avatarrex.signals.read import read_motion
+from avatarrex.stage.stage import Stage
 
 AOVS = ("depth", "normal", "position", "mask")
 FRAMING = {(True, True): "place", (True, False): "target", (False, True): "distance", (False, False): ""}
@@ -50,6 +53,8 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add("--alpha", action="store_true", help="transparent background (straight alpha)")
     add("--aov", metavar="NAMES", help=f"{','.join(AOVS)} as .npz beside the image")
     add("--background", metavar="COLOUR", help="name, #rrggbb, r,g,b or transparent")
+    keys = ", ".join(options.STAGE)
+    add("--stage", metavar="K=V,…", nargs="?", const="floor=1", help=f"floor, shadows and a soft background; {keys}")
     add("--stats", metavar="FILE.json", help="time and work of every frame")
     motion_options.add_import(verb)
     options.add_device(verb)
@@ -83,12 +88,23 @@ def read_job(arguments: Namespace) -> Job:
     stats = _stats(arguments)
     check_writable(out / "frame_000000.png" if kind == "folder" else out)
     level = options.one_of("--level", arguments.level, LEVELS)
-    state = StudioState(avatar=arguments.avatar, limit_joints=False, level=level)
+    stage = (
+        options.stage(arguments.stage, bool(arguments.background or arguments.alpha)) if arguments.stage else Stage()
+    )
+    state = StudioState(avatar=arguments.avatar, limit_joints=False, level=level, stage=stage)
     state = SetBackground(background).apply(view.apply(state))
     framing = FRAMING[view.target is None, view.distance is None]
     job = Job(out, kind, state, motion, frames, commands, size, aovs, stats, _detail(arguments.detail_from), framing)
-    next(job.states())  # an edit that cannot be applied is refused now
-    return job
+    _, first = next(job.states())  # an edit that cannot be applied is refused now
+    return replace(job, start=_under(job.start, first))
+
+
+def _under(state: StudioState, first: StudioState) -> StudioState:
+    """`state` with the floor, unless its height was given, under the lowest point of the `first` frame."""
+    if not state.stage.shown or state.stage.height is not None:
+        return state
+    low = lowest(first.signals.full_pose()[None], first.signals.translation[None])[0]
+    return state.change(stage=replace(state.stage, height=float(floor_height() + low)))
 
 
 def _kind(text: str, out: Path) -> str:

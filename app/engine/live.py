@@ -5,15 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 from avatarrex_studio.engine.looks import look_of
-from avatarrex_studio.session.state import LIVE, StudioState, Vector, vector
+from avatarrex_studio.session.state import IMAGE, LIVE, StudioState, Vector, vector
 
 from avatarrex import levels
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.live import LiveFrame, render_live
 from avatarrex.signals.driving import Signals
+from avatarrex.stage.lighting import SurfaceLight
 from avatarrex.surface.pose import pose_surface
 from avatarrex.surface.raster import SurfacePicture, surface_geometry
+from avatarrex.surface.shadow import SurfaceShadow
 
 
 def read_avatar(name: str) -> Avatar:
@@ -32,6 +34,12 @@ class LiveSurface:
         """Milliseconds of the last picture by stage; in software the rasteriser goes on after that."""
         self._avatar: Avatar | None = None
         self._previous: LiveFrame | None = None
+        self._shine: SurfaceLight | None = None
+
+    @property
+    def shadow(self) -> SurfaceShadow | None:
+        """The floor's light under the last picture; None without a stage."""
+        return self._shine.shadow if self._shine and self._shine.light.floor else None
 
     def draw(self, avatar: Avatar, state: StudioState, size: tuple[int, int]) -> SurfacePicture | None:
         """The picture, (width, height) pixels; None for an avatar without a surface."""
@@ -41,7 +49,11 @@ class LiveSurface:
             self._avatar, self._previous = avatar, None
         settings = replace(levels.level(LIVE), hidden=state.hidden | avatar.hidden)
         look = look_of(state.tools.shows, state.view)
-        frame = render_live(avatar, state.signals, state.view.camera(*size), settings, self._previous, look)
+        light = state.stage.light if look is None and state.tools.shows == IMAGE else None
+        if self._shine is None or self._shine.light != light:
+            self._shine = SurfaceLight(light) if light else None
+        camera = state.view.camera(*size)
+        frame = render_live(avatar, state.signals, camera, settings, self._previous, look or self._shine)
         self._previous, self.ms = frame, frame.ms
         return frame.picture
 

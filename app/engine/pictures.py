@@ -17,6 +17,8 @@ from avatarrex_studio.engine.request import Answer, Exact, Picture, Request
 from avatarrex_studio.session.notice import NOTICE
 from avatarrex_studio.session.state import AUTO, IMAGE, LIVE, OrbitView, StudioState, Vector, vector
 
+from avatarrex.stage.stage import KeyLight
+
 log = logging.getLogger(__name__)
 REST = 0.15
 """Without a change for so long, the state rests."""
@@ -44,11 +46,16 @@ class Subject:
     view: OrbitView
     size: tuple[int, int]
     shows: str = IMAGE
+    light: KeyLight | None = None
+    """That of a stage."""
 
     @classmethod
     def of(cls, state: StudioState, size: tuple[int, int]) -> Subject:
         """Of `state` on a raster of `size`."""
-        return cls(state.avatar, state.signals, state.hidden, state.view, size, state.tools.shows)
+        shows, light = state.tools.shows, state.stage.light
+        return cls(
+            state.avatar, state.signals, state.hidden, state.view, size, shows, light if shows == IMAGE else None
+        )
 
 
 @dataclass(frozen=True)

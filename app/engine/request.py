@@ -13,6 +13,8 @@ from avatarrex_studio.engine.work import Work
 from avatarrex_studio.session.state import StudioState
 from jaxtyping import Float32, UInt8
 
+from avatarrex.surface.floor import FloorLight
+
 
 @dataclass(frozen=True)
 class Request:
@@ -36,6 +38,8 @@ class Picture:
     depth: Float32[np.ndarray, "h w"]
     """Camera z, metres; 0 where the ray through the pixel's centre misses."""
     work: Work
+    floor: FloorLight | None = None
+    """The light on the floor of a stage."""
 
 
 @dataclass(frozen=True, eq=False)

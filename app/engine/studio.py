@@ -39,6 +39,7 @@ from avatarrex_studio.session.timeline_commands import AddLayer, OnTimeline, Set
 from avatarrex.avatar import Avatar
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.surface.shadow import SurfaceShadow
 from avatarrex.templates.figure import Figure
 
 log = logging.getLogger(__name__)
@@ -65,6 +66,10 @@ class Live(Protocol):
     @property
     def ms(self) -> dict[str, float]:
         """Milliseconds of the last picture by stage, and `total`."""
+
+    @property
+    def shadow(self) -> SurfaceShadow | None:
+        """The floor's light under the last picture; None without a stage."""
 
     def draw(self, avatar: Avatar, state: StudioState, size: tuple[int, int]) -> Drawn | None:
         """The picture, (width, height) pixels; None for an avatar without a surface."""

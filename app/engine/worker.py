@@ -21,10 +21,12 @@ from avatarrex_studio.engine.looks import shown
 from avatarrex_studio.engine.pages import keep_pages
 from avatarrex_studio.engine.request import Answer, Picture, Request
 from avatarrex_studio.engine.slices import send
+from avatarrex_studio.engine.staging import in_light, over_stage
 from avatarrex_studio.engine.work import Work
+from avatarrex_studio.session.state import IMAGE
 
 from avatarrex.errors import InputError
-from avatarrex.files.images import composite, write_png
+from avatarrex.files.images import write_png
 from avatarrex.frame import DeferredFrame
 
 READY, CANCEL = "ready", "cancel"
@@ -99,12 +101,17 @@ def answered(engine: Engine, request: Request) -> Answer:
     frame = shot.frame
     if not request.path:
         assert isinstance(frame, DeferredFrame), "the surface is drawn by whoever shows it"
-        pixels = shown(frame, request.state.tools.shows, request.state.view)
+        floor, shows = None, request.state.tools.shows
+        if shows == IMAGE:
+            seen = in_light(frame, request.state)
+            pixels, floor = seen.image.float().cpu().numpy(), seen.floor
+        else:
+            pixels = shown(frame, shows, request.state.view)
         image = np.rint(255 * pixels.clip(0, 1)).astype(np.uint8)
         depth = (frame.pointmap.depth * frame.pointmap.hit).float().cpu().numpy()
-        return Answer(request, Picture(image, depth, Work.of(frame, request.state.level)))
+        return Answer(request, Picture(image, depth, Work.of(frame, request.state.level), floor))
     try:
-        pixels = composite(frame.image, request.state.background)
+        pixels = over_stage(in_light(frame, request.state), request.state)
         write_png(request.path, pixels, {"avatarrex": json.dumps(request.state.to_json())})
     except InputError as error:
         return Answer(request, error=str(error))

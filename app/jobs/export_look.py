@@ -29,6 +29,8 @@ class Look:
     """Text at the lower right; empty for none."""
     marked: bool = False
     """Whether pictures get the invisible mark."""
+    stage: bool = False
+    """Whether the state's stage is drawn, where it has one that is shown."""
 
     def check(self, path: Path) -> None:
         """Raise `InputError` for a raster that cannot be made."""

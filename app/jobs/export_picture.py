@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.passes import passes
+from avatarrex_studio.engine.staging import in_light, over_stage
 from avatarrex_studio.jobs.export_look import Look
 from avatarrex_studio.session.state import Colour, StudioState
 from jaxtyping import Float, UInt8
@@ -16,9 +18,11 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from avatarrex.files.exr import write_exr
-from avatarrex.files.images import composite, write_jpeg, write_png
+from avatarrex.files.images import write_jpeg, write_png
 from avatarrex.files.watermark import mark
 from avatarrex.frame import Frame
+from avatarrex.stage.lighting import Lit
+from avatarrex.stage.stage import COLOUR, Stage
 
 CLEAR: Colour = (0.0, 0.0, 0.0, 0.0)
 LABEL_SHARE, LEAST_LABEL = 1 / 36, 11
@@ -33,9 +37,9 @@ class Drawer:
 
     def pixels(self, state: StudioState) -> UInt8[np.ndarray, "h w 4"]:
         """Straight-alpha bytes of a state."""
-        look = self._look
-        image = averaged(self._frame(state).image, look.samples)
-        pixels = composite(image, CLEAR if look.clear else state.background)
+        look, state = self._look, self._shown(state)
+        seen = in_light(self._frame(state), state)
+        pixels = over_stage(Lit(averaged(seen.image, look.samples), seen.floor), state)
         if look.marked:
             pixels = mark(pixels)
         return labelled(pixels, look.label) if look.label else pixels
@@ -58,7 +62,10 @@ class Drawer:
 
     def _shown(self, state: StudioState) -> StudioState:
         """The state that the file is of: at its level and raster."""
-        return state.change(level=self._look.level, background=CLEAR if self._look.clear else state.background)
+        stage = state.stage if self._look.stage else Stage()
+        if not self._look.clear:
+            return state.change(level=self._look.level, stage=stage)
+        return state.change(level=self._look.level, background=CLEAR, stage=replace(stage, backdrop=COLOUR))
 
     def _frame(self, state: StudioState) -> Frame:
         width, height = (side * self._look.samples for side in self._look.size)

@@ -151,6 +151,12 @@ class ExportDialog:
             _, form.clear = imgui.checkbox("Transparent", form.clear)
         else:
             form.clear = form.ending == ".exr"
+        if form.kind != "Layers":
+            widgets.label("Stage", LABEL)
+            _, form.stage = imgui.checkbox("Floor and light##stage", form.stage)
+            widgets.tooltip(
+                "As the Scene panel has them, where its stage is shown; a transparent picture keeps the shadow"
+            )
         if form.kind == "Layers":
             form.marked = form.labelled = False
             return

@@ -68,6 +68,8 @@ class ExportForm:
     )
     """By kind."""
     clear: bool = False
+    stage: bool = False
+    """Whether floor, light and background of the stage are drawn."""
     labelled: bool = False
     label: str = "AvatarReX Studio"
     marked: bool = False
@@ -128,7 +130,7 @@ class ExportForm:
     def order(self, state: StudioState, frames: Frames | None) -> Callable[[], Order]:
         """What makes the order; it may take a moment, and be called by any thread."""
         level, label = self.levels.get(self.kind, ""), self.label if self.labelled else ""
-        path, look = self.path, Look(self.size, self.samples, level, self.clear, label, self.marked)
+        path, look = self.path, Look(self.size, self.samples, level, self.clear, label, self.marked, self.stage)
         frames = frames if self.moving else None
         count, rate, turns, first, last = self.count(frames), self.rate, self.turns, self.first, self.last
 

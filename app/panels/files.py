@@ -37,6 +37,7 @@ CHOICES: dict[str, Choice] = {
     "any": Choice("All that can be opened", (".avatar", *READERS, ".zip"), True),
     "motion": Choice("Motions", tuple(READERS)),
     "session": Choice("Sessions", (".json",)),
+    "picture": Choice("Pictures", (".png", ".jpg", ".jpeg")),
     "capture": Choice("Captures", (".zip",), True),
 }
 KINDS = {".avatar": AVATAR, **{suffix: MOTION for suffix in READERS if suffix != ".json"}}

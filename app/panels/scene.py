@@ -6,7 +6,8 @@ import os
 from collections.abc import Iterator
 
 from avatarrex_studio.panels import theme, widgets
-from avatarrex_studio.session.actions import words
+from avatarrex_studio.panels.stage import draw as draw_stage
+from avatarrex_studio.session.actions import Action, words
 from avatarrex_studio.session.commands import Command, SetHidden, SetShape
 from avatarrex_studio.session.posing import SHAPE_RANGES
 from avatarrex_studio.session.state import StudioState
@@ -20,7 +21,7 @@ LABEL = 78.0
 SHAPE_WORDS = "Further out a trained avatar comes apart: its fields were learned on one shape."
 
 
-def draw(state: StudioState) -> Iterator[Command]:
+def draw(state: StudioState) -> Iterator[Command | Action]:
     """Draw the panel; the commands of this frame."""
     imgui.text_colored(theme.vec4(theme.ACCENT), icons.ICON_FA_PERSON)
     imgui.same_line()
@@ -30,6 +31,7 @@ def draw(state: StudioState) -> Iterator[Command]:
         toggled, shown = imgui.checkbox(f"{words(part).capitalize()}##show.{part}", part not in state.hidden)
         if toggled:
             yield SetHidden(part, not shown)
+    yield from draw_stage(state)
     if widgets.group("Shape", "scene.shape", opened=False)[0]:
         yield from _shape(state)
 

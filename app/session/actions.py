@@ -149,6 +149,8 @@ ACTIONS: tuple[Action, ...] = (
         for name, key in (("Pose", "F2"), ("Animate", "F3"), ("Training", "F4"))
     ),
     Action("layout.reset", "Reset layout", "View", effect="reset_layout"),
+    Action("stage", "Stage on or off", "View", command=lambda state: commands.SetStage("shown", not state.stage.shown), separator=True),
+    Action("stage.picture", "Background picture of the stage…", effect="stage_picture"),
     Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_has_layers),
     Action("step.back", "Previous frame", "Motion", "Left", effect="step_back", enabled=_has_layers),
     Action("step.on", "Next frame", "Motion", "Right", effect="step_on", enabled=_has_layers),

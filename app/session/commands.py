@@ -304,6 +304,18 @@ class SetBackground(Setting):
         return state.change(background=self.colour)
 
 
+class SetStage(Setting):
+    """One field of the stage."""
+
+    name: str
+    value: Any
+
+    def apply(self, state: StudioState) -> StudioState:
+        if self.name not in vars(state.stage):
+            raise InputError("stage", self.name, "one of " + ", ".join(vars(state.stage)), "an unknown field")
+        return state.change(stage=replace(state.stage, **{self.name: self.value}))
+
+
 class SetSize(Setting):
     scale: float = 1.0
     fixed: tuple[int, int] | None = None

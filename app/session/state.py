@@ -19,9 +19,10 @@ from avatarrex.errors import InputError
 from avatarrex.signals.driving import SHAPES, Signals
 from avatarrex.signals.handles import HANDLES
 from avatarrex.signals.joints import FACE_REGIONS, JOINT_NAMES
+from avatarrex.stage.stage import Stage
 from avatarrex.templates.parts import PARTS
 
-FORMAT = 3
+FORMAT = 4
 """Version of the JSON form; a reader refuses a newer one by name."""
 AUTO = "auto"
 """The level of whoever lets the studio choose: at rest `balanced`, then `quality`."""
@@ -144,6 +145,8 @@ class StudioState:
     view: OrbitView = field(default_factory=OrbitView)
     size: SizePolicy = field(default_factory=SizePolicy)
     background: Colour = BACKGROUND
+    stage: Stage = field(default_factory=Stage)
+    """What the figure stands on and before; off, it stands before the background alone."""
     timeline: Timeline = field(default_factory=Timeline)
     hidden: frozenset[str] = frozenset()
     limit_joints: bool = True
@@ -164,6 +167,12 @@ class StudioState:
             raise InputError("limit_joints", "", "true or false", self.limit_joints)
         if self.level not in LEVELS:
             raise InputError("level", "", " or ".join(LEVELS), self.level)
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """x and z of the figure, metres."""
+        x, _, z = self.signals.translation.tolist()
+        return x, z
 
     @property
     def base(self) -> Signals:
@@ -205,6 +214,7 @@ class StudioState:
             **{name: value for name, value in vars(self).items() if name != "posed"},
             "view": asdict(self.view),
             "size": asdict(self.size),
+            "stage": asdict(self.stage),
             "signals": self.signals.to_json(),
             "timeline": self.timeline.to_json(),
             "hidden": sorted(self.hidden),
@@ -280,4 +290,4 @@ def _read(name: str, value: Any, source: str) -> Any:
     return {"avatar": str, "hidden": frozenset}.get(name, _tuple)(value)
 
 
-_RECORDS: dict[str, Any] = {"view": OrbitView, "size": SizePolicy, "tools": Tools.read}
+_RECORDS: dict[str, Any] = {"stage": Stage, "view": OrbitView, "size": SizePolicy, "tools": Tools.read}

@@ -15,7 +15,8 @@ import moderngl
 import numpy as np
 from avatarrex_studio.session.notice import NOTICE
 from avatarrex_studio.session.state import Colour
-from avatarrex_studio.window.screen import Fade, Layers
+from avatarrex_studio.window.layers import Layers
+from avatarrex_studio.window.screen import Fade
 from jaxtyping import UInt8
 
 from avatarrex.gl.shader import draw_program

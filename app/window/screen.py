@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
 
 import moderngl
 from avatarrex_studio.engine.request import Picture
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels.texture import uploaded
 from avatarrex_studio.panels.viewport import Shown
-from avatarrex_studio.session.state import Colour
+from avatarrex_studio.session.state import IMAGE, Colour
+from avatarrex_studio.window.canvas import Canvas, release
+from avatarrex_studio.window.layers import Layers
+from avatarrex_studio.window.staging import Scene, Staging
 
 from avatarrex.gl.context import REQUIRED, use_context
 from avatarrex.gl.shader import draw_program
@@ -18,21 +20,6 @@ from avatarrex.gl.shader import draw_program
 log = logging.getLogger(__name__)
 LEAST = 330
 """OpenGL that a window needs to show pictures; with less than `REQUIRED` it draws no surface."""
-
-
-@dataclass(frozen=True)
-class Layers:
-    """Two premultiplied pictures, the exact one faded in over the surface."""
-
-    surface: moderngl.Texture | None
-    exact: moderngl.Texture | None
-    weight: float
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the larger one."""
-        width, height = max(layer.size for layer in (self.surface, self.exact) if layer)
-        return width, height
 
 
 class Screen:
@@ -44,21 +31,23 @@ class Screen:
         self.layers: Layers | None = None
         """What is shown, without a background."""
         self._fade: Fade | None = None
+        self._staging: Staging | None = None
         self._exact: moderngl.Texture | None = None
         self._uploaded: Picture | None = None
-        self._background: Colour | None = None
+        self._behind: tuple[object, ...] = ()
 
     def open(self) -> moderngl.Context:
         """The window's context, from the first call on lent to what draws."""
         if self.context is None:
             self.context = _lend_context()
-            self._fade = Fade(self.context)
+            self._fade, self._staging = Fade(self.context), Staging(self.context)
         return self.context
 
     def show(self, studio: Studio, new: bool) -> None:
-        """Draw what the studio has to show, where there is something `new` or another background."""
-        background, picture, weight = studio.state.background, studio.pictures.picture, studio.weight
-        if not new and background == self._background:
+        """Draw what the studio has to show, where there is something `new`, another background or another stage."""
+        state, picture, weight = studio.state, studio.pictures.picture, studio.weight
+        behind = state.background, state.stage
+        if not new and behind == self._behind:
             return
         context = self.open()
         if picture is not None and weight > 0 and picture is not self._uploaded:
@@ -68,15 +57,17 @@ class Screen:
         if surface is None and exact is None:
             return
         assert self._fade is not None
+        assert self._staging is not None
         self.layers = Layers(surface, exact, weight)
-        texture = self._fade.draw(self.layers, background)
-        self.shown, self._background = Shown(texture.glo, *texture.size), background
+        if state.stage.shown and state.tools.shows == IMAGE:
+            texture = self._staging.draw(self.layers, _scene(studio, self.layers))
+        else:
+            texture = self._fade.draw(self.layers, state.background)
+        self.shown, self._behind = Shown(texture.glo, *texture.size), behind
 
     def close(self) -> None:
         """Take the context back."""
-        _release(self._exact)
-        if self._fade:
-            self._fade.release()
+        release(self._exact, self._fade, self._staging)
         use_context(None)
 
 
@@ -84,46 +75,36 @@ class Fade:
     """Draws two premultiplied pictures, one faded in over the other, over a background."""
 
     def __init__(self, context: moderngl.Context) -> None:
-        self._context = context
         self._program = draw_program(context, "window/whole.vert", "window/fade.frag")
         self._triangle = context.vertex_array(self._program, [])
         self._nothing = context.texture((1, 1), 4, bytes(4))
-        self._texture: moderngl.Texture | None = None
-        self._retired: moderngl.Texture | None = None
-        """Of another size; the interface's present frame may show it yet."""
-        self._target: moderngl.Framebuffer | None = None
+        self._canvas = Canvas(context)
 
     def draw(self, layers: Layers, background: Colour) -> moderngl.Texture:
         """Straight-alpha sRGB bytes, (width, height); the same texture as long as the size stays."""
-        texture, size = self._texture, layers.size
-        _release(self._retired)
-        self._retired = None
-        if texture is None or self._target is None or texture.size != size:
-            _release(self._target)
-            self._retired = texture
-            texture = self._texture = self._context.texture(size, 4)
-            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-            self._target = self._context.framebuffer([texture])
         for unit, (name, layer) in enumerate({"u_surface": layers.surface, "u_exact": layers.exact}.items()):
             (layer or self._nothing).use(unit)
             self._program[name] = unit
         red, green, blue, alpha = background
         self._program["u_weight"] = layers.weight
         self._program["u_background"] = (alpha * red, alpha * green, alpha * blue, alpha)
-        self._target.use()
-        self._context.disable(moderngl.BLEND | moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        self._triangle.render(moderngl.TRIANGLES, vertices=3)
+        with self._canvas.drawing(layers.size) as texture:
+            self._triangle.render(moderngl.TRIANGLES, vertices=3)
         return texture
 
     def release(self) -> None:
         """Give everything back."""
-        _release(self._target, self._texture, self._retired, self._triangle, self._program, self._nothing)
+        self._canvas.release()
+        release(self._triangle, self._program, self._nothing)
 
 
-def _release(*things: moderngl.Texture | moderngl.Framebuffer | moderngl.VertexArray | moderngl.Program | None) -> None:
-    for thing in things:
-        if thing:
-            thing.release()
+def _scene(studio: Studio, layers: Layers) -> Scene:
+    """What the layers stand in; an exact picture alone may be of the view before."""
+    shown, picture = studio.pictures.shown, studio.pictures.picture
+    view = shown.subject.view if shown and not layers.surface else studio.state.view
+    floor = picture.floor if picture and layers.exact else None
+    shadow = studio.live.shadow if studio.live and layers.surface else None
+    return Scene(studio.state, view.camera(*layers.size), shadow, floor)
 
 
 def _lend_context() -> moderngl.Context:

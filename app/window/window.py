@@ -39,7 +39,7 @@ from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.panels.viewport import ViewportPanel
 from avatarrex_studio.session.actions import ACTIONS, Action
 from avatarrex_studio.session.autosave import Autosave
-from avatarrex_studio.session.commands import Command, Select, SetSignals, ZoomBy
+from avatarrex_studio.session.commands import Command, Select, SetSignals, SetStage, ZoomBy
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
@@ -57,9 +57,11 @@ from avatarrex_studio.window.screen import Screen
 from imgui_bundle import hello_imgui, imgui, immapp
 from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 
+from avatarrex.files.images import read_pixels
 from avatarrex.gl.context import REQUIRED, renderer_name
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
+from avatarrex.stage.stage import PICTURE, Stage
 
 log = logging.getLogger(__name__)
 WARM_UP = 3
@@ -120,7 +122,7 @@ class Window:
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
             **{f"layout_{name.lower()}": partial(hello_imgui.switch_layout, name) for name in LAYOUTS},
             "preferences": self.personal.dialog.open, "tour": self.personal.tour.start, "available": self.available.open,
-            "quit": self._quit,
+            "quit": self._quit, "stage_picture": self._stage_picture,
         }  # fmt: skip
 
     def params(self, size: tuple[int, int] = (1440, 900), remember: bool = True) -> hello_imgui.RunnerParams:
@@ -309,6 +311,17 @@ class Window:
             signals = Signals.from_json(imgui.get_clipboard_text(), "clipboard")
             self.studio.do(SetSignals(mirror(signals) if flipped else signals))
 
+    def _stage_picture(self) -> None:
+        """Choose the picture behind the figure; one that cannot be read is said and changes nothing."""
+
+        def chosen(path: str) -> None:
+            with refusals_logged(opening=path):
+                read_pixels(path)
+                for name, value in {"picture": path, "backdrop": PICTURE, "shown": True}.items():
+                    self.studio.do(SetStage(name, value), ("stage picture", self._gesture))
+
+        self.files.open("picture", "Background picture", chosen)
+
     def _screenshot(self) -> None:
         path = Path.cwd() / time.strftime("avatarrex-%Y%m%d-%H%M%S.png")
         self.studio.save_image(path, self.viewport.size)
@@ -438,10 +451,10 @@ def run(window: Window) -> int:
 
 
 def start(avatar: str = "default") -> StudioState:
-    """The state that a new window opens with: standing, hands and face relaxed."""
+    """The state that a new window opens with: standing on a stage, hands and face relaxed."""
     hands = {f"{side}_hand_pose": named_hand("relaxed", side) for side in ("left", "right")}
     parts = {"body_pose": named_pose("stand"), "expression": named_expression("relaxed"), **hands}
-    return StudioState(avatar=avatar, signals=Signals.rest().replace(**parts))
+    return StudioState(avatar=avatar, signals=Signals.rest().replace(**parts), stage=Stage(shown=True))
 
 
 def _configure() -> None:

@@ -37,6 +37,8 @@ TILE = 1024
 """Pixels a side of the multisampled target, 32 MB; a larger picture is drawn in pieces."""
 SAMPLES_UNIT = 1
 """Texture unit; the albedo has 0 (`UploadedSurface.bind`)."""
+CAST_UNIT = 2
+"""Of the key light's map (`KeyShadow`)."""
 Target = tuple[tuple[moderngl.Texture, ...], moderngl.Framebuffer]
 """Textures, and the framebuffer that draws into them."""
 LOD_BIAS = -2.0
@@ -97,6 +99,22 @@ class Placed:
     """Parts that are not drawn."""
     look: Look | None = None
     """What is shown instead of its colours."""
+    key: KeyShadow | None = None
+    """A stage's key light on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class KeyShadow:
+    """What of a surface is in a key light."""
+
+    texture: moderngl.Texture
+    """Least height over the floor along each ray of the light, and the negative of the greatest."""
+    map_from_root: Float[np.ndarray, "4 4"]
+    """(u, v, height): where in the texture a ray of the light through a point is, and the point's metres over the floor."""
+    direction: Float[np.ndarray, "3"]
+    """Unit, towards the light, root frame."""
+    gains: tuple[float, float]
+    """What colours are multiplied by in the shadow, and how much that grows in the light."""
 
 
 def draw_surfaces(shown: Sequence[Placed], samples: int = SAMPLES, counters: Counters | None = None) -> SurfacePicture:
@@ -105,7 +123,7 @@ def draw_surfaces(shown: Sequence[Placed], samples: int = SAMPLES, counters: Cou
     `samples` 1, 2 or 4. `counters`: `surface_triangles` in sight or not, `bytes_uploaded`. Raises `NoContext` without OpenGL 4.3.
     """
     with current_context() as context:
-        raster = per_context(context, _Raster, lambda: _Raster(context))
+        raster = per_context(context, Raster, lambda: Raster(context))
         return raster.draw(shown, samples, counters or Counters())
 
 
@@ -126,11 +144,11 @@ def surface_geometry(
 ) -> SurfaceGeometry:
     """Positions, normals and depth of the same; they are read back. Raises `NoContext`."""
     with current_context() as context:
-        raster = per_context(context, _Raster, lambda: _Raster(context))
+        raster = per_context(context, Raster, lambda: Raster(context))
         return raster.geometry(posed, view, hidden, counters or Counters())
 
 
-class _Raster:
+class Raster:
     """What one context draws surfaces with; it is current while this is used."""
 
     def __init__(self, context: moderngl.Context) -> None:
@@ -139,6 +157,10 @@ class _Raster:
             name: draw_program(context, "surface/mesh.vert", f"surface/{name}.frag", CONSTANTS)
             for name in ("colour", "geometry", "look")
         }
+        self._programs["lit"] = draw_program(
+            context, "surface/mesh.vert", "surface/colour.frag", CONSTANTS | {"LIT": 1, "CAST_UNIT": CAST_UNIT}
+        )
+        self._programs["caster"] = draw_program(context, "surface/caster.vert", "surface/caster.frag")
         self._surfaces: weakref.WeakKeyDictionary[Surface, UploadedSurface] = weakref.WeakKeyDictionary()
         self._gone: list[UploadedSurface] = []
         """Of surfaces that are no more."""
@@ -151,7 +173,7 @@ class _Raster:
         extent = Extent.around([found for one in shown if (found := Extent.of(one.posed.bounds, one.view))])
         picture = self._picture((view.width, view.height))
         sampled = per_context(self._context, ("surface", samples), lambda: self._sampled(samples))
-        with _target_kept(self._context):
+        with target_kept(self._context):
             picture[1].clear()
             if extent:
                 for tile in extent.tiles(TILE):
@@ -165,30 +187,36 @@ class _Raster:
 
     def _draw(self, one: Placed, clip: np.ndarray, counters: Counters) -> None:
         """One of them, into the target in use."""
-        uploaded, program = self._bound(one.posed, counters), self._programs["look" if one.look else "colour"]
+        uploaded, program = self.bound(one.posed, counters), self._programs["look"]
         if one.look:
             program["u_look"] = KINDS.index(one.look.kind)
             program["u_depth"] = tuple(one.view.camera_from_world[2].tolist())
             program["u_range"] = (one.look.near, one.look.far)
             program["u_parts"] = [tuple(row) for row in PART_COLOURS.tolist()]
-            self._render("look", uploaded, one.hidden, clip, counters)
+            self.render("look", uploaded, one.hidden, clip, counters)
             return
+        name = "lit" if one.key else "colour"
+        program = self._programs[name]
         program["u_albedo_scale"] = one.posed.surface.albedo_scale
         program["u_harmonics"] = [tuple(row) for row in one.harmonics.tolist()]
-        self._render("colour", uploaded, one.hidden, clip, counters)
+        if one.key:
+            one.key.texture.use(CAST_UNIT)
+            program["u_map_from_root"] = tuple(one.key.map_from_root.T.ravel().tolist())
+            program["u_key"], program["u_gains"] = tuple(one.key.direction.tolist()), one.key.gains
+        self.render(name, uploaded, one.hidden, clip, counters)
 
     def geometry(
         self, posed: PosedSurface, view: Camera, hidden: frozenset[str], counters: Counters
     ) -> SurfaceGeometry:
         """See `surface_geometry`."""
-        uploaded, extent = self._bound(posed, counters), Extent.of(posed.bounds, view)
+        uploaded, extent = self.bound(posed, counters), Extent.of(posed.bounds, view)
         target = per_context(self._context, "surface geometry", lambda: self._target((TILE, TILE), "f4", 3))
         found = np.zeros((view.height, view.width, 3, 4), np.float32)
-        with _target_kept(self._context):
+        with target_kept(self._context):
             clips = [(tile, extent.clip_from_root(view, tile)) for tile in extent.tiles(TILE)] if extent else []
             for tile, clip in clips:
                 self._begin(target, tile)
-                self._render("geometry", uploaded, hidden, clip, counters)
+                self.render("geometry", uploaded, hidden, clip, counters)
                 left, top, width, height = tile
                 for index in range(3):
                     data = target[1].read((0, 0, width, height), 4, attachment=index, dtype="f4")
@@ -200,7 +228,7 @@ class _Raster:
         depth = np.where(hit, position @ row[:3] + row[3], 0).astype(np.float32)
         return SurfaceGeometry(position, normal, depth, hit, part)
 
-    def _bound(self, posed: PosedSurface, counters: Counters) -> UploadedSurface:
+    def bound(self, posed: PosedSurface, counters: Counters) -> UploadedSurface:
         """The surface with this pose, bound."""
         while self._gone:
             self._gone.pop().release()
@@ -218,7 +246,7 @@ class _Raster:
         target[1].viewport = viewport
         target[1].clear(viewport=viewport)
 
-    def _render(
+    def render(
         self, name: str, uploaded: UploadedSurface, hidden: frozenset[str], clip: np.ndarray, counters: Counters
     ) -> None:
         """Into the target in use."""
@@ -232,6 +260,22 @@ class _Raster:
         context.disable(moderngl.DEPTH_TEST)
         context.front_face = "ccw"
         counters.add("surface_triangles", triangles.count)
+
+    def cast(
+        self, posed: PosedSurface, hidden: frozenset[str], clip: Float[np.ndarray, "4 4"], counters: Counters
+    ) -> None:
+        """Heights (clip z) of the sides away from the light into the target in use, whose channels keep the least: of height and −height.
+
+        The lowest point of a ray is on such a side; and what is below the highest of them is in another limb's shadow, not its own.
+        """
+        context, triangles = self._context, self.bound(posed, counters).triangles(hidden, self._programs)
+        self._programs["caster"]["u_clip_from_root"] = tuple(clip.T.ravel().tolist())
+        context.disable(moderngl.DEPTH_TEST)
+        context.enable(moderngl.BLEND | moderngl.CULL_FACE)
+        context.blend_equation = (moderngl.MIN, moderngl.MIN)
+        triangles.shapes["caster"].render(moderngl.TRIANGLES)
+        context.blend_equation = (moderngl.FUNC_ADD, moderngl.FUNC_ADD)
+        context.disable(moderngl.BLEND | moderngl.CULL_FACE)
 
     def _average(self, sampled: Target, samples: int, picture: moderngl.Framebuffer, tile: Box) -> None:
         """The samples' mean into the tile of the picture."""
@@ -276,7 +320,7 @@ class _Raster:
 
 
 @contextmanager
-def _target_kept(context: moderngl.Context) -> Iterator[None]:
+def target_kept(context: moderngl.Context) -> Iterator[None]:
     """What was drawn into before is drawn into after it."""
     before = context.fbo
     try:

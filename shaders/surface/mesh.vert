@@ -15,6 +15,24 @@ in int in_part;  // 0 the body, 1.. in the order of PARTS
 uniform mat4 u_clip_from_root;
 uniform float u_albedo_scale;
 uniform vec3 u_harmonics[8];
+#ifdef LIT  // by the key light of a stage (surface/raster.py, KeyShadow)
+layout(binding = CAST_UNIT) uniform sampler2D u_cast;
+uniform mat4 u_map_from_root;
+uniform vec3 u_key;   // towards the light
+uniform vec2 u_gains; // in the shadow, and what the light adds
+
+// Share of the key light: none where the surface turns away, or something is nearer to the light.
+float in_light(vec3 position, vec3 normal) {
+    vec3 place = (u_map_from_root * vec4(position, 1)).xyz;
+    vec2 texel = 1.5 / vec2(textureSize(u_cast, 0));
+    float free = 0;
+    for (int k = 0; k < 4; ++k) {
+        vec2 at = place.xy + texel * vec2((k & 1) * 2 - 1, (k >> 1) * 2 - 1);
+        free += 1 - smoothstep(0.02, 0.06, -textureLod(u_cast, at, 0).y - place.z);
+    }
+    return 0.25 * free * smoothstep(-0.15, 0.35, dot(normal, u_key));
+}
+#endif
 
 out vec2 v_uv;
 out vec3 v_gain;      // of the texel
@@ -28,6 +46,9 @@ void main() {
     v_position = vec3(in_position[x], in_position[y], in_position[z]);
     v_normal = vec3(in_normal[x], in_normal[y], in_normal[z]);
     vec3 lit = mix(vec3(1), light(v_normal, u_harmonics, DARKEST), in_lit);
+#ifdef LIT
+    lit *= u_gains.x + u_gains.y * in_light(v_position, v_normal);
+#endif
     v_gain = u_albedo_scale * lit;
     v_offset = vec3(in_tint[x], in_tint[y], in_tint[z]) * lit;
     v_uv = in_uv;

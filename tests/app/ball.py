@@ -17,8 +17,8 @@ from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import load_person
 from avatarrex.volume.sdf_volume import BodyGrid, SdfVolume
 
-VOLUME = SdfVolume(BodyGrid(np.zeros(3), 0.02, torch.zeros(64, 64, 64)))
-"""One MiB."""
+VOLUME = SdfVolume(BodyGrid(np.zeros(3), 0.02, torch.ones(64, 64, 64)))
+"""One MiB, with nothing in it."""
 
 
 @dataclass(frozen=True)

@@ -73,6 +73,7 @@ class FakeLive:
     """Draws a name for what it was told to draw."""
 
     drawn: list = field(default_factory=list)
+    shadow = None
     ms = {"pose": 1.0, "draw": 2.0, "total": 3.0}  # noqa: RUF012
 
     def draw(self, avatar, state, size):

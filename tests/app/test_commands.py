@@ -79,6 +79,8 @@ EVERY = (
     commands.ScaleGroup("face", 0.5),
     commands.Blend("walk", STEPPING, ("body_pose",), 0.5),
     commands.PutOnFloor(),
+    commands.SetStage("top", (0.1, 0.2, 0.3)),
+    commands.SetStage("shown", True),
 )
 
 

@@ -219,6 +219,7 @@ def test_the_level_live_shows_the_surface_alone(display, monkeypatch):
 class PlainSurface:
     """A surface of one colour that follows the view."""
 
+    shadow = None
     ms = {"pose": 0.0, "draw": 0.0, "total": 0.0}  # noqa: RUF012
 
     def __init__(self):

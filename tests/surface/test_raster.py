@@ -297,12 +297,12 @@ def test_two_contexts_draw_the_same(posed):
 
 
 def test_surfaces_that_are_no_more_give_their_memory_back(posed):
-    from avatarrex.surface.raster import _Raster
+    from avatarrex.surface.raster import Raster
 
     surface: Surface | None = replace(posed.surface)
     draw_surface(pose_surface(surface, PERSON, WAVE), HARMONICS, camera())
     with current_context() as context:
-        raster = context.extra[_Raster]
+        raster = context.extra[Raster]
     count = len(raster._surfaces)
     del surface
     gc.collect()
