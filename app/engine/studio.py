@@ -222,11 +222,6 @@ class Studio:
         return self.pictures.covers and self.weight < 1
 
     @property
-    def age(self) -> float:
-        """Seconds since the last exact picture came."""
-        return self._clock() - self.pictures.came_at
-
-    @property
     def moving(self) -> bool:
         """Whether what is shown changes by itself, or the state has just changed."""
         greets = self.greeting is not None and self.surface is not None

@@ -1,8 +1,7 @@
-"""The status bar: the interface's rate, what surface and exact picture cost, on what, and which work was not needed."""
+"""The status bar: what listens, which picture is shown, what is under way. How it was made is told where the mouse rests on it."""
 
 from __future__ import annotations
 
-from avatarrex_studio.engine.skips import skipped
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.engine.work import Work
 from avatarrex_studio.panels import theme, widgets
@@ -19,7 +18,19 @@ def condition(studio: Studio) -> str:
     """How the exact picture stands to the present state."""
     if studio.pictures.exact.busy:
         return "rendering…"
-    return f"{studio.age:.0f} s old" if studio.pictures.current else "of an earlier state"
+    return "" if studio.pictures.current else "of an earlier state"
+
+
+def shown(studio: Studio) -> list[str]:
+    """Which pictures are shown: the surface while something moves, the exact one at rest."""
+    picture, live = studio.pictures.picture, studio.live
+    items = []
+    if studio.moving and studio.surface is not None and live is not None:
+        items.append(f"{hello_imgui.frame_rate():.0f} pictures a second")
+    elif picture is not None:
+        height, width = picture.image.shape[:2]
+        items += [f"{picture.work.level}, {width} × {height}", condition(studio)]
+    return [item for item in items if item]
 
 
 def draw(studio: Studio, renderer: str, job: str = "", listens: str = "") -> None:
@@ -27,27 +38,19 @@ def draw(studio: Studio, renderer: str, job: str = "", listens: str = "") -> Non
 
     `listens`: what listens for live sources; it comes first.
     """
-    picture = studio.pictures.picture
-    work = picture.work if picture else None
-    items = [f"{hello_imgui.frame_rate():.0f} fps"]
-    items = [listens, *items] if listens else items
-    if studio.surface is not None and studio.live is not None:
-        items.append(f"live {studio.live.ms['total']:.1f} ms")
-    if picture is not None and work is not None:
-        height, width = picture.image.shape[:2]
-        items += [
-            f"{work.level} {work.ms['total']:.0f} ms",
-            f"{width} × {height} {condition(studio)}",
-            "skipped: " + (", ".join(skipped(work)) or "nothing"),
-            *machine(work, renderer),
-        ]
-    items += [job] if job else []
+    items = [item for item in (listens, *shown(studio), job) if item]
     for number, item in enumerate(items):
         if number:
             imgui.same_line(0, 10)
             imgui.text_colored(theme.vec4(theme.MUTED, 0.5), "|")
             imgui.same_line(0, 10)
-        widgets.caption(item, theme.TEXT if number < 4 else theme.MUTED)
-    if work is not None and imgui.is_item_hovered():
-        stages = "   ".join(f"{name} {value:.1f} ms" for name, value in work.ms.items())
-        imgui.set_tooltip(stages + "\n" + "\n".join(f"{name}: {count:,}" for name, count in work.counters.items()))
+        widgets.caption(item, theme.MUTED if item == job else theme.TEXT)
+        if studio.pictures.picture is not None and imgui.is_item_hovered():
+            imgui.set_tooltip(details(studio.pictures.picture.work, renderer))
+
+
+def details(work: Work, renderer: str) -> str:
+    """How the last exact picture was made."""
+    stages = "   ".join(f"{name} {value:.1f} ms" for name, value in work.ms.items())
+    counters = (f"{name}: {count:,}" for name, count in work.counters.items())
+    return "\n".join((stages, *machine(work, renderer), *counters))
