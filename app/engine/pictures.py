@@ -76,7 +76,6 @@ class Pictures:
         """The last that came."""
         self.shown: Wanted | None = None
         """What it shows."""
-        self.came_at = -math.inf
         self.error: str | None = None
         """Why the present state has no picture."""
         self.history: deque[dict[str, float]] = deque(maxlen=KEPT)
@@ -196,7 +195,7 @@ class Pictures:
             return False
         if not self.current:
             self._fade_from = now
-        self.picture, self.shown, self.came_at = picture, made, now
+        self.picture, self.shown = picture, made
         self.error = self._failed = None
         return True
 
