@@ -23,8 +23,9 @@ FACES = 0.3
 NEARBY = 0.01**2
 """Square metres in which one that faces so is searched."""
 Array = Shaped[np.ndarray, "..."]
+Point = tuple[float, float, float]
 Ray = tuple[float, float, float, float, float, float]
-"""Origin and unit direction."""
+"""Place and unit direction."""
 
 
 def outer_triangle(
@@ -62,36 +63,40 @@ def _ray_gap(box: Array, b: int, ray: Ray) -> float:
 
 
 @borrowing
+def _normal(corner: Array, t: int) -> tuple[float, float, float]:
+    """Of triangle t, as long as twice its area."""
+    ax, ay, az = corner[t, 0, 0], corner[t, 0, 1], corner[t, 0, 2]
+    abx, aby, abz = corner[t, 1, 0] - ax, corner[t, 1, 1] - ay, corner[t, 1, 2] - az
+    acx, acy, acz = corner[t, 2, 0] - ax, corner[t, 2, 1] - ay, corner[t, 2, 2] - az
+    return aby * acz - abz * acy, abz * acx - abx * acz, abx * acy - aby * acx
+
+
+@borrowing
+def _within(corner: Array, t: int, i: int, j: int, place: Point, normal: Point) -> float:
+    """How far a place in the plane of triangle t is within its edge from corner i to j, times lengths; negative outside."""
+    ax, ay, az = corner[t, i, 0], corner[t, i, 1], corner[t, i, 2]
+    ex, ey, ez = corner[t, j, 0] - ax, corner[t, j, 1] - ay, corner[t, j, 2] - az
+    px, py, pz = place[0] - ax, place[1] - ay, place[2] - az
+    nx, ny, nz = normal
+    return (ey * pz - ez * py) * nx + (ez * px - ex * pz) * ny + (ex * py - ey * px) * nz
+
+
+@borrowing
 def _meet(tree: SearchTree, t: int, ray: Ray, _: Any, state: Any) -> Any:
     """State: metres to the first meeting, its leaf and barycentrics."""
-    corner = tree.corner
-    dx, dy, dz = ray[3], ray[4], ray[5]
-    ax, ay, az = corner[t, 0, 0] - ray[0], corner[t, 0, 1] - ray[1], corner[t, 0, 2] - ray[2]
-    abx, aby, abz = (
-        corner[t, 1, 0] - corner[t, 0, 0],
-        corner[t, 1, 1] - corner[t, 0, 1],
-        corner[t, 1, 2] - corner[t, 0, 2],
-    )
-    acx, acy, acz = (
-        corner[t, 2, 0] - corner[t, 0, 0],
-        corner[t, 2, 1] - corner[t, 0, 1],
-        corner[t, 2, 2] - corner[t, 0, 2],
-    )
-    nx, ny, nz = aby * acz - abz * acy, abz * acx - abx * acz, abx * acy - aby * acx
-    towards = nx * dx + ny * dy + nz * dz
-    if towards >= 0 or towards * towards < FACES * FACES * (nx * nx + ny * ny + nz * nz):
+    corner, (x, y, z, dx, dy, dz) = tree.corner, ray
+    nx, ny, nz = _normal(corner, t)
+    square, towards = nx * nx + ny * ny + nz * nz, -(nx * dx + ny * dy + nz * dz)
+    if towards <= FACES * math.sqrt(square):
         return state
-    along = (nx * ax + ny * ay + nz * az) / towards
+    along = (nx * (x - corner[t, 0, 0]) + ny * (y - corner[t, 0, 1]) + nz * (z - corner[t, 0, 2])) / towards
     if not 0 <= along < state[0]:
         return state
-    px, py, pz = along * dx - ax, along * dy - ay, along * dz - az
-    square = nx * nx + ny * ny + nz * nz
-    v = ((py * acz - pz * acy) * nx + (pz * acx - px * acz) * ny + (px * acy - py * acx) * nz) / square
-    w = ((aby * pz - abz * py) * nx + (abz * px - abx * pz) * ny + (abx * py - aby * px) * nz) / square
-    u = 1 - v - w
-    if min(u, v, w) < 0:
+    place, normal = (x + along * dx, y + along * dy, z + along * dz), (nx, ny, nz)
+    v, w = _within(corner, t, 2, 0, place, normal) / square, _within(corner, t, 0, 1, place, normal) / square
+    if min(v, w, 1 - v - w) < 0:
         return state
-    return along, t, u, v, w
+    return along, t, 1 - v - w, v, w
 
 
 @borrowing
@@ -100,25 +105,15 @@ def _near(tree: SearchTree, t: int, point: Ray, _: Any, state: Any) -> Any:
     square, u, v, w = on_triangle(tree.corner, t, (point[0], point[1], point[2]))
     if square >= state[0]:
         return state
-    corner = tree.corner
-    abx, aby, abz = (
-        corner[t, 1, 0] - corner[t, 0, 0],
-        corner[t, 1, 1] - corner[t, 0, 1],
-        corner[t, 1, 2] - corner[t, 0, 2],
-    )
-    acx, acy, acz = (
-        corner[t, 2, 0] - corner[t, 0, 0],
-        corner[t, 2, 1] - corner[t, 0, 1],
-        corner[t, 2, 2] - corner[t, 0, 2],
-    )
-    nx, ny, nz = aby * acz - abz * acy, abz * acx - abx * acz, abx * acy - aby * acx
-    if nx * point[3] + ny * point[4] + nz * point[5] < FACES * math.sqrt(nx * nx + ny * ny + nz * nz):
+    nx, ny, nz = _normal(tree.corner, t)
+    if nx * point[3] + ny * point[4] + nz * point[5] <= FACES * math.sqrt(nx * nx + ny * ny + nz * nz):
         return state
     return square, t, u, v, w
 
 
 @borrowing
 def _gap(box: Array, b: int, point: Ray) -> float:
+    """Squared distance of a point, before its normal, to box b of (b, 2, 3)."""
     return point_gap(box, b, (point[0], point[1], point[2]))
 
 
