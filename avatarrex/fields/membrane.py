@@ -55,6 +55,6 @@ def folded(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) ->
     around = csr_matrix((np.ones(near.nnz), (near.row, near.col)), near.shape)
     within = np.linalg.norm(around @ normal, axis=1) < (1 - APART) * (around @ np.linalg.norm(normal, axis=1))
     if not within.any():
-        return within
+        return np.zeros(len(vertices), bool)
     found: np.ndarray = cKDTree(vertices[within]).query(vertices)[0] < BESIDE
     return found

@@ -78,7 +78,7 @@ def _within(corner: Array, t: int, i: int, j: int, place: Point, normal: Point) 
     ex, ey, ez = corner[t, j, 0] - ax, corner[t, j, 1] - ay, corner[t, j, 2] - az
     px, py, pz = place[0] - ax, place[1] - ay, place[2] - az
     nx, ny, nz = normal
-    return (ey * pz - ez * py) * nx + (ez * px - ex * pz) * ny + (ex * py - ey * px) * nz
+    return float((ey * pz - ez * py) * nx + (ez * px - ex * pz) * ny + (ex * py - ey * px) * nz)
 
 
 @borrowing
@@ -114,7 +114,7 @@ def _near(tree: SearchTree, t: int, point: Ray, _: Any, state: Any) -> Any:
 @borrowing
 def _gap(box: Array, b: int, point: Ray) -> float:
     """Squared distance of a point, before its normal, to box b of (b, 2, 3)."""
-    return point_gap(box, b, (point[0], point[1], point[2]))
+    return float(point_gap(box, b, (point[0], point[1], point[2])))
 
 
 _ray_walk = specialised(_ray_gap, _meet)
