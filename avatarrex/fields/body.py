@@ -36,6 +36,7 @@ from avatarrex.fields.local_frame import (
     take,
 )
 from avatarrex.fields.local_networks import LocalNetworks, mlp
+from avatarrex.fields.membrane import membrane
 from avatarrex.fields.nodes import anchors, covering_radius, farthest_points, node_normals, part_labels, plane_axes
 from avatarrex.fields.outgrowth import Outgrowth
 from avatarrex.fields.patches import NoPatches, PatchNetwork, patch_features
@@ -219,7 +220,7 @@ class BodyField(nn.Module):
         """Lay grey texels on the skin, `spacing` metres apart, but where another part takes its place."""
         template = self.template
         shown = ~self.replaced.cpu()[template.faces].all(1)
-        self.detail = DetailTexture.of(template.v_template, template.faces, spacing, shown)
+        self.detail = DetailTexture.of(membrane(template.v_template, template.faces), template.faces, spacing, shown)
 
     def add_slide(self, share: Float[Tensor, "n j"]) -> None:
         """Let what is painted slide over the skin, by these numbers."""
@@ -235,7 +236,8 @@ class BodyField(nn.Module):
         self.detail = self.slide = self.outgrowth = None
         if "detail.edge" in state:
             self.detail = DetailTexture(state["detail.edge"].clone())
-            self.detail.requires_grad_(False).lay(self.template.v_template, self.template.faces)
+            flat = membrane(self.template.v_template, self.template.faces)
+            self.detail.requires_grad_(False).lay(flat, self.template.faces)
         if "slide.share" in state:
             self.add_slide(state["slide.share"].float())
         if {"outgrowth.first", "outgrowth.distance"} <= set(state):

@@ -36,6 +36,11 @@ OUTPUT = 0.05
 DETAIL_OFF = (0.005, 0.01)
 """Metres off its triangles where static detail fades out: what lies between open lips has none of theirs."""
 
+SLOPE = 0.001
+"""Half the edge, metres, of the cube over which the surface's normal is taken."""
+CORNERS = torch.tensor([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+"""Every other one of a cube: a tetrahedron."""
+
 
 class FaceField(nn.Module):
     """The face. `geometry` and `colour_net` are two separate sets of networks."""
@@ -114,6 +119,13 @@ class FaceField(nn.Module):
         """G_F, metres, at head-frame points; meaningful near the face only."""
         distance: Tensor = OUTPUT * self.geometry(planes, self.box.normalise(position))[:, 0]
         return distance
+
+    def normal(self, planes: Float[Tensor, "..."], position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        """Unit normal of the surface through the points, outwards: from distances at four corners of a small cube about each."""
+        corners = CORNERS.to(position)
+        around = (position + SLOPE * corners[:, None]).flatten(0, 1)
+        slope = (self.sdf(planes, around).unflatten(0, (4, -1))[..., None] * corners[:, None]).sum(0)
+        return torch.nn.functional.normalize(slope, dim=-1)
 
     def colour(
         self,

@@ -16,8 +16,8 @@ from avatarrex.fields.detail_texture import TexelPlaces
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.fields.tone import ToneMap
-from avatarrex.ops.closest_triangle import closest_triangle
 from avatarrex.ops.mesh_lattice import Grid, nearest_vertex
+from avatarrex.ops.outer_triangle import outer_triangle
 from avatarrex.ops.search_tree import SearchTree
 from avatarrex.ops.side_by_side import SideBySide
 from avatarrex.parts.part import CLAMP, Impl, Part, PartState, Start, SurfacePoints
@@ -27,6 +27,9 @@ FACE_BAND = 0.03
 """Metres around the face mesh in which the face field is evaluated and blended: from +0.025 on it is not used."""
 FIRST_BAND = 0.012
 """Metres from the face mesh that are evaluated at the coarse level; from there the surface is followed."""
+REACH = (0.003, 0.004)
+"""Metres before and behind a point of the surface in which the mesh's outer sheet is searched. A closed lid is 2.5 mm off the eyeball, and
+the learnt surface up to 1.5 mm beneath it."""
 
 
 class PosedTriangles:
@@ -36,14 +39,14 @@ class PosedTriangles:
         self.vertices, self.faces = vertices, faces
         self._tree: SearchTree | None = None
 
-    def closest(
-        self, shown: Int[np.ndarray, " s"], points: Float[np.ndarray, "p 3"]
+    def outer(
+        self, shown: Int[np.ndarray, " s"], points: Float[np.ndarray, "p 3"], normals: Float[np.ndarray, "p 3"]
     ) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"]]:
-        """Of points (head frame) the nearest of the `shown` triangles, which are the same at each call, the barycentrics of
-        the nearest place on it, and what the point is off it, metres."""
+        """Of points of a surface (head frame) with its unit normals the outer one of the `shown` triangles there, which are the
+        same at each call, barycentrics on it, and what the point is off it, metres."""
         if self._tree is None:
             self._tree = SearchTree.of_triangles(self.vertices, self.faces[shown])
-        row, weight = closest_triangle(self._tree, points)
+        row, weight = outer_triangle(self._tree, points, normals, REACH)
         face = shown[row]
         return face, weight, points - np.einsum("pk,pkc->pc", weight, self.vertices[self.faces[face]])
 
@@ -154,12 +157,18 @@ class Face(Part[FaceState]):
             counters.add("unet_runs", 3)
         return state.colour
 
+    @torch.no_grad()
     def places(self, state: FaceState, position: Float[Tensor, "p 3"]) -> TexelPlaces | None:
-        """Texels about the points of the posed mesh that are closest to `position` (head frame); None where it has none."""
-        if self.field.detail is None:
+        """Texels about what the posed mesh has outermost at points of the surface (head frame); None where it has none.
+
+        The closest triangle of a closed lid would often be the eyeball's.
+        """
+        detail = self.field.detail
+        if detail is None:
             return None
-        points = position.detach().double().cpu().numpy()
-        return self.field.detail.places_on(*state.triangles.closest(self.field.detail.lattice.shown, points))
+        normal = self.field.normal(state.geometry, position.detach())
+        points, normals = (found.double().cpu().numpy() for found in (position.detach(), normal))
+        return detail.places_on(*state.triangles.outer(detail.lattice.shown, points, normals))
 
     def colour(self, state: FaceState, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
         """C_F (paper eq. 12), brought to the body's tone."""

@@ -10,8 +10,12 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.counters import Counters
-from avatarrex.parts.face import Face, FaceState
+from avatarrex.fields.detail_texture import texel_count
+from avatarrex.ops.closest_triangle import closest_triangle
+from avatarrex.ops.search_tree import SearchTree
+from avatarrex.parts.face import Face, FaceState, PosedTriangles
 from avatarrex.parts.part import SurfacePoints
+from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.templates.person import load_person
 from avatarrex.training.core.projection import without_mouth
 
@@ -30,7 +34,20 @@ def albedo(rest: Tensor) -> Tensor:
     return 2.0 * rest + torch.tensor([0.3, 0.3, -0.3])
 
 
-def posed(made: Avatar) -> tuple[Face, FaceState, Tensor, Tensor]:
+def facing(made: Avatar, vertices: Tensor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the field's surface face as the nearest triangle of the posed mesh that is the face's; here networks say nothing."""
+    shown = made.person.face.faces[made.face.own].numpy()
+    mesh = vertices.double().numpy()
+    tree = SearchTree.of_triangles(mesh, shown)
+
+    def normal(planes: Tensor, position: Tensor) -> Tensor:
+        a, b, c = mesh[shown[closest_triangle(tree, position.double().numpy())[0]]].swapaxes(0, 1)
+        return torch.nn.functional.normalize(torch.from_numpy(np.cross(b - a, c - a)), dim=1)
+
+    monkeypatch.setattr(made.face, "normal", normal)
+
+
+def posed(made: Avatar, monkeypatch: pytest.MonkeyPatch) -> tuple[Face, FaceState, Tensor, Tensor]:
     """The face with an open jaw and turned eyes; points on it, and where they are at rest."""
     template, face = made.person.face, made.parts["face"]
     assert isinstance(face, Face)
@@ -38,6 +55,7 @@ def posed(made: Avatar) -> tuple[Face, FaceState, Tensor, Tensor]:
     coefficients[52], coefficients[55:61] = 0.3, torch.tensor([0.1, 0.2, 0, 0.1, 0.2, 0])
     vertices = template.posed(coefficients, torch.zeros(10)).float()
     state = face.prepare(vertices, coefficients, Counters(), "reference")
+    facing(made, vertices, monkeypatch)
     shown = template.faces[made.face.own]
     weight = torch.tensor([0.5, 0.3, 0.2])
     at_rest, moved = ((mesh[shown] * weight[:, None]).sum(1) for mesh in (template.v_template.float(), vertices))
@@ -45,13 +63,13 @@ def posed(made: Avatar) -> tuple[Face, FaceState, Tensor, Tensor]:
 
 
 @torch.no_grad()
-def test_texels_move_with_the_expression() -> None:
+def test_texels_move_with_the_expression(monkeypatch: pytest.MonkeyPatch) -> None:
     """Texels painted linear in the rest position say it at the points of an open mouth, but where two sheets touch."""
     made = avatar()
     detail = made.face.detail
     assert detail is not None
     detail.texel.copy_(albedo(torch.from_numpy(detail.lattice.position).float()))
-    face, state, moved, at_rest = posed(made)
+    face, state, moved, at_rest = posed(made, monkeypatch)
     places = face.places(state, moved)
     assert places is not None
     off = (detail(places) - albedo(at_rest)).abs().amax(1)
@@ -60,14 +78,14 @@ def test_texels_move_with_the_expression() -> None:
 
 
 @torch.no_grad()
-def test_colours_are_the_texels_where_the_networks_say_nothing() -> None:
+def test_colours_are_the_texels_where_the_networks_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     made = avatar()
     detail = made.face.detail
     assert detail is not None
     for parameter in made.face.colour_net.mlp[-1].parameters():
         parameter.zero_()
     detail.texel.copy_(torch.tensor([1.0, 0.0, -2.0]))
-    face, state, moved, _ = posed(made)
+    face, state, moved, _ = posed(made, monkeypatch)
     points = SurfacePoints(moved, torch.nn.functional.normalize(-moved, dim=-1), moved, torch.eye(3))
     own = made.face.colour(face.decode_colour(state, Counters()), moved, points.direction, face.places(state, moved))
     torch.testing.assert_close(own, torch.sigmoid(torch.tensor([1.0, 0.0, -2.0])).expand_as(own))
@@ -119,7 +137,7 @@ def test_colour_parameters_are_networks_and_texels(detailed: bool) -> None:
 
 
 @torch.no_grad()
-def test_what_lies_off_the_texels_has_none() -> None:
+def test_what_lies_off_the_texels_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """A point 1 cm before the nose, and a face without the triangles of the mouth: none of its points."""
     made = Avatar.create(load_person(), "compact", 0)
     shown = without_mouth(made)
@@ -128,7 +146,7 @@ def test_what_lies_off_the_texels_has_none() -> None:
     assert detail is not None
     assert torch.equal(detail.edge > 0, made.face.own & shown)
     detail.texel.copy_(torch.ones_like(detail.texel))
-    face, state, moved, _ = posed(made)
+    face, state, moved, _ = posed(made, monkeypatch)
     places = face.places(state, moved)
     assert places is not None
     said = detail(places)[:, 0]
@@ -145,3 +163,42 @@ def test_what_lies_off_the_texels_has_none() -> None:
         before = face.places(state, nose + torch.tensor([0, 0, away]))
         assert before is not None
         assert float(detail(before)[0, 0]) == pytest.approx(expected, abs=0.15)
+
+
+@torch.no_grad()
+def test_a_closed_lid_has_the_texels_of_lids() -> None:
+    """Between lid and eyeball, 1.5 mm beneath closed lids: with the eyeball white and all else black, a blink is black."""
+    made = Avatar.create(load_person(), "compact", 0)
+    made.face.add_detail(SPACING, without_mouth(made))
+    detail, template = made.face.detail, made.person.face
+    assert detail is not None
+    eyes = torch.cat([template.model.groups[name] for name in ("left_eye", "right_eye")])
+    ball = torch.isin(template.faces, eyes).all(1)
+    white = np.repeat(ball.numpy(), texel_count(detail.edge.long().numpy()))
+    detail.texel.copy_(torch.where(torch.from_numpy(white), 1.0, -1.0)[:, None].expand(-1, 3))
+    coefficients = torch.zeros(61)
+    coefficients[[EXPRESSION_NAMES.index(f"eyeBlink{side}") for side in ("Left", "Right")]] = 1.0
+    mesh = template.posed(coefficients, torch.zeros(10)).numpy()
+    pupils = np.stack([mesh[template.model.groups[name]].max(0) * [0, 0, 1] for name in ("left_eye", "right_eye")])
+    pupils[:, :2] = [mesh[template.model.groups[name]].mean(0)[:2] for name in ("left_eye", "right_eye")]
+    aside = np.stack(np.meshgrid(np.linspace(-0.004, 0.004, 9), np.linspace(-0.001, 0.003, 5), [0.001]), -1).reshape(
+        -1, 3
+    )
+    points = (pupils[:, None] + aside).reshape(-1, 3)
+    triangles = PosedTriangles(mesh, template.faces.numpy())
+    found = triangles.outer(detail.lattice.shown, points, np.tile([0.0, 0.0, 1.0], (len(points), 1)))
+    nearest = closest_triangle(SearchTree.of_triangles(mesh, template.faces.numpy()[detail.lattice.shown]), points)[0]
+    assert ball[detail.lattice.shown[nearest]].float().mean() > 0.3
+    assert not ball[found[0]].any()
+    assert (detail(detail.places_on(*found)) < 0).all()
+
+
+def test_a_surface_has_its_normal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a ball of 8 cm, in both precisions."""
+    made = avatar(False).face
+    monkeypatch.setattr(made, "sdf", lambda planes, position: position.norm(dim=1) - 0.08)
+    points = torch.nn.functional.normalize(torch.randn(50, 3, generator=torch.Generator().manual_seed(0)), dim=1)
+    for kind in (torch.float32, torch.float64):
+        found = made.normal(torch.zeros(0), 0.08 * points.to(kind))
+        assert found.dtype == kind
+        torch.testing.assert_close(found, points.to(kind), rtol=0, atol=1e-2)

@@ -27,6 +27,7 @@ from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
 from avatarrex.training.core import provenance
 from avatarrex.training.core.carving import carve
+from avatarrex.training.core.even import even_folds
 from avatarrex.training.core.exposure import exposed_as
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.held_out import HeldOut
@@ -179,6 +180,8 @@ class Trainer:
                 stopping = self._stopping()
                 last = work.step == stage.end
                 due = last or work.step % self.recipe.interval == 0
+                if last and stage.part == "body" and self.avatar.body.detail is not None:
+                    even_folds(self.avatar.body.detail, self.avatar.body.template.v_template)
                 if due:
                     if isinstance(stage.recipe, PassOne):
                         work.losses.store.renew(work.step)
