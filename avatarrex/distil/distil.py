@@ -43,7 +43,8 @@ BAKED = 8
 HIDDEN = 1e-5
 """Weight of poses with a closed mouth inside of it."""
 PARTED = 0.02
-"""Weight of the open mouth on the face: it decides where a closed one hides what the lips touch (`bake.FAINT`)."""
+"""Weight of the open mouth on the lips: it decides where a closed one hides what they touch (`bake.FAINT`). Nowhere else: a face's rim that
+no pose finds on the surface had the colours of an open jaw."""
 MOVED = 1e-4
 """Metres by which an expression has to move a vertex to be stored."""
 TINTED = 4 / 255
@@ -175,5 +176,6 @@ def _baked(observer: Observer, signals: list[Signals], places: Texels, tell: Pro
         bake.add(exact, followed, observer.light(followed), weight)
     tell("texture", len(poses), len(poses) + 1)
     exact, followed = observer.open_mouth(stand.replace(expression=named_expression("jaw_open")))
-    bake.add(exact, followed, observer.light(followed), torch.where(mouth, 1.0, PARTED) * face)
+    lips = torch.as_tensor(observer.lips)
+    bake.add(exact, followed, observer.light(followed), torch.where(mouth, 1.0, PARTED * lips) * face)
     return bake.texels_and_vertices()

@@ -58,12 +58,12 @@ def test_a_mouth_is_coloured_where_a_gaze_from_between_the_lips_meets_it():
     assert torch.equal(seen.normal[others], sideways[others])
 
 
-def test_colours_of_a_face_are_looked_at_halfway_from_its_front():
+def test_colours_of_a_face_are_looked_at_as_the_skin_around_faces():
     """A lid's edge faces up, and nobody looks at it from above; other skin is seen along its normal."""
     up, zero = torch.tensor([[0.0, 1, 0]] * 2), torch.zeros(2, 3)
-    ahead = torch.tensor([[0.0, 0, 1], [0, 0, 0]])
-    gaze = Followed(zero, zero, zero, torch.zeros(2, 3, 4), up, torch.ones(2, dtype=torch.bool), ahead).gaze
-    assert torch.allclose(gaze, torch.tensor([[0, -(0.5**0.5), -(0.5**0.5)], [0, -1, 0]]))
+    broad = torch.tensor([[0.0, 0, 1], [0, 0, 0]])
+    gaze = Followed(zero, zero, zero, torch.zeros(2, 3, 4), up, torch.ones(2, dtype=torch.bool), broad).gaze
+    assert torch.allclose(gaze, torch.tensor([[0, -(0.1**0.5), -(0.9**0.5)], [0, -1, 0]]))
 
 
 def test_the_gaze_starts_as_far_in_front_as_the_lips_reach():
