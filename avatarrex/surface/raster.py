@@ -29,7 +29,7 @@ from avatarrex.surface.extent import Box, Extent
 from avatarrex.surface.look import DEPTH_FADE, KINDS, PART_COLOURS, Look
 from avatarrex.surface.pose import PosedSurface
 from avatarrex.surface.surface import Surface
-from avatarrex.surface.upload import UploadedSurface
+from avatarrex.surface.upload import CASTER, UploadedSurface
 
 SAMPLES = 4
 """Of a pixel: what every OpenGL 4.3 has, and Mesa's llvmpipe at most."""
@@ -160,7 +160,7 @@ class Raster:
         self._programs["lit"] = draw_program(
             context, "surface/mesh.vert", "surface/colour.frag", CONSTANTS | {"LIT": 1, "CAST_UNIT": CAST_UNIT}
         )
-        self._programs["caster"] = draw_program(context, "surface/caster.vert", "surface/caster.frag")
+        self._programs[CASTER] = draw_program(context, "surface/caster.vert", "surface/caster.frag")
         self._surfaces: weakref.WeakKeyDictionary[Surface, UploadedSurface] = weakref.WeakKeyDictionary()
         self._gone: list[UploadedSurface] = []
         """Of surfaces that are no more."""
@@ -269,11 +269,11 @@ class Raster:
         The lowest point of a ray is on such a side; and what is below the highest of them is in another limb's shadow, not its own.
         """
         context, triangles = self._context, self.bound(posed, counters).triangles(hidden, self._programs)
-        self._programs["caster"]["u_clip_from_root"] = tuple(clip.T.ravel().tolist())
+        self._programs[CASTER]["u_clip_from_root"] = tuple(clip.T.ravel().tolist())
         context.disable(moderngl.DEPTH_TEST)
         context.enable(moderngl.BLEND | moderngl.CULL_FACE)
         context.blend_equation = (moderngl.MIN, moderngl.MIN)
-        triangles.shapes["caster"].render(moderngl.TRIANGLES)
+        triangles.shapes[CASTER].render(moderngl.TRIANGLES)
         context.blend_equation = (moderngl.FUNC_ADD, moderngl.FUNC_ADD)
         context.disable(moderngl.BLEND | moderngl.CULL_FACE)
 

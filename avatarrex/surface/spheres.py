@@ -20,7 +20,7 @@ from avatarrex.surface.surface import Surface
 
 LENGTH = 0.17
 """Metres."""
-MOST = 32
+MOST = 28
 """Spheres of one surface; pieces beyond it are longer."""
 _made: WeakKeyDictionary[Surface, Spheres] = WeakKeyDictionary()
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import moderngl
 import numpy as np
-from jaxtyping import Float, UInt64
+from jaxtyping import Bool, Float, Int, UInt64
 
 from avatarrex.surface.pose import PosedSurface
 from avatarrex.surface.surface import Surface
@@ -26,6 +26,10 @@ NEAREST_MIPMAP = moderngl.LINEAR_MIPMAP_NEAREST
 """In software one mipmap is read instead of two: a sixth of a picture's time for 0.03 dB (docs/experiments.md, 'Surface')."""
 SOFTWARE = ("llvmpipe", "softpipe", "swiftshader")
 CORNER = np.dtype([("uv", "f4", 2), ("lit", "f4"), ("vertex", "i4"), ("part", "i4")])
+CASTER = "caster"
+"""The program that draws what throws a shadow."""
+CASTER_CELL = 0.022
+"""Metres: vertices that are nearer to each other than this throw one shadow; a texel of it is a centimetre."""
 LAYOUT = ("2f 1f 1i 1i", "in_uv", "in_lit", "in_vertex", "in_part")
 
 
@@ -60,6 +64,7 @@ class UploadedSurface:
         self._posed = [context.buffer(reserve=size) for _ in range(3)]
         self._current: weakref.ref[PosedSurface] | None = None
         self._triangles: dict[frozenset[str], Triangles] = {}
+        self._casters: list[moderngl.Buffer] = []
         self._albedo = context.texture(surface.albedo.shape[1::-1], 3, surface.albedo.tobytes(), alignment=1)
         self._albedo.build_mipmaps()
         self._albedo.repeat_x = self._albedo.repeat_y = False
@@ -85,7 +90,7 @@ class UploadedSurface:
             surface = self._surface()
             assert surface is not None, "a surface is drawn while it is there"
             of = surface.part[surface.faces]
-            unseen = np.isin(of, [PARTS.index(name) + 1 for name in hidden]).all(1)
+            unseen = np.asarray(np.isin(of, [PARTS.index(name) + 1 for name in hidden]).all(1))
             faces = surface.uv_faces[~unseen]
             faces = faces[np.argsort(z_order(surface.vertices[surface.uv_vertex[faces]].mean(1)), kind="stable")]
             indices = self._context.buffer(faces.astype(np.uint32).tobytes())
@@ -94,17 +99,39 @@ class UploadedSurface:
                     program, [(self._corners, *LAYOUT)], indices, index_element_size=4, skip_errors=True
                 )
                 for name, program in programs.items()
+                if name != CASTER
             }
+            shapes[CASTER] = self._caster(programs[CASTER], unseen)
             self._triangles[hidden] = Triangles(indices, shapes, len(faces))
         return self._triangles[hidden]
+
+    def _caster(self, program: moderngl.Program, unseen: Bool[np.ndarray, " f"]) -> moderngl.VertexArray:
+        """The coarse triangles that throw the surface's shadow, without those `unseen`."""
+        surface = self._surface()
+        assert surface is not None
+        corners = np.unique(coarse_faces(surface, surface.faces[~unseen]).astype(np.int32), axis=0)
+        vertices = self._context.buffer(corners.tobytes() or bytes(12))
+        self._casters.append(vertices)
+        return self._context.vertex_array(program, [(vertices, "1i", "in_vertex")])
 
     def release(self) -> None:
         """Give the memory back."""
         for triangles in self._triangles.values():
             triangles.release()
-        for buffer in (self._corners, *self._posed):
+        for buffer in (self._corners, *self._posed, *self._casters):
             buffer.release()
         self._albedo.release()
+
+
+def coarse_faces(surface: Surface, faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "g 3"]:
+    """Triangles of fewer vertices: one of all that lie in a cell of `CASTER_CELL` at rest and are carried by the same joint."""
+    cell = np.floor(surface.vertices / CASTER_CELL).astype(np.int64)
+    _, first, number = np.unique(
+        np.column_stack([cell, surface.joint[:, 0]]), axis=0, return_index=True, return_inverse=True
+    )
+    coarse = first[number.reshape(-1)][faces]
+    a, b, c = coarse.T
+    return np.asarray(coarse[(a != b) & (b != c) & (c != a)])
 
 
 def z_order(points: Float[np.ndarray, "p 3"]) -> UInt64[np.ndarray, " p"]:

@@ -26,11 +26,11 @@ float in_light(vec3 position, vec3 normal) {
     vec3 place = (u_map_from_root * vec4(position, 1)).xyz;
     vec2 texel = 1.5 / vec2(textureSize(u_cast, 0));
     float free = 0;
-    for (int k = 0; k < 4; ++k) {
-        vec2 at = place.xy + texel * vec2((k & 1) * 2 - 1, (k >> 1) * 2 - 1);
+    for (int k = -1; k < 2; k += 2) {
+        vec2 at = place.xy + texel * k;
         free += 1 - smoothstep(0.02, 0.06, -textureLod(u_cast, at, 0).y - place.z);
     }
-    return 0.25 * free * smoothstep(-0.15, 0.35, dot(normal, u_key));
+    return 0.5 * free * smoothstep(-0.15, 0.35, dot(normal, u_key));
 }
 #endif
 
