@@ -28,7 +28,7 @@ from avatarrex.surface.spheres import MOST, Spheres
 
 RAYS, SIDE = 192, 112
 """Texels along a side of the light's map and of the floor's."""
-TAPS = 16
+TAPS = 14
 TALLEST = 2.6
 """Metres over the floor: what is higher softens no shadow any more."""
 NOTHING = 1e4

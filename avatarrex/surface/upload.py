@@ -28,8 +28,8 @@ SOFTWARE = ("llvmpipe", "softpipe", "swiftshader")
 CORNER = np.dtype([("uv", "f4", 2), ("lit", "f4"), ("vertex", "i4"), ("part", "i4")])
 CASTER = "caster"
 """The program that draws what throws a shadow."""
-CASTER_CELL = 0.015
-"""Metres: vertices that are nearer to each other than this throw one shadow; a texel of it is 1 to 2 cm."""
+CASTER_CELL = 0.022
+"""Metres: vertices that are nearer to each other than this throw one shadow; a texel of it is a centimetre."""
 LAYOUT = ("2f 1f 1i 1i", "in_uv", "in_lit", "in_vertex", "in_part")
 
 

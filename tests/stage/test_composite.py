@@ -45,6 +45,8 @@ def test_a_shadow_lies_where_the_floor_is_seen():
     assert shown[SIZE // 2, SIZE // 2 + 14, 0] == 128
     above = staged(NOBODY, Camera.orbit(20, -30, 3, 40, (0, 0, 0), SIZE, SIZE), stage, GREY, spot(), (50.0, 0.0))
     assert (above[..., 0] == 128).all(), "from below there is no floor"
+    level = staged(NOBODY, Camera.orbit(0, 0, 0.5, 90, (0, -1, 0), SIZE, SIZE), stage, GREY, spot(), (0.0, 0.0))
+    assert (level[..., 0] == 128).all(), "nor behind who looks down from there"
 
 
 def test_a_shadow_lies_over_nothing_too():
