@@ -95,6 +95,8 @@ class Fuzz(logging.Handler):
         self._queue: deque[Callable[[], None]] = deque()
         self._trail: TextIO = (folder / "actions.txt").open("w")
         self._begun = self._frame = self._read = time.monotonic()
+        self._spent = 0.0
+        """Processor time of the process at the last frame: a machine that pauses it is no fault of the window."""
         self._ending = 0
         self._actions = [entry for entry in ACTIONS if entry.id not in LEAVES]
         self._kinds = {
@@ -149,9 +151,10 @@ class Fuzz(logging.Handler):
             self._begun = self._frame = now
             return
         self.report.longest = max(self.report.longest, now - self._frame)
+        spent = time.process_time()
         if now - self._frame > SLOW:
-            self._failed(f"no frame for {now - self._frame:.1f} s")
-        self._frame = now
+            self._failed(f"no frame for {now - self._frame:.1f} s, {spent - self._spent:.1f} s of them at work")
+        self._frame, self._spent = now, spent
         if now - self._read > EVERY:
             self._read = now
             pages = int(Path("/proc/self/statm").read_text().split()[1])

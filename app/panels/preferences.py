@@ -44,7 +44,7 @@ class PreferencesDialog:
         changed.update(self._numbers(now))
         for name, title, tip in (
             ("greeting", "Move gently at first", "The avatar breathes and looks about until the first thing you do"),
-            ("hint", "Show the hint over the picture", "The line that tells how to begin"),
+            ("hint", "Show the hint in the menu bar", "The line that tells how to begin"),
         ):
             widgets.label("", LABEL)
             toggled, on = imgui.checkbox(f"{title}##preferences", getattr(now, name))

@@ -1,4 +1,4 @@
-"""*Help → Tour*: five steps that show where things are, a sentence each; and the hint that a first start has over the viewport.
+"""*Help → Tour*: five steps that show where things are, a sentence each; and the hint that a first start has in the menu bar.
 
 Neither takes the mouse away from what it shows: whoever reads can try it at once.
 """
@@ -99,23 +99,25 @@ class Tour:
 
 
 def draw_hint(tour: Tour) -> bool:
-    """The hint at the lower edge of the viewport; whether it is still wanted."""
-    low, high = _corners("Viewport")
-    if high.x - low.x < 200:
+    """The hint at the right of the menu bar, where it covers nothing; whether it is still wanted. Without room for it the buttons alone."""
+    text, tip, close = tour.said(HINT), "Show me five things", icons.ICON_FA_XMARK
+    style = imgui.get_style()
+    widths = [imgui.calc_text_size(each).x for each in (text, tip, close)]
+    buttons = sum(widths[1:]) + 4 * style.frame_padding.x + 2 * style.item_spacing.x
+    spare = widgets.room() - buttons - 2 * style.item_spacing.x
+    if spare < 0:
         return True
-    imgui.set_next_window_pos(((low.x + high.x) / 2, high.y - GAP), imgui.Cond_.always, (0.5, 1.0))
-    width = min(430.0, high.x - low.x - 2 * GAP)
-    imgui.set_next_window_size_constraints((width, 0), (width, 200))
-    wanted = True
-    with _raised("##hint"):
-        widgets.paragraph(tour.said(HINT), theme.TEXT)
-        if imgui.button("Show me five things###hint.tour"):
-            tour.start()
-            wanted = False
-        imgui.same_line()
-        if imgui.button(f"{icons.ICON_FA_XMARK}  Not now###hint.close"):
-            wanted = False
-    return wanted
+    whole = spare > widths[0] + 20
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + spare - (widths[0] + style.item_spacing.x if whole else 0))
+    if whole:
+        widgets.caption(text, theme.ACCENT)
+    begun = imgui.small_button(f"{tip}###hint.tour")
+    widgets.tooltip(text)
+    if begun:
+        tour.start()
+    closed = imgui.small_button(f"{close}###hint.close")
+    widgets.tooltip("Not now")
+    return not (begun or closed)
 
 
 @contextmanager

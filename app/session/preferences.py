@@ -44,7 +44,7 @@ class Preferences:
     greeting: bool = True
     """Whether the avatar moves gently until the first thing that somebody does."""
     hint: bool = True
-    """Whether the hint over the viewport is shown."""
+    """Whether the hint in the menu bar is shown."""
 
     def __post_init__(self) -> None:
         for item in fields(self):

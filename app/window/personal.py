@@ -47,16 +47,21 @@ class Personal:
         """What lies over the panels; and see whether somebody has done something."""
         if self._studio.greeting and keys.anything():
             self._studio.end_greeting()
-        before = self.preferences
-        after = self.dialog.draw(before)
-        if after.hint and self.tour.number is None and not draw_hint(self.tour):
-            after = replace(after, hint=False)
+        after = self.dialog.draw(self.preferences)
         self.tour.draw()
         if imgui.is_key_pressed(imgui.Key.escape, False) and keys.free():
             self.tour.stop()
         if self.tour.reveal:
             hello_imgui.get_runner_params().docking_params.focus_dockable_window(self.tour.reveal)
             self.tour.reveal = ""
-        if after != before:
-            self.preferences = after
-            write_preferences(after)
+        self._prefer(after)
+
+    def draw_hint(self) -> None:
+        """In the menu bar."""
+        if self.preferences.hint and self.tour.number is None and not draw_hint(self.tour):
+            self._prefer(replace(self.preferences, hint=False))
+
+    def _prefer(self, preferences: Preferences) -> None:
+        if preferences != self.preferences:
+            self.preferences = preferences
+            write_preferences(preferences)

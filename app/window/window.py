@@ -400,6 +400,7 @@ class Window:
 
     def _menus(self) -> None:
         chosen = menu.draw(self.studio.journal, self.opening.recent)
+        self.personal.draw_hint()
         if isinstance(chosen, str):
             self.opening.open(chosen)
         else:

@@ -14,6 +14,8 @@ from avatarrex_studio.window.docking import PLACES
 from avatarrex_studio.window.interface_scale import InterfaceScale
 from imgui_bundle import imgui
 
+MENU_BAR = "##MainMenuBar"
+
 
 @pytest.fixture
 def io():
@@ -36,7 +38,9 @@ def frame(draw):
 def press(draw, window, button):
     """Press a button of a window, as its key would."""
     answers = [frame(draw), frame(draw)]
-    imgui.internal.activate_item_by_id(imgui.internal.find_window_by_name(window).get_id(button))
+    identity = imgui.internal.find_window_by_name(window).get_id("##MenuBar" if window == MENU_BAR else button)
+    identity = imgui.internal.im_hash_str(button, 0, identity) if window == MENU_BAR else identity
+    imgui.internal.activate_item_by_id(identity)
     return [*answers, frame(draw), frame(draw)]
 
 
@@ -67,9 +71,20 @@ def test_back_and_skip(io):
 
 def test_the_hint_goes_or_begins_the_tour(io):
     shown = tour.Tour()
-    assert press(lambda: tour.draw_hint(shown), "##hint", "###hint.tour").count(False) == 1
+    io.display_size = imgui.ImVec2(1280, 600)
+
+    def bar():
+        imgui.begin_main_menu_bar()
+        wanted = tour.draw_hint(shown)
+        imgui.end_main_menu_bar()
+        return wanted
+
+    assert press(bar, MENU_BAR, "###hint.close").count(False) == 1
+    assert shown.number is None
+    assert press(bar, MENU_BAR, "###hint.tour").count(False) == 1
     assert shown.number == 0
-    assert frame(lambda: tour.draw_hint(shown))
+    io.display_size = imgui.ImVec2(60, 600)
+    assert frame(bar), "without room it waits"
 
 
 def test_the_dialog_changes_one_thing_at_a_time(io):
