@@ -138,6 +138,7 @@ def test_all_grows_alike(io):
     def draw():
         scale.apply()
         seen["points"] = (imgui.get_main_viewport().size.x, imgui.get_main_viewport().size.y)
+        seen["io"] = (imgui.get_io().display_size.x, imgui.get_io().display_framebuffer_scale.x)
         imgui.begin("window")
         imgui.text("text")
         seen["text"] = imgui.get_font_size()
@@ -151,6 +152,7 @@ def test_all_grows_alike(io):
         frame(draw)
     drawn = imgui.get_draw_data()
     assert seen["points"] == (400, 300)
+    assert seen["io"] == (400, 2)
     assert (drawn.display_size.x, drawn.framebuffer_scale.x) == (400, 2)
     io.display_size, io.display_framebuffer_scale, text = imgui.ImVec2(800, 600), imgui.ImVec2(1, 1), seen["text"]
     scale.preferred = 1.0
