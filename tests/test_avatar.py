@@ -11,6 +11,7 @@ import torch
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.errors import InputError
+from avatarrex.fields.detail_texture import TEXELS
 from avatarrex.fields.outgrowth import VOXEL, Outgrowth
 from avatarrex.fields.slide import JOINTS
 from avatarrex.files.assets import DATA
@@ -24,7 +25,7 @@ def test_the_packaged_avatar_says_what_it_is() -> None:
     assert meta["origin"] == "trained from images in two passes"
     assert {"training", "cost", "licence", "consent"} <= meta.keys()
     measured = meta["held_out"]["splits"]["held-out pose"]
-    assert measured["avatar"]["psnr_matte"] > measured["textured mesh"]["psnr_matte"] + 8
+    assert measured["avatar"]["psnr_matte"] > measured["fitted textured mesh"]["psnr_matte"] + 3
     assert measured["avatar"]["iou"] > 0.97
     assert meta["held_out"]["surface"]["held-out pose"]["avatar"]["to_truth"]["mean_mm"] < 5
 
@@ -35,7 +36,8 @@ def test_round_trip_keeps_the_weights(tmp_path: Path, name: str) -> None:
     save_avatar(avatar, tmp_path / name)
     again = load_avatar(tmp_path / name)
     for key, value in avatar.state().items():
-        kept = value.half().float() if value.is_floating_point() else value
+        bytes_keep_it = key.endswith(TEXELS) or not value.is_floating_point()
+        kept = value if bytes_keep_it else value.half().float()
         assert torch.equal(kept, again.state()[key]), key
     assert again.meta["origin"] == avatar.meta["origin"]
 
