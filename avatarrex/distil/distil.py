@@ -16,12 +16,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 
 from avatarrex.avatar import Avatar
 from avatarrex.distil.atlas import SIDE, make_atlas
 from avatarrex.distil.bake import Bake
 from avatarrex.distil.errors import surface_errors
 from avatarrex.distil.fit import fit_correction
+from avatarrex.distil.hidden import shown
 from avatarrex.distil.observe import Observation, Observer
 from avatarrex.distil.poses import fitting_poses, single_expressions
 from avatarrex.distil.rest_mesh import rest_mesh
@@ -34,7 +36,7 @@ from avatarrex.surface.surface import Surface
 from avatarrex.surface.surface_file import weights_key
 from avatarrex.templates.parts import PARTS
 
-FORMAT = 3
+FORMAT = 4
 """Of the observed poses: those of another one are not gone on with."""
 POSES = 160
 """Observed poses: with 240 the errors are the same (ROADMAP.md)."""
@@ -45,6 +47,8 @@ HIDDEN = 1e-5
 PARTED = 0.02
 """Weight of the open mouth on the lips: it decides where a closed one hides what they touch (`bake.FAINT`). Nowhere else: a face's rim that
 no pose finds on the surface had the colours of an open jaw."""
+PARTING = 0.45
+"""Of the open jaw, for the colours within: wider ones are rarer in captures, and the field says less of them."""
 MOVED = 1e-4
 """Metres by which an expression has to move a vertex to be stored."""
 TINTED = 4 / 255
@@ -175,7 +179,22 @@ def _baked(observer: Observer, signals: list[Signals], places: Texels, tell: Pro
         exact, followed = observer.follow(one)
         bake.add(exact, followed, observer.light(followed), weight)
     tell("texture", len(poses), len(poses) + 1)
-    exact, followed = observer.open_mouth(stand.replace(expression=named_expression("jaw_open")))
+    exact, followed = observer.open_mouth(stand.replace(expression=PARTING * named_expression("jaw_open")))
     lips = torch.as_tensor(observer.lips)
     bake.add(exact, followed, observer.light(followed), torch.where(mouth, 1.0, PARTED * lips) * face)
-    return bake.texels_and_vertices()
+    colours, at_vertices = bake.texels_and_vertices()
+    return _eyes_continued(observer, stand, places, colours), at_vertices
+
+
+def _eyes_continued(observer: Observer, stand: Signals, places: Texels, colours: np.ndarray) -> np.ndarray:
+    """The texture, where lids cover the standing pose's eyes with the nearest colour of an eye that is seen: a lid's would turn with it."""
+    mesh, (_, followed) = observer.mesh, observer.follow(stand)
+    of_eye = np.flatnonzero(observer.eyes[mesh.faces].all(1)[places.face])
+    if not len(of_eye):
+        return colours
+    posed = followed.position.numpy().astype(np.float64)
+    seen = shown(places.interpolated(mesh.faces, posed)[of_eye], posed, mesh.faces)
+    place = places.interpolated(mesh.faces, mesh.vertices)
+    known, covered, continued = of_eye[seen], of_eye[~seen], colours.copy()
+    continued[covered] = colours[known][cKDTree(place[known]).query(place[covered])[1]]
+    return continued

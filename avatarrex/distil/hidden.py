@@ -21,6 +21,10 @@ AZIMUTHS, ELEVATIONS = (-60, -30, 0, 30, 60), (-30, 0, 30)
 """Degrees: the sides from which a face is looked at."""
 SIDE = 1024
 """Pixels: 0.3 mm, a tenth of a triangle at the lids."""
+BESIDE = 0.03
+"""Metres about points in which something may lie before them: lids, brows before eyes."""
+BEHIND = 3e-4
+"""Metres by which a point may lie behind the first triangle of its pixel."""
 DISTANCE, FIELD_OF_VIEW = 1.0, 20.0
 """Metres, degrees: a whole head."""
 
@@ -39,6 +43,22 @@ def hidden(
             first, _, _ = visible_faces(vertices, faces, camera)
             seen[faces[np.unique(first[first >= 0])]] = True
     return ~seen
+
+
+def shown(
+    points: Float[np.ndarray, "p 3"], vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+) -> Bool[np.ndarray, " p"]:
+    """Points on a mesh of a head, which looks along +Z, that are seen from some side. What lies farther off than `BESIDE` covers none."""
+    low, high = points.min(0) - BESIDE, points.max(0) + BESIDE
+    near = faces[((vertices > low) & (vertices < high)).all(1)[faces].all(1)]
+    seen = np.zeros(len(points), bool)
+    for azimuth in AZIMUTHS:
+        camera = Camera.orbit(azimuth, 0, DISTANCE, FIELD_OF_VIEW, points.mean(0), SIDE, SIDE)
+        _, _, first = visible_faces(vertices, near, camera)
+        pixels, depth = camera.pixels(points)
+        column, row = np.clip(np.floor(pixels).astype(int), 0, SIDE - 1).T
+        seen |= depth < first[row, column] + BEHIND
+    return seen
 
 
 def joined_to(start: Bool[np.ndarray, " v"], within: Bool[np.ndarray, " v"], faces: np.ndarray) -> np.ndarray:

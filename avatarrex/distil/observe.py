@@ -67,7 +67,7 @@ class Observer:
         self.smooth = neighbourhoods(mesh.faces[:0], mesh.faces.astype(np.int64), len(mesh.vertices))[1]
         self._tension = tension(mesh.faces, len(mesh.vertices))
         self._weights = self._sharp_and_soft()
-        self.lips = self._lips()
+        self.lips, self.eyes = self._lips(), self._eyes()
         self.pattern = self._reference()
         neutral = self.observe(Signals.rest())
         self.neutral = replace(neutral, shift=neutral.guess + self._around(neutral.shift - neutral.guess))
@@ -104,19 +104,22 @@ class Observer:
     def tinted(self, observation: Observation) -> np.ndarray:
         """(v, 3): how the albedo differs from the neutral face's, mean of the neighbours that were found in both.
 
-        0 where none was, in the mouth, whose texture is that of the open one, and on the lips, which open wider or less than those
-        of the template: what is seen at a lip's vertex may be skin or teeth.
+        0 where none was; on eyes, whose texture turns with them; in the mouth, whose texture is that of the open one; and on the
+        lips, which open wider or less than those of the template: what is seen at a lip's vertex may be skin or teeth.
         """
         assert self.neutral is not None
-        trusted = (observation.found & self.neutral.found & ~self.mesh.mouth)[:, None].astype(float)
+        trusted = (observation.found & self.neutral.found & ~self.mesh.inner)[:, None].astype(float)
         change = self.smooth @ (trusted * (observation.albedo - self.neutral.albedo))
         tint = change / np.maximum(self.smooth @ trusted, 1e-3)
-        return np.where(self.lips[:, None], 0, tint)
+        return np.where((self.lips | self.mesh.inner)[:, None], 0, tint)
 
     def residuals(self, signals: list[Signals], seen: list[Observation], albedo: Float[np.ndarray, "v 3"]) -> Residuals:
-        """What skinning with the texture's `albedo` misses; places of hands and face are always known, by their templates."""
+        """What skinning with the texture's `albedo` misses; places of hands and face are always known, by their templates.
+
+        Eyes and mouth have no other colours than the texture's.
+        """
         place = np.stack([self._without_gaps(*both) for both in zip(signals, seen)])
-        tint = np.stack([one.albedo - albedo for one in seen])
+        tint = np.stack([np.where(self.mesh.inner[:, None], 0, one.albedo - albedo) for one in seen])
         return Residuals(signals, np.concatenate([place, tint], 2), np.stack([one.found for one in seen]))
 
     def _without_gaps(self, signals: Signals, one: Observation) -> np.ndarray:
@@ -212,6 +215,11 @@ class Observer:
         for _ in range(LIPS):
             near = self.smooth @ near
         return np.asarray(near > 0)
+
+    def _eyes(self) -> Bool[np.ndarray, " v"]:
+        groups = self.avatar.person.body.groups
+        of_template = [groups[name].numpy() for name in ("left_eye", "right_eye") if name in groups]
+        return np.isin(self.mesh.template_vertex, np.concatenate([*of_template, np.zeros(0, int)]))
 
     def _lit(self) -> Float[Tensor, " v"]:
         """1 − ω of the face, which has its own tone."""

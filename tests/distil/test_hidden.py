@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from avatarrex.distil.hidden import caps, hidden, joined_to
+from avatarrex.distil.hidden import caps, hidden, joined_to, shown
 
 
 def test_a_ball_in_a_head_is_hidden_until_the_head_is_opened():
@@ -23,6 +23,22 @@ def test_a_ball_in_a_head_is_hidden_until_the_head_is_opened():
     opened = hidden(vertices, cut, inner)
     assert not opened[inner & (vertices[:, 2] > 0.01)].any()
     assert opened[inner & (vertices[:, 2] < -0.035)].all()
+
+
+def test_a_lid_covers_the_half_of_an_eye_that_it_lies_before():
+    """A lid as wide as the ball's upper half: points beneath it are not shown, those below its edge are, the back of the ball is not."""
+    ball = trimesh.creation.icosphere(4, 0.012)
+    lid = trimesh.creation.icosphere(4, 0.0145)
+    upper = lid.faces[(lid.vertices[lid.faces][..., 1] > 0).all(1)]
+    vertices = np.concatenate([ball.vertices, lid.vertices])
+    faces = np.concatenate([ball.faces, upper + len(ball.vertices)])
+    points = np.asarray(ball.vertices)
+    found = shown(points, vertices, faces)
+    front = points[:, 2] > 0.008
+    assert found[front & (points[:, 1] < -0.0005)].all()
+    assert not found[points[:, 1] > 0.0015].any()
+    assert not found[points[:, 2] < -0.0115].any()
+    assert shown(points, vertices, ball.faces)[front].all()
 
 
 def test_what_is_no_face_is_not_hidden():

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import torch
+from scipy.sparse import diags_array
 from torch import Tensor
 
 from avatarrex.distil.follow import Followed
-from avatarrex.distil.observe import SPREAD, from_skin_around, seen_between
+from avatarrex.distil.observe import SPREAD, Observation, Observer, from_skin_around, seen_between
 from avatarrex.distil.pattern import neighbourhoods
+from avatarrex.signals.driving import Signals
 
 
 def chain(length: int) -> np.ndarray:
@@ -79,3 +83,21 @@ def test_the_gaze_starts_as_far_in_front_as_the_lips_reach():
     )
     met = seen_between(sdf, followed, mouth, ~mouth).position[2]
     assert torch.allclose(met, torch.tensor([0.0003**0.5, 0.0, 0.01]), atol=2e-5)
+
+
+def test_eyes_and_mouth_have_no_colours_but_the_texture_s():
+    """What turns or opens shows other places at a vertex: no tint of an expression, none of a pose, and none for the skin beside."""
+    count = 6
+    neutral, turned = (
+        Observation(*np.zeros((2, count, 3)), albedo, np.ones(count, bool)) for albedo in np.zeros((2, count, 3))
+    )
+    turned.albedo[:] = 0.1
+    turned.albedo[:2] = 0.9  # an iris where white was
+    inner, lips = np.arange(count) < 2, np.arange(count) == 5
+    chain = diags_array([np.ones(count - 1), np.ones(count), np.ones(count - 1)], offsets=[-1, 0, 1])
+    smooth = (diags_array(1 / chain.sum(1)) @ chain).tocsr()
+    observer = SimpleNamespace(neutral=neutral, mesh=SimpleNamespace(inner=inner), lips=lips, smooth=smooth)
+    observer._without_gaps = lambda signals, one: one.shift
+    assert np.allclose(Observer.tinted(observer, turned)[:, 0], [0, 0, 0.1, 0.1, 0.1, 0])
+    found = Observer.residuals(observer, [Signals.rest()], [turned], np.zeros((count, 3)))
+    assert np.allclose(found.value[0, :, 3], [0, 0, 0.1, 0.1, 0.1, 0.1])
