@@ -22,6 +22,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import mkdtemp
@@ -323,7 +324,8 @@ class Fuzz(logging.Handler):
         number = getattr(self.window.studio.pictures.exact, "process", None)
         self._note("the engine is killed")
         if number:
-            os.kill(number, 9)
+            with suppress(ProcessLookupError):  # it is ending by itself
+                os.kill(number, 9)
 
 
 def write_files(folder: Path) -> None:
@@ -391,7 +393,7 @@ def _inside(options: argparse.Namespace) -> int:
     print(
         f"{report.growth:+.1f} MiB from the middle to the end; {len(report.failures)} failures; answers: {report.answers}"
     )
-    return 1 if report.failures else 0
+    return 1 if report.failures or not report.answers else 0
 
 
 def _size(text: str) -> tuple[int, int]:

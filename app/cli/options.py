@@ -142,8 +142,14 @@ def stage(text: str, own_background: bool) -> Stage:
         elif name in ("top", "bottom"):
             given[name] = _rgb(name, value)
         else:
-            given[name] = bool(number("--stage", name, value)) if name == "floor" else number("--stage", name, value)
+            given[name] = _switch(name, value) if name == "floor" else number("--stage", name, value)
     return Stage(shown=True, **given)
+
+
+def _switch(name: str, text: str) -> bool:
+    if text not in ("0", "1"):
+        raise InputError("--stage", name, "0 or 1", text or "nothing")
+    return text == "1"
 
 
 def _check_picture(path: str) -> None:

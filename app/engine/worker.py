@@ -27,8 +27,9 @@ from avatarrex_studio.session.state import IMAGE
 
 from avatarrex.errors import InputError
 from avatarrex.files.images import write_png
-from avatarrex.frame import DeferredFrame
+from avatarrex.frame import DeferredFrame, Frame
 
+log = logging.getLogger(__name__)
 READY, CANCEL = "ready", "cancel"
 """Messages beside requests and answers: the engine is made; stop the picture under way."""
 NICENESS = 5
@@ -98,7 +99,17 @@ def answered(engine: Engine, request: Request) -> Answer:
     shot = engine.render(request.state, request.size, request.dragged)
     if shot.error or shot.frame is None:
         return Answer(request, error=shot.error)
-    frame = shot.frame
+    try:
+        return _of_frame(request, shot.frame)
+    except InputError as error:
+        return Answer(request, error=str(error))
+    except Exception as error:  # a fault of ours: its trace goes to the log, its line to the window
+        log.exception("the picture could not be lit or written")
+        return Answer(request, error=f"{type(error).__name__}: {error}".splitlines()[0])
+
+
+def _of_frame(request: Request, frame: Frame) -> Answer:
+    """What a frame is wanted for. Raises `InputError` where it cannot be written."""
     if not request.path:
         assert isinstance(frame, DeferredFrame), "the surface is drawn by whoever shows it"
         floor, shows = None, request.state.tools.shows
@@ -110,9 +121,6 @@ def answered(engine: Engine, request: Request) -> Answer:
         image = np.rint(255 * pixels.clip(0, 1)).astype(np.uint8)
         depth = (frame.pointmap.depth * frame.pointmap.hit).float().cpu().numpy()
         return Answer(request, Picture(image, depth, Work.of(frame, request.state.level), floor))
-    try:
-        pixels = over_stage(in_light(frame, request.state), request.state)
-        write_png(request.path, pixels, {"avatarrex": json.dumps(request.state.to_json())})
-    except InputError as error:
-        return Answer(request, error=str(error))
+    pixels = over_stage(in_light(frame, request.state), request.state)
+    write_png(request.path, pixels, {"avatarrex": json.dumps(request.state.to_json())})
     return Answer(request)

@@ -9,6 +9,8 @@ from avatarrex_studio.session.state import SIZES
 
 from avatarrex.errors import InputError
 from avatarrex.files.watermark import SMALLEST
+from avatarrex.stage.picture import check_picture
+from avatarrex.stage.stage import Stage
 
 SAMPLES = (1, 2, 3, 4)
 """Samples of a pixel along each side."""
@@ -42,3 +44,8 @@ class Look:
             raise InputError(
                 path, "size", f"sides of at least {SMALLEST} pixels for the invisible mark", min(self.size)
             )
+
+    def check_stage(self, stage: Stage) -> None:
+        """Raise `InputError` for a stage's picture that is drawn and cannot be read."""
+        if self.stage:
+            check_picture(stage)

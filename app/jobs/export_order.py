@@ -72,6 +72,7 @@ class PictureOrder:
     def check(self) -> list[Path]:
         """The file."""
         self.look.check(self.path)
+        self.look.check_stage(self.state.stage)
         _ending(self.path, PICTURES)
         if self.path.suffix.lower() == ".jpg" and (self.look.clear or self.state.background[3] < 1):
             raise InputError(self.path, "", "an opaque background, or .png", "a transparent picture in a JPEG")
@@ -131,6 +132,7 @@ class VideoOrder:
         self.look.check(self.path)
         if not self.states:
             raise InputError(self.path, "frames", "at least one", 0)
+        self.look.check_stage(self.states[0].stage)
         if not self.path.suffix:
             if what_is(self.path) != "nothing there":
                 raise InputError(self.path, "", "a folder that is not there yet", what_is(self.path))

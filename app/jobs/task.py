@@ -24,7 +24,7 @@ PATIENCE = 10.0
 MOST_TEXT = 64 * 1024
 """Bytes of the log's end that are shown."""
 
-BAR = re.compile(r"(?P<what>.*?):? +(?P<percent>\d+)%\|.*\| *(?P<count>\S+) \[\S+<(?P<left>[^,\]]+)")
+BAR = re.compile(r"(?P<what>.*?):? *(?P<percent>\d+)%\|.*\| *(?P<count>\S+) \[\S+<(?P<left>[^,\]]+)")
 """A line of tqdm: `check body:  75%|███ | 3/4 [00:04<00:01,  1.49s/frame]`."""
 
 

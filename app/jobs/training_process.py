@@ -22,6 +22,8 @@ from avatarrex.training.recipe import TRAINED
 from avatarrex.training.runs.control import request
 
 log = logging.getLogger(__name__)
+STOPPED = 130
+"""Exit code of a training that was stopped and can go on (cli/train.py)."""
 INTERRUPTIBLE = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
 """What a process does first that is to end by the signal of Ctrl+C: of a window started by a shell's `&` it inherits that it is ignored."""
 COMMAND = (sys.executable, "-c", INTERRUPTIBLE + "from avatarrex_studio.cli.main import main; raise SystemExit(main())")
@@ -123,7 +125,7 @@ class TrainingProcesses:
             if code == 0:
                 self.message = f"{out.name}: training ended"
                 log.info("%s", self.message)
-            elif child.stopped:
+            elif child.stopped and code in (STOPPED, -signal.SIGINT):
                 self.message = f"{out.name}: stopped; Continue goes on from its last checkpoint"
                 log.log(NOTICE, "%s", self.message)
             else:

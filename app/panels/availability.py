@@ -28,7 +28,8 @@ class Availability:
     def draw(self) -> None:
         """Draw the page where it is open."""
         if self._opening:
-            self.found, self._opening = self._look(), False
+            self._opening = False
+            self.found = self._look()
             imgui.open_popup(TITLE)
         screen = imgui.get_main_viewport()
         imgui.set_next_window_pos(screen.get_center(), imgui.Cond_.always, (0.5, 0.5))

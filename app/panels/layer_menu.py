@@ -117,7 +117,7 @@ class LayerMenu:
         if imgui.menu_item("Thin out", "", False, bool(places))[0] and (gone := redundant(layer.tracks, places)):
             yield DeleteKeys(layer.name, gone)
         widgets.tooltip(
-            "Remove recorded keys that the others say, too, within half a degree and a hundredth of a coefficient"
+            "Remove recorded keys that the others say, too, within half a degree, a hundredth of a coefficient and 2 mm"
         )
         if imgui.menu_item("Delete", "Del", False, bool(places))[0]:
             yield DeleteKeys(layer.name, places)

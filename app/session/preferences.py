@@ -84,6 +84,10 @@ def read_preferences(file: Path | None = None) -> Preferences:
         log.warning("%s", error)
         return Preferences()
     kept: dict[str, Any] = {}
+    if unknown := sorted(set(data) - {item.name for item in fields(Preferences)}):
+        log.warning(
+            "%s", InputError(file, unknown[0], ", ".join(item.name for item in fields(Preferences)), "an unknown name")
+        )
     for name in (item.name for item in fields(Preferences) if item.name in data):
         try:
             kept[name] = checked(name, data[name], file)

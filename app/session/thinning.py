@@ -23,7 +23,9 @@ TOLERANCE = {
 
 
 def redundant(tracks: Tracks, places: tuple[Place, ...]) -> tuple[Place, ...]:
-    """Those of some places whose keys can go: no track moves by more than its `TOLERANCE` at the time of any of them."""
+    """Those of some places whose keys can go: at the time of each its track moves by `TOLERANCE` at most. A smooth way beside them may bend
+    a little otherwise.
+    """
     wanted = set(places)
     found = []
     for track in tracks:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 from avatarrex_studio.panels import curves, theme, widgets
@@ -30,11 +30,15 @@ class Failure:
     place: str
     cause: str
     details: str
+    source: tuple[str, str, int] = field(default=("", "", 0), compare=False)
+    """Kind of the exception, file and line that raised it: a cause may be worded otherwise each time."""
 
     @classmethod
     def of(cls, place: str, error: Exception) -> Failure:
         """From an exception that was caught."""
-        return cls(place, plain(f"{type(error).__name__}: {error}"), "".join(traceback.format_exception(error)))
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        source = type(error).__name__, last.filename, last.lineno or 0
+        return cls(place, plain(f"{source[0]}: {error}"), "".join(traceback.format_exception(error)), source)
 
     @property
     def text(self) -> str:
@@ -53,7 +57,7 @@ class Guard:
         self.failed: dict[str, Failure] = {}
         """The last failure of each place."""
         self._tell = tell
-        self._told: set[tuple[str, str]] = set()
+        self._told: set[tuple[str, tuple[str, str, int]]] = set()
 
     def run(self, place: str, call: Callable[[], Answer]) -> Answer | None:
         """The answer of `call`; None where it failed. What it began of the interface is ended then."""
@@ -87,7 +91,7 @@ class Guard:
 
     def _take(self, failure: Failure) -> None:
         self.failed[failure.place] = failure
-        key = failure.place, failure.cause
+        key = failure.place, failure.source
         if key not in self._told:
             self._told.add(key)
             log.error("%s failed: %s", failure.place, failure.cause)

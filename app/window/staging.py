@@ -15,9 +15,9 @@ from avatarrex_studio.window.layers import Layers
 
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
-from avatarrex.files.images import read_pixels
 from avatarrex.gl.shader import draw_program
 from avatarrex.stage.composite import POOL, POOL_RADIUS
+from avatarrex.stage.picture import Stamp, read_picture, stamp
 from avatarrex.stage.stage import BACKDROPS, GRADIENT, PICTURE, KeyLight
 from avatarrex.surface.floor import FADE, KEY, SKY, FloorLight
 from avatarrex.surface.shadow import SurfaceShadow
@@ -45,7 +45,7 @@ class Staging:
         self._programs: dict[tuple[int, ...], tuple[moderngl.Program, moderngl.VertexArray]] = {}
         """By what they draw: pictures, maps of the floor, whether there is a floor, background."""
         self._floor: tuple[FloorLight, moderngl.Texture] | None = None
-        self._picture: tuple[str, moderngl.Texture | None] = ("", None)
+        self._picture: tuple[Stamp, moderngl.Texture | None] = (("", 0), None)
 
     def draw(self, layers: Layers, scene: Scene) -> moderngl.Texture:
         """Straight-alpha sRGB bytes, (width, height); the same texture as long as the size stays."""
@@ -111,12 +111,12 @@ class Staging:
         return self._floor[1]
 
     def _read(self, path: str) -> moderngl.Texture | None:
-        """The background's picture, read once; None, said once, where it cannot be."""
-        if self._picture[0] != path:
+        """The background's picture, read once as long as its file stays; None, said once, where it cannot be."""
+        if self._picture[0] != stamp(path):
             release(self._picture[1])
-            self._picture = path, None
+            self._picture = stamp(path), None
             try:
-                pixels = read_pixels(path)
+                pixels = read_picture(self._picture[0])
             except InputError as error:
                 log.error("%s", error)
                 return None
@@ -124,7 +124,7 @@ class Staging:
             texture.repeat_x = texture.repeat_y = False
             texture.build_mipmaps()
             texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-            self._picture = path, texture
+            self._picture = self._picture[0], texture
         return self._picture[1]
 
     def release(self) -> None:

@@ -5,8 +5,9 @@ It takes no clicks, and imports neither torch nor what does.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from typing import TypeVar
 
 from avatarrex_studio.panels import theme
@@ -33,10 +34,9 @@ class Starting:
 
     def show_while(self, prepare: Callable[[], Made]) -> Made | None:
         """What `prepare` returns, which a thread does meanwhile; None where the window was closed. Raises what `prepare` raises."""
-        with_thread = ThreadPoolExecutor(1, "starting")
-        made = with_thread.submit(prepare)
+        made: Future[Made] = Future()
+        threading.Thread(target=_fulfil, args=(made, prepare), name="starting", daemon=True).start()
         immapp.run(self._params(made))
-        with_thread.shutdown(wait=False, cancel_futures=True)
         return made.result() if made.done() else None
 
     def _params(self, made: Future[Made]) -> hello_imgui.RunnerParams:
@@ -62,6 +62,14 @@ class Starting:
 
         params.callbacks.show_gui = draw
         return params
+
+
+def _fulfil(made: Future[Made], prepare: Callable[[], Made]) -> None:
+    """What an executor does, in a thread that the program does not wait for when the window is closed."""
+    try:
+        made.set_result(prepare())
+    except BaseException as error:
+        made.set_exception(error)
 
 
 def check_display() -> None:

@@ -24,7 +24,7 @@ from avatarrex_studio.jobs.opening import read_any
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status, theme
-from avatarrex_studio.panels.availability import Availability
+from avatarrex_studio.panels.availability import TITLE, Availability
 from avatarrex_studio.panels.console import ConsolePanel
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.files import FileDialog
@@ -57,10 +57,10 @@ from avatarrex_studio.window.screen import Screen
 from imgui_bundle import hello_imgui, imgui, immapp
 from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 
-from avatarrex.files.images import read_pixels
 from avatarrex.gl.context import REQUIRED, renderer_name
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
+from avatarrex.stage.picture import read_picture, stamp
 from avatarrex.stage.stage import PICTURE, Stage
 
 log = logging.getLogger(__name__)
@@ -144,12 +144,11 @@ class Window:
         calls = params.callbacks
         calls.setup_imgui_config = _configure
         for name, place, call in (
-            ("pre_new_frame", "Preparing a frame", self._prepare), ("before_imgui_render", "The picture", self._render),
-            ("show_gui", "A dialog", self._over), ("show_menus", "The menu", self._menus),
-            ("post_new_frame", "The interface's scale", self.personal.scale.apply),
+            ("show_menus", "The menu", self._menus), ("post_new_frame", "The interface's scale", self.personal.scale.apply),
             ("post_init", "Opening the window", self._opened), ("show_status", "The status bar", self._status),
         ):  # fmt: skip
             setattr(calls, name, partial(self.guard.run, place, call))
+        calls.pre_new_frame, calls.before_imgui_render, calls.show_gui = self._prepare, self._render, self._over
         calls.confirm_exit = lambda: self.guard.run("Closing", self._may_close) is not False
         calls.before_exit = self._close
         params.docking_params, *params.alternative_docking_layouts = docking(self._panels())
@@ -238,14 +237,16 @@ class Window:
             yield command
 
     def _over(self) -> None:
-        """What lies over the panels, and the keys."""
-        self._run(self.palette.draw(self.studio.journal))
-        self.files.draw()
-        self.timeline.reading.draw(self.studio)
-        self.available.draw()
-        self.questions.draw()
-        self.personal.draw()
-        self._toasts()
+        """What lies over the panels, and the keys. One that fails stops no other: what failed is told by another one."""
+        for place, draw in (
+            ("Commands", lambda: self._run(self.palette.draw(self.studio.journal))), ("The file dialog", self.files.draw),
+            ("How the motion was read", lambda: self.timeline.reading.draw(self.studio)), (TITLE, self.available.draw),
+            ("A question", self.questions.draw), ("Preferences and tour", self.personal.draw), ("Messages", self._toasts),
+            ("Keys", self._shortcuts),
+        ):  # fmt: skip
+            self.guard.run(place, draw)
+
+    def _shortcuts(self) -> None:
         if not keys.close_topmost() and keys.free() and self._keys_free:
             for chord, entry in self._chords:
                 if imgui.is_key_chord_pressed(chord) and entry.enabled(self.studio.journal):
@@ -264,8 +265,8 @@ class Window:
 
     def _prepare(self) -> None:
         """Before the interface's frame."""
-        self.training.upload(self.screen.open())
-        self.personal.prepare()
+        self.guard.run("Pictures of trainings", lambda: self.training.upload(self.screen.open()))
+        self.guard.run("Preferences", self.personal.prepare)
         theme.window_background(0.0)
         self._keys_free = keys.free()
         if self._frames < WARM_UP:
@@ -273,20 +274,28 @@ class Window:
 
     def _render(self) -> None:
         """Show what changed. After the panels, so that a picture follows the mouse in the same frame."""
-        context = self.screen.open()
         self._frames += 1
+        if self._frames > WARM_UP:
+            self.guard.run("The picture", self._picture)
+            self.guard.run("The avatar's own surface", lambda: self.own_surface.tend(self.studio.state.avatar))
+            self.guard.run("Opening", self._open_what_was_read)
+        self.guard.run("Autosave", lambda: self.autosave.tend(self.studio.journal))
+        self.guard.run("Waiting", self._idle)
+
+    def _picture(self) -> None:
+        context = self.screen.open()
         if context.version_code < REQUIRED:
             self.studio.live = None
-        if self._frames > WARM_UP:
-            new = self.studio.tick(self.viewport.size)
-            self.screen.show(self.studio, new)
-            if self.screen.shown:
-                self.first_picture()
-                self.first_picture = nothing
-            self.output.show(self.screen.layers, context, new)
-            self.own_surface.tend(self.studio.state.avatar)
-            self._open_what_was_read()
-        self.autosave.tend(self.studio.journal)
+        new = self.studio.tick(self.viewport.size)
+        self.screen.show(self.studio, new)
+        if self.screen.shown:
+            self.first_picture()
+            self.first_picture = nothing
+        self.output.show(self.screen.layers, context, new)
+
+    def _idle(self) -> None:
+        """Thumbnails while nothing moves; how often the interface is drawn then."""
+        context = self.screen.open()
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = not self.studio.moving and self._frames > WARM_UP + 1
         typing = TYPING_FPS if imgui.get_io().want_text_input else IDLE_FPS
@@ -316,7 +325,7 @@ class Window:
 
         def chosen(path: str) -> None:
             with refusals_logged(opening=path):
-                read_pixels(path)
+                read_picture(stamp(path))
                 for name, value in {"picture": path, "backdrop": PICTURE, "shown": True}.items():
                     self.studio.do(SetStage(name, value), ("stage picture", self._gesture))
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8
-from PIL import Image, PngImagePlugin
+from PIL import Image, ImageOps, PngImagePlugin
 from torch import Tensor
 
 from avatarrex.errors import InputError
@@ -65,11 +65,11 @@ def read_jpeg_text(path: str | Path) -> tuple[tuple[int, int], str | None]:
 
 
 def read_pixels(path: str | Path) -> UInt8[np.ndarray, "h w 3"]:
-    """Red, green and blue of a PNG or JPEG. Raises `InputError`."""
+    """Red, green and blue of a PNG or JPEG, turned as its EXIF says. Raises `InputError`."""
     content = read_bytes(path, "a PNG or JPEG")
     try:
         with Image.open(io.BytesIO(content), formats=("PNG", "JPEG")) as picture:
-            return np.asarray(picture.convert("RGBA"))[..., :3].copy()
+            return np.asarray(ImageOps.exif_transpose(picture).convert("RGBA"))[..., :3].copy()
     except NO_PICTURE as error:
         raise InputError(path, "", "a PNG or JPEG", str(error).splitlines()[0]) from None
 

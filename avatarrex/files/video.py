@@ -22,7 +22,7 @@ Sound = Float[np.ndarray, " s"]
 """`SOUND_RATE` samples a second from the first picture on, −1 to 1."""
 SOUND_RATE = 48_000
 VIDEOS = (".mp4", ".webm")
-"""H.264 with AAC, whose alpha is ignored, and VP9 with alpha and Opus."""
+"""H.264 and AAC, without alpha; VP9 with alpha, and Opus."""
 
 
 def video_writer(

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float, UInt8
-from PIL import Image
 from torch import Tensor
 
 from avatarrex.camera import Camera
-from avatarrex.files.images import Colour, read_pixels
+from avatarrex.files.images import Colour
+from avatarrex.stage.picture import filled, stamp
 from avatarrex.stage.stage import COLOUR, PICTURE, KeyLight, Stage
 from avatarrex.surface.floor import FADE, FloorLight, brightness
 
@@ -52,23 +52,13 @@ def backdrop(stage: Stage, background: Colour, size: tuple[int, int]) -> Float[n
     width, height = size
     made = np.ones((height, width, 4))
     if stage.backdrop == PICTURE:
-        made[..., :3] = filled(read_pixels(stage.picture), size) / 255
+        made[..., :3] = filled(stamp(stage.picture), size) / 255
     elif stage.backdrop == COLOUR:
         made[:] = [*(background[3] * channel for channel in background[:3]), background[3]]
     else:
         share = ((np.arange(height) + 0.5) / height)[:, None, None]
         made[..., :3] = (1 - share) * np.array(stage.top) + share * np.array(stage.bottom)
     return made
-
-
-def filled(pixels: UInt8[np.ndarray, "a b 3"], size: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
-    """A picture scaled about its middle until it fills (width, height)."""
-    width, height = size
-    scale = max(width / pixels.shape[1], height / pixels.shape[0])
-    across, down = width / scale, height / scale
-    left, top = (pixels.shape[1] - across) / 2, (pixels.shape[0] - down) / 2
-    box = (left, top, left + across, top + down)
-    return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.LANCZOS, box))
 
 
 def _on_floor(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.read import read_motion
 from avatarrex.signals.sequence import SignalSequence
+from avatarrex.stage.stage import PICTURE, Stage
 
 STATE = StudioState()
 
@@ -71,6 +73,15 @@ def test_pictures_have_alpha_metadata_samples_and_marks(tmp_path, capsys):
     written(PictureOrder(tmp_path / "plain.png", STATE, Look((256, 200))))
     assert cli.main(["inspect", str(tmp_path / "plain.png")]) == 0
     assert "invisible mark: none" in capsys.readouterr().out
+
+
+def test_a_stage_whose_picture_is_gone_is_refused_before_anything_is_written(tmp_path):
+    stage = Stage(shown=True, backdrop=PICTURE, picture=str(tmp_path / "gone.png"))
+    state = replace(STATE, stage=stage)
+    for order in (PictureOrder, lambda path, state, look: VideoOrder(path.with_suffix(".mp4"), [state], 12.0, look)):
+        with pytest.raises(InputError, match=r"gone\.png"):
+            order(tmp_path / "a.png", state, Look((64, 48), stage=True)).check()
+    PictureOrder(tmp_path / "a.png", state, Look((64, 48))).check()
 
 
 def test_samples_are_the_mean_of_premultiplied_pixels():

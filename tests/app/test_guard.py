@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+from types import SimpleNamespace
 
 import pytest
 from avatarrex_studio.window.guard import Failure, Guard
+from avatarrex_studio.window.window import Window
 from imgui_bundle import imgui, implot
 
 from avatarrex.errors import InputError
@@ -108,6 +110,50 @@ def test_refused_input_is_no_fault(frame, caplog):
         frame(lambda: guard.run("Opening", refused))
     assert told == []
     assert "walk.bvh" in caplog.text
+
+
+def test_a_fault_that_is_worded_otherwise_each_time_is_told_once(frame):
+    told, calls = [], []
+    guard = Guard(told.append)
+
+    def draw():
+        calls.append(1)
+        raise ValueError(f"at frame {len(calls)}")
+
+    for _ in range(5):
+        frame(lambda: guard.run("The picture", draw))
+    assert (len(calls), len(told)) == (5, 1)
+    assert guard.failed["The picture"].cause == "ValueError: at frame 5"
+
+
+def test_what_lies_over_the_panels_fails_alone(frame):
+    """A page that fails leaves the questions, among them the one that tells of it, and the keys."""
+    done, told = [], []
+
+    def page(name):
+        return SimpleNamespace(draw=lambda *_: done.append(name))
+
+    window = SimpleNamespace(
+        guard=Guard(told.append), palette=SimpleNamespace(draw=lambda journal: broken()), studio=SimpleNamespace(journal=None),
+        files=page("files"), timeline=SimpleNamespace(reading=page("reading")), available=SimpleNamespace(draw=broken),
+        questions=page("questions"), personal=page("personal"), _toasts=lambda: done.append("toasts"),
+        _shortcuts=lambda: done.append("keys"), _run=lambda entry: None,
+    )  # fmt: skip
+    frame(lambda: Window._over(window))
+    assert done == ["files", "reading", "questions", "personal", "toasts", "keys"]
+    assert [failure.place for failure in told] == ["Commands", "What is available"]
+
+
+def test_autosave_goes_on_where_the_picture_fails(frame):
+    done, told = [], []
+    window = SimpleNamespace(
+        guard=Guard(told.append), _frames=100, _picture=broken, own_surface=SimpleNamespace(tend=lambda avatar: done.append("surface")),
+        studio=SimpleNamespace(state=SimpleNamespace(avatar="default"), journal=None), _open_what_was_read=lambda: done.append("opening"),
+        autosave=SimpleNamespace(tend=lambda journal: done.append("autosave")), _idle=lambda: done.append("idle"),
+    )  # fmt: skip
+    frame(lambda: Window._render(window))
+    assert done == ["surface", "opening", "autosave", "idle"]
+    assert [failure.place for failure in told] == ["The picture"]
 
 
 def test_outside_of_a_frame(frame):

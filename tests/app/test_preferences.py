@@ -40,6 +40,8 @@ def test_what_cannot_be_is_said_and_the_rest_is_kept(name, value, caplog):
     with caplog.at_level(logging.WARNING):
         assert read_preferences() == Preferences(lengths="cm")
     assert name in caplog.text
+    assert "expected mouse" in caplog.text
+    assert "an unknown name" in caplog.text
     assert "preferences.json" in caplog.text
 
 

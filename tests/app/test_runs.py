@@ -253,6 +253,20 @@ def test_a_training_that_does_not_listen_gets_the_signal(tmp_path, clock):
     assert processes.message == "run: stopped; Continue goes on from its last checkpoint"
 
 
+def test_a_training_that_fails_while_it_stops_says_why(tmp_path, clock):
+    full = (
+        "import time\ntry:\n    print('up', flush=True)\n    time.sleep(60)\n"
+        "except KeyboardInterrupt:\n    raise SystemExit('no space left')"
+    )
+    processes = TrainingProcesses([sys.executable, "-c", full], clock)
+    processes.start(Order("a capture", "smoke", tmp_path / "run"))
+    until(lambda: last_words(tmp_path / "run/train.log") == "up")
+    processes.stop(tmp_path / "run")
+    clock.now += 1000
+    until(lambda: processes.poll() or not processes.working(tmp_path / "run"))
+    assert processes.message == "run: no space left"
+
+
 @pytest.mark.parametrize(("device", "said"), [("cpu", []), ("cuda:1", ["--device", "cuda:1"])])
 def test_a_training_runs_where_the_window_does(tmp_path, device, said):
     echo = "import sys; words = sys.argv[sys.argv.index('--parts') + 2 :]; raise SystemExit(' '.join(['told', *words]))"

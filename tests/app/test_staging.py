@@ -200,7 +200,7 @@ def test_render_takes_a_stage(tmp_path):
     ("text", "named"),
     [
         ("carpet=1", "carpet"), ("azimuth=north", "azimuth"), ("elevation=3", "elevation"), ("top=nocolour", "top"),
-        ("picture=/nowhere/a.png", "picture"), ("picture=", "picture"), ("floor", "floor"),
+        ("picture=/nowhere/a.png", "picture"), ("picture=", "picture"), ("floor", "floor"), ("floor=2", "floor"), ("floor=yes", "floor"),
     ],
 )  # fmt: skip
 def test_a_stage_that_cannot_be_is_refused(text, named):

@@ -65,6 +65,7 @@ def test_a_log_is_read_as_a_terminal_shows_it(tmp_path):
     assert text_of(tmp_path / "none.log") == ""
     line = "check body:  75%|███████▌  | 3/4 [00:04<00:01,  1.49s/frame]"
     assert Progress.read(line) == Progress(0.75, "check body 3/4, 00:01 left")
+    assert Progress.read("100%|███| 5/5 [00:04<00:00,  1.2it/s]") == Progress(1.0, "5/5, 00:00 left")
     assert Progress.read("a: 75 pictures") is None
     (tmp_path / "a.log").write_text(f"first\n{line}\nend\n")
     assert text_of(tmp_path / "a.log") == "first\nend"

@@ -17,6 +17,7 @@ from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.live import LiveSurface
+from avatarrex_studio.engine.staging import in_light
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import performance
 from avatarrex_studio.panels.keys import chord
@@ -355,5 +356,6 @@ def test_the_real_pipeline_in_the_window(display, tmp_path):
     assert done["nothing"] == {}
     assert images["nothing"] is images["camera"]
     state, shown = Journal.load(tmp_path / "session.json").state, images["camera"]
-    again = compact_engine(between=None).frame(state, state.view.camera(shown.shape[1], shown.shape[0])).image
+    frame = compact_engine(between=None).frame(state, state.view.camera(shown.shape[1], shown.shape[0]))
+    again = in_light(frame, state).image
     np.testing.assert_allclose(255 * again.numpy().clip(0, 1), shown, atol=1.0)

@@ -1,5 +1,6 @@
 """A figure over a stage."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,8 @@ from PIL import Image
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.files.images import composite
-from avatarrex.stage.composite import backdrop, filled, staged
+from avatarrex.stage import picture
+from avatarrex.stage.composite import backdrop, staged
 from avatarrex.stage.stage import COLOUR, PICTURE, Stage
 from avatarrex.surface.floor import KEY, FloorLight
 
@@ -79,7 +81,38 @@ def test_the_gradient_runs_downwards_and_a_picture_fills_the_raster(tmp_path):
     shown = backdrop(Stage(backdrop=PICTURE, picture=str(tmp_path / "wide.png")), GREY, (20, 20))
     assert shown.shape == (20, 20, 4)
     assert shown[10, 10, 0] == pytest.approx(200 / 255, abs=0.01)
-    assert filled(pixels, (20, 20)).mean() > 190, "its middle alone is seen"
+    assert shown[..., :3].mean() > 190 / 255, "its middle alone is seen"
+
+
+def test_a_picture_is_read_once_as_long_as_its_file_stays(tmp_path, monkeypatch):
+    read = []
+    true = picture.read_pixels
+    monkeypatch.setattr(picture, "read_pixels", lambda path: (read.append(path), true(path))[1])
+    path = tmp_path / "a.png"
+    stage = Stage(shown=True, backdrop=PICTURE, picture=str(path))
+    for value, stamp in ((50, 1_000), (200, 2_000)):
+        Image.fromarray(np.full((8, 8, 3), value, np.uint8)).save(path)
+        os.utime(path, ns=(stamp, stamp))
+        for _ in range(3):
+            assert backdrop(stage, GREY, (4, 4))[..., 0].mean() == pytest.approx(value / 255)
+    assert len(read) == 2
+    path.unlink()
+    with pytest.raises(InputError, match=r"a\.png"):
+        picture.check_picture(stage)
+    picture.check_picture(replace(stage, shown=False))
+
+
+def test_a_phone_s_picture_stands_upright_and_a_huge_one_is_made_smaller(tmp_path):
+    lying = np.zeros((10, 30, 3), np.uint8)
+    lying[:, :15] = 255
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turned clockwise by a quarter to be upright
+    Image.fromarray(lying).save(tmp_path / "phone.jpg", exif=exif)
+    upright = picture.read_picture(picture.stamp(str(tmp_path / "phone.jpg")))
+    assert upright.shape == (30, 10, 3)
+    assert upright[:10].mean() > 240 > 10 > upright[-10:].mean()
+    Image.fromarray(np.zeros((6, 9000, 3), np.uint8)).save(tmp_path / "wide.png")
+    assert picture.read_picture(picture.stamp(str(tmp_path / "wide.png"))).shape[1] == picture.MOST_SIDE
 
 
 @pytest.mark.parametrize(

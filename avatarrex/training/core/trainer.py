@@ -180,7 +180,7 @@ class Trainer:
                 stopping = self._stopping()
                 last = work.step == stage.end
                 due = last or work.step % self.recipe.interval == 0
-                if last and stage.part == "body" and self.avatar.body.detail is not None:
+                if last and stage.part == "body" and stage.name == "II" and self.avatar.body.detail is not None:
                     even_folds(self.avatar.body.detail, self.avatar.body.template.v_template)
                 if due:
                     if isinstance(stage.recipe, PassOne):
