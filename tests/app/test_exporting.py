@@ -78,7 +78,7 @@ def test_pictures_have_alpha_metadata_samples_and_marks(tmp_path, capsys):
 def test_a_stage_whose_picture_is_gone_is_refused_before_anything_is_written(tmp_path):
     stage = Stage(shown=True, backdrop=PICTURE, picture=str(tmp_path / "gone.png"))
     state = replace(STATE, stage=stage)
-    for order in (PictureOrder, lambda path, state, look: VideoOrder(path.with_suffix(".mp4"), [state], 12.0, look)):
+    for order in (PictureOrder, lambda path, state, look: VideoOrder(path.with_suffix(".mp4"), (state,), 12.0, look)):
         with pytest.raises(InputError, match=r"gone\.png"):
             order(tmp_path / "a.png", state, Look((64, 48), stage=True)).check()
     PictureOrder(tmp_path / "a.png", state, Look((64, 48))).check()
