@@ -77,8 +77,11 @@ def test_the_packaged_avatar() -> None:
     tensors = [tensor.double() for tensor in avatar.state().values()]
     assert avatar.person.hash == before["hash"]
     assert len(tensors) == before["tensors"]
-    assert sum(float(tensor.sum()) for tensor in tensors) == pytest.approx(before["sum"], rel=1e-12)
-    assert sum(float(tensor.abs().sum()) for tensor in tensors) == pytest.approx(before["absolute"], rel=1e-12)
+    total, absolute = (sum(float(part.sum()) for part in parts) for parts in (tensors, [one.abs() for one in tensors]))
+    assert total == pytest.approx(before["sum"], rel=1e-10), (
+        "what is computed while reading rounds otherwise on other processors"
+    )
+    assert absolute == pytest.approx(before["absolute"], rel=1e-10)
     signals = Signals.rest().replace(body_pose=named_pose("stand"))
     view = OrbitView(azimuth=30.0, distance=2.75)
     as_before(StudioState(signals=signals, view=view, background=(0.3, 0.45, 0.6, 1.0)), "avatar")
