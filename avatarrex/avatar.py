@@ -22,6 +22,7 @@ from avatarrex.fields.presets import BASES, PRESETS
 from avatarrex.fields.tone import ToneMap
 from avatarrex.parts.face import Face
 from avatarrex.parts.hand import Hand
+from avatarrex.parts.known_expressions import KnownExpressions
 from avatarrex.parts.part import Part
 from avatarrex.signals.driving import Signals
 from avatarrex.surface.surface import Surface
@@ -80,7 +81,12 @@ class Avatar:
     def parts(self) -> dict[str, Part[Any]]:
         """Hands and face with their templates and fields, in the order of `PARTS`."""
         hands = {name: Hand.of(name, self.hand(name), self.light) for name in HANDS}
-        return {**hands, "face": Face.of(self.face, self.person.face.blend_weight, self.tone)}
+        return {**hands, "face": Face.of(self.face, self.person.face, self.tone, self.known_expressions)}
+
+    @property
+    def known_expressions(self) -> KnownExpressions | None:
+        """What the face was trained on, where `meta` says so. Raises `InputError` where that cannot be read."""
+        return KnownExpressions.in_meta(self.meta, "avatar.json")
 
     def hand(self, name: str) -> HandField:
         """The field of `left_hand` or `right_hand`."""

@@ -29,6 +29,7 @@ from avatarrex.files.assets import DATA
 from avatarrex.files.gate import decode, read_bytes, what_is, written
 from avatarrex.files.json_text import SMALL, parse_json
 from avatarrex.files.zips import open_zip, refusing, unpack
+from avatarrex.parts.known_expressions import KnownExpressions
 from avatarrex.surface import surface_file
 from avatarrex.surface.surface import Surface
 from avatarrex.surface.surface_file import read_surface, surface_bytes, weights_key
@@ -80,6 +81,7 @@ def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
         raise InputError(path, "weights.safetensors", "a safetensors file", error) from None
     _expect(path, avatar, state)
     _fill(path, avatar, unpacked(state), meta["format"])
+    KnownExpressions.in_meta(meta, f"{path}: avatar.json")
     avatar.meta = meta
     avatar.surface = _surface(path, avatar)
     avatar.place(device)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from typing import TYPE_CHECKING
 
 import numpy as np
 from avatarrex_studio.jobs.file_kind import AVATAR, CAPTURE, MOTION, PICTURE, RUN, SESSION, kind_of
@@ -14,6 +15,9 @@ from avatarrex_studio.session.timeline import Timeline
 
 from avatarrex.errors import plain
 from avatarrex.files.json_text import parse_json
+
+if TYPE_CHECKING:
+    from avatarrex.parts.known_expressions import KnownExpressions
 
 WIDTH = 160
 """Of a value, characters."""
@@ -59,6 +63,7 @@ def _avatar(path: str) -> list[str]:
         f"{path}: an avatar of {avatar.person.name} ({avatar.person.hash})",
         *(f"  {name}: {value}" for name, value in kept.items()),
         *_training(avatar.meta.get("training")),
+        *_expressions(avatar.known_expressions),
         "  surface: " + (f"{len(avatar.surface.faces):,} triangles" if avatar.surface else "none"),
         *(f"  {name} field: {count:,} parameters" for name, count in counts.items()),
     ]
@@ -70,11 +75,21 @@ def _training(found: object) -> list[str]:
         return []
     lines = []
     for name, value in found.items():
+        if name == "expressions":  # said by name
+            continue
         if isinstance(value, dict):
             lines += [f"  training: {name}: {key}: {_short(each)}" for key, each in value.items()]
         else:
             lines.append(f"  training: {name}: {_short(value)}")
     return lines
+
+
+def _expressions(known: KnownExpressions | None) -> list[str]:
+    """The coefficients of ψ that no picture of the training showed."""
+    if known is None:
+        return []
+    names = ", ".join(known.never_shown) or "none"
+    return [f"  expressions that no picture showed, which move as the template does: {names}"]
 
 
 def _short(value: object) -> str:

@@ -13,6 +13,7 @@ from avatarrex_studio.session.state import StudioState
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
+from avatarrex.avatar import Avatar
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.macros import FACE_MACROS, face_value
 
@@ -27,6 +28,7 @@ TITLES = {
     "tongue": "Tongue",
 }
 TURNS = {"jaw": "Jaw joint", "left_eye": "Left eyeball", "right_eye": "Right eyeball"}
+CARRIED = "* No picture of this avatar's training showed it: it moves as the template does"
 STRENGTH = 0.5
 """Of a region that is shuffled."""
 
@@ -40,6 +42,14 @@ class FacePanel(joints.SignalPanel):
         self.linked = True
         self._strong: tuple[str, float] | None = None
         """The region whose strength is dragged, and where the slider is, percent."""
+        self._avatar: Avatar | None = None
+        self._never_shown: tuple[str, ...] = ()
+
+    def follow(self, avatar: Avatar | None) -> None:
+        """Say of this avatar's coefficients which no picture of its training showed."""
+        if avatar is not self._avatar:
+            known = avatar.known_expressions if avatar is not None else None
+            self._avatar, self._never_shown = avatar, known.never_shown if known is not None else ()
 
     def title(self, group: str) -> str:
         """A region in words."""
@@ -84,9 +94,11 @@ class FacePanel(joints.SignalPanel):
             yield from joints.joint_row(state, name, TURNS[name])
             return
         value = float(state.signals.expression[EXPRESSION_NAMES.index(name)])
-        widgets.label(words(name.removeprefix(group) or name).capitalize(), LABEL, value != 0)
+        title = words(name.removeprefix(group) or name).capitalize() + (" *" if name in self._never_shown else "")
+        widgets.label(title, LABEL, value != 0)
         new = widgets.slider(name, value, (0, 1), "%.2f")
-        widgets.tooltip(f"{words(name).capitalize()} ({name})")
+        carried = f"\n{CARRIED}" if name in self._never_shown else ""
+        widgets.tooltip(f"{words(name).capitalize()} ({name}){carried}")
         if new is not None:
             yield SetExpression(name, new, self.linked and counterpart(name) != name)
 

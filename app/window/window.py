@@ -85,8 +85,8 @@ class Window:
         self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
         self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
         self.body, self.left, self.right = body_panel(), HandPanel("left"), HandPanel("right")
-        self._sliders = {"Body": self.body, "Left hand": self.left, "Right hand": self.right, "Face": face_panel()}
-        self.face, self.poses, self.palette, self.files = self._sliders["Face"], PosesPanel(), Palette(), FileDialog()
+        self.face, self.poses, self.palette, self.files = face_panel(), PosesPanel(), Palette(), FileDialog()
+        self._sliders = {"Body": self.body, "Left hand": self.left, "Right hand": self.right, "Face": self.face}
         self.screen, self.questions, self.autosave = Screen(), Questions(), Autosave()
         self.toasts = Toasts(self._refused)
         self.guard = Guard(self._failed)
@@ -279,6 +279,7 @@ class Window:
             self.guard.run("The picture", self._picture)
             self.guard.run("The avatar's own surface", lambda: self.own_surface.tend(self.studio.state.avatar))
             self.guard.run("Opening", self._open_what_was_read)
+            self.guard.run("Face", lambda: self.face.follow(self.studio.avatars.ready(self.studio.state.avatar)))
         self.guard.run("Autosave", lambda: self.autosave.tend(self.studio.journal))
         self.guard.run("Waiting", self._idle)
 

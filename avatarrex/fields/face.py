@@ -7,7 +7,7 @@ shape) alone, through the renders. Letters: v vertices, p points, c channels, h 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import chain
 from typing import Any
 
@@ -40,6 +40,14 @@ SLOPE = 0.001
 """Half the edge, metres, of the cube over which the surface's normal is taken."""
 CORNERS = torch.tensor([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 """Every other one of a cube: a tetrahedron."""
+
+
+def surface_normal(distance: Callable[[Tensor], Tensor], position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+    """Unit normal of the surface through the points, outwards: from the distances at four corners of a small cube about each."""
+    corners = CORNERS.to(position)
+    around = (position + SLOPE * corners[:, None]).flatten(0, 1)
+    slope = (distance(around).unflatten(0, (4, -1))[..., None] * corners[:, None]).sum(0)
+    return torch.nn.functional.normalize(slope, dim=-1)
 
 
 class FaceField(nn.Module):
@@ -119,13 +127,6 @@ class FaceField(nn.Module):
         """G_F, metres, at head-frame points; meaningful near the face only."""
         distance: Tensor = OUTPUT * self.geometry(planes, self.box.normalise(position))[:, 0]
         return distance
-
-    def normal(self, planes: Float[Tensor, "..."], position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
-        """Unit normal of the surface through the points, outwards: from distances at four corners of a small cube about each."""
-        corners = CORNERS.to(position)
-        around = (position + SLOPE * corners[:, None]).flatten(0, 1)
-        slope = (self.sdf(planes, around).unflatten(0, (4, -1))[..., None] * corners[:, None]).sum(0)
-        return torch.nn.functional.normalize(slope, dim=-1)
 
     def colour(
         self,

@@ -1,10 +1,13 @@
-"""The face as a part: tri-planes of this expression near the face mesh, ω of its nearest vertices (paper sec. 3.3)."""
+"""The face as a part: tri-planes of this expression near the face mesh, ω of its nearest vertices (paper sec. 3.3).
+
+Expressions that no picture of its training showed are carried by the template (`carried.py`).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import torch
@@ -13,23 +16,29 @@ from torch import Tensor
 
 from avatarrex.counters import Counters
 from avatarrex.fields.detail_texture import TexelPlaces
-from avatarrex.fields.face import FaceField
+from avatarrex.fields.face import FaceField, surface_normal
 from avatarrex.fields.template_distance import TemplateDistance
 from avatarrex.fields.tone import ToneMap
 from avatarrex.ops.mesh_lattice import Grid, nearest_vertex
 from avatarrex.ops.outer_triangle import outer_triangle
 from avatarrex.ops.search_tree import SearchTree
 from avatarrex.ops.side_by_side import SideBySide
+from avatarrex.parts.carried import REACH, Carried, PosedMesh, Seen
+from avatarrex.parts.known_expressions import KnownExpressions
 from avatarrex.parts.part import CLAMP, Impl, Part, PartState, Start, SurfacePoints
+from avatarrex.templates.blend_weight import smooth_ramp
+from avatarrex.templates.face import FaceTemplate
 from avatarrex.templates.mesh import vertex_normals
 
 FACE_BAND = 0.03
 """Metres around the face mesh in which the face field is evaluated and blended: from +0.025 on it is not used."""
 FIRST_BAND = 0.012
 """Metres from the face mesh that are evaluated at the coarse level; from there the surface is followed."""
-REACH = (0.003, 0.004)
-"""Metres before and behind a point of the surface in which the mesh's outer sheet is searched. A closed lid is 2.5 mm off the eyeball, and
-the learnt surface up to 1.5 mm beneath it."""
+
+WIDER = (0.004, 0.012)
+"""Metres by which a jaw goes beyond the known ones where the mouth begins to have the template's colours, and has no others."""
+SHADOW = 0.6
+"""Of the template's colours, within lips."""
 
 
 class PosedTriangles:
@@ -60,6 +69,8 @@ class FaceState(PartState):
     _decode: Callable[[Tensor], Tensor]
     triangles: PosedTriangles
     """Of all the mesh."""
+    carried: Carried | None = None
+    """From the nearest known expression; None where this one is known."""
     colour: Float[Tensor, "..."] | None = None
     """Colour tri-planes; decoded when a point is first coloured."""
 
@@ -88,18 +99,23 @@ class Face(Part[FaceState]):
 
     field: FaceField
     tone: ToneMap
+    template: FaceTemplate
+    known: KnownExpressions | None
+    """What it was trained on, where that is known."""
 
     @classmethod
-    def of(cls, field: FaceField, blend_weight: Float[Tensor, " v"], tone: ToneMap) -> Face:
-        """`blend_weight`: ω painted on the template."""
+    def of(cls, field: FaceField, template: FaceTemplate, tone: ToneMap, known: KnownExpressions | None) -> Face:
+        """The face of an avatar."""
         return cls(
             name="face",
-            blend_weight=blend_weight,
+            blend_weight=template.blend_weight,
             margin=FACE_BAND,
             halvings=1,
             work="face_evaluations",
             field=field,
             tone=tone,
+            template=template,
+            known=known,
         )
 
     @torch.no_grad()
@@ -108,12 +124,37 @@ class Face(Part[FaceState]):
         counters.add("unet_runs", 3)
         mesh, normals = vertices.double().numpy(), vertex_normals(vertices, self.field.faces).double().numpy()
         skin = TemplateDistance.of(mesh, normals, self.blend_weight.double().numpy(), np.zeros(len(mesh)))
+        carried, known = self._carried(vertices, coefficients)
+        seen = vertices if carried is None else carried.known.vertices.to(vertices)
 
         def drive() -> Tensor:
-            return self.field.driven(vertices.float(), coefficients.float(), impl).to(vertices.dtype)
+            return self.field.driven(seen.float(), known.float(), impl).to(vertices.dtype)
 
         triangles = PosedTriangles(mesh, self.field.faces.cpu().numpy())
-        return FaceState(skin, drive, self.field.geometry_planes, triangles)
+        return FaceState(skin, drive, self.field.geometry_planes, triangles, carried)
+
+    def _carried(self, vertices: Tensor, coefficients: Tensor) -> tuple[Carried | None, Tensor]:
+        """What carries the nearest known expression to this one, and its coefficients; None where this one is known.
+
+        How far the vertices go is that of the mean shape.
+        """
+        known = coefficients if self.known is None else self.known.nearest(coefficients)
+        if torch.equal(known, coefficients):
+            return None, coefficients
+        rest = self.template.v_template
+        now, before = (self.template.posed(one.to(rest), rest.new_zeros(0)) for one in (coefficients, known))
+        mesh, faces = vertices.double(), self.template.faces
+        closed = ~self.template.teeth[faces].any(1)
+        return Carried(
+            PosedMesh(mesh, faces, closed), PosedMesh(mesh - (now - before), faces, closed), FACE_BAND
+        ), known
+
+    def _sdf(self, state: FaceState, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
+        """s_F of the expression, known or carried."""
+        if state.carried is None:
+            return self.field.sdf(state.geometry, position)
+        way = state.carried.back(position)
+        return way.distance(self.field.sdf(state.geometry, way.place))
 
     def start(self, state: FaceState, grid: Grid, everywhere: bool) -> Start:
         """The template's distance; points near the mesh are evaluated first. Beside it the tri-planes are made."""
@@ -139,7 +180,7 @@ class Face(Part[FaceState]):
 
     def evaluate(self, state: FaceState, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 1"]:
         """G_F (paper eq. 11); ω stays that of the start."""
-        return self.field.sdf(state.geometry, position).float().clamp(-CLAMP, CLAMP)[:, None]
+        return self._sdf(state, position).float().clamp(-CLAMP, CLAMP)[:, None]
 
     def distance(self, state: FaceState, position: Tensor, impl: Impl = "auto") -> tuple[Tensor, Tensor]:
         """See `Part`; +∞ where ω is 0 and nothing is evaluated."""
@@ -147,8 +188,12 @@ class Face(Part[FaceState]):
         omega = torch.as_tensor(np.where(here.distance < FACE_BAND, here.weight, 0)).to(position)
         used = torch.arange(len(omega)) if impl == "reference" else torch.nonzero(omega > 0)[:, 0]
         sdf = torch.full_like(omega, torch.inf)
-        sdf[used] = self.field.sdf(state.geometry, position[used])
+        sdf[used] = self._sdf(state, position[used])
         return sdf, omega
+
+    @torch.no_grad()
+    def _normal(self, state: FaceState, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        return surface_normal(partial(self._sdf, state), position.detach())
 
     def decode_colour(self, state: FaceState, counters: Counters) -> Float[Tensor, "..."]:
         """The colour tri-planes of `state`, decoded once: three U-Net runs."""
@@ -166,14 +211,28 @@ class Face(Part[FaceState]):
         detail = self.field.detail
         if detail is None:
             return None
-        normal = self.field.normal(state.geometry, position.detach())
-        points, normals = (found.double().cpu().numpy() for found in (position.detach(), normal))
+        found = (position.detach(), self._normal(state, position))
+        points, normals = (each.double().cpu().numpy() for each in found)
         return detail.places_on(*state.triangles.outer(detail.lattice.shown, points, normals))
 
     def colour(self, state: FaceState, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
         """C_F (paper eq. 12), brought to the body's tone."""
         planes = self.decode_colour(state, counters)
         counters.add("face_pixels", len(points.position))
-        own = self.field.colour(planes, points.position, points.direction, self.places(state, points.position))
+        places = self.places(state, points.position)
+        if state.carried is None:
+            own = self.field.colour(planes, points.position, points.direction, places)
+        else:
+            seen = state.carried.seen(points.position, self._normal(state, points.position))
+            own = self._in_mouth(state.carried, seen, self.field.colour(planes, seen.place, points.direction, places))
         colour: Tensor = self.tone(own, points.root_direction, points.direction)
         return colour
+
+    def _in_mouth(self, carried: Carried, seen: Seen, colour: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        """Of points within a mouth that opens wider than any picture showed the template's colours, in its shadow: of what was
+        behind closed lips nothing was learnt."""
+        corners, mouth = self.template.faces[seen.face], self.template.mouth
+        opened = carried.way[mouth].norm(dim=-1).amax() if mouth.any() else torch.zeros(())
+        share = smooth_ramp(opened, *WIDER) * (seen.weight * mouth[corners]).sum(-1)
+        albedo = SHADOW * (seen.weight[..., None] * self.template.albedo[corners]).sum(1)
+        return colour + share[:, None].to(colour) * (albedo.to(colour) - colour)

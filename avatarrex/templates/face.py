@@ -64,6 +64,19 @@ class FaceTemplate:
         return self.model.v_template
 
     @property
+    def teeth(self) -> Bool[Tensor, " v"]:
+        """Vertices of the teeth: open strips, while all else encloses something but for the neck's end."""
+        found = torch.zeros(len(self.v_template), dtype=torch.bool)
+        for name in ("upper_teeth", "lower_teeth"):
+            found[self.model.groups.get(name, [])] = True
+        return found
+
+    @property
+    def mouth(self) -> Bool[Tensor, " v"]:
+        """What lips enclose: teeth, tongue and the skin between."""
+        return inside_mouth(self.v_template, self.model.groups)
+
+    @property
     def faces(self) -> Int[Tensor, "f 3"]:
         """Triangles."""
         return self.model.faces

@@ -6,10 +6,13 @@ is the template's all change what a number is worth.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import Capture
+from avatarrex.parts.known_expressions import KnownExpressions
+from avatarrex.signals.driving import Signals
 from avatarrex.training.core.warm_start import PRIOR, prior_of, read_prior
 from avatarrex.training.recipe import Recipe
 
@@ -60,6 +63,14 @@ def of_the_template(capture: Capture) -> dict[str, str]:
         "hands": f"all: meshes of {own}{skin}, by exact signed distance",
         "face": f"the morph targets of {own} that carry the tri-planes",
     }
+
+
+def expressions(frames: Sequence[Signals] | None, start: Avatar | None) -> dict[str, Any] | None:
+    """The range of ψ, jaw and eyes among the frames that the face was trained on; where it was not, what its avatar before says."""
+    known = KnownExpressions.of(frames) if frames else None
+    if not frames and start is not None:
+        known = start.known_expressions
+    return None if known is None else known.to_json()
 
 
 def _drawn(capture: Capture) -> bool:

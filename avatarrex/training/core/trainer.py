@@ -224,6 +224,7 @@ class Trainer:
 
     def _provenance(self, step: int) -> dict[str, Any]:
         """What avatar.json says of where the avatar comes from."""
+        shown = training_signals(self.capture.rigs["face"]) if "face" in self.parts else None
         training: dict[str, Any] = {
             "capture": Path(self.capture.path).name,
             "recipe": self.recipe.name,
@@ -237,6 +238,7 @@ class Trainer:
             "tracking": provenance.tracking(self.capture),
             "light": provenance.light(self.capture),
             "template": provenance.of_the_template(self.capture),
+            "expressions": provenance.expressions(shown, self.start),
             "seconds": round(self._spent(), 1),
             **{key: self.run.config[key] for key in ("command", "capture_key", "pelvis") if key in self.run.config},
         }
