@@ -120,6 +120,13 @@ def test_a_mouth_that_nobody_saw_open_opens() -> None:
     assert still.sum() > 100
 
 
+def test_lips_part_by_less_than_flesh_may_be_thick() -> None:
+    """Half a millimetre behind their front, 1.5 mm off both."""
+    carried, between = Carried(jaws(0.003), jaws(0.0), 0.03), torch.tensor([[0.0, -0.0015, 0.0195]], dtype=torch.float64)
+    way = carried.back(between)
+    assert 0.002 < way.distance(box_distance(way.place, 0.0, 0.02)) < 0.003
+
+
 def test_thickness_is_carried() -> None:
     """Half a millimetre over a jaw's outer side is where half a millimetre over it was."""
     carried, side = Carried(jaws(GAP), jaws(0.0), 0.03), torch.tensor([[0.0205, -0.01 - GAP, 0.0]], dtype=torch.float64)
