@@ -1,6 +1,6 @@
 """The expressions that a face was trained on: a box of ψ, jaw and eyes. Ours.
 
-Outside of it the face's networks were never asked anything (`carried.py` says what is done there).
+Outside of it the face's networks were never trained (`carried.py` says what is done there).
 """
 
 from __future__ import annotations

@@ -122,9 +122,12 @@ def test_a_mouth_that_nobody_saw_open_opens() -> None:
 
 def test_lips_part_by_less_than_flesh_may_be_thick() -> None:
     """Half a millimetre behind their front, 1.5 mm off both."""
-    carried, between = Carried(jaws(0.003), jaws(0.0), 0.03), torch.tensor([[0.0, -0.0015, 0.0195]], dtype=torch.float64)
+    carried, between = (
+        Carried(jaws(0.003), jaws(0.0), 0.03),
+        torch.tensor([[0.0, -0.0015, 0.0195]], dtype=torch.float64),
+    )
     way = carried.back(between)
-    assert 0.002 < way.distance(box_distance(way.place, 0.0, 0.02)) < 0.003
+    assert way.distance(box_distance(way.place, 0.0, 0.02)) == pytest.approx(0.0015, abs=1e-9)
 
 
 def test_thickness_is_carried() -> None:
@@ -174,7 +177,7 @@ def test_known_expressions_are_as_before_and_others_carry_the_nearest() -> None:
 
 
 def test_a_mouth_that_nobody_saw_has_the_template_s_colours() -> None:
-    """Tongue and teeth are told apart there; lips keep what was learnt."""
+    """Of tongue and teeth; the rest keeps what was learnt."""
     frame = shown(jawOpen=1.0)
     face = face_of(KnownExpressions.of([Signals.rest()]))
     state = state_of(face, frame)

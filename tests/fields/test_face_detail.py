@@ -1,5 +1,6 @@
 """Static detail of the face: it moves with expression, jaw and eyes, is stored as bytes, and avatars without it are as before."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from avatarrex.fields.detail_texture import texel_count
 from avatarrex.fields.face import surface_normal
 from avatarrex.ops.closest_triangle import closest_triangle
 from avatarrex.ops.search_tree import SearchTree
+from avatarrex.parts import face as parts_face
 from avatarrex.parts.face import Face, FaceState, PosedTriangles
 from avatarrex.parts.part import SurfacePoints
 from avatarrex.signals.joints import EXPRESSION_NAMES
@@ -41,11 +43,11 @@ def facing(made: Avatar, vertices: Tensor, monkeypatch: pytest.MonkeyPatch) -> N
     mesh = vertices.double().numpy()
     tree = SearchTree.of_triangles(mesh, shown)
 
-    def normal(planes: Tensor, position: Tensor) -> Tensor:
+    def normal(distance: Callable[[Tensor], Tensor], position: Tensor) -> Tensor:
         a, b, c = mesh[shown[closest_triangle(tree, position.double().numpy())[0]]].swapaxes(0, 1)
         return torch.nn.functional.normalize(torch.from_numpy(np.cross(b - a, c - a)), dim=1)
 
-    monkeypatch.setattr(made.face, "normal", normal)
+    monkeypatch.setattr(parts_face, "surface_normal", normal)
 
 
 def posed(made: Avatar, monkeypatch: pytest.MonkeyPatch) -> tuple[Face, FaceState, Tensor, Tensor]:
