@@ -1,6 +1,6 @@
 """A face outside of what it was trained on: the template carries what was learnt of the nearest expression that was. Ours.
 
-The networks are asked about the nearest known expression ψ' (`known_expressions.py`). A point p of the face ψ has its place
+The networks are evaluated at the nearest known expression ψ' (`known_expressions.py`). A point p of the face ψ has its place
 there at q = p − u, where u is the way of the closest point of the mesh from ψ' to ψ. A mouth that opens has air where q lies in
 flesh: the learnt surface lies off the mesh by s_F(q; ψ') − d(q; ψ'), with d the signed distance to the mesh, and that is carried:
 
