@@ -17,8 +17,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 from avatarrex.ops.closest_triangle import closest_triangle
@@ -31,8 +34,16 @@ REACH = (0.003, 0.004)
 the learnt surface up to 1.5 mm beneath it."""
 OFF = 0.004
 """Metres off the mesh at which there is no more flesh where lips have parted."""
-MOVED = 1e-5
+MOVED = 1e-4
 """Metres: what moves less between both expressions stays."""
+
+
+def pieces(faces: Int[Tensor, "f 3"], vertices: int) -> Int[Tensor, " f"]:
+    """Which connected piece of a mesh of so many vertices each triangle is of."""
+    rows = faces.numpy()
+    edges = np.concatenate([rows[:, :2], rows[:, 1:]])
+    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(vertices, vertices))
+    return torch.from_numpy(connected_components(graph, directed=False)[1])[faces[:, 0]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +113,8 @@ class Carried:
 
     now: PosedMesh
     known: PosedMesh
-    reach: float
-    """Metres around the moved triangles in which points are carried."""
+    reach: float = 0.01
+    """Metres around what moves in which points are carried: farther off no surface depends on them."""
 
     @cached_property
     def way(self) -> Float[Tensor, "v 3"]:
@@ -111,10 +122,23 @@ class Carried:
         return self.now.vertices - self.known.vertices
 
     @cached_property
-    def _box(self) -> tuple[Float[Tensor, " 3"], Float[Tensor, " 3"]]:
+    def _boxes(self) -> tuple[tuple[Tensor, Tensor], ...]:
+        """Corners of the boxes around the pieces that move, wherever they are."""
         moved = (self.way.norm(dim=-1) > MOVED)[self.now.faces].any(1)
-        places = self.now.vertices[self.now.faces[moved]].flatten(0, 1)
-        return places.amin(0) - self.reach, places.amax(0) + self.reach
+        piece = pieces(self.now.faces[moved], len(self.way))
+        boxes = []
+        for label in piece.unique():
+            rows = self.now.faces[moved][piece == label].flatten()
+            places = torch.cat([self.now.vertices[rows], self.known.vertices[rows]])
+            boxes.append((places.amin(0) - self.reach, places.amax(0) + self.reach))
+        return tuple(boxes)
+
+    def _near(self, points: Float[Tensor, "p 3"]) -> Int[Tensor, " r"]:
+        """Rows of the points in reach of what moves."""
+        near = torch.zeros(len(points), dtype=torch.bool)
+        for low, high in self._boxes:
+            near |= ((points > low) & (points < high)).all(-1)
+        return torch.nonzero(near)[:, 0]
 
     @torch.no_grad()
     def seen(self, position: Float[Tensor, "p 3"], normal: Float[Tensor, "p 3"]) -> Seen:
@@ -134,8 +158,7 @@ class Carried:
         """From `position` to the known face; of the points' type."""
         points = position.detach().double().cpu()
         place, lift, least = points.clone(), points.new_zeros(len(points)), points.new_full((len(points),), -torch.inf)
-        low, high = self._box
-        rows = torch.nonzero(((points > low) & (points < high)).all(-1))[:, 0]
+        rows = self._near(points)
         if len(rows):
             face, weight = self.now.closest(points[rows])
             place[rows] = points[rows] - self._way_at(face, weight)

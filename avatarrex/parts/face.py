@@ -145,9 +145,7 @@ class Face(Part[FaceState]):
         now, before = (self.template.posed(one.to(rest), rest.new_zeros(0)) for one in (coefficients, known))
         mesh, faces = vertices.double(), self.template.faces
         closed = ~self.template.teeth[faces].any(1)
-        return Carried(
-            PosedMesh(mesh, faces, closed), PosedMesh(mesh - (now - before), faces, closed), FACE_BAND
-        ), known
+        return Carried(PosedMesh(mesh, faces, closed), PosedMesh(mesh - (now - before), faces, closed)), known
 
     def _sdf(self, state: FaceState, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """s_F of the expression, known or carried."""
@@ -203,7 +201,9 @@ class Face(Part[FaceState]):
         return state.colour
 
     @torch.no_grad()
-    def places(self, state: FaceState, position: Float[Tensor, "p 3"]) -> TexelPlaces | None:
+    def places(
+        self, state: FaceState, position: Float[Tensor, "p 3"], normal: Float[Tensor, "p 3"] | None = None
+    ) -> TexelPlaces | None:
         """Texels about what the posed mesh has outermost at points of the surface (head frame); None where it has none.
 
         The closest triangle of a closed lid would often be the eyeball's.
@@ -211,7 +211,7 @@ class Face(Part[FaceState]):
         detail = self.field.detail
         if detail is None:
             return None
-        found = (position.detach(), self._normal(state, position))
+        found = (position.detach(), self._normal(state, position) if normal is None else normal)
         points, normals = (each.double().cpu().numpy() for each in found)
         return detail.places_on(*state.triangles.outer(detail.lattice.shown, points, normals))
 
@@ -219,11 +219,11 @@ class Face(Part[FaceState]):
         """C_F (paper eq. 12), brought to the body's tone."""
         planes = self.decode_colour(state, counters)
         counters.add("face_pixels", len(points.position))
-        places = self.places(state, points.position)
         if state.carried is None:
-            own = self.field.colour(planes, points.position, points.direction, places)
+            own = self.field.colour(planes, points.position, points.direction, self.places(state, points.position))
         else:
-            seen = state.carried.seen(points.position, self._normal(state, points.position))
+            normal = self._normal(state, points.position)
+            seen, places = state.carried.seen(points.position, normal), self.places(state, points.position, normal)
             own = self._in_mouth(state.carried, seen, self.field.colour(planes, seen.place, points.direction, places))
         colour: Tensor = self.tone(own, points.root_direction, points.direction)
         return colour

@@ -102,7 +102,7 @@ def box_distance(points: torch.Tensor, centre: float, half: float) -> torch.Tens
 
 def test_a_mouth_that_nobody_saw_open_opens() -> None:
     """What was learnt of the closed one is a solid block, 1 mm thicker than the mesh."""
-    carried = Carried(jaws(GAP), jaws(0.0), 0.03)
+    carried = Carried(jaws(GAP), jaws(0.0))
     noise = torch.Generator().manual_seed(0)
     points = 0.06 * (torch.rand(4000, 3, generator=noise, dtype=torch.float64) - 0.5) - torch.tensor([0, GAP / 2, 0])
     way = carried.back(points)
@@ -123,7 +123,7 @@ def test_a_mouth_that_nobody_saw_open_opens() -> None:
 def test_lips_part_by_less_than_flesh_may_be_thick() -> None:
     """Half a millimetre behind their front, 1.5 mm off both."""
     carried, between = (
-        Carried(jaws(0.003), jaws(0.0), 0.03),
+        Carried(jaws(0.003), jaws(0.0)),
         torch.tensor([[0.0, -0.0015, 0.0195]], dtype=torch.float64),
     )
     way = carried.back(between)
@@ -132,7 +132,7 @@ def test_lips_part_by_less_than_flesh_may_be_thick() -> None:
 
 def test_thickness_is_carried() -> None:
     """Half a millimetre over a jaw's outer side is where half a millimetre over it was."""
-    carried, side = Carried(jaws(GAP), jaws(0.0), 0.03), torch.tensor([[0.0205, -0.01 - GAP, 0.0]], dtype=torch.float64)
+    carried, side = Carried(jaws(GAP), jaws(0.0)), torch.tensor([[0.0205, -0.01 - GAP, 0.0]], dtype=torch.float64)
     way = carried.back(side)
     torch.testing.assert_close(way.place, side + side.new_tensor([0, GAP, 0]))
     assert way.distance(torch.tensor([0.0])) == pytest.approx(0, abs=1e-9)
