@@ -224,7 +224,7 @@ _SETTLED: dict[str, Any] = {
 REFINE = replace(
     QUICK, name="refine", about="goes on from an avatar of quick or long (--start): known colours tell the geometry more",
     face=(_lasting(_FACE, 300, 0.1, geometry_rate=0.1, **_SETTLED), _lasting(_TWO, 800, 0.05, rate=2e-3, texel_rate=8.0)),
-    body=(_lasting(_BODY, 1000, 0.1, rays=800, **_SETTLED), _lasting(_TWO, 1600, 0.05, rate=2e-3, texel_rate=4.0)),
+    body=(_lasting(_BODY, 1000, 0.1, rays=800, close=0.25, **_SETTLED), _lasting(_TWO, 1600, 0.05, rate=2e-3, texel_rate=4.0, close=0.33)),
 )  # fmt: skip
 _SMOKE_ONE = PassOne(
     steps=6, frames=1, rays=64, samples=6, rate=2e-3, decay=0.5, decay_steps=10, gamma_steps=10, warm_steps=6,
