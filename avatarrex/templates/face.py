@@ -9,6 +9,7 @@ those views; it is not the look. Letters: v vertices, f faces, e expression coef
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -35,6 +36,9 @@ JAW_PLANE = (0.0, 0.8, 0.6)
 """The plane's normal, up and to the front: it sinks 37° towards the front, as the jaw does from ear to chin."""
 THROAT_MARGIN = 0.03
 """Metres of throat in the mesh beyond the place where ω has reached 0."""
+
+BEFORE = 0.001
+"""Metres by which what covers a vertex lies before it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +75,19 @@ class FaceTemplate:
             found[self.model.groups.get(name, [])] = True
         return found
 
-    @property
+    @cached_property
     def mouth(self) -> Bool[Tensor, " v"]:
-        """What lips enclose: teeth, tongue and the skin between."""
-        return inside_mouth(self.v_template, self.model.groups)
+        """What lips enclose: teeth, tongue and, of the skin about them, what is covered from the front: a fitted chin may lie there, too."""
+        inside = inside_mouth(self.v_template, self.model.groups)
+        named = [
+            self.model.groups[name] for name in ("tongue", "upper_teeth", "lower_teeth") if name in self.model.groups
+        ]
+        skin = inside.clone()
+        for rows in named:
+            skin[rows] = False
+        rows = torch.nonzero(skin)[:, 0]
+        inside[rows] = covered(self.v_template[rows], self.v_template, self.faces)
+        return inside
 
     @property
     def faces(self) -> Int[Tensor, "f 3"]:
@@ -95,6 +108,24 @@ def pose_face(
     """
     pose = torch.cat([torch.zeros_like(jaw_pose[None]), jaw_pose[None], eye_pose])
     return pose_template(face.model, pose, shape, expression).vertices
+
+
+def covered(
+    points: Float[Tensor, "p 3"], vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]
+) -> Bool[Tensor, " p"]:
+    """Whether a triangle lies before each point, as it is seen from +Z, by more than `BEFORE`."""
+    a, b, c = vertices[faces].double().unbind(1)
+    to = points.double()[:, None]
+    areas = [_area(q, r, to) for q, r in ((b, c), (c, a), (a, b))]
+    whole = torch.stack(areas).sum(0)
+    within = torch.stack([part * whole >= 0 for part in areas]).all(0) & (whole.abs() > 0)
+    depth = (areas[0] * a[:, 2] + areas[1] * b[:, 2] + areas[2] * c[:, 2]) / torch.where(within, whole, 1.0)
+    return (within & (depth > to[..., 2] + BEFORE)).any(1)
+
+
+def _area(q: Float[Tensor, "f 3"], r: Float[Tensor, "f 3"], to: Float[Tensor, "p 1 3"]) -> Float[Tensor, "p f"]:
+    """Twice the signed area of q, r and each point in the plane of x and y."""
+    return (q[:, 0] - to[..., 0]) * (r[:, 1] - to[..., 1]) - (q[:, 1] - to[..., 1]) * (r[:, 0] - to[..., 0])
 
 
 def cut_face(body: TemplateModel) -> FaceTemplate:

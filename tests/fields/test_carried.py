@@ -20,6 +20,8 @@ from avatarrex.parts.known_expressions import ROOM, KnownExpressions
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.library import coefficients
+from avatarrex.templates.albedo import inside_mouth
+from avatarrex.templates.face import covered
 from avatarrex.templates.person import load_person
 from avatarrex.training.core.provenance import expressions
 
@@ -196,3 +198,24 @@ def test_a_mouth_that_nobody_saw_has_the_template_s_colours() -> None:
     little = state_of(face_of(KnownExpressions.of([shown(jawOpen=0.75)])), frame)
     assert little.carried is not None
     assert torch.equal(face._in_mouth(little.carried, seen, learnt), learnt), "one that was seen nearly as wide"
+
+
+def test_a_chin_among_the_teeth_is_no_mouth() -> None:
+    """The box of teeth and tongue may reach to the chin of a fitted person."""
+    template = PERSON.face
+    chin = int(torch.argmax(template.v_template[:, 2] - template.v_template[:, 1]))
+    fitted, teeth = template.v_template.clone(), template.model.groups["lower_teeth"]
+    lowest, foremost = fitted[teeth, 1].amin(), fitted[teeth, 2].amax()
+    fitted[teeth] += torch.tensor([0.0, fitted[chin, 1] - lowest - 0.001, fitted[chin, 2] - foremost + 0.001])
+    assert inside_mouth(fitted, template.model.groups)[chin]
+    assert not replace(template, model=replace(template.model, v_template=fitted)).mouth[chin]
+    assert not template.mouth[chin]
+    assert template.mouth.sum() > 300
+    front = covered(torch.tensor([[0.0, 0.0, 0.0], [0.0, 0.0, 0.02], [0.3, 0.0, 0.0]]), *wall(0.01))
+    assert front.tolist() == [True, False, False]
+
+
+def wall(at: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """Two triangles of a square of 20 cm at that depth."""
+    corners = torch.tensor([[-0.1, -0.1, at], [0.1, -0.1, at], [0.1, 0.1, at], [-0.1, 0.1, at]])
+    return corners, torch.tensor([[0, 1, 2], [2, 3, 0]])
