@@ -36,4 +36,4 @@ def over_stage(shown: Lit, state: StudioState) -> UInt8[np.ndarray, "h w 4"]:
         return composite(shown.image, state.background)
     height, width = shown.image.shape[:2]
     camera = state.view.camera(width, height)
-    return staged(shown.image, camera, state.stage, state.background, shown.floor, state.place)
+    return staged(shown.image, camera, state.stage, state.background, shown.floor, state.middle)

@@ -40,6 +40,7 @@ from avatarrex_studio.panels.viewport import ViewportPanel
 from avatarrex_studio.session.actions import ACTIONS, Action
 from avatarrex_studio.session.autosave import Autosave
 from avatarrex_studio.session.commands import Command, Select, SetSignals, SetStage, ZoomBy
+from avatarrex_studio.session.figures import standing
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
@@ -59,7 +60,7 @@ from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 
 from avatarrex.gl.context import REQUIRED, renderer_name
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
+from avatarrex.signals.library import mirror
 from avatarrex.stage.picture import read_picture, stamp
 from avatarrex.stage.stage import PICTURE, Stage
 
@@ -462,9 +463,7 @@ def run(window: Window) -> int:
 
 def start(avatar: str = "default") -> StudioState:
     """The state that a new window opens with: standing on a stage, hands and face relaxed."""
-    hands = {f"{side}_hand_pose": named_hand("relaxed", side) for side in ("left", "right")}
-    parts = {"body_pose": named_pose("stand"), "expression": named_expression("relaxed"), **hands}
-    return StudioState(avatar=avatar, signals=Signals.rest().replace(**parts), stage=Stage(shown=True))
+    return StudioState(avatar=avatar, signals=standing(), stage=Stage(shown=True))
 
 
 def _configure() -> None:

@@ -86,7 +86,7 @@ def test_the_window_draws_what_files_get(tmp_path):
 
     def wanted(image, floor, now):
         return staged(
-            torch.from_numpy(image / 255.0), now.view.camera(*SIZE), now.stage, now.background, floor, now.place
+            torch.from_numpy(image / 255.0), now.view.camera(*SIZE), now.stage, now.background, floor, now.middle
         )
 
     for stage in (
