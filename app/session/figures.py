@@ -40,25 +40,25 @@ class Place:
             check("place", name, getattr(self, name), bounds)
 
     @property
-    def rotvec(self) -> np.ndarray:
-        """(3,) radians."""
-        return np.array([0.0, np.radians(self.turn), 0.0])
+    def rotation(self) -> Rotation:
+        """About the vertical."""
+        return Rotation.from_rotvec([0.0, np.radians(self.turn), 0.0])
 
     def turned(self, step: np.ndarray) -> np.ndarray:
         """A step (3,) of the figure's as one of the world."""
-        return Rotation.from_rotvec(self.rotvec).apply(step) if self.turn else step
+        return np.asarray(self.rotation.as_matrix() @ step) if self.turn else step
 
     def signals(self, own: Signals) -> Signals:
         """A figure's own signals as those of the world; the very same where it has not been moved."""
         if self == Place():
             return own
-        orient = (Rotation.from_rotvec(self.rotvec) * Rotation.from_rotvec(own.global_orient)).as_rotvec()
-        moved = self.turned(own.translation) + [self.x, 0.0, self.z]
+        orient = (self.rotation * Rotation.from_rotvec(np.array(own.global_orient))).as_rotvec()
+        moved = self.turned(own.translation) + np.array([self.x, 0.0, self.z])
         return own.replace(global_orient=orient if self.turn else own.global_orient, translation=moved)
 
     def world(self, pelvis: np.ndarray) -> np.ndarray:
         """(4, 4): from the figure's own frame, with its pelvis (3,) at rest, to the world."""
-        return world_from_root(self.rotvec, np.array([self.x, 0.0, self.z]), pelvis)
+        return world_from_root(self.rotation.as_rotvec(), np.array([self.x, 0.0, self.z]), pelvis)
 
 
 @dataclass(frozen=True)

@@ -194,14 +194,17 @@ class StudioState:
         """A state of each figure alone, in their order, whose signals are those of the world."""
         if self.place == Place() and not self.others:
             return (self,)
+        alone = replace(self, place=Place(), others=(), slot=0, posed=None)
         return tuple(
             replace(
-                self,
-                **{name: getattr(figure, name) for name in FIELDS if name != "posed"},
-                signals=figure.place.signals(figure.signals), posed=None, place=Place(), others=(), slot=0,
+                alone,
+                avatar=figure.avatar,
+                signals=figure.place.signals(figure.signals),
+                timeline=figure.timeline,
+                hidden=figure.hidden,
             )
             for figure in self.figures
-        )  # fmt: skip
+        )
 
     @property
     def middle(self) -> tuple[float, float]:

@@ -112,6 +112,7 @@ class Window:
             "read_motion": self.timeline.reading.open, "set_key": studio.set_key, "key_camera": studio.key_camera,
             "record": studio.toggle_recording, "go_to_frame": self.timeline.go_to,
             "open": lambda: self.files.open("any", "Open", self.opening.open),
+            "add_figure": lambda: self.files.open("any", "Add an avatar", self.opening.add),
             "output": lambda: self.output.toggle(self.screen.open()), "virtual_camera": self.output.camera.toggle,
             **{f"output_{name}": partial(setattr, self.output, "ground", name) for name in GROUNDS},
             **{f"output_{name}": partial(self.output.resize, name) for name in SIZES},
@@ -173,7 +174,7 @@ class Window:
             "Performance": lambda: performance.draw(self.studio),
             "Camera": lambda: camera.draw(state()),
             "Render": lambda: render.draw(state()),
-            "Scene": lambda: scene.draw(state()),
+            "Scene": lambda: scene.draw(state(), self.opening.recent, self.opening.add),
             "Timeline": self._timeline,
             "Console": self.console.draw,
         }
@@ -435,7 +436,7 @@ def prepared(source: str = "default", device: str = "cpu") -> Window:
     """A window on anything that `Opening` opens, networks on `device`, to be run by `run`. Raises `InputError`."""
     exact, avatars = ExactEngine(partial(Engine, device=device), later=True), Avatars(read_avatar)
     opened = read_any(source, avatars.read)
-    journal = opened.journal or Journal(start(opened.avatar or "default"))
+    journal = opened.journal or Journal(start(next(iter(opened.avatars), "default")))
     window = Window(Studio(exact, avatars, journal, LiveSurface()), device=device)
     logging.basicConfig(
         level=logging.INFO, format="%(message)s", handlers=[window.console, window.toasts, logging.StreamHandler()]
