@@ -48,6 +48,10 @@ def _has_layers(journal: Journal) -> bool:
     return bool(journal.state.timeline.layers)
 
 
+def _can_play(journal: Journal) -> bool:
+    return any(figure.timeline.layers for figure in journal.state.figures)
+
+
 def _has_motion(journal: Journal) -> bool:
     return journal.state.timeline.motion is not None
 
@@ -161,7 +165,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("layout.reset", "Reset layout", "View", effect="reset_layout"),
     Action("stage", "Stage on or off", "View", command=lambda state: commands.SetStage("shown", not state.stage.shown), separator=True),
     Action("stage.picture", "Background picture of the stage…", effect="stage_picture"),
-    Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_has_layers),
+    Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_can_play),
     Action("step.back", "Previous frame", "Motion", "Left", effect="step_back", enabled=_has_layers),
     Action("step.on", "Next frame", "Motion", "Right", effect="step_on", enabled=_has_layers),
     Action("frame.go_to", "Go to frame…", "Motion", "G", effect="go_to_frame", enabled=_has_layers),

@@ -468,6 +468,8 @@ def _read(key: str, value: Any, source: str) -> Any:
         return None
     if key in ("signals", "start"):
         return Signals.from_json(value, source)
+    if key == "others":
+        return tuple(None if signals is None else Signals.from_json(signals, source) for signals in value)
     if key == "options":
         return ImportOptions.from_json(value, source)
     if key == "layer":

@@ -6,7 +6,7 @@ A place turns and moves what the timeline gives: signals, keys and motions know 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -74,6 +74,18 @@ class Figure:
 
     def __post_init__(self) -> None:
         check_hidden(self.hidden)
+
+    @property
+    def base(self) -> Signals:
+        """What the layers of the timeline lie on."""
+        return self.signals if self.posed is None else self.posed
+
+    def at(self, seconds: float, signals: Signals | None) -> Figure:
+        """While another one's timeline plays: what the layers give at a time of it; None: the figure as it is."""
+        if signals is None:
+            return self
+        timeline = self.timeline.change(frame=round(self.timeline.repeated(seconds) * self.timeline.fps))
+        return replace(self, timeline=timeline, signals=signals.replace(shape=self.signals.shape), posed=self.base)
 
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers."""

@@ -190,6 +190,13 @@ class StudioState:
         tools = replace(self.tools, selected=None, pins=frozenset())
         return replace(self, **{name: getattr(chosen, name) for name in FIELDS}, others=others, slot=slot, tools=tools)
 
+    def with_others(self, given: tuple[Signals | None, ...]) -> StudioState:
+        """A copy where the others show what their layers give at the playhead (`Figure.at`). Raises `InputError`."""
+        if len(given) != len(self.others):
+            raise InputError("others", "", f"signals of {len(self.others)} figures", len(given))
+        seconds = self.timeline.seconds
+        return self.change(others=tuple(figure.at(seconds, each) for figure, each in zip(self.others, given)))
+
     def each(self) -> tuple[StudioState, ...]:
         """A state of each figure alone, in their order, whose signals are those of the world."""
         if self.place == Place() and not self.others:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,13 +13,15 @@ from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.live import LiveSurface
 from avatarrex_studio.engine.passes import nearest, passes
 from avatarrex_studio.engine.pictures import Subject
-from avatarrex_studio.engine.request import Request
+from avatarrex_studio.engine.request import Request, Seen
 from avatarrex_studio.engine.staging import in_light, over_stage
 from avatarrex_studio.engine.work import summed
 from avatarrex_studio.engine.worker import answered
+from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.session.commands import (
     AddFigure,
     ApplyPose,
+    Command,
     OpenAvatar,
     PlaceFigure,
     RemoveFigure,
@@ -29,14 +32,22 @@ from avatarrex_studio.session.commands import (
     SetLevel,
     SetStage,
 )
+from avatarrex_studio.session.evaluation import state_at
 from avatarrex_studio.session.figures import MOST_FIGURES, Place, standing
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import StudioState
+from avatarrex_studio.session.timeline_commands import SetFrame
 from ball import render_ball
+from imgui_bundle import imgui
 from surface.template_surface import template_surface
 
 from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.signals.read import write_json
+from avatarrex.signals.sequence import SignalSequence
+from avatarrex.signals.skeleton import Skeleton
 from avatarrex.surface.raster import surface_geometry
 from avatarrex.templates.figure import Figure as Posed
 from avatarrex.templates.person import load_person
@@ -203,7 +214,7 @@ def test_the_exact_picture_shows_the_nearer_before_the_farther(avatar):
     assert np.array_equal(picture[alone], frames[0].image.numpy()[alone])
     made = passes(frames, ("depth", "mask", "position"))
     assert np.array_equal(made["depth"], depth)
-    pixels, z = state.view.camera(*SIZE).pixels(made["position"][made["hit"]].astype(float))
+    _, z = state.view.camera(*SIZE).pixels(made["position"][made["hit"]].astype(float))
     assert z == pytest.approx(depth[made["hit"]], abs=1e-4)
     assert made["mask"] == pytest.approx(picture[..., 3], abs=1e-5)
     answer = answered(engine, Request(state, SIZE)).picture
@@ -270,3 +281,78 @@ def test_a_figure_throws_its_shadow_on_the_floor_and_on_the_other(avatar):
     darker = together.image.numpy()[inside, :3].sum() / alone.image.numpy()[inside, :3].sum()
     assert darker < 0.95
     assert together.floor.region[2] > alone.floor.region[2] + 0.3
+
+
+def write_walk(path, frames: int) -> str:
+    """A motion that goes a centimetre a frame, 30 a second."""
+    went = tuple(Signals.rest().replace(translation=np.array([0.0, 0.0, 0.01 * k])) for k in range(frames))
+    write_json(path, SignalSequence(went, 30.0, path.stem))
+    return str(path)
+
+
+def test_one_playhead_moves_all_of_them(studio, tmp_path):
+    """A motion of six frames and one of four, which repeats; in the journal, in a video's states, undone together."""
+    studio.open_motion(write_walk(tmp_path / "long.json", 6))
+    studio.do(AddFigure("default", Place(90.0, 1.0, 0.0)))
+    studio.open_motion(write_walk(tmp_path / "short.json", 4))
+    studio.do(SelectFigure(0))
+    walked = studio.state
+    studio.toggle_play()
+    for frame, short in ((3, 0.03), (5, 0.01)):
+        studio.go_to(frame, studio.playback.gesture)
+        first, second = studio.state.figures
+        assert (first.timeline.frame, first.signals.translation[2]) == (frame, pytest.approx(0.01 * frame))
+        assert (second.timeline.frame, second.signals.translation[2]) == (round(100 * short), pytest.approx(short))
+        assert studio.state.each()[1].signals.translation == pytest.approx([1 + short, 0, 0], abs=1e-9), (
+            "to where it looks"
+        )
+        made = state_at(walked, frame / 30, studio.clips)
+        assert made.figures == studio.state.figures
+    studio.playback.playing = False
+    studio.journal.save(tmp_path / "a.json")
+    assert Journal.load(tmp_path / "a.json").state == studio.state
+    studio.undo()
+    assert studio.state.figures == walked.figures
+    studio.do(SelectFigure(1))
+    assert len(studio.journal.steps[-2].commands) == 1, "selected at a time, not at each frame"
+
+
+def test_a_frame_without_others_is_written_as_before():
+    assert "others" not in SetFrame(3).to_json()
+    assert Command.from_json(SetFrame(3).to_json()) == SetFrame(3)
+    given = SetFrame(3, others=(None, standing()))
+    assert Command.from_json(json.loads(json.dumps(given.to_json()))) == given
+    with pytest.raises(InputError, match="signals of 1 figures"):
+        given.apply(two())
+
+
+def test_framing_covers_all_of_them(studio):
+    for command in (AddFigure("default", Place(x=2.0)), SelectFigure(0)):
+        studio.do(command)
+    studio.frame_person((400, 300))
+    camera = studio.state.view.camera(400, 300)
+    for own in studio.state.each():
+        points = Posed(load_person("default").body, own.signals).vertices
+        pixels, _ = camera.pixels(points.astype(float))
+        assert pixels.min() > 0
+        assert pixels[:, 0].max() < 400
+
+
+def test_tools_work_where_the_figure_stands(studio):
+    """What is seen in the world is dragged, picked and looked at in the frame of the place."""
+    studio.do(PlaceFigure(TURNED))
+    figure, world = studio.figure, studio.world
+    hand = figure.posed.position[JOINT_NAMES.index("left_wrist")]
+    seen = world[:3, :3] @ hand + world[:3, 3]
+    assert studio.own(tuple(seen)) == pytest.approx(tuple(hand), abs=1e-9)
+    placed = Skeleton(figure.skeleton.joints, figure.skeleton.parents).posed(studio.state.each()[0].signals)
+    assert placed.position[JOINT_NAMES.index("left_wrist")] == pytest.approx(seen, abs=1e-6)
+    projection = Projection.of(studio.state.view, imgui.ImVec2(0, 0), imgui.ImVec2(300, 200), world)
+    assert projection.screen(hand) == pytest.approx(
+        studio.state.view.camera(300, 200).pixels(seen[None])[0][0], abs=1e-6
+    )
+    studio.surface, studio.live = SimpleNamespace(texture=SimpleNamespace(size=(9, 9))), SimpleNamespace()
+    studio.live.point = lambda column, row: Seen(tuple(seen), 0)
+    assert studio.part_at(0.5, 0.5).startswith("left_")
+    studio.live.point = lambda column, row: Seen(tuple(seen), 1)
+    assert studio.part_at(0.5, 0.5) is None, "another figure"
