@@ -52,12 +52,12 @@ def _row(index: int, title: str, selected: bool, several: bool) -> Iterator[Comm
         imgui.text(title)
         return
     imgui.set_next_item_allow_overlap()
-    if imgui.selectable(f"{title}##figure.{index}", selected)[0] and not selected:
+    if imgui.selectable(f"{title}###figure.{index}", selected)[0] and not selected:
         yield SelectFigure(index)
     row = imgui.is_item_hovered()
     imgui.same_line(right - imgui.calc_text_size(icons.ICON_FA_TRASH).x - 12)
     with imgui_ctx.push_style_color(imgui.Col_.button, theme.vec4(theme.ACCENT, 0.0)):
-        if imgui.small_button(f"{icons.ICON_FA_TRASH}##figure.remove.{index}"):
+        if imgui.small_button(f"{icons.ICON_FA_TRASH}###figure.remove.{index}"):
             yield RemoveFigure(index)
     if not row and imgui.is_item_hovered():
         widgets.tooltip("Remove it")
@@ -66,7 +66,7 @@ def _row(index: int, title: str, selected: bool, several: bool) -> Iterator[Comm
 def _adding(state: StudioState, recent: Recent, add: Callable[[str], None]) -> Iterator[Command | Action]:
     """The menu of avatars that can be added: those that are open, those that were, and any other."""
     imgui.begin_disabled(len(state.figures) >= MOST_FIGURES)
-    if imgui.button(f"{icons.ICON_FA_PLUS}  Add an avatar##figure.add", (-1, 0)):
+    if imgui.button(f"{icons.ICON_FA_PLUS}  Add an avatar###figure.add", (-1, 0)):
         recent.look()
         imgui.open_popup("add avatar")
     widgets.tooltip("Beside the others: each has its own pose, timeline and place")
@@ -75,7 +75,7 @@ def _adding(state: StudioState, recent: Recent, add: Callable[[str], None]) -> I
         return
     there = dict.fromkeys((*(figure.avatar for figure in state.figures), "default"))
     for name in there:
-        if imgui.menu_item(f"{plain(os.path.basename(name))}##figure.{name}", "", False)[0]:
+        if imgui.menu_item(f"{plain(os.path.basename(name))}###figure.add.{name}", "", False)[0]:
             if any(figure.avatar == name for figure in state.figures):
                 yield AddFigure(name)
             else:
@@ -84,7 +84,7 @@ def _adding(state: StudioState, recent: Recent, add: Callable[[str], None]) -> I
         if imgui.menu_item(f"{os.path.basename(path)}##{path}", "", False, path not in recent.gone)[0]:
             add(path)
     imgui.separator()
-    if imgui.menu_item("Open a file…", "", False)[0]:
+    if imgui.menu_item("Open a file…###figure.add.other", "", False)[0]:
         yield action("figure.add")
     imgui.end_popup()
 
