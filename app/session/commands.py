@@ -344,7 +344,11 @@ class OpenAvatar(Command):
     avatar: str
 
 
-class AddFigure(Command):
+class AmongFigures(Command, kind=False):
+    """Another figure is selected afterwards: what differs is no edit."""
+
+
+class AddFigure(AmongFigures):
     """One more avatar, which is then selected; without a place beside all others, without signals it stands."""
 
     avatar: str
@@ -358,7 +362,7 @@ class AddFigure(Command):
         return state.with_figures((*figures, new), len(figures))
 
 
-class RemoveFigure(Command):
+class RemoveFigure(AmongFigures):
     """One of several, by its number."""
 
     index: int
@@ -371,7 +375,7 @@ class RemoveFigure(Command):
         return state.with_figures(kept, min(state.slot - (index < state.slot), len(kept) - 1))
 
 
-class SelectFigure(Command):
+class SelectFigure(AmongFigures):
     """Which one the panels show, by its number."""
 
     index: int

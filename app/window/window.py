@@ -279,7 +279,7 @@ class Window:
         self._frames += 1
         if self._frames > WARM_UP:
             self.guard.run("The picture", self._picture)
-            self.guard.run("The avatar's own surface", lambda: self.own_surface.tend(self.studio.state.avatar))
+            self.guard.run("The avatar's own surface", self._own_surfaces)
             self.guard.run("Opening", self._open_what_was_read)
         self.guard.run("Autosave", lambda: self.autosave.tend(self.studio.journal))
         self.guard.run("Waiting", self._idle)
@@ -294,6 +294,9 @@ class Window:
             self.first_picture()
             self.first_picture = nothing
         self.output.show(self.screen.layers, context, new)
+
+    def _own_surfaces(self) -> None:
+        self.own_surface.tend(*(figure.avatar for figure in self.studio.state.figures))
 
     def _idle(self) -> None:
         """Thumbnails while nothing moves; how often the interface is drawn then."""

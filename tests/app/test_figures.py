@@ -356,3 +356,13 @@ def test_tools_work_where_the_figure_stands(studio):
     assert studio.part_at(0.5, 0.5).startswith("left_")
     studio.live.point = lambda column, row: Seen(tuple(seen), 1)
     assert studio.part_at(0.5, 0.5) is None, "another figure"
+
+
+def test_selecting_while_something_is_recorded_makes_no_keys(studio):
+    studio.do(ApplyPose("wave"))
+    studio.toggle_recording()
+    for command in (AddFigure("default"), SelectFigure(0)):
+        studio.do(command)
+    assert not any(figure.timeline.layers for figure in studio.state.figures)
+    studio.do(SetJoint("left_knee", (0.4, 0.0, 0.0)))
+    assert [len(figure.timeline.layers) for figure in studio.state.figures] == [1, 0]
