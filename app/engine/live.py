@@ -72,14 +72,11 @@ class LiveSurface:
         """The surface under the centre of a pixel of the last picture; None where there is none."""
         view, found = self._camera.cropped(column, row, 1, 1), {}
         for figure, one in self._casters.items():
-            seen, world = (
-                surface_geometry(one.posed, view.seen_from(one.world_from_root), one.hidden),
-                one.world_from_root,
-            )
+            world = one.world_from_root
+            seen = surface_geometry(one.posed, view.seen_from(world), one.hidden)
             if seen.hit[0, 0]:
-                found[float(seen.depth[0, 0])] = Seen(
-                    vector(world[:3, :3] @ seen.position[0, 0] + world[:3, 3]), figure
-                )
+                point = vector(world[:3, :3] @ seen.position[0, 0] + world[:3, 3])
+                found[float(seen.depth[0, 0])] = Seen(point, figure)
         return found[min(found)] if found else None
 
     def _placed(self, avatars: dict[int, Avatar], state: StudioState) -> dict[int, Caster]:

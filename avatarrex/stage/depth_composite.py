@@ -21,11 +21,10 @@ def depth_composite(
 ) -> Float[Tensor, "h w 4"]:
     """At least one premultiplied picture, with camera z of what each shows wherever it covers a pixel in part."""
     image = torch.stack(tuple(images))
-    covered = image[..., 3] > 0
     made = image.sum(0)  # right where one figure alone is
-    shared = covered.sum(0) > 1
-    depth = torch.where(covered, torch.stack(tuple(depths)), torch.inf)[:, shared]
-    layers = image[:, shared].take_along_dim(depth.argsort(dim=0, stable=True)[..., None], 0)
+    shared = (image[..., 3] > 0).sum(0) > 1
+    order = torch.stack(tuple(depths))[:, shared].argsort(dim=0, stable=True)
+    layers = image[:, shared].take_along_dim(order[..., None], 0)  # what covers nothing hides nothing, wherever it is
     below = layers[-1]
     for layer in layers[:-1].flip(0):
         below = layer + (1 - layer[..., 3:]) * below
