@@ -104,10 +104,8 @@ def render_live(
     with clock("surface"):
         posed = pose_surface(avatar.surface, avatar.person, signals, old.posed if old else None, counters)
     world_from_root = posed.world_from_root(signals)
-    view = camera.seen_from(world_from_root)
     with clock("raster"):
-        harmonics = avatar.light.harmonics.detach().double().cpu().numpy()
-        placed = Placed(posed, harmonics, view, settings.hidden)
+        placed = Placed(posed, harmonics_of(avatar), camera.seen_from(world_from_root), settings.hidden)
         if old is not None and old.look == look and _same(old, placed, world_from_root, settings):
             picture = old.picture
         else:
@@ -123,10 +121,15 @@ def render_live(
         notes=(f"triangles: {picture.renderer}",),
         device=avatar.device,
         posed=posed,
-        harmonics=harmonics,
+        harmonics=placed.harmonics,
         picture=picture,
         look=look,
     )
+
+
+def harmonics_of(avatar: Avatar) -> np.ndarray:
+    """(8, 3) float64: the avatar's light, as surfaces are drawn in it."""
+    return np.asarray(avatar.light.harmonics.detach().double().cpu().numpy())
 
 
 def _same(old: LiveFrame, placed: Placed, world_from_root: np.ndarray, settings: RenderSettings) -> bool:

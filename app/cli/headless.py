@@ -17,6 +17,7 @@ from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.framing import backed_off, framed
 from avatarrex_studio.engine.passes import passes
 from avatarrex_studio.engine.staging import in_light, over_stage
+from avatarrex_studio.engine.work import summed
 from avatarrex_studio.session.state import StudioState
 from tqdm import tqdm
 
@@ -41,15 +42,15 @@ def run(job: Job, engine: Engine) -> list[Path]:
     bar = tqdm(total=len(job.frames), unit="frame", disable=len(job.frames) == 1)
     with bar, video or nullcontext() as append, background_writer() as do:
         for number, state in job.states():
-            frame = engine.frame(state, state.view.camera(width, height))
+            frames = engine.frames(state, state.view.camera(width, height))
             if not statistics:
-                tqdm.write(", ".join(frame.notes), file=sys.stderr)
-            arrays = passes(frame, job.aovs) if job.aovs else {}
+                tqdm.write(", ".join(frames[0].notes), file=sys.stderr)
+            arrays = passes(frames, job.aovs) if job.aovs else {}
             path = job.image_path(number)
-            do(_keep, path, state, in_light(frame, state), arrays, append)
+            do(_keep, path, state, in_light(frames, state), arrays, append)
             written += [] if video else [path]
             written += [path.with_suffix(".npz")] if job.aovs else []
-            statistics.append({"frame": number, "ms": frame.ms, "counters": frame.counters})
+            statistics.append({"frame": number, **summed(frames)})
             bar.update()
     if video:
         written.append(job.out)

@@ -137,13 +137,17 @@ def _layers(timeline: Timeline) -> list[str]:
     return [f"  timeline: {', '.join(names)}; frame {timeline.frame} of {timeline.frames}"]
 
 
+def _figures(state: StudioState) -> list[str]:
+    """Avatar and timeline of each."""
+    return [line for figure in state.figures for line in (f"  avatar: {figure.avatar}", *_layers(figure.timeline))]
+
+
 def _session(file: str) -> list[str]:
     journal = Journal.load(file)
     state = journal.state
     return [
         f"{file}: a session of {len(journal.steps)} steps",
-        f"  avatar: {state.avatar}",
-        *_layers(state.timeline),
+        *_figures(state),
     ]
 
 
@@ -164,10 +168,9 @@ def _picture(file: str) -> list[str]:
     view = state.view
     return [
         *lines,
-        f"  avatar: {state.avatar}",
+        *_figures(state),
         f"  level: {state.level}",
         f"  camera: azimuth {view.azimuth:g}, elevation {view.elevation:g}, {view.distance:g} m, {view.fov:g} degrees",
-        *_layers(state.timeline),
         "  not at rest: " + (", ".join(moved) or "nothing"),
     ]
 

@@ -1,7 +1,7 @@
 """`Engine.render(state, size) -> Shot`: the one door between a driver (window, CLI, test, notebook) and the pipeline.
 
-It owns the avatar and remembers the previous frame, so that only what changed is computed again. An error comes back as
-text beside the last good frame; nothing a user drags can end the program. No window library is imported here.
+It owns the avatars and remembers each figure's previous frame, so that only what changed is computed again. An error comes back as
+text beside the last good frames; nothing a user drags can end the program. No window library is imported here.
 """
 
 from __future__ import annotations
@@ -35,9 +35,14 @@ QUICKEST, MOST_EXACT = "fast", "quality"
 class Shot:
     """What `Engine.render` gives back."""
 
-    frame: Frame | None
-    """The frame of the state, or the last good one where `error` is set; None before the first."""
+    frames: tuple[Frame, ...]
+    """Of each figure of the state, or the last good ones where `error` is set; none before the first."""
     error: str | None = None
+
+    @property
+    def frame(self) -> Frame | None:
+        """That of a lone figure."""
+        return self.frames[0] if self.frames else None
 
 
 class Engine:
@@ -56,50 +61,70 @@ class Engine:
         device: str = "cpu",
         between: Callable[[], None] | None = None,
     ) -> None:
-        self._avatar, self._given = avatar, avatar is not None
+        self._given = avatar
         self._render = partial(render, between=between) if between else render
         self._load = partial(load, device=device)
         self._settings = settings or RenderSettings()
-        self._name: str | None = None
-        self._previous: Frame | None = None
+        self._avatars: dict[str, Avatar] = {}
+        """Of the last state, by name."""
+        self._previous: tuple[tuple[Avatar, Frame], ...] = ()
+        """Of each figure."""
 
     def render(self, state: StudioState, size: tuple[int, int] | None = None, dragged: bool = False) -> Shot:
-        """The frame of `state` at `size` (width, height), else at the state's own fixed size.
+        """The frames of `state` at `size` (width, height), else at the state's own fixed size.
 
         `dragged`: the next one comes at once, and this one may interpolate colours between earlier views (`levels.moving`)
         and, at the level `fast`, be rougher and lag behind the pose (`levels.dragged`).
-        Never raises for what a user can set: the error comes back as one line with the last good frame.
+        Never raises for what a user can set: the error comes back as one line with the last good frames.
         """
         try:
             width, height = size or state.size.fixed or (512, 512)
-            return Shot(self.frame(state, state.view.camera(width, height), dragged))
+            return Shot(self.frames(state, state.view.camera(width, height), dragged))
         except InputError as error:
-            return Shot(self._previous, str(error))
+            return Shot(self._last, str(error))
         except Exception as error:  # a fault of ours: its trace goes to the log, its line over the last good image
             log.exception("the frame could not be rendered")
-            return Shot(self._previous, f"{type(error).__name__}: {error}".splitlines()[0])
+            return Shot(self._last, f"{type(error).__name__}: {error}".splitlines()[0])
 
-    def frame(self, state: StudioState, camera: Camera, dragged: bool = False) -> Frame:
-        """The frame of `state` through `camera`; errors are raised."""
-        avatar, settings = self.avatar(state.avatar), self.settings(state, dragged)
-        if settings.surface and avatar.surface is None and not self._given:
-            self._name = None  # it may have got one meanwhile
-            avatar = self.avatar(state.avatar)
-        frame = self._render(avatar, state.signals, camera, settings, self._previous)
-        self._previous = frame
-        return frame
+    @property
+    def _last(self) -> tuple[Frame, ...]:
+        return tuple(frame for _, frame in self._previous)
+
+    def frames(self, state: StudioState, camera: Camera, dragged: bool = False) -> tuple[Frame, ...]:
+        """A frame of each figure of `state`, in their order, through `camera`; errors are raised.
+
+        Of each the frame before is reused, so that for a figure that stays as it is nothing is computed again.
+        """
+        made, each = [], state.each()
+        self._avatars = {own.avatar: self._avatars[own.avatar] for own in each if own.avatar in self._avatars}
+        for figure, own in enumerate(each):
+            settings = self.settings(own, dragged)
+            avatar = self._with_surface(own.avatar) if settings.surface else self.avatar(own.avatar)
+            before, frame = self._previous[figure] if figure < len(self._previous) else (None, None)
+            previous = frame if before is avatar else None
+            made.append((avatar, self._render(avatar, own.signals, camera, settings, previous)))
+        self._previous = tuple(made)
+        return self._last
 
     def avatar(self, name: str) -> Avatar:
         """The avatar of that name or path, read once. Raises `InputError`."""
-        if not self._given and self._name != name:
-            self._avatar = self._load(name)
-            self._name, self._previous = name, None
-        assert self._avatar is not None
-        return self._avatar
+        if self._given is not None:
+            return self._given
+        if name not in self._avatars:
+            self._avatars[name] = self._load(name)
+        return self._avatars[name]
+
+    def _with_surface(self, name: str) -> Avatar:
+        """The same, read again where it had no surface, for it may have got one meanwhile."""
+        if self.avatar(name).surface is None:
+            self._avatars.pop(name, None)
+        return self.avatar(name)
 
     def outline(self, state: StudioState) -> np.ndarray:
-        """(p, 3) world metres: points of the posed body, for framing it. Raises `InputError`."""
-        return Outline(self.avatar(state.avatar).person.body).points(state.signals)
+        """(p, 3) world metres: points of all posed bodies, for framing them. Raises `InputError`."""
+        return np.concatenate(
+            [Outline(self.avatar(own.avatar).person.body).points(own.signals) for own in state.each()]
+        )
 
     def settings(self, state: StudioState, dragged: bool = False) -> RenderSettings:
         """The pipeline's settings for `state`; `auto` is the most exact level, for whoever waits for one picture."""

@@ -1,21 +1,25 @@
-"""The surface in the window: level `live` of the one pipeline, its picture left in the OpenGL context that is current."""
+"""The surfaces in the window: level `live` of the one pipeline, its picture left in the OpenGL context that is current."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
 
+import numpy as np
 from avatarrex_studio.engine.looks import look_of
-from avatarrex_studio.session.state import IMAGE, LIVE, StudioState, Vector, vector
+from avatarrex_studio.engine.request import Seen
+from avatarrex_studio.session.state import IMAGE, LIVE, StudioState, vector
 
 from avatarrex import levels
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
-from avatarrex.live import LiveFrame, render_live
+from avatarrex.camera import Camera
+from avatarrex.counters import StageClock
+from avatarrex.live import harmonics_of
 from avatarrex.signals.driving import Signals
 from avatarrex.stage.lighting import SurfaceLight
-from avatarrex.surface.pose import pose_surface
-from avatarrex.surface.raster import SurfacePicture, surface_geometry
-from avatarrex.surface.shadow import SurfaceShadow
+from avatarrex.surface.pose import PosedSurface, pose_surface
+from avatarrex.surface.raster import SAMPLES, Placed, SurfacePicture, draw_surfaces, surface_geometry
+from avatarrex.surface.shadow import Caster, SurfaceShadow
 
 
 def read_avatar(name: str) -> Avatar:
@@ -27,13 +31,18 @@ def read_avatar(name: str) -> Avatar:
 
 
 class LiveSurface:
-    """Draws the surface of the avatar that is open, and remembers the frame before."""
+    """Draws the surfaces of a session's figures into one picture, and remembers the one before."""
 
     def __init__(self) -> None:
         self.ms: dict[str, float] = {"surface": 0.0, "raster": 0.0, "total": 0.0}
         """Milliseconds of the last picture by stage; in software the rasteriser goes on after that."""
-        self._avatar: Avatar | None = None
-        self._previous: LiveFrame | None = None
+        self._posed: dict[int, PosedSurface] = {}
+        """By figure."""
+        self._drawn: tuple[object, ...] = ()
+        """What the last picture shows."""
+        self._picture: SurfacePicture | None = None
+        self._casters: dict[int, Caster] = {}
+        self._camera = Camera.orbit()
         self._shine: SurfaceLight | None = None
 
     @property
@@ -41,29 +50,61 @@ class LiveSurface:
         """The floor's light under the last picture; None without a stage."""
         return self._shine.shadow if self._shine and self._shine.light.floor else None
 
-    def draw(self, avatar: Avatar, state: StudioState, size: tuple[int, int]) -> SurfacePicture | None:
-        """The picture, (width, height) pixels; None for an avatar without a surface."""
-        if avatar.surface is None:
+    def draw(
+        self, avatars: Sequence[Avatar | None], state: StudioState, size: tuple[int, int]
+    ) -> SurfacePicture | None:
+        """The picture, (width, height) pixels; `avatars`: of each figure, None for one that is not read yet and left out.
+
+        None where nobody is there, or an avatar has no surface.
+        """
+        there = {k: avatar for k, avatar in enumerate(avatars) if avatar is not None}
+        if not there or any(avatar.surface is None for avatar in there.values()):
             return None
-        if avatar is not self._avatar:
-            self._avatar, self._previous = avatar, None
-        settings = replace(levels.level(LIVE), hidden=state.hidden | avatar.hidden)
+        clock, self._camera = StageClock(), state.view.camera(*size)
+        with clock("surface"):
+            self._casters = self._placed(there, state)
+        with clock("raster"):
+            self._picture = self._raster([harmonics_of(avatar) for avatar in there.values()], state)
+        self.ms = clock.milliseconds()
+        return self._picture
+
+    def point(self, column: int, row: int) -> Seen | None:
+        """The surface under the centre of a pixel of the last picture; None where there is none."""
+        view, found = self._camera.cropped(column, row, 1, 1), {}
+        for figure, one in self._casters.items():
+            world = one.world_from_root
+            seen = surface_geometry(one.posed, view.seen_from(world), one.hidden)
+            if seen.hit[0, 0]:
+                point = vector(world[:3, :3] @ seen.position[0, 0] + world[:3, 3])
+                found[float(seen.depth[0, 0])] = Seen(point, figure)
+        return found[min(found)] if found else None
+
+    def _placed(self, avatars: dict[int, Avatar], state: StudioState) -> dict[int, Caster]:
+        """Each figure's surface as its signals place it."""
+        made, each = {}, state.each()
+        for figure, avatar in avatars.items():
+            own, surface = each[figure], avatar.surface
+            assert surface is not None
+            posed = pose_surface(surface, avatar.person, own.signals, self._posed.get(figure))
+            made[figure] = Caster(posed, posed.world_from_root(own.signals), own.hidden | avatar.hidden)
+        self._posed = {figure: one.posed for figure, one in made.items()}
+        return made
+
+    def _raster(self, harmonics: Sequence[np.ndarray], state: StudioState) -> SurfacePicture:
+        """All in one picture: the last one, where it shows them as they are."""
         look = look_of(state.tools.shows, state.view)
         light = state.stage.light if look is None and state.tools.shows == IMAGE else None
+        casters = list(self._casters.values())
+        places = tuple((one.posed, one.world_from_root.tobytes(), one.hidden) for one in casters)
+        drawn = (places, self._camera.key(), look, light, tuple(one.tobytes() for one in harmonics))
+        if self._picture is not None and drawn == self._drawn:
+            return self._picture
         if self._shine is None or self._shine.light != light:
             self._shine = SurfaceLight(light) if light else None
-        camera = state.view.camera(*size)
-        frame = render_live(avatar, state.signals, camera, settings, self._previous, look or self._shine)
-        self._previous, self.ms = frame, frame.ms
-        return frame.picture
-
-    def point(self, column: int, row: int) -> Vector | None:
-        """World metres: the surface under the centre of a pixel of the last picture; None where there is none."""
-        frame = self._previous
-        if frame is None:
-            return None
-        found = surface_geometry(frame.posed, frame.view.cropped(column, row, 1, 1), frame.settings.hidden)
-        if not found.hit[0, 0]:
-            return None
-        world = frame.world_from_root
-        return vector(world[:3, :3] @ found.position[0, 0] + world[:3, 3])
+        keys = self._shine.keys(casters) if self._shine else [None] * len(casters)
+        placed = [
+            Placed(one.posed, lit, self._camera.seen_from(one.world_from_root), one.hidden, look, key)
+            for one, lit, key in zip(casters, harmonics, keys)
+        ]
+        self._drawn = drawn
+        return draw_surfaces(placed, SAMPLES if levels.level(LIVE).antialias else 1)

@@ -13,9 +13,9 @@ from collections import deque
 from dataclasses import dataclass
 
 from avatarrex_studio.engine.engine import QUICKEST
-from avatarrex_studio.engine.request import Answer, Exact, Picture, Request
+from avatarrex_studio.engine.request import Answer, Exact, Picture, Request, Seen
 from avatarrex_studio.session.notice import NOTICE
-from avatarrex_studio.session.state import AUTO, IMAGE, LIVE, OrbitView, StudioState, Vector, vector
+from avatarrex_studio.session.state import AUTO, IMAGE, LIVE, OrbitView, StudioState, vector
 
 from avatarrex.stage.stage import KeyLight
 
@@ -40,9 +40,8 @@ KEPT = 60
 class Subject:
     """What a picture shows; its level is a matter of how well."""
 
-    avatar: str
-    signals: object
-    hidden: frozenset[str]
+    figures: tuple[tuple[str, object, frozenset[str]], ...]
+    """Of each the avatar, the signals in the world, and what is hidden."""
     view: OrbitView
     size: tuple[int, int]
     shows: str = IMAGE
@@ -52,10 +51,9 @@ class Subject:
     @classmethod
     def of(cls, state: StudioState, size: tuple[int, int]) -> Subject:
         """Of `state` on a raster of `size`."""
-        shows, light = state.tools.shows, state.stage.light
-        return cls(
-            state.avatar, state.signals, state.hidden, state.view, size, shows, light if shows == IMAGE else None
-        )
+        figures = tuple((own.avatar, own.signals, own.hidden) for own in state.each())
+        shows = state.tools.shows
+        return cls(figures, state.view, size, shows, state.stage.light if shows == IMAGE else None)
 
 
 @dataclass(frozen=True)
@@ -126,8 +124,8 @@ class Pictures:
             return float(self.picture is not None)
         return min(max((now - self._fade_from) / FADE, 0.0), 1.0) if self.covers else 0.0
 
-    def point(self, x: float, y: float) -> Vector | None:
-        """World metres under a place of the picture, shares of its width and height; None where there is none of the present state."""
+    def point(self, x: float, y: float) -> Seen | None:
+        """What is under a place of the picture, shares of its width and height; None where there is none of the present state."""
         if self.picture is None or self.shown is None or not self.current:
             return None
         depth, view = self.picture.depth, self.shown.subject.view
@@ -135,7 +133,8 @@ class Pictures:
         column, row = min(int(x * width), width - 1), min(int(y * height), height - 1)
         if depth[row, column] <= 0:
             return None
-        return vector(view.camera(width, height).point((column + 0.5, row + 0.5), float(depth[row, column])))
+        point = view.camera(width, height).point((column + 0.5, row + 0.5), float(depth[row, column]))
+        return Seen(vector(point), int(self.picture.figure[row, column]))
 
     def save(self, state: StudioState, size: tuple[int, int], path: str) -> None:
         """Have the state rendered and written; the console tells when it is there."""

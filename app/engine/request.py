@@ -6,14 +6,23 @@ Letters: h w image rows and columns.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from avatarrex_studio.engine.work import Work
-from avatarrex_studio.session.state import StudioState
+from avatarrex_studio.session.state import StudioState, Vector
 from jaxtyping import Float32, UInt8
 
 from avatarrex.surface.floor import FloorLight
+
+
+class Seen(NamedTuple):
+    """What is under a place of a picture."""
+
+    point: Vector
+    """World metres."""
+    figure: int
+    """Its number among all."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +46,8 @@ class Picture:
     """Premultiplied sRGB-encoded colour and coverage, row 0 at the top."""
     depth: Float32[np.ndarray, "h w"]
     """Camera z, metres; 0 where the ray through the pixel's centre misses."""
+    figure: UInt8[np.ndarray, "h w"]
+    """Whose depth it is, by number."""
     work: Work
     floor: FloorLight | None = None
     """The light on the floor of a stage."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -18,11 +18,12 @@ import numpy as np
 from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.framing import Outline, framed
 from avatarrex_studio.engine.pictures import Pictures, Subject
-from avatarrex_studio.engine.request import Exact
+from avatarrex_studio.engine.request import Exact, Seen
 from avatarrex_studio.live.listening import Listening
 from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.commands import Command, SetCamera
 from avatarrex_studio.session.evaluation import go_to, layers_at, settled
+from avatarrex_studio.session.figures import Place
 from avatarrex_studio.session.greeting import Greeting
 from avatarrex_studio.session.grip import LOOK, Grip
 from avatarrex_studio.session.journal import Journal
@@ -61,7 +62,7 @@ class Drawn(Protocol):
 
 @runtime_checkable
 class Live(Protocol):
-    """Draws an avatar's surface, fast enough for every frame of the interface, in the OpenGL context that is current."""
+    """Draws surfaces of avatars, fast enough for every frame of the interface, in the OpenGL context that is current."""
 
     @property
     def ms(self) -> dict[str, float]:
@@ -71,11 +72,14 @@ class Live(Protocol):
     def shadow(self) -> SurfaceShadow | None:
         """The floor's light under the last picture; None without a stage."""
 
-    def draw(self, avatar: Avatar, state: StudioState, size: tuple[int, int]) -> Drawn | None:
-        """The picture, (width, height) pixels; None for an avatar without a surface."""
+    def draw(self, avatars: Sequence[Avatar | None], state: StudioState, size: tuple[int, int]) -> Drawn | None:
+        """The picture of all figures, (width, height) pixels; `avatars`: of each, None for one that is not read yet and left out.
 
-    def point(self, column: int, row: int) -> Vector | None:
-        """World metres: what is under the centre of a pixel of the last picture; None where nothing is."""
+        None where nobody is there, or an avatar has no surface.
+        """
+
+    def point(self, column: int, row: int) -> Seen | None:
+        """What is under the centre of a pixel of the last picture; None where nothing is."""
 
 
 class Studio:
@@ -105,7 +109,10 @@ class Studio:
         self._clock = clock
         self._take_begins = 0.0
         self._drawn: Subject | None = None
-        self._faulty: Avatar | None = None
+        self._avatars: list[Avatar | None] = []
+        """Of the surface's figures."""
+        self._faulty: list[Avatar | None] = []
+        """Whose surfaces could not be drawn."""
         self._figure: Figure | None = None
 
     @property
@@ -180,21 +187,22 @@ class Studio:
 
     def _draw(self, size: tuple[int, int], shown: StudioState) -> bool:
         """Draw the surface where what it shows has changed; whether it was drawn."""
-        subject, avatar = Subject.of(shown, size), self.avatars.ready(shown.avatar)
-        if self.live is None or avatar is None or avatar is self._faulty:
+        subject, avatars = Subject.of(shown, size), self.avatars.all_ready(own.avatar for own in shown.figures)
+        if self.live is None or not any(avatars) or _same(avatars, self._faulty):
             self.surface = self._drawn = None
             return False
-        if subject == self._drawn:
+        if subject == self._drawn and _same(avatars, self._avatars):
             return False
         try:
-            self.surface, self._drawn = self.live.draw(avatar, shown, size), subject
+            self.surface, self._drawn = self.live.draw(avatars, shown, size), subject
+            self._avatars = avatars
         except Exception:  # a fault of ours: its trace goes to the log, and exact pictures are shown
             log.exception("the surface could not be drawn")
-            self.surface, self._drawn, self._faulty = None, None, avatar
+            self.surface, self._drawn, self._faulty = None, None, avatars
         return self.surface is not None
 
-    def point(self, x: float, y: float) -> Vector | None:
-        """World metres: what the picture shows at a place, shares of its width and height; None for the background."""
+    def seen(self, x: float, y: float) -> Seen | None:
+        """What the picture shows at a place, shares of its width and height; None for the background."""
         if self.surface is None or self.live is None:
             return self.pictures.point(x, y)
         width, height = self.surface.texture.size
@@ -202,7 +210,7 @@ class Studio:
 
     @property
     def figure(self) -> Figure | None:
-        """The person as the state poses it; None while the avatar is read."""
+        """The selected person as its signals pose it, in the frame of its place; None while the avatar is read."""
         avatar, signals = self.avatars.ready(self.state.avatar), self.state.signals
         if avatar is None:
             return None
@@ -211,10 +219,23 @@ class Studio:
             self._figure = figure = Figure(body, signals)
         return figure
 
+    @property
+    def world(self) -> np.ndarray:
+        """(4, 4): from the frame of the selected person's place to the world."""
+        figure, place = self.figure, self.state.place
+        return np.eye(4) if figure is None or place == Place() else place.world(figure.skeleton.joints[0])
+
+    def own(self, point: Vector) -> Vector:
+        """A point of the world in the frame of the selected person's place."""
+        world = self.world
+        return vector((np.asarray(point) - world[:3, 3]) @ world[:3, :3])
+
     def part_at(self, x: float, y: float) -> str | None:
-        """The joint or the region of the face that the picture shows at a place; None for the background."""
-        point, figure = self.point(x, y), self.figure
-        return figure.part_at(np.array(point)) if point and figure else None
+        """The joint or the region of the face of the selected person that the picture shows at a place; None for all else."""
+        seen, figure = self.seen(x, y), self.figure
+        if seen is None or figure is None or seen.figure != self.state.slot:
+            return None
+        return figure.part_at(np.array(self.own(seen.point)))
 
     @property
     def fading(self) -> bool:
@@ -240,9 +261,10 @@ class Studio:
         self.avatars.close()
 
     def frame_person(self, viewport: tuple[int, int]) -> None:
-        """The front view with the whole person in it."""
+        """The front view with every person in it."""
         with refusals_logged():
-            points = Outline(self.avatars.get(self.state.avatar).person.body).points(self.state.signals)
+            bodies = [(self.avatars.get(own.avatar).person.body, own.signals) for own in self.state.each()]
+            points = np.concatenate([Outline(body).points(signals) for body, signals in bodies])
             view = framed(OrbitView(), points, self.state.size.pixels(viewport))
             self.do(SetCamera(view.azimuth, view.elevation, view.distance, view.fov, view.target))
 
@@ -251,14 +273,15 @@ class Studio:
         figure = self.figure
         if figure is not None:
             head, posed = JOINT_NAMES.index("head"), figure.posed
-            self.do(SetCamera(distance=0.75, target=vector(posed.position[head] + posed.rotation[head] @ FACE)))
+            face, world = posed.position[head] + posed.rotation[head] @ FACE, self.world
+            self.do(SetCamera(distance=0.75, target=vector(world[:3, :3] @ face + world[:3, 3])))
 
     def look_at_camera(self) -> None:
         """Eyes and head turn to who looks at the picture."""
         figure = self.figure
         if figure is not None:
             grip = Grip(LOOK, figure.skeleton, self.state.signals)
-            self.do(grip.to(self.state, self.state.view.camera(1, 1).centre))
+            self.do(grip.to(self.state, np.array(self.own(vector(self.state.view.camera(1, 1).centre)))))
 
     def open_motion(self, path: str, options: ImportOptions | None = None) -> None:
         """Load a motion file, or one that comes with the program by its name, and go to its first frame."""
@@ -352,8 +375,9 @@ class Studio:
             log.info("opened %s", path)
 
     def go_on(self, journal: Journal) -> None:
-        """Go on from a journal in place of this one. Raises `InputError` where its avatar cannot be read, and changes nothing."""
-        self.avatars.get(journal.state.avatar)
+        """Go on from a journal in place of this one. Raises `InputError` where an avatar cannot be read, and changes nothing."""
+        for figure in journal.state.figures:
+            self.avatars.get(figure.avatar)
         self.take_journal(journal)
 
     def take_journal(self, journal: Journal) -> None:
@@ -365,3 +389,8 @@ class Studio:
     def save_image(self, path: str | Path, viewport: tuple[int, int]) -> None:
         """Have the state rendered at its full raster and written as PNG; the console tells when it is there."""
         self.pictures.save(self.state, self.state.size.pixels(viewport), str(path))
+
+
+def _same(avatars: Sequence[Avatar | None], others: Sequence[Avatar | None]) -> bool:
+    """Whether they are the very same."""
+    return len(avatars) == len(others) and all(one is other for one, other in zip(avatars, others))

@@ -127,7 +127,7 @@ class Thumbnails:
     def _draw(self, avatar: Avatar, sitter: Sitter) -> Pixels | None:
         view = framed(FACING[sitter.kind], _framed_points(avatar, sitter), (SIDE, SIDE))
         try:
-            picture = self._surface.draw(avatar, StudioState(signals=sitter.signals, view=view), (SIDE, SIDE))
+            picture = self._surface.draw([avatar], StudioState(signals=sitter.signals, view=view), (SIDE, SIDE))
         except Exception:  # a fault of ours: its trace goes to the log, and the card has no picture
             log.exception("a thumbnail could not be drawn")
             return None

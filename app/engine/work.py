@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from avatarrex.frame import DeferredFrame
+from avatarrex.frame import DeferredFrame, Frame
 from avatarrex.templates.parts import PARTS
 from avatarrex.volume.memory import Memory, memory_of
 
@@ -30,9 +32,23 @@ class Work:
     """Of the volume."""
 
     @classmethod
-    def of(cls, frame: DeferredFrame, level: str) -> Work:
-        """One frame's, rendered at `level`."""
-        hidden, lags = frame.settings.hidden, frame.volume.changed is not None
-        unseen = frozenset(PARTS) - hidden - frozenset(frame.volume.parts)
-        memory = memory_of(frame.volume.sdf)
-        return cls(frame.ms, frame.counters, frame.notes, frame.device, level, hidden, unseen, lags, memory)
+    def of(cls, frames: Sequence[DeferredFrame], level: str) -> Work:
+        """That of a picture's frames, one a figure, rendered at `level`: of all together."""
+        hidden = frozenset.intersection(*(frame.settings.hidden for frame in frames))
+        unseen = (
+            frozenset.intersection(*(frozenset(PARTS) - frozenset(frame.volume.parts) for frame in frames)) - hidden
+        )
+        lags = any(frame.volume.changed is not None for frame in frames)
+        memory = _sum([vars(memory_of(frame.volume.sdf)) for frame in frames])
+        ms, counters = summed(frames).values()
+        return cls(ms, counters, frames[0].notes, frames[0].device, level, hidden, unseen, lags, Memory(**memory))
+
+
+def summed(frames: Sequence[Frame]) -> dict[str, dict[str, Any]]:
+    """`ms` and `counters` of all figures of a picture together."""
+    return {name: _sum([getattr(frame, name) for frame in frames]) for name in ("ms", "counters")}
+
+
+def _sum(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Of numbers by name."""
+    return {name: sum(row[name] for row in rows) for name in rows[0]}

@@ -16,12 +16,14 @@ from queue import SimpleQueue
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+import torch
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.looks import shown
 from avatarrex_studio.engine.pages import keep_pages
+from avatarrex_studio.engine.passes import nearest
 from avatarrex_studio.engine.request import Answer, Picture, Request
 from avatarrex_studio.engine.slices import send
-from avatarrex_studio.engine.staging import in_light, over_stage
+from avatarrex_studio.engine.staging import in_light, over_stage, together
 from avatarrex_studio.engine.work import Work
 from avatarrex_studio.session.state import IMAGE
 
@@ -97,10 +99,10 @@ def serve(connection: Connection, make: Make) -> None:
 def answered(engine: Engine, request: Request) -> Answer:
     """Render and, where the request names a file, write it."""
     shot = engine.render(request.state, request.size, request.dragged)
-    if shot.error or shot.frame is None:
+    if shot.error or not shot.frames:
         return Answer(request, error=shot.error)
     try:
-        return _of_frame(request, shot.frame)
+        return _of_frames(request, shot.frames)
     except InputError as error:
         return Answer(request, error=str(error))
     except Exception as error:  # a fault of ours: its trace goes to the log, its line to the window
@@ -108,19 +110,21 @@ def answered(engine: Engine, request: Request) -> Answer:
         return Answer(request, error=f"{type(error).__name__}: {error}".splitlines()[0])
 
 
-def _of_frame(request: Request, frame: Frame) -> Answer:
-    """What a frame is wanted for. Raises `InputError` where it cannot be written."""
-    if not request.path:
-        assert isinstance(frame, DeferredFrame), "the surface is drawn by whoever shows it"
-        floor, shows = None, request.state.tools.shows
-        if shows == IMAGE:
-            seen = in_light(frame, request.state)
-            pixels, floor = seen.image.float().cpu().numpy(), seen.floor
-        else:
-            pixels = shown(frame, shows, request.state.view)
-        image = np.rint(255 * pixels.clip(0, 1)).astype(np.uint8)
-        depth = (frame.pointmap.depth * frame.pointmap.hit).float().cpu().numpy()
-        return Answer(request, Picture(image, depth, Work.of(frame, request.state.level), floor))
-    pixels = over_stage(in_light(frame, request.state), request.state)
-    write_png(request.path, pixels, {"avatarrex": json.dumps(request.state.to_json())})
-    return Answer(request)
+def _of_frames(request: Request, frames: tuple[Frame, ...]) -> Answer:
+    """What a picture is wanted for. Raises `InputError` where it cannot be written."""
+    state = request.state
+    if request.path:
+        pixels = over_stage(in_light(frames, state), state)
+        write_png(request.path, pixels, {"avatarrex": json.dumps(state.to_json())})
+        return Answer(request)
+    deferred = [frame for frame in frames if isinstance(frame, DeferredFrame)]
+    assert len(deferred) == len(frames), "the surface is drawn by whoever shows it"
+    floor, shows = None, state.tools.shows
+    if shows == IMAGE:
+        seen = in_light(frames, state)
+        image, floor = seen.image, seen.floor
+    else:
+        image = together(frames, [torch.from_numpy(shown(frame, shows, state.view)) for frame in frames])
+    pixels = np.rint(255 * image.float().cpu().numpy().clip(0, 1)).astype(np.uint8)
+    depth, figure = nearest(frames)
+    return Answer(request, Picture(pixels, depth, figure, Work.of(deferred, state.level), floor))

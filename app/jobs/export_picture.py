@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.passes import passes
-from avatarrex_studio.engine.staging import in_light, over_stage
+from avatarrex_studio.engine.staging import in_light, over_stage, together
 from avatarrex_studio.jobs.export_look import Look
 from avatarrex_studio.session.state import Colour, StudioState
 from jaxtyping import Float, UInt8
@@ -38,7 +38,7 @@ class Drawer:
     def pixels(self, state: StudioState) -> UInt8[np.ndarray, "h w 4"]:
         """Straight-alpha bytes of a state."""
         look, state = self._look, self._shown(state)
-        seen = in_light(self._frame(state), state)
+        seen = in_light(self._frames(state), state)
         pixels = over_stage(Lit(averaged(seen.image, look.samples), seen.floor), state)
         if look.marked:
             pixels = mark(pixels)
@@ -54,10 +54,11 @@ class Drawer:
 
     def write_layers(self, path: Path, state: StudioState, names: tuple[str, ...]) -> None:
         """An OpenEXR file: colour averaged over the samples, passes of the sample nearest each pixel's middle."""
-        frame, samples = self._frame(state), self._look.samples
-        image = averaged(frame.image, samples).double().cpu().numpy()
+        frames, samples = self._frames(state), self._look.samples
+        image = averaged(together(frames, [frame.image for frame in frames]), samples).double().cpu().numpy()
         middle = slice(samples // 2, None, samples)
-        layers = {LAYER[name]: values[middle, middle] for name, values in passes(frame, names).items() if name in LAYER}
+        made = passes(frames, names)
+        layers = {LAYER[name]: values[middle, middle] for name, values in made.items() if name in LAYER}
         write_exr(path, image, layers, {"avatarrex": json.dumps(self._shown(state).to_json())})
 
     def _shown(self, state: StudioState) -> StudioState:
@@ -67,9 +68,9 @@ class Drawer:
             return state.change(level=self._look.level, stage=stage)
         return state.change(level=self._look.level, background=CLEAR, stage=replace(stage, backdrop=COLOUR))
 
-    def _frame(self, state: StudioState) -> Frame:
+    def _frames(self, state: StudioState) -> tuple[Frame, ...]:
         width, height = (side * self._look.samples for side in self._look.size)
-        return self._engine.frame(self._shown(state), state.view.camera(width, height))
+        return self._engine.frames(self._shown(state), state.view.camera(width, height))
 
 
 LAYER = {"depth": "Z", "normal": "N", "position": "P"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from avatarrex_studio.jobs.file_kind import AVATAR, CAPTURE, MOTION, OPENS, RUN, SESSION, kind_of, runs_in
@@ -25,10 +25,8 @@ class Opened:
     kind: str
     path: str
     """As it was given; of a folder of runs the newest run."""
-    avatar: str | None = None
-    """The name of the avatar to show."""
-    reading: Future[Avatar] | None = None
-    """That avatar, read."""
+    avatars: dict[str, Future[Avatar]] = field(default_factory=dict)
+    """The avatars to show by name, read; of a session all."""
     motion: Motion | None = None
     journal: Journal | None = None
     words: str = ""
@@ -39,13 +37,13 @@ def read_any(path: str, read_avatar: Callable[[str], Future[Avatar]]) -> Opened:
     """What is at `path`; avatars by `read_avatar`, waited for. Raises `InputError`."""
     kind = kind_of(path)
     if kind == AVATAR:
-        return Opened(kind, path, path, _whole(read_avatar(path)))
+        return Opened(kind, path, {path: _whole(read_avatar(path))})
     if kind == MOTION:
         return Opened(kind, path, motion=Motion.read(path))
     if kind == SESSION:
         journal = Journal.load(path)
-        name = journal.state.avatar
-        return Opened(kind, path, name, _whole(read_avatar(name)), journal=journal)
+        names = dict.fromkeys(figure.avatar for figure in journal.state.figures)
+        return Opened(kind, path, {name: _whole(read_avatar(name)) for name in names}, journal=journal)
     if kind == CAPTURE:
         return Opened(kind, path, words=contents(open_capture(path)))
     if kind == RUN:
@@ -77,7 +75,8 @@ def _run(path: str, read_avatar: Callable[[str], Future[Avatar]]) -> Opened:
     if run.avatar is None:
         return Opened(RUN, str(run.path), words=f"{run.state}; no checkpoint with an avatar yet")
     name = str(keep_avatar(run))
-    return Opened(RUN, str(run.path), name, _whole(read_avatar(name)), words=f"{run.state}; avatar {Path(name).stem}")
+    read = {name: _whole(read_avatar(name))}
+    return Opened(RUN, str(run.path), read, words=f"{run.state}; avatar {Path(name).stem}")
 
 
 def _whole(reading: Future[Avatar]) -> Future[Avatar]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 
 from avatarrex_studio.jobs.export_look import SAMPLES
@@ -13,6 +14,7 @@ from avatarrex_studio.session.state import AUTO, LEVELS, SIZES, StudioState
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui, imgui_ctx
 
+from avatarrex.errors import plain
 from avatarrex.levels import ABOUT as ABOUT_LEVELS
 
 TITLE = "Export###export"
@@ -25,6 +27,9 @@ RASTERS = {
     "512 × 512": (512, 512), "1024 × 1024": (1024, 1024), "2048 × 2048": (2048, 2048), "1280 × 720": (1280, 720),
     "1920 × 1080": (1920, 1080), "1080 × 1920": (1080, 1920), "3840 × 2160": (3840, 2160),
 }  # fmt: skip
+
+ALONE = ("3D model", "Signals")
+"""Kinds that contain one avatar of several."""
 
 
 class ExportDialog:
@@ -68,7 +73,7 @@ class ExportDialog:
                 imgui.text(kind)
         imgui.same_line()
         with imgui_ctx.begin_child("##fields", imgui.ImVec2(0, height)):
-            self._fields(frames)
+            self._fields(frames, state)
         if self.error:
             widgets.paragraph(self.error, theme.ERROR)
         pressed = self._where()
@@ -78,7 +83,7 @@ class ExportDialog:
         imgui.end_popup()
         return self.form.order(state, frames) if pressed else None
 
-    def _fields(self, frames: Frames | None) -> None:
+    def _fields(self, frames: Frames | None, state: StudioState) -> None:
         form = self.form
         widgets.label("Format", LABEL)
         endings = EXPORTED[form.kind]
@@ -90,6 +95,9 @@ class ExportDialog:
             "a JSON file of calibrated cameras, as captures have it" if form.kind == "Camera" else ABOUT[form.ending]
         )
         widgets.paragraph(about[0].upper() + about[1:])
+        if state.others and form.kind in ALONE:
+            widgets.label("", LABEL)
+            widgets.paragraph(f"Of the selected avatar alone ({plain(os.path.basename(state.avatar))})", theme.TEXT)
         if form.moves:
             self._motion(frames)
         if form.drawn:

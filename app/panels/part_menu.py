@@ -25,7 +25,7 @@ class PartMenu:
         self.point: Vector | None = None
 
     def open(self, part: str | None, point: Vector | None) -> None:
-        """Open it for a part of the person, None for the background, and the surface's point there, world metres."""
+        """Open it for a part of the person, None for the background, and the surface's point there, in the frame of its place."""
         self.part, self.point = part, point
         imgui.open_popup(NAME)
 
@@ -43,7 +43,7 @@ class PartMenu:
         if part and imgui.menu_item(f"Reset the {words(part)}", "", False)[0]:
             yield from map(ResetGroup, dict.fromkeys((part, *FACE_GROUPS.get(part, ()))))
         figure = studio.figure
-        camera = vector(state.view.camera(1, 1).centre)
+        camera = studio.own(vector(state.view.camera(1, 1).centre))
         for title, target in (("Look here", self.point), ("Look at the camera", camera)):
             if figure and target and imgui.menu_item(title, "", False)[0]:
                 yield Grip(LOOK, figure.skeleton, state.signals).to(state, np.array(target))

@@ -13,6 +13,8 @@ from avatarrex.camera import Camera
 
 NEAR = 0.02
 """Metres before the camera from which points are on the screen."""
+WORLD = np.eye(4)
+"""The points are those of the view's world."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +28,10 @@ class Projection:
     """Points a pixel."""
 
     @classmethod
-    def of(cls, view: OrbitView, low: imgui.ImVec2, high: imgui.ImVec2) -> Projection:
-        """Of a view in the rectangle from `low` to `high`."""
+    def of(cls, view: OrbitView, low: imgui.ImVec2, high: imgui.ImVec2, world: np.ndarray = WORLD) -> Projection:
+        """Of a view in the rectangle from `low` to `high`; `world` (4, 4): from the frame of its points to the view's."""
         width, height = max(round(high.x - low.x), 1), max(round(high.y - low.y), 1)
-        return cls(view.camera(width, height), (low.x, low.y), (high.y - low.y) / height)
+        return cls(view.camera(width, height).seen_from(world), (low.x, low.y), (high.y - low.y) / height)
 
     def screen(self, points: Float64[np.ndarray, "... 3"]) -> Float64[np.ndarray, "... 2"]:
         """Where points of the world are, points of the screen; NaN behind the camera."""

@@ -1,32 +1,28 @@
-"""The Scene panel: the avatar and which of its parts are drawn with their own fields."""
+"""The Scene panel: the avatars and which parts of the selected one are drawn with their own fields."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
-from avatarrex_studio.panels import theme, widgets
+from avatarrex_studio.panels import widgets
+from avatarrex_studio.panels.figures import draw as draw_figures
 from avatarrex_studio.panels.stage import draw as draw_stage
 from avatarrex_studio.session.actions import Action, words
 from avatarrex_studio.session.commands import Command, SetHidden, SetShape
 from avatarrex_studio.session.posing import SHAPE_RANGES
+from avatarrex_studio.session.recent import Recent
 from avatarrex_studio.session.state import StudioState
-from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
-from avatarrex.errors import plain
 from avatarrex.templates.parts import PARTS
 
 LABEL = 78.0
 SHAPE_WORDS = "Further out a trained avatar comes apart: its fields were learned on one shape."
 
 
-def draw(state: StudioState) -> Iterator[Command | Action]:
-    """Draw the panel; the commands of this frame."""
-    imgui.text_colored(theme.vec4(theme.ACCENT), icons.ICON_FA_PERSON)
-    imgui.same_line()
-    imgui.text(plain(os.path.basename(state.avatar)))
-    widgets.tooltip(plain(state.avatar))
+def draw(state: StudioState, recent: Recent, add: Callable[[str], None]) -> Iterator[Command | Action]:
+    """Draw the panel; the commands of this frame. `add`: have the avatar at a path read and added."""
+    yield from draw_figures(state, recent, add)
     for part in PARTS:
         toggled, shown = imgui.checkbox(f"{words(part).capitalize()}##show.{part}", part not in state.hidden)
         if toggled:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from avatarrex_studio.engine.request import Seen
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import mouse as buttons
 from avatarrex_studio.panels import overlay, theme, units
@@ -20,7 +21,7 @@ from avatarrex_studio.panels.gizmo import Rings, Turn, rings
 from avatarrex_studio.panels.part_menu import PartMenu
 from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.session import posing
-from avatarrex_studio.session.commands import Command, OrbitBy, PanBy, Select, SetCamera, ZoomBy
+from avatarrex_studio.session.commands import Command, OrbitBy, PanBy, Select, SelectFigure, SetCamera, ZoomBy
 from avatarrex_studio.session.grip import LOOK, Grip, places
 from avatarrex_studio.session.state import OrbitView, Vector
 from imgui_bundle import icons_fontawesome_6 as icons
@@ -138,7 +139,7 @@ class ViewportPanel:
         press = Press(button, mouse, mouse, buttons.PRESETS[self.preset].get((button, modifier), ""))
         if button or modifier or figure is None:
             return press
-        projection = Projection.of(studio.state.view, low, high)
+        projection = Projection.of(studio.state.view, low, high, studio.world)
         seen = _on_screen(projection, figure, studio.state.tools.selected)
         near = {name: math.dist(mouse, place) for name, place in seen.items()}
         name = min(near, key=lambda each: near[each], default=None)
@@ -169,7 +170,9 @@ class ViewportPanel:
             yield press.turn.to(mouse)
         elif press.grip:
             place = (mouse[0] + press.offset[0], mouse[1] + press.offset[1])
-            yield press.grip.to(studio.state, Projection.of(studio.state.view, low, high).world(place, press.depth))
+            yield press.grip.to(
+                studio.state, Projection.of(studio.state.view, low, high, studio.world).world(place, press.depth)
+            )
         elif press.motion == buttons.ORBIT:
             yield OrbitBy(-DEGREES_PER_POINT * x, DEGREES_PER_POINT * y)
         elif press.motion == buttons.PAN:
@@ -182,11 +185,14 @@ class ViewportPanel:
         if press.turn:
             return
         part = HANDLES[press.grip.name].joint if press.grip and press.grip.name != LOOK else None
+        seen = _seen(studio, press.at, low, high)
+        if part is None and seen and seen.figure != studio.state.slot:
+            yield SelectFigure(seen.figure)
         part = part or self._part(studio, press.at, low, high)
         if press.button == 0 and not (press.grip and press.grip.name == LOOK):
             yield Select(part)
         elif press.button == 1:
-            self.menu.open(part, _surface_point(studio, press.at, low, high))
+            self.menu.open(part, studio.own(seen.point) if seen else None)
 
     def _part(self, studio: Studio, mouse: tuple[float, float], low: imgui.ImVec2, high: imgui.ImVec2) -> str | None:
         """The joint of the overlay, else the part of the surface, at a place of the screen."""
@@ -194,7 +200,7 @@ class ViewportPanel:
         if figure is None:
             return None
         if "joints" in studio.state.tools.overlays:
-            seen = Projection.of(studio.state.view, low, high).screen(figure.posed.position)
+            seen = Projection.of(studio.state.view, low, high, studio.world).screen(figure.posed.position)
             distance = np.nan_to_num(np.hypot(*(seen - mouse).T), nan=np.inf)
             if distance.min() < ON_JOINT:
                 return JOINT_NAMES[int(distance.argmin())]
@@ -208,7 +214,7 @@ class ViewportPanel:
         figure, tools = studio.figure, studio.state.tools
         if figure is None:
             return
-        projection = Projection.of(studio.state.view, low, high)
+        projection = Projection.of(studio.state.view, low, high, studio.world)
         canvas.push_clip_rect(low, high, True)
         self._hover(studio, low, high)
         if "wire" in tools.overlays:
@@ -232,7 +238,7 @@ class ViewportPanel:
         if not imgui.is_item_hovered() or self._press or studio.playback.playing:
             self.hovered, self._looked = None, ()
             return
-        looked = (mouse.x, mouse.y, studio.state.signals, studio.state.view, self.size)
+        looked = (mouse.x, mouse.y, studio.state.figures, studio.state.view, self.size)
         if looked != self._looked:
             self._looked, self.hovered = looked, self._part(studio, (mouse.x, mouse.y), low, high)
 
@@ -295,16 +301,16 @@ def _fit(origin: imgui.ImVec2, room: imgui.ImVec2, picture: Shown | None) -> tup
     return low, low + size
 
 
-def _surface_point(studio: Studio, mouse: tuple[float, float], low: imgui.ImVec2, high: imgui.ImVec2) -> Vector | None:
-    """The surface point under a place of the screen, in the world; None for the background."""
+def _seen(studio: Studio, mouse: tuple[float, float], low: imgui.ImVec2, high: imgui.ImVec2) -> Seen | None:
+    """What is under a place of the screen; None for the background."""
     x, y = (mouse[0] - low.x) / (high.x - low.x), (mouse[1] - low.y) / (high.y - low.y)
-    return studio.point(x, y) if 0 <= x < 1 and 0 <= y < 1 else None
+    return studio.seen(x, y) if 0 <= x < 1 and 0 <= y < 1 else None
 
 
 def _target(studio: Studio, mouse: imgui.ImVec2, low: imgui.ImVec2, high: imgui.ImVec2) -> Vector:
     """The surface point under the cursor in the world, else the person's middle."""
-    point = _surface_point(studio, (mouse.x, mouse.y), low, high)
-    return point or OrbitView().moved(studio.state.signals.translation).target
+    seen, state = _seen(studio, (mouse.x, mouse.y), low, high), studio.state
+    return seen.point if seen else OrbitView().moved(state.place.signals(state.signals).translation).target
 
 
 def _checkers(canvas: imgui.ImDrawList, origin: imgui.ImVec2, room: imgui.ImVec2, side: float = 16) -> None:

@@ -48,8 +48,20 @@ def _has_layers(journal: Journal) -> bool:
     return bool(journal.state.timeline.layers)
 
 
+def _can_play(journal: Journal) -> bool:
+    return any(figure.timeline.layers for figure in journal.state.figures)
+
+
 def _has_motion(journal: Journal) -> bool:
     return journal.state.timeline.motion is not None
+
+
+def _has_several(journal: Journal) -> bool:
+    return bool(journal.state.others)
+
+
+def _next_figure(state: StudioState) -> Command:
+    return commands.SelectFigure((state.slot + 1) % (len(state.others) + 1))
 
 
 def _view(azimuth: float, elevation: float) -> Callable[[StudioState], Command]:
@@ -94,6 +106,7 @@ def _named(kind: str, name: str, command: Command) -> Action:
 
 ACTIONS: tuple[Action, ...] = (
     Action("open", "Open…", "File", "Ctrl+O", effect="open"),
+    Action("figure.add", "Add an avatar beside…", "File", effect="add_figure"),
     Action("motion.close", "Close the timeline", "File", command=_fixed(CloseMotion()), enabled=_has_layers),
     Action("session.save", "Save session", "File", "Ctrl+S", effect="save_session", separator=True),
     Action("session.save_as", "Save session as…", "File", "Ctrl+Shift+S", effect="save_session_as"),
@@ -119,13 +132,14 @@ ACTIONS: tuple[Action, ...] = (
     Action("pin.selected", "Pin or unpin what is selected", "Pose", "P", command=_pin, enabled=_has_handle),
     Action("pin.feet", "Pin or unpin both feet", "Pose", command=_pin_feet),
     Action("pin.none", "Unpin everything", "Pose", command=_fixed(commands.Pin(tuple(HANDLES), False))),
+    Action("figure.next", "Select the next avatar", "Edit", "A", command=_next_figure, enabled=_has_several),
     Action("select.none", "Select nothing", "Edit", "Escape", command=_fixed(commands.Select(None))),
     Action("view.front", "Front view", "View", "1", command=_view(0.0, 0.0)),
     Action("view.right", "Right view", "View", "3", command=_view(-90.0, 0.0)),
     Action("view.top", "Top view", "View", "7", command=_view(0.0, 89.0)),
     Action("view.back", "Back view", "View", "Ctrl+1", command=_view(180.0, 0.0)),
     Action("view.left", "Left view", "View", "Ctrl+3", command=_view(90.0, 0.0)),
-    Action("view.home", "Whole person", "View", "Home", effect="whole_person", separator=True),
+    Action("view.home", "Whole person, or all", "View", "Home", effect="whole_person", separator=True),
     Action("view.face", "Frame the face", "View", "F", effect="frame_face"),
     Action("view.orbit_left", "Turn left", "", "4", command=_fixed(commands.OrbitBy(-15.0, 0.0))),
     Action("view.orbit_right", "Turn right", "", "6", command=_fixed(commands.OrbitBy(15.0, 0.0))),
@@ -151,7 +165,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("layout.reset", "Reset layout", "View", effect="reset_layout"),
     Action("stage", "Stage on or off", "View", command=lambda state: commands.SetStage("shown", not state.stage.shown), separator=True),
     Action("stage.picture", "Background picture of the stage…", effect="stage_picture"),
-    Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_has_layers),
+    Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_can_play),
     Action("step.back", "Previous frame", "Motion", "Left", effect="step_back", enabled=_has_layers),
     Action("step.on", "Next frame", "Motion", "Right", effect="step_on", enabled=_has_layers),
     Action("frame.go_to", "Go to frame…", "Motion", "G", effect="go_to_frame", enabled=_has_layers),

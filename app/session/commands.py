@@ -11,6 +11,7 @@ from typing import Any, dataclass_transform
 
 import numpy as np
 from avatarrex_studio.session import posing
+from avatarrex_studio.session.figures import Figure, Place, beside, standing
 from avatarrex_studio.session.state import Colour, OrbitView, SizePolicy, StudioState, Vector
 from avatarrex_studio.session.timeline import Layer, Share
 
@@ -343,6 +344,52 @@ class OpenAvatar(Command):
     avatar: str
 
 
+class AmongFigures(Command, kind=False):
+    """Another figure is selected afterwards: what differs is no edit."""
+
+
+class AddFigure(AmongFigures):
+    """One more avatar, which is then selected; without a place beside all others, without signals it stands."""
+
+    avatar: str
+    place: Place | None = None
+    signals: Signals | None = None
+
+    def apply(self, state: StudioState) -> StudioState:
+        figures = state.figures
+        place = self.place or beside([figure.place for figure in figures])
+        new = Figure(self.avatar, self.signals or standing(), place=place)
+        return state.with_figures((*figures, new), len(figures))
+
+
+class RemoveFigure(AmongFigures):
+    """One of several, by its number."""
+
+    index: int
+
+    def apply(self, state: StudioState) -> StudioState:
+        figures, index = state.figures, self.index
+        if len(figures) == 1 or not 0 <= index < len(figures):
+            raise InputError("figures", "", "one of several to remove", f"number {index} of {len(figures)}")
+        kept = figures[:index] + figures[index + 1 :]
+        return state.with_figures(kept, min(state.slot - (index < state.slot), len(kept) - 1))
+
+
+class SelectFigure(AmongFigures):
+    """Which one the panels show, by its number."""
+
+    index: int
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state if self.index == state.slot else state.with_figures(state.figures, self.index)
+
+
+class PlaceFigure(Setting):
+    """Where the selected one stands."""
+
+    place: Place
+
+
 class SetFingers(Setting):
     """A macro of one finger, or of `all`: `name` is e.g. `left index curl`; `linked`: of both hands."""
 
@@ -415,7 +462,7 @@ class Blend(Setting):
 def _plain(value: Any) -> Any:
     if isinstance(value, Signals | ImportOptions | Layer):
         return value.to_json()
-    if isinstance(value, OrbitView | Share):
+    if isinstance(value, OrbitView | Share | Place):
         return vars(value)
     return [_plain(entry) for entry in value] if isinstance(value, tuple) else value
 
@@ -425,6 +472,8 @@ def _read(key: str, value: Any, source: str) -> Any:
         return None
     if key in ("signals", "start"):
         return Signals.from_json(value, source)
+    if key == "others":
+        return tuple(None if signals is None else Signals.from_json(signals, source) for signals in value)
     if key == "options":
         return ImportOptions.from_json(value, source)
     if key == "layer":
@@ -433,6 +482,8 @@ def _read(key: str, value: Any, source: str) -> Any:
         return OrbitView(**{name: _tuples(entry) for name, entry in value.items()})
     if key == "share":
         return Share(**value)
+    if key == "place":
+        return Place(**value)
     if key == "feeds":
         return tuple((name, Signals.from_json(signals, source), presence) for name, signals, presence in value)
     return _tuples(value)

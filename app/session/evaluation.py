@@ -70,7 +70,18 @@ def state_at(state: StudioState, seconds: float, clips: Clips) -> StudioState:
     """
     timeline = state.timeline.change(frame=max(round(seconds * state.timeline.fps), 0))
     signals = layers_at(timeline, state.base, seconds, clips)
-    return state.show(timeline, signals, view_at(timeline, state.view, seconds))
+    shown = state.show(timeline, signals, view_at(timeline, state.view, seconds))
+    return shown.with_others(others_at(state, seconds, clips)) if state.others else shown
+
+
+def others_at(state: StudioState, seconds: float, clips: Clips) -> tuple[Signals | None, ...]:
+    """What their layers give the other figures at a time of the state's timeline; None: nothing moves them, or it cannot be read."""
+    return tuple(
+        None
+        if not figure.timeline.layers or clips.missing(figure.timeline)
+        else layers_at(figure.timeline, figure.base, figure.timeline.repeated(seconds), clips)
+        for figure in state.others
+    )
 
 
 def settled(command: Edit, state: StudioState, clips: Clips) -> Edit:
@@ -83,6 +94,9 @@ def settled(command: Edit, state: StudioState, clips: Clips) -> Edit:
         return command
     signals = layers_at(timeline, state.base, timeline.seconds, clips)
     view = view_at(timeline, state.view, timeline.seconds)
+    if isinstance(command, SetFrame):
+        others = others_at(state, timeline.seconds, clips)
+        command = replace(command, others=others if any(others) else ())
     if timeline.seconds == before.seconds and not clips.missing(before):
         old = layers_at(before, state.base, before.seconds, clips)
         kept = np.where(numbers(signals) == numbers(old), numbers(state.signals), numbers(signals))

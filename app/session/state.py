@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, SupportsFloat
 
 import numpy as np
+from avatarrex_studio.session.figures import FIELDS, MOST_FIGURES, Figure, Place, check_hidden
 from avatarrex_studio.session.timeline import Clip, Timeline, of_clip
 
 from avatarrex import levels
@@ -20,10 +21,9 @@ from avatarrex.signals.driving import SHAPES, Signals
 from avatarrex.signals.handles import HANDLES
 from avatarrex.signals.joints import FACE_REGIONS, JOINT_NAMES
 from avatarrex.stage.stage import Stage
-from avatarrex.templates.parts import PARTS
 
-FORMAT = 4
-"""Version of the JSON form; a reader refuses a newer one by name."""
+FORMAT, ALONE = 5, 4
+"""Version of the JSON form, and of that of a lone figure at its first place; a reader refuses a newer one by name."""
 AUTO = "auto"
 """The level of whoever lets the studio choose: at rest `balanced`, then `quality`."""
 LIVE = "live"
@@ -156,22 +156,67 @@ class StudioState:
     tools: Tools = field(default_factory=Tools)
     posed: Signals | None = None
     """What sliders, handles and libraries have set, below all layers; None: it is what is shown."""
+    place: Place = field(default_factory=Place)
+    """Where the figure stands; its signals do not contain it."""
+    others: tuple[Figure, ...] = ()
+    """The figures beside the one that is selected."""
+    slot: int = 0
+    """The place of the selected one among all."""
 
     def __post_init__(self) -> None:
         if len(self.background) != 4 or not all(_number(c) and 0 <= c <= 1 for c in self.background):
             raise InputError("background", "", "red, green, blue, alpha from 0 to 1", self.background)
-        for part in self.hidden:
-            if part not in PARTS:
-                raise InputError("hidden", "", " or ".join(PARTS), part)
+        check_hidden(self.hidden)
+        if len(self.others) >= MOST_FIGURES:
+            raise InputError("figures", "", f"at most {MOST_FIGURES}", len(self.others) + 1)
+        if not (isinstance(self.slot, int) and 0 <= self.slot <= len(self.others)):
+            raise InputError("figures", "slot", f"0 to {len(self.others)}", self.slot)
         if not isinstance(self.limit_joints, bool):
             raise InputError("limit_joints", "", "true or false", self.limit_joints)
         if self.level not in LEVELS:
             raise InputError("level", "", " or ".join(LEVELS), self.level)
 
     @property
-    def place(self) -> tuple[float, float]:
-        """x and z of the figure, metres."""
-        x, _, z = self.signals.translation.tolist()
+    def figures(self) -> tuple[Figure, ...]:
+        """All, in their order."""
+        own = Figure(**{name: getattr(self, name) for name in FIELDS})
+        return (*self.others[: self.slot], own, *self.others[self.slot :])
+
+    def with_figures(self, figures: tuple[Figure, ...], slot: int) -> StudioState:
+        """A copy with other figures, one of which is selected; nothing of it is. Raises `InputError`."""
+        if not 0 <= slot < len(figures):
+            raise InputError("figures", "", f"one of 0 to {len(figures) - 1}", slot)
+        chosen, others = figures[slot], figures[:slot] + figures[slot + 1 :]
+        tools = replace(self.tools, selected=None, pins=frozenset())
+        return replace(self, **{name: getattr(chosen, name) for name in FIELDS}, others=others, slot=slot, tools=tools)
+
+    def with_others(self, given: tuple[Signals | None, ...]) -> StudioState:
+        """A copy where the others show what their layers give at the playhead (`Figure.at`). Raises `InputError`."""
+        if len(given) != len(self.others):
+            raise InputError("others", "", f"signals of {len(self.others)} figures", len(given))
+        seconds = self.timeline.seconds
+        return self.change(others=tuple(figure.at(seconds, each) for figure, each in zip(self.others, given)))
+
+    def each(self) -> tuple[StudioState, ...]:
+        """A state of each figure alone, in their order, whose signals are those of the world."""
+        if self.place == Place() and not self.others:
+            return (self,)
+        alone = replace(self, place=Place(), others=(), slot=0, posed=None)
+        return tuple(
+            replace(
+                alone,
+                avatar=figure.avatar,
+                signals=figure.place.signals(figure.signals),
+                timeline=figure.timeline,
+                hidden=figure.hidden,
+            )
+            for figure in self.figures
+        )
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """x and z between all figures, metres."""
+        x, _, z = np.mean([each.signals.translation for each in self.each()], axis=0).tolist()
         return x, z
 
     @property
@@ -200,7 +245,7 @@ class StudioState:
         """
         if signals is None:
             return self.change(timeline=timeline, view=view or self.view)
-        step = (signals.translation - self.signals.translation) * (1, 0, 1)
+        step = self.place.turned((signals.translation - self.signals.translation) * (1, 0, 1))
         if view is None:
             view = self.view.moved(step) if self.view.follow and step.any() else self.view
         shown = signals.replace(shape=self.signals.shape)
@@ -209,9 +254,11 @@ class StudioState:
 
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers."""
+        alone = self.place == Place() and not self.others
+        several = {"place": vars(self.place), "others": [figure.to_json() for figure in self.others], "slot": self.slot}
         return {
-            "format": FORMAT,
-            **{name: value for name, value in vars(self).items() if name != "posed"},
+            "format": ALONE if alone else FORMAT,
+            **{name: value for name, value in vars(self).items() if name not in ("posed", *several)},
             "view": asdict(self.view),
             "size": asdict(self.size),
             "stage": asdict(self.stage),
@@ -220,6 +267,7 @@ class StudioState:
             "hidden": sorted(self.hidden),
             "tools": self.tools.to_json(),
             **({"posed": self.posed.to_json()} if self.posed else {}),
+            **({} if alone else several),
         }
 
     @classmethod
@@ -285,9 +333,15 @@ def _read(name: str, value: Any, source: str) -> Any:
         return Signals.from_json(value, source)
     if name == "timeline":
         return Timeline.from_json(value, source)
+    if name == "others":
+        return tuple(Figure.from_json(figure, source) for figure in value)
+    if name == "slot":
+        return value
     if name in _RECORDS:
         return _RECORDS[name](**{key: _tuple(entry) for key, entry in value.items()})
     return {"avatar": str, "hidden": frozenset}.get(name, _tuple)(value)
 
 
-_RECORDS: dict[str, Any] = {"stage": Stage, "view": OrbitView, "size": SizePolicy, "tools": Tools.read}
+_RECORDS: dict[str, Any] = {
+    "stage": Stage, "view": OrbitView, "size": SizePolicy, "tools": Tools.read, "place": Place,
+}  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from avatarrex_studio.session.commands import Choice, Command
+from avatarrex_studio.session.commands import AmongFigures, Choice, Command
 from avatarrex_studio.session.keys import CAMERA, LINEAR, SMOOTH
 from avatarrex_studio.session.posing import SLOTS, differing, numbers
 from avatarrex_studio.session.state import OrbitView, StudioState
@@ -36,7 +36,7 @@ class Take:
 
         Within one gesture keys of before go that lie between its own. Raises `InputError` as the command does.
         """
-        if not self.recording or isinstance(command, OnTimeline | Choice):
+        if not self.recording or isinstance(command, OnTimeline | Choice | AmongFigures):
             return command
         layer = self.target(state.timeline)
         after = command.apply(state)

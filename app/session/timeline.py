@@ -271,6 +271,13 @@ class Timeline:
         """Where the playhead is."""
         return self.frame / self.fps
 
+    def repeated(self, seconds: float) -> float:
+        """Where the playhead is at a time of another timeline that plays: in what is played, again where that repeats."""
+        first, last = (frame / self.fps for frame in self.played)
+        if self.loop and last > first and seconds > last:
+            return first + (seconds - first) % (last - first + 1 / self.fps)
+        return min(max(seconds, first), last)
+
     @property
     def motion(self) -> Clip | None:
         """The lowest clip: of a timeline of one layer the loaded motion."""

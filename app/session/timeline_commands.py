@@ -63,6 +63,16 @@ class SetFrame(OnTimeline, Setting):
 
     frame: int
     feeds: tuple[tuple[str, Signals, float], ...] = ()
+    others: tuple[Signals | None, ...] = ()
+    """What their layers give the other figures at that time; None: they stay. Empty: all do."""
+
+    def apply(self, state: StudioState) -> StudioState:
+        shown = super().apply(state)
+        return shown.with_others(self.others) if self.others else shown
+
+    def to_json(self) -> dict[str, Any]:
+        content = super().to_json()
+        return content if self.others else {key: value for key, value in content.items() if key != "others"}
 
     def edited(self, timeline: Timeline) -> Timeline:
         for name, signals, presence in self.feeds:

@@ -104,4 +104,5 @@ class Exports:
 
     def _frames(self) -> MotionFrames | None:
         state = self._studio.state
-        return MotionFrames(state, self._studio.clips) if state.timeline.layers else None
+        moves = any(figure.timeline.layers for figure in state.figures)
+        return MotionFrames(state, self._studio.clips) if moves else None

@@ -12,10 +12,11 @@ from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.file_kind import CAPTURE, RUN, SESSION
 from avatarrex_studio.jobs.opening import Opened, read_any
 from avatarrex_studio.panels.training import TrainingPanel
-from avatarrex_studio.session.commands import OpenAvatar
+from avatarrex_studio.session.commands import AddFigure, OpenAvatar
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.recent import Recent
 
+Shown = type[OpenAvatar] | type[AddFigure]
 log = logging.getLogger(__name__)
 
 
@@ -30,14 +31,21 @@ class Opening:
         """The panel to be brought to the front."""
         self._studio, self._training = studio, training
         self._threads = ThreadPoolExecutor(1, "opening")
-        self._reading: deque[tuple[str, Future[Opened]]] = deque()
+        self._reading: deque[tuple[str, Future[Opened], Shown]] = deque()
 
     def open(self, *paths: str) -> None:
         """Begin to open them, in this order."""
         for path in paths:
-            reading = self._threads.submit(read_any, path, self._studio.avatars.read)
-            self._reading.append((path, reading))
-            reading.add_done_callback(lambda _: self.arrived())
+            self._begin(path, OpenAvatar)
+
+    def add(self, path: str) -> None:
+        """Begin to open one; an avatar comes beside those that are there."""
+        self._begin(path, AddFigure)
+
+    def _begin(self, path: str, shown: Shown) -> None:
+        reading = self._threads.submit(read_any, path, self._studio.avatars.read)
+        self._reading.append((path, reading, shown))
+        reading.add_done_callback(lambda _: self.arrived())
 
     def dropped(self, window: object, paths: Iterable[str]) -> None:
         """Files were dropped on the window: GLFW's callback."""
@@ -58,22 +66,25 @@ class Opening:
     def tend(self) -> None:
         """Do what has been read; once a frame."""
         while self._reading and self._reading[0][1].done():
-            path, reading = self._reading.popleft()
+            path, reading, shown = self._reading.popleft()
             try:
                 with refusals_logged(opening=path):
-                    self.take(reading.result())
+                    self.take(reading.result(), shown)
             except Exception:  # a fault of ours: its trace goes to the log, and the window stays as it is
                 log.exception("%s could not be opened", path)
 
-    def take(self, opened: Opened) -> None:
-        """Show what was read: an avatar, a session and a motion in the viewport, a capture and a run in the Training tab."""
+    def take(self, opened: Opened, shown: Shown = OpenAvatar) -> None:
+        """Show what was read: an avatar, a session and a motion in the viewport, a capture and a run in the Training tab.
+
+        `shown`: the command that shows an avatar.
+        """
         studio = self._studio
         if opened.journal:
             studio.take_journal(opened.journal)
-        if opened.avatar and opened.reading:
-            studio.avatars.keep(opened.avatar, opened.reading)
+        for name, reading in opened.avatars.items():
+            studio.avatars.keep(name, reading)
             if opened.kind != SESSION:
-                studio.do(OpenAvatar(opened.avatar))
+                studio.do(shown(name))
         if opened.motion:
             studio.take_motion(opened.motion)
         if opened.kind in (CAPTURE, RUN):

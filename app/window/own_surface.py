@@ -43,15 +43,15 @@ class Distiller(Protocol):
 
 
 class OwnSurface:
-    """Looks after the surface of whichever avatar is open."""
+    """Looks after the surfaces of whichever avatars are open."""
 
     def __init__(self, avatars: Reader, distiller: Distiller) -> None:
         self._avatars, self._distiller = avatars, distiller
         self._for = ""
         self._tried: set[str] = set()
 
-    def tend(self, name: str) -> None:
-        """Begin a distillation where the avatar `name` has been read and has no surface; show one that is done."""
+    def tend(self, *names: str) -> None:
+        """Begin a distillation where one of the avatars `names` has been read and has no surface; show one that is done."""
         if self._for:
             if self._distiller.working():
                 return
@@ -59,13 +59,18 @@ class OwnSurface:
                 log.info("%s has its surface now", self._for)
                 self._avatars.read_again(self._for)
             self._for = ""
-        avatar = self._avatars.ready(name)
-        if avatar is None or avatar.surface is not None or name in self._tried or not _of_the_user(name):
+        name = next(filter(self._wanting, names), None)
+        if name is None:
             return
         self._tried.add(name)
         with refusals_logged():
             self._distiller.start(name)
             self._for = name
+
+    def _wanting(self, name: str) -> bool:
+        """Whether an avatar is to get one."""
+        avatar = self._avatars.ready(name)
+        return avatar is not None and avatar.surface is None and name not in self._tried and _of_the_user(name)
 
     @property
     def words(self) -> str:

@@ -145,7 +145,7 @@ def _on_floor(scene: Scene, light: KeyLight) -> dict[str, Any]:
         "u_eye": tuple(camera.centre.tolist()),
         "u_height": light.height,
         "u_shadow": light.shadow,
-        "u_pool": (*scene.state.place, POOL * (stage.backdrop != PICTURE)),
+        "u_pool": (*scene.state.middle, POOL * (stage.backdrop != PICTURE)),
         "u_surface_region": scene.surface_floor.region if scene.surface_floor else None,
         "u_exact_region": scene.exact_floor.region if scene.exact_floor else None,
     }

@@ -40,6 +40,7 @@ from avatarrex_studio.panels.viewport import ViewportPanel
 from avatarrex_studio.session.actions import ACTIONS, Action
 from avatarrex_studio.session.autosave import Autosave
 from avatarrex_studio.session.commands import Command, Select, SetSignals, SetStage, ZoomBy
+from avatarrex_studio.session.figures import standing
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
@@ -59,7 +60,7 @@ from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 
 from avatarrex.gl.context import REQUIRED, renderer_name
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.library import mirror, named_expression, named_hand, named_pose
+from avatarrex.signals.library import mirror
 from avatarrex.stage.picture import read_picture, stamp
 from avatarrex.stage.stage import PICTURE, Stage
 
@@ -111,6 +112,7 @@ class Window:
             "read_motion": self.timeline.reading.open, "set_key": studio.set_key, "key_camera": studio.key_camera,
             "record": studio.toggle_recording, "go_to_frame": self.timeline.go_to,
             "open": lambda: self.files.open("any", "Open", self.opening.open),
+            "add_figure": lambda: self.files.open("any", "Add an avatar", self.opening.add),
             "output": lambda: self.output.toggle(self.screen.open()), "virtual_camera": self.output.camera.toggle,
             **{f"output_{name}": partial(setattr, self.output, "ground", name) for name in GROUNDS},
             **{f"output_{name}": partial(self.output.resize, name) for name in SIZES},
@@ -172,7 +174,7 @@ class Window:
             "Performance": lambda: performance.draw(self.studio),
             "Camera": lambda: camera.draw(state()),
             "Render": lambda: render.draw(state()),
-            "Scene": lambda: scene.draw(state()),
+            "Scene": lambda: scene.draw(state(), self.opening.recent, self.opening.add),
             "Timeline": self._timeline,
             "Console": self.console.draw,
         }
@@ -277,7 +279,7 @@ class Window:
         self._frames += 1
         if self._frames > WARM_UP:
             self.guard.run("The picture", self._picture)
-            self.guard.run("The avatar's own surface", lambda: self.own_surface.tend(self.studio.state.avatar))
+            self.guard.run("The avatar's own surface", self._own_surfaces)
             self.guard.run("Opening", self._open_what_was_read)
             self.guard.run("Face", lambda: self.face.follow(self.studio.avatars.ready(self.studio.state.avatar)))
         self.guard.run("Autosave", lambda: self.autosave.tend(self.studio.journal))
@@ -293,6 +295,9 @@ class Window:
             self.first_picture()
             self.first_picture = nothing
         self.output.show(self.screen.layers, context, new)
+
+    def _own_surfaces(self) -> None:
+        self.own_surface.tend(*(figure.avatar for figure in self.studio.state.figures))
 
     def _idle(self) -> None:
         """Thumbnails while nothing moves; how often the interface is drawn then."""
@@ -435,7 +440,7 @@ def prepared(source: str = "default", device: str = "cpu") -> Window:
     """A window on anything that `Opening` opens, networks on `device`, to be run by `run`. Raises `InputError`."""
     exact, avatars = ExactEngine(partial(Engine, device=device), later=True), Avatars(read_avatar)
     opened = read_any(source, avatars.read)
-    journal = opened.journal or Journal(start(opened.avatar or "default"))
+    journal = opened.journal or Journal(start(next(iter(opened.avatars), "default")))
     window = Window(Studio(exact, avatars, journal, LiveSurface()), device=device)
     logging.basicConfig(
         level=logging.INFO, format="%(message)s", handlers=[window.console, window.toasts, logging.StreamHandler()]
@@ -463,9 +468,7 @@ def run(window: Window) -> int:
 
 def start(avatar: str = "default") -> StudioState:
     """The state that a new window opens with: standing on a stage, hands and face relaxed."""
-    hands = {f"{side}_hand_pose": named_hand("relaxed", side) for side in ("left", "right")}
-    parts = {"body_pose": named_pose("stand"), "expression": named_expression("relaxed"), **hands}
-    return StudioState(avatar=avatar, signals=Signals.rest().replace(**parts), stage=Stage(shown=True))
+    return StudioState(avatar=avatar, signals=standing(), stage=Stage(shown=True))
 
 
 def _configure() -> None:

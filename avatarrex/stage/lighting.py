@@ -1,4 +1,4 @@
-"""A frame in the light of a stage: its figure shaded, and the floor about it, both from the frame's own volume.
+"""Frames in the light of a stage: their figures shaded, and the floor about them, both from the frames' own volumes.
 
     figure: colour · (1 − FIGURE · shadow · (1 − brightness))       floor: `FloorLight`, for `composite.py`
 
@@ -7,6 +7,7 @@ Letters: h w pixels, p points. Root frame but where the world is said, metres.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,22 +20,28 @@ from avatarrex.live import LiveFrame
 from avatarrex.stage.distance import DistanceGrid, distance_grid
 from avatarrex.stage.stage import KeyLight
 from avatarrex.stage.visibility import Cone, visibility
-from avatarrex.surface.floor import FIGURE, FloorLight, box_corners, brightness, floor_region, texel_centres
+from avatarrex.surface.floor import FIGURE, FloorLight, Region, box_corners, brightness, floor_region, texel_centres
 from avatarrex.surface.raster import SAMPLES, KeyShadow, Placed, draw_surfaces
 from avatarrex.surface.shadow import Caster, SurfaceShadow, draw_shadow
 from avatarrex.volume.body_grid import BOX_MARGIN
 
 SIDE = 192
 """Texels along a side of the floor's map: 12 mm of a person's shadow."""
+MOST_SIDES = 3
+"""Times `SIDE`: figures far from each other have coarser shadows."""
 FLOOR_START, FIGURE_START = 0.003, 0.012
 """Metres off the surface at which cones begin: a floor is exact, a figure is as far as its voxels are."""
 SURFACE_SKY = 0.88
 """Share of the sky that a surface's vertices are taken to see: the mean of the exact figure's over six poses."""
 
 
+Standing = tuple[DistanceGrid, np.ndarray]
+"""A figure: its distances, and `world_from_root` (4, 4)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Lit:
-    """A figure in the light of a stage."""
+    """Figures in the light of a stage."""
 
     image: Float[Tensor, "h w 4"]
     """Premultiplied, sRGB-encoded."""
@@ -42,19 +49,49 @@ class Lit:
     """None where there is no floor."""
 
 
-def lit(frame: DeferredFrame, light: KeyLight, impl: str = "auto") -> Lit:
-    """`frame` in the light; see `visibility` for `impl`."""
-    grid, world = distance_grid(frame.volume.sdf), frame.world_from_root
-    direction = world[:3, :3].T @ light.direction
-    found = frame.pointmap
-    pixel = torch.nonzero(found.coverage.reshape(-1) > 0)[:, 0]
-    points, normals = (values.reshape(-1, 3)[pixel].float().cpu() for values in (found.position, found.normal))
-    seen = visibility(grid, points, normals, Cone(direction, light.width), FIGURE_START, impl).numpy()
-    gain = torch.ones(found.coverage.numel())
-    gain[pixel] = torch.from_numpy(figure_gain(seen, light.shadow).astype(np.float32))
-    image = frame.image.float().cpu().clone()
-    image[..., :3] *= gain.view(*found.coverage.shape, 1)
-    return Lit(image, floor_light(grid, world, light, impl) if light.floor else None)
+def lit(frames: Sequence[DeferredFrame], light: KeyLight, impl: str = "auto") -> tuple[list[Tensor], FloorLight | None]:
+    """The images of `frames` of one picture in the light, which each figure keeps from the others, too, and the floor's.
+
+    None where there is no floor. See `visibility` for `impl`.
+    """
+    standing = [(distance_grid(frame.volume.sdf), frame.world_from_root) for frame in frames]
+    images = []
+    for frame in frames:
+        found = frame.pointmap
+        pixel = torch.nonzero(found.coverage.reshape(-1) > 0)[:, 0]
+        points, normals = (
+            values.reshape(-1, 3)[pixel].double().cpu().numpy() for values in (found.position, found.normal)
+        )
+        turn, place = frame.world_from_root[:3, :3], frame.world_from_root[:3, 3]
+        seen = seen_light(standing, points @ turn.T + place, normals @ turn.T, light, FIGURE_START, impl)
+        gain = torch.ones(found.coverage.numel())
+        gain[pixel] = torch.from_numpy(figure_gain(seen, light.shadow).astype(np.float32))
+        image = frame.image.float().cpu().clone()
+        image[..., :3] *= gain.view(*found.coverage.shape, 1)
+        images.append(image)
+    return images, floor_light(standing, light, impl) if light.floor else None
+
+
+def seen_light(
+    standing: Sequence[Standing],
+    points: Float[np.ndarray, "p 3"],
+    normals: Float[np.ndarray, "p 3"],
+    light: KeyLight,
+    start: float,
+    impl: str = "auto",
+) -> Float[np.ndarray, "p 2"]:
+    """What world points with unit normals see of key light and sky among the figures; see `visibility`.
+
+    Of the key light the least that one of the figures leaves, for a light as narrow is hidden or not; of the sky the product.
+    """
+    seen = np.ones((len(points), 2))
+    for grid, world in standing:
+        turn, place = world[:3, :3], world[:3, 3]
+        own = [torch.from_numpy(v.astype(np.float32)) for v in ((points - place) @ turn, normals @ turn)]
+        cone = Cone(turn.T @ light.direction, light.width)
+        found = visibility(grid, own[0], own[1], cone, start, impl).double().numpy()
+        seen = np.stack([np.minimum(seen[:, 0], found[:, 0]), seen[:, 1] * found[:, 1]], 1)
+    return seen
 
 
 def figure_gain(seen: Float[np.ndarray, "p 2"], shadow: float) -> Float[np.ndarray, " p"]:
@@ -62,20 +99,26 @@ def figure_gain(seen: Float[np.ndarray, "p 2"], shadow: float) -> Float[np.ndarr
     return np.asarray(1 - FIGURE * shadow * (1 - brightness(seen)))
 
 
-def floor_light(
-    grid: DistanceGrid, world_from_root: np.ndarray, light: KeyLight, impl: str = "auto", side: int = SIDE
-) -> FloorLight:
-    """The floor's map under what `grid` contains."""
-    extent = grid.voxel * (np.array(grid.values.shape[::-1]) - 1)
-    bounds = np.stack([grid.origin + BOX_MARGIN, grid.origin + extent - BOX_MARGIN])
-    region = floor_region(box_corners(bounds, world_from_root), light.direction, light.height)
+def floor_light(standing: Sequence[Standing], light: KeyLight, impl: str = "auto", side: int = SIDE) -> FloorLight:
+    """The floor's map under figures, of `side` texels where one stands alone, and as fine where several do."""
+    corners = [box_corners(_bounds(grid), world) for grid, world in standing]
+    alone = [floor_region(own, light.direction, light.height) for own in corners]
+    region = floor_region(np.concatenate(corners), light.direction, light.height)
+    side = min(round(side * _span(region) / max(map(_span, alone))), MOST_SIDES * side)
     world = texel_centres(region, light.height, side)
-    turn, place = world_from_root[:3, :3], world_from_root[:3, 3]
-    points = torch.from_numpy(((world - place) @ turn).astype(np.float32))
-    up, direction = turn.T @ np.array([0.0, 1.0, 0.0]), turn.T @ light.direction
-    normals = torch.from_numpy(up.astype(np.float32)).expand_as(points)
-    seen = visibility(grid, points, normals, Cone(direction, light.width), FLOOR_START, impl).numpy()
+    seen = seen_light(standing, world, np.tile([0.0, 1.0, 0.0], (len(world), 1)), light, FLOOR_START, impl)
     return FloorLight(region, np.rint(255 * seen.clip(0, 1)).astype(np.uint8).reshape(side, side, 2))
+
+
+def _bounds(grid: DistanceGrid) -> Float[np.ndarray, "2 3"]:
+    """Two corners of what a grid contains."""
+    extent = grid.voxel * (np.array(grid.values.shape[::-1]) - 1)
+    return np.stack([grid.origin + BOX_MARGIN, grid.origin + extent - BOX_MARGIN])
+
+
+def _span(region: Region) -> float:
+    """The longer side of a rectangle of the floor."""
+    return max(region[2] - region[0], region[3] - region[1])
 
 
 @dataclass
@@ -85,25 +128,40 @@ class SurfaceLight:
     light: KeyLight
     shadow: SurfaceShadow | None = field(default=None, compare=False)
     """On the floor, the last one."""
-    _caster: Caster | None = field(default=None, compare=False)
+    _casters: tuple[Caster, ...] = field(default=(), compare=False)
 
     def __call__(self, placed: Placed, world_from_root: np.ndarray) -> KeyShadow:
         """What of a surface with that root is in the light."""
-        caster, old, light = Caster(placed.posed, world_from_root, placed.hidden), self._caster, self.light
-        same = old and old.posed is caster.posed and old.hidden == caster.hidden
-        if not (self.shadow and old and same and np.array_equal(old.world_from_root, world_from_root)):
-            self.shadow, self._caster = draw_shadow([caster], light.direction, light.width, light.height), caster
+        return self.keys([Caster(placed.posed, world_from_root, placed.hidden)])[0]
+
+    def keys(self, casters: Sequence[Caster]) -> list[KeyShadow]:
+        """What of each of the surfaces of one picture is in the light."""
+        light, old = self.light, self._casters
+        if self.shadow is None or len(old) != len(casters) or not all(map(_same, old, casters)):
+            self.shadow = draw_shadow(casters, light.direction, light.width, light.height)
+            self._casters = tuple(casters)
         dark, bright = figure_gain(np.array([[0.0, SURFACE_SKY], [1.0, SURFACE_SKY]]), light.shadow).tolist()
-        direction = world_from_root[:3, :3].T @ light.direction
-        mapped = self.shadow.map_from_world @ world_from_root
-        return KeyShadow(self.shadow.heights, mapped, direction, (dark, bright - dark))
+        mapped, heights = self.shadow.map_from_world, self.shadow.heights
+        gains = dark, bright - dark
+        worlds = [one.world_from_root for one in casters]
+        return [KeyShadow(heights, mapped @ world, world[:3, :3].T @ light.direction, gains) for world in worlds]
 
 
-def lit_surface(frame: LiveFrame, light: KeyLight) -> Lit:
-    """A frame of level `live` in the light, drawn anew and read back."""
-    shine = SurfaceLight(light)
-    placed = Placed(frame.posed, frame.harmonics, frame.view, frame.settings.hidden)
-    placed = replace(placed, key=shine(placed, frame.world_from_root))
-    picture = draw_surfaces([placed], SAMPLES if frame.settings.antialias else 1)
-    assert shine.shadow is not None
-    return Lit(torch.from_numpy(picture.read()), shine.shadow.read() if light.floor else None)
+def lit_surfaces(frames: Sequence[LiveFrame], light: KeyLight | None) -> Lit:
+    """Frames of level `live` in one picture, in the light where there is one; drawn anew and read back."""
+    placed = [Placed(frame.posed, frame.harmonics, frame.view, frame.settings.hidden) for frame in frames]
+    floor = None
+    if light is not None:
+        shine = SurfaceLight(light)
+        keys = shine.keys([Caster(f.posed, f.world_from_root, f.settings.hidden) for f in frames])
+        placed = [replace(one, key=key) for one, key in zip(placed, keys)]
+        assert shine.shadow is not None
+        floor = shine.shadow.read() if light.floor else None
+    picture = draw_surfaces(placed, SAMPLES if frames[0].settings.antialias else 1)
+    return Lit(torch.from_numpy(picture.read()), floor)
+
+
+def _same(old: Caster, new: Caster) -> bool:
+    """Whether both throw the same shadow."""
+    same_root = np.array_equal(old.world_from_root, new.world_from_root)
+    return old.posed is new.posed and old.hidden == new.hidden and same_root

@@ -31,6 +31,8 @@ RAYS, SIDE = 192, 112
 TAPS = 14
 TALLEST = 2.6
 """Metres over the floor: what is higher softens no shadow any more."""
+MOST_SPHERES = 8 * MOST
+"""Of all casters: of further ones the sky is not hidden. Every OpenGL 4.3 has room for 256 in a shader."""
 NOTHING = 1e4
 """Height of a ray that meets nothing."""
 
@@ -82,7 +84,7 @@ class _Floor:
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
-        constants = {"TAPS": TAPS, "TALLEST": TALLEST, "MOST_SPHERES": MOST * 2}
+        constants = {"TAPS": TAPS, "TALLEST": TALLEST, "MOST_SPHERES": MOST_SPHERES}
         self._program = draw_program(context, "window/whole.vert", "surface/floor.frag", constants)
         self._soften = draw_program(context, "window/whole.vert", "surface/soften.frag")
         self._triangles = [context.vertex_array(program, []) for program in (self._program, self._soften)]
@@ -124,9 +126,9 @@ class _Floor:
     def _place(self, casters: Sequence[Caster], region: Region, height: float) -> None:
         """Tell the program where the map lies, and the spheres."""
         program = self._program
-        spheres = np.concatenate([_spheres(one) for one in casters])[: 2 * MOST]
+        spheres = np.concatenate([_spheres(one) for one in casters])[:MOST_SPHERES]
         spheres[:, :3] -= [region[0], height, region[1]]
-        table = np.zeros((2 * MOST, 4))
+        table = np.zeros((MOST_SPHERES, 4))
         table[: len(spheres)] = spheres
         program["u_spheres"] = [tuple(row) for row in table.tolist()]
         program["u_count"] = len(spheres)

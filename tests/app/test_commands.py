@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from avatarrex_studio.session import commands, posing, timeline_commands
 from avatarrex_studio.session.commands import KINDS
+from avatarrex_studio.session.figures import Place
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import OrbitView, StudioState
 from avatarrex_studio.session.timeline import Clip, Feed, Layer, Share
@@ -79,6 +80,11 @@ EVERY = (
     commands.ScaleGroup("face", 0.5),
     commands.Blend("walk", STEPPING, ("body_pose",), 0.5),
     commands.PutOnFloor(),
+    commands.AddFigure("default"),
+    commands.PlaceFigure(Place(30.0, 1.5, -0.5)),
+    commands.AddFigure("another", Place(x=-1.0), STEPPING),
+    commands.SelectFigure(0),
+    commands.RemoveFigure(1),
     commands.SetStage("top", (0.1, 0.2, 0.3)),
     commands.SetStage("shown", True),
 )

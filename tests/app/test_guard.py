@@ -147,9 +147,9 @@ def test_what_lies_over_the_panels_fails_alone(frame):
 def test_autosave_goes_on_where_the_picture_fails(frame):
     done, told = [], []
     window = SimpleNamespace(
-        guard=Guard(told.append), _frames=100, _picture=broken, own_surface=SimpleNamespace(tend=lambda avatar: done.append("surface")),
-        studio=SimpleNamespace(state=SimpleNamespace(avatar="default"), journal=None), _open_what_was_read=lambda: done.append("opening"),
-        autosave=SimpleNamespace(tend=lambda journal: done.append("autosave")), _idle=lambda: done.append("idle"),
+        guard=Guard(told.append), _frames=100, _picture=broken, studio=SimpleNamespace(journal=None), _idle=lambda: done.append("idle"),
+        _own_surfaces=lambda: done.append("surface"), _open_what_was_read=lambda: done.append("opening"),
+        autosave=SimpleNamespace(tend=lambda journal: done.append("autosave")),
     )  # fmt: skip
     frame(lambda: Window._render(window))
     assert done == ["surface", "opening", "autosave", "idle"]

@@ -21,15 +21,15 @@ SIZE = (48, 64)
 def test_the_picture_is_that_of_the_level_live():
     avatar = Avatar.create(load_person("default"), "compact")
     live, state = LiveSurface(), OrbitBy(30.0, 10.0).apply(StudioState())
-    assert live.draw(avatar, state, SIZE) is None
+    assert live.draw([avatar], state, SIZE) is None
     avatar.surface = template_surface()
-    picture = live.draw(avatar, state, SIZE)
+    picture = live.draw([avatar], state, SIZE)
     assert picture.texture.size == SIZE
     frame = render_frame(avatar, state.signals, state.view.camera(*SIZE), level("live"))
     assert np.array_equal(picture.read(), frame.image.numpy())
     assert set(live.ms) == {"surface", "raster", "total"}
-    assert live.draw(avatar, state, SIZE) is picture, "nothing changed"
-    hidden = live.draw(avatar, SetHidden("left_hand", True).apply(state), SIZE)
+    assert live.draw([avatar], state, SIZE) is picture, "nothing changed"
+    hidden = live.draw([avatar], SetHidden("left_hand", True).apply(state), SIZE)
     assert not np.array_equal(hidden.read(), frame.image.numpy())
 
 
@@ -39,11 +39,13 @@ def test_the_point_under_a_pixel_is_that_of_the_whole_picture():
     live, state = LiveSurface(), OrbitBy(30.0, 10.0).apply(StudioState())
     state = SetTranslation((0.2, 0.0, 0.1)).apply(state)
     assert live.point(3, 4) is None
-    live.draw(avatar, state, SIZE)
+    live.draw([avatar], state, SIZE)
     frame = render_frame(avatar, state.signals, state.view.camera(*SIZE), level("live"))
     seen = surface_geometry(frame.posed, frame.view)
     world = frame.world_from_root
     for row, column in np.argwhere(seen.hit)[::97].tolist():
         expected = world[:3, :3] @ seen.position[row, column] + world[:3, 3]
-        assert live.point(column, row) == pytest.approx(tuple(expected), abs=1e-4)
+        found = live.point(column, row)
+        assert found.figure == 0
+        assert found.point == pytest.approx(tuple(expected), abs=1e-4)
     assert live.point(0, 0) is None

@@ -8,12 +8,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from avatarrex_studio.engine.request import Request
+from avatarrex_studio.engine.request import Request, Seen
 from avatarrex_studio.panels import camera, keys, performance, render, scene
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.hands import HandPanel
 from avatarrex_studio.panels.joints import body_panel
 from avatarrex_studio.panels.poses import PosesPanel, shipped_entries
+from avatarrex_studio.panels.questions import nothing
 from avatarrex_studio.panels.timeline import TimelinePanel
 from avatarrex_studio.panels.viewport import Shown, ViewportPanel, preparing
 from avatarrex_studio.session import posing
@@ -30,6 +31,7 @@ from avatarrex_studio.session.commands import (
     ZoomBy,
 )
 from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.recent import Recent
 from avatarrex_studio.session.state import LEVELS, OrbitView, StudioState
 from avatarrex_studio.window.window import Window
 from ball_studio import ball_studio
@@ -161,7 +163,7 @@ def test_search_narrows_the_list(screen, monkeypatch):
 
 def test_the_other_panels_draw(screen, studio):
     poses = PosesPanel()
-    for draw in (camera.draw, render.draw, scene.draw, poses.draw):
+    for draw in (camera.draw, render.draw, lambda state: scene.draw(state, Recent(), nothing), poses.draw):
         assert screen.frame(lambda draw=draw: draw(studio.state)) == []
     assert screen.frame(lambda: TimelinePanel().draw(studio)) == []
 
@@ -289,7 +291,7 @@ def test_a_double_click_centres_on_what_is_under_the_mouse(screen, clock):
     studio.surface = SimpleNamespace(texture=SimpleNamespace(size=(2 * width, 2 * height)))
     wanted = []
     studio.live = SimpleNamespace(
-        ms={}, draw=lambda avatar, state, size: None, point=lambda column, row: wanted.append((column, row)) or (1.0, 2.0, 3.0)
+        ms={}, draw=lambda avatar, state, size: None, point=lambda column, row: wanted.append((column, row)) or Seen((1.0, 2.0, 3.0), 0)
     )  # fmt: skip
     centre = centred(double_click(screen, draw, middle))
     assert centre.target == (1, 2, 3)

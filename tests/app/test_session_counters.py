@@ -118,7 +118,7 @@ def test_parts_that_do_not_change_are_kept(session):
 
 def test_what_is_skipped_has_its_reason(session):
     frames, _ = session
-    reasons = {name: skipped(Work.of(frame, "fast")) for name, frame in frames.items()}
+    reasons = {name: skipped(Work.of([frame], "fast")) for name, frame in frames.items()}
     assert reasons["start"] == {}
     assert set(reasons["idle"]) == set(WORK)
     assert reasons["view"]["body"] == "body pose unchanged: body voxels kept"

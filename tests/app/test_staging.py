@@ -52,10 +52,10 @@ def shadow(seed: int) -> FloorLight:
 def test_a_stage_that_is_off_changes_no_byte():
     engine = ball_engine()
     frame = engine.render(OFF, SIZE).frame
-    assert in_light(frame, OFF).image is frame.image
+    assert in_light([frame], OFF).image is frame.image
     unshown = OFF.change(stage=Stage(exposure=1.0, azimuth=0.0, backdrop=COLOUR))
     for state in (OFF, unshown):
-        assert np.array_equal(over_stage(in_light(frame, state), state), composite(frame.image, state.background))
+        assert np.array_equal(over_stage(in_light([frame], state), state), composite(frame.image, state.background))
         picture = answered(engine, Request(state, SIZE)).picture
         assert np.array_equal(picture.image, np.rint(255 * frame.image.numpy().clip(0, 1)).astype(np.uint8))
         assert picture.floor is None
@@ -86,7 +86,7 @@ def test_the_window_draws_what_files_get(tmp_path):
 
     def wanted(image, floor, now):
         return staged(
-            torch.from_numpy(image / 255.0), now.view.camera(*SIZE), now.stage, now.background, floor, now.place
+            torch.from_numpy(image / 255.0), now.view.camera(*SIZE), now.stage, now.background, floor, now.middle
         )
 
     for stage in (
@@ -174,7 +174,7 @@ def test_an_export_has_the_stage_where_it_is_ticked():
     )
     assert np.array_equal(plain, Drawer(engine, Look(SIZE, level="balanced")).pixels(OFF))
     assert not np.array_equal(plain, on)
-    assert np.array_equal(on, over_stage(in_light(engine.render(ON, SIZE).frame, ON), ON))
+    assert np.array_equal(on, over_stage(in_light([engine.render(ON, SIZE).frame], ON), ON))
     assert clear[0, 0, 3] == 0
     assert clear_on[0, 0, 3] == 0
 
@@ -225,6 +225,6 @@ def test_the_panel_sets_the_stage(screen):  # noqa: F811
 def test_lit_frames_of_a_level_without_volume(tmp_path):
     """The ball's frame has a volume with nothing in it: no shadow, and the side that turns away is darker."""
     frame = ball_engine().render(ON, SIZE).frame
-    seen = in_light(frame, ON)
+    seen = in_light([frame], ON)
     assert isinstance(seen, Lit)
     assert (seen.floor.values == 255).all()

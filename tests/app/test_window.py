@@ -356,6 +356,6 @@ def test_the_real_pipeline_in_the_window(display, tmp_path):
     assert done["nothing"] == {}
     assert images["nothing"] is images["camera"]
     state, shown = Journal.load(tmp_path / "session.json").state, images["camera"]
-    frame = compact_engine(between=None).frame(state, state.view.camera(shown.shape[1], shown.shape[0]))
-    again = in_light(frame, state).image
+    frames = compact_engine(between=None).frames(state, state.view.camera(shown.shape[1], shown.shape[0]))
+    again = in_light(frames, state).image
     np.testing.assert_allclose(255 * again.numpy().clip(0, 1), shown, atol=1.0)

@@ -69,7 +69,7 @@ def test_what_is_drawn_is_what_is_marched(ball):
     shadow = draw_shadow([Caster(ball, np.eye(4))], light.direction, light.width, light.height)
     drawn = shadow.read()
     volume = banded(sphere((0.0, 0.0, 0.0), RADIUS))
-    marched = floor_light(distance_grid(volume), np.eye(4), light, side=64)
+    marched = floor_light([(distance_grid(volume), np.eye(4))], light, side=64)
     points = texel_centres(marched.region, light.height, 64)
     x0, z0, x1, z1 = drawn.region
     column = np.clip((points[:, 0] - x0) / (x1 - x0) * SIDE, 0, SIDE - 1).astype(int)
