@@ -17,6 +17,7 @@ import logging
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -97,7 +98,8 @@ class Fuzz(logging.Handler):
         self._trail: TextIO = (folder / "actions.txt").open("w")
         self._begun = self._frame = self._read = time.monotonic()
         self._spent = 0.0
-        """Processor time of the process at the last frame: a machine that pauses it is no fault of the window."""
+        """Processor time of the process at the last frame."""
+        signal.signal(signal.SIGCONT, self._continued)
         self._ending = 0
         self._actions = [entry for entry in ACTIONS if entry.id not in LEAVES]
         self._kinds = {
@@ -128,8 +130,13 @@ class Fuzz(logging.Handler):
         if record.exc_info:
             self._failed(logging.Formatter("%(message)s").format(record))
 
+    def _continued(self, *_: object) -> None:
+        """Somebody had stopped the process: that is no fault of the window."""
+        self._frame = time.monotonic()
+
     def close(self) -> None:
         """Write all that was done."""
+        signal.signal(signal.SIGCONT, signal.SIG_DFL)
         self._trail.close()
         super().close()
 
