@@ -380,11 +380,13 @@ def _inside(options: argparse.Namespace) -> int:
     from avatarrex_studio.engine.engine import Engine
     from avatarrex_studio.engine.exact import ExactEngine
     from avatarrex_studio.engine.live import LiveSurface, read_avatar
+    from avatarrex_studio.engine.pages import give_pages
     from avatarrex_studio.engine.studio import Studio
     from avatarrex_studio.session.journal import Journal
     from avatarrex_studio.window.window import start
 
     faulthandler.enable()
+    give_pages()
     folder = Path(options.folder)
     os.chdir(folder / "work")
     window = Window(

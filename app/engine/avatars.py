@@ -1,15 +1,21 @@
 """The avatar that is open, in the interface's process: its templates for framing, its surface for `live`.
 
-Reading one takes a second: a thread does it, and who cannot wait looks again later.
+Reading one takes a second: a thread does it, and who cannot wait looks again later. The open one is not read again as long as its
+files are as they were: a session that is opened mostly has the avatar that is there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from weakref import WeakKeyDictionary
 
 from avatarrex.avatar import Avatar
-from avatarrex.avatar_file import load_avatar
+from avatarrex.avatar_file import avatar_path, load_avatar
+
+Stamp = tuple[tuple[Path, int, int], ...]
+"""An avatar's files, when they were changed last and their bytes; empty where nothing is there."""
 
 
 class Avatars:
@@ -18,41 +24,67 @@ class Avatars:
     def __init__(self, load: Callable[[str], Avatar] = load_avatar) -> None:
         self._load = load
         self._threads = ThreadPoolExecutor(1, "avatar")
-        self._name: str | None = None
-        self._reading: Future[Avatar] = Future()
+        self._open: tuple[str | None, Future[Avatar]] = (None, Future())
+        """The name of the open one, and its reading."""
+        self._stamps: WeakKeyDictionary[Future[Avatar], Stamp] = WeakKeyDictionary()
+        """Of when a reading began."""
 
     def get(self, name: str) -> Avatar:
         """The avatar, waited for. Raises `InputError`, and then keeps the one before."""
-        reading = self._reading if name == self._name else self.read(name)
+        opened, reading = self._open
+        reading = reading if name == opened else self.read(name)
         avatar = reading.result()
         self.keep(name, reading)
         return avatar
 
     def read(self, name: str) -> Future[Avatar]:
-        """Begin to read an avatar beside the open one. May be called by any thread."""
-        return self._threads.submit(self._load, name)
+        """Begin to read an avatar beside the open one, or the open one's reading, where that is it. May be called by any thread."""
+        opened, reading = self._open
+        stamp = _stamp(name)
+        if name == opened and stamp and stamp == self._stamps.get(reading) and not _failed(reading):
+            return reading
+        return self._begin(name, stamp)
 
     def keep(self, name: str, reading: Future[Avatar]) -> None:
         """Have what `read` began as the open one."""
-        self._name, self._reading = name, reading
+        self._open = name, reading
 
     def ready(self, name: str) -> Avatar | None:
         """The avatar where it has been read; None meanwhile, and where it cannot be."""
-        if name != self._name:
+        if name != self._open[0]:
             self.keep(name, self.read(name))
-        done = self._reading.done() and self._reading.exception() is None
-        return self._reading.result() if done else None
+        reading = self._open[1]
+        return reading.result() if reading.done() and not _failed(reading) else None
 
     def read_again(self, name: str) -> None:
         """Read the avatar anew, where it is the open one: its file has changed."""
-        if name == self._name:
-            self._reading = self.read(name)
+        if name == self._open[0]:
+            self.keep(name, self._begin(name, _stamp(name)))
 
     @property
     def reading(self) -> bool:
         """Whether one is being read."""
-        return self._name is not None and not self._reading.done()
+        name, reading = self._open
+        return name is not None and not reading.done()
 
     def close(self) -> None:
         """End the thread."""
         self._threads.shutdown(wait=False, cancel_futures=True)
+
+    def _begin(self, name: str, stamp: Stamp) -> Future[Avatar]:
+        reading = self._threads.submit(self._load, name)
+        self._stamps[reading] = stamp
+        return reading
+
+
+def _failed(reading: Future[Avatar]) -> bool:
+    return reading.done() and reading.exception() is not None
+
+
+def _stamp(name: str) -> Stamp:
+    path = avatar_path(name)
+    try:
+        files = sorted(path.iterdir()) if path.is_dir() else [path]
+        return tuple((file, stat.st_mtime_ns, stat.st_size) for file in files for stat in [file.stat()])
+    except (OSError, ValueError):  # a name that can be none of a file
+        return ()

@@ -85,7 +85,7 @@ class Thumbnails:
         """The avatar that is open; whether it is another one than before, so that every picture is to be made anew."""
         new = avatar is not self._avatar
         if new:
-            self._avatar = avatar
+            self._avatar, self._surface = avatar, LiveSurface()  # the one before kept its avatar
             self._tried.clear()
         return new
 

@@ -17,6 +17,7 @@ from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.live import LiveSurface, read_avatar
+from avatarrex_studio.engine.pages import Resting, give_pages
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.distilling import Distilling
 from avatarrex_studio.jobs.export_order import Make
@@ -100,6 +101,7 @@ class Window:
         self.exports = Exports(studio, self.questions, make or partial(Engine, device=device))
         self.first_picture: Callable[[], None] = nothing
         """Called once, when there is something to see."""
+        self._resting = Resting()
         self._frames = self._gesture = 0
         self._keys_free = True
         """Whether keys were shortcuts when this frame began: what Esc closes does not pass it on."""
@@ -309,6 +311,7 @@ class Window:
             or self.toasts.moving
         )
         idling.fps_idle = READING_FPS if waiting else typing
+        self._resting.tend(waiting or self.studio.moving or imgui.is_any_mouse_down())
         if context.screen:
             context.screen.use()
 
@@ -451,6 +454,7 @@ def run(window: Window) -> int:
     """Run the window until it is closed; the exit code."""
     import glfw  # after imgui_bundle, which brings its own library
 
+    give_pages()
     arrived = glfw.post_empty_event
     if isinstance(window.studio.pictures.exact, ExactEngine):
         window.studio.pictures.exact.arrived = arrived
