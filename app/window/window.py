@@ -45,8 +45,9 @@ from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.timeline_commands import SetFrame
-from avatarrex_studio.window.docking import BARE, LAYOUTS, docking
+from avatarrex_studio.window.docking import BARE, LAYOUTS, docking, toggle_panels
 from avatarrex_studio.window.exporting import Exports
+from avatarrex_studio.window.full_screen import FullScreen
 from avatarrex_studio.window.guard import COPY, Failure, Guard
 from avatarrex_studio.window.leaving import Leaving
 from avatarrex_studio.window.opening import Opening
@@ -122,6 +123,8 @@ class Window:
             "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,
             "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
+            "full_screen": FullScreen().toggle,
+            "panels": lambda: toggle_panels(hello_imgui.get_runner_params().docking_params),
             **{f"layout_{name.lower()}": partial(hello_imgui.switch_layout, name) for name in LAYOUTS},
             "preferences": self.personal.dialog.open, "tour": self.personal.tour.start, "available": self.available.open,
             "quit": self._quit, "stage_picture": self._stage_picture,
@@ -251,7 +254,7 @@ class Window:
     def _shortcuts(self) -> None:
         if not keys.close_topmost() and keys.free() and self._keys_free:
             for chord, entry in self._chords:
-                if imgui.is_key_chord_pressed(chord) and entry.enabled(self.studio.journal):
+                if keys.pressed(chord) and entry.enabled(self.studio.journal):
                     self._run(entry)
         if not (imgui.is_any_item_active() or imgui.is_any_mouse_down()):
             self._gesture += 1
@@ -271,6 +274,7 @@ class Window:
         self.guard.run("Preferences", self.personal.prepare)
         theme.window_background(0.0)
         self._keys_free = keys.free()
+        imgui.get_current_context().config_nav_enable_tabbing = not self._keys_free  # else Tab hides the panels
         if self._frames < WARM_UP:
             imgui.get_io().clear_events_queue()  # clicks and keys that came before there was anything to see
 
