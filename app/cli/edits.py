@@ -20,7 +20,7 @@ from avatarrex.errors import InputError
 from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, HAND_JOINTS
 from avatarrex.templates.parts import HANDS
 
-CAMERA = ("azimuth", "elevation", "distance", "fov", "x", "y", "z", "follow")
+CAMERA = ("azimuth", "elevation", "distance", "fov", "x", "y", "z", "follow", "orthographic")
 FARTHEST = 1e6
 """Largest number of a camera: metres or degrees that doubles still resolve to 1e-9."""
 GROUP_JOINTS = {
@@ -62,8 +62,12 @@ def camera(text: str) -> SetCamera:
     target = None
     if given.keys() & set("xyz"):
         target = (given.pop("x", 0.0), given.pop("y", -0.05), given.pop("z", 0.0))
-    follow = given.pop("follow", None if target is None else 0.0)
-    return SetCamera(**given, target=target, follow=None if follow is None else bool(follow))
+    if target:
+        given.setdefault("follow", 0.0)
+    flags = {name: bool(given.pop(name)) for name in ("follow", "orthographic") if name in given}
+    values: dict[str, Any] = dict(given)
+    values.update(flags)
+    return SetCamera(target=target, **values)
 
 
 def setting(text: str) -> Command:

@@ -32,6 +32,10 @@ class LiveSurface:
     def __init__(self) -> None:
         self.ms: dict[str, float] = {"surface": 0.0, "raster": 0.0, "total": 0.0}
         """Milliseconds of the last picture by stage; in software the rasteriser goes on after that."""
+        self.forget()
+
+    def forget(self) -> None:
+        """Let go of the last picture and what it was made of: the avatar, its light, textures of a context."""
         self._avatar: Avatar | None = None
         self._previous: LiveFrame | None = None
         self._shine: SurfaceLight | None = None

@@ -77,6 +77,9 @@ class Live(Protocol):
     def point(self, column: int, row: int) -> Vector | None:
         """World metres: what is under the centre of a pixel of the last picture; None where nothing is."""
 
+    def forget(self) -> None:
+        """Let go of the last picture and what it was made of."""
+
 
 class Studio:
     """An open session without its window: state, engine, playback and the picture as far as it is rendered."""
@@ -232,6 +235,12 @@ class Studio:
             or greets
             or not self.pictures.rests(self._clock())
         )
+
+    def forget_surface(self) -> None:
+        """The OpenGL context that it was drawn in goes; it is drawn anew in the next."""
+        self.surface = self._drawn = self._faulty = None
+        if self.live:
+            self.live.forget()
 
     def close(self) -> None:
         """End the exact engine, and listen no more."""

@@ -85,9 +85,14 @@ class Thumbnails:
         """The avatar that is open; whether it is another one than before, so that every picture is to be made anew."""
         new = avatar is not self._avatar
         if new:
-            self._avatar, self._surface = avatar, LiveSurface()  # the one before kept its avatar
-            self._tried.clear()
+            self._avatar = avatar
+            self.close()
         return new
+
+    def close(self) -> None:
+        """Let go of what the last picture was made of; every one is made anew, or read."""
+        self._surface.forget()
+        self._tried.clear()
 
     def tend(self) -> tuple[Sitter, Pixels] | None:
         """Read or make the picture that was wanted first: straight-alpha bytes; None where there is none to make."""

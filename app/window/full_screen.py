@@ -22,8 +22,9 @@ class FullScreen:
         import glfw  # after imgui_bundle, which brings its own library
 
         window: Any = glfw_window_hello_imgui()
+        no_screen: Any = None
         if self._before:
-            glfw.set_window_monitor(window, None, *self._before, glfw.DONT_CARE)
+            glfw.set_window_monitor(window, no_screen, *self._before, glfw.DONT_CARE)
             self._before = None
             return
         here = (*glfw.get_window_pos(window), *glfw.get_window_size(window))
