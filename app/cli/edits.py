@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from argparse import Namespace
+from typing import Any
 
 from avatarrex_studio.cli.options import number
 from avatarrex_studio.session import commands
@@ -64,9 +65,9 @@ def camera(text: str) -> SetCamera:
         target = (given.pop("x", 0.0), given.pop("y", -0.05), given.pop("z", 0.0))
     if target:
         given.setdefault("follow", 0.0)
-    flags = {name: bool(given.pop(name)) for name in ("follow", "orthographic") if name in given}
-    values: dict[str, Any] = dict(given)
-    values.update(flags)
+    values: dict[str, Any] = {
+        name: bool(value) if name in ("follow", "orthographic") else value for name, value in given.items()
+    }
     return SetCamera(target=target, **values)
 
 

@@ -8,14 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 from weakref import WeakKeyDictionary
 
 from avatarrex.avatar import Avatar
-from avatarrex.avatar_file import avatar_path, load_avatar
-
-Stamp = tuple[tuple[Path, int, int], ...]
-"""An avatar's files, when they were changed last and their bytes; empty where nothing is there."""
+from avatarrex.avatar_file import Stamp, avatar_stamp, load_avatar
 
 
 class Avatars:
@@ -40,7 +36,7 @@ class Avatars:
     def read(self, name: str) -> Future[Avatar]:
         """Begin to read an avatar beside the open one, or the open one's reading, where that is it. May be called by any thread."""
         opened, reading = self._open
-        stamp = _stamp(name)
+        stamp = avatar_stamp(name)
         if name == opened and stamp and stamp == self._stamps.get(reading) and not _failed(reading):
             return reading
         return self._begin(name, stamp)
@@ -59,7 +55,7 @@ class Avatars:
     def read_again(self, name: str) -> None:
         """Read the avatar anew, where it is the open one: its file has changed."""
         if name == self._open[0]:
-            self.keep(name, self._begin(name, _stamp(name)))
+            self.keep(name, self._begin(name, avatar_stamp(name)))
 
     @property
     def reading(self) -> bool:
@@ -79,12 +75,3 @@ class Avatars:
 
 def _failed(reading: Future[Avatar]) -> bool:
     return reading.done() and reading.exception() is not None
-
-
-def _stamp(name: str) -> Stamp:
-    path = avatar_path(name)
-    try:
-        files = sorted(path.iterdir()) if path.is_dir() else [path]
-        return tuple((file, stat.st_mtime_ns, stat.st_size) for file in files for stat in [file.stat()])
-    except (OSError, ValueError):  # a name that can be none of a file
-        return ()

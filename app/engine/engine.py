@@ -18,7 +18,7 @@ from avatarrex_studio.session.state import AUTO, StudioState
 
 from avatarrex import levels
 from avatarrex.avatar import Avatar
-from avatarrex.avatar_file import load_avatar
+from avatarrex.avatar_file import Stamp, avatar_stamp, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.frame import Frame
@@ -61,6 +61,8 @@ class Engine:
         self._load = partial(load, device=device)
         self._settings = settings or RenderSettings()
         self._name: str | None = None
+        self._stamp: Stamp = ()
+        """Of the avatar's files when it was read."""
         self._previous: Frame | None = None
 
     def render(self, state: StudioState, size: tuple[int, int] | None = None, dragged: bool = False) -> Shot:
@@ -82,7 +84,12 @@ class Engine:
     def frame(self, state: StudioState, camera: Camera, dragged: bool = False) -> Frame:
         """The frame of `state` through `camera`; errors are raised."""
         avatar, settings = self.avatar(state.avatar), self.settings(state, dragged)
-        if settings.surface and avatar.surface is None and not self._given:
+        if (
+            settings.surface
+            and avatar.surface is None
+            and not self._given
+            and self._stamp != avatar_stamp(state.avatar)
+        ):
             self._name = None  # it may have got one meanwhile
             avatar = self.avatar(state.avatar)
         frame = self._render(avatar, state.signals, camera, settings, self._previous)
@@ -92,6 +99,7 @@ class Engine:
     def avatar(self, name: str) -> Avatar:
         """The avatar of that name or path, read once. Raises `InputError`."""
         if not self._given and self._name != name:
+            self._stamp = avatar_stamp(name)
             self._avatar = self._load(name)
             self._name, self._previous = name, None
         assert self._avatar is not None

@@ -55,7 +55,7 @@ class InterfaceScale:
 
 
 def _beside() -> tuple[float, float] | None:
-    """Where the mouse is beside a window that has the keyboard, pixels: the toolkit's back end has just said so itself, in pixels as points."""
+    """Where the mouse is beside a window that has the keyboard, pixels: the toolkit's back end has just taken them for points."""
     import glfw  # after imgui_bundle, which brings its own library
 
     window: Any = glfw_window_hello_imgui()

@@ -10,8 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from avatarrex_studio.engine.avatars import Avatars
+from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.pages import EVERY, STILL, Resting, give_back, give_pages, keep_pages
 from avatarrex_studio.engine.thumbnails import Sitter, Thumbnails
+from avatarrex_studio.session.state import StudioState
+from ball import render_ball
 from surface.template_surface import template_surface
 
 from avatarrex.avatar import Avatar
@@ -103,6 +106,19 @@ def test_avatars_that_were_replaced_are_gone(files, untrained):
     assert [reference() is not None for reference in alive] == [False] * 9 + [True]
     assert len(avatars._stamps) == 1
     avatars.close()
+
+
+def test_an_engine_reads_an_avatar_without_a_surface_again_once_its_file_has_changed(files, untrained):
+    read, path = Read(untrained), files / "one.avatar"
+    engine = Engine(render=render_ball, load=lambda name, device: read(name))
+    state = StudioState(avatar=str(path), level="live")
+    for _ in range(3):
+        engine.frame(state, state.view.camera(16, 16))
+    assert len(read.names) == 1
+    path.write_text("with a surface")
+    for _ in range(3):
+        engine.frame(state, state.view.camera(16, 16))
+    assert len(read.names) == 2
 
 
 def test_thumbnails_keep_no_avatar_of_before(tmp_path, untrained):
