@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import logging
 import zipfile
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +92,20 @@ def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
 def avatar_path(source: str | Path) -> Path:
     """Where an avatar is: "default" is the packaged one."""
     return DATA / "default.avatar" if str(source) == "default" else Path(source)
+
+
+Stamp = tuple[tuple[Path, int, int], ...]
+"""An avatar's files, when they were changed last (ns) and their bytes."""
+
+
+def avatar_stamp(source: str | Path) -> Stamp:
+    """What tells whether an avatar has changed since it was read, without reading it; empty where nothing is there."""
+    path = avatar_path(source)
+    try:
+        files = sorted(path.iterdir()) if path.is_dir() else [path]
+        return tuple((file, found.st_mtime_ns, found.st_size) for file in files for found in [file.stat()])
+    except (OSError, ValueError):  # ValueError: a name that can be none of a file
+        return ()
 
 
 def save_avatar(avatar: Avatar, path: str | Path, half: bool = True) -> None:
@@ -176,9 +191,15 @@ def _surface(path: Path, avatar: Avatar) -> Surface | None:
         if surface.key != key:
             raise InputError(path, f"{SURFACE}: key", f"that of these weights ({key})", surface.key or "none")
     except InputError as error:
-        log.warning("%s; `avatarrex-studio distil %s` makes it anew", error, plain(str(path)))
+        _warn_once(f"{error}; `avatarrex-studio distil {plain(str(path))}` makes it anew")
         return None
     return surface
+
+
+@lru_cache(maxsize=256)
+def _warn_once(text: str) -> None:
+    """Who reads an avatar twice is told once."""
+    log.warning("%s", text)
 
 
 def _surface_content(path: Path) -> bytes | None:

@@ -54,7 +54,7 @@ class Camera:
         `fov_deg` spans the image height, or the width where that is smaller.
         """
         for name, value, low, high in (
-            ("fov", fov_deg, 1.0, 170.0),
+            ("fov", fov_deg, 0.01, 170.0),
             ("distance", distance, 1e-3, 1e6),
             ("elevation", elevation_deg, -90.0, 90.0),
         ):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from argparse import Namespace
+from typing import Any
 
 from avatarrex_studio.cli.options import number
 from avatarrex_studio.session import commands
@@ -20,7 +21,7 @@ from avatarrex.errors import InputError
 from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES, HAND_JOINTS
 from avatarrex.templates.parts import HANDS
 
-CAMERA = ("azimuth", "elevation", "distance", "fov", "x", "y", "z", "follow")
+CAMERA = ("azimuth", "elevation", "distance", "fov", "x", "y", "z", "follow", "orthographic")
 FARTHEST = 1e6
 """Largest number of a camera: metres or degrees that doubles still resolve to 1e-9."""
 GROUP_JOINTS = {
@@ -62,8 +63,12 @@ def camera(text: str) -> SetCamera:
     target = None
     if given.keys() & set("xyz"):
         target = (given.pop("x", 0.0), given.pop("y", -0.05), given.pop("z", 0.0))
-    follow = given.pop("follow", None if target is None else 0.0)
-    return SetCamera(**given, target=target, follow=None if follow is None else bool(follow))
+    if target:
+        given.setdefault("follow", 0.0)
+    values: dict[str, Any] = {
+        name: bool(value) if name in ("follow", "orthographic") else value for name, value in given.items()
+    }
+    return SetCamera(target=target, **values)
 
 
 def setting(text: str) -> Command:

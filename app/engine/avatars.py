@@ -1,15 +1,17 @@
 """The avatars of a session's figures, in the interface's process: their templates for framing, their surfaces for `live`.
 
-Reading one takes a second: a thread does it, and who cannot wait looks again later.
+Reading one takes a second: a thread does it, and who cannot wait looks again later. The open one is not read again as long as its
+files are as they were: a session that is opened mostly has the avatar that is there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
+from weakref import WeakKeyDictionary
 
 from avatarrex.avatar import Avatar
-from avatarrex.avatar_file import load_avatar
+from avatarrex.avatar_file import Stamp, avatar_stamp, load_avatar
 
 
 class Avatars:
@@ -19,6 +21,8 @@ class Avatars:
         self._load = load
         self._threads = ThreadPoolExecutor(1, "avatar")
         self._readings: dict[str, Future[Avatar]] = {}
+        self._stamps: WeakKeyDictionary[Future[Avatar], Stamp] = WeakKeyDictionary()
+        """Of when a reading began."""
 
     def get(self, name: str) -> Avatar:
         """The avatar, waited for. Raises `InputError`, and then keeps what was there before."""
@@ -28,8 +32,11 @@ class Avatars:
         return avatar
 
     def read(self, name: str) -> Future[Avatar]:
-        """Begin to read an avatar beside those that are open. May be called by any thread."""
-        return self._threads.submit(self._load, name)
+        """Begin to read an avatar beside those that are open, or an open one's reading, where that is it. May be called by any thread."""
+        stamp, reading = avatar_stamp(name), self._readings.get(name)
+        if reading is not None and stamp and stamp == self._stamps.get(reading) and not _failed(reading):
+            return reading
+        return self._begin(name, stamp)
 
     def keep(self, name: str, reading: Future[Avatar]) -> None:
         """Have what `read` began as an open one."""
@@ -40,8 +47,7 @@ class Avatars:
         if name not in self._readings:
             self.keep(name, self.read(name))
         reading = self._readings[name]
-        done = reading.done() and reading.exception() is None
-        return reading.result() if done else None
+        return reading.result() if reading.done() and not _failed(reading) else None
 
     def all_ready(self, names: Iterable[str]) -> list[Avatar | None]:
         """The same of all figures; other avatars are let go of."""
@@ -52,7 +58,7 @@ class Avatars:
     def read_again(self, name: str) -> None:
         """Read the avatar anew, where it is open: its file has changed."""
         if name in self._readings:
-            self.keep(name, self.read(name))
+            self.keep(name, self._begin(name, avatar_stamp(name)))
 
     @property
     def reading(self) -> bool:
@@ -62,3 +68,12 @@ class Avatars:
     def close(self) -> None:
         """End the thread."""
         self._threads.shutdown(wait=False, cancel_futures=True)
+
+    def _begin(self, name: str, stamp: Stamp) -> Future[Avatar]:
+        reading = self._threads.submit(self._load, name)
+        self._stamps[reading] = stamp
+        return reading
+
+
+def _failed(reading: Future[Avatar]) -> bool:
+    return reading.done() and reading.exception() is not None

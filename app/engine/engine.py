@@ -18,7 +18,7 @@ from avatarrex_studio.session.state import AUTO, StudioState
 
 from avatarrex import levels
 from avatarrex.avatar import Avatar
-from avatarrex.avatar_file import load_avatar
+from avatarrex.avatar_file import Stamp, avatar_stamp, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.frame import Frame
@@ -67,6 +67,8 @@ class Engine:
         self._settings = settings or RenderSettings()
         self._avatars: dict[str, Avatar] = {}
         """Of the last state, by name."""
+        self._stamps: dict[str, Stamp] = {}
+        """Of their files when they were read."""
         self._previous: tuple[tuple[Avatar, Frame], ...] = ()
         """Of each figure."""
 
@@ -111,12 +113,13 @@ class Engine:
         if self._given is not None:
             return self._given
         if name not in self._avatars:
+            self._stamps[name] = avatar_stamp(name)
             self._avatars[name] = self._load(name)
         return self._avatars[name]
 
     def _with_surface(self, name: str) -> Avatar:
-        """The same, read again where it had no surface, for it may have got one meanwhile."""
-        if self.avatar(name).surface is None:
+        """The same, read again where it had no surface and its files have changed: it may have got one meanwhile."""
+        if self.avatar(name).surface is None and self._stamps.get(name) != avatar_stamp(name):
             self._avatars.pop(name, None)
         return self.avatar(name)
 

@@ -36,6 +36,10 @@ class LiveSurface:
     def __init__(self) -> None:
         self.ms: dict[str, float] = {"surface": 0.0, "raster": 0.0, "total": 0.0}
         """Milliseconds of the last picture by stage; in software the rasteriser goes on after that."""
+        self.forget()
+
+    def forget(self) -> None:
+        """Let go of the last picture and what it was made of: avatars, their light, textures of a context."""
         self._posed: dict[int, PosedSurface] = {}
         """By figure."""
         self._drawn: tuple[object, ...] = ()

@@ -81,6 +81,9 @@ class Live(Protocol):
     def point(self, column: int, row: int) -> Seen | None:
         """What is under the centre of a pixel of the last picture; None where nothing is."""
 
+    def forget(self) -> None:
+        """Let go of the last picture and what it was made of."""
+
 
 class Studio:
     """An open session without its window: state, engine, playback and the picture as far as it is rendered."""
@@ -253,6 +256,13 @@ class Studio:
             or greets
             or not self.pictures.rests(self._clock())
         )
+
+    def forget_surface(self) -> None:
+        """The OpenGL context that it was drawn in goes; it is drawn anew in the next."""
+        self.surface = self._drawn = None
+        self._avatars, self._faulty = [], []
+        if self.live:
+            self.live.forget()
 
     def close(self) -> None:
         """End the exact engine, and listen no more."""

@@ -86,8 +86,13 @@ class Thumbnails:
         new = avatar is not self._avatar
         if new:
             self._avatar = avatar
-            self._tried.clear()
+            self.close()
         return new
+
+    def close(self) -> None:
+        """Let go of what the last picture was made of; every one is made anew, or read."""
+        self._surface.forget()
+        self._tried.clear()
 
     def tend(self) -> tuple[Sitter, Pixels] | None:
         """Read or make the picture that was wanted first: straight-alpha bytes; None where there is none to make."""

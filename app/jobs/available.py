@@ -8,10 +8,8 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
-from avatarrex.gl.context import NoContext, gl_context, renderer_name
+from avatarrex.gl.context import NoContext, gl_context, in_software, renderer_name
 
-SOFTWARE = ("llvmpipe", "softpipe", "SwiftShader", "Software")
-"""Parts of the names of renderers without a graphics card."""
 PACKAGES: tuple[tuple[str, str, str, str], ...] = (
     ("Videos", "av", "MP4 and WebM in Export…, films of captures (PyAV has its own ffmpeg)", "video"),
     ("Layers", "OpenEXR", "OpenEXR in Export…", "exr"),
@@ -62,7 +60,7 @@ def _opengl() -> Ability:
             "Install a driver of the graphics card, or Mesa.",
         )
     name = renderer_name(context)
-    if any(part in name for part in SOFTWARE):
+    if in_software(name):
         return Ability(
             "OpenGL 4.3",
             True,

@@ -40,6 +40,10 @@ def draw(state: StudioState) -> Iterator[Command | Action]:
         if new is not None:
             changed: dict[str, Any] = {name: min(max(new / unit.factor, low), high)}
             yield SetCamera(**changed)
+    toggled, orthographic = imgui.checkbox("Orthographic", state.view.orthographic)
+    widgets.tooltip("Without perspective (5): what is farther away is as large")
+    if toggled:
+        yield SetCamera(orthographic=orthographic)
     toggled, follow = imgui.checkbox("Follow a motion over the ground", state.view.follow)
     if toggled:
         yield SetCamera(follow=follow)

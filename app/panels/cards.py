@@ -70,9 +70,7 @@ class Cards:
     def tend(self, context: moderngl.Context, avatar: Avatar | None, idle: bool) -> None:
         """Outside of the interface's frame: forget another avatar's pictures; where nothing else is to be drawn, make one more."""
         if self.thumbnails.see(avatar):
-            for texture in self._textures.values():
-                texture.release()
-            self._textures.clear()
+            self.close()
         if not self._drawn:
             self.thumbnails.forget()
         elif idle:
@@ -80,6 +78,13 @@ class Cards:
             if made:
                 self._textures[made[0]] = uploaded(context, made[1])
         self._drawn = False
+
+    def close(self) -> None:
+        """Give the textures back."""
+        for texture in self._textures.values():
+            texture.release()
+        self._textures.clear()
+        self.thumbnails.close()
 
     @property
     def waiting(self) -> bool:

@@ -13,11 +13,8 @@ from jaxtyping import Float64
 
 from avatarrex.training.runs.events import Series
 
-COLOURS = (
-    (0.31, 0.63, 0.98), (0.96, 0.64, 0.33), (0.47, 0.79, 0.50), (0.85, 0.50, 0.78), (0.91, 0.81, 0.42),
-    (0.38, 0.80, 0.80), (0.93, 0.46, 0.46), (0.62, 0.57, 0.96),
-)  # fmt: skip
-"""Of runs and of loss terms, the accent first."""
+FAINT = 0.25
+"""Opacity of values that are smoothed, as they were."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +83,9 @@ class Curves:
         drawn = [(line, x, _shown(self._smoothed(line.series), chart.log)) for line, x, _ in raw] if smooth else raw
         self._axes([x for _, x, _ in raw], [y for *_, y in (*raw, *drawn)], chart.log)
         for line, x, y in raw if smooth else ():
-            _draw(f"##raw {line.label}", x, y, (*line.colour, 0.22), 1.0)
+            _draw(f"##raw {line.label}", x, y, theme.vec4(line.colour, FAINT), 1.0)
         for line, x, y in drawn:
-            _draw(line.label, x, y, (*line.colour, 1.0), 1.8)
+            _draw(line.label, x, y, theme.vec4(line.colour), 1.8)
         if not implot.is_plot_hovered():
             return
         if imgui.is_mouse_dragging(imgui.MouseButton_.left) or imgui.get_io().mouse_wheel:
@@ -151,7 +148,7 @@ def context() -> None:
         "major_tick_len": (0, 0), "minor_tick_len": (0, 0),
     }  # fmt: skip
     colours: dict[str, theme.Rgba] = {
-        "frame_bg": (*theme.TEXT, 0.0), "plot_bg": (0.094, 0.102, 0.118, 1.0), "plot_border": (0, 0, 0, 0),
+        "frame_bg": (*theme.TEXT, 0.0), "plot_bg": (*theme.BASE, 1.0), "plot_border": (0, 0, 0, 0),
         "axis_text": (*theme.MUTED, 1.0), "axis_grid": (*theme.MUTED, 0.18), "axis_bg_hovered": (*theme.TEXT, 0.05),
         "axis_bg_active": (*theme.ACCENT, 0.15), "crosshairs": (*theme.MUTED, 0.6),
     }  # fmt: skip
@@ -168,14 +165,14 @@ def _shown(values: np.ndarray, log: bool) -> np.ndarray:
     return np.where(values > 0, values, np.nan) if log else values
 
 
-def _draw(label: str, x: np.ndarray, y: np.ndarray, colour: tuple[float, ...], weight: float) -> None:
+def _draw(label: str, x: np.ndarray, y: np.ndarray, colour: imgui.ImVec4, weight: float) -> None:
     finite = np.isfinite(y)
     x, y = thinned(x[finite], y[finite])
     spec = implot.Spec()
-    spec.line_color, spec.line_weight = imgui.ImVec4(*colour), weight
+    spec.line_color, spec.line_weight = colour, weight
     if len(x) == 1:
         spec.marker, spec.marker_size = implot.Marker_.circle, 3.0
-        spec.marker_fill_color = spec.marker_line_color = imgui.ImVec4(*colour)
+        spec.marker_fill_color = spec.marker_line_color = colour
         implot.plot_scatter(label, x, y, spec)
     elif len(x):
         implot.plot_line(label, x, y, spec)

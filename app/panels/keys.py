@@ -1,4 +1,4 @@
-"""Shortcuts as text (`Ctrl+Shift+Z`) and as the toolkit's key chords."""
+"""Shortcuts as text (`Ctrl+Shift+Z`) and as the toolkit's key chords; a digit is also that of the keypad."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from imgui_bundle import imgui
 
 MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
 NAMED = {"Left": imgui.Key.left_arrow, "Right": imgui.Key.right_arrow, ",": imgui.Key.comma}
+
+KEYPAD = {int(getattr(imgui.Key, f"_{digit}")): getattr(imgui.Key, f"keypad{digit}") for digit in range(10)}
 
 
 def free() -> bool:
@@ -29,6 +31,18 @@ def chord(shortcut: str) -> int:
     for name in modifiers:
         code |= int(MODIFIERS[name])
     return code
+
+
+def pressed(chord: int) -> bool:
+    """Whether a chord was pressed in this frame, also where its modifiers were let go in the same one.
+
+    The toolkit takes a key and the release of Ctrl that arrive together into one frame, in which Ctrl is up already.
+    """
+    held = sum(int(key) for key in MODIFIERS.values() if imgui.is_key_down(key) or imgui.is_key_released(key))
+    wanted = chord & sum(map(int, MODIFIERS.values()))
+    key = chord - wanted
+    twins = (imgui.Key(key), KEYPAD.get(key, imgui.Key(key)))
+    return held == wanted and any(imgui.is_key_pressed(twin, False) for twin in twins)
 
 
 def anything() -> bool:

@@ -28,10 +28,7 @@ NEAR = 6.0
 """Points from a key's middle at which it is caught."""
 DENSE = 4.0
 """Points between keys under which they are drawn as a bar."""
-CLIP = (0.25, 0.45, 0.68)
-KEYS = (0.93, 0.72, 0.33)
-LIVE = (0.40, 0.66, 0.42)
-COLOURS = {"clip": CLIP, "keys": KEYS, "live": LIVE}
+COLOURS = {"clip": theme.CLIP, "keys": theme.KEYS, "live": theme.LIVE}
 
 
 @dataclass(frozen=True)
@@ -195,7 +192,7 @@ class Lanes:
         mark = {"clip": icons.ICON_FA_FILM, "live": icons.ICON_FA_TOWER_BROADCAST}.get(
             kind, icons.ICON_FA_CARET_DOWN if opened else icons.ICON_FA_CARET_RIGHT
         )
-        if _bare_button(f"{mark}###open", start, 20, LIVE if layer.name in self.listening else theme.MUTED):
+        if _bare_button(f"{mark}###open", start, 20, theme.LIVE if layer.name in self.listening else theme.MUTED):
             self.opened ^= {layer.name} if kind == "keys" else set()
             self.switched = layer.name if kind == "live" else ""
         if kind == "live":
@@ -256,7 +253,7 @@ class Lanes:
         elif layer.feed:
             off = ", nothing comes" if layer.name in self.listening else ", switched off"
             text = f"live: {layer.feed.source}" + ("" if layer.feed.presence else off)
-            draw.add_text((scale.left + 6, y + 2), theme.colour(LIVE, alpha), text)
+            draw.add_text((scale.left + 6, y + 2), theme.colour(theme.LIVE, alpha), text)
         else:
             self._keys(draw, layer, track, y)
         draw.pop_clip_rect()
@@ -280,7 +277,7 @@ class Lanes:
                 break
             a, b = scale.x(start + n * length), scale.x(start + (n + 1) * length)
             draw.add_rect_filled(
-                (a, y + 1), (b - 1, y + ROW - 3), theme.colour(CLIP, alpha * (0.4 if n else 0.85)), 4.0
+                (a, y + 1), (b - 1, y + ROW - 3), theme.colour(theme.CLIP, alpha * (0.4 if n else 0.85)), 4.0
             )
         text = layer.name if layer.rate == 1 else f"{layer.name}  × {layer.rate:g}"
         draw.add_text((max(scale.x(start), scale.left) + 6, y + 2), theme.colour(theme.TEXT, alpha), text)
@@ -290,7 +287,7 @@ class Lanes:
         scale, middle, last = self._scale, y + ROW / 2 - 1, -1e9
         if layer.tracks:
             a, b = (scale.x(time) for time in (track_ends(layer, track) if track else layer.seconds))
-            draw.add_line((a, middle), (b, middle), theme.colour(KEYS, 0.35), 2.0)
+            draw.add_line((a, middle), (b, middle), theme.colour(theme.KEYS, 0.35), 2.0)
         for time, key in shown_keys(layer, track):
             x = scale.x(layer.on_timeline(time))
             if not scale.left - NEAR <= x <= scale.left + scale.width + NEAR:
@@ -299,14 +296,14 @@ class Lanes:
                 abs(time - at) < CLOSE and track in (None, layer.track(name)) for name, at in self.selected
             )
             if x - last < DENSE and not chosen:
-                draw.add_line((last, middle), (x, middle), theme.colour(KEYS, 0.8), 4.0)
+                draw.add_line((last, middle), (x, middle), theme.colour(theme.KEYS, 0.8), 4.0)
             else:
                 _diamond(
                     draw,
                     x,
                     middle,
                     key.curve if track else "",
-                    theme.TEXT if chosen else KEYS,
+                    theme.TEXT if chosen else theme.KEYS,
                     0.4 if layer.muted else 1.0,
                 )
             last = x

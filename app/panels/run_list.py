@@ -7,11 +7,10 @@ from pathlib import Path
 
 from avatarrex_studio.jobs.run_view import RunView, duration
 from avatarrex_studio.panels import theme, widgets
-from avatarrex_studio.panels.curves import COLOURS
 from imgui_bundle import imgui, imgui_ctx
 
 STATE_COLOURS = {
-    "running": (0.47, 0.79, 0.50), "paused": theme.WARNING, "finished": theme.ACCENT, "stopped": theme.MUTED,
+    "running": theme.RUNNING, "paused": theme.WARNING, "finished": theme.ACCENT, "stopped": theme.MUTED,
     "failed": theme.ERROR, "dead": theme.ERROR,
 }  # fmt: skip
 
@@ -31,7 +30,7 @@ class RunList:
     def follow(self, views: Sequence[RunView]) -> RunView | None:
         """Take note of new runs; the chosen one, else the live or newest."""
         for view in views:
-            self.colours.setdefault(view.path, COLOURS[len(self.colours) % len(COLOURS)])
+            self.colours.setdefault(view.path, theme.CURVES[len(self.colours) % len(theme.CURVES)])
         chosen = next((view for view in views if view.path == self.chosen), None)
         if chosen is None and views:
             return max(views, key=lambda view: (view.live, view.about.get("started") or 0))

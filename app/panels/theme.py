@@ -22,7 +22,16 @@ ERROR = (0.96, 0.44, 0.40)
 WARNING = (0.95, 0.75, 0.35)
 FONT = "fonts/Roboto/Roboto-Regular.ttf"
 FONT_SIZE = 15.0
-_BASE = (0.094, 0.102, 0.118)
+CURVES = (
+    ACCENT, (0.96, 0.64, 0.33), (0.47, 0.79, 0.50), (0.85, 0.50, 0.78), (0.91, 0.81, 0.42),
+    (0.38, 0.80, 0.80), (0.93, 0.46, 0.46), (0.62, 0.57, 0.96),
+)  # fmt: skip
+"""Of runs and of loss terms, the accent first."""
+CLIP, KEYS, LIVE = (0.25, 0.45, 0.68), (0.93, 0.72, 0.33), (0.40, 0.66, 0.42)
+"""Of layers of the timeline."""
+RUNNING = CURVES[2]
+BASE = (0.094, 0.102, 0.118)
+"""Behind panels and curves."""
 PANEL = (0.118, 0.129, 0.149)
 FRAME = (0.169, 0.184, 0.212)
 UNREACHED = (0.137, 0.149, 0.172)
@@ -44,7 +53,17 @@ LIGHT: dict[Rgb, Rgb] = {
     MUTED: (0.38, 0.41, 0.46),
     ERROR: (0.75, 0.14, 0.11),
     WARNING: (0.60, 0.39, 0.02),
-    _BASE: (0.865, 0.875, 0.89),
+    CURVES[1]: (0.74, 0.36, 0.03),
+    CURVES[2]: (0.13, 0.49, 0.20),
+    CURVES[3]: (0.65, 0.20, 0.57),
+    CURVES[4]: (0.52, 0.43, 0.02),
+    CURVES[5]: (0.02, 0.46, 0.50),
+    CURVES[6]: (0.78, 0.17, 0.19),
+    CURVES[7]: (0.38, 0.31, 0.80),
+    CLIP: (0.45, 0.63, 0.86),
+    KEYS: (0.66, 0.41, 0.02),
+    LIVE: (0.16, 0.47, 0.20),
+    BASE: (0.865, 0.875, 0.89),
     PANEL: (0.94, 0.945, 0.955),
     FRAME: (0.85, 0.862, 0.88),
     UNREACHED: (0.90, 0.908, 0.92),
@@ -70,8 +89,8 @@ SIZES: dict[str, Size] = {
 COLOURS: dict[str, Rgba] = {
     "text": (*TEXT, 1), "text_disabled": (*MUTED, 1), "window_bg": (*PANEL, 1), "child_bg": (*PANEL, 0),
     "popup_bg": (*_POPUP, 0.98), "border": (*_BORDER, 1), "frame_bg": (*FRAME, 1),
-    "frame_bg_hovered": (*RAISED, 1), "frame_bg_active": (*_PRESSED, 1), "title_bg": (*_BASE, 1),
-    "title_bg_active": (*_BASE, 1), "title_bg_collapsed": (*_BASE, 1), "menu_bar_bg": (*_BASE, 1),
+    "frame_bg_hovered": (*RAISED, 1), "frame_bg_active": (*_PRESSED, 1), "title_bg": (*BASE, 1),
+    "title_bg_active": (*BASE, 1), "title_bg_collapsed": (*BASE, 1), "menu_bar_bg": (*BASE, 1),
     "scrollbar_bg": (*PANEL, 0), "scrollbar_grab": (*_GRAB, 1),
     "scrollbar_grab_hovered": (*_GRAB_OVER, 1), "scrollbar_grab_active": (*ACCENT, 1),
     "check_mark": (*ACCENT, 1),
@@ -81,10 +100,10 @@ COLOURS: dict[str, Rgba] = {
     "separator": (*_LINE, 1),
     "separator_hovered": (*ACCENT, 0.6), "separator_active": (*ACCENT, 1),
     "resize_grip": (*PANEL, 0), "resize_grip_hovered": (*ACCENT, 0.5), "resize_grip_active": (*ACCENT, 1),
-    "tab": (*_BASE, 1), "tab_hovered": (*RAISED, 1), "tab_selected": (*PANEL, 1),
-    "tab_selected_overline": (*ACCENT, 1), "tab_dimmed": (*_BASE, 1), "tab_dimmed_selected": (*PANEL, 1),
+    "tab": (*BASE, 1), "tab_hovered": (*RAISED, 1), "tab_selected": (*PANEL, 1),
+    "tab_selected_overline": (*ACCENT, 1), "tab_dimmed": (*BASE, 1), "tab_dimmed_selected": (*PANEL, 1),
     "tab_dimmed_selected_overline": (*ACCENT, 0.5), "docking_preview": (*ACCENT, 0.4),
-    "docking_empty_bg": (*_BASE, 1), "text_selected_bg": (*ACCENT, 0.35), "nav_cursor": (*ACCENT, 0.8),
+    "docking_empty_bg": (*BASE, 1), "text_selected_bg": (*ACCENT, 0.35), "nav_cursor": (*ACCENT, 0.8),
     "modal_window_dim_bg": (0.02, 0.02, 0.03, 0.55),
 }  # fmt: skip
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from avatarrex_studio.jobs.run_view import RunView
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import theme, widgets
-from avatarrex_studio.panels.curves import COLOURS, Chart, Curves, Line
+from avatarrex_studio.panels.curves import Chart, Curves, Line
 from avatarrex_studio.panels.samples import Samples
 from imgui_bundle import imgui, imgui_ctx
 
@@ -77,7 +77,7 @@ class TrainingPlots:
         names = sorted({name for terms in losses.values() for name in terms}, key=lambda name: (name != "total", name))
         if len(drawn) == 1:
             terms = losses[drawn[0].path]
-            return [Line(name, COLOURS[k % len(COLOURS)], terms[name]) for k, name in enumerate(names)]
+            return [Line(name, theme.CURVES[k % len(theme.CURVES)], terms[name]) for k, name in enumerate(names)]
         if not names:
             return []
         if self.term not in names:

@@ -139,6 +139,8 @@ ACTIONS: tuple[Action, ...] = (
     Action("view.top", "Top view", "View", "7", command=_view(0.0, 89.0)),
     Action("view.back", "Back view", "View", "Ctrl+1", command=_view(180.0, 0.0)),
     Action("view.left", "Left view", "View", "Ctrl+3", command=_view(90.0, 0.0)),
+    Action("view.orthographic", "Perspective or orthographic", "View", "5",
+            command=lambda state: commands.SetCamera(orthographic=not state.view.orthographic)),
     Action("view.home", "Whole person, or all", "View", "Home", effect="whole_person", separator=True),
     Action("view.face", "Frame the face", "View", "F", effect="frame_face"),
     Action("view.orbit_left", "Turn left", "", "4", command=_fixed(commands.OrbitBy(-15.0, 0.0))),
@@ -163,6 +165,8 @@ ACTIONS: tuple[Action, ...] = (
         for name, key in (("Pose", "F2"), ("Animate", "F3"), ("Training", "F4"))
     ),
     Action("layout.reset", "Reset layout", "View", effect="reset_layout"),
+    Action("panels", "Show or hide the panels", "View", "Tab", effect="panels", separator=True),
+    Action("full_screen", "Full screen", "View", "F11", effect="full_screen"),
     Action("stage", "Stage on or off", "View", command=lambda state: commands.SetStage("shown", not state.stage.shown), separator=True),
     Action("stage.picture", "Background picture of the stage…", effect="stage_picture"),
     Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_can_play),

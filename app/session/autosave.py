@@ -82,6 +82,11 @@ class Autosave:
             if self._kept is not None:
                 self._kept, self._writing = None, self._thread.submit(self.file.unlink, True)
         elif journal.state != self._kept and self._clock() - self._last >= EVERY:
+            self.keep(journal)
+
+    def keep(self, journal: Journal) -> None:
+        """Write the session now, where it has unsaved work."""
+        if journal.unsaved:
             self._kept, self._last = journal.state, self._clock()
             self._writing = self._thread.submit(self._write, journal.snapshot(), journal.path)
 

@@ -292,6 +292,7 @@ class SetCamera(Command):
     fov: float | None = None
     target: Vector | None = None
     follow: bool | None = None
+    orthographic: bool | None = None
 
     def apply(self, state: StudioState) -> StudioState:
         named = {name: value for name, value in vars(self).items() if value is not None}

@@ -22,7 +22,7 @@ from avatarrex.signals.handles import HANDLES
 from avatarrex.signals.joints import FACE_REGIONS, JOINT_NAMES
 from avatarrex.stage.stage import Stage
 
-FORMAT, ALONE = 5, 4
+FORMAT, ALONE = 6, 5
 """Version of the JSON form, and of that of a lone figure at its first place; a reader refuses a newer one by name."""
 AUTO = "auto"
 """The level of whoever lets the studio choose: at rest `balanced`, then `quality`."""
@@ -39,6 +39,9 @@ PICTURES = (IMAGE, "normals", "depth", "parts", "steps")
 OVERLAYS = ("joints", "wire")
 """What it can show over that."""
 SELECTABLE = frozenset((*JOINT_NAMES, *FACE_REGIONS))
+FAR_FOV = 0.1
+"""Degrees: the lens of an orthographic view. Two points half a metre before each other are seen 0.04 % apart in size, a fifth of a pixel
+in a picture of a thousand; rays a kilometre long are as exact as short ones (avatarrex/pointmap/rays.py)."""
 Colour = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 
@@ -54,6 +57,8 @@ class OrbitView:
     target: Vector = (0.0, -0.05, 0.0)
     follow: bool = True
     """Whether a motion's steps over the ground carry the target along."""
+    orthographic: bool = False
+    """Whether it is seen without perspective, at the scale that the target has: from very far through a very narrow lens."""
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -68,10 +73,15 @@ class OrbitView:
                 raise InputError("camera", name, f"a number{limits}", value)
         if len(self.target) != 3 or not all(map(_number, self.target)):
             raise InputError("camera", "target", "three finite numbers", self.target)
+        if not isinstance(self.orthographic, bool):
+            raise InputError("camera", "orthographic", "true or false", self.orthographic)
 
     def camera(self, width: int, height: int) -> Camera:
         """This view on a `width` × `height` raster."""
-        return Camera.orbit(self.azimuth, self.elevation, self.distance, self.fov, self.target, width, height)
+        distance, fov = self.distance, self.fov
+        if self.orthographic:
+            distance, fov = distance * math.tan(math.radians(fov) / 2) / math.tan(math.radians(FAR_FOV) / 2), FAR_FOV
+        return Camera.orbit(self.azimuth, self.elevation, distance, fov, self.target, width, height)
 
     def moved(self, step: np.ndarray) -> OrbitView:
         """The same view `step` (3,) further on."""

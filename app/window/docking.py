@@ -49,7 +49,16 @@ def docking(panels: dict[str, Callable[[], None]]) -> list[hello_imgui.DockingPa
     return layouts
 
 
+def toggle_panels(params: hello_imgui.DockingParams) -> None:
+    """Hide every panel but the viewport; show them where one is hidden."""
+    others = [window for window in params.dockable_windows if window.label != BARE]
+    hidden = any(not window.is_visible for window in others)
+    for window in others:
+        window.is_visible = hidden
+
+
 def _window(title: str, dock: str, draw: Callable[[], None]) -> hello_imgui.DockableWindow:
     window = hello_imgui.DockableWindow(title, dock, draw, True, False)
     window.call_begin_end = title != BARE
+    window.remember_is_visible = False
     return window

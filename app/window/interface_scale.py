@@ -47,9 +47,22 @@ class InterfaceScale:
         io.display_framebuffer_scale = io.display_framebuffer_scale * factor
         viewport.size, viewport.work_size = viewport.size / factor, viewport.work_size / factor
         viewport.framebuffer_scale = io.display_framebuffer_scale
+        if place := _beside():
+            io.add_mouse_pos_event(place[0] / factor, place[1] / factor)
 
     def _mouse(self, window: object, x: float, y: float) -> None:
         imgui.get_io().add_mouse_pos_event(x / self.factor, y / self.factor)
+
+
+def _beside() -> tuple[float, float] | None:
+    """Where the mouse is beside a window that has the keyboard, pixels: the toolkit's back end has just taken them for points."""
+    import glfw  # after imgui_bundle, which brings its own library
+
+    window: Any = glfw_window_hello_imgui()
+    if glfw.get_window_attrib(window, glfw.HOVERED) or not glfw.get_window_attrib(window, glfw.FOCUSED):
+        return None
+    x, y = glfw.get_cursor_pos(window)
+    return float(x), float(y)
 
 
 def screen_factor(window: Any) -> float:

@@ -24,6 +24,11 @@ class Personal:
         self._studio, self._viewport, self._palette = studio, viewport, palette
         self._applied: Preferences | None = None
 
+    def open(self) -> None:
+        """The window is there, for the first time or anew."""
+        self._applied = None
+        self.scale.open()
+
     def greet(self) -> None:
         """Have the avatar move gently, where that is wanted."""
         if self.preferences.greeting:

@@ -66,9 +66,12 @@ class Screen:
         self.shown, self._behind = Shown(texture.glo, *texture.size), behind
 
     def close(self) -> None:
-        """Take the context back."""
+        """Take the context back, and be as before the first frame."""
         release(self._exact, self._fade, self._staging)
         use_context(None)
+        self.context = self.shown = self.layers = None
+        self._fade = self._staging = self._exact = self._uploaded = None
+        self._behind = ()
 
 
 class Fade:

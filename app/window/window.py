@@ -17,13 +17,14 @@ from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.live import LiveSurface, read_avatar
+from avatarrex_studio.engine.pages import Resting, give_pages
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.distilling import Distilling
 from avatarrex_studio.jobs.export_order import Make
 from avatarrex_studio.jobs.opening import read_any
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
-from avatarrex_studio.panels import camera, keys, menu, performance, render, scene, status, theme
+from avatarrex_studio.panels import camera, curves, keys, menu, performance, render, scene, status, theme
 from avatarrex_studio.panels.availability import TITLE, Availability
 from avatarrex_studio.panels.console import ConsolePanel
 from avatarrex_studio.panels.face import face_panel
@@ -45,8 +46,10 @@ from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.timeline_commands import SetFrame
-from avatarrex_studio.window.docking import BARE, LAYOUTS, docking
+from avatarrex_studio.window.context_loss import ContextLoss
+from avatarrex_studio.window.docking import BARE, LAYOUTS, docking, toggle_panels
 from avatarrex_studio.window.exporting import Exports
+from avatarrex_studio.window.full_screen import FullScreen
 from avatarrex_studio.window.guard import COPY, Failure, Guard
 from avatarrex_studio.window.leaving import Leaving
 from avatarrex_studio.window.opening import Opening
@@ -101,6 +104,9 @@ class Window:
         self.exports = Exports(studio, self.questions, make or partial(Engine, device=device))
         self.first_picture: Callable[[], None] = nothing
         """Called once, when there is something to see."""
+        self._resting, self.loss = Resting(), ContextLoss()
+        self.anew = False
+        """Whether the window that is being closed is opened anew: its context was lost."""
         self._frames = self._gesture = 0
         self._keys_free = True
         """Whether keys were shortcuts when this frame began: what Esc closes does not pass it on."""
@@ -122,6 +128,8 @@ class Window:
             "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,
             "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
+            "full_screen": FullScreen().toggle,
+            "panels": lambda: toggle_panels(hello_imgui.get_runner_params().docking_params),
             **{f"layout_{name.lower()}": partial(hello_imgui.switch_layout, name) for name in LAYOUTS},
             "preferences": self.personal.dialog.open, "tour": self.personal.tour.start, "available": self.available.open,
             "quit": self._quit, "stage_picture": self._stage_picture,
@@ -129,6 +137,7 @@ class Window:
 
     def params(self, size: tuple[int, int] = (1440, 900), remember: bool = True) -> hello_imgui.RunnerParams:
         """What the toolkit needs to run this window; `remember` keeps the layout between runs."""
+        self._frames, self.anew = 0, False
         params = runner_params("AvatarReX Studio", "avatarrex-studio.ini", size, remember)
         inner = params.imgui_window_params
         inner.default_imgui_window_type = hello_imgui.DefaultImGuiWindowType.provide_full_screen_dock_space
@@ -251,7 +260,7 @@ class Window:
     def _shortcuts(self) -> None:
         if not keys.close_topmost() and keys.free() and self._keys_free:
             for chord, entry in self._chords:
-                if imgui.is_key_chord_pressed(chord) and entry.enabled(self.studio.journal):
+                if keys.pressed(chord) and entry.enabled(self.studio.journal):
                     self._run(entry)
         if not (imgui.is_any_item_active() or imgui.is_any_mouse_down()):
             self._gesture += 1
@@ -271,6 +280,7 @@ class Window:
         self.guard.run("Preferences", self.personal.prepare)
         theme.window_background(0.0)
         self._keys_free = keys.free()
+        imgui.get_current_context().config_nav_enable_tabbing = not self._keys_free  # else Tab hides the panels
         if self._frames < WARM_UP:
             imgui.get_io().clear_events_queue()  # clicks and keys that came before there was anything to see
 
@@ -278,14 +288,16 @@ class Window:
         """Show what changed. After the panels, so that a picture follows the mouse in the same frame."""
         self._frames += 1
         if self._frames > WARM_UP:
-            self.guard.run("The picture", self._picture)
+            if self.loss.found(self.guard.run("The picture", self._picture) is True):
+                self._lost()
             self.guard.run("The avatar's own surface", self._own_surfaces)
             self.guard.run("Opening", self._open_what_was_read)
             self.guard.run("Face", lambda: self.face.follow(self.studio.avatars.ready(self.studio.state.avatar)))
         self.guard.run("Autosave", lambda: self.autosave.tend(self.studio.journal))
         self.guard.run("Waiting", self._idle)
 
-    def _picture(self) -> None:
+    def _picture(self) -> bool:
+        """Draw what is to be seen; True."""
         context = self.screen.open()
         if context.version_code < REQUIRED:
             self.studio.live = None
@@ -295,6 +307,19 @@ class Window:
             self.first_picture()
             self.first_picture = nothing
         self.output.show(self.screen.layers, context, new)
+        return True
+
+    def _lost(self) -> None:
+        """The OpenGL context is gone: the work is kept, and the window ends, to be opened anew unless that was just done."""
+        self.autosave.keep(self.studio.journal)
+        if self.loss.given_up:
+            log.error(
+                "The graphics driver took the window away again: the studio ends. Your work is offered at its next start."
+            )
+        else:
+            log.warning("The graphics driver took the window away: it was opened anew, with all that was open.")
+            self.anew = True
+        self._exit()
 
     def _own_surfaces(self) -> None:
         self.own_surface.tend(*(figure.avatar for figure in self.studio.state.figures))
@@ -315,6 +340,7 @@ class Window:
             or self.toasts.moving
         )
         idling.fps_idle = READING_FPS if waiting else typing
+        self._resting.tend(waiting or self.studio.moving or imgui.is_any_mouse_down())
         if context.screen:
             context.screen.use()
 
@@ -352,18 +378,27 @@ class Window:
         hello_imgui.get_runner_params().app_shall_exit = True
 
     def _close(self) -> None:
+        self._drop()
+        if self.anew:
+            return
         parts = (
             self.training,
             self.distilling,
             self.opening,
             self.exports,
             self.studio,
-            self.output,
-            self.screen,
-            self.autosave,
+            *(() if self.loss.given_up else (self.autosave,)),
         )
         for part in parts:  # each ends, whatever becomes of the others
             self.guard.run(f"Closing ({type(part).__name__})", part.close)
+
+    def _drop(self) -> None:
+        """Give up what belongs to the window's context, which is current."""
+        for place, drop in {
+            "surface": self.studio.forget_surface, "cards": self.poses.cards.close, "samples": self.training.plots.samples.close,
+            "curves": curves.close, "output": self.output.close, "screen": self.screen.close,
+        }.items():  # fmt: skip
+            self.guard.run(f"Closing ({place})", drop)
 
     def _may_close(self) -> bool:
         """Whether the window can close at once; else a question is on the screen."""
@@ -423,7 +458,8 @@ class Window:
 
     def _opened(self) -> None:
         """The window is there: files that are dropped on it are opened, and it is as large as it should be."""
-        self.personal.scale.open()
+        self.personal.open()
+        self.loss.open()
         import glfw  # after imgui_bundle, which brings its own library
 
         # the stub has GLFW's own arguments, Python's callback gets the window and a list
@@ -454,16 +490,20 @@ def prepared(source: str = "default", device: str = "cpu") -> Window:
 
 
 def run(window: Window) -> int:
-    """Run the window until it is closed; the exit code."""
+    """Run the window until it is closed; the exit code: 1 where its OpenGL context was lost for good."""
     import glfw  # after imgui_bundle, which brings its own library
 
+    give_pages()
     arrived = glfw.post_empty_event
     if isinstance(window.studio.pictures.exact, ExactEngine):
         window.studio.pictures.exact.arrived = arrived
     window.opening.arrived = arrived
     window.exports.process.arrived = window.studio.listening.arrived = arrived
-    immapp.run(window.params())
-    return 0
+    while True:
+        window.loss.ask()
+        immapp.run(window.params())
+        if not window.anew:
+            return int(window.loss.given_up)
 
 
 def start(avatar: str = "default") -> StudioState:

@@ -28,6 +28,8 @@ REQUIRED = 430
 DEVICES = 4
 """EGL device indices that are tried: a machine with several graphics cards numbers them from 0."""
 CHOICES = ("auto", "egl", "glfw", "off")
+SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "software", "basic render", "gdi generic")
+"""Parts of the names of renderers without a graphics card, small letters."""
 Made = TypeVar("Made")
 
 
@@ -95,6 +97,11 @@ def gl_unavailable() -> str | None:
 def renderer_name(context: moderngl.Context) -> str:
     """GL_RENDERER, e.g. `llvmpipe (LLVM 15.0.6, 256 bits)`."""
     return str(context.info["GL_RENDERER"])
+
+
+def in_software(renderer: str) -> bool:
+    """Whether GL_RENDERER is that of a renderer without a graphics card."""
+    return any(part in renderer.lower() for part in SOFTWARE)
 
 
 def per_context(context: moderngl.Context, key: object, make: Callable[[], Made]) -> Made:

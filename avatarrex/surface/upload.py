@@ -16,6 +16,7 @@ import moderngl
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt64
 
+from avatarrex.gl.context import in_software
 from avatarrex.surface.pose import PosedSurface
 from avatarrex.surface.surface import Surface
 from avatarrex.templates.parts import PARTS
@@ -24,7 +25,6 @@ ANISOTROPY = 8.0
 """Texels along the longer side of a pixel's footprint, by graphics hardware; in software it takes 4 ms of a picture of 512² pixels."""
 NEAREST_MIPMAP = moderngl.LINEAR_MIPMAP_NEAREST
 """In software one mipmap is read instead of two: a sixth of a picture's time for 0.03 dB (docs/experiments.md, 'Surface')."""
-SOFTWARE = ("llvmpipe", "softpipe", "swiftshader")
 CORNER = np.dtype([("uv", "f4", 2), ("lit", "f4"), ("vertex", "i4"), ("part", "i4")])
 CASTER = "caster"
 """The program that draws what throws a shadow."""
@@ -68,7 +68,7 @@ class UploadedSurface:
         self._albedo = context.texture(surface.albedo.shape[1::-1], 3, surface.albedo.tobytes(), alignment=1)
         self._albedo.build_mipmaps()
         self._albedo.repeat_x = self._albedo.repeat_y = False
-        software = any(name in context.info["GL_RENDERER"].lower() for name in SOFTWARE)
+        software = in_software(context.info["GL_RENDERER"])
         self._albedo.filter = (NEAREST_MIPMAP if software else moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
         self._albedo.anisotropy = 1.0 if software else min(ANISOTROPY, context.max_anisotropy)
 

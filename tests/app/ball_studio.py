@@ -83,6 +83,9 @@ class FakeLive:
     def point(self, column, row):
         return None
 
+    def forget(self):
+        pass
+
 
 def ball_studio(clock, render=None, live=None, journal=None, exact=None):
     """A studio whose avatar is read when it is first looked for."""

@@ -90,6 +90,25 @@ EVERY = (
 )
 
 
+def test_an_orthographic_view_has_no_perspective_and_the_scale_of_its_target():
+    view = OrbitView(azimuth=35.0, elevation=20.0, target=(0.3, 0.1, -0.2))
+    flat = commands.SetCamera(orthographic=True).apply(StudioState(view=view)).view
+    assert StudioState.from_json(StudioState(view=flat).to_json()).view == flat
+    perspective, parallel = view.camera(800, 1000), flat.camera(800, 1000)
+    right, down, ahead = parallel.camera_from_world[:3, :3]
+    target = np.array(view.target)
+    for across, along in ((0.0, 0.0), (0.4, -0.7), (-0.5, 0.6)):
+        point = target + across * right + along * down
+        assert parallel.pixels(point)[0] == pytest.approx(perspective.pixels(point)[0], abs=0.01), "at the target"
+        moved = parallel.pixels(np.stack([point - 0.5 * ahead, point + 0.5 * ahead]))[0]
+        assert np.abs(moved[0] - moved[1]).max() < 0.5, "a metre farther away"
+        assert np.abs(perspective.pixels(np.stack([point, point + 0.5 * ahead]))[0][1] - moved[1]).max() > 20 * (
+            across != 0
+        )
+    panned = commands.PanBy(0.1, 0.2).apply(StudioState(view=flat)).view
+    assert panned.target == pytest.approx(commands.PanBy(0.1, 0.2).apply(StudioState(view=view)).view.target)
+
+
 def test_every_command_is_pure_and_tested():
     assert {type(command) for command in EVERY} == set(KINDS.values())
     state = StudioState()

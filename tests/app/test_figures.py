@@ -76,10 +76,10 @@ def avatar():
 def test_a_lone_figure_is_written_as_before():
     state = ApplyPose("wave").apply(StudioState())
     data = state.to_json()
-    assert data["format"] == 4
+    assert data["format"] == 5
     assert not {"place", "others", "slot"} & set(data)
     assert StudioState.from_json(json.loads(json.dumps(data))) == state
-    assert two().to_json()["format"] == 5
+    assert two().to_json()["format"] == 6
     assert state.each() == (state,)
     assert state.each()[0] is state
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import importlib.util
 import logging
+import os
+import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -59,6 +62,28 @@ def test_nothing_ends_the_window(display, tool, folder):
     assert report.actions > 5
     assert seen["layout"] == "Pose"
     assert (folder / "actions.txt").read_text().count("\n") >= report.actions
+
+
+def test_a_process_that_is_stopped_is_no_failure_but_a_window_that_waits_is(tool, folder, monkeypatch):
+    monkeypatch.setattr(tool, "SLOW", 0.5)
+    window = small_window()
+    window._frames = 10
+    driver = tool.Fuzz(window, 5, 60.0, folder)
+
+    def frame():
+        driver._queue.append(lambda: None)
+        driver._step()
+
+    frame()
+    with subprocess.Popen(["sh", "-c", f"sleep 1; kill -CONT {os.getpid()}"]):
+        os.kill(os.getpid(), signal.SIGSTOP)
+    frame()
+    assert driver.report.failures == []
+    time.sleep(1)
+    frame()
+    driver.close()
+    assert len(driver.report.failures) == 1
+    assert "no frame for" in driver.report.failures[0]
 
 
 def test_what_fails_is_found_and_the_window_goes_on(display, tool, folder, monkeypatch, caplog):

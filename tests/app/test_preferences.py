@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 
+import numpy as np
 import pytest
 from avatarrex_studio.panels import mouse, theme, units
 from avatarrex_studio.session.preferences import (
@@ -85,3 +86,20 @@ def test_every_colour_of_the_interface_has_one_of_the_light_theme():
     assert named <= set(theme.LIGHT)
     brightness = {name: sum(theme.LIGHT[getattr(theme, name)]) for name in ("TEXT", "MUTED", "PANEL")}
     assert brightness["TEXT"] < brightness["MUTED"] < brightness["PANEL"] - 1
+
+
+def contrast(one: theme.Rgb, other: theme.Rgb) -> float:
+    """Of two sRGB colours, 1 to 21 (WCAG 2, relative luminance)."""
+    values = np.array([one, other])
+    linear = np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+    bright, dark = sorted((linear @ [0.2126, 0.7152, 0.0722] + 0.05).tolist(), reverse=True)
+    return bright / dark
+
+
+@pytest.mark.parametrize("name", ["dark", "light"])
+def test_curves_and_keys_are_seen_in_both_themes(name, monkeypatch):
+    """WCAG wants 3 of what is drawn."""
+    monkeypatch.setattr(theme._Present, "light", name == "light")
+    shown = [theme.shade(colour) for colour in (*theme.CURVES, theme.KEYS, theme.LIVE)]
+    assert len(set(shown)) == len(shown)
+    assert min(contrast(colour, theme.shade(theme.BASE)) for colour in shown) > 3

@@ -236,6 +236,9 @@ class PlainSurface:
     def point(self, column, row):
         return None
 
+    def forget(self):
+        self.kept.clear()
+
 
 def test_the_interface_does_not_wait_for_the_engine(display, tmp_path, caplog):
     """A drag, a playback and a screenshot beside an engine that takes a second; then it is killed."""

@@ -12,6 +12,7 @@ from avatarrex.gl import (
     current_context,
     gl_context,
     gl_unavailable,
+    in_software,
     per_context,
     renderer_name,
     use_context,
@@ -124,6 +125,21 @@ def _written(number: int) -> int:
             return int(np.frombuffer(buffer.read(), "u4")[0])
         finally:
             buffer.release()
+
+
+@pytest.mark.parametrize(
+    ("renderer", "slow"),
+    [
+        ("llvmpipe (LLVM 15.0.6, 256 bits)", True),
+        ("Google SwiftShader", True),
+        ("Apple Software Renderer", True),
+        ("D3D12 (Microsoft Basic Render Driver)", True),
+        ("NVIDIA GeForce RTX 4070/PCIe/SSE2", False),
+        ("AMD Radeon Graphics (radeonsi, raphael_mendocino, LLVM 15.0.7)", False),
+    ],
+)
+def test_which_renderers_have_no_graphics_card(renderer, slow):
+    assert in_software(renderer) is slow
 
 
 def test_things_are_made_once_per_context():

@@ -13,7 +13,7 @@ import torch
 
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.gl.context import gl_context, gl_unavailable, renderer_name
+from avatarrex.gl.context import gl_context, gl_unavailable, in_software, renderer_name
 from avatarrex.measure.bench.contest import Contest, Contestant, Goal, interleaved
 from avatarrex.measure.bench.raycast_peers import add_mitsuba, ray_error, truth
 from avatarrex.measure.bench.report import FASTER, SLOWER, Metric
@@ -86,7 +86,7 @@ def _contest(bench: Bench, volume: SdfVolume, number: int, camera: Camera) -> Co
         error = ray_error(caster.distances(camera).astype(np.float64), exact)
         entries.append(Contestant(name, times[name], error, ours=name == "ours"))
     add_mitsuba(bench, entries, volume, camera)
-    return Contest(case, tuple(entries), cpu="llvmpipe" in renderer_name(gl_context()))
+    return Contest(case, tuple(entries), cpu=in_software(renderer_name(gl_context())))
 
 
 def _methods(volume: SdfVolume) -> dict[str, Passes]:

@@ -1,0 +1,185 @@
+"""What a window keeps of what has come and gone, counted as objects; and when it gives memory back."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import weakref
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from avatarrex_studio.engine.avatars import Avatars
+from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.pages import EVERY, STILL, Resting, give_back, give_pages, keep_pages
+from avatarrex_studio.engine.thumbnails import Sitter, Thumbnails
+from avatarrex_studio.session.state import StudioState
+from ball import render_ball
+from surface.template_surface import template_surface
+
+from avatarrex.avatar import Avatar
+from avatarrex.errors import InputError
+from avatarrex.signals.driving import Signals
+from avatarrex.templates.person import load_person
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Two avatars' files, which nobody reads."""
+    for name in ("one.avatar", "other.avatar"):
+        (tmp_path / name).write_text(name)
+    folder = tmp_path / "folder.avatar"
+    folder.mkdir()
+    (folder / "weights.safetensors").write_text("weights")
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def untrained():
+    return Avatar.create(load_person(), "compact")
+
+
+class Read:
+    """Reads nothing, and counts."""
+
+    def __init__(self, avatar):
+        self.avatar, self.names = avatar, []
+
+    def __call__(self, name):
+        self.names.append(name)
+        if "none" in name:
+            raise InputError(name, "", "an avatar", "nothing")
+        return replace(self.avatar, meta={"name": name})
+
+
+@pytest.mark.parametrize("name", ["one.avatar", "folder.avatar"])
+def test_the_open_avatar_is_not_read_again_before_its_files_change(files, untrained, name):
+    read, path = Read(untrained), files / name
+    avatars = Avatars(read)
+    first = avatars.get(str(path))
+    assert avatars.read(str(path)).result() is first
+    avatars.keep(str(path), avatars.read(str(path)))
+    assert avatars.ready(str(path)) is first
+    assert len(read.names) == 1
+    (path / "weights.safetensors" if path.is_dir() else path).write_text("others")
+    again = avatars.read(str(path)).result()
+    assert again is not first
+    avatars.keep(str(path), avatars.read(str(path)))
+    avatars.close()
+
+
+def test_another_avatar_and_one_that_could_not_be_read_are_read(files, untrained):
+    read = Read(untrained)
+    avatars = Avatars(read)
+    one, other = (str(files / name) for name in ("one.avatar", "other.avatar"))
+    avatars.get(one)
+    assert avatars.read(other).result().meta["name"] == other
+    avatars.get(one)
+    assert read.names == [one, other], "what was read beside it takes its place only when it is kept"
+    (files / "none.avatar").write_text("")
+    avatars.ready(str(files / "none.avatar"))
+    avatars._open[1].exception()
+    for _ in range(2):
+        with pytest.raises(InputError):
+            avatars.read(str(files / "none.avatar")).result()
+    assert read.names[2:] == [str(files / "none.avatar")] * 3
+    avatars.close()
+
+
+@pytest.mark.parametrize("name", ["", "nowhere.avatar", "a\0b"])
+def test_a_name_without_files_is_always_read(untrained, name):
+    read = Read(untrained)
+    avatars = Avatars(read)
+    avatars.get(name)
+    avatars.read(name).result()
+    assert len(read.names) == 2 - (name == "")
+    avatars.close()
+
+
+def test_avatars_that_were_replaced_are_gone(files, untrained):
+    avatars, alive = Avatars(Read(untrained)), []
+    for _ in range(5):
+        for name in ("one.avatar", "other.avatar"):
+            alive.append(weakref.ref(avatars.get(str(files / name))))
+    avatars._threads.submit(int).result()  # the thread lets go of what it read with its next work
+    gc.collect()
+    assert [reference() is not None for reference in alive] == [False] * 9 + [True]
+    assert len(avatars._stamps) == 1
+    avatars.close()
+
+
+def test_an_engine_reads_an_avatar_without_a_surface_again_once_its_file_has_changed(files, untrained):
+    read, path = Read(untrained), files / "one.avatar"
+    engine = Engine(render=render_ball, load=lambda name, device: read(name))
+    state = StudioState(avatar=str(path), level="live")
+    for _ in range(3):
+        engine.frame(state, state.view.camera(16, 16))
+    assert len(read.names) == 1
+    path.write_text("with a surface")
+    for _ in range(3):
+        engine.frame(state, state.view.camera(16, 16))
+    assert len(read.names) == 2
+
+
+def test_thumbnails_keep_no_avatar_of_before(tmp_path, untrained):
+    thumbnails = Thumbnails(tmp_path)
+
+    def another():
+        avatar = replace(untrained, surface=replace(template_surface(), key="abc"))
+        thumbnails.see(avatar)
+        thumbnails.want(Sitter("pose", Signals.rest()))
+        assert thumbnails.tend() is not None
+        return weakref.ref(avatar), weakref.ref(avatar.surface)
+
+    before = another()
+    kept = another()
+    thumbnails.see(None)
+    gc.collect()
+    assert [reference() for reference in (*before, *kept)] == [None] * 4
+
+
+def test_memory_is_given_back_once_after_what_moved(clock):
+    given = []
+    resting = Resting(clock, lambda: given.append(clock.now))
+
+    def frames(moving, seconds):
+        for _ in range(round(seconds / 0.25)):
+            clock.now += 0.25
+            resting.tend(moving)
+
+    frames(False, 60)
+    assert given == [], "nothing moved"
+    frames(True, EVERY)
+    assert given == []
+    frames(False, STILL)
+    assert len(given) == 1
+    frames(False, 60)
+    frames(True, 0.5)
+    frames(False, STILL)
+    assert len(given) == 2
+    for _ in range(20):  # somebody who draws and looks
+        frames(True, 0.5)
+        frames(False, STILL)
+    times = np.diff(given)
+    assert len(given) > 3
+    assert times.min() >= EVERY
+
+
+def test_the_library_takes_the_settings():
+    """And a thread that allocates goes on meanwhile."""
+    stop = threading.Event()
+
+    def work():
+        while not stop.is_set():
+            bytearray(2**22)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        assert keep_pages()
+        assert give_pages()
+        bytearray(2**24)
+        assert give_back() in (True, False)
+    finally:
+        stop.set()
+        thread.join()
