@@ -133,7 +133,7 @@ class GlCaster:
         chosen = _wanted_tiles(camera, only)
         run, uploaded = self.prepare(volume, camera, antialias, chosen)
         boxes = BOXES if volume.parts else BOXES[:1]
-        for name, over, constants in _march(boxes, march):
+        for name, over, constants in march_passes(boxes, march):
             run(name, over, **constants)
         for boxed in range(min(len(boxes), 2)):
             run("edges", TILE_LIST + boxed, PARTS=0, BOXED=boxed, ANTIALIAS=int(antialias))
@@ -277,8 +277,8 @@ def _slots(camera: Camera, antialias: bool) -> int:
     return camera.width * camera.height // 4 + 4096 if antialias else 0
 
 
-def _march(boxes: tuple[int, ...], march: str) -> list[tuple[str, int | None, dict[str, int]]]:
-    """Name, list and constants of the passes that find t of every pixel."""
+def march_passes(boxes: tuple[int, ...], march: str = "exact") -> list[tuple[str, int | None, dict[str, int]]]:
+    """Name, list and constants of the passes that find t of every pixel; `boxes` are `BOXES`, or 0 alone where there are no parts."""
     if march == "fixed":
         return [("plain", None, {"PARTS": boxes[-1], "METHOD": 2})]
     traced = [("trace", TILE_LIST + boxed, {"PARTS": 0, "BOXED": boxed}) for boxed in range(min(len(boxes), 2))]
@@ -318,11 +318,9 @@ def _pixels_of(chosen: np.ndarray, camera: Camera) -> int:
 def _covered(records: np.ndarray, only: Tensor | None) -> CoveredPixels:
     table = torch.from_numpy(records.view("f4").reshape(-1, RECORD.itemsize // 4))
     pixel, coverage = column(table, "pixel")[:, 0].view(torch.int32), column(table, "coverage")[:, 0]
-    wanted = coverage > 0
     if only is not None:
-        wanted &= only.view(-1)[(pixel & ~HIT_BIT).long()]
-    if not wanted.all():
-        table = table[wanted]
+        wanted = torch.nonzero(only.view(-1)[(pixel & ~HIT_BIT).long()])[:, 0]
+        table = table.index_select(0, wanted)
         pixel, coverage = pixel[wanted], coverage[wanted]
     return CoveredPixels(
         pixel=(pixel & ~HIT_BIT).long(),
