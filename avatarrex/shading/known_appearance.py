@@ -40,9 +40,8 @@ class KnownAppearance:
 
     def __init__(self, channels: int, most: int = MOST) -> None:
         self._most, self._count = most, 0
-        self._place = np.empty(
-            (most, 9), np.float32
-        )  # memory that is not written costs nothing, and growing takes 0.1 s
+        # Memory that is not written costs nothing; to grow would take a tenth of a second amid a turn.
+        self._place = np.empty((most, 9), np.float32)
         self._side = np.empty(most, np.int64)
         self._appearance = np.empty((most, channels), np.float32)
 

@@ -27,6 +27,15 @@ def test_a_ball_covers_its_disc(impl):
     assert torch.equal(one.coverage * 16, (one.coverage * 16).round())
 
 
+def test_silhouettes_do_not_depend_on_where_tiles_begin(impl):
+    whole = raycast(BALL, view(48), impl).coverage
+    for left, top in ((1, 0), (0, 1), (3, 5)):
+        cut = raycast(BALL, view(48).cropped(left, top, 40, 40), impl).coverage
+        apart = (cut - whole[top : top + 40, left : left + 40]).abs()
+        assert apart.max() <= 1 / 16
+        assert (apart > 0).sum() <= 3
+
+
 def test_without_antialiasing_coverage_is_the_hit(impl):
     one = raycast(BALL, view(48), impl, antialias=False)
     assert torch.equal(one.coverage > 0, one.hit)
