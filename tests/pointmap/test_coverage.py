@@ -36,6 +36,15 @@ def test_silhouettes_do_not_depend_on_where_tiles_begin(impl):
         assert (apart > 0).sum() <= 3
 
 
+def test_a_level_rod_is_smoothed_above_and_below(impl):
+    """Every pixel of its rims has neighbours to both sides that are hit."""
+    rod = SdfVolume(body_grid(capsule((0.0, 0.3, 0.3), (0.6, 0.3, 0.3), 0.085), (0, 0, 0), 0.02, (31, 31, 31)))
+    middle = raycast(rod, view(48), impl).coverage[:, 18:30]
+    partial = ((middle > 0) & (middle < 1)).float().mean(1)
+    assert (partial == 1).nonzero()[:, 0].tolist() == (partial.flip(0) == 1).nonzero()[:, 0].tolist()
+    assert int((partial == 1).sum()) == 2
+
+
 def test_without_antialiasing_coverage_is_the_hit(impl):
     one = raycast(BALL, view(48), impl, antialias=False)
     assert torch.equal(one.coverage > 0, one.hit)
