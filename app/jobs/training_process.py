@@ -18,6 +18,7 @@ from pathlib import Path
 from avatarrex_studio.session.notice import NOTICE
 
 from avatarrex.errors import InputError
+from avatarrex.files.gate import what_is
 from avatarrex.training.recipe import TRAINED
 from avatarrex.training.runs.control import request
 
@@ -77,7 +78,7 @@ class TrainingProcesses:
             raise InputError("parts", "", " or ".join(TRAINED), "none")
         if out in self._children:
             raise InputError(out, "", "a run that is not at work", "a training that was started here")
-        if not resume and (out / "run.json").exists():
+        if not resume and what_is(out / "run.json") == "a file":
             raise InputError(out, "", "a folder without a run (resume it instead)", "run.json")
         words = ["train", capture, "--recipe", order.recipe, "--out", str(out), "--parts", ",".join(order.parts)]
         words += ["--start", order.start] if order.start else []

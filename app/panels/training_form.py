@@ -12,6 +12,7 @@ from avatarrex_studio.panels.files import FileDialog
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
+from avatarrex.files.gate import what_is
 from avatarrex.training.recipe import RECIPES, TRAINED
 
 LABEL = 72.0
@@ -81,7 +82,7 @@ class TrainingForm:
 def _free(path: Path) -> Path:
     """`path`, or with a number after it where it is taken."""
     number, candidate = 1, path
-    while candidate.exists():
+    while what_is(candidate) in ("a file", "a folder"):
         number += 1
         candidate = path.with_name(f"{path.name}-{number}")
     return candidate

@@ -61,6 +61,7 @@ from avatarrex_studio.window.screen import Screen
 from imgui_bundle import hello_imgui, imgui, immapp
 from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 
+from avatarrex.files.gate import what_is
 from avatarrex.gl.context import REQUIRED, renderer_name
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import mirror
@@ -418,7 +419,7 @@ class Window:
                 then()
 
         def chosen(path: str) -> None:
-            if not Path(path).exists():
+            if what_is(path) != "a file":  # what is no place for one is refused with its reason
                 write(path)
                 return
             answers = {"Overwrite": lambda: write(path), "Other name…": lambda: self._save_as(then), "Cancel": nothing}

@@ -88,6 +88,18 @@ def test_toasts_dialogs_and_keys(display, tmp_path):
     assert seen["mirrored"]
 
 
+@pytest.mark.parametrize("name", ["x" * 300, "a\0b", ""])
+def test_a_name_that_no_file_can_have_is_refused(studio, tmp_path, caplog, name):
+    window = Window(studio)
+    studio.do(ApplyPose("wave"))
+    window._save_as()
+    window.files._then(str(tmp_path / name))
+    assert not window.questions.waiting
+    (record,) = (record for record in caplog.records if record.levelno == logging.ERROR)
+    assert str(tmp_path) in record.getMessage()
+    assert studio.journal.unsaved
+
+
 def test_saving_and_closing(display, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     seen, file = {}, tmp_path / "mine.json"
