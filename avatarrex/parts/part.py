@@ -21,9 +21,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
+import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
@@ -111,7 +113,12 @@ class Part(ABC, Generic[State]):
     def colour(self, state: State, points: SurfacePoints, counters: Counters, impl: Impl = "auto") -> Tensor:
         """sRGB (p, 3); differentiable in the part's networks."""
 
+    @cached_property
+    def _blended(self) -> Int[Tensor, " k"]:
+        """Vertices at which the part has a share."""
+        return torch.nonzero(self.blend_weight > 0)[:, 0]
+
     def bounds(self, vertices: Float[Tensor, "v 3"]) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest corner, (3,) metres, of the box in which the part may be blended: the part's one box."""
-        mesh = vertices[self.blend_weight > 0].double().numpy()
+        mesh = vertices.index_select(0, self._blended).double().numpy()
         return mesh.min(0) - self.margin, mesh.max(0) + self.margin

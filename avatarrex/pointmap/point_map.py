@@ -56,7 +56,8 @@ class PointMap:
 
 @dataclass(frozen=True)
 class CoveredPixels:
-    """What a ray caster knows of the pixels that the avatar covers; a hit through the pixel's centre unless told."""
+    """What a ray caster knows of the pixels that the avatar covers, those of no coverage left out; a hit through the pixel's centre
+    unless told."""
 
     pixel: Int[Tensor, " p"]
     """Row · width + column."""
@@ -83,8 +84,8 @@ class CoveredPixels:
 def _compiled(pixel: Tensor, rows: tuple[Tensor, ...], camera: Camera) -> tuple[Tensor, ...]:
     """The images of `rows`, and depth, by compiled loops."""
     height, width = camera.height, camera.width
-    at = np.full(height * width, -1, np.int32)
-    at[pixel.numpy()] = np.arange(len(pixel), dtype=np.int32)
+    at, shown = np.full(height * width, -1, np.int32), np.flatnonzero(rows[4].numpy() > 0)
+    at[pixel.numpy()[shown]] = shown
     out = [torch.empty(height * width, *values.shape[1:], dtype=values.dtype) for values in (*rows, rows[4])]
     covered = image_loops.CoveredRows(*(values.detach().numpy() for values in rows))
     images = image_loops.Images(*(image.numpy() for image in out))
@@ -95,7 +96,8 @@ def _compiled(pixel: Tensor, rows: tuple[Tensor, ...], camera: Camera) -> tuple[
 
 def _scattered(pixel: Tensor, rows: tuple[Tensor, ...], camera: Camera) -> tuple[Tensor, ...]:
     """The same by torch operations, of any type."""
-    axis = torch.as_tensor(camera.camera_from_world[2])
+    axis, shown = torch.as_tensor(camera.camera_from_world[2]), rows[4] > 0
+    pixel, rows = pixel[shown], tuple(values[shown] for values in rows)
 
     def image(values: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
         out = torch.zeros(camera.height * camera.width, *values.shape[1:], dtype=dtype)

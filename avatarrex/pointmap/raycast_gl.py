@@ -39,13 +39,31 @@ PART = np.dtype(
     ]
 )
 """Mirrors `struct Part` of shaders/pointmap/volume.glsl; the matrix by columns (std140)."""
+VIEW = np.dtype(
+    [
+        ("origin", "f4", 3),
+        ("voxel", "f4"),
+        ("last", "f4", 3),
+        ("brick_side", "i4"),
+        ("point", "f4", 3),
+        ("brick_row", "i4"),
+        ("gaze", "f4", 3),
+        ("slots", "u4"),
+        ("across", "f4", 3),
+        ("unused", "f4"),
+        ("down", "f4", 3),
+        ("also_unused", "f4"),
+        ("middle", "f4", 2),
+        ("image", "i4", 2),
+    ]
+)
+"""Mirrors the block `View` there."""
 BOXES = (0, *(1 << k for k in range(len(PARTS))), (1 << len(PARTS)) - 1)
 """Rays that meet no part box, one of `PARTS`, or several: bits of the boxes that their program looks at."""
-EXACT_LIST, COVERED_LIST = 0, 2
-"""Each comes twice: rays that meet no part box, and rays that do."""
-TILE_LIST, TRACE_LIST = 4, 5
-EDGE_LIST = TRACE_LIST + len(BOXES)
-"""The second and the third come once for each of `BOXES`."""
+TILE_LIST = 0
+"""Tiles come twice: those in which no part box is seen, and those in which one may be."""
+TRACE_LIST, EXACT_LIST, COVERED_LIST, EDGE_LIST = (2 + k * len(BOXES) for k in range(4))
+"""Pixels of each kind come once for each of `BOXES`."""
 PART_UNIT, CONTACT_UNIT = 3, 3 + len(PARTS)
 """Texture units from which there is one for each part; before them body, numbers of bricks, bricks."""
 PART_SLOTS = {"PART_COUNT": len(PARTS), "CONTACT_UNIT": CONTACT_UNIT}
@@ -97,6 +115,7 @@ class GlCaster:
         self.textures = GridTextures(context)
         self.programs: dict[tuple[object, ...], moderngl.ComputeShader] = {}
         self.parts = context.buffer(reserve=len(PARTS) * PART.itemsize)
+        self.view = context.buffer(reserve=VIEW.itemsize)
         self.lists = context.buffer(reserve=LISTS.itemsize)
         self.pixels: list[moderngl.Buffer] = []
         self.float_filter = int(self._filters_in_float())
@@ -113,26 +132,17 @@ class GlCaster:
         antialias = antialias and march == "exact"
         chosen = _wanted_tiles(camera, only)
         run, uploaded = self.prepare(volume, camera, antialias, chosen)
-        boxes = tuple(enumerate(BOXES if volume.parts else BOXES[:1]))
-        variants = tuple(enumerate((0, BOXES[-1]) if volume.parts else (0,)))
-        if march == "fixed":
-            run("plain", PARTS=variants[-1][1], METHOD=2)
-        else:
-            run("beams", PARTS=0)
-            run("trace", TILE_LIST, PARTS=0)
-            for k, parts in boxes[1:]:
-                run("trace", TRACE_LIST + k, PARTS=parts)
-            for k, parts in variants:
-                run("exact", EXACT_LIST + k, PARTS=parts)
-        run("edges", TILE_LIST, PARTS=0, ANTIALIAS=int(antialias))
-        slots = _slots(camera, antialias)
-        if antialias:
-            for k, parts in boxes:
-                run("subrays", EDGE_LIST + k, PARTS=parts)
-        for k, parts in variants:
+        boxes = BOXES if volume.parts else BOXES[:1]
+        for name, over, constants in march_passes(boxes, march):
+            run(name, over, **constants)
+        for boxed in range(min(len(boxes), 2)):
+            run("edges", TILE_LIST + boxed, PARTS=0, BOXED=boxed, ANTIALIAS=int(antialias))
+        for k, parts in enumerate(boxes if antialias else ()):
+            run("subrays", EDGE_LIST + k, PARTS=parts)
+        for k, parts in enumerate(boxes):
             run("surface", COVERED_LIST + k, PARTS=parts)
-        lists = np.frombuffer(self.lists.read(), LISTS)[0]
-        covered = int(lists["lists"]["count"][COVERED_LIST : COVERED_LIST + 2].sum())
+        slots, lists = _slots(camera, antialias), np.frombuffer(self.lists.read(), LISTS)[0]
+        covered = int(lists["lists"]["count"][COVERED_LIST : COVERED_LIST + len(BOXES)].sum())
         records = np.empty(covered, RECORD)
         if covered:
             self.pixels[RECORDS].read_into(records, covered * RECORD.itemsize)
@@ -166,15 +176,12 @@ class GlCaster:
             free[~chosen.ravel()] = EMPTY
         self.pixels[BEAM].write(free.tobytes())
         contacts = int(any(part.contact is not None for part in volume.parts))
-        uniforms = _uniforms(volume, camera, _slots(camera, antialias))
+        self.view.write(_view(volume, camera, _slots(camera, antialias)).tobytes())
 
         def run(name: str, over: int | None = None, **constants: int) -> None:
             contact = contacts * int(constants["PARTS"] != 0)
             kind = {"CONTACTS": contact, "BRICKS": int(volume.body.bricks is not None)}
             program = self._program(name, FLOAT_FILTER=self.float_filter, **kind, **constants)
-            for uniform in program:
-                if uniform in uniforms:
-                    program[uniform].value = uniforms[uniform]
             if over is None:
                 groups = -(-_tiles(camera) // GROUP) if name == "beams" else _tiles(camera)
                 program.run(min(groups, MOST_GROUPS), -(-groups // MOST_GROUPS))
@@ -235,10 +242,10 @@ class GlCaster:
     def _bind_buffers(self, count: int, slots: int, tiles: int) -> None:
         """Parts, lists, then what grows with the image: bindings 2 to 13."""
         sizes = [
-            4 * (len(BOXES) - 1) * count,
-            8 * count,
+            4 * len(BOXES) * count,
+            4 * len(BOXES) * count,
             4 * slots,
-            8 * count,
+            4 * count,
             4 * count,
             4 * count,
             4 * count,
@@ -255,6 +262,7 @@ class GlCaster:
         empty["lists"]["one"] = empty["lists"]["also_one"] = 1
         self.lists.write(empty.tobytes())
         self.parts.bind_to_uniform_block(0)
+        self.view.bind_to_uniform_block(1)
         for binding, buffer in enumerate((self.lists, *self.pixels), start=1):
             buffer.bind_to_storage_buffer(binding)
 
@@ -269,23 +277,26 @@ def _slots(camera: Camera, antialias: bool) -> int:
     return camera.width * camera.height // 4 + 4096 if antialias else 0
 
 
-def _uniforms(volume: SdfVolume, camera: Camera, slots: int) -> dict[str, object]:
-    """By name; a pass sets those that it uses."""
-    plane = RayPlane.of(camera, volume.middle)
-    return {
-        "u_origin": tuple(volume.body.origin),
-        "u_voxel": volume.body.voxel,
-        "u_last": tuple(side - 1 for side in volume.body.sdf.shape[::-1]),
-        "u_brick_side": volume.body.bricks.side if volume.body.bricks else 1,
-        "u_brick_row": ROW,
-        "u_image": (camera.width, camera.height),
-        "u_middle": tuple(plane.middle),
-        "u_point": tuple(plane.point),
-        "u_gaze": tuple(plane.gaze),
-        "u_across": tuple(plane.across),
-        "u_down": tuple(plane.down),
-        "u_slots": slots,
-    }
+def march_passes(boxes: tuple[int, ...], march: str = "exact") -> list[tuple[str, int | None, dict[str, int]]]:
+    """Name, list and constants of the passes that find t of every pixel; `boxes` are `BOXES`, or 0 alone where there are no parts."""
+    if march == "fixed":
+        return [("plain", None, {"PARTS": boxes[-1], "METHOD": 2})]
+    traced = [("trace", TILE_LIST + boxed, {"PARTS": 0, "BOXED": boxed}) for boxed in range(min(len(boxes), 2))]
+    traced += [("trace", TRACE_LIST + k, {"PARTS": boxes[k], "BOXED": 0}) for k in range(1, len(boxes))]
+    exact = [("exact", EXACT_LIST + k, {"PARTS": parts}) for k, parts in enumerate(boxes)]
+    return [("beams", None, {"PARTS": 0}), *traced, *exact]
+
+
+def _view(volume: SdfVolume, camera: Camera, slots: int) -> np.ndarray:
+    """One `VIEW`."""
+    plane, grid = RayPlane.of(camera, volume.middle), volume.body
+    view = np.zeros(1, VIEW)
+    view["origin"], view["voxel"], view["last"] = grid.origin, grid.voxel, np.array(grid.sdf.shape[::-1]) - 1
+    view["brick_side"], view["brick_row"] = grid.bricks.side if grid.bricks else 1, ROW
+    view["point"], view["gaze"], view["middle"] = plane.point, plane.gaze, plane.middle
+    view["across"], view["down"] = plane.across, plane.down
+    view["slots"], view["image"] = slots, (camera.width, camera.height)
+    return view
 
 
 def _wanted_tiles(camera: Camera, only: Tensor | None) -> np.ndarray:
@@ -307,11 +318,9 @@ def _pixels_of(chosen: np.ndarray, camera: Camera) -> int:
 def _covered(records: np.ndarray, only: Tensor | None) -> CoveredPixels:
     table = torch.from_numpy(records.view("f4").reshape(-1, RECORD.itemsize // 4))
     pixel, coverage = column(table, "pixel")[:, 0].view(torch.int32), column(table, "coverage")[:, 0]
-    wanted = coverage > 0
     if only is not None:
-        wanted &= only.view(-1)[(pixel & ~HIT_BIT).long()]
-    if not wanted.all():
-        table = table[wanted]
+        wanted = torch.nonzero(only.view(-1)[(pixel & ~HIT_BIT).long()])[:, 0]
+        table = table.index_select(0, wanted)
         pixel, coverage = pixel[wanted], coverage[wanted]
     return CoveredPixels(
         pixel=(pixel & ~HIT_BIT).long(),

@@ -101,13 +101,14 @@ class SurfaceColour:
         `earlier` needs.
         """
         work, body = SideBySide(), torch.nonzero(weight.sum(-1) < OPAQUE)[:, 0]
-        seen = None if normal is None else self._seen(work, position[body])
+        limb = torch.full_like(body, WHOLE) if side is None else side.index_select(0, body)
+        rows = [values if values is None else values.index_select(0, body) for values in (position, direction, normal)]
+        points = BodyPoints(rows[0], rows[1], limb, rows[2])
+        seen = None if normal is None else self._seen(work, points.position)
         of_parts = [
             (weight[:, column], self._add_part(work, column, position, direction, weight))
             for column in range(len(PARTS))
         ]
-        limb = torch.full_like(body, WHOLE) if side is None else side[body]
-        points = BodyPoints(position[body], direction[body], limb, None if normal is None else normal[body])
         of_body = self._add_body(work, points, seen)
         run = work.run_in_turn if torch.is_grad_enabled() else work.run
         run()
@@ -115,7 +116,8 @@ class SurfaceColour:
         if len(body):
             pieces = [piece.result() for piece in of_body]
             own = torch.cat([found for found, _ in pieces])
-            colour = colour.index_add(0, body, (1 - weight[body].sum(-1, keepdim=True)) * own)
+            share_of_body = 1 - weight.index_select(0, body).sum(-1, keepdim=True)
+            colour = colour.index_copy(0, body, share_of_body * own)
             self._remember([learnt for _, learnt in pieces if learnt])
         for share, (rows, part) in of_parts:
             if part:
@@ -131,7 +133,8 @@ class SurfaceColour:
             return rows, None
         part, state = self.avatar.parts[name], self.states[name]
         part.decode_colour(state, self.counters)
-        points = surface_points(self.posed.root_from_part(name), position[rows], direction[rows])
+        place, gaze = position.index_select(0, rows), direction.index_select(0, rows)
+        points = surface_points(self.posed.root_from_part(name), place, gaze)
         return rows, work.add(part.colour, state, points, self.counters)
 
     def _seen(self, work: SideBySide, position: Tensor) -> Future[SeenAppearance] | None:
@@ -160,15 +163,16 @@ class SurfaceColour:
         both, answer = seen.result().interpolate(position, normal, limb, self.earlier.tolerance)
         wanted = torch.nonzero(answer != TOLD)[:, 0]
         if len(wanted):
-            both[wanted] = torch.cat(self._appearance(position[wanted], limb[wanted]), -1)
+            place, side = position.index_select(0, wanted), limb.index_select(0, wanted)
+            both.index_copy_(0, wanted, torch.cat(self._appearance(place, side), -1))
         colour = self.avatar.body.seen(both[:, :-3], both[:, -3:], direction)
         new = torch.nonzero(answer == UNKNOWN)[:, 0]
-        return colour, tuple(values[new] for values in (position, normal, limb, both, colour))
+        return colour, tuple(values.index_select(0, new) for values in (position, normal, limb, both, colour))
 
     def _remember(self, learnt: list[Learnt]) -> None:
         """What was evaluated becomes known."""
-        if learnt and self.earlier:
-            self.earlier.known.add(*map(torch.cat, zip(*learnt)))
+        for points in learnt if self.earlier else ():
+            self.earlier.known.add(*points)
 
     def _appearance(self, position: Tensor, limb: Tensor) -> tuple[Tensor, Tensor]:
         """Features of the body and the light on it, limb by limb."""

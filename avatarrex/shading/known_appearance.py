@@ -40,9 +40,10 @@ class KnownAppearance:
 
     def __init__(self, channels: int, most: int = MOST) -> None:
         self._most, self._count = most, 0
-        self._place = np.empty((0, 9), np.float32)
-        self._side = np.empty(0, np.int64)
-        self._appearance = np.empty((0, channels), np.float32)
+        # Memory that is not written costs nothing; to grow would take a tenth of a second amid a turn.
+        self._place = np.empty((most, 9), np.float32)
+        self._side = np.empty(most, np.int64)
+        self._appearance = np.empty((most, channels), np.float32)
 
     @property
     def count(self) -> int:
@@ -73,7 +74,8 @@ class KnownAppearance:
         first, last = self._count, self._count + len(position)
         if last > len(self._side):
             self._keep(np.arange(first), 2 * last)
-        self._place[first:last] = np.concatenate([position.numpy(), normal.numpy(), colour.numpy()], 1)
+        for column, values in enumerate((position, normal, colour)):
+            self._place[first:last, 3 * column : 3 * column + 3] = values.numpy()
         self._side[first:last], self._appearance[first:last] = side.numpy(), appearance.numpy()
         self._count = last
 

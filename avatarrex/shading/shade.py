@@ -86,8 +86,8 @@ def shade(
     with torch.no_grad():
         side = sides(volume.sdf, position) if pointmap.side is None else pointmap.side.flatten()[row]
         colour = colours.colour(position, direction, weight, side, normal)
-    coverage = pointmap.coverage.flatten()[row, None]
-    image.view(-1, 4)[row] = torch.cat([colour.clamp(0, 1) * coverage, coverage], -1)
+    coverage = pointmap.coverage.view(-1, 1).index_select(0, row)
+    image.view(-1, 4).index_copy_(0, row, torch.cat([colour.clamp(0, 1) * coverage, coverage], -1))
     return Shading(image, surface, colours.patches, known, tolerance)
 
 

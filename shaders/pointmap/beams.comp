@@ -20,7 +20,8 @@ void main() {
     uint tile = (gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * 64u + gl_LocalInvocationIndex;
     if (tile >= tile_count()) return;
     if (beam_free[tile] == EMPTY) return;  // nobody looks at
-    vec2 corner = corner_of_tile(tile);
+    uvec2 first = corner_of_tile(tile);
+    vec2 corner = vec2(first);
     Ray ray = ray_through(corner + 4);
     float away = -ray.camera, wide = WIDE * ray.footprint;
     float spread = 2 * wide / max(2 * away - wide, 1e-3 * away);  // chord between the directions of middle and rim
@@ -36,7 +37,8 @@ void main() {
         if (beside < ENOUGH * width + NARROW || i == MAX_BALLS - 1) free = from_camera;
         from_camera += beside / (1 + spread);
     }
-    if (free == NO_HIT && !sees_parts(corner, corner + 8)) free = EMPTY;
+    uint boxed = sees_parts(corner, corner + 8) ? 1u : 0u;
+    if (free == NO_HIT && boxed == 0u) free = EMPTY;
     beam_free[tile] = free;
-    if (free != EMPTY) tiles[atomicAdd(lists[LIST_TILE].groups, 1u)] = tile;
+    if (free != EMPTY) tiles[tile_entry(atomicAdd(lists[LIST_TILE + int(boxed)].groups, 1u), boxed)] = word_of(first);
 }

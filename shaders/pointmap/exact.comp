@@ -32,11 +32,12 @@ float cell_end(Ray ray, float t, PartTruths inside) {
 }
 
 void main() {
-    uint row = listed(LIST_EXACT, gl_GlobalInvocationID.x, pixel_count());
+    uint row = listed(LIST_EXACT, gl_GlobalInvocationID.x);
     if (row == NO_SLOT) return;
-    uint pixel = exact_pixels[row].x;
-    Ray ray = ray_through(corner_of(pixel) + 0.5);
-    float t = max(uintBitsToFloat(exact_pixels[row].y), ray.range.x);
+    uvec2 pixel = place_of(exact_pixels[row]);
+    uint index = index_of(pixel);
+    Ray ray = ray_through(centre_of(pixel));
+    float t = max(ray_t[index], ray.range.x);
     uint steps = 0u;
     // Samples u in [0, 1] of the cell [t, end]: 0, 1/3, 2/3, 1, then the minimum of the cubic through them.
     float a = NO_HIT, fa = 0, b = NO_HIT, fb = 0, last_t = t, last = -1;
@@ -83,9 +84,9 @@ void main() {
             ++steps;
             if (fm < 0) { b = m; fb = fm; } else { a = m; fa = fm; }
         }
-        ray_t[pixel] = abs(fb) < abs(fa) ? b : a;
+        ray_t[index] = abs(fb) < abs(fa) ? b : a;
     } else {
-        ray_t[pixel] = NO_HIT;
+        ray_t[index] = NO_HIT;
     }
-    ray_walked[pixel] += steps;
+    ray_walked[index] += steps;
 }

@@ -9,12 +9,13 @@ void main() {
     uint tile = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
     if (tile >= tile_count()) return;
     if (gl_LocalInvocationIndex == 0u) {  // the next passes visit every tile
-        tiles[atomicAdd(lists[LIST_TILE].groups, 1u)] = tile;
+        uint boxed = PARTS != 0 ? 1u : 0u;
+        tiles[tile_entry(atomicAdd(lists[LIST_TILE + int(boxed)].groups, 1u), boxed)] = word_of(corner_of_tile(tile));
         beam_free[tile] = 0;
     }
-    uint pixel = pixel_of_tile(tile, gl_LocalInvocationIndex);
-    if (pixel == NO_PIXEL) return;
-    Ray ray = ray_through(corner_of(pixel) + 0.5);
+    uvec2 pixel = pixel_of_tile(corner_of_tile(tile), gl_LocalInvocationIndex);
+    if (!in_picture(pixel)) return;
+    Ray ray = ray_through(centre_of(pixel));
     float t = ray.range.x, s = 0, s_before = -1, before = t;
     bool found = false;
     uint steps = 0u;
@@ -30,6 +31,6 @@ void main() {
         t += METHOD == 1 ? min(max(f.bound, 1e-4), max(reach_at(ray, t), 1e-6)) : 0.25 * (METHOD == 0 ? f.scale : u_voxel);
     }
     if (METHOD != 1) t = before + (t - before) * s_before / max(s_before - s, 1e-12);
-    ray_t[pixel] = found ? t : NO_HIT;
-    ray_walked[pixel] = steps | uint(PARTS) << BOXES_SHIFT;
+    ray_t[index_of(pixel)] = found ? t : NO_HIT;
+    ray_walked[index_of(pixel)] = steps | uint(PARTS) << BOXES_SHIFT;
 }

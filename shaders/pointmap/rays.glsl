@@ -1,12 +1,5 @@
 // The rays of a view, and the buffers between the raycast passes.
 // A ray starts on a plane through the volume, not at the camera, so that a camera a kilometre away costs no digits.
-uniform ivec2 u_image;   // width, height
-uniform vec2 u_middle;   // pixel position of the ray that meets the plane in u_point
-uniform vec3 u_point;    // root metres
-uniform vec3 u_gaze;     // u_point minus the camera centre
-uniform vec3 u_across;   // on the plane, metres per pixel
-uniform vec3 u_down;
-
 struct Ray {
     vec3 origin;
     vec3 direction;
@@ -46,6 +39,8 @@ Ray ray_through(vec2 pixel) {
     return ray;
 }
 
+const float ASIDE = 0.5;  // voxels by which normals look aside, at most of the body
+
 // Whether any part box may be seen between two corners of the picture.
 bool sees_parts(vec2 low, vec2 high) {
     bool sees = false;
@@ -61,8 +56,7 @@ uint meets_parts(Ray ray) {
     uint meets = 0u;
     for (int k = 0; k < PART_COUNT; ++k) {
         vec3 place = box_place(k, ray.origin), size = in_part[k].size;
-        // Half a voxel of the body is how far normals look aside.
-        float grown = ray.footprint * (1 - (length(place) + length(size)) / ray.camera) + 0.5 * u_voxel;
+        float grown = ray.footprint * (1 - (length(place) + length(size)) / ray.camera) + ASIDE * u_voxel;
         vec2 box = slab(place + grown, mat3(in_part[k].box_from_root) * ray.direction, size + 2 * grown);
         if (size.x >= 0 && box.x <= box.y && box.y >= ray.camera) meets |= 1u << k;
     }
@@ -84,27 +78,28 @@ float reach_at(Ray ray, float t) {
     return least(mix(PartNumbers(NOWHERE), ray.entry - t, greaterThan(ray.entry, PartNumbers(t))));
 }
 
-// Lists of pixels for the next pass: each an indirect dispatch of 64 (of 16 for each silhouette pixel), counted as they are
-// appended. Exact walks and what is covered come twice, for pixels of rays that miss all part boxes and for those that meet one,
-// which need the slower program; traced rays and silhouettes for each set of boxes (`boxes_list`). Tiles come once, a work
-// group each.
-const int LIST_EXACT = 0, LIST_COVERED = 2, LIST_TILE = 4, LIST_TRACE = 5, BOX_SETS = PART_COUNT + 2, LIST_EDGE = LIST_TRACE + BOX_SETS;
+// Lists for the next passes, each an indirect dispatch of as many work groups as it takes, counted as they are appended. Tiles
+// come twice, a work group each: those in which no part box is seen, and those in which one may be. Pixels to be traced, walked
+// exactly, shown (64 in a group) and along silhouettes (4, of 16 rays each) come for each set of part boxes that their rays meet:
+// a program that looks at fewer boxes is faster.
+const int BOX_SETS = PART_COUNT + 2, LIST_TILE = 0, LIST_TRACE = 2, LIST_EXACT = LIST_TRACE + BOX_SETS,
+          LIST_COVERED = LIST_EXACT + BOX_SETS, LIST_EDGE = LIST_COVERED + BOX_SETS;
 
-// Which list holds rays that meet these part boxes (a bit each): none, one part, several.
-uint boxes_list(uint boxes) { return bitCount(boxes) > 1 ? uint(PART_COUNT + 1) : uint(findMSB(boxes) + 1); }
+// The set of part boxes (a bit each): none, one part, several.
+uint box_set(uint boxes) { return bitCount(boxes) > 1 ? uint(PART_COUNT + 1) : uint(findMSB(boxes) + 1); }
 struct List { uint groups, one, also_one, count; };
 layout(std430, binding = 1) buffer Lists { List lists[LIST_EDGE + BOX_SETS]; uint tally_steps; uint edge_count; };
-layout(std430, binding = 2) buffer TracePixels { uint trace_pixels[]; };      // room for all in each list
-layout(std430, binding = 3) buffer ExactPixels { uvec2 exact_pixels[]; };      // pixel, bits of the t to start from
+layout(std430, binding = 2) buffer TracePixels { uint trace_pixels[]; };      // room for all in each set; when they are traced, those to be shown
+layout(std430, binding = 3) buffer ExactPixels { uint exact_pixels[]; };      // room for all in each set
 layout(std430, binding = 4) buffer EdgePixels { uint edge_pixels[]; };
-layout(std430, binding = 5) buffer CoveredPixels { uvec2 covered_pixels[]; };  // pixel, slot among the edges or NO_SLOT
-layout(std430, binding = 6) buffer Distance { float ray_t[]; };                // per pixel; NO_HIT where none
+layout(std430, binding = 5) buffer EdgeSlot { uint edge_slot[]; };             // per pixel that is shown: slot among the edges or NO_SLOT
+layout(std430, binding = 6) buffer Distance { float ray_t[]; };                // per pixel; NO_HIT where none; where an exact walk starts
 layout(std430, binding = 7) buffer Approach { float ray_near[]; };             // per pixel: t up to which a pixel is free
 layout(std430, binding = 8) buffer Walked { uint ray_walked[]; };              // per pixel: steps and the bits below
 layout(std430, binding = 9) buffer SubDistance { float sub_t[]; };             // per edge slot, 16
 layout(std430, binding = 10) buffer Beams { float beam_free[]; };              // per tile: metres from the camera, NO_HIT: all; or EMPTY
-layout(std430, binding = 11) buffer Tiles { uint tiles[]; };                   // that are not EMPTY
-layout(std430, binding = 13) buffer EdgeSlots { uint edge_slots[]; };          // room for all in each list
+layout(std430, binding = 11) buffer Tiles { uint tiles[]; };                   // that are not EMPTY: the places of their first pixels
+layout(std430, binding = 13) buffer EdgeSlots { uint edge_slots[]; };          // room for all in each set
 
 const float NO_HIT = 1e9;
 const float EMPTY = 2e9;               // of a tile without hits; no pass visits its pixels
@@ -113,46 +108,54 @@ const uint GRAZES = 0x80000000u;       // the ray misses the surface by less tha
 const int BOXES_SHIFT = 31 - PART_COUNT;  // a bit each: the part boxes that the ray meets
 const uint STEPS = (1u << BOXES_SHIFT) - 1u, EVERY_BOX = (1u << PART_COUNT) - 1u;
 
-// Two lists of a kind share one buffer of `capacity` entries and fill it from both ends.
-uint from_end(uint row, uint parts, uint capacity) { return parts == 0u ? row : capacity - 1u - row; }
-
-uint append(int list) {
-    uint row = atomicAdd(lists[list].count, 1u), a_group = list >= LIST_EDGE ? 4u : 64u;
-    if (row % a_group == 0u) atomicAdd(lists[list].groups, 1u);
-    return row;
-}
-
-const uint ANY_PART = PARTS != 0 ? 1u : 0u;
-
-// Where this program's entry `row` is; NO_SLOT past the list's end.
-uint listed(int list, uint row, uint capacity) {
-    return row < lists[list + int(ANY_PART)].count ? from_end(row, ANY_PART, capacity) : NO_SLOT;
+// Room for `more` entries of a list; where the first of them is.
+uint append(int list, uint more) {
+    if (more == 0u) return 0u;
+    uint first = atomicAdd(lists[list].count, more), last = first + more, a_group = list >= LIST_EDGE ? 4u : 64u;
+    uint groups = (last + a_group - 1u) / a_group - (first + a_group - 1u) / a_group;
+    if (groups > 0u) atomicAdd(lists[list].groups, groups);
+    return first;
 }
 
 uint pixel_count() { return uint(u_image.x * u_image.y); }
 
+// Where the entry `row` of this program's set is among pixels that there is room for in each; NO_SLOT past the list's end.
+uint listed(int list, uint row) {
+    uint set = box_set(PARTS);
+    return row < lists[list + int(set)].count ? set * pixel_count() + row : NO_SLOT;
+}
+
+// Pixels and tiles are listed by their place, 16 bits each way: processors divide integers one after the other.
+uint word_of(uvec2 place) { return place.y << 16 | place.x; }
+
+uvec2 place_of(uint word) { return uvec2(word & 0xffffu, word >> 16); }
+
+uint index_of(uvec2 pixel) { return pixel.y * uint(u_image.x) + pixel.x; }
+
+vec2 centre_of(uvec2 pixel) { return vec2(pixel) + 0.5; }
+
 // Work groups are tiles of 8 x 8 pixels, each eight invocations 4 x 2 of them: what runs together should look alike.
-const uint NO_PIXEL = 0xffffffffu;
 uint tiles_across() { return (uint(u_image.x) + 7u) / 8u; }
 
 uint tile_count() { return tiles_across() * ((uint(u_image.y) + 7u) / 8u); }
 
-uint pixel_of_tile(uint tile, uint k) {
-    uint across = tiles_across();
-    uvec2 within = uvec2((k & 3u) | (k >> 1 & 4u), (k >> 2 & 1u) | (k >> 3 & 6u));
-    uvec2 place = 8u * uvec2(tile % across, tile / across) + within;
-    return all(lessThan(place, uvec2(u_image))) ? place.y * uint(u_image.x) + place.x : NO_PIXEL;
+// The first pixel of a tile.
+uvec2 corner_of_tile(uint tile) { return 8u * uvec2(tile % tiles_across(), tile / tiles_across()); }
+
+uvec2 pixel_of_tile(uvec2 corner, uint k) {
+    return corner + uvec2((k & 3u) | (k >> 1 & 4u), (k >> 2 & 1u) | (k >> 3 & 6u));
 }
 
-vec2 corner_of(uint pixel) { return vec2(pixel % uint(u_image.x), pixel / uint(u_image.x)); }
+bool in_picture(uvec2 pixel) { return all(lessThan(pixel, uvec2(u_image))); }
 
-vec2 corner_of_tile(uint tile) { return 8 * vec2(tile % tiles_across(), tile / tiles_across()); }
+// Tiles in which no box is seen are listed from the front, the others from the back.
+uint tile_entry(uint row, uint boxed) { return boxed == 0u ? row : tile_count() - 1u - row; }
 
-float beam_of(ivec2 place) { return beam_free[uint(place.y / 8) * tiles_across() + uint(place.x / 8)]; }
+float beam_of(uvec2 pixel) { return beam_free[(pixel.y >> 3) * tiles_across() + (pixel.x >> 3)]; }
 
 // t from which a pixel's ray may meet something: the body where its beam ends, a part not before its box.
-float start_of(uint pixel, Ray ray) {
-    float free = beam_of(ivec2(corner_of(pixel))), start = free == NO_HIT ? NOWHERE : free + ray.camera;
+float start_of(uvec2 pixel, Ray ray) {
+    float free = beam_of(pixel), start = free == NO_HIT ? NOWHERE : free + ray.camera;
     if (PARTS != 0) start = min(start, least(ray.entry));
     return start;
 }

@@ -3,15 +3,16 @@ layout(local_size_x = 64) in;
 #include "pointmap/volume.glsl"
 #include "pointmap/rays.glsl"
 #include "pointmap/march.glsl"
-uniform uint u_slots;
 
 void main() {
     uint row = gl_GlobalInvocationID.x / 16u, k = gl_GlobalInvocationID.x % 16u;
-    const uint list = boxes_list(PARTS);
-    if (row >= lists[LIST_EDGE + list].count) return;
-    uint slot = edge_slots[list * u_slots + row], pixel = edge_pixels[slot];
+    uint set = box_set(PARTS);
+    if (row >= lists[LIST_EDGE + int(set)].count) return;
+    uint slot = edge_slots[set * u_slots + row];
+    uvec2 pixel = place_of(edge_pixels[slot]);
     // Where the pixel's centre hits, its sub-rays are only counted.
-    Hit hit = march(ray_through(corner_of(pixel) + (vec2(k % 4u, k / 4u) + 0.5) / 4), ray_near[pixel], ray_t[pixel] == NO_HIT);
+    Ray ray = ray_through(vec2(pixel) + (vec2(k % 4u, k / 4u) + 0.5) / 4);
+    Hit hit = march(ray, ray_near[index_of(pixel)], ray_t[index_of(pixel)] == NO_HIT);
     sub_t[slot * 16u + k] = hit.t;
     atomicAdd(tally_steps, hit.steps);
 }

@@ -21,10 +21,11 @@ PartTruths boxes_around(vec3 p) {
 }
 
 void main() {
-    uint row = listed(LIST_COVERED, gl_GlobalInvocationID.x, pixel_count());
+    uint row = listed(LIST_COVERED, gl_GlobalInvocationID.x);
     if (row == NO_SLOT) return;
-    uint pixel = covered_pixels[row].x, slot = covered_pixels[row].y;
-    float t = ray_t[pixel];
+    uvec2 pixel = place_of(trace_pixels[row]);
+    uint index = index_of(pixel), slot = edge_slot[index];
+    float t = ray_t[index];
     bool hit = t != NO_HIT;
     float coverage = hit ? 1 : 0;
     vec2 place = vec2(0.5);
@@ -42,7 +43,7 @@ void main() {
         }
         if (hit) coverage = max(coverage, 1.0 / 16);
     }
-    Ray ray = ray_through(corner_of(pixel) + place);
+    Ray ray = ray_through(vec2(pixel) + place);
     vec3 p = at(ray, t);
     // Seven samples through one call: the point, then central differences half a local voxel apart.
     Field here;
@@ -52,15 +53,17 @@ void main() {
         vec3 offset = vec3(0);
         if (j > 0) offset[(j - 1) >> 1] = (j & 1) == 1 ? reach : -reach;
         Field f = field_at(p + offset, body_place(p + offset), boxes_around(p + offset));
-        if (j == 0) { here = f; reach = 0.5 * f.scale; }
+        if (j == 0) { here = f; reach = ASIDE * f.scale; }
         else normal += f.sdf * sign(offset);
     }
     Record r;
     r.position = p;
-    r.pixel = pixel | (hit ? 0x80000000u : 0u);
+    r.pixel = index | (hit ? 0x80000000u : 0u);
     r.normal = normal / max(length(normal), 1e-12);
     r.coverage = coverage;
     for (int k = 0; k < PART_COUNT; ++k) r.weight[k] = here.weight[k];
-    r.steps = float(ray_walked[pixel] & STEPS);
-    out_record[gl_GlobalInvocationID.x + (PARTS != 0 ? lists[LIST_COVERED].count : 0u)] = r;
+    r.steps = float(ray_walked[index] & STEPS);
+    uint before = 0u;
+    for (int set = 0; set < int(box_set(PARTS)); ++set) before += lists[LIST_COVERED + set].count;
+    out_record[before + gl_GlobalInvocationID.x] = r;
 }

@@ -1,37 +1,38 @@
 // Step II, first pass: march every pixel's ray from the end of its beam. Reads the volume; writes t and steps per pixel, and
-// lists the rays that need the exact walk. PARTS 0: all listed tiles, and rays that meet part boxes are listed for the others.
+// lists the rays that need the exact walk. PARTS 0: listed tiles, BOXED those in which a part box may be seen; rays that meet one
+// are listed for the other programs.
 layout(local_size_x = 64) in;
 #include "pointmap/volume.glsl"
 #include "pointmap/rays.glsl"
 #include "pointmap/march.glsl"
 
 void main() {
-    uint count = pixel_count();
 #if PARTS == 0
-    uint pixel = pixel_of_tile(tiles[gl_WorkGroupID.x], gl_LocalInvocationIndex);
-    if (pixel == NO_PIXEL) return;
+    uvec2 pixel = pixel_of_tile(place_of(tiles[tile_entry(gl_WorkGroupID.x, BOXED)]), gl_LocalInvocationIndex);
+    if (!in_picture(pixel)) return;
 #else
-    const uint list = boxes_list(PARTS);
-    uint row = gl_GlobalInvocationID.x;
-    if (row >= lists[LIST_TRACE + list].count) return;
-    uint pixel = trace_pixels[(list - 1) * count + row];
+    uint row = listed(LIST_TRACE, gl_GlobalInvocationID.x);
+    if (row == NO_SLOT) return;
+    uvec2 pixel = place_of(trace_pixels[row]);
 #endif
-    Ray ray = ray_through(corner_of(pixel) + 0.5);
-#if PARTS == 0
-    if (sees_parts(corner_of(pixel) + 0.5, corner_of(pixel) + 0.5)) {
-        uint list = boxes_list(meets_parts(ray));
-        if (list != 0u) {
-            trace_pixels[(list - 1) * count + append(LIST_TRACE + int(list))] = pixel;
+    Ray ray = ray_through(centre_of(pixel));
+#if BOXED == 1
+    if (sees_parts(centre_of(pixel), centre_of(pixel))) {
+        uint set = box_set(meets_parts(ray));
+        if (set != 0u) {
+            trace_pixels[set * pixel_count() + append(LIST_TRACE + int(set), 1u)] = word_of(pixel);
             return;
         }
     }
 #endif
+    uint index = index_of(pixel);
     Hit hit = march(ray, start_of(pixel, ray), true);
-    ray_t[pixel] = hit.t;
-    ray_near[pixel] = hit.near;
-    ray_walked[pixel] = hit.steps | (hit.grazes ? GRAZES : 0u) | uint(PARTS) << BOXES_SHIFT;
-    if (hit.suspect != NO_HIT) {
-        uint row = from_end(append(LIST_EXACT + int(ANY_PART)), ANY_PART, count);
-        exact_pixels[row] = uvec2(pixel, floatBitsToUint(hit.suspect));
+    ray_near[index] = hit.near;
+    ray_walked[index] = hit.steps | (hit.grazes ? GRAZES : 0u) | uint(PARTS) << BOXES_SHIFT;
+    bool suspect = hit.suspect != NO_HIT;
+    ray_t[index] = suspect ? hit.suspect : hit.t;
+    if (suspect) {
+        uint set = box_set(PARTS);
+        exact_pixels[set * pixel_count() + append(LIST_EXACT + int(set), 1u)] = word_of(pixel);
     }
 }

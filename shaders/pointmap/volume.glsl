@@ -16,16 +16,26 @@ struct Part {
     vec4 window;         // pixels from which the box may be seen: x and y from, x and y to
 };
 layout(std140, binding = 0) uniform Parts { Part in_part[PART_COUNT]; };
+// Mirrors VIEW there: the body grid, and the rays of a view.
+layout(std140, binding = 1) uniform View {
+    vec3 u_origin;     // centre of the body grid's voxel 0
+    float u_voxel;     // side of a body voxel
+    vec3 u_last;       // the last body voxel (the texture may be larger)
+    int u_brick_side;  // fine voxels along a body voxel
+    vec3 u_point;      // root metres
+    int u_brick_row;
+    vec3 u_gaze;       // u_point minus the camera centre
+    uint u_slots;      // edge pixels that there is room for
+    vec3 u_across;     // on the plane, metres per pixel
+    vec3 u_down;
+    vec2 u_middle;     // pixel position of the ray that meets the plane in u_point
+    ivec2 u_image;     // width, height
+};
 layout(binding = 0) uniform sampler3D u_body;
 layout(binding = 3) uniform sampler3D u_part[PART_COUNT];
 layout(binding = CONTACT_UNIT) uniform sampler3D u_contact[PART_COUNT];
-uniform vec3 u_origin;  // centre of the body grid's voxel 0
-uniform float u_voxel;  // side of a body voxel
-uniform vec3 u_last;    // the last body voxel (the texture may be larger)
 layout(binding = 1) uniform sampler3D u_brick_number;  // per body cell, from 1; 0 where there is none
 layout(binding = 2) uniform sampler3D u_bricks;        // all bricks, u_brick_row along x and y
-uniform int u_brick_side;          // fine voxels along a body voxel
-uniform int u_brick_row;
 
 struct Field {
     float sdf;

@@ -297,8 +297,8 @@ MUTANTS: dict[str, Mutant] = {
     "one raycast pass, GL": Mutant(
         "thin parts",
         "avatarrex/pointmap/raycast_gl.py",
-        '            run("exact", EXACT_LIST + k, PARTS=parts)',
-        "            del k, parts",
+        "*traced, *exact]",
+        "*traced]",
         f"{THIN}[gl]",
     ),
     "beams as wide as their middle": Mutant(
@@ -325,7 +325,7 @@ MUTANTS: dict[str, Mutant] = {
     "tiles that nobody has written": Mutant(
         "rays that share a beam",
         "shaders/pointmap/edges.comp",
-        "beam_of(place) != EMPTY && ",
+        "    if (beam_of(pixel) == EMPTY) return found;",
         "",
         "tests/pointmap/test_beams.py::test_a_picture_after_a_larger_one_holds_nothing_of_it",
     ),

@@ -27,6 +27,24 @@ def test_a_ball_covers_its_disc(impl):
     assert torch.equal(one.coverage * 16, (one.coverage * 16).round())
 
 
+def test_silhouettes_do_not_depend_on_where_tiles_begin(impl):
+    whole = raycast(BALL, view(48), impl).coverage
+    for left, top in ((1, 0), (0, 1), (3, 5)):
+        cut = raycast(BALL, view(48).cropped(left, top, 40, 40), impl).coverage
+        apart = (cut - whole[top : top + 40, left : left + 40]).abs()
+        assert apart.max() <= 1 / 16
+        assert (apart > 0).sum() <= 3
+
+
+def test_a_level_rod_is_smoothed_above_and_below(impl):
+    """Every pixel of its rims has neighbours to both sides that are hit."""
+    rod = SdfVolume(body_grid(capsule((0.0, 0.3, 0.3), (0.6, 0.3, 0.3), 0.085), (0, 0, 0), 0.02, (31, 31, 31)))
+    middle = raycast(rod, view(48), impl).coverage[:, 18:30]
+    partial = ((middle > 0) & (middle < 1)).float().mean(1)
+    assert (partial == 1).nonzero()[:, 0].tolist() == (partial.flip(0) == 1).nonzero()[:, 0].tolist()
+    assert int((partial == 1).sum()) == 2
+
+
 def test_without_antialiasing_coverage_is_the_hit(impl):
     one = raycast(BALL, view(48), impl, antialias=False)
     assert torch.equal(one.coverage > 0, one.hit)

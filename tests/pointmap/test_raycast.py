@@ -150,15 +150,16 @@ def test_two_views_in_turn_do_not_disturb_each_other(man, impl):
         assert torch.equal(getattr(first, name), getattr(again, name))
 
 
-def test_the_shaders_read_the_parts_as_numpy_wrote_them():
+def test_the_shaders_read_parts_and_view_as_numpy_wrote_them():
     if "gl" not in available():
         pytest.skip("no OpenGL 4.3 here")
-    from avatarrex.pointmap.raycast_gl import BOXES, LISTS, PART, RECORD, gl_caster
+    from avatarrex.pointmap.raycast_gl import BOXES, LISTS, PART, RECORD, VIEW, gl_caster
 
     program = gl_caster()._program("surface", PARTS=BOXES[-1], CONTACTS=1, BRICKS=1, FLOAT_FILTER=0)
     assert program["Parts"].size == 3 * PART.itemsize
+    assert program["View"].size == VIEW.itemsize
     assert RECORD.itemsize % 16 == 0
-    assert LISTS.fields["steps"][1] == 15 * 16
+    assert LISTS.fields["steps"][1] == (2 + 4 * len(BOXES)) * 16
 
 
 @pytest.mark.parametrize("count", [2, 3, 4])
@@ -169,7 +170,15 @@ def test_the_shaders_serve_another_number_of_parts(name, count):
     from avatarrex.pointmap.raycast_gl import gl_caster
 
     every = 0 if name in ("beams", "edges") else (1 << count) - 1
-    kind = {"PARTS": every, "CONTACTS": int(every > 0), "BRICKS": 1, "FLOAT_FILTER": 0, "ANTIALIAS": 1, "METHOD": 2}
+    kind = {
+        "PARTS": every,
+        "CONTACTS": int(every > 0),
+        "BRICKS": 1,
+        "BOXED": 1,
+        "FLOAT_FILTER": 0,
+        "ANTIALIAS": 1,
+        "METHOD": 2,
+    }
     gl_caster()._program(name, PART_COUNT=count, CONTACT_UNIT=3 + count, **kind).release()
 
 

@@ -40,6 +40,19 @@ def test_loops_lay_out_what_torch_does(covered: CoveredPixels) -> None:
         torch.testing.assert_close(mine.depth, theirs.depth, atol=0, rtol=1e-7)
 
 
+@pytest.mark.parametrize("impl", ["auto", "torch"])
+def test_a_pixel_without_coverage_is_empty(covered: CoveredPixels, impl: str) -> None:
+    made = covered.scatter(VIEW, "test", {}, impl)
+    assert covered.coverage is not None
+    shown = torch.zeros(61 * 83, dtype=torch.bool)
+    shown[covered.pixel[covered.coverage > 0]] = True
+    assert 0 < int(shown.sum()) < len(covered.pixel)
+    for name in ("position", "normal", "part_weight", "hit", "coverage", "steps", "depth"):
+        value = getattr(made, name).reshape(61 * 83, -1)
+        assert not value[~shown].any(), name
+    assert made.coverage.view(-1)[shown].min() > 0
+
+
 def test_double_precision_is_served(covered: CoveredPixels) -> None:
     """By torch, which rounds it once."""
     exact = replace(covered, position=covered.position.double() + 1e-9)

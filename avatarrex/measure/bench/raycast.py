@@ -18,7 +18,7 @@ from avatarrex.measure.bench.contest import Contest, Contestant, Goal, interleav
 from avatarrex.measure.bench.raycast_peers import add_mitsuba, ray_error, truth
 from avatarrex.measure.bench.report import FASTER, SLOWER, Metric
 from avatarrex.measure.bench.session import Bench
-from avatarrex.pointmap.raycast_gl import BOXES, EXACT_LIST, TILE_LIST, TRACE_LIST, GlCaster, gl_caster
+from avatarrex.pointmap.raycast_gl import BOXES, GlCaster, gl_caster, march_passes
 from avatarrex.pointmap.raycast_torch import raycast_torch
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.settings import RenderSettings
@@ -91,19 +91,13 @@ def _contest(bench: Bench, volume: SdfVolume, number: int, camera: Camera) -> Co
 
 def _methods(volume: SdfVolume) -> dict[str, Passes]:
     """Passes of what is compared; each ends with t per pixel in the distance buffer."""
-    parts = (0, BOXES[-1]) if volume.parts else (0,)
-    beams: Passes = [("beams", None, {"PARTS": 0})]
-    trace: Passes = [
-        *beams,
-        ("trace", TILE_LIST, {"PARTS": 0}),
-        *(("trace", TRACE_LIST + k, {"PARTS": BOXES[k]}) for k in range(1, len(BOXES) if volume.parts else 1)),
-    ]
-    exact: Passes = [("exact", EXACT_LIST + k, {"PARTS": boxes}) for k, boxes in enumerate(parts)]
+    boxes = BOXES if volume.parts else BOXES[:1]
+    ours = march_passes(boxes)
     return {
-        "ours": [*trace, *exact],
-        "first_pass_alone": trace,
-        "sphere_tracing": [("plain", None, {"PARTS": parts[-1], "METHOD": 1})],
-        "quarter_march": [("plain", None, {"PARTS": parts[-1], "METHOD": 0})],
+        "ours": ours,
+        "first_pass_alone": [one for one in ours if one[0] != "exact"],
+        "sphere_tracing": [("plain", None, {"PARTS": boxes[-1], "METHOD": 1})],
+        "quarter_march": [("plain", None, {"PARTS": boxes[-1], "METHOD": 0})],
     }
 
 
