@@ -102,8 +102,8 @@ class SurfaceColour:
         """
         work, body = SideBySide(), torch.nonzero(weight.sum(-1) < OPAQUE)[:, 0]
         limb = torch.full_like(body, WHOLE) if side is None else side.index_select(0, body)
-        rows = [values if values is None else values.index_select(0, body) for values in (position, direction, normal)]
-        points = BodyPoints(rows[0], rows[1], limb, rows[2])
+        place, towards = position.index_select(0, body), direction.index_select(0, body)
+        points = BodyPoints(place, towards, limb, None if normal is None else normal.index_select(0, body))
         seen = None if normal is None else self._seen(work, points.position)
         of_parts = [
             (weight[:, column], self._add_part(work, column, position, direction, weight))
@@ -171,8 +171,9 @@ class SurfaceColour:
 
     def _remember(self, learnt: list[Learnt]) -> None:
         """What was evaluated becomes known."""
-        for points in learnt if self.earlier else ():
-            self.earlier.known.add(*points)
+        if self.earlier:
+            for points in learnt:
+                self.earlier.known.add(*points)
 
     def _appearance(self, position: Tensor, limb: Tensor) -> tuple[Tensor, Tensor]:
         """Features of the body and the light on it, limb by limb."""
