@@ -105,8 +105,7 @@ class Window:
         self.first_picture: Callable[[], None] = nothing
         """Called once, when there is something to see."""
         self._resting, self.loss = Resting(), ContextLoss()
-        self.anew = False
-        """Whether the window that is being closed is opened anew: its context was lost."""
+        self.anew = False  # whether the window that is being closed is opened anew, for its context was lost
         self._frames = self._gesture = 0
         self._keys_free = True
         """Whether keys were shortcuts when this frame began: what Esc closes does not pass it on."""
@@ -127,8 +126,7 @@ class Window:
             "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,
             "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
-            "full_screen": FullScreen().toggle,
-            "panels": lambda: toggle_panels(hello_imgui.get_runner_params().docking_params),
+            "full_screen": FullScreen().toggle, "panels": toggle_panels,
             **{f"layout_{name.lower()}": partial(hello_imgui.switch_layout, name) for name in LAYOUTS},
             "preferences": self.personal.dialog.open, "tour": self.personal.tour.start, "available": self.available.open,
             "quit": self._quit, "stage_picture": self._stage_picture,
