@@ -38,11 +38,11 @@ def pressed(chord: int) -> bool:
 
     The toolkit takes a key and the release of Ctrl that arrive together into one frame, in which Ctrl is up already.
     """
-    held = sum(int(key) for key in MODIFIERS.values() if imgui.is_key_down(key) or imgui.is_key_released(key))
+    down = sum(int(key) for key in MODIFIERS.values() if imgui.is_key_down(key) or imgui.is_key_released(key))
     wanted = chord & sum(map(int, MODIFIERS.values()))
     key = chord - wanted
     twins = (imgui.Key(key), KEYPAD.get(key, imgui.Key(key)))
-    return held == wanted and any(imgui.is_key_pressed(twin, False) for twin in twins)
+    return down == wanted and any(imgui.is_key_pressed(twin, False) for twin in twins)
 
 
 def anything() -> bool:

@@ -21,6 +21,7 @@ from avatarrex.signals.joints import JOINT_NAMES
 
 SIZE = (560.0, 640.0)
 """Points, at first."""
+NARROWEST = 380.0
 GUESS, NONE = "guessed", "none (at rest)"
 """Entries of the lists beside the values."""
 CHOICES = {"up": AXES, "forward": AXES, "unit": tuple(UNITS), "rest": RESTS, "floor": FLOORS}
@@ -60,7 +61,8 @@ class MotionImport:
         imgui.set_next_window_pos(
             (corner.x - 6, corner.y - 6), imgui.Cond_.appearing, (1.0, 1.0)
         )  # over the sliders: the picture stays free
-        imgui.set_next_window_size((min(SIZE[0], 0.4 * room.x), min(SIZE[1], room.y - 60)), imgui.Cond_.appearing)
+        width = max(corner.x - _right_of_the_picture() - 12, NARROWEST)
+        imgui.set_next_window_size((min(SIZE[0], width), min(SIZE[1], room.y - 60)), imgui.Cond_.appearing)
         imgui.set_next_window_bg_alpha(1.0)
         opened, shown = imgui.begin("How the motion was read", True, imgui.WindowFlags_.no_docking)
         self.shown = bool(shown)
@@ -120,6 +122,12 @@ class MotionImport:
                 said = {} if picked == GUESS else {ours: "" if picked == NONE else picked}
                 chosen = replace(imported.options, joints=tuple({**kept, **said}.items()))
         return chosen
+
+
+def _right_of_the_picture() -> float:
+    """Where the viewport ends; the left of the screen while there is none."""
+    viewport = imgui.internal.find_window_by_name("Viewport")
+    return float(viewport.pos.x + viewport.size.x) if viewport is not None else 0.0
 
 
 def without_options(text: str) -> str:

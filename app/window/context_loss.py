@@ -1,7 +1,7 @@
 """An OpenGL context that the driver takes away: found out, so that the window is opened anew with all that was open in it.
 
 A graphics card that is reset (it hung, its driver was replaced, a computer woke up) takes the context and everything in it; nothing can be
-drawn with it again. A window that asked for robustness hears of it (`glGetGraphicsResetStatus`, OpenGL 4.5 or ARB_robustness);
+drawn with it again. Where the context was made robust the driver tells of it (`glGetGraphicsResetStatus`, OpenGL 4.5 or ARB_robustness);
 elsewhere pictures fail, one after the other. Lost twice within a minute it is given up.
 """
 

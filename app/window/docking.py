@@ -49,8 +49,9 @@ def docking(panels: dict[str, Callable[[], None]]) -> list[hello_imgui.DockingPa
     return layouts
 
 
-def toggle_panels(params: hello_imgui.DockingParams) -> None:
+def toggle_panels() -> None:
     """Hide every panel but the viewport; show them where one is hidden."""
+    params = hello_imgui.get_runner_params().docking_params
     others = [window for window in params.dockable_windows if window.label != BARE]
     hidden = any(not window.is_visible for window in others)
     for window in others:

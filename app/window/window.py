@@ -93,8 +93,7 @@ class Window:
         self.face, self.poses, self.palette, self.files = face_panel(), PosesPanel(), Palette(), FileDialog()
         self._sliders = {"Body": self.body, "Left hand": self.left, "Right hand": self.right, "Face": self.face}
         self.screen, self.questions, self.autosave = Screen(), Questions(), Autosave()
-        self.toasts = Toasts(self._refused)
-        self.guard = Guard(self._failed)
+        self.toasts, self.guard = Toasts(self._refused), Guard(self._failed)
         self.leaving = Leaving(studio, self.training.processes, self.questions, self.autosave)
         self.leaving.offer()
         self.distilling = Distilling(device=device)
@@ -106,8 +105,7 @@ class Window:
         self.first_picture: Callable[[], None] = nothing
         """Called once, when there is something to see."""
         self._resting, self.loss = Resting(), ContextLoss()
-        self.anew = False
-        """Whether the window that is being closed is opened anew: its context was lost."""
+        self.anew = False  # whether the window that is being closed is opened anew, for its context was lost
         self._frames = self._gesture = 0
         self._keys_free = True
         """Whether keys were shortcuts when this frame began: what Esc closes does not pass it on."""
@@ -124,13 +122,12 @@ class Window:
             **{f"output_{name}": partial(setattr, self.output, "ground", name) for name in GROUNDS},
             **{f"output_{name}": partial(self.output.resize, name) for name in SIZES},
             "export": lambda: self.exports.open(self.viewport.size),
-            "save_session": self._save, "save_session_as": self._save_as,
-            "copy_pose": self._copy, "paste_pose": self._paste, "paste_flipped": partial(self._paste, flipped=True),
+            "save_session": self._save, "save_session_as": self._save_as, "copy_pose": self._copy,
+            "paste_pose": self._paste, "paste_flipped": partial(self._paste, flipped=True),
             "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,
             "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
-            "full_screen": FullScreen().toggle,
-            "panels": lambda: toggle_panels(hello_imgui.get_runner_params().docking_params),
+            "full_screen": FullScreen().toggle, "panels": toggle_panels,
             **{f"layout_{name.lower()}": partial(hello_imgui.switch_layout, name) for name in LAYOUTS},
             "preferences": self.personal.dialog.open, "tour": self.personal.tour.start, "available": self.available.open,
             "quit": self._quit, "stage_picture": self._stage_picture,

@@ -65,7 +65,7 @@ def surface_window():
 
 
 def pixels(window):
-    """What the viewport shows; asked for within the loop."""
+    """What the viewport shows; called within the loop."""
     texture = window.screen.context.external_texture(window.screen.shown.texture, (160, 120), 4, 0, "f1")
     return np.frombuffer(texture.read(), np.uint8).reshape(120, 160, 4).copy()
 

@@ -52,7 +52,7 @@ def test_chords_are_whole_and_pressed_once(frame):
     z = imgui.Key.z
     frame((CTRL, True), (SHIFT, True))
     assert frame((z, True)) == {"Ctrl+Shift+Z"}
-    assert frame() == set(), "a key that is held is pressed once"
+    assert frame() == set(), "a key that stays down is pressed once"
     assert frame((z, False), (SHIFT, False)) == set()
     frame()
     assert frame((z, True)) == {"Ctrl+Z"}
