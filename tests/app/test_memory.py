@@ -78,7 +78,7 @@ def test_another_avatar_and_one_that_could_not_be_read_are_read(files, untrained
     assert read.names == [one, other], "what was read beside it takes its place only when it is kept"
     (files / "none.avatar").write_text("")
     avatars.ready(str(files / "none.avatar"))
-    avatars._open[1].exception()
+    avatars._readings[str(files / "none.avatar")].exception()
     for _ in range(2):
         with pytest.raises(InputError):
             avatars.read(str(files / "none.avatar")).result()
@@ -101,6 +101,7 @@ def test_avatars_that_were_replaced_are_gone(files, untrained):
     for _ in range(5):
         for name in ("one.avatar", "other.avatar"):
             alive.append(weakref.ref(avatars.get(str(files / name))))
+            avatars.all_ready([str(files / name)])
     avatars._threads.submit(int).result()  # the thread lets go of what it read with its next work
     gc.collect()
     assert [reference() is not None for reference in alive] == [False] * 9 + [True]
@@ -113,11 +114,11 @@ def test_an_engine_reads_an_avatar_without_a_surface_again_once_its_file_has_cha
     engine = Engine(render=render_ball, load=lambda name, device: read(name))
     state = StudioState(avatar=str(path), level="live")
     for _ in range(3):
-        engine.frame(state, state.view.camera(16, 16))
+        engine.frames(state, state.view.camera(16, 16))
     assert len(read.names) == 1
     path.write_text("with a surface")
     for _ in range(3):
-        engine.frame(state, state.view.camera(16, 16))
+        engine.frames(state, state.view.camera(16, 16))
     assert len(read.names) == 2
 
 
