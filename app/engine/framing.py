@@ -45,6 +45,10 @@ class Outline:
 def framed(view: OrbitView, points: np.ndarray, size: tuple[int, int]) -> OrbitView:
     """`view` with the target and the least distance for which all `points` (p, 3) are on a (width, height) raster."""
     rotation, tangents, seen = _seen(view, points, size)
+    if view.orthographic:
+        low, high = seen.min(0), seen.max(0)
+        middle = vector(rotation.T @ ((low + high) / 2))
+        return replace(view, target=middle, distance=float(((high - low)[:2] / (2 * tangents)).max()))
     low, high = (seen[:, :2] - tangents * seen[:, 2:]).max(0), (seen[:, :2] + tangents * seen[:, 2:]).min(0)
     middle = (seen[:, 2].min() + seen[:, 2].max()) / 2
     target = vector(rotation.T @ np.array([*((low + high) / 2), middle]))
@@ -55,13 +59,16 @@ def framed(view: OrbitView, points: np.ndarray, size: tuple[int, int]) -> OrbitV
 def backed_off(view: OrbitView, points: np.ndarray, size: tuple[int, int]) -> OrbitView:
     """`view` about its own target, at the least distance for which all `points` (p, 3) are in the picture."""
     _, tangents, seen = _seen(view, points - np.array(view.target), size)
-    distance = (np.abs(seen[:, :2]) / tangents - seen[:, 2:]).max()
+    depth = 0 if view.orthographic else seen[:, 2:]
+    distance = (np.abs(seen[:, :2]) / tangents - depth).max()
     return replace(view, distance=float(max(distance, 0.05)))
 
 
 def _seen(view: OrbitView, points: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Camera axes (3, 3), usable tangents (2,) of x and y, and the points (p, 3) in those axes."""
-    camera = view.camera(*size)
+    """Camera axes (3, 3), usable tangents (2,) of x and y, of an orthographic view those of its lens with perspective, which has the same
+    scale at the target; and the points (p, 3) in those axes.
+    """
+    camera = replace(view, orthographic=False).camera(*size)
     rotation = camera.camera_from_world[:3, :3]
     tangents = (1 - FREE_SHARE) * np.array(size) / (2 * np.diag(camera.intrinsics)[:2])
     return rotation, tangents, points @ rotation.T

@@ -20,8 +20,8 @@ COLD, HOT = np.array([0.10, 0.14, 0.30]), np.array([0.98, 0.86, 0.36])
 
 def look_of(shows: str, view: OrbitView) -> Look | None:
     """The view mode of a surface; None where its colours are shown."""
-    span = min(MOST_SPAN, SPAN * view.distance)
-    return next((Look(kind, view.distance - span, view.distance + span) for kind in KINDS if kind == shows), None)
+    span, distance = min(MOST_SPAN, SPAN * view.distance), view.lens[0]
+    return next((Look(kind, distance - span, distance + span) for kind in KINDS if kind == shows), None)
 
 
 def shown(frame: Frame, shows: str, view: OrbitView) -> Float32[np.ndarray, "h w 4"]:

@@ -151,7 +151,7 @@ class Studio:
         """Advance the motion, draw the surface, take and request exact pictures; whether there is something new to show."""
         now, before = self._clock(), self.weight
         due = self.playback.due(self.state.timeline, now)
-        sent = self.listening.tick(self.state.timeline)
+        sent = self.listening.tick([figure.timeline for figure in self.state.figures])
         if due is not None:
             self.go_to(due, self.playback.gesture)
         elif sent:
@@ -275,7 +275,9 @@ class Studio:
         with refusals_logged():
             bodies = [(self.avatars.get(own.avatar).person.body, own.signals) for own in self.state.each()]
             points = np.concatenate([Outline(body).points(signals) for body, signals in bodies])
-            view = framed(OrbitView(), points, self.state.size.pixels(viewport))
+            view = framed(
+                OrbitView(orthographic=self.state.view.orthographic), points, self.state.size.pixels(viewport)
+            )
             self.do(SetCamera(view.azimuth, view.elevation, view.distance, view.fov, view.target))
 
     def frame_face(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -72,9 +72,9 @@ class Listening:
             said.append(f"{where} ({counts.rate}/s{bad})")
         return "listening at " + ", ".join(said) if said else ""
 
-    def tick(self, timeline: Timeline) -> bool:
-        """Take what came; whether anything drives otherwise than before. What has no layer any more is switched off."""
-        names = {layer.name for layer in timeline.layers if layer.feed}
+    def tick(self, timelines: Iterable[Timeline]) -> bool:
+        """Take what came; whether anything drives otherwise than before. What has no layer in any of `timelines` is switched off."""
+        names = {layer.name for timeline in timelines for layer in timeline.layers if layer.feed}
         for gone in set(self.drives) - names:
             self.switch_off(gone)
         now = self._clock()

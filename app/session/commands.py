@@ -109,7 +109,7 @@ class ShowPicture(Choice):
 
 
 class PullHandle(Setting):
-    """A handle was pulled to `target`, world metres; `signals` are what followed: a journal needs no solver."""
+    """A handle was pulled to `target`, metres in the frame of the figure's place; `signals` are what followed: a journal needs no solver."""
 
     handle: str
     target: Vector
@@ -120,7 +120,7 @@ class PullHandle(Setting):
 
 
 class LookAt(Setting):
-    """Eyes and head were turned to `target`, world metres; `signals` are what followed."""
+    """Eyes and head were turned to `target`, metres in the frame of the figure's place; `signals` are what followed."""
 
     target: Vector
     signals: Signals

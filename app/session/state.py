@@ -42,6 +42,8 @@ SELECTABLE = frozenset((*JOINT_NAMES, *FACE_REGIONS))
 FAR_FOV = 0.1
 """Degrees: the lens of an orthographic view. Two points half a metre before each other are seen 0.04 % apart in size, a fifth of a pixel
 in a picture of a thousand; rays a kilometre long are as exact as short ones (avatarrex/pointmap/rays.py)."""
+FARTHEST = 5e5
+"""Metres."""
 Colour = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 
@@ -78,10 +80,17 @@ class OrbitView:
 
     def camera(self, width: int, height: int) -> Camera:
         """This view on a `width` × `height` raster."""
-        distance, fov = self.distance, self.fov
-        if self.orthographic:
-            distance, fov = distance * math.tan(math.radians(fov) / 2) / math.tan(math.radians(FAR_FOV) / 2), FAR_FOV
+        distance, fov = self.lens
         return Camera.orbit(self.azimuth, self.elevation, distance, fov, self.target, width, height)
+
+    @property
+    def lens(self) -> tuple[float, float]:
+        """Metres from the target, and degrees, of the camera itself; without perspective it stands `FARTHEST` away at most."""
+        if not self.orthographic:
+            return self.distance, self.fov
+        half = self.distance * math.tan(math.radians(self.fov) / 2)
+        distance = min(half / math.tan(math.radians(FAR_FOV) / 2), FARTHEST)
+        return distance, math.degrees(2 * math.atan(half / distance))
 
     def moved(self, step: np.ndarray) -> OrbitView:
         """The same view `step` (3,) further on."""

@@ -2,7 +2,7 @@
 
 A graphics card that is reset (it hung, its driver was replaced, a computer woke up) takes the context and everything in it; nothing can be
 drawn with it again. Where the context was made robust the driver tells of it (`glGetGraphicsResetStatus`, OpenGL 4.5 or ARB_robustness);
-elsewhere pictures fail, one after the other. Lost twice within a minute it is given up.
+elsewhere pictures fail, one after the other, and nothing else can be drawn in it either. Lost twice within a minute it is given up.
 """
 
 from __future__ import annotations
@@ -13,11 +13,25 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import moderngl
+
 NAMES = ("glGetGraphicsResetStatus", "glGetGraphicsResetStatusKHR", "glGetGraphicsResetStatusARB")
 FAILURES = 3
 """Pictures one after the other that could not be drawn."""
+TEXEL = bytes((1, 2, 3, 4))
 SOON = 60.0
 """Seconds."""
+
+
+def works() -> bool:
+    """Whether the context that is current keeps what is written into it."""
+    try:
+        texture = moderngl.create_context().texture((1, 1), 4, TEXEL)
+        kept = texture.read() == TEXEL
+        texture.release()
+        return bool(kept)
+    except Exception:  # whatever it is, it is the answer
+        return False
 
 
 class ContextLoss:
@@ -27,6 +41,8 @@ class ContextLoss:
         self.given_up = False
         self.status: Callable[[], int] = lambda: 0
         """What the driver says of the present context; 0: nothing is wrong."""
+        self.works: Callable[[], bool] = works
+        """Whether something can be drawn in it: pictures fail of other faults, too."""
         self._clock, self._failures, self._last = clock, 0, -math.inf
 
     def ask(self) -> None:
@@ -47,7 +63,7 @@ class ContextLoss:
     def found(self, drawn: bool) -> bool:
         """Once a frame, with whether its picture was `drawn`: whether the context is lost. The second time within `SOON` it is given up."""
         self._failures = 0 if drawn else self._failures + 1
-        if self._failures < FAILURES and not self.status():
+        if not self.status() and (self._failures < FAILURES or self.works()):
             return False
         now = self._clock()
         self.given_up = now - self._last < SOON

@@ -112,6 +112,7 @@ class Pane:
             for hint, value in {
                 glfw.CONTEXT_VERSION_MAJOR: version // 100, glfw.CONTEXT_VERSION_MINOR: version // 10 % 10,
                 glfw.OPENGL_PROFILE: glfw.OPENGL_CORE_PROFILE, glfw.TRANSPARENT_FRAMEBUFFER: True, glfw.FOCUS_ON_SHOW: False,
+                glfw.CONTEXT_ROBUSTNESS: glfw.get_window_attrib(current, glfw.CONTEXT_ROBUSTNESS),  # contexts share within one kind
             }.items():  # fmt: skip
                 glfw.window_hint(hint, value)
             self._window = glfw.create_window(*size, TITLE, None, current)

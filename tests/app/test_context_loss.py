@@ -34,8 +34,11 @@ def test_a_context_is_lost_where_its_driver_says_so_or_pictures_fail(clock):
     loss.status = lambda: 0x8254  # GL_INNOCENT_CONTEXT_RESET
     assert loss.found(True)
     assert not loss.given_up
-    loss.status = lambda: 0
+    loss.status, loss.works = lambda: 0, lambda: True
     clock.now += SOON
+    assert not any(loss.found(False) for _ in range(10)), "another fault"
+    assert not loss.found(True)
+    loss.works = lambda: False
     assert [loss.found(drawn) for drawn in (False, False, True, *[False] * FAILURES)] == [False] * (2 + FAILURES) + [
         True
     ]
@@ -128,6 +131,7 @@ def test_the_program_runs_the_window_again_and_gives_up_in_the_end(monkeypatch, 
 
     monkeypatch.setattr(window_module, "immapp", SimpleNamespace(run=loop))
     monkeypatch.setattr(window, "params", lambda: "params")
+    monkeypatch.setattr(window.loss, "ask", lambda: None)
     monkeypatch.setattr(window, "_exit", lambda: None)
     window.studio.do(SetJoint("left_elbow", (0.0, -1.0, 0.0)))
     assert run(window) == 1

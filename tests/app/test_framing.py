@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from avatarrex_studio.cli import main as cli
 from avatarrex_studio.engine.framing import FREE_SHARE, Outline, backed_off, framed
+from avatarrex_studio.engine.looks import look_of
 from avatarrex_studio.session.state import OrbitView, StudioState
 from ball import ball_engine
 from PIL import Image
@@ -44,6 +46,31 @@ def test_all_points_lie_inside_and_the_outermost_on_the_margin(size, angles):
     assert about.distance == pytest.approx(view.distance), "no nearer camera about the same target sees them all"
     aside = backed_off(OrbitView(*angles, target=(4.5, -2.0, 7.0)), points, size)
     assert max(*np.abs(reach(aside, points, size)).ravel()) == pytest.approx(1 - FREE_SHARE)
+
+
+@pytest.mark.parametrize("size", [(512, 512), (640, 360)])
+@pytest.mark.parametrize("angles", [(0.0, 0.0), (-130.0, -40.0)])
+def test_a_view_without_perspective_has_all_points_inside_too(size, angles):
+    points = np.random.default_rng(3).normal(size=(200, 3)) * (0.3, 0.8, 0.5) + (4.0, -2.0, 7.0)
+    view = framed(OrbitView(*angles, fov=35.0, orthographic=True), points, size)
+    assert view.orthographic
+    high, low = reach(view, points, size)
+    assert max(high.max(), -low.min()) == pytest.approx(1 - FREE_SHARE, abs=2e-3)
+    about = OrbitView(*angles, fov=35.0, target=(4.0, -2.0, 7.0), orthographic=True)
+    high, low = reach(backed_off(about, points, size), points, size)
+    assert max(high.max(), -low.min()) == pytest.approx(1 - FREE_SHARE, abs=2e-3)
+
+
+def test_the_lens_of_a_view_without_perspective():
+    """The scale at the target is that with perspective, however wide; depths are shown about the target."""
+    for fov, distance in ((40.0, 3.0), (40.0, 2500.0), (170.0, 1e4)):
+        view = OrbitView(fov=fov, distance=distance)
+        far, (lens, angle) = replace(view, orthographic=True), replace(view, orthographic=True).lens
+        assert lens * np.tan(np.radians(angle) / 2) == pytest.approx(distance * np.tan(np.radians(fov) / 2))
+        assert far.camera(64, 64).pixels(np.zeros((1, 3)))[1][0] > 0
+    look = look_of("depth", OrbitView(orthographic=True))
+    assert look is not None
+    assert look.near < OrbitView(orthographic=True).lens[0] < look.far
 
 
 def test_the_outline_is_the_posed_body():
