@@ -23,6 +23,7 @@ class InterfaceScale:
         self.preferred = 1.0
         """What the user prefers, times what the screen needs."""
         self._screen = 1.0
+        self._window: Any = None
 
     @property
     def factor(self) -> float:
@@ -33,7 +34,7 @@ class InterfaceScale:
         """See what the screen needs, and have the mouse in points. The window is there."""
         import glfw  # after imgui_bundle, which brings its own library
 
-        window: Any = glfw_window_hello_imgui()
+        window = self._window = glfw_window_hello_imgui()
         self._screen = screen_factor(window)
         glfw.set_cursor_pos_callback(window, self._mouse)
         glfw.set_window_content_scale_callback(window, lambda *_: setattr(self, "_screen", screen_factor(window)))
@@ -47,18 +48,17 @@ class InterfaceScale:
         io.display_framebuffer_scale = io.display_framebuffer_scale * factor
         viewport.size, viewport.work_size = viewport.size / factor, viewport.work_size / factor
         viewport.framebuffer_scale = io.display_framebuffer_scale
-        if place := _beside():
+        if self._window and (place := _beside(self._window)):
             io.add_mouse_pos_event(place[0] / factor, place[1] / factor)
 
     def _mouse(self, window: object, x: float, y: float) -> None:
         imgui.get_io().add_mouse_pos_event(x / self.factor, y / self.factor)
 
 
-def _beside() -> tuple[float, float] | None:
+def _beside(window: Any) -> tuple[float, float] | None:
     """Where the mouse is beside a window that has the keyboard, pixels: the toolkit's back end has just taken them for points."""
     import glfw  # after imgui_bundle, which brings its own library
 
-    window: Any = glfw_window_hello_imgui()
     if glfw.get_window_attrib(window, glfw.HOVERED) or not glfw.get_window_attrib(window, glfw.FOCUSED):
         return None
     x, y = glfw.get_cursor_pos(window)

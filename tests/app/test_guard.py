@@ -147,12 +147,14 @@ def test_what_lies_over_the_panels_fails_alone(frame):
 def test_autosave_goes_on_where_the_picture_fails(frame):
     done, told = [], []
     window = SimpleNamespace(
-        guard=Guard(told.append), _frames=100, _picture=broken, studio=SimpleNamespace(journal=None), _idle=lambda: done.append("idle"),
+        guard=Guard(told.append), _frames=100, _picture=broken, _idle=lambda: done.append("idle"),
+        studio=SimpleNamespace(journal=None, state=SimpleNamespace(avatar="default"), avatars=SimpleNamespace(ready=lambda name: None)),
+        loss=SimpleNamespace(found=lambda drawn: done.append(drawn)), face=SimpleNamespace(follow=lambda avatar: done.append("face")),
         _own_surfaces=lambda: done.append("surface"), _open_what_was_read=lambda: done.append("opening"),
         autosave=SimpleNamespace(tend=lambda journal: done.append("autosave")),
     )  # fmt: skip
     frame(lambda: Window._render(window))
-    assert done == ["surface", "opening", "autosave", "idle"]
+    assert done == [False, "surface", "opening", "face", "autosave", "idle"]
     assert [failure.place for failure in told] == ["The picture"]
 
 

@@ -64,6 +64,7 @@ def test_a_session() -> None:
     now, then = json.loads(json.dumps(state.to_json())), json.loads((HERE / "session_state.json").read_text())
     assert then.pop("format") <= now.pop("format")
     motion = then.pop("motion")
+    assert now["view"].pop("orthographic") is False, "views of before have perspective"
     assert {name: now[name] for name in then} == then
     clip = state.timeline.motion
     assert clip is not None

@@ -78,14 +78,14 @@ def test_what_was_observed_is_not_observed_again(distilled) -> None:
 
 @pytest.mark.slow
 def test_it_is_near_the_field(avatar, distilled) -> None:
-    """0.6 mm standing, 0.9 mm in a wave, 0.3 mm of an open mouth: between vertices, and in pictures, it is more."""
+    """0.6 mm standing, 0.9 mm in a wave, 0.5 mm of an open mouth: between vertices, and in pictures, it is more."""
     surface, _ = distilled
     for pose, body in (("stand", 0.0012), ("wave", 0.002)):
         found = off_the_field(avatar, surface, Signals.rest().replace(body_pose=named_pose(pose)), 0)
         assert found.mean() < body, pose
     smile = Signals.rest().replace(expression=np.eye(len(EXPRESSION_NAMES))[OPEN])
     found = off_the_field(avatar, surface, smile, PARTS.index("face") + 1)
-    assert np.median(found) < 0.0005, "the mean has gums and eyelids inside"
+    assert np.median(found) < 0.0006, "the mean has gums and eyelids inside"
 
 
 @pytest.mark.slow
