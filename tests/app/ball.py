@@ -78,5 +78,6 @@ def render_ball(avatar, signals, camera, settings, previous=None, between=None):
 def ball_engine(render=render_ball, settings=None, device="cpu", between=None):
     """An engine without an avatar file; the person is the true one."""
     avatar = object.__new__(Avatar)
+    avatar.meta = {}
     avatar.person = load_person("default")
     return Engine(avatar=avatar, render=render, settings=settings, device=device, between=between)
