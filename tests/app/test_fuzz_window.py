@@ -56,7 +56,7 @@ def test_nothing_ends_the_window(display, tool, folder):
         seen.setdefault("layout", hello_imgui.current_layout_name())
 
     window.first_picture = look
-    report = tool.fuzz(window, 5, 2.5, folder, (640, 480))
+    report = tool.fuzz(window, 5, 5.0, folder, (640, 480))
     assert report.failures == []
     assert report.answers, "at the end a key does what it should"
     assert report.actions > 5
@@ -89,7 +89,7 @@ def test_a_process_that_is_stopped_is_no_failure_but_a_window_that_waits_is(tool
 def test_what_fails_is_found_and_the_window_goes_on(display, tool, folder, monkeypatch, caplog):
     caplog.set_level(logging.CRITICAL)
 
-    def broken(state):
+    def broken(*_):
         imgui.begin_child("child")
         raise ZeroDivisionError("on purpose")
 
