@@ -88,7 +88,7 @@ def test_tab_hides_the_panels_and_f11_fills_the_screen(display):
         look("window")
         for name, key in {"bare": "Tab", "panels": "Tab", "full": "F11", "back": "F11"}.items():
             test.key_press(chord(key))
-            wait(test, 8)
+            wait(test, 20)
             look(name)
         test.key_press(chord("5"))
         wait(test)
