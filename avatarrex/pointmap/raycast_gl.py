@@ -247,7 +247,7 @@ class GlCaster:
             4 * slots,
             4 * count,
             4 * count,
-            4 * count,
+            8 * count,
             4 * count,
             64 * slots,
         ]

@@ -26,8 +26,8 @@ void main() {
     }
 #endif
     uint index = index_of(pixel);
-    Hit hit = march(ray, start_of(pixel, ray), true);
-    ray_near[index] = hit.near;
+    Hit hit = march(ray, start_of(pixel, ray), NOWHERE, true);
+    ray_free[index] = vec2(hit.near, hit.far);
     ray_walked[index] = hit.steps | (hit.grazes ? GRAZES : 0u) | uint(PARTS) << BOXES_SHIFT;
     bool suspect = hit.suspect != NO_HIT;
     ray_t[index] = suspect ? hit.suspect : hit.t;
