@@ -7,7 +7,7 @@ const float CONVERGED = 2e-6;   // metres: residual above which the exact walk t
 
 struct Hit {
     float t;       // NO_HIT where there is none
-    float suspect; // t from which the exact walk must check the ray; NO_HIT where it need not
+    vec2 suspect;  // t from and to which the exact walk must check the ray; NO_HIT where it need not
     float near;    // t up to which the whole pixel is free
     float far;     // t from which it is again, where there is no hit
     bool grazes;   // misses the surface by less than half a pixel's diagonal
@@ -18,7 +18,7 @@ Field field_on(Ray ray, float t) { return field_at(at(ray, t), body_at(ray, t), 
 
 // From `start` to `end`. `close`: whether t is wanted, and not only whether there is a hit.
 Hit march(Ray ray, float start, float end, bool close) {
-    Hit hit = Hit(NO_HIT, NO_HIT, NO_HIT, NOWHERE, false, 0u);
+    Hit hit = Hit(NO_HIT, vec2(NO_HIT), NO_HIT, NOWHERE, false, 0u);
     end = min(end, ray.range.y);
     float t = max(ray.range.x, start), s = -1, before = t, earlier = t, s_before = -1, smallest = 0;
     bool found = false, tight = true;
@@ -44,7 +44,7 @@ Hit march(Ray ray, float start, float end, bool close) {
         // A dip between two samples: only where the smallest step was longer than the distance, and the field rises
         // again. Fields are steeper than 1 by no more than SLOPE.
         bool dip = s_before >= 0 && s_before < smallest && s >= s_before && s + s_before < SLOPE * smallest;
-        if (dip && hit.suspect == NO_HIT) hit.suspect = earlier;
+        if (dip) hit.suspect = vec2(min(hit.suspect.x, earlier), t);
         if (t >= end) break;
         smallest = FINEST * f.voxel;
         earlier = before;
@@ -66,6 +66,6 @@ Hit march(Ray ray, float start, float end, bool close) {
     }
     if (close) hit.steps += uint(SECANTS);
     hit.t = clamp(a + (b - a) * fa / max(fa - fb, 1e-12), a, b);
-    if (abs(fm) > CONVERGED) hit.suspect = min(hit.suspect, before);
+    if (abs(fm) > CONVERGED) hit.suspect = vec2(min(hit.suspect.x, before), t);
     return hit;
 }
