@@ -53,7 +53,7 @@ Hit march(Ray ray, float start, float end, bool close) {
         float reach = PARTS != 0 ? max(reach_at(ray, t), 1e-6) : NOWHERE;
         t = min(t + min(max(f.bound, smallest), reach), end);
     }
-    if (tight) hit.far = end;
+    if (tight) hit.far = NOWHERE;
     if (!found) return hit;
     hit.far = NOWHERE;
     hit.near = min(hit.near, before);
