@@ -66,6 +66,7 @@ Hit march(Ray ray, float start, float end, bool close) {
     }
     if (close) hit.steps += uint(SECANTS);
     hit.t = clamp(a + (b - a) * fa / max(fa - fb, 1e-12), a, b);
-    if (abs(fm) > CONVERGED) hit.suspect = vec2(min(hit.suspect.x, before), t);
+    if (abs(fm) > CONVERGED) hit.suspect.x = min(hit.suspect.x, before);
+    hit.suspect.y = t;
     return hit;
 }
