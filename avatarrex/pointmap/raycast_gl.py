@@ -243,11 +243,11 @@ class GlCaster:
         """Parts, lists, then what grows with the image: bindings 2 to 13."""
         sizes = [
             4 * len(BOXES) * count,
-            4 * len(BOXES) * count,
+            12 * len(BOXES) * count,
             4 * slots,
             4 * count,
             4 * count,
-            4 * count,
+            8 * count,
             4 * count,
             64 * slots,
         ]

@@ -34,10 +34,11 @@ float cell_end(Ray ray, float t, PartTruths inside) {
 void main() {
     uint row = listed(LIST_EXACT, gl_GlobalInvocationID.x);
     if (row == NO_SLOT) return;
-    uvec2 pixel = place_of(exact_pixels[row]);
+    Suspect suspect = suspects[row];
+    uvec2 pixel = place_of(suspect.pixel);
     uint index = index_of(pixel);
     Ray ray = ray_through(centre_of(pixel));
-    float t = max(ray_t[index], ray.range.x);
+    float t = max(suspect.from, ray.range.x);
     uint steps = 0u;
     // Samples u in [0, 1] of the cell [t, end]: 0, 1/3, 2/3, 1, then the minimum of the cubic through them.
     float a = NO_HIT, fa = 0, b = NO_HIT, fb = 0, last_t = t, last = -1;
@@ -74,7 +75,7 @@ void main() {
             }
         }
         t = end;
-        if (t > ray.range.y) break;
+        if (t > min(suspect.to, ray.range.y)) break;
     }
     if (b != NO_HIT) {
         // False position with a bisection every third time: it cannot stall, not even at a jump of the blend.
@@ -85,8 +86,6 @@ void main() {
             if (fm < 0) { b = m; fb = fm; } else { a = m; fa = fm; }
         }
         ray_t[index] = abs(fb) < abs(fa) ? b : a;
-    } else {
-        ray_t[index] = NO_HIT;
     }
     ray_walked[index] += steps;
 }

@@ -7,20 +7,22 @@ const float CONVERGED = 2e-6;   // metres: residual above which the exact walk t
 
 struct Hit {
     float t;       // NO_HIT where there is none
-    float suspect; // t from which the exact walk must check the ray; NO_HIT where it need not
+    vec2 suspect;  // t from and to which the exact walk must check the ray; NO_HIT where it need not
     float near;    // t up to which the whole pixel is free
+    float far;     // t from which it is again, where there is no hit
     bool grazes;   // misses the surface by less than half a pixel's diagonal
     uint steps;
 };
 
 Field field_on(Ray ray, float t) { return field_at(at(ray, t), body_at(ray, t), boxes_at(ray, t)); }
 
-// `close`: whether t is wanted, and not only whether there is a hit.
-Hit march(Ray ray, float start, bool close) {
-    Hit hit = Hit(NO_HIT, NO_HIT, NO_HIT, false, 0u);
+// From `start` to `end`. `close`: whether t is wanted, and not only whether there is a hit.
+Hit march(Ray ray, float start, float end, bool close) {
+    Hit hit = Hit(NO_HIT, vec2(NO_HIT), NO_HIT, NOWHERE, false, 0u);
+    end = min(end, ray.range.y);
     float t = max(ray.range.x, start), s = -1, before = t, earlier = t, s_before = -1, smallest = 0;
-    bool found = false;
-    if (t > ray.range.y) return hit;
+    bool found = false, tight = true;
+    if (t > end) return hit;
     for (int i = 0; i < MAX_STEPS; ++i) {
         PartTruths inside = boxes_at(ray, t);
         Field f = field_filtered(at(ray, t), body_at(ray, t), inside);
@@ -35,21 +37,25 @@ Hit march(Ray ray, float start, bool close) {
         float pixel = ray.footprint * (1 - t / ray.camera);
         // Spheres of two footprints that touch leave a tube of one footprint free.
         if (f.bound < 2 * pixel) hit.near = min(hit.near, t);
+        if (i == 0 || tight) hit.far = t;
+        tight = f.bound < max(2 * pixel, FINEST * f.voxel);
         if (s < 0 && s_before >= 0) { found = true; break; }
         hit.grazes = hit.grazes || (s >= 0 && s < 1.1 * pixel);
         // A dip between two samples: only where the smallest step was longer than the distance, and the field rises
         // again. Fields are steeper than 1 by no more than SLOPE.
         bool dip = s_before >= 0 && s_before < smallest && s >= s_before && s + s_before < SLOPE * smallest;
-        if (dip && hit.suspect == NO_HIT) hit.suspect = earlier;
-        if (t >= ray.range.y) break;
+        if (dip) hit.suspect = vec2(min(hit.suspect.x, earlier), t);
+        if (t >= end) break;
         smallest = FINEST * f.voxel;
         earlier = before;
         before = t;
         s_before = s;
         float reach = PARTS != 0 ? max(reach_at(ray, t), 1e-6) : NOWHERE;
-        t = min(t + min(max(f.bound, smallest), reach), ray.range.y);
+        t = min(t + min(max(f.bound, smallest), reach), end);
     }
+    if (tight) hit.far = NOWHERE;
     if (!found) return hit;
+    hit.far = NOWHERE;
     hit.near = min(hit.near, before);
     float a = before, b = t, fa = s_before, fb = s, fm = 0;
     // `found` in the condition: where SIMD runs both sides of an `if`, it still leaves a loop that nobody is in.
@@ -60,6 +66,7 @@ Hit march(Ray ray, float start, bool close) {
     }
     if (close) hit.steps += uint(SECANTS);
     hit.t = clamp(a + (b - a) * fa / max(fa - fb, 1e-12), a, b);
-    if (abs(fm) > CONVERGED) hit.suspect = min(hit.suspect, before);
+    if (abs(fm) > CONVERGED) hit.suspect.x = min(hit.suspect.x, before);
+    hit.suspect.y = t;
     return hit;
 }

@@ -90,11 +90,12 @@ uint box_set(uint boxes) { return bitCount(boxes) > 1 ? uint(PART_COUNT + 1) : u
 struct List { uint groups, one, also_one, count; };
 layout(std430, binding = 1) buffer Lists { List lists[LIST_EDGE + BOX_SETS]; uint tally_steps; uint edge_count; };
 layout(std430, binding = 2) buffer TracePixels { uint trace_pixels[]; };      // room for all in each set; when they are traced, those to be shown
-layout(std430, binding = 3) buffer ExactPixels { uint exact_pixels[]; };      // room for all in each set
+struct Suspect { uint pixel; float from; float to; };                          // t between which a hit may have been missed
+layout(std430, binding = 3) buffer Suspects { Suspect suspects[]; };           // room for all in each set
 layout(std430, binding = 4) buffer EdgePixels { uint edge_pixels[]; };
 layout(std430, binding = 5) buffer EdgeSlot { uint edge_slot[]; };             // per pixel that is shown: slot among the edges or NO_SLOT
-layout(std430, binding = 6) buffer Distance { float ray_t[]; };                // per pixel; NO_HIT where none; where an exact walk starts
-layout(std430, binding = 7) buffer Approach { float ray_near[]; };             // per pixel: t up to which a pixel is free
+layout(std430, binding = 6) buffer Distance { float ray_t[]; };                // per pixel; NO_HIT where none
+layout(std430, binding = 7) buffer Approach { vec2 ray_free[]; };              // per pixel: t up to which it is free, and from which again
 layout(std430, binding = 8) buffer Walked { uint ray_walked[]; };              // per pixel: steps and the bits below
 layout(std430, binding = 9) buffer SubDistance { float sub_t[]; };             // per edge slot, 16
 layout(std430, binding = 10) buffer Beams { float beam_free[]; };              // per tile: metres from the camera, NO_HIT: all; or EMPTY

@@ -12,7 +12,10 @@ void main() {
     uvec2 pixel = place_of(edge_pixels[slot]);
     // Where the pixel's centre hits, its sub-rays are only counted.
     Ray ray = ray_through(vec2(pixel) + (vec2(k % 4u, k / 4u) + 0.5) / 4);
-    Hit hit = march(ray, ray_near[index_of(pixel)], ray_t[index_of(pixel)] == NO_HIT);
+    uint index = index_of(pixel);
+    bool close = ray_t[index] == NO_HIT;
+    vec2 free = ray_free[index];
+    Hit hit = march(ray, free.x, close ? free.y : NOWHERE, close);
     sub_t[slot * 16u + k] = hit.t;
     atomicAdd(tally_steps, hit.steps);
 }

@@ -26,13 +26,12 @@ void main() {
     }
 #endif
     uint index = index_of(pixel);
-    Hit hit = march(ray, start_of(pixel, ray), true);
-    ray_near[index] = hit.near;
+    Hit hit = march(ray, start_of(pixel, ray), NOWHERE, true);
+    ray_free[index] = vec2(hit.near, hit.far);
     ray_walked[index] = hit.steps | (hit.grazes ? GRAZES : 0u) | uint(PARTS) << BOXES_SHIFT;
-    bool suspect = hit.suspect != NO_HIT;
-    ray_t[index] = suspect ? hit.suspect : hit.t;
-    if (suspect) {
+    ray_t[index] = hit.t;
+    if (hit.suspect.x != NO_HIT) {
         uint set = box_set(PARTS);
-        exact_pixels[set * pixel_count() + append(LIST_EXACT + int(set), 1u)] = word_of(pixel);
+        suspects[set * pixel_count() + append(LIST_EXACT + int(set), 1u)] = Suspect(word_of(pixel), hit.suspect.x, hit.suspect.y);
     }
 }

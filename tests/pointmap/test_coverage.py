@@ -1,12 +1,14 @@
 """Antialiased silhouettes: the share of a pixel that is covered."""
 
 import numpy as np
+import pytest
 import torch
 
 from avatarrex.camera import Camera
+from avatarrex.gl.context import gl_unavailable
 from avatarrex.pointmap import raycast_gl
 from avatarrex.pointmap.raycast import raycast
-from avatarrex.reference.solids import body_grid, capsule, sphere
+from avatarrex.reference.solids import body_grid, capsule, sphere, union
 from avatarrex.volume.sdf_volume import SdfVolume
 
 BALL = SdfVolume(body_grid(sphere((0.3, 0.3, 0.3), 0.2), (0, 0, 0), 0.02, (31, 31, 31)))
@@ -104,3 +106,28 @@ def test_more_silhouettes_than_there_is_room_for_are_not_smoothed(monkeypatch, m
     assert 10 < int(smoothed.sum()) <= 30
     assert torch.equal(few.coverage[smoothed], whole.coverage[smoothed])
     assert few.counters["rays"] == 40 * 40 + 16 * 30
+
+
+def rods(lift, behind=True):
+    """A level rod, and one behind it whose rims are seen beside those of the first, but for `lift` metres."""
+    near = capsule((0.1, 0.3, 0.45), (0.5, 0.3, 0.45), 0.085)
+    far = capsule((0.1, 0.3 + lift, 0.13), (0.5, 0.3 + lift, 0.13), 0.0997)
+    return SdfVolume(body_grid(union(near, far) if behind else near, (0, 0, 0), 0.02, (31, 31, 31)))
+
+
+@pytest.mark.parametrize("lift", [-0.012, -0.004, 0.004, 0.012])
+def test_a_rim_behind_a_rim_covers_its_share(impl, lift):
+    """Where the pixel's own ray has passed the first, its sub-rays go on to the second."""
+    volume, camera = rods(lift), view(40)
+    one = raycast(volume, camera, impl).coverage
+    hits = raycast(volume, camera.resized(160, 160), impl, antialias=False).hit.float()
+    expected = torch.nn.functional.avg_pool2d(hits[None, None], 4)[0, 0]
+    assert (one - expected).abs().max() <= 1 / 16
+    assert (one != expected).float().mean() < 0.005
+
+
+@pytest.mark.skipif(gl_unavailable() is not None, reason=f"no OpenGL: {gl_unavailable()}")
+def test_sub_rays_end_where_their_pixel_is_free_again():
+    """8.6 samples a sub-ray, 10.0 to the end of the grid."""
+    whole, centres = (raycast(rods(0, behind=False), view(40), "gl", smooth).counters for smooth in (True, False))
+    assert whole["ray_steps"] - centres["ray_steps"] < 9.3 * (whole["rays"] - centres["rays"])

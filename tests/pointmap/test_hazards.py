@@ -14,7 +14,7 @@ from avatarrex.pointmap.raycast import raycast
 from avatarrex.pointmap.raycast_reference import first_crossing
 from avatarrex.pointmap.rays import RayPlane, pixel_centres
 from avatarrex.pointmap.rays import slab as slab_test
-from avatarrex.reference.solids import body_grid, part_box, rotation, slab, sphere, union
+from avatarrex.reference.solids import body_grid, capsule, part_box, rotation, slab, sphere, union
 from avatarrex.volume.sdf_volume import Contact, SdfVolume
 
 SIDE = 0.6
@@ -201,3 +201,24 @@ def test_a_hand_on_a_hip_carves_no_flesh(impl):
     # The literal equation carves the hip that the hand touches.
     carved = agree(SdfVolume(body, (part,)), camera, impl)
     assert (carved.depth > alone.depth + 1e-2)[alone.hit & carved.hit].any()
+
+
+def bars_over(sheet):
+    """Bars that rays pass closely, over a slab."""
+    bars = [capsule((0.1 * k, 0.42, 0.0), (0.1 * k, 0.42, 0.6), 0.02) for k in range(1, 6)]
+    return SdfVolume(body_grid(union(sheet, *bars), *GRID))
+
+
+def test_a_sheet_behind_bars_is_never_missed(impl):
+    """A ray that nearly meets several things is walked exactly past the last of them."""
+    volume = bars_over(slab(0.299, 0.301))
+    for elevation in (40.0, 60.0):
+        assert agree(volume, Camera.orbit(25, elevation, 1.4, 20, MIDDLE, 64, 64), impl).hit.float().mean() > 0.3
+
+
+@pytest.mark.skipif(gl_unavailable() is not None, reason=f"no OpenGL: {gl_unavailable()}")
+def test_the_exact_walk_ends_where_nothing_is_near():
+    """51 000 samples, 56 000 to the end of the grid."""
+    camera = Camera.orbit(25, 40, 1.4, 20, MIDDLE, 64, 64)
+    steps = raycast(bars_over(slab(-1, -0.5)), camera, "gl", antialias=False).counters["ray_steps"]
+    assert steps < 53_000
