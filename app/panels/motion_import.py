@@ -21,7 +21,8 @@ from avatarrex.signals.joints import JOINT_NAMES
 
 SIZE = (560.0, 640.0)
 """Points, at first."""
-NARROWEST = 380.0
+NARROWEST, NARROW = 250.0, 400.0
+"""Points: its least width, and the one under which the reason of a guess stands below its value."""
 GUESS, NONE = "guessed", "none (at rest)"
 """Entries of the lists beside the values."""
 CHOICES = {"up": AXES, "forward": AXES, "unit": tuple(UNITS), "rest": RESTS, "floor": FLOORS}
@@ -91,9 +92,11 @@ class MotionImport:
     def _guesses(self, imported: ImportedMotion) -> ImportOptions | None:
         """The table; the options after a change."""
         chosen = None
-        if not imgui.begin_table("guesses", 3, imgui.TableFlags_.row_bg | imgui.TableFlags_.sizing_stretch_prop):
+        narrow = widgets.room() < NARROW
+        flags = imgui.TableFlags_.row_bg | imgui.TableFlags_.sizing_stretch_prop
+        if not imgui.begin_table("guesses", 2 if narrow else 3, flags):
             return None
-        for title, width in zip(("what", "value"), COLUMNS):
+        for title, width in zip(("what", "value"), COLUMNS[: 1 if narrow else 2]):
             imgui.table_setup_column(title, imgui.TableColumnFlags_.width_fixed, width)
         imgui.table_setup_column("why", imgui.TableColumnFlags_.width_stretch)
         for guess in imported.guesses:
@@ -102,8 +105,9 @@ class MotionImport:
             widgets.caption(guess.what.capitalize())
             imgui.table_next_column()
             chosen = _value(guess, imported) or chosen
-            imgui.table_next_column()
-            imgui.align_text_to_frame_padding()
+            if not narrow:
+                imgui.table_next_column()
+                imgui.align_text_to_frame_padding()
             widgets.paragraph(guess.why)
         imgui.end_table()
         return chosen
