@@ -39,6 +39,8 @@ class MotionImport:
 
     def __init__(self) -> None:
         self.shown = False
+        self._right = 0.0
+        """Where the picture ended when it was drawn last."""
         self._seen: str | None = None
         """The path of the motion that was loaded last."""
 
@@ -59,11 +61,14 @@ class MotionImport:
             return
         screen = imgui.get_main_viewport()
         corner, room = screen.work_pos + screen.work_size, screen.work_size
+        right, before = _right_of_the_picture(), self._right
+        self._right = right
+        placed = imgui.Cond_.appearing if right == before else imgui.Cond_.always  # panels are laid out anew
         imgui.set_next_window_pos(
-            (corner.x - 6, corner.y - 6), imgui.Cond_.appearing, (1.0, 1.0)
+            (corner.x - 6, corner.y - 6), placed, (1.0, 1.0)
         )  # over the sliders: the picture stays free
-        width = max(corner.x - _right_of_the_picture() - 12, NARROWEST)
-        imgui.set_next_window_size((min(SIZE[0], width), min(SIZE[1], room.y - 60)), imgui.Cond_.appearing)
+        width = max(corner.x - right - 12, NARROWEST)
+        imgui.set_next_window_size((min(SIZE[0], width), min(SIZE[1], room.y - 60)), placed)
         imgui.set_next_window_bg_alpha(1.0)
         opened, shown = imgui.begin("How the motion was read", True, imgui.WindowFlags_.no_docking)
         self.shown = bool(shown)

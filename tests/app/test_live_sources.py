@@ -294,6 +294,17 @@ def test_two_figures_with_a_live_layer_of_one_name_each_have_a_source_of_their_o
     assert (sent[0].closed, sent[1].closed) == (False, True)
 
 
+def test_what_sends_no_more_fades_out_of_the_face(studio, clock):
+    """The last frame stays for half a second; half a second later half of it is left."""
+    studio.do(AddLayer(Layer("Phone", feed=Feed("livelink"), parts=frozenset({"expression", "mouth"}))))
+    sent = Sent()
+    studio.listening.take_up("Phone", sent)
+    listen(studio, clock, (sent,), (0.8,))
+    for seconds, left in ((0.45, 0.8), (0.55, 0.4), (0.6, 0.0)):
+        listen(studio, clock, (sent,), (None,), seconds)
+        assert jaws(studio) == pytest.approx([left], abs=0.05)
+
+
 def test_a_recording_goes_on_for_its_avatar_while_another_is_selected(studio, clock):
     """And is kept as a file where its avatar is taken away."""
     sent = two_phones(studio)

@@ -19,6 +19,7 @@ from avatarrex_studio.jobs.opening import read_motion
 from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.folder import listed, places, size_words
 from avatarrex_studio.panels.keys import chord
+from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.session.commands import SetExpression
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.recent import MOST, Recent
@@ -242,7 +243,7 @@ def test_a_slow_motion_is_read_in_the_background_and_can_be_cancelled(studio, tm
 
     monkeypatch.setattr("avatarrex_studio.window.opening.read_motion", read)
     monkeypatch.setattr("avatarrex_studio.window.opening.SLOW", 0.0)
-    opening = Opening(studio, None)
+    opening = Opening(studio, object.__new__(TrainingPanel))
     opening.motion("slow")
     opening.layer("next")
     opening.tend()
