@@ -21,11 +21,11 @@ from avatarrex_studio.engine.pictures import Pictures, Subject
 from avatarrex_studio.engine.request import Exact, Seen
 from avatarrex_studio.live.listening import Listening
 from avatarrex_studio.session.clips import Clips
-from avatarrex_studio.session.commands import Command, Held, SetCamera
+from avatarrex_studio.session.commands import Command, Followed, SetCamera
 from avatarrex_studio.session.evaluation import go_to, layers_at, settled
 from avatarrex_studio.session.figures import Place
 from avatarrex_studio.session.greeting import Greeting
-from avatarrex_studio.session.grip import LOOK, Grip, held
+from avatarrex_studio.session.grip import LOOK, Grip, followed
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import CAMERA
 from avatarrex_studio.session.motion import Motion
@@ -132,15 +132,15 @@ class Studio:
         self.end_greeting()
         with refusals_logged():
             shared = self.playback.gesture if self.playback.playing else gesture
-            figure = self.figure if isinstance(command, Held) and self.state.tools.pins else None
-            if isinstance(command, Held) and figure:
+            figure = self.figure if isinstance(command, Followed) and self.state.tools.pins else None
+            if isinstance(command, Followed) and figure:
                 start = self.journal.before(command, shared).signals
-                command = held(command, self.state, figure.skeleton, start)
+                command = followed(command, self.state, figure.skeleton, start)
             command = self.take.keyed(command, self.state, gesture)
             if isinstance(command, SetFrame):
                 command = replace(command, feeds=self.listening.feeds(self.state.timeline))
             if isinstance(command, OnTimeline):
-                command = settled(command, self.journal.before(command, shared), self.clips, self.listening.heard)
+                command = settled(command, self.journal.before(command, shared), self.clips, self.listening.fed)
             self.journal.do(command, shared)
 
     def undo(self) -> None:
@@ -175,7 +175,7 @@ class Studio:
         with refusals_logged():
             frame = SetFrame(self.state.timeline.frame, self.listening.feeds(self.state.timeline))
             before = self.journal.before_following(frame)
-            self.journal.follow(settled(frame, before, self.clips, self.listening.heard))
+            self.journal.follow(settled(frame, before, self.clips, self.listening.fed))
 
     def greet(self) -> None:
         """Have the avatar move gently until somebody does something."""

@@ -102,7 +102,7 @@ class Listening:
                 found.append((layer.name, drive.signals, drive.presence))
         return tuple(found)
 
-    def heard(self, timeline: Timeline) -> Timeline:
+    def fed(self, timeline: Timeline) -> Timeline:
         """With what its live sources sent last."""
         layers = list(timeline.layers)
         for place, layer in enumerate(layers):

@@ -129,7 +129,7 @@ class LookAt(Setting):
         return state.change(signals=self.signals)
 
 
-class Held(Setting, kind=False):
+class Followed(Setting, kind=False):
     """A setting of the pose that what is pinned holds against: `signals` are what followed, None where nothing did."""
 
     _: KW_ONLY
@@ -140,7 +140,7 @@ class Held(Setting, kind=False):
         return content if self.signals else {key: value for key, value in content.items() if key != "signals"}
 
 
-class SetJoint(Held):
+class SetJoint(Followed):
     joint: str
     rotation: Vector
     linked: bool = False
@@ -156,7 +156,7 @@ class SetJoint(Held):
         return state.change(signals=signals)
 
 
-class SetTranslation(Held):
+class SetTranslation(Followed):
     translation: Vector
 
     def apply(self, state: StudioState) -> StudioState:

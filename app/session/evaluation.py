@@ -27,7 +27,7 @@ from avatarrex.signals.sequence import interpolate
 Edit = TypeVar("Edit", bound=OnTimeline)
 ALL = np.ones(sum(slot.stop - slot.start for slot in SLOTS.values()), dtype=bool)
 LIMITS = {"camera.elevation": (-90.0, 90.0), "camera.distance": (0.05, 1e4), "camera.fov": (1.0, 170.0)}
-Heard = Callable[[Timeline], Timeline]
+Fed = Callable[[Timeline], Timeline]
 
 
 def as_it_is(timeline: Timeline) -> Timeline:
@@ -82,25 +82,25 @@ def state_at(state: StudioState, seconds: float, clips: Clips) -> StudioState:
     return shown.with_others(others_at(state, seconds, clips)) if state.others else shown
 
 
-def others_at(state: StudioState, seconds: float, clips: Clips, heard: Heard = as_it_is) -> tuple[Signals | None, ...]:
+def others_at(state: StudioState, seconds: float, clips: Clips, fed: Fed = as_it_is) -> tuple[Signals | None, ...]:
     """What their layers give the other figures at a time of the state's timeline; None: nothing moves them, or it cannot be read."""
     moved, found = seconds != state.timeline.seconds, []
     for figure in state.others:
-        timeline = heard(figure.timeline)
+        timeline = fed(figure.timeline)
         still = not timeline.layers or not (moved or timeline != figure.timeline) or clips.missing(timeline)
         found.append(None if still else layers_at(timeline, figure.base, timeline.repeated(seconds), clips))
     return tuple(found)
 
 
-def settled(command: Edit, state: StudioState, clips: Clips, heard: Heard = as_it_is) -> Edit:
+def settled(command: Edit, state: StudioState, clips: Clips, fed: Fed = as_it_is) -> Edit:
     """The command with what the layers give after it; as it is where a motion cannot be read. Raises `InputError`.
 
-    `heard`: a timeline with what its live sources sent last.
+    `fed`: a timeline with what its live sources sent last.
 
     At the same time of the timeline it changes only what the layers give otherwise than before: what was edited there stays.
     """
     before, timeline = state.timeline, command.edited(state.timeline)
-    moved, others = timeline.seconds != before.seconds, others_at(state, timeline.seconds, clips, heard)
+    moved, others = timeline.seconds != before.seconds, others_at(state, timeline.seconds, clips, fed)
     command = replace(command, others=others if any(others) else ())
     if clips.missing(timeline):
         return command

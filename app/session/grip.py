@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from avatarrex_studio.session.commands import Command, Held, LookAt, PullHandle, SetJoint
+from avatarrex_studio.session.commands import Command, Followed, LookAt, PullHandle, SetJoint
 from avatarrex_studio.session.posing import counterpart
 from avatarrex_studio.session.state import StudioState, vector
 from jaxtyping import Float64
@@ -45,14 +45,14 @@ class Grip:
         return PullHandle(self.name, goal, followed)
 
 
-def held(command: Held, state: StudioState, skeleton: Skeleton, start: Signals) -> Command:
+def followed(command: Followed, state: StudioState, skeleton: Skeleton, start: Signals) -> Command:
     """The command with what follows it so that pins stay where they were in `start`, of when the drag of a slider or ring began."""
     joints: tuple[str, ...] = ("pelvis",)
     if isinstance(command, SetJoint):
         joints = (command.joint, counterpart(command.joint)) if command.linked else (command.joint,)
     after = replace(command, signals=None).apply(state).signals
-    followed = turned(skeleton, after, joints, state.tools.pins, start, state.limit_joints)
-    return command if followed is after else replace(command, signals=followed)
+    signals = turned(skeleton, after, joints, state.tools.pins, start, state.limit_joints)
+    return command if signals is after else replace(command, signals=signals)
 
 
 def places(skeleton: Skeleton, posed: PosedSkeleton, selected: str | None) -> dict[str, Float64[np.ndarray, "3"]]:

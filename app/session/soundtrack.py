@@ -33,7 +33,7 @@ def soundtrack(
 
 
 def _sounding(timeline: Timeline) -> list[Layer]:
-    """The layers that are heard."""
+    """The layers that sound."""
     files = [layer for layer in timeline.layers if layer.clip and layer.clip.path.lower().endswith(ENDING)]
     return [layer for layer in files if layer.weight and not layer.muted]
 

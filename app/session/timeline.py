@@ -291,10 +291,10 @@ class Timeline:
     def repeated(self, seconds: Time) -> Time:
         """Its own time while another timeline plays to `seconds`, or to an array of them: in what is played, again where that repeats."""
         first, last = (frame / self.fps for frame in self.played)
-        held = np.clip(seconds, first, last)
+        kept = np.clip(seconds, first, last)
         if self.loop and last > first:
-            held = np.where(seconds > last, first + (seconds - first) % (last - first + 1 / self.fps), held)
-        return np.asarray(held) if isinstance(seconds, np.ndarray) else float(held)
+            kept = np.where(seconds > last, first + (seconds - first) % (last - first + 1 / self.fps), kept)
+        return np.asarray(kept) if isinstance(seconds, np.ndarray) else float(kept)
 
     def local(self, seconds: Time) -> Time:
         """Its own time where its playhead is at `seconds`, or at an array of them: the same up to its end, beyond it `repeated`."""

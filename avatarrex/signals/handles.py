@@ -138,8 +138,8 @@ def pulled(
         free[taken.end] = WILLING
         goals.append(Orient(JOINT_NAMES.index(taken.end), posed.rotation[JOINT_NAMES.index(taken.end)], taken.level))
     moving = [JOINT_NAMES.index(name) for name in taken.follow or (taken.joint,)]
-    held, following = _held(skeleton, posed, pins, moving)
-    return _solved(skeleton, signals, start, [*goals, *held], following | free, limited)
+    kept, following = _pinned(skeleton, posed, pins, moving)
+    return _solved(skeleton, signals, start, [*goals, *kept], following | free, limited)
 
 
 def turned(
@@ -156,13 +156,13 @@ def turned(
     The very same signals where no pin is carried by them.
     """
     posed, moving = skeleton.posed(prior), [JOINT_NAMES.index(name) for name in joints]
-    held, following = _held(skeleton, posed, pins, moving)
+    kept, following = _pinned(skeleton, posed, pins, moving)
     limbs = {name for pin in map(handle, pins) for name in (*pin.follow, pin.end if pin.ball else "")}
     if limbs.intersection(joints):
-        held, following = _held(skeleton, posed, pins, [0])
+        kept, following = _pinned(skeleton, posed, pins, [0])
         following[ROOT] = 1.0
     free = {name: stiffness for name, stiffness in following.items() if name not in joints}
-    goals = [goal for goal in held if not (isinstance(goal, Orient) and goal.joint in moving)]
+    goals = [goal for goal in kept if not (isinstance(goal, Orient) and goal.joint in moving)]
     return _solved(skeleton, signals, prior, goals, free, limited) if goals and free else signals
 
 
@@ -213,7 +213,7 @@ def _above(
     return target
 
 
-def _held(
+def _pinned(
     skeleton: Skeleton, posed: PosedSkeleton, pins: frozenset[str], moving: list[int]
 ) -> tuple[list[Goal], dict[str, float]]:
     """What keeps the pins that the joints `moving` carry where they are, and which joints follow, with their stiffness."""

@@ -97,7 +97,7 @@ def seen_light(
     for grid, world in standing:
         kept, name = _seen.setdefault(grid, {}), about.digest() + world.tobytes()
         found = kept.pop(name) if name in kept else _of_figure((grid, world), points, normals, cone, start, impl)
-        kept[name] = found  # the last one that was asked for
+        kept[name] = found  # the newest of them
         if len(kept) > KEPT:
             del kept[next(iter(kept))]
         seen = np.stack([np.minimum(seen[:, 0], found[:, 0]), seen[:, 1] * found[:, 1]], 1)

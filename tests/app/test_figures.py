@@ -396,7 +396,7 @@ def test_all_play_until_the_longest_ends(studio, tmp_path):
         made = state_at(studio.state, 5 / 30, studio.clips)
         assert made.figures == studio.state.figures
     studio.do(SetTimeline(loop=False))
-    assert steps_of(studio) == [5, 3], "held"
+    assert steps_of(studio) == [5, 3], "its last frame stays"
     studio.do(SelectFigure(0))
     studio.go_to(4)
     assert steps_of(studio) == [4, 3]

@@ -127,7 +127,7 @@ def test_hands_feet_and_head_are_taken_by_their_skin_where_their_handle_shows(pa
     assert grasped(part, near) == taken
 
 
-def test_pins_hold_while_a_slider_is_dragged(studio):
+def test_pins_stay_while_a_slider_is_dragged(studio):
     """The trunk bends under a pinned hand, a knee under pinned feet: one step of undo, which replays without a solver."""
     wrist, ball = (JOINT_NAMES.index(name) for name in ("left_wrist", "right_foot"))
     for pin, joint, turn, point in (
