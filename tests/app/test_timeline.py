@@ -330,3 +330,13 @@ def test_the_ruler_and_its_zoom():
     labelled = [near.x(time) for time, text in near.ticks(30.0, True) if text]
     assert all(round(time * 30, 6).is_integer() for time, _ in near.ticks(30.0, True)), "no tick between frames"
     assert min(np.diff(labelled)) >= 52
+
+
+def test_the_time_of_a_layer_of_keys_that_begins_late_goes_fast_and_repeats():
+    """Keys at 1 and 3 s of its own, twice as fast, half a second later: they lie at 1 and 2 s, and again at 2 and 3."""
+    keys = tuple(Key(time, (value,), "linear") for time, value in ((1.0, 0.0), (3.0, 1.0)))
+    layer = Layer("Keys", tracks=(Track("jawOpen", keys),), offset=0.5, rate=2.0, loop=True)
+    assert layer.seconds == (1.0, 2.0)
+    assert [layer.on_timeline(own) for own in (0.0, 1.0, 3.0)] == [0.5, 1.0, 2.0]
+    for seconds, value in ((1.25, 0.25), (1.75, 0.75), (2.25, 0.25), (4.5, 0.5)):
+        assert layer.tracks[0].at(layer.local(seconds)) == pytest.approx([value], abs=1e-6)
