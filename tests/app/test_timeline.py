@@ -17,6 +17,7 @@ from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import Key, Track, moved, with_keys
 from avatarrex_studio.session.posing import joint
 from avatarrex_studio.session.state import StudioState
+from avatarrex_studio.session.take import Take
 from avatarrex_studio.session.timeline import PARTS, Layer, Share, Timeline
 from ball import ball_engine
 
@@ -340,3 +341,13 @@ def test_the_time_of_a_layer_of_keys_that_begins_late_goes_fast_and_repeats():
     assert [layer.on_timeline(own) for own in (0.0, 1.0, 3.0)] == [0.5, 1.0, 2.0]
     for seconds, value in ((1.25, 0.25), (1.75, 0.75), (2.25, 0.25), (4.5, 0.5)):
         assert layer.tracks[0].at(layer.local(seconds)) == pytest.approx([value], abs=1e-6)
+
+
+def test_a_recorded_drag_is_linear_and_takes_away_only_what_it_went_over():
+    take, state = Take(), StudioState()
+    take.recording = True
+    state = take.keyed(SetExpression("jawOpen", 0.2), state, "drag").apply(state)
+    state = state.change(timeline=state.timeline.change(frame=3))
+    later, again = (take.keyed(SetExpression("jawOpen", value), state, "drag") for value in (0.5, 0.6))
+    assert (later.since, later.keys[0][3]) == (0.0, "linear")
+    assert again.since is None, "the playhead has not moved"
