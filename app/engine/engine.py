@@ -81,6 +81,7 @@ class Engine:
         """
         try:
             width, height = size or state.size.fixed or (512, 512)
+            self._forget_what_changed()
             return Shot(self.frames(state, state.view.camera(width, height), dragged))
         except InputError as error:
             return Shot(self._last, str(error))
@@ -116,6 +117,11 @@ class Engine:
             self._stamps[name] = avatar_stamp(name)
             self._avatars[name] = self._load(name)
         return self._avatars[name]
+
+    def _forget_what_changed(self) -> None:
+        """Avatars whose files are others than those that were read: a training has written them anew."""
+        for name in [name for name in self._avatars if avatar_stamp(name) not in ((), self._stamps[name])]:
+            del self._avatars[name]
 
     def _with_surface(self, name: str) -> Avatar:
         """The same, read again where it had no surface and its files have changed: it may have got one meanwhile."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from avatarrex_studio.engine.engine import QUICKEST
 from avatarrex_studio.engine.request import Answer, Exact, Picture, Request, Seen
@@ -47,6 +47,8 @@ class Subject:
     shows: str = IMAGE
     light: KeyLight | None = None
     """That of a stage."""
+    reading: int = 0
+    """How often avatars were read anew by then."""
 
     @classmethod
     def of(cls, state: StudioState, size: tuple[int, int]) -> Subject:
@@ -79,7 +81,7 @@ class Pictures:
         self.history: deque[dict[str, float]] = deque(maxlen=KEPT)
         """Milliseconds per stage of the last pictures."""
         self._subject: Subject | None = None
-        self._level = AUTO
+        self._level, self._reading = AUTO, 0
         self._changed_at = -math.inf
         self._under_way: Wanted | None = None
         self._since = -math.inf
@@ -92,7 +94,7 @@ class Pictures:
 
     def tick(self, now: float, state: StudioState, size: tuple[int, int], live: bool, playing: bool = False) -> bool:
         """Take what came and request what is missing; whether there is another picture. `live`: a surface is on screen."""
-        subject, self._level = Subject.of(state, size), state.level
+        subject, self._level = replace(Subject.of(state, size), reading=self._reading), state.level
         if subject != self._subject:
             self._subject, self._changed_at = subject, now
         if playing:
@@ -103,6 +105,10 @@ class Pictures:
             self.error = None
         self._request(now, state, self._wanted(now, subject, state.level, live))
         return new
+
+    def renew(self) -> None:
+        """An avatar was read anew: what is there, or under way, does not show it."""
+        self._reading += 1
 
     def rests(self, now: float) -> bool:
         """Whether the state has not changed for a while."""

@@ -21,11 +21,11 @@ from avatarrex_studio.engine.pictures import Pictures, Subject
 from avatarrex_studio.engine.request import Exact, Seen
 from avatarrex_studio.live.listening import Listening
 from avatarrex_studio.session.clips import Clips
-from avatarrex_studio.session.commands import Command, SetCamera
+from avatarrex_studio.session.commands import Command, Followed, SetCamera
 from avatarrex_studio.session.evaluation import go_to, layers_at, settled
 from avatarrex_studio.session.figures import Place
 from avatarrex_studio.session.greeting import Greeting
-from avatarrex_studio.session.grip import LOOK, Grip
+from avatarrex_studio.session.grip import LOOK, Grip, followed
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import CAMERA
 from avatarrex_studio.session.motion import Motion
@@ -110,8 +110,9 @@ class Studio:
         self.weight = 0.0
         """Share of the exact picture over the surface, 0 to 1."""
         self._clock = clock
-        self._take_begins = 0.0
         self._drawn: Subject | None = None
+        self._read: dict[str, Avatar] = {}
+        """The figures' avatars by name, as far as they have been read."""
         self._avatars: list[Avatar | None] = []
         """Of the surface's figures."""
         self._faulty: list[Avatar | None] = []
@@ -130,12 +131,16 @@ class Studio:
         """
         self.end_greeting()
         with refusals_logged():
+            shared = self.playback.gesture if self.playback.playing else gesture
+            figure = self.figure if isinstance(command, Followed) and self.state.tools.pins else None
+            if isinstance(command, Followed) and figure:
+                start = self.journal.before(command, shared).signals
+                command = followed(command, self.state, figure.skeleton, start)
             command = self.take.keyed(command, self.state, gesture)
             if isinstance(command, SetFrame):
                 command = replace(command, feeds=self.listening.feeds(self.state.timeline))
-            shared = self.playback.gesture if self.playback.playing else gesture
             if isinstance(command, OnTimeline):
-                command = settled(command, self.journal.before(command, shared), self.clips)
+                command = settled(command, self.journal.before(command, shared), self.clips, self.listening.fed)
             self.journal.do(command, shared)
 
     def undo(self) -> None:
@@ -150,7 +155,7 @@ class Studio:
     def tick(self, viewport: tuple[int, int]) -> bool:
         """Advance the motion, draw the surface, take and request exact pictures; whether there is something new to show."""
         now, before = self._clock(), self.weight
-        due = self.playback.due(self.state.timeline, now)
+        due = self.playback.due(self.state, now)
         sent = self.listening.tick([figure.timeline for figure in self.state.figures])
         if due is not None:
             self.go_to(due, self.playback.gesture)
@@ -158,6 +163,7 @@ class Studio:
             self._follow()
         size = self.state.size.pixels(viewport)
         shown = self._greeted(now)
+        self._see_avatars()
         drawn = self._draw(size, shown)
         moves = self.playback.playing or shown is not self.state
         new = self.pictures.tick(now, self.state, size, self.surface is not None, moves)
@@ -168,7 +174,8 @@ class Studio:
         """Show what live sources sent."""
         with refusals_logged():
             frame = SetFrame(self.state.timeline.frame, self.listening.feeds(self.state.timeline))
-            self.journal.follow(settled(frame, self.journal.before_following(frame), self.clips))
+            before = self.journal.before_following(frame)
+            self.journal.follow(settled(frame, before, self.clips, self.listening.fed))
 
     def greet(self) -> None:
         """Have the avatar move gently until somebody does something."""
@@ -187,6 +194,14 @@ class Studio:
             self.greeting = None
             return self.state
         return self.greeting.shown(self.state, now)
+
+    def _see_avatars(self) -> None:
+        """Have exact pictures made anew where an avatar's files were read again."""
+        names = [figure.avatar for figure in self.state.figures]
+        read = {name: avatar for name, avatar in zip(names, self.avatars.all_ready(names)) if avatar}
+        if any(self._read.get(name, avatar) is not avatar for name, avatar in read.items()):
+            self.pictures.renew()
+        self._read = {name: avatar for name, avatar in (self._read | read).items() if name in names}
 
     def _draw(self, size: tuple[int, int], shown: StudioState) -> bool:
         """Draw the surface where what it shows has changed; whether it was drawn."""
@@ -319,15 +334,18 @@ class Studio:
     def add_motion(self, path: str) -> None:
         """A motion, face or sound file as a layer over all others."""
         with refusals_logged(opening=path):
-            motion = Motion.read(path, None, FBX_SECONDS)
-            self.clips.take(motion)
-            self.do(motion.layer())
+            self.take_layer(Motion.read(path, None, FBX_SECONDS))
+
+    def take_layer(self, motion: Motion) -> None:
+        """A motion that was read, as a layer over all others."""
+        self.clips.take(motion)
+        self.do(motion.layer())
 
     def set_key(self) -> None:
         """Keys at the playhead: of what is selected, else of what was changed there and what has keys already."""
         state, selected = self.state, self.state.tools.selected
-        layer, seconds = self.take.target(state.timeline), state.timeline.seconds
-        driven = layers_at(state.timeline, state.base, seconds, self.clips)
+        timeline, layer = state.timeline, self.take.target(state.timeline)
+        driven = layers_at(timeline, state.base, timeline.local(timeline.seconds), self.clips)
         names = entries(selected) if selected else to_key(state, layer, driven)
         if names:
             self.do(with_keys(state, values(state, names), layer))
@@ -337,17 +355,20 @@ class Studio:
         self.do(with_keys(self.state, values(self.state, tuple(CAMERA)), self.take.target(self.state.timeline)))
 
     def record_live(self, layer: str) -> None:
-        """Begin to record what drives a live layer, or end it: it becomes a clip that begins where the recording did."""
-        drive = self.listening.drives[layer]
+        """Begin to record what drives a live layer, or end it: it becomes a clip that begins where the recording did.
+
+        It goes on for its avatar while another one is selected.
+        """
+        live = self.state.timeline.layer(layer).live
+        drive = self.listening.drives[live]
         if drive.take is None:
-            self._take_begins = self.state.timeline.seconds if self.playback.playing else 0.0
-            self.listening.record(layer)
+            self.listening.record(live, self.state.timeline.seconds if self.playback.playing else 0.0)
             return
         with refusals_logged():
-            motion = Motion.read(self.listening.recorded(layer))
+            motion = Motion.read(self.listening.recorded(live))
             parts = self.state.timeline.layer(layer).parts
             self.clips.take(motion)
-            clip = Layer(motion.clip.name, motion.clip, parts=parts, offset=self._take_begins)
+            clip = Layer(motion.clip.name, motion.clip, parts=parts, offset=drive.begins)
             self.do(AddLayer(clip))
             self.do(SetLayer(layer, muted=True))
 
@@ -359,7 +380,7 @@ class Studio:
         """Start or stop the timeline."""
         self.clips.retry()
         if not self.clips.missing(self.state.timeline):
-            self.playback.toggle(self.state.timeline, self._clock())
+            self.playback.toggle(self.state, self._clock())
 
     def go_to(self, frame: int, gesture: object = None) -> None:
         """Go to a frame of the timeline; beyond its ends to the nearest."""

@@ -166,8 +166,9 @@ class VideoOrder:
     def _sound(self) -> Sound | None:
         if not self.plays:
             return None
-        timeline = self.states[0].timeline
-        return soundtrack(timeline, timeline.seconds, len(self.states) / self.fps, SOUND_RATE)
+        state, seconds = self.states[0], len(self.states) / self.fps
+        others = [figure.timeline for figure in state.others]
+        return soundtrack(state.timeline, state.timeline.seconds, seconds, SOUND_RATE, others)
 
 
 @dataclass(frozen=True)

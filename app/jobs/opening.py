@@ -39,7 +39,7 @@ def read_any(path: str, read_avatar: Callable[[str], Future[Avatar]]) -> Opened:
     if kind == AVATAR:
         return Opened(kind, path, {path: _whole(read_avatar(path))})
     if kind == MOTION:
-        return Opened(kind, path, motion=Motion.read(path))
+        return read_motion(path)
     if kind == SESSION:
         journal = Journal.load(path)
         names = dict.fromkeys(figure.avatar for figure in journal.state.figures)
@@ -49,6 +49,11 @@ def read_any(path: str, read_avatar: Callable[[str], Future[Avatar]]) -> Opened:
     if kind == RUN:
         return _run(path, read_avatar)
     raise InputError(path, "", OPENS, f"a {kind}")
+
+
+def read_motion(path: str) -> Opened:
+    """A motion file, or a motion that comes with the program by its name. Raises `InputError`."""
+    return Opened(MOTION, path, motion=Motion.read(path))
 
 
 def contents(capture: Capture) -> str:

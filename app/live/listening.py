@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from avatarrex_studio.live.drive import Drive, Sender
 from avatarrex_studio.live.receiver import LOOPBACK, Receiver
 from avatarrex_studio.live.sources import SOURCES
+from avatarrex_studio.session.notice import NOTICE, refusals_logged
 from avatarrex_studio.session.timeline import Timeline
 from avatarrex_studio.session.user_library import library_folder
 
@@ -18,7 +21,10 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence, interpolate
 
+log = logging.getLogger(__name__)
 Feeds = tuple[tuple[str, Signals, float], ...]
+LEAST = 2
+"""Frames of a recording."""
 TAKE_FPS = 60.0
 """Frames a second of a recording."""
 
@@ -30,7 +36,7 @@ class Listening:
         self.arrived: Callable[[], None] = lambda: None
         """Called by a thread when something has come: the window wakes."""
         self.drives: dict[str, Drive] = {}
-        """By the name of the layer."""
+        """By what their layers are listened for as (`Layer.live`)."""
         self._clock = clock
 
     def switch_on(self, layer: str, source: str, address: str = LOOPBACK, port: int | None = None) -> None:
@@ -47,9 +53,15 @@ class Listening:
         self.drives[layer] = Drive(sender)
 
     def switch_off(self, layer: str) -> None:
-        """Listen no more for a layer."""
-        if drive := self.drives.pop(layer, None):
-            drive.sender.close()
+        """Listen no more for a layer. What was being recorded is kept as a file."""
+        drive = self.drives.get(layer)
+        if drive is None:
+            return
+        with refusals_logged():
+            if len(drive.take or ()) >= LEAST:
+                log.log(NOTICE, "The recording of %s is kept: %s", layer, self.recorded(layer))
+        del self.drives[layer]
+        drive.sender.close()
 
     def close(self) -> None:
         """Switch all off."""
@@ -69,13 +81,13 @@ class Listening:
             counts, sender = drive.sender.counts, drive.sender
             where = f"{sender.address}:{sender.port}" if isinstance(sender, Receiver) else "camera"
             bad = f", {counts.malformed} malformed" if counts.malformed else ""
+            bad += ", recording" if drive.take is not None else ""
             said.append(f"{where} ({counts.rate}/s{bad})")
         return "listening at " + ", ".join(said) if said else ""
 
     def tick(self, timelines: Iterable[Timeline]) -> bool:
         """Take what came; whether anything drives otherwise than before. What has no layer in any of `timelines` is switched off."""
-        names = {layer.name for timeline in timelines for layer in timeline.layers if layer.feed}
-        for gone in set(self.drives) - names:
+        for gone in set(self.drives).difference(*(timeline.live for timeline in timelines)):
             self.switch_off(gone)
         now = self._clock()
         changed = [drive.tick(now) for drive in self.drives.values()]
@@ -85,20 +97,29 @@ class Listening:
         """Of every live layer: name, signals, presence; as they are where it is switched off."""
         found = []
         for layer in timeline.layers:
-            drive = self.drives.get(layer.name) or layer.feed
+            drive = self.drives.get(layer.live) or layer.feed
             if layer.feed and drive:
                 found.append((layer.name, drive.signals, drive.presence))
         return tuple(found)
 
-    def record(self, layer: str) -> None:
-        """Begin to record what drives a layer."""
-        self.drives[layer].take = []
+    def fed(self, timeline: Timeline) -> Timeline:
+        """With what its live sources sent last."""
+        layers = list(timeline.layers)
+        for place, layer in enumerate(layers):
+            drive = self.drives.get(layer.live)
+            if layer.feed and drive:
+                layers[place] = replace(layer, feed=replace(layer.feed, signals=drive.signals, presence=drive.presence))
+        return timeline.change(layers=tuple(layers))
+
+    def record(self, layer: str, begins: float) -> None:
+        """Begin to record what drives a layer, at a second of its timeline."""
+        self.drives[layer].take, self.drives[layer].begins = [], begins
 
     def recorded(self, layer: str, folder: Path | None = None) -> Path:
         """End the recording; the motion file with it, in `folder` (the user's library). Raises `InputError` for an empty one."""
         drive = self.drives[layer]
         frames, drive.take = drive.take or [], None
-        if len(frames) < 2:
+        if len(frames) < LEAST:
             raise InputError(layer, "recording", "two frames or more", len(frames))
         folder = folder or library_folder() / "takes"
         name = time.strftime("take-%Y%m%d-%H%M%S")

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from avatarrex_studio.jobs.export_look import SAMPLES
 from avatarrex_studio.jobs.export_order import EXPORTED, FOLDER, Order
 from avatarrex_studio.panels import theme, widgets
-from avatarrex_studio.panels.export_form import ABOUT, ExportForm, Frames
+from avatarrex_studio.panels.export_form import ABOUT, ALONE, ExportForm, Frames
 from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.session.state import AUTO, LEVELS, SIZES, StudioState
 from imgui_bundle import icons_fontawesome_6 as icons
@@ -27,9 +27,6 @@ RASTERS = {
     "512 × 512": (512, 512), "1024 × 1024": (1024, 1024), "2048 × 2048": (2048, 2048), "1280 × 720": (1280, 720),
     "1920 × 1080": (1920, 1080), "1080 × 1920": (1080, 1920), "3840 × 2160": (3840, 2160),
 }  # fmt: skip
-
-ALONE = ("3D model", "Signals")
-"""Kinds that contain one avatar of several."""
 
 
 class ExportDialog:

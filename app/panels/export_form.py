@@ -37,6 +37,8 @@ ABOUT = {
     ".npz": "SMPL-X in AMASS' layout, with the 52 coefficients", ".csv": "the face, as Live Link Face writes it",
 }  # fmt: skip
 """What an ending is for."""
+ALONE = ("3D model", "Signals")
+"""Kinds that contain one avatar of several, and last as long as its own timeline."""
 MOST_RATE = 60.0
 """Frames a second of a video unless told: motion capture has up to 240."""
 
@@ -46,6 +48,9 @@ class Frames(Protocol):
     """The motion that is loaded, as the studio shows it."""
 
     count: int
+    """Until the last of all figures ends."""
+    own: int
+    """Until the selected one does."""
     fps: float
 
     def at(self, frame: int) -> StudioState:
@@ -132,7 +137,9 @@ class ExportForm:
         level, label = self.levels.get(self.kind, ""), self.label if self.labelled else ""
         path, look = self.path, Look(self.size, self.samples, level, self.clear, label, self.marked, self.stage)
         frames = frames if self.moving else None
-        count, rate, turns, first, last = self.count(frames), self.rate, self.turns, self.first, self.last
+        count, rate, turns = self.count(frames), self.rate, self.turns
+        last = min(self.last, frames.own - 1) if frames and self.kind in ALONE else self.last
+        first = min(self.first, last)
 
         def states(wanted: float | None = None) -> tuple[StudioState, ...]:
             """At the rate of the form, or of the motion."""

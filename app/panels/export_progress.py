@@ -9,7 +9,7 @@ from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui, imgui_ctx
 
 WIDTH, GAP = 330.0, 10.0
-_FLAGS = (
+FLAGS = (
     imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_docking | imgui.WindowFlags_.no_saved_settings
     | imgui.WindowFlags_.no_focus_on_appearing | imgui.WindowFlags_.no_nav | imgui.WindowFlags_.no_move
     | imgui.WindowFlags_.always_auto_resize
@@ -35,7 +35,7 @@ def draw(progress: Progress, low: tuple[float, float], high: tuple[float, float]
     imgui.set_next_window_size_constraints((width, 0), (width, 200))
     with (
         imgui_ctx.push_style_color(imgui.Col_.window_bg, theme.vec4(theme.RAISED, 0.97)),
-        imgui_ctx.begin("Exporting", None, _FLAGS),
+        imgui_ctx.begin("Exporting", None, FLAGS),
     ):
         more = f"   and {progress.waiting} more" if progress.waiting else ""
         widgets.caption(f"{icons.ICON_FA_FILE_EXPORT}  {progress.path.name}{more}", theme.TEXT)

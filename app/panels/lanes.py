@@ -13,6 +13,7 @@ from avatarrex_studio.panels.timescale import Timescale
 from avatarrex_studio.session.actions import words
 from avatarrex_studio.session.commands import Command
 from avatarrex_studio.session.keys import CLOSE, LINEAR, STEP, Key, Place, Track
+from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.timeline import Layer, Timeline
 from avatarrex_studio.session.timeline_commands import DeleteKeys, MoveKeys, SetFrame, SetLayer, SetTimeline
 from imgui_bundle import icons_fontawesome_6 as icons
@@ -74,27 +75,28 @@ class Lanes:
         self._grabbed: Grabbed | None = None
         self._scale = Timescale(0, 1, 0, 1)
 
-    def draw(self, timeline: Timeline) -> Iterator[Command]:
+    def draw(self, state: StudioState) -> Iterator[Command]:
         """Draw ruler and rows; the commands of this frame."""
+        timeline = state.timeline
         self._forget_what_is_gone(timeline)
         column = min(max(0.32 * widgets.room(), NAMES[0]), NAMES[1])
         place, width = imgui.get_cursor_screen_pos(), widgets.room()
         left = place.x + column
-        scale = Timescale.of_all(left, max(width - column - BAR, 50.0), (timeline.frames - 1) / timeline.fps or 1.0)
+        scale = Timescale.of_all(left, max(width - column - BAR, 50.0), (state.frames - 1) / timeline.fps or 1.0)
         shown = self._shown or (scale.start, scale.seconds)
         if self._grabbed:  # what is dragged beyond the end does not change the scale under the mouse
             shown = self._scale.start, self._scale.seconds
         self._scale = replace(scale, start=shown[0], seconds=shown[1])
-        self._ruler(timeline, place, column)
+        self._ruler(state, place, column)
         imgui.push_style_var(imgui.StyleVar_.item_spacing, (6, 0))
         imgui.push_style_var(imgui.StyleVar_.window_padding, (0, 0))
         flags = imgui.WindowFlags_.no_scroll_with_mouse if imgui.get_io().key_ctrl else 0
         if imgui.begin_child("rows", (0, 0), 0, flags):
-            yield from self._rows(timeline, column)
+            yield from self._rows(state, column)
         self._zoom_by_wheel()
         imgui.end_child()
         imgui.pop_style_var(2)
-        yield from self._drag(timeline)
+        yield from self._drag(state)
         here = imgui.is_window_focused(imgui.FocusedFlags_.child_windows) and not imgui.get_io().want_text_input
         if here and self.selected and imgui.is_key_pressed(imgui.Key.delete, False):
             yield DeleteKeys(self.layer, tuple(sorted(self.selected)))
@@ -114,10 +116,10 @@ class Lanes:
             there = {(track.name, key.time) for track in layer.tracks for key in track.keys}
             self.selected &= there
 
-    def _ruler(self, timeline: Timeline, place: imgui.ImVec2, column: float) -> None:
+    def _ruler(self, state: StudioState, place: imgui.ImVec2, column: float) -> None:
         """Ticks and the playhead; the time under the mouse becomes the playhead's while it is pressed."""
-        scale, draw = self._scale, imgui.get_window_draw_list()
-        where = f"{timeline.frame} / {timeline.frames - 1}"
+        timeline, scale, draw = state.timeline, self._scale, imgui.get_window_draw_list()
+        where = f"{timeline.frame} / {state.frames - 1}"
         room = column - imgui.calc_text_size(where).x - 16
         where += f"   {timeline.seconds:.2f} s" if room > 60 else ""
         imgui.align_text_to_frame_padding()
@@ -134,7 +136,7 @@ class Lanes:
             draw.add_line((x, high.y - (7 if text else 3)), (x, high.y), theme.colour(theme.MUTED, 0.8))
             if text:
                 draw.add_text((x + 3, low.y + 1), theme.colour(theme.MUTED), text)
-        first, last = (scale.x(frame / timeline.fps) for frame in timeline.played)
+        first, last = (scale.x(frame / timeline.fps) for frame in state.played)
         for x, side in ((first, 1), (last, -1)):
             colour = theme.colour(theme.ACCENT if timeline.span else theme.MUTED, 0.9)
             draw.add_triangle_filled((x, high.y), (x, high.y - 8), (x + 7 * side, high.y), colour)
@@ -155,8 +157,8 @@ class Lanes:
         if hovered and imgui.get_io().mouse_wheel:
             self._zoom()
 
-    def _rows(self, timeline: Timeline, column: float) -> Iterator[Command]:
-        draw, scale = imgui.get_window_draw_list(), self._scale
+    def _rows(self, state: StudioState, column: float) -> Iterator[Command]:
+        timeline, draw, scale = state.timeline, imgui.get_window_draw_list(), self._scale
         top = imgui.get_cursor_screen_pos()
         for layer in reversed(timeline.layers):
             imgui.push_id(layer.name)
@@ -174,7 +176,7 @@ class Lanes:
         draw.push_clip_rect((scale.left, top.y - 4000), (scale.left + scale.width, bottom), True)
         shade = theme.colour(theme.UNREACHED, 0.65)
         window = imgui.get_window_pos().y
-        first, last = (scale.x(frame / timeline.fps) for frame in timeline.played)
+        first, last = (scale.x(frame / timeline.fps) for frame in state.played)
         if timeline.span:
             draw.add_rect_filled((scale.left, window), (first, bottom), shade)
             draw.add_rect_filled((last, window), (scale.left + scale.width, bottom), shade)
@@ -192,11 +194,11 @@ class Lanes:
         mark = {"clip": icons.ICON_FA_FILM, "live": icons.ICON_FA_TOWER_BROADCAST}.get(
             kind, icons.ICON_FA_CARET_DOWN if opened else icons.ICON_FA_CARET_RIGHT
         )
-        if _bare_button(f"{mark}###open", start, 20, theme.LIVE if layer.name in self.listening else theme.MUTED):
+        if _bare_button(f"{mark}###open", start, 20, theme.LIVE if layer.live in self.listening else theme.MUTED):
             self.opened ^= {layer.name} if kind == "keys" else set()
             self.switched = layer.name if kind == "live" else ""
         if kind == "live":
-            widgets.tooltip("Stop listening" if layer.name in self.listening else "Listen")
+            widgets.tooltip("Stop listening" if layer.live in self.listening else "Listen")
         weight = 40.0 if column > 150 else 0.0
         name_width = column - 20 - 22 - weight - 8
         imgui.set_cursor_screen_pos((start.x + 20, start.y))
@@ -251,7 +253,7 @@ class Lanes:
         if layer.clip:
             self._clip(draw, layer, y, alpha)
         elif layer.feed:
-            off = ", nothing comes" if layer.name in self.listening else ", switched off"
+            off = ", nothing comes" if layer.live in self.listening else ", switched off"
             text = f"live: {layer.feed.source}" + ("" if layer.feed.presence else off)
             draw.add_text((scale.left + 6, y + 2), theme.colour(theme.LIVE, alpha), text)
         else:
@@ -352,17 +354,17 @@ class Lanes:
             self.selected = places
         self._grabbed = Grabbed("keys", layer.name, at, places=tuple(sorted(self.selected)))
 
-    def _drag(self, timeline: Timeline) -> Iterator[Command]:
+    def _drag(self, state: StudioState) -> Iterator[Command]:
         """What the drag under way does, on whole frames unless Alt is pressed."""
-        grabbed, now = self._grabbed, self._scale.time(imgui.get_mouse_pos().x)
+        timeline, grabbed, now = state.timeline, self._grabbed, self._scale.time(imgui.get_mouse_pos().x)
         if grabbed is None:
             return
         free = imgui.get_io().key_alt
         by = now - grabbed.at if free else round((now - grabbed.at) * timeline.fps) / timeline.fps
         if grabbed.what == "head":
-            yield SetFrame(min(max(round(now * timeline.fps), 0), timeline.frames - 1))
+            yield SetFrame(state.nearest(round(now * timeline.fps)))
         elif grabbed.what in ("start", "end"):
-            yield from _ranged(timeline, grabbed.what, round(now * timeline.fps))
+            yield from _ranged(state, grabbed.what, round(now * timeline.fps))
         elif grabbed.what == "clip" and by:
             yield SetLayer(grabbed.layer, offset=grabbed.before + by)
         elif grabbed.what == "frame":
@@ -421,14 +423,14 @@ def shown_keys(layer: Layer, track: Track | None) -> list[tuple[float, Key]]:
     return [(key.time, key) for _, key in sorted(keys.items())]
 
 
-def _ranged(timeline: Timeline, end: str, frame: int) -> Iterator[Command]:
-    first, last = timeline.played
+def _ranged(state: StudioState, end: str, frame: int) -> Iterator[Command]:
+    first, last = state.played
     ends = {
         "start": (min(max(frame, 0), last - 1), last),
-        "end": (first, min(max(frame, first + 1), timeline.frames - 1)),
+        "end": (first, min(max(frame, first + 1), state.frames - 1)),
     }
     span = ends[end]
-    if span != timeline.span:
+    if span != state.timeline.span:
         yield SetTimeline(span=span)
 
 

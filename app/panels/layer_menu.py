@@ -11,6 +11,7 @@ from avatarrex_studio.panels.lanes import Lanes
 from avatarrex_studio.panels.live_menu import LiveMenu
 from avatarrex_studio.session import keys as curves
 from avatarrex_studio.session.commands import Command
+from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.thinning import redundant
 from avatarrex_studio.session.timeline import GROUPS, LONGEST_SMOOTHING, PARTS, Layer, Timeline
 from avatarrex_studio.session.timeline_commands import (
@@ -47,7 +48,7 @@ class LayerMenu:
         timeline = studio.state.timeline
         lanes.listening = frozenset(studio.listening.drives)
         if lanes.switched:
-            self.live.switch(studio, lanes.switched)
+            self.live.switch(studio, timeline.layer(lanes.switched))
             lanes.switched = ""
         if lanes.menu:
             imgui.open_popup(f"{lanes.menu} menu")
@@ -63,7 +64,7 @@ class LayerMenu:
                 yield from self._keys(chosen, timeline, lanes)
             imgui.end_popup()
         if imgui.begin_popup("ruler menu"):
-            yield from _ruler(timeline, lanes)
+            yield from _ruler(studio.state, lanes)
             imgui.end_popup()
 
     def _layer(self, layer: Layer, timeline: Timeline) -> Iterator[Command]:
@@ -163,10 +164,10 @@ def _numbers(layer: Layer) -> Iterator[Command]:
             yield SetLayer(layer.name, smoothing=value)
 
 
-def _ruler(timeline: Timeline, lanes: Lanes) -> Iterator[Command]:
+def _ruler(state: StudioState, lanes: Lanes) -> Iterator[Command]:
     """The range, the rate, and what the ruler counts."""
-    frame = min(max(round(lanes.pointed * timeline.fps), 0), timeline.frames - 1)
-    first, last = timeline.played
+    timeline, (first, last) = state.timeline, state.played
+    frame = state.nearest(round(lanes.pointed * timeline.fps))
     if imgui.menu_item(f"Play from frame {frame}", "", False, frame < last)[0]:
         yield SetTimeline(span=(frame, last))
     if imgui.menu_item(f"Play up to frame {frame}", "", False, frame > first)[0]:

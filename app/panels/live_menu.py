@@ -20,26 +20,26 @@ class LiveMenu:
 
     def __init__(self) -> None:
         self._places: dict[str, tuple[str, int]] = {}
-        """Address and port by layer."""
+        """Address and port by what a layer is listened for as."""
         self._phone = self._model = ""
         self._camera = 0
 
-    def switch(self, studio: Studio, layer: str) -> None:
+    def switch(self, studio: Studio, layer: Layer) -> None:
         """Listen for a layer, or no more."""
-        if layer in studio.listening.drives:
-            studio.listening.switch_off(layer)
+        feed, live = layer.feed, layer.live
+        if live in studio.listening.drives:
+            studio.listening.switch_off(live)
             return
-        feed = studio.state.timeline.layer(layer).feed
         assert feed is not None
         with refusals_logged():
             if feed.source == WEBCAM:
-                studio.listening.take_up(layer, Webcam(self._model, self._camera, lambda: studio.listening.arrived()))
+                studio.listening.take_up(live, Webcam(self._model, self._camera, lambda: studio.listening.arrived()))
             else:
-                studio.listening.switch_on(layer, feed.source, *self._place(layer, feed))
+                studio.listening.switch_on(live, feed.source, *self._place(live, feed))
 
     def draw(self, studio: Studio, layer: Layer) -> None:
         """Draw it inside of the layer's popup."""
-        feed, drive = layer.feed, studio.listening.drives.get(layer.name)
+        feed, drive = layer.feed, studio.listening.drives.get(layer.live)
         if feed is None:
             return
         imgui.begin_disabled(drive is not None)
@@ -50,7 +50,7 @@ class LiveMenu:
         imgui.end_disabled()
         words = ("Stop", "Start") if feed.source == WEBCAM else ("Stop listening", "Listen")
         if imgui.button(f"{words[drive is None]}###live.switch", (WIDTH, 0)):
-            self.switch(studio, layer.name)
+            self.switch(studio, layer)
         if drive is None:
             return
         counts = drive.sender.counts
@@ -74,7 +74,7 @@ class LiveMenu:
 
     def _port(self, layer: Layer, feed: Feed) -> None:
         """Where it is listened."""
-        address, port = self._place(layer.name, feed)
+        address, port = self._place(layer.live, feed)
         widgets.label("Address", LABEL)
         imgui.set_next_item_width(WIDTH - LABEL)
         _, address = imgui.input_text("##live.address", address)
@@ -84,7 +84,7 @@ class LiveMenu:
         widgets.label("UDP port", LABEL)
         imgui.set_next_item_width(WIDTH - LABEL)
         _, port = imgui.input_int("##live.port", port, 0, 0)
-        self._places[layer.name] = address, port
+        self._places[layer.live] = address, port
 
     def _webcam(self) -> None:
         """The landmarker's file and the camera's number."""

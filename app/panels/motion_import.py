@@ -21,7 +21,8 @@ from avatarrex.signals.joints import JOINT_NAMES
 
 SIZE = (560.0, 640.0)
 """Points, at first."""
-NARROWEST = 380.0
+NARROWEST, NARROW = 250.0, 400.0
+"""Points: its least width, and the one under which the reason of a guess stands below its value."""
 GUESS, NONE = "guessed", "none (at rest)"
 """Entries of the lists beside the values."""
 CHOICES = {"up": AXES, "forward": AXES, "unit": tuple(UNITS), "rest": RESTS, "floor": FLOORS}
@@ -38,6 +39,8 @@ class MotionImport:
 
     def __init__(self) -> None:
         self.shown = False
+        self._right = 0.0
+        """Where the picture ended when it was drawn last."""
         self._seen: str | None = None
         """The path of the motion that was loaded last."""
 
@@ -58,11 +61,14 @@ class MotionImport:
             return
         screen = imgui.get_main_viewport()
         corner, room = screen.work_pos + screen.work_size, screen.work_size
+        right, before = _right_of_the_picture(), self._right
+        self._right = right
+        placed = imgui.Cond_.appearing if right == before else imgui.Cond_.always  # panels are laid out anew
         imgui.set_next_window_pos(
-            (corner.x - 6, corner.y - 6), imgui.Cond_.appearing, (1.0, 1.0)
+            (corner.x - 6, corner.y - 6), placed, (1.0, 1.0)
         )  # over the sliders: the picture stays free
-        width = max(corner.x - _right_of_the_picture() - 12, NARROWEST)
-        imgui.set_next_window_size((min(SIZE[0], width), min(SIZE[1], room.y - 60)), imgui.Cond_.appearing)
+        width = max(corner.x - right - 12, NARROWEST)
+        imgui.set_next_window_size((min(SIZE[0], width), min(SIZE[1], room.y - 60)), placed)
         imgui.set_next_window_bg_alpha(1.0)
         opened, shown = imgui.begin("How the motion was read", True, imgui.WindowFlags_.no_docking)
         self.shown = bool(shown)
@@ -91,9 +97,11 @@ class MotionImport:
     def _guesses(self, imported: ImportedMotion) -> ImportOptions | None:
         """The table; the options after a change."""
         chosen = None
-        if not imgui.begin_table("guesses", 3, imgui.TableFlags_.row_bg | imgui.TableFlags_.sizing_stretch_prop):
+        narrow = widgets.room() < NARROW
+        flags = imgui.TableFlags_.row_bg | imgui.TableFlags_.sizing_stretch_prop
+        if not imgui.begin_table("guesses", 2 if narrow else 3, flags):
             return None
-        for title, width in zip(("what", "value"), COLUMNS):
+        for title, width in zip(("what", "value"), COLUMNS[: 1 if narrow else 2]):
             imgui.table_setup_column(title, imgui.TableColumnFlags_.width_fixed, width)
         imgui.table_setup_column("why", imgui.TableColumnFlags_.width_stretch)
         for guess in imported.guesses:
@@ -102,8 +110,9 @@ class MotionImport:
             widgets.caption(guess.what.capitalize())
             imgui.table_next_column()
             chosen = _value(guess, imported) or chosen
-            imgui.table_next_column()
-            imgui.align_text_to_frame_padding()
+            if not narrow:
+                imgui.table_next_column()
+                imgui.align_text_to_frame_padding()
             widgets.paragraph(guess.why)
         imgui.end_table()
         return chosen

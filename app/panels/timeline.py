@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.live.sources import FACE, SOURCES, WEBCAM
@@ -11,6 +11,7 @@ from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.lanes import Lanes
 from avatarrex_studio.panels.motion_import import MotionImport, without_options
 from avatarrex_studio.session.commands import Command
+from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.take import NAME
 from avatarrex_studio.session.timeline import Feed, Layer, Timeline
 from avatarrex_studio.session.timeline_commands import AddLayer, SetFrame, SetTimeline
@@ -28,7 +29,9 @@ FIELD = 90.0
 class TimelinePanel:
     """Transport and layers, how the motion was read, and the path of the next."""
 
-    def __init__(self) -> None:
+    def __init__(self, read: Callable[[str], None], add: Callable[[str], None]) -> None:
+        """`read` loads a motion file, `add` puts one over all layers; both may take their time, in the background."""
+        self._read, self._add = read, add
         self.reading, self.files, self.lanes, self.menu = MotionImport(), FileDialog(), Lanes(), layer_menu.LayerMenu()
         self._path: tuple[str, str] = ("", "")
         """The path of the loaded motion, and what was typed since."""
@@ -39,7 +42,7 @@ class TimelinePanel:
         """Draw the panel; the commands of this frame."""
         timeline = studio.state.timeline
         imgui.push_style_var(imgui.StyleVar_.item_spacing, (4, 4))
-        yield from self._transport(studio, timeline)
+        yield from self._transport(studio, studio.state)
         imgui.same_line()
         self._record(studio)
         imgui.same_line(0, 10)
@@ -48,18 +51,18 @@ class TimelinePanel:
         self._field(studio, timeline)
         imgui.pop_style_var()
         studio.take.layer = self.lanes.layer
-        yield from self.lanes.draw(studio.state.timeline)  # of after the commands above
+        yield from self.lanes.draw(studio.state)  # of after the commands above
         yield from self.menu.draw(studio, self.lanes)
-        yield from self._go_to(timeline)
+        yield from self._go_to(studio.state)
         self.files.draw()
 
     def go_to(self) -> None:
         """Have a frame typed to go to."""
         self._frame = 0
 
-    def _transport(self, studio: Studio, timeline: Timeline) -> Iterator[Command]:
+    def _transport(self, studio: Studio, state: StudioState) -> Iterator[Command]:
         """First frame, one back, play, one on, last frame, repeat."""
-        first, last = timeline.played
+        timeline, (first, last) = state.timeline, state.played
         square = (26, 0)
         buttons = {
             "first": (icons.ICON_FA_BACKWARD_FAST, first), "back": (icons.ICON_FA_BACKWARD_STEP, timeline.frame - 1), "play": ("", 0),
@@ -75,7 +78,7 @@ class TimelinePanel:
                 ):
                     studio.toggle_play()
             elif imgui.button(f"{icon}##{name}", square):
-                yield SetFrame(min(max(frame, 0), timeline.frames - 1))
+                yield SetFrame(state.nearest(frame))
         imgui.same_line()
         if _toggle(f"{icons.ICON_FA_REPEAT}##repeat", timeline.loop, theme.ACCENT):
             yield SetTimeline(loop=not timeline.loop)
@@ -101,7 +104,7 @@ class TimelinePanel:
             if imgui.menu_item("Keys", "", False)[0]:
                 yield AddLayer(Layer(NAME))
             if imgui.menu_item("Motion, face or sound file…", "", False)[0]:
-                self.files.open("layer", "Add a layer", studio.add_motion)
+                self.files.open("layer", "Add a layer", self._add)
             for name, what in MOTIONS.items():
                 if imgui.menu_item(f"Motion {name}: {what}", "", False)[0]:
                     studio.add_motion(name)
@@ -128,7 +131,7 @@ class TimelinePanel:
                 if imgui.menu_item(f"{name.capitalize()}: {what}", "", False)[0]:
                     studio.open_motion(name)
             if imgui.menu_item("Open a file…", "", False)[0]:
-                self._choose(studio)
+                self._choose()
             imgui.separator()
             if imgui.menu_item("How the motion was read…", "", False, studio.state.timeline.motion is not None)[0]:
                 self.reading.open()
@@ -157,14 +160,14 @@ class TimelinePanel:
             widgets.tooltip(loaded)
         imgui.same_line()
         if imgui.button(f"{icons.ICON_FA_FOLDER_OPEN}##motion", (-1, 0)):
-            self._choose(studio)
+            self._choose()
         if entered and typed.strip():
-            studio.open_motion(typed.strip())
+            self._read(typed.strip())
 
-    def _choose(self, studio: Studio) -> None:
-        self.files.open("motion", "Open a motion", studio.open_motion)
+    def _choose(self) -> None:
+        self.files.open("motion", "Open a motion", self._read)
 
-    def _go_to(self, timeline: Timeline) -> Iterator[Command]:
+    def _go_to(self, state: StudioState) -> Iterator[Command]:
         """The popup of *Go to frame*."""
         if self._frame >= 0:
             imgui.open_popup("go to")
@@ -175,9 +178,9 @@ class TimelinePanel:
                 imgui.set_keyboard_focus_here()
             imgui.set_next_item_width(120)
             enter = imgui.InputTextFlags_.enter_returns_true
-            entered, frame = imgui.input_int("##go.frame", timeline.frame, 1, 10, enter)
+            entered, frame = imgui.input_int("##go.frame", state.timeline.frame, 1, 10, enter)
             if entered:
-                yield SetFrame(min(max(frame, 0), timeline.frames - 1))
+                yield SetFrame(state.nearest(frame))
                 imgui.close_current_popup()
             imgui.end_popup()
 

@@ -1,14 +1,15 @@
 """The viewport: the picture, the mouse that moves the camera, and what can be grabbed in it.
 
 What a drag does to the camera is a matter of the preset (mouse.py); the wheel zooms, a double click centres on the surface under
-the cursor. A drag that began here goes on outside. A left drag that begins on a handle pulls it; a click selects what is under the
-mouse, a right click opens its menu. What is selected has rings that turn it (gizmo.py).
+the cursor. A drag that began here goes on outside. A left drag that begins on a handle, or on the skin of a hand, foot or head
+whose handle shows, pulls it; a click selects what is under the mouse, a right click opens its menu. What is selected has rings
+that turn it (gizmo.py).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from avatarrex_studio.panels.part_menu import PartMenu
 from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.commands import Command, OrbitBy, PanBy, Select, SelectFigure, SetCamera, ZoomBy
-from avatarrex_studio.session.grip import LOOK, Grip, places
+from avatarrex_studio.session.grip import EXTREMITIES, LOOK, Grip, handle_of, places
 from avatarrex_studio.session.state import OrbitView, Vector
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
@@ -67,6 +68,8 @@ class Press:
     """The ring that it turns."""
     grip: Grip | None = None
     """What else it has grabbed."""
+    by_skin: bool = False
+    """Whether that was by the skin beside a handle, where a click selects the skin's part."""
     offset: tuple[float, float] = (0.0, 0.0)
     """From the mouse to that."""
     depth: float = 0.0
@@ -143,14 +146,16 @@ class ViewportPanel:
         seen = _on_screen(projection, figure, studio.state.tools.selected)
         near = {name: math.dist(mouse, place) for name, place in seen.items()}
         name = min(near, key=lambda each: near[each], default=None)
-        if name is not None and near[name] < overlay.NEAR_HANDLE:
+        ringed = rings(projection, figure, studio.state.tools.selected)
+        found = ringed.at(mouse) if ringed else None
+        if name is not None and near[name] >= overlay.NEAR_HANDLE:
+            name = None if found else grasped(self._part(studio, mouse, low, high), near)
+            press.by_skin = name is not None
+        if name is not None:
             place = places(figure.skeleton, figure.posed, studio.state.tools.selected)[name]
             press.grip, press.depth = Grip(name, figure.skeleton, studio.state.signals), projection.depth(place)
             press.offset = (seen[name][0] - mouse[0], seen[name][1] - mouse[1])
-            return press
-        ringed = rings(projection, figure, studio.state.tools.selected)
-        found = ringed.at(mouse) if ringed else None
-        if ringed and found:
+        elif ringed and found:
             before = posing.joint(studio.state.signals, ringed.joint)
             press.turn = Turn(ringed.joint, found[0], before, found[1], mouse)
         return press
@@ -184,12 +189,13 @@ class ViewportPanel:
         """Select what was clicked on, or open its menu."""
         if press.turn:
             return
-        part = HANDLES[press.grip.name].joint if press.grip and press.grip.name != LOOK else None
+        grip = None if press.by_skin else press.grip
+        part = HANDLES[grip.name].joint if grip and grip.name != LOOK else None
         seen = _seen(studio, press.at, low, high)
-        if part is None and seen and seen.figure != studio.state.slot:
+        if press.button == 0 and part is None and seen and seen.figure != studio.state.slot:
             yield SelectFigure(seen.figure)
         part = part or self._part(studio, press.at, low, high)
-        if press.button == 0 and not (press.grip and press.grip.name == LOOK):
+        if press.button == 0 and not (grip and grip.name == LOOK):
             yield Select(part)
         elif press.button == 1:
             self.menu.open(part, studio.own(seen.point) if seen else None)
@@ -249,7 +255,11 @@ class ViewportPanel:
         seen = _on_screen(projection, figure, tools.selected)
         if LOOK in seen:
             overlay.draw_gaze(canvas, projection, figure, seen[LOOK])
-        overlay.draw_handles(canvas, seen, tools.pins, here, grip.name if grip else None)
+        taken = grip.name if grip else None
+        if here and not grip:
+            near = {name: math.dist(here, place) for name, place in seen.items()}
+            taken = grasped(self.hovered, near) if min(near.values(), default=0.0) >= overlay.NEAR_HANDLE else None
+        overlay.draw_handles(canvas, seen, tools.pins, here, taken)
 
     def _ring(self, ringed: Rings | None) -> int | None:
         """The axis of the ring that is turned, or is under the mouse."""
@@ -281,6 +291,13 @@ def preparing(studio: Studio) -> str:
     if studio.pictures.exact.busy:
         return f"Rendering the first picture of {name}…"
     return f"Preparing {name}…"
+
+
+def grasped(part: str | None, near: Mapping[str, float]) -> str | None:
+    """The hand, foot or head that a part of the skin belongs to, where its handle shows: `near` is the points to each handle."""
+    name = handle_of(part)
+    shown = name in EXTREMITIES and near.get(name, math.inf) < overlay.SEEN_HANDLE
+    return name if shown else None
 
 
 def _on_screen(projection: Projection, figure: Figure, selected: str | None) -> dict[str, tuple[float, float]]:

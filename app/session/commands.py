@@ -6,14 +6,14 @@ radians for joints; metres.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, dataclass_transform
 
 import numpy as np
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.figures import Figure, Place, beside, standing
 from avatarrex_studio.session.state import Colour, OrbitView, SizePolicy, StudioState, Vector
-from avatarrex_studio.session.timeline import Layer, Share
+from avatarrex_studio.session.timeline import Layer, Share, Timeline
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import SHAPES, Signals
@@ -129,13 +129,26 @@ class LookAt(Setting):
         return state.change(signals=self.signals)
 
 
-class SetJoint(Setting):
+class Followed(Setting, kind=False):
+    """A setting of the pose that what is pinned holds against: `signals` are what followed, None where nothing did."""
+
+    _: KW_ONLY
+    signals: Signals | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        content = super().to_json()
+        return content if self.signals else {key: value for key, value in content.items() if key != "signals"}
+
+
+class SetJoint(Followed):
     joint: str
     rotation: Vector
     linked: bool = False
     """Whether its counterpart on the other side turns like its mirror image."""
 
     def apply(self, state: StudioState) -> StudioState:
+        if self.signals:
+            return state.change(signals=self.signals)
         signals = posing.set_joint(state.signals, self.joint, self.rotation, state.limit_joints)
         if self.linked and (other := posing.counterpart(self.joint)) != self.joint:
             x, y, z = self.rotation
@@ -143,10 +156,12 @@ class SetJoint(Setting):
         return state.change(signals=signals)
 
 
-class SetTranslation(Setting):
+class SetTranslation(Followed):
     translation: Vector
 
     def apply(self, state: StudioState) -> StudioState:
+        if self.signals:
+            return state.change(signals=self.signals)
         return state.pose(translation=np.array(self.translation))
 
 
@@ -359,7 +374,8 @@ class AddFigure(AmongFigures):
     def apply(self, state: StudioState) -> StudioState:
         figures = state.figures
         place = self.place or beside([figure.place for figure in figures])
-        new = Figure(self.avatar, self.signals or standing(), place=place)
+        timeline = Timeline(fps=state.timeline.fps, frame=state.timeline.frame)  # one playhead moves all
+        new = Figure(self.avatar, self.signals or standing(), timeline, place=place)
         return state.with_figures((*figures, new), len(figures))
 
 

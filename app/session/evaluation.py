@@ -7,6 +7,7 @@ curves wait in their first value before they begin and stay in their last.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -26,6 +27,12 @@ from avatarrex.signals.sequence import interpolate
 Edit = TypeVar("Edit", bound=OnTimeline)
 ALL = np.ones(sum(slot.stop - slot.start for slot in SLOTS.values()), dtype=bool)
 LIMITS = {"camera.elevation": (-90.0, 90.0), "camera.distance": (0.05, 1e4), "camera.fov": (1.0, 170.0)}
+Fed = Callable[[Timeline], Timeline]
+
+
+def as_it_is(timeline: Timeline) -> Timeline:
+    """Where nothing is listened for."""
+    return timeline
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,39 +76,42 @@ def state_at(state: StudioState, seconds: float, clips: Clips) -> StudioState:
     The playhead stands at the nearest frame; signals and view are those of the time itself. What cannot be read is left out.
     """
     timeline = state.timeline.change(frame=max(round(seconds * state.timeline.fps), 0))
-    signals = layers_at(timeline, state.base, seconds, clips)
-    shown = state.show(timeline, signals, view_at(timeline, state.view, seconds))
+    own = timeline.local(seconds)
+    signals = layers_at(timeline, state.base, own, clips)
+    shown = state.show(timeline, signals, view_at(timeline, state.view, own))
     return shown.with_others(others_at(state, seconds, clips)) if state.others else shown
 
 
-def others_at(state: StudioState, seconds: float, clips: Clips) -> tuple[Signals | None, ...]:
+def others_at(state: StudioState, seconds: float, clips: Clips, fed: Fed = as_it_is) -> tuple[Signals | None, ...]:
     """What their layers give the other figures at a time of the state's timeline; None: nothing moves them, or it cannot be read."""
-    return tuple(
-        None
-        if not figure.timeline.layers or clips.missing(figure.timeline)
-        else layers_at(figure.timeline, figure.base, figure.timeline.repeated(seconds), clips)
-        for figure in state.others
-    )
+    moved, found = seconds != state.timeline.seconds, []
+    for figure in state.others:
+        timeline = fed(figure.timeline)
+        still = not timeline.layers or not (moved or timeline != figure.timeline) or clips.missing(timeline)
+        found.append(None if still else layers_at(timeline, figure.base, timeline.repeated(seconds), clips))
+    return tuple(found)
 
 
-def settled(command: Edit, state: StudioState, clips: Clips) -> Edit:
+def settled(command: Edit, state: StudioState, clips: Clips, fed: Fed = as_it_is) -> Edit:
     """The command with what the layers give after it; as it is where a motion cannot be read. Raises `InputError`.
+
+    `fed`: a timeline with what its live sources sent last.
 
     At the same time of the timeline it changes only what the layers give otherwise than before: what was edited there stays.
     """
     before, timeline = state.timeline, command.edited(state.timeline)
+    moved, others = timeline.seconds != before.seconds, others_at(state, timeline.seconds, clips, fed)
+    command = replace(command, others=others if any(others) else ())
     if clips.missing(timeline):
         return command
-    signals = layers_at(timeline, state.base, timeline.seconds, clips)
-    view = view_at(timeline, state.view, timeline.seconds)
-    if isinstance(command, SetFrame):
-        others = others_at(state, timeline.seconds, clips)
-        command = replace(command, others=others if any(others) else ())
-    if timeline.seconds == before.seconds and not clips.missing(before):
-        old = layers_at(before, state.base, before.seconds, clips)
+    own = timeline.local(timeline.seconds)
+    signals, view = layers_at(timeline, state.base, own, clips), view_at(timeline, state.view, own)
+    if not moved and not clips.missing(before):
+        own = before.local(before.seconds)
+        old = layers_at(before, state.base, own, clips)
         kept = np.where(numbers(signals) == numbers(old), numbers(state.signals), numbers(signals))
         signals = of_numbers(kept)
-        view = None if view == view_at(before, state.view, before.seconds) else view
+        view = None if view == view_at(before, state.view, own) else view
     return replace(command, signals=signals, view=view)
 
 
@@ -109,7 +119,7 @@ def go_to(state: StudioState, frame: int, clips: Clips) -> SetFrame | None:
     """The command that goes to a frame, beyond the ends to the nearest; None where a motion cannot be read."""
     if clips.missing(state.timeline):
         return None
-    return settled(SetFrame(min(max(frame, 0), state.timeline.frames - 1)), state, clips)
+    return settled(SetFrame(state.nearest(frame)), state, clips)
 
 
 def motion_over(base: Signals, motion: Motion, frame: int) -> Signals:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from avatarrex_studio.session.commands import Command, LookAt, PullHandle
+from avatarrex_studio.session.commands import Command, Followed, LookAt, PullHandle, SetJoint
+from avatarrex_studio.session.posing import counterpart
 from avatarrex_studio.session.state import StudioState, vector
 from jaxtyping import Float64
 
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.handles import FORWARD, GAZE, HANDLES, Pull, looking, place, pulled
+from avatarrex.signals.handles import FORWARD, GAZE, HANDLES, Pull, looking, place, pulled, turned
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.skeleton import PosedSkeleton, Skeleton
 
@@ -18,6 +19,8 @@ LOOK = "gaze"
 """The point that the eyes look at, beside `HANDLES`."""
 BEFORE = 0.45
 """Metres before the eyes at which the gaze is dragged."""
+EXTREMITIES = ("left_hand", "right_hand", "left_foot", "right_foot", "head")
+"""Handles that are taken by their skin, too."""
 LOOKING = ("head", "neck", *GAZE)
 """What, when it is selected, shows the gaze."""
 
@@ -40,6 +43,16 @@ class Grip:
         pull = Pull(self.name, target)
         followed = pulled(self.skeleton, state.signals, pull, state.tools.pins, self.start, limited)
         return PullHandle(self.name, goal, followed)
+
+
+def followed(command: Followed, state: StudioState, skeleton: Skeleton, start: Signals) -> Command:
+    """The command with what follows it so that pins stay where they were in `start`, of when the drag of a slider or ring began."""
+    joints: tuple[str, ...] = ("pelvis",)
+    if isinstance(command, SetJoint):
+        joints = (command.joint, counterpart(command.joint)) if command.linked else (command.joint,)
+    after = replace(command, signals=None).apply(state).signals
+    signals = turned(skeleton, after, joints, state.tools.pins, start, state.limit_joints)
+    return command if signals is after else replace(command, signals=signals)
 
 
 def places(skeleton: Skeleton, posed: PosedSkeleton, selected: str | None) -> dict[str, Float64[np.ndarray, "3"]]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from avatarrex_studio.session.timeline import Timeline
+from avatarrex_studio.session.state import StudioState
 
 
 class Playback:
-    """Plays the timeline's range at its own rate, whatever that of the interface is; the present frame belongs to the state."""
+    """Plays what `StudioState.played` says at the rate of the selected timeline, whatever that of the interface is."""
 
     def __init__(self) -> None:
         self.playing = False
@@ -20,19 +20,18 @@ class Playback:
         """What the frames of one playback have in common: they are undone together."""
         return "play", self._plays
 
-    def toggle(self, timeline: Timeline, now: float) -> None:
+    def toggle(self, state: StudioState, now: float) -> None:
         """Start, again from the first frame after the last, or stop."""
         self.playing = not self.playing
-        first, last = timeline.played
-        frame = timeline.frame if first <= timeline.frame < last else first
-        self._started, self._shown = (now, frame), timeline.frame
+        (first, last), at = state.played, state.timeline.frame
+        self._started, self._shown = (now, at if first <= at < last else first), at
         self._plays += 1
 
-    def due(self, timeline: Timeline, now: float) -> int | None:
+    def due(self, state: StudioState, now: float) -> int | None:
         """The frame to go to, where it is not the state's own."""
         if not self.playing:
             return None
-        first, last = timeline.played
+        (first, last), timeline = state.played, state.timeline
         if timeline.frame != self._shown:  # somebody else went elsewhere
             self._started, self._shown = (now, timeline.frame), timeline.frame
         since, begun = self._started

@@ -1,7 +1,8 @@
-"""What the sound files of a timeline sound like together. Letters: s samples."""
+"""What the sound files of timelines sound like together. Letters: s samples."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from math import gcd
 from pathlib import Path
 
@@ -16,18 +17,25 @@ from avatarrex.signals.speech import FPS
 ENDING = ".wav"
 
 
-def soundtrack(timeline: Timeline, begin: float, seconds: float, rate: int) -> Float[np.ndarray, " s"] | None:
+def soundtrack(
+    timeline: Timeline, begin: float, seconds: float, rate: int, others: Iterable[Timeline] = ()
+) -> Float[np.ndarray, " s"] | None:
     """The sum of all sound layers from `begin` on, cut to −1 to 1, each as loud as its weight; `rate` samples a second.
 
-    A layer that goes twice as fast is an octave higher. None without a sound layer. Raises `InputError` for one that cannot be read.
+    `others`: of the figures beside, which sound as they move: again where they repeat. A layer that goes twice as fast is an octave
+    higher. None without a sound layer. Raises `InputError` for one that cannot be read.
     """
-    sounding = [layer for layer in timeline.layers if layer.clip and layer.clip.path.lower().endswith(ENDING)]
-    sounding = [layer for layer in sounding if layer.weight and not layer.muted]
-    if not sounding:
-        return None
     times = begin + np.arange(round(seconds * rate)) / rate
-    mixed: Float[np.ndarray, " s"] = np.sum([layer.weight * _sound(layer, times, rate) for layer in sounding], axis=0)
-    return mixed.clip(-1.0, 1.0)
+    own = [(layer, timeline.local(times)) for layer in _sounding(timeline)]
+    beside = [(layer, other.repeated(times)) for other in others for layer in _sounding(other)]
+    sounds = [layer.weight * _sound(layer, shown, rate) for layer, shown in (*own, *beside)]
+    return np.sum(sounds, axis=0).clip(-1.0, 1.0) if sounds else None
+
+
+def _sounding(timeline: Timeline) -> list[Layer]:
+    """The layers that sound."""
+    files = [layer for layer in timeline.layers if layer.clip and layer.clip.path.lower().endswith(ENDING)]
+    return [layer for layer in files if layer.weight and not layer.muted]
 
 
 def _sound(layer: Layer, times: Float[np.ndarray, " s"], rate: int) -> Float[np.ndarray, " s"]:

@@ -216,6 +216,20 @@ class StudioState:
         seconds = self.timeline.seconds
         return self.change(others=tuple(figure.at(seconds, each) for figure, each in zip(self.others, given)))
 
+    @property
+    def frames(self) -> int:
+        """How many frames of the selected one's timeline last until the longest timeline of all figures ends."""
+        return self.timeline.frames_beside(figure.timeline for figure in self.others)
+
+    def nearest(self, frame: int) -> int:
+        """A frame that there is."""
+        return min(max(frame, 0), self.frames - 1)
+
+    @property
+    def played(self) -> tuple[int, int]:
+        """First and last frame that are played: the selected one's range, else until the longest ends."""
+        return self.timeline.played_of(self.frames)
+
     def each(self) -> tuple[StudioState, ...]:
         """A state of each figure alone, in their order, whose signals are those of the world."""
         if self.place == Place() and not self.others:

@@ -7,7 +7,7 @@ the other, the first at the bottom: each leads what it drives (`parts`) from wha
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
@@ -95,13 +95,16 @@ class Feed:
     source: str
     signals: Signals = field(default_factory=Signals.rest)
     presence: float = 0.0
+    key: str = ""
+    """What it is listened for as, where another figure has a live layer of the same name."""
 
     def __post_init__(self) -> None:
         check("live", "presence", self.presence, (0.0, 1.0))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        return {**vars(self), "signals": self.signals.to_json()}
+        content = {**vars(self), "signals": self.signals.to_json()}
+        return content if self.key else {name: value for name, value in content.items() if name != "key"}
 
     @classmethod
     def from_json(cls, data: dict[str, Any], source: str = "live") -> Feed:
@@ -148,6 +151,11 @@ class Layer:
     def keyed(self) -> bool:
         """Whether it is a layer of keys."""
         return self.clip is None and self.feed is None
+
+    @property
+    def live(self) -> str:
+        """What its live source is called among those of all figures; empty without one."""
+        return (self.feed.key or self.name) if self.feed else ""
 
     @property
     def seconds(self) -> tuple[float, float]:
@@ -252,16 +260,25 @@ class Timeline:
     @property
     def frames(self) -> int:
         """How many there are: to the end of the last clip or key."""
-        ends = [layer.seconds[1] * self.fps - (0 if layer.keyed else 1) for layer in self.layers if layer.feed is None]
-        if not any(layer.clip for layer in self.layers):
+        return self.frames_beside(())
+
+    def frames_beside(self, others: Iterable[Timeline]) -> int:
+        """How many of its own frames last until the longest ends, of it and of others that are played with it."""
+        layers = [*self.layers, *(layer for other in others for layer in other.layers)]
+        ends = [layer.seconds[1] * self.fps - (0 if layer.keyed else 1) for layer in layers if layer.feed is None]
+        if not any(layer.clip for layer in layers):
             ends.append(EMPTY_SECONDS * self.fps)
         # 1e-6: a clip at its own rate has its own number of frames
         return min(max(math.ceil(max(ends) - 1e-6) + 1, 1), MOST_FRAMES)
 
     @property
     def played(self) -> tuple[int, int]:
-        """First and last frame that are played."""
-        last = self.frames - 1
+        """First and last frame that are played where it plays alone."""
+        return self.played_of(self.frames)
+
+    def played_of(self, frames: int) -> tuple[int, int]:
+        """First and last frame that are played of so many: its range, or all."""
+        last = frames - 1
         if self.span is None:
             return 0, last
         return min(self.span[0], last), min(self.span[1], last)
@@ -271,12 +288,19 @@ class Timeline:
         """Where the playhead is."""
         return self.frame / self.fps
 
-    def repeated(self, seconds: float) -> float:
-        """Where the playhead is at a time of another timeline that plays: in what is played, again where that repeats."""
+    def repeated(self, seconds: Time) -> Time:
+        """Its own time while another timeline plays to `seconds`, or to an array of them: in what is played, again where that repeats."""
         first, last = (frame / self.fps for frame in self.played)
-        if self.loop and last > first and seconds > last:
-            return first + (seconds - first) % (last - first + 1 / self.fps)
-        return min(max(seconds, first), last)
+        kept = np.clip(seconds, first, last)
+        if self.loop and last > first:
+            kept = np.where(seconds > last, first + (seconds - first) % (last - first + 1 / self.fps), kept)
+        return np.asarray(kept) if isinstance(seconds, np.ndarray) else float(kept)
+
+    def local(self, seconds: Time) -> Time:
+        """Its own time where its playhead is at `seconds`, or at an array of them: the same up to its end, beyond it `repeated`."""
+        end = (self.frames - 0.5) / self.fps
+        own = np.where(seconds < end, seconds, self.repeated(seconds))
+        return np.asarray(own) if isinstance(seconds, np.ndarray) else float(own)
 
     @property
     def motion(self) -> Clip | None:
@@ -308,10 +332,22 @@ class Timeline:
 
     def free_name(self, wanted: str) -> str:
         """`wanted`, or with a number where a layer is called so."""
-        names, number, found = {layer.name for layer in self.layers}, 2, wanted
-        while found in names:
-            found, number = f"{wanted} {number}", number + 1
-        return found
+        return _free(wanted, {layer.name for layer in self.layers})
+
+    @property
+    def live(self) -> frozenset[str]:
+        """What its live layers are listened for as."""
+        return frozenset(layer.live for layer in self.layers if layer.feed)
+
+    def with_own_sources(self, others: Iterable[Timeline]) -> Timeline:
+        """With keys for those of its live layers that are listened for as one of others is."""
+        theirs = frozenset[str]().union(*(other.live for other in others))
+        taken, layers = theirs | self.live, list(self.layers)
+        for place, layer in enumerate(layers):
+            if layer.feed and layer.live in theirs:
+                key = _free(layer.name, taken)
+                taken, layers[place] = taken | {key}, replace(layer, feed=replace(layer.feed, key=key))
+        return self.change(layers=tuple(layers)) if theirs & self.live else self
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -344,3 +380,11 @@ def check(source: str, name: str, value: object, bounds: tuple[float, float]) ->
     low, high = bounds
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise InputError(source, name, f"a number from {low:g} to {high:g}", value)
+
+
+def _free(wanted: str, taken: Collection[str]) -> str:
+    """`wanted`, or with a number where it is taken."""
+    number, found = 2, wanted
+    while found in taken:
+        found, number = f"{wanted} {number}", number + 1
+    return found

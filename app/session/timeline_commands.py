@@ -26,13 +26,25 @@ class OnTimeline(Command, kind=False):
     _: KW_ONLY
     signals: Signals | None = None
     view: OrbitView | None = None
+    others: tuple[Signals | None, ...] = ()
+    """Where the playhead has moved: what their layers give the other figures there; None: it stays. Empty: all do."""
 
     def edited(self, timeline: Timeline) -> Timeline:
         """The timeline after this command. Raises `InputError`."""
         raise NotImplementedError
 
     def apply(self, state: StudioState) -> StudioState:
-        return state.show(self.edited(state.timeline), self.signals, self.view)
+        shown = self.shown(state)
+        return shown.with_others(self.others) if self.others else shown
+
+    def shown(self, state: StudioState) -> StudioState:
+        """The selected figure, and the view, after this command. Raises `InputError`."""
+        timeline = self.edited(state.timeline).with_own_sources(figure.timeline for figure in state.others)
+        return state.show(timeline, self.signals, self.view)
+
+    def to_json(self) -> dict[str, Any]:
+        content = super().to_json()
+        return content if self.others else {key: value for key, value in content.items() if key != "others"}
 
 
 class LoadMotion(OnTimeline):
@@ -63,16 +75,6 @@ class SetFrame(OnTimeline, Setting):
 
     frame: int
     feeds: tuple[tuple[str, Signals, float], ...] = ()
-    others: tuple[Signals | None, ...] = ()
-    """What their layers give the other figures at that time; None: they stay. Empty: all do."""
-
-    def apply(self, state: StudioState) -> StudioState:
-        shown = super().apply(state)
-        return shown.with_others(self.others) if self.others else shown
-
-    def to_json(self) -> dict[str, Any]:
-        content = super().to_json()
-        return content if self.others else {key: value for key, value in content.items() if key != "others"}
 
     def edited(self, timeline: Timeline) -> Timeline:
         for name, signals, presence in self.feeds:
@@ -90,7 +92,7 @@ class CloseMotion(OnTimeline):
     def edited(self, timeline: Timeline) -> Timeline:
         return Timeline(fps=timeline.fps, loop=timeline.loop)
 
-    def apply(self, state: StudioState) -> StudioState:
+    def shown(self, state: StudioState) -> StudioState:
         return state.change(timeline=self.edited(state.timeline), posed=None)
 
 

@@ -6,28 +6,31 @@ from collections.abc import Callable
 
 from imgui_bundle import hello_imgui, imgui
 
-POSE = "Pose"
-"""The layout of a first start."""
+POSE, TRAINING = "Pose", "Training"
+"""The layout of a first start, and that of curves, which are as wide as they can be."""
+WHOLE = "MainDockSpace"
+USUAL = 1440.0
+"""Points: the width of a window at its first start."""
 LAYOUTS: dict[str, tuple[tuple[str, str, imgui.Dir, float], ...]] = {
     POSE: (
-        ("MainDockSpace", "Right", imgui.Dir.right, 0.35), ("MainDockSpace", "Left", imgui.Dir.left, 0.27),
-        ("MainDockSpace", "Bottom", imgui.Dir.down, 0.27), ("Left", "LeftMiddle", imgui.Dir.down, 0.56),
+        (WHOLE, "Right", imgui.Dir.right, 0.35), (WHOLE, "Left", imgui.Dir.left, 0.27),
+        (WHOLE, "Bottom", imgui.Dir.down, 0.27), ("Left", "LeftMiddle", imgui.Dir.down, 0.56),
         ("LeftMiddle", "LeftBottom", imgui.Dir.down, 0.58),
     ),
     "Animate": (
-        ("MainDockSpace", "Bottom", imgui.Dir.down, 0.42), ("MainDockSpace", "Right", imgui.Dir.right, 0.32),
-        ("MainDockSpace", "Left", imgui.Dir.left, 0.26), ("Left", "LeftMiddle", imgui.Dir.down, 0.62),
+        (WHOLE, "Bottom", imgui.Dir.down, 0.42), (WHOLE, "Right", imgui.Dir.right, 0.32),
+        (WHOLE, "Left", imgui.Dir.left, 0.26), ("Left", "LeftMiddle", imgui.Dir.down, 0.62),
         ("LeftMiddle", "LeftBottom", imgui.Dir.down, 0.5),
     ),
-    "Training": (
-        ("MainDockSpace", "Right", imgui.Dir.right, 0.66), ("MainDockSpace", "Bottom", imgui.Dir.down, 0.3),
-        ("MainDockSpace", "Left", imgui.Dir.down, 0.42), ("Left", "LeftMiddle", imgui.Dir.right, 0.5),
+    TRAINING: (
+        (WHOLE, "Right", imgui.Dir.right, 0.66), (WHOLE, "Bottom", imgui.Dir.down, 0.3),
+        (WHOLE, "Left", imgui.Dir.down, 0.42), ("Left", "LeftMiddle", imgui.Dir.right, 0.5),
         ("LeftMiddle", "LeftBottom", imgui.Dir.down, 0.5),
     ),
 }  # fmt: skip
 """Docks that are split, the new one, its side and its share, by the name of a layout."""
 PLACES = {
-    "Viewport": "MainDockSpace", "Body": "Right", "Left hand": "Right", "Right hand": "Right", "Face": "Right",
+    "Viewport": WHOLE, "Body": "Right", "Left hand": "Right", "Right hand": "Right", "Face": "Right",
     "Poses": "Right", "Training": "Right", "Performance": "Right", "Camera": "Left", "Render": "LeftMiddle",
     "Scene": "LeftBottom", "Timeline": "Bottom", "Console": "Bottom",
 }  # fmt: skip
@@ -36,17 +39,34 @@ BARE = "Viewport"
 """The panel that begins and ends its window itself."""
 
 
-def docking(panels: dict[str, Callable[[], None]]) -> list[hello_imgui.DockingParams]:
-    """What draws each of `PLACES`, in each of `LAYOUTS`."""
+def docking(panels: dict[str, Callable[[], None]], width: float) -> list[hello_imgui.DockingParams]:
+    """What draws each of `PLACES`, in each of `LAYOUTS`, in a window `width` points wide."""
     layouts = []
-    for name, splits in LAYOUTS.items():
+    for name in LAYOUTS:
         params = hello_imgui.DockingParams()
         params.layout_name = name
-        params.docking_splits = [hello_imgui.DockingSplit(*split) for split in splits]
+        params.docking_splits = splits(name, width)
         order = sorted(PLACES, key=lambda title: title != name)  # the panel of that name is the first of its tabs
         params.dockable_windows = [_window(title, PLACES[title], panels[title]) for title in order]
         layouts.append(params)
     return layouts
+
+
+def splits(layout: str, width: float) -> list[hello_imgui.DockingSplit]:
+    """How a layout is split in a window `width` points wide: panels beside the picture get no wider than in one of `USUAL` points."""
+    made, room, usual = [], width, min(width, USUAL)
+    for dock, new, side, share in LAYOUTS[layout]:
+        if layout != TRAINING and dock == WHOLE and side in (imgui.Dir.left, imgui.Dir.right):
+            points, share = share * usual, share * usual / room
+            room, usual = room - points, usual - points
+        made.append(hello_imgui.DockingSplit(dock, new, side, share))
+    return made
+
+
+def fit(width: float) -> None:
+    """Have the present layout made for a window `width` points wide, when it is made next."""
+    params = hello_imgui.get_runner_params().docking_params
+    params.docking_splits = splits(params.layout_name, width)
 
 
 def toggle_panels() -> None:

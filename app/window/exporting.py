@@ -24,7 +24,7 @@ class MotionFrames:
     """States along the timeline."""
 
     def __init__(self, state: StudioState, clips: Clips) -> None:
-        self.count, self.fps = state.timeline.frames, state.timeline.fps
+        self.count, self.own, self.fps = state.frames, state.timeline.frames, state.timeline.fps
         self._state, self._clips = state, clips
 
     def at(self, frame: int) -> StudioState:

@@ -15,7 +15,7 @@ class FullScreen:
 
     def __init__(self) -> None:
         self._before: Box | None = None
-        """Where the window was; None while it is a window."""
+        """Where the window was before it filled a screen."""
 
     def toggle(self) -> None:
         """Over the screen that has most of it, or back. A screen that says nothing of itself changes nothing."""
@@ -23,9 +23,8 @@ class FullScreen:
 
         window: Any = glfw_window_hello_imgui()
         no_screen: Any = None
-        if self._before:
+        if self._before and glfw.get_window_monitor(window):  # a window that was opened anew fills none
             glfw.set_window_monitor(window, no_screen, *self._before, glfw.DONT_CARE)
-            self._before = None
             return
         here = (*glfw.get_window_pos(window), *glfw.get_window_size(window))
         screens = [(_box(screen), screen) for screen in glfw.get_monitors() if glfw.get_video_mode(screen)]

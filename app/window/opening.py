@@ -3,21 +3,37 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.file_kind import CAPTURE, RUN, SESSION
-from avatarrex_studio.jobs.opening import Opened, read_any
+from avatarrex_studio.jobs.opening import Opened, read_any, read_motion
 from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.session.commands import AddFigure, OpenAvatar
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.recent import Recent
 
-Shown = type[OpenAvatar] | type[AddFigure]
 log = logging.getLogger(__name__)
+SLOW = 0.5
+"""Seconds after which it is shown that something is read, with what cancels it."""
+
+
+@dataclass
+class Reading:
+    """A path that is to be read."""
+
+    path: str
+    read: Callable[[], Opened]
+    take: Callable[[Opened], None]
+    """Shows what was read."""
+    future: Future[Opened] | None = None
+    since: float = field(default_factory=time.monotonic)
 
 
 class Opening:
@@ -31,21 +47,42 @@ class Opening:
         """The panel to be brought to the front."""
         self._studio, self._training = studio, training
         self._threads = ThreadPoolExecutor(1, "opening")
-        self._reading: deque[tuple[str, Future[Opened], Shown]] = deque()
+        self._reading: deque[Reading] = deque()
 
     def open(self, *paths: str) -> None:
         """Begin to open them, in this order."""
         for path in paths:
-            self._begin(path, OpenAvatar)
+            self._begin(path, partial(read_any, path, self._studio.avatars.read), self.take)
 
     def add(self, path: str) -> None:
         """Begin to open one; an avatar comes beside those that are there."""
-        self._begin(path, AddFigure)
+        self._begin(path, partial(read_any, path, self._studio.avatars.read), partial(self.take, shown=AddFigure))
 
-    def _begin(self, path: str, shown: Shown) -> None:
-        reading = self._threads.submit(read_any, path, self._studio.avatars.read)
-        self._reading.append((path, reading, shown))
-        reading.add_done_callback(lambda _: self.arrived())
+    def motion(self, path: str) -> None:
+        """Begin to read a motion file, which is then loaded."""
+        self._begin(path, partial(read_motion, path), self.take)
+
+    def layer(self, path: str) -> None:
+        """Begin to read one that comes over all layers."""
+        self._begin(path, partial(read_motion, path), self._take_layer)
+
+    def _begin(self, path: str, read: Callable[[], Opened], take: Callable[[Opened], None]) -> None:
+        self._reading.append(Reading(path, read, take))
+        self._submit(self._reading[-1])
+
+    def _submit(self, reading: Reading) -> None:
+        reading.future = self._threads.submit(reading.read)
+        reading.future.add_done_callback(lambda _: self.arrived())
+
+    def cancel(self) -> None:
+        """What is being read is not shown; what waits behind it is read at once, by another thread."""
+        if self._reading:
+            log.info("not opened: %s", self._reading.popleft().path)
+            self._threads.shutdown(wait=False, cancel_futures=True)
+            self._threads = ThreadPoolExecutor(1, "opening")
+            for reading in self._reading:
+                reading.since = time.monotonic()
+                self._submit(reading)
 
     def dropped(self, window: object, paths: Iterable[str]) -> None:
         """Files were dropped on the window: GLFW's callback."""
@@ -55,7 +92,7 @@ class Opening:
     def words(self) -> str:
         """What is under way, for the status bar; empty where nothing is."""
         if self._reading:
-            return f"opening {Path(self._reading[0][0]).name}…"
+            return f"opening {Path(self._reading[0].path).name}…"
         return "reading the avatar…" if self._studio.avatars.reading else ""
 
     @property
@@ -63,17 +100,22 @@ class Opening:
         """Whether something is being read."""
         return bool(self._reading)
 
+    @property
+    def slow(self) -> bool:
+        """Whether that takes long enough to be shown."""
+        return bool(self._reading) and time.monotonic() - self._reading[0].since > SLOW
+
     def tend(self) -> None:
         """Do what has been read; once a frame."""
-        while self._reading and self._reading[0][1].done():
-            path, reading, shown = self._reading.popleft()
+        while self._reading and (future := self._reading[0].future) and future.done():
+            reading = self._reading.popleft()
             try:
-                with refusals_logged(opening=path):
-                    self.take(reading.result(), shown)
+                with refusals_logged(opening=reading.path):
+                    reading.take(future.result())
             except Exception:  # a fault of ours: its trace goes to the log, and the window stays as it is
-                log.exception("%s could not be opened", path)
+                log.exception("%s could not be opened", reading.path)
 
-    def take(self, opened: Opened, shown: Shown = OpenAvatar) -> None:
+    def take(self, opened: Opened, shown: type[OpenAvatar] | type[AddFigure] = OpenAvatar) -> None:
         """Show what was read: an avatar, a session and a motion in the viewport, a capture and a run in the Training tab.
 
         `shown`: the command that shows an avatar.
@@ -94,6 +136,12 @@ class Opening:
         if opened.kind == RUN:
             self._training.choose(Path(opened.path))
         log.info("opened the %s %s%s", opened.kind, opened.path, f": {opened.words}" if opened.words else "")
+        self.recent.add(opened.path)
+
+    def _take_layer(self, opened: Opened) -> None:
+        """Show a motion over all layers."""
+        assert opened.motion is not None
+        self._studio.take_layer(opened.motion)
         self.recent.add(opened.path)
 
     def close(self) -> None:

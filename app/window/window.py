@@ -24,7 +24,18 @@ from avatarrex_studio.jobs.export_order import Make
 from avatarrex_studio.jobs.opening import read_any
 from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.jobs.watcher import Watcher
-from avatarrex_studio.panels import camera, curves, keys, menu, performance, render, scene, status, theme
+from avatarrex_studio.panels import (
+    camera,
+    curves,
+    keys,
+    menu,
+    opening_progress,
+    performance,
+    render,
+    scene,
+    status,
+    theme,
+)
 from avatarrex_studio.panels.availability import TITLE, Availability
 from avatarrex_studio.panels.console import ConsolePanel
 from avatarrex_studio.panels.face import face_panel
@@ -47,7 +58,7 @@ from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.timeline_commands import SetFrame
 from avatarrex_studio.window.context_loss import ContextLoss
-from avatarrex_studio.window.docking import BARE, LAYOUTS, docking, toggle_panels
+from avatarrex_studio.window.docking import BARE, LAYOUTS, docking, fit, toggle_panels
 from avatarrex_studio.window.exporting import Exports
 from avatarrex_studio.window.full_screen import FullScreen
 from avatarrex_studio.window.guard import COPY, Failure, Guard
@@ -88,7 +99,9 @@ class Window:
         """`runs`: the folder of the trainings that the Training tab shows; it trains on `device`. `make()` makes the engine that exports."""
         self.studio = studio
         self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
-        self.viewport, self.timeline, self.console = ViewportPanel(), TimelinePanel(), ConsolePanel()
+        self.opening = Opening(studio, self.training)
+        self.timeline = TimelinePanel(self.opening.motion, self.opening.layer)
+        self.viewport, self.console = ViewportPanel(), ConsolePanel()
         self.body, self.left, self.right = body_panel(), HandPanel("left"), HandPanel("right")
         self.face, self.poses, self.palette, self.files = face_panel(), PosesPanel(), Palette(), FileDialog()
         self._sliders = {"Body": self.body, "Left hand": self.left, "Right hand": self.right, "Face": self.face}
@@ -98,7 +111,6 @@ class Window:
         self.leaving.offer()
         self.distilling = Distilling(device=device)
         self.own_surface = OwnSurface(studio.avatars, self.distilling)
-        self.opening = Opening(studio, self.training)
         self.output, self.available = Output(), Availability()
         self.personal = Personal(studio, self.viewport, self.palette)
         self.exports = Exports(studio, self.questions, make or partial(Engine, device=device))
@@ -160,7 +172,7 @@ class Window:
         calls.pre_new_frame, calls.before_imgui_render, calls.show_gui = self._prepare, self._render, self._over
         calls.confirm_exit = lambda: self.guard.run("Closing", self._may_close) is not False
         calls.before_exit = self._close
-        params.docking_params, *params.alternative_docking_layouts = docking(self._panels())
+        params.docking_params, *params.alternative_docking_layouts = docking(self._panels(), size[0])
         params.dpi_aware_params.dpi_window_size_factor = 1.0  # interface_scale.py does it
         return params
 
@@ -256,7 +268,8 @@ class Window:
             self.guard.run(place, draw)
 
     def _shortcuts(self) -> None:
-        if not keys.close_topmost() and keys.free() and self._keys_free:
+        """Those that were pressed; what a drag has taken stays what it is until the button is let go."""
+        if not keys.close_topmost() and keys.free() and self._keys_free and not imgui.is_any_mouse_down():
             for chord, entry in self._chords:
                 if keys.pressed(chord) and entry.enabled(self.studio.journal):
                     self._run(entry)
@@ -366,6 +379,7 @@ class Window:
         self.studio.save_image(path, self.viewport.size)
 
     def _reset_layout(self) -> None:
+        fit(self.personal.scale.width)
         hello_imgui.get_runner_params().docking_params.layout_reset = True
 
     def _quit(self) -> None:
@@ -443,6 +457,8 @@ class Window:
         if window is not None:
             low, high = window.pos, window.pos + window.size
         self.exports.draw((low.x, low.y), (high.x, high.y))
+        if self.opening.slow and opening_progress.draw(self.opening.words, (low.x, low.y), (high.x, high.y)):
+            self.opening.cancel()
         if self.toasts.draw((low.x, low.y), (high.x, high.y)):
             hello_imgui.get_runner_params().docking_params.focus_dockable_window("Console")
 
@@ -457,6 +473,7 @@ class Window:
     def _opened(self) -> None:
         """The window is there: files that are dropped on it are opened, and it is as large as it should be."""
         self.personal.open()
+        fit(self.personal.scale.width)
         self.loss.open()
         import glfw  # after imgui_bundle, which brings its own library
 

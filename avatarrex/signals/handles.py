@@ -1,8 +1,10 @@
 """What of a person can be grabbed: hands, feet, head, pelvis, elbows and knees, and which joints follow them.
 
-    pulled(skeleton, signals, Pull("left_hand", target))    looking(skeleton, signals, target)
+    pulled(skeleton, signals, Pull("left_hand", target))    turned(skeleton, signals, ("left_knee",), pins)
+    looking(skeleton, signals, target)
 
-Pinned handles stay where they are while another is pulled, as far as limbs reach; pinned hands and feet stay turned, too.
+Pinned handles stay where they are while another is pulled or a joint is turned, as far as limbs reach; pinned hands and feet stay
+turned, too. A pinned foot stands on its ball: where the ankle is at its limit the heel lifts and the toes stay level.
 Metres, world space.
 """
 
@@ -16,14 +18,18 @@ from jaxtyping import Float64
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.ik import Aim, Goal, Orient, Place, Problem, solve
+from avatarrex.signals.ik import Above, Aim, Goal, Orient, Place, Problem, solve
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.skeleton import PosedSkeleton, Skeleton
 
 FIRM = 30.0
 """Weight of a pinned place against the pulled one: a pelvis pulled 30 cm too high moves a pinned foot by less than a millimetre."""
 FLAT = 0.05
-"""Metres a radian: how much a pinned hand or foot wants to stay turned as it is: where an ankle is at its limit the heel lifts."""
+"""Metres a radian: how much a pinned hand or foot wants to stay turned as it is."""
+HEEL = 0.3
+"""Weight of a pinned foot's ankle against the pulled place: less than that, so that the heel lifts before the pelvis stops."""
+ROOT = "translation"
+"""Beside the joints that are free: the root may be moved."""
 SOLE, UPRIGHT = 0.012, 0.02
 """The same of a foot and of a head that are pulled, so that soles stay level and the spine bends."""
 STIFF, WILLING = 3.0, 0.3
@@ -50,6 +56,8 @@ class Handle:
     """How much `end` keeps its direction while the handle is pulled, metres a radian."""
     between: tuple[str, ...] = ()
     """Joints whose middle at rest is the handle; none: the joint itself."""
+    ball: str = ""
+    """The joint on which it stands while it is pinned; none: the handle itself stays."""
 
     def offset(self, skeleton: Skeleton) -> Float64[np.ndarray, "3"]:
         """From the joint, rest axes."""
@@ -70,7 +78,7 @@ def _sided(side: str) -> dict[str, Handle]:
     )
     return {
         f"{side}_hand": Handle(f"{side}_wrist", arm, (STIFF, 1.0, 1.0), end=f"{side}_wrist"),
-        f"{side}_foot": Handle(f"{side}_ankle", leg, (1.0, 1.0), end=f"{side}_ankle", level=SOLE),
+        f"{side}_foot": Handle(f"{side}_ankle", leg, (1.0, 1.0), end=f"{side}_ankle", level=SOLE, ball=f"{side}_foot"),
         f"{side}_elbow": Handle(f"{side}_elbow", arm[:2], (STIFF, 1.0)),
         f"{side}_knee": Handle(f"{side}_knee", leg[:1], (1.0,)),
     }
@@ -122,25 +130,40 @@ def pulled(
     """
     taken, start = handle(pull.handle), prior or signals
     posed = skeleton.posed(start)
-    target = _within_reach(skeleton, posed, taken, np.asarray(pull.target, np.float64))
+    pins, target = pins - {pull.handle}, np.asarray(pull.target, np.float64)
+    target = _within_reach(skeleton, posed, taken, target) if taken.follow else _above(skeleton, posed, pins, target)
     goals: list[Goal] = [Place(taken.index, target, taken.offset(skeleton))]
-    free = dict(zip(taken.follow, taken.stiffness))
+    free = dict(zip(taken.follow or (ROOT,), taken.stiffness or (1.0,)))
     if taken.level:
         free[taken.end] = WILLING
         goals.append(Orient(JOINT_NAMES.index(taken.end), posed.rotation[JOINT_NAMES.index(taken.end)], taken.level))
     moving = [JOINT_NAMES.index(name) for name in taken.follow or (taken.joint,)]
-    for name in sorted(pins - {pull.handle}):
-        pinned = handle(name)
-        if not skeleton.carries[moving, pinned.index].any():
-            continue
-        point = Place(pinned.index, np.zeros(3), pinned.offset(skeleton)).point(posed)
-        goals.append(Place(pinned.index, point, pinned.offset(skeleton), FIRM))
-        for joint, stiffness in zip(pinned.follow, pinned.stiffness):
-            free.setdefault(joint, stiffness)
-        if pinned.end:
-            goals.append(Orient(JOINT_NAMES.index(pinned.end), posed.rotation[JOINT_NAMES.index(pinned.end)], FLAT))
-            free.setdefault(pinned.end, WILLING)
-    return _solved(skeleton, signals, start, goals, free, limited)
+    kept, following = _pinned(skeleton, posed, pins, moving)
+    return _solved(skeleton, signals, start, [*goals, *kept], following | free, limited)
+
+
+def turned(
+    skeleton: Skeleton,
+    signals: Signals,
+    joints: tuple[str, ...],
+    pins: frozenset[str],
+    prior: Signals,
+    limited: bool = True,
+) -> Signals:
+    """`signals`, in which somebody has turned `joints` (the pelvis: or moved it), with the pins where they are in `prior`.
+
+    What carries them follows; the joints stay as they were turned. Where one of them is of a pinned limb itself the root follows, too.
+    The very same signals where no pin is carried by them.
+    """
+    posed, moving = skeleton.posed(prior), [JOINT_NAMES.index(name) for name in joints]
+    kept, following = _pinned(skeleton, posed, pins, moving)
+    limbs = {name for pin in map(handle, pins) for name in (*pin.follow, pin.end if pin.ball else "")}
+    if limbs.intersection(joints):
+        kept, following = _pinned(skeleton, posed, pins, [0])
+        following[ROOT] = 1.0
+    free = {name: stiffness for name, stiffness in following.items() if name not in joints}
+    goals = [goal for goal in kept if not (isinstance(goal, Orient) and goal.joint in moving)]
+    return _solved(skeleton, signals, prior, goals, free, limited) if goals and free else signals
 
 
 def looking(
@@ -163,8 +186,6 @@ def _within_reach(
     skeleton: Skeleton, posed: PosedSkeleton, taken: Handle, target: Float64[np.ndarray, "3"]
 ) -> Float64[np.ndarray, "3"]:
     """The place nearest to the target that the limb's lengths allow: straight, or folded as far as they differ."""
-    if not taken.follow:
-        return target
     chain, joint = [], taken.index
     first = JOINT_NAMES.index(taken.follow[0])
     while joint != first:
@@ -177,11 +198,48 @@ def _within_reach(
     return np.asarray(posed.position[first] + way * allowed / distance)
 
 
+def _above(
+    skeleton: Skeleton, posed: PosedSkeleton, pins: frozenset[str], target: Float64[np.ndarray, "3"]
+) -> Float64[np.ndarray, "3"]:
+    """The pelvis' place nearest to the target from which straight legs reach the feet that are pinned."""
+    feet = [handle(name) for name in sorted(pins) if handle(name).ball]
+    for _ in range(8 * len(feet)):  # onto one sphere after the other: two feet apart need few rounds
+        foot = feet[0]
+        feet = [*feet[1:], foot]
+        hip, knee = (JOINT_NAMES.index(name) for name in foot.follow)
+        reach = float(np.linalg.norm(np.diff(skeleton.joints[[hip, knee, foot.index]], axis=0), axis=1).sum())
+        way = target + posed.position[hip] - posed.position[0] - posed.position[foot.index]
+        target = target + way * min(reach / max(float(np.linalg.norm(way)), 1e-9) - 1, 0.0)
+    return target
+
+
+def _pinned(
+    skeleton: Skeleton, posed: PosedSkeleton, pins: frozenset[str], moving: list[int]
+) -> tuple[list[Goal], dict[str, float]]:
+    """What keeps the pins that the joints `moving` carry where they are, and which joints follow, with their stiffness."""
+    goals: list[Goal] = []
+    free: dict[str, float] = {}
+    for pinned in map(handle, sorted(pins)):
+        if not skeleton.carries[moving, pinned.index].any():
+            continue
+        free = dict(zip(pinned.follow, pinned.stiffness)) | free
+        point, offset = Place(pinned.index, np.zeros(3), pinned.offset(skeleton)), pinned.offset(skeleton)
+        goals.append(Place(pinned.index, point.point(posed), offset, HEEL if pinned.ball else FIRM))
+        for name in filter(None, (pinned.end, pinned.ball)):
+            joint = JOINT_NAMES.index(name)
+            goals.append(Orient(joint, posed.rotation[joint], FLAT))
+            free.setdefault(name, WILLING)
+        if pinned.ball:
+            ball = JOINT_NAMES.index(pinned.ball)
+            goals.append(Place(ball, posed.position[ball], weight=FIRM))
+            goals.append(Above(pinned.index, float(posed.position[pinned.index, 1]), FIRM))
+    return goals, free
+
+
 def _solved(
     skeleton: Skeleton, signals: Signals, start: Signals, goals: list[Goal], free: Mapping[str, float], limited: bool
 ) -> Signals:
-    names = sorted(free, key=JOINT_NAMES.index)
-    moves = any(isinstance(goal, Place) and goal.joint == 0 for goal in goals)
+    names, moves = sorted(free.keys() - {ROOT}, key=JOINT_NAMES.index), ROOT in free
     problem = Problem(
         skeleton,
         tuple(map(JOINT_NAMES.index, names)),

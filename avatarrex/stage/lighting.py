@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from hashlib import blake2b
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
@@ -20,7 +22,7 @@ from avatarrex.live import LiveFrame
 from avatarrex.stage.distance import DistanceGrid, distance_grid
 from avatarrex.stage.stage import KeyLight
 from avatarrex.stage.visibility import Cone, visibility
-from avatarrex.surface.floor import FIGURE, FloorLight, Region, box_corners, brightness, floor_region, texel_centres
+from avatarrex.surface.floor import FIGURE, FloorLight, box_corners, brightness, floor_region, span, texel_centres
 from avatarrex.surface.raster import SAMPLES, KeyShadow, Placed, draw_surfaces
 from avatarrex.surface.shadow import Caster, SurfaceShadow, draw_shadow
 from avatarrex.volume.body_grid import BOX_MARGIN
@@ -34,9 +36,12 @@ FLOOR_START, FIGURE_START = 0.003, 0.012
 SURFACE_SKY = 0.88
 """Share of the sky that a surface's vertices are taken to see: the mean of the exact figure's over six poses."""
 
-
 Standing = tuple[DistanceGrid, np.ndarray]
 """A figure: its distances, and `world_from_root` (4, 4)."""
+Points = Float[np.ndarray, "p 3"]
+KEPT = 12
+"""What is remembered of each figure: the floor's light and that of eight figures, and some more."""
+_seen: WeakKeyDictionary[DistanceGrid, dict[bytes, np.ndarray]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,16 +87,30 @@ def seen_light(
 ) -> Float[np.ndarray, "p 2"]:
     """What world points with unit normals see of key light and sky among the figures; see `visibility`.
 
-    Of the key light the least that one of the figures leaves, for a light as narrow is hidden or not; of the sky the product.
+    Of the key light the least that one of the figures leaves, for a light as narrow is hidden or not; of the sky the product. What a
+    figure that stays as it is leaves of the same points is remembered: those of the floor are the same in every view, those of another
+    figure while that and the view stay.
     """
-    seen = np.ones((len(points), 2))
+    seen, cone = np.ones((len(points), 2)), Cone(light.direction, light.width)
+    about = blake2b(np.concatenate([points.ravel(), normals.ravel(), light.direction, [light.width, start]]).tobytes())
+    about.update(impl.encode())
     for grid, world in standing:
-        turn, place = world[:3, :3], world[:3, 3]
-        own = [torch.from_numpy(v.astype(np.float32)) for v in ((points - place) @ turn, normals @ turn)]
-        cone = Cone(turn.T @ light.direction, light.width)
-        found = visibility(grid, own[0], own[1], cone, start, impl).double().numpy()
+        kept, name = _seen.setdefault(grid, {}), about.digest() + world.tobytes()
+        found = kept.pop(name) if name in kept else _of_figure((grid, world), points, normals, cone, start, impl)
+        kept[name] = found  # the newest of them
+        if len(kept) > KEPT:
+            del kept[next(iter(kept))]
         seen = np.stack([np.minimum(seen[:, 0], found[:, 0]), seen[:, 1] * found[:, 1]], 1)
     return seen
+
+
+def _of_figure(standing: Standing, points: Points, normals: Points, key: Cone, start: float, impl: str) -> np.ndarray:
+    """(p, 2) what one of them leaves."""
+    grid, world = standing
+    turn, place = world[:3, :3], world[:3, 3]
+    own = [torch.from_numpy(v.astype(np.float32)) for v in ((points - place) @ turn, normals @ turn)]
+    found = visibility(grid, own[0], own[1], Cone(turn.T @ key.direction, key.width), start, impl)
+    return np.asarray(found.numpy())
 
 
 def figure_gain(seen: Float[np.ndarray, "p 2"], shadow: float) -> Float[np.ndarray, " p"]:
@@ -104,7 +123,7 @@ def floor_light(standing: Sequence[Standing], light: KeyLight, impl: str = "auto
     corners = [box_corners(_bounds(grid), world) for grid, world in standing]
     alone = [floor_region(own, light.direction, light.height) for own in corners]
     region = floor_region(np.concatenate(corners), light.direction, light.height)
-    side = min(round(side * _span(region) / max(map(_span, alone))), MOST_SIDES * side)
+    side = min(round(side * span(region) / max(map(span, alone))), MOST_SIDES * side)
     world = texel_centres(region, light.height, side)
     seen = seen_light(standing, world, np.tile([0.0, 1.0, 0.0], (len(world), 1)), light, FLOOR_START, impl)
     return FloorLight(region, np.rint(255 * seen.clip(0, 1)).astype(np.uint8).reshape(side, side, 2))
@@ -114,11 +133,6 @@ def _bounds(grid: DistanceGrid) -> Float[np.ndarray, "2 3"]:
     """Two corners of what a grid contains."""
     extent = grid.voxel * (np.array(grid.values.shape[::-1]) - 1)
     return np.stack([grid.origin + BOX_MARGIN, grid.origin + extent - BOX_MARGIN])
-
-
-def _span(region: Region) -> float:
-    """The longer side of a rectangle of the floor."""
-    return max(region[2] - region[0], region[3] - region[1])
 
 
 @dataclass

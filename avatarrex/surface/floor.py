@@ -42,6 +42,11 @@ def floor_region(corners: Float[np.ndarray, "p 3"], direction: Float[np.ndarray,
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
+def span(region: Region) -> float:
+    """The longer side of a rectangle of the floor."""
+    return max(region[2] - region[0], region[3] - region[1])
+
+
 def box_corners(
     bounds: Float[np.ndarray, "2 3"], world_from_root: Float[np.ndarray, "4 4"]
 ) -> Float[np.ndarray, "8 3"]:

@@ -10,6 +10,7 @@ World frame, metres.
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,13 +22,15 @@ from jaxtyping import Float
 from avatarrex.counters import Counters
 from avatarrex.gl.context import current_context, per_context
 from avatarrex.gl.shader import draw_program
-from avatarrex.surface.floor import FloorLight, Region, box_corners, floor_region
+from avatarrex.surface.floor import FloorLight, Region, box_corners, floor_region, span
 from avatarrex.surface.pose import PosedSurface
 from avatarrex.surface.raster import Raster, target_kept
 from avatarrex.surface.spheres import MOST, Spheres
 
 RAYS, SIDE = 192, 112
-"""Texels along a side of the light's map and of the floor's."""
+"""Texels along a side of the light's map and of the floor's, under one figure."""
+MOST_TIMES, STEP = 3.0, 0.25
+"""How many times as many where figures stand apart, so that the texels of each stay as small, at most; and in which steps."""
 TAPS = 14
 TALLEST = 2.6
 """Metres over the floor: what is higher softens no shadow any more."""
@@ -62,7 +65,8 @@ class SurfaceShadow:
         """The map in memory."""
         with current_context():
             data = self.texture.read(alignment=1)
-        return FloorLight(self.region, np.frombuffer(data, np.uint8).reshape(SIDE, SIDE, 2))
+        width, height = self.texture.size
+        return FloorLight(self.region, np.frombuffer(data, np.uint8).reshape(height, width, 2))
 
 
 def draw_shadow(
@@ -75,8 +79,21 @@ def draw_shadow(
     with current_context() as context:
         raster = per_context(context, Raster, lambda: Raster(context))
         floor = per_context(context, _Floor, lambda: _Floor(context))
-        corners = np.concatenate([box_corners(one.posed.bounds, one.world_from_root) for one in casters])
-        return floor.draw(raster, casters, floor_region(corners, direction, height), direction, width, height)
+        corners = [box_corners(one.posed.bounds, one.world_from_root) for one in casters]
+        alone = max(span(floor_region(own, direction, height)) for own in corners)
+        region = floor_region(np.concatenate(corners), direction, height)
+        times = min(max(math.ceil(span(region) / alone / STEP - 1e-6) * STEP, 1.0), MOST_TIMES)
+        return floor.draw(raster, casters, Extent(region, height, times), direction, width)
+
+
+@dataclass(frozen=True)
+class Extent:
+    """What of a floor has a map."""
+
+    region: Region
+    height: float
+    times: float
+    """Texels along a side, times those of one figure."""
 
 
 class _Floor:
@@ -88,29 +105,30 @@ class _Floor:
         self._program = draw_program(context, "window/whole.vert", "surface/floor.frag", constants)
         self._soften = draw_program(context, "window/whole.vert", "surface/soften.frag")
         self._triangles = [context.vertex_array(program, []) for program in (self._program, self._soften)]
-        self._rough = self._floor()
-        self._free: list[tuple[moderngl.Texture, moderngl.Texture]] = []
-        """The light's map and the floor's, of shadows that are no more."""
+        self._free: dict[float, list[tuple[moderngl.Texture, moderngl.Texture, moderngl.Texture]]] = {}
+        """The light's map, the floor's before it is softened and after, of shadows that are no more, by `Extent.times`."""
 
     def draw(
         self,
         raster: Raster,
         casters: Sequence[Caster],
-        region: Region,
+        extent: Extent,
         direction: np.ndarray,
         width: float,
-        height: float,
     ) -> SurfaceShadow:
         """See `draw_shadow`."""
-        mapped = _map_from_world(region, direction, height)
-        made = heights, texture = self._free.pop() if self._free else (self._heights(), self._floor())
+        mapped = _map_from_world(extent.region, direction, extent.height)
+        free = self._free.setdefault(extent.times, [])
+        rays, side = (round(each * extent.times) for each in (RAYS, SIDE))
+        made = free.pop() if free else (self._heights(rays), self._floor(side), self._floor(side))
+        heights, rough, texture = made
         with target_kept(self._context):
             self._cast(raster, casters, heights, mapped)
-            self._place(casters, region, height)
+            self._place(casters, extent.region, extent.height)
             self._program["u_penumbra"] = tuple(_penumbra(direction, width).T.ravel().tolist())
-            self._gather(heights, texture)
-        shadow = SurfaceShadow(region, texture, heights, mapped)
-        weakref.finalize(shadow, self._free.append, made).atexit = False
+            self._gather(heights, rough, texture)
+        shadow = SurfaceShadow(extent.region, texture, heights, mapped)
+        weakref.finalize(shadow, free.append, made).atexit = False
         return shadow
 
     def _cast(self, raster: Raster, casters: Sequence[Caster], heights: moderngl.Texture, mapped: np.ndarray) -> None:
@@ -134,11 +152,11 @@ class _Floor:
         program["u_count"] = len(spheres)
         program["u_size"] = (region[2] - region[0], region[3] - region[1])
 
-    def _gather(self, heights: moderngl.Texture, texture: moderngl.Texture) -> None:
+    def _gather(self, heights: moderngl.Texture, rough: moderngl.Texture, texture: moderngl.Texture) -> None:
         """The floor's texels."""
         heights.use(0)
         self._context.disable(moderngl.BLEND | moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        for made, triangle in zip((self._rough, texture), self._triangles):
+        for made, triangle in zip((rough, texture), self._triangles):
             self._target(made).use()
             triangle.render(moderngl.TRIANGLES, vertices=3)
             made.use(0)
@@ -146,14 +164,14 @@ class _Floor:
     def _target(self, texture: moderngl.Texture) -> moderngl.Framebuffer:
         return per_context(self._context, ("shadow", texture.glo), lambda: self._context.framebuffer([texture]))
 
-    def _heights(self) -> moderngl.Texture:
-        texture = self._context.texture((RAYS, RAYS), 2, dtype="f4")
+    def _heights(self, rays: int) -> moderngl.Texture:
+        texture = self._context.texture((rays, rays), 2, dtype="f4")
         texture.repeat_x = texture.repeat_y = False
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         return texture
 
-    def _floor(self) -> moderngl.Texture:
-        texture = self._context.texture((SIDE, SIDE), 2, alignment=1)
+    def _floor(self, side: int) -> moderngl.Texture:
+        texture = self._context.texture((side, side), 2, alignment=1)
         texture.repeat_x = texture.repeat_y = False
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         return texture

@@ -31,12 +31,14 @@ from avatarrex_studio.session.commands import (
     SetJoint,
     SetLevel,
     SetStage,
+    SetTranslation,
 )
 from avatarrex_studio.session.evaluation import state_at
 from avatarrex_studio.session.figures import MOST_FIGURES, Place, standing
 from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import StudioState
-from avatarrex_studio.session.timeline_commands import SetFrame
+from avatarrex_studio.session.timeline_commands import CloseMotion, RemoveLayer, SetFrame, SetLayer, SetTimeline
 from ball import render_ball
 from imgui_bundle import imgui
 from surface.template_surface import template_surface
@@ -188,6 +190,26 @@ def test_an_engine_keeps_the_avatars_of_its_state():
     assert read == ["a", "b", "c", "b"]
 
 
+def test_an_engine_reads_an_avatar_again_that_was_trained_anew(tmp_path):
+    """Under its path; one whose file is gone for a moment stays."""
+    path, read = tmp_path / "a.avatar", []
+
+    def load(name, device):
+        read.append(name)
+        return Avatar.create(load_person("default"), "compact")
+
+    engine, state = Engine(load=load, render=render_ball), StudioState(avatar=str(path))
+    path.write_bytes(b"one")
+    for content, times in ((None, 1), (b"trained anew", 2), (None, 2), (b"", 3)):
+        if content is not None:
+            path.write_bytes(content)
+        assert engine.render(state, SIZE).error is None
+        assert len(read) == times
+    path.unlink()
+    assert engine.render(state, SIZE).error is None
+    assert len(read) == 3
+
+
 def test_avatars_that_nobody_shows_are_let_go_of():
     read = []
     avatars = Avatars(lambda name: read.append(name) or object.__new__(Avatar))
@@ -302,7 +324,7 @@ def test_one_playhead_moves_all_of_them(studio, tmp_path):
         studio.go_to(frame, studio.playback.gesture)
         first, second = studio.state.figures
         assert (first.timeline.frame, first.signals.translation[2]) == (frame, pytest.approx(0.01 * frame))
-        assert (second.timeline.frame, second.signals.translation[2]) == (round(100 * short), pytest.approx(short))
+        assert (second.timeline.frame, second.signals.translation[2]) == (frame, pytest.approx(short))
         assert studio.state.each()[1].signals.translation == pytest.approx([1 + short, 0, 0], abs=1e-9), (
             "to where it looks"
         )
@@ -315,6 +337,92 @@ def test_one_playhead_moves_all_of_them(studio, tmp_path):
     assert studio.state.figures == walked.figures
     studio.do(SelectFigure(1))
     assert len(studio.journal.steps[-2].commands) == 1, "selected at a time, not at each frame"
+
+
+def two_walks(studio, tmp_path, first: int = 6, second: int = 4):
+    """Two figures that walk, the first of which is selected."""
+    studio.open_motion(write_walk(tmp_path / "first.json", first))
+    studio.do(AddFigure("default"))
+    studio.open_motion(write_walk(tmp_path / "second.json", second))
+    studio.do(SelectFigure(0))
+
+
+def steps_of(studio) -> list[float]:
+    """How far each has gone, centimetres."""
+    return [round(100 * figure.signals.translation[2], 6) for figure in studio.state.figures]
+
+
+def test_whatever_moves_the_playhead_moves_all_of_them(studio, tmp_path):
+    """A motion that is read, one that is closed, a rate, and the way back over them."""
+    two_walks(studio, tmp_path)
+    at = Motion.read(write_walk(tmp_path / "third.json", 9))
+    for command in (at.loaded(), CloseMotion()):
+        studio.go_to(3)
+        assert steps_of(studio) == [3, 3]
+        studio.do(command)
+        assert studio.state.timeline.frame == 0
+        assert steps_of(studio)[1] == 0
+        assert len({figure.timeline.seconds for figure in studio.state.figures}) == 1
+        again = Journal.from_json(json.loads(json.dumps(studio.journal.to_json())))
+        assert again.state == studio.state
+        studio.undo()
+        assert steps_of(studio) == [3, 3]
+    studio.do(RemoveLayer("first.json"))
+    studio.go_to(2)
+    assert steps_of(studio)[1] == 2
+    studio.do(at.layer())
+    assert steps_of(studio)[1] == 0, "a first layer brings the playhead to its beginning"
+
+
+def test_what_was_edited_of_another_stays_where_the_playhead_does(studio, tmp_path):
+    two_walks(studio, tmp_path)
+    studio.do(SelectFigure(1))
+    studio.do(SetTranslation((0.0, 0.5, 0.0)))
+    studio.do(SelectFigure(0))
+    studio.do(SetLayer("first.json", weight=0.5))
+    studio.do(SetFrame(0))
+    assert studio.state.figures[1].signals.translation[1] == 0.5
+
+
+def test_all_play_until_the_longest_ends(studio, tmp_path):
+    """Whoever is selected: the shorter one holds its last frame, or begins again where it repeats."""
+    two_walks(studio, tmp_path)
+    for slot in (0, 1):
+        studio.do(SelectFigure(slot))
+        assert (studio.state.frames, studio.state.played) == (6, (0, 5))
+        studio.go_to(99)
+        assert studio.state.timeline.frame == 5
+        assert steps_of(studio) == [5, 1]
+        made = state_at(studio.state, 5 / 30, studio.clips)
+        assert made.figures == studio.state.figures
+    studio.do(SetTimeline(loop=False))
+    assert steps_of(studio) == [5, 3], "its last frame stays"
+    studio.do(SelectFigure(0))
+    studio.go_to(4)
+    assert steps_of(studio) == [4, 3]
+    studio.do(SetTimeline(span=(1, 3)))
+    assert studio.state.played == (1, 3), "the range of the selected one"
+
+
+def test_one_who_is_added_begins_where_the_playhead_is(studio, tmp_path):
+    two_walks(studio, tmp_path)
+    studio.go_to(3)
+    studio.do(AddFigure("default"))
+    assert {figure.timeline.seconds for figure in studio.state.figures} == {0.1}
+    assert studio.state.frames == 6, "nothing of it lasts longer"
+
+
+def test_a_playback_ends_with_the_longest(studio, clock, tmp_path):
+    two_walks(studio, tmp_path, 4, 6)
+    studio.do(SetTimeline(loop=False))
+    studio.toggle_play()
+    shown = []
+    for _ in range(9):
+        clock.now += 1 / 30 + 1e-6
+        studio.tick((64, 64))
+        shown.append((studio.state.timeline.frame, *steps_of(studio)))
+    assert shown[2:6] == [(3, 3, 3), (4, 3, 4), (5, 3, 5), (5, 3, 5)]
+    assert not studio.playback.playing
 
 
 def test_a_frame_without_others_is_written_as_before():

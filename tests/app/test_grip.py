@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from avatarrex_studio.panels.gizmo import RADIUS, Turn, nearest_rotvec, rings
 from avatarrex_studio.panels.projection import Projection
+from avatarrex_studio.panels.viewport import grasped
 from avatarrex_studio.session import commands, grip, posing
 from avatarrex_studio.session.grip import LOOK, Grip, handle_of, places
 from avatarrex_studio.session.journal import Journal
@@ -16,6 +17,7 @@ from avatarrex_studio.window.window import start
 from imgui_bundle import imgui
 from scipy.spatial.transform import Rotation
 
+from avatarrex.signals.handles import HANDLES
 from avatarrex.signals.joints import JOINT_NAMES, axis_names
 from avatarrex.signals.limits import LIMITS
 from avatarrex.templates.figure import Figure
@@ -111,3 +113,44 @@ def test_the_axes_of_a_joint_have_names():
     assert axis_names("right_knee") == ("bend", "twist", "side")
     assert axis_names("left_index2") == ("twist", "side", "bend")
     assert all(set(axis_names(name)) == {"bend", "twist", "side"} for name in JOINT_NAMES)
+
+
+@pytest.mark.parametrize(
+    ("part", "far", "taken"),
+    [
+        ("left_index3", 40.0, "left_hand"), ("left_wrist", 40.0, "left_hand"), ("right_ankle", 40.0, "right_foot"), ("mouth", 40.0, "head"),
+        ("left_index3", 95.0, None), ("left_elbow", 5.0, None), ("pelvis", 5.0, None), (None, 5.0, None),
+    ],
+)  # fmt: skip
+def test_hands_feet_and_head_are_taken_by_their_skin_where_their_handle_shows(part, far, taken):
+    near = dict.fromkeys(HANDLES, 300.0) | {handle_of(part) or "none": far}
+    assert grasped(part, near) == taken
+
+
+def test_pins_stay_while_a_slider_is_dragged(studio):
+    """The trunk bends under a pinned hand, a knee under pinned feet: one step of undo, which replays without a solver."""
+    wrist, ball = (JOINT_NAMES.index(name) for name in ("left_wrist", "right_foot"))
+    for pin, joint, turn, point in (
+        ("left_hand", "spine2", (0.3, 0.1, 0.0), wrist), ("right_foot", "left_knee", (0.9, 0.0, 0.0), ball),
+    ):  # fmt: skip
+        studio.journal = Journal(start())
+        studio.do(commands.Pin(("left_foot", "right_foot", pin), True))
+        before = studio.figure.posed.position[point]
+        for k in range(1, 7):
+            rotation = tuple(k / 6 * value for value in turn)
+            studio.do(commands.SetJoint(joint, rotation), "drag 1")
+        assert posing.joint(studio.state.signals, joint) == pytest.approx(turn), "what was turned stays turned"
+        assert np.linalg.norm(studio.figure.posed.position[point] - before) < 0.002
+        assert len(studio.journal.steps) == 1
+        again = Journal.from_json(json.loads(json.dumps(studio.journal.to_json())))
+        assert again.state.signals == studio.state.signals
+    studio.undo()
+    studio.do(commands.Pin(("left_foot", "right_foot"), True))
+    studio.do(commands.SetTranslation((0.0, -0.15, 0.0)))
+    assert np.linalg.norm(studio.figure.posed.position[ball] - before) < 0.002
+
+
+def test_a_slider_without_pins_turns_one_joint(studio):
+    studio.do(commands.SetJoint("spine2", (0.3, 0.1, 0.0)))
+    (step,) = studio.journal.steps
+    assert "signals" not in step.commands[0].to_json()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 
 import pytest
 from avatarrex_studio.panels.keys import chord, pressed
 from avatarrex_studio.session.actions import ACTIONS
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import SizePolicy, StudioState
-from avatarrex_studio.window.docking import BARE
+from avatarrex_studio.window.docking import BARE, splits
 from avatarrex_studio.window.window import Window
 from ball_studio import ball_studio
 from driving import drive
@@ -102,3 +103,35 @@ def test_tab_hides_the_panels_and_f11_fills_the_screen(display):
     assert seen["full"][0] == (1920, 1080)
     assert seen["back"][0] == (900, 600)
     assert seen["orthographic"]
+
+
+def test_full_screen_belongs_to_the_window_that_is_there(monkeypatch):
+    """A window that was opened anew after its context was lost fills no screen: F11 fills it with one press."""
+    import glfw
+    from avatarrex_studio.window import full_screen
+
+    fills, mode = {}, SimpleNamespace(size=SimpleNamespace(width=800, height=600), refresh_rate=60)
+    said = {
+        "get_window_monitor": fills.get, "get_window_pos": lambda _: (10, 20), "get_window_size": lambda _: (300, 200),
+        "get_monitors": lambda: ["screen"], "get_video_mode": lambda _: mode, "get_monitor_pos": lambda _: (0, 0),
+        "set_window_monitor": lambda window, monitor, *box: fills.update({window: monitor and box}),
+    }  # fmt: skip
+    for name, answer in said.items():
+        monkeypatch.setattr(glfw, name, answer)
+    whole = full_screen.FullScreen()
+    for window in ("first", "anew"):
+        monkeypatch.setattr(full_screen, "glfw_window_hello_imgui", lambda window=window: window)
+        whole.toggle()
+        assert fills[window] == (0, 0, 800, 600, 60)
+    whole.toggle()
+    assert fills["anew"] is None
+
+
+@pytest.mark.parametrize(("width", "picture"), [(1000.0, 0.4745), (1440.0, 0.4745), (2048.0, 0.63), (2560.0, 0.70)])
+def test_a_wide_window_gives_its_room_to_the_picture(width, picture):
+    room = 1.0
+    for split in splits("Pose", width):
+        if split.initial_dock == "MainDockSpace" and split.direction in (imgui.Dir.left, imgui.Dir.right):
+            room *= 1 - split.ratio
+    assert room == pytest.approx(picture, abs=0.01)
+    assert [split.ratio for split in splits("Training", width)] == pytest.approx([0.66, 0.3, 0.42, 0.5, 0.5])

@@ -16,10 +16,11 @@ from avatarrex_studio.live.received import Received
 from avatarrex_studio.live.receiver import MOST, Counts, Receiver
 from avatarrex_studio.live.sources import SOURCES
 from avatarrex_studio.live.webcam import Landmarks, replayed
-from avatarrex_studio.session.commands import SetExpression
+from avatarrex_studio.session.commands import AddFigure, RemoveFigure, SelectFigure, SetExpression
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.timeline import Feed, Layer
 from avatarrex_studio.session.timeline_commands import AddLayer
+from avatarrex_studio.session.user_library import library_folder
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
 
@@ -168,13 +169,13 @@ class Sent:
     counts = Counts()
 
     def __init__(self):
-        self.said, self.at = Received(), float("-inf")
+        self.said, self.at, self.closed = Received(), float("-inf"), False
 
     def latest(self):
         return self.said, self.at
 
     def close(self):
-        pass
+        self.closed = True
 
 
 def of_jaw(value, yaw=0.0):
@@ -246,6 +247,84 @@ def test_a_live_layer_is_smoothed_recorded_and_replayed(studio, clock, tmp_path)
     studio.undo()
     studio.undo()
     assert len(studio.state.timeline.layers) == 1
+
+
+def two_phones(studio):
+    """Two figures, each with a live layer of the same name; the second is selected."""
+    face = frozenset({"expression", "mouth", "head"})
+    sent = []
+    for number in range(2):
+        if number:
+            studio.do(AddFigure("default"))
+        studio.do(AddLayer(Layer("Phone", feed=Feed("livelink"), parts=face)))
+        sent.append(Sent())
+        studio.listening.take_up(studio.state.timeline.layer("Phone").live, sent[-1])
+    return sent
+
+
+def jaws(studio):
+    """Of all figures."""
+    return [figure.signals.expression[JAW] for figure in studio.state.figures]
+
+
+def listen(studio, clock, sent, values, seconds=0.6):
+    """Have the sources send for a while; None: nothing."""
+    for _ in range(round(60 * seconds)):
+        clock.now += 1 / 60
+        for source, value in zip(sent, values):
+            if value is not None:
+                source.said, source.at = of_jaw(value), clock.now
+        studio.tick((32, 24))
+
+
+def test_two_figures_with_a_live_layer_of_one_name_each_have_a_source_of_their_own(studio, clock, tmp_path):
+    """Both are moved, whoever is selected; a figure that is taken away takes its source along."""
+    sent = two_phones(studio)
+    assert len(studio.listening.drives) == 2
+    listen(studio, clock, sent, (0.3, 0.8))
+    assert jaws(studio) == pytest.approx([0.3, 0.8], abs=0.02)
+    studio.do(SelectFigure(0))
+    listen(studio, clock, sent, (0.6, 0.1))
+    assert jaws(studio) == pytest.approx([0.6, 0.1], abs=0.02)
+    studio.save_session(str(tmp_path / "s.json"))
+    assert Journal.load(tmp_path / "s.json").state == studio.state
+    studio.do(RemoveFigure(1))
+    listen(studio, clock, sent, (0.2, 0.9))
+    assert jaws(studio) == pytest.approx([0.2], abs=0.02)
+    assert (sent[0].closed, sent[1].closed) == (False, True)
+
+
+def test_what_sends_no_more_fades_out_of_the_face(studio, clock):
+    """The last frame stays for half a second; half a second later half of it is left."""
+    studio.do(AddLayer(Layer("Phone", feed=Feed("livelink"), parts=frozenset({"expression", "mouth"}))))
+    sent = Sent()
+    studio.listening.take_up("Phone", sent)
+    listen(studio, clock, (sent,), (0.8,))
+    for seconds, left in ((0.45, 0.8), (0.55, 0.4), (0.6, 0.0)):
+        listen(studio, clock, (sent,), (None,), seconds)
+        assert jaws(studio) == pytest.approx([left], abs=0.05)
+
+
+def test_a_recording_goes_on_for_its_avatar_while_another_is_selected(studio, clock):
+    """And is kept as a file where its avatar is taken away."""
+    sent = two_phones(studio)
+    studio.record_live("Phone")
+    listen(studio, clock, sent, (None, 0.7), 0.5)
+    studio.do(SelectFigure(0))
+    assert "Phone" in studio.listening.drives
+    studio.record_live("Phone")
+    listen(studio, clock, sent, (0.2, 0.7), 0.5)
+    studio.do(SelectFigure(1))
+    studio.record_live("Phone")
+    first, second = studio.state.figures
+    assert [layer.name for layer in first.timeline.layers] == ["Phone"]
+    clip = second.timeline.layers[-1].clip
+    assert clip.frames == pytest.approx(60, abs=2)
+    assert studio.clips.motion(clip).sequence.frames[50].expression[JAW] == pytest.approx(0.7, abs=0.02)
+    studio.do(RemoveFigure(0))
+    listen(studio, clock, sent, (0.2, 0.7), 0.1)
+    takes = sorted((library_folder() / "takes").glob("*.json"))
+    assert len(takes) == 2, "nothing that was recorded is lost"
 
 
 def test_a_recording_of_uneven_times_is_even():

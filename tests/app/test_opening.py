@@ -7,6 +7,7 @@ import json
 import logging
 import os
 import shutil
+import threading
 import time
 from functools import cache
 from pathlib import Path
@@ -14,12 +15,15 @@ from pathlib import Path
 import glfw
 import numpy as np
 import pytest
+from avatarrex_studio.jobs.opening import read_motion
 from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.folder import listed, places, size_words
 from avatarrex_studio.panels.keys import chord
+from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.session.commands import SetExpression
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.recent import MOST, Recent
+from avatarrex_studio.window.opening import Opening
 from avatarrex_studio.window.window import start
 from ball import ball_engine
 from capture.tiny_capture import TinyCapture
@@ -223,6 +227,47 @@ def test_everything_is_opened(display, things, tmp_path, caplog, monkeypatch):
     names = ["capture", "empty", "run", "anna.avatar", "lost.json", "turn.json"]
     assert seen["dialog itself"] == (names, True, False), "keys go to the dialog"
     assert Journal.load(tmp_path / "mine.json").state.timeline.motion.path == things["motion"]
+
+
+def test_a_slow_motion_is_read_in_the_background_and_can_be_cancelled(studio, tmp_path, monkeypatch):
+    """What waits behind it is read; of the cancelled one nothing is shown, even once it has been read."""
+    going, told = threading.Event(), []
+
+    def read(path):
+        told.append(path)
+        if path == "slow":
+            assert going.wait(20)
+        frames = tuple(Signals.rest().replace(translation=np.array([0.0, 0.0, 0.01 * k])) for k in range(5))
+        write_json(tmp_path / f"{path}.json", SignalSequence(frames, 30.0, path))
+        return read_motion(str(tmp_path / f"{path}.json"))
+
+    monkeypatch.setattr("avatarrex_studio.window.opening.read_motion", read)
+    monkeypatch.setattr("avatarrex_studio.window.opening.SLOW", 0.0)
+    opening = Opening(studio, object.__new__(TrainingPanel))
+    opening.motion("slow")
+    opening.layer("next")
+    opening.tend()
+    assert (opening.busy, opening.slow, opening.words) == (True, True, "opening slow…")
+    assert not studio.state.timeline.layers, "nothing has waited for it"
+    opening.cancel()
+    for _ in range(500):
+        opening.tend()
+        if not opening.busy:
+            break
+        time.sleep(0.01)
+    assert told == ["slow", "next"]
+    assert [layer.name for layer in studio.state.timeline.layers] == ["next.json"]
+    going.set()
+    opening.motion("last")
+    for _ in range(500):
+        opening.tend()
+        if not opening.busy:
+            break
+        time.sleep(0.01)
+    assert [layer.name for layer in studio.state.timeline.layers] == ["last.json"], (
+        "it takes the place of the lowest clip"
+    )
+    opening.close()
 
 
 def test_what_a_folder_has(tmp_path):

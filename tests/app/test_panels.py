@@ -13,23 +13,29 @@ from avatarrex_studio.panels import camera, keys, performance, render, scene
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.hands import HandPanel
 from avatarrex_studio.panels.joints import body_panel
+from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.panels.poses import PosesPanel, shipped_entries
+from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.panels.questions import nothing
 from avatarrex_studio.panels.timeline import TimelinePanel
 from avatarrex_studio.panels.viewport import Shown, ViewportPanel, preparing
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.actions import ACTIONS
 from avatarrex_studio.session.commands import (
+    AddFigure,
     Blend,
     OrbitBy,
     PanBy,
+    PullHandle,
     ResetGroup,
     ScaleGroup,
     Select,
+    SelectFigure,
     SetExpression,
     SetJoint,
     ZoomBy,
 )
+from avatarrex_studio.session.grip import places
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.recent import Recent
 from avatarrex_studio.session.state import LEVELS, OrbitView, StudioState
@@ -165,7 +171,7 @@ def test_the_other_panels_draw(screen, studio):
     poses = PosesPanel()
     for draw in (camera.draw, render.draw, lambda state: scene.draw(state, Recent(), nothing), poses.draw):
         assert screen.frame(lambda draw=draw: draw(studio.state)) == []
-    assert screen.frame(lambda: TimelinePanel().draw(studio)) == []
+    assert screen.frame(lambda: TimelinePanel(studio.open_motion, studio.add_motion).draw(studio)) == []
 
 
 def test_the_blend_goes_from_what_was_to_the_chosen_entry(screen):
@@ -317,6 +323,68 @@ def test_a_press_far_from_where_the_mouse_was_turns_nothing(screen, studio):
     screen.io.add_mouse_pos_event(110, 100)
     (orbit,) = screen.frame(draw)
     assert orbit.azimuth == pytest.approx(-4)
+
+
+@pytest.fixture
+def beside(studio):
+    """A studio whose picture shows the second of two figures everywhere; the first is selected."""
+    for command in (AddFigure("default"), SelectFigure(0)):
+        studio.do(command)
+    studio.avatars.get("default")
+    studio.surface = SimpleNamespace(texture=SimpleNamespace(size=(384, 384)))
+    studio.live = SimpleNamespace(point=lambda column, row: Seen((1.0, 0.0, 0.0), 1))
+    return studio
+
+
+@pytest.mark.parametrize(("button", "selects"), [(0, True), (1, False), (2, False)])
+def test_the_left_button_alone_selects_another_avatar(screen, beside, button, selects):
+    panel = ViewportPanel()
+
+    def draw():
+        return panel.draw(beside, Shown(1, 400, 3000))
+
+    screen.frame(draw)
+    commands = screen.drag(draw, (60, 60), (60, 60), button)
+    assert (SelectFigure(1) in commands) == selects
+
+
+@pytest.mark.parametrize(("part", "kind"), [("left_index2", PullHandle), ("left_elbow", OrbitBy), (None, OrbitBy)])
+def test_a_drag_by_the_palm_moves_the_hand(screen, studio, monkeypatch, part, kind):
+    """Twenty points beside the handle at the wrist; still, it is a click on that part."""
+    studio.avatars.get("default")
+    panel, size = ViewportPanel(), 384
+    low = imgui.ImVec2(8, 8 + (2984 - size) / 2)
+    figure = studio.figure
+    handle = places(figure.skeleton, figure.posed, None)["left_hand"]
+    x, y = Projection.of(studio.state.view, low, low + imgui.ImVec2(size, size), studio.world).screen(handle)
+    monkeypatch.setattr(studio, "part_at", lambda x, y: part)
+
+    def draw():
+        return panel.draw(studio, Shown(1, size, size))
+
+    screen.frame(draw)
+    assert {type(command) for command in screen.drag(draw, (x + 20, y), (x + 30, y - 12))} == {kind}
+    assert Select(part) in screen.drag(draw, (x + 20, y), (x + 20, y))
+
+
+def test_keys_are_no_shortcuts_while_a_button_is_pressed(screen, studio):
+    done = []
+    chords = [(chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut == "M"]
+    window = SimpleNamespace(_keys_free=True, _chords=chords, studio=studio, _run=done.append, _gesture=0)
+
+    def press_m():
+        for down in (True, False):
+            screen.io.add_key_event(imgui.Key.m, down)
+            screen.frame(lambda: Window._shortcuts(window))
+
+    screen.frame(lambda: None)
+    screen.io.add_mouse_button_event(0, True)
+    press_m()
+    assert done == []
+    screen.io.add_mouse_button_event(0, False)
+    screen.frame(lambda: None)
+    press_m()
+    assert len(done) == 1
 
 
 def test_before_the_first_picture_the_viewport_takes_no_clicks_and_says_why(screen, studio):

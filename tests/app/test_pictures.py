@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import pytest
+from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.pictures import AUTO_LEVELS, FADE, MOVING_SHARE, PATIENCE, REST
 from avatarrex_studio.session.commands import OrbitBy, SetBackground, SetExpression, SetLevel
 from ball import render_ball
@@ -83,6 +86,34 @@ def test_at_rest_one_exact_picture_is_requested_and_faded_in(live, clock):
     assert not tick(live, clock, 5.0)
     assert not live.pictures.exact.busy
     assert len(live.pictures.exact.begun) == len(live.live.drawn) == 1, "at rest nothing is done again"
+
+
+def test_an_avatar_that_is_read_anew_is_rendered_anew(clock):
+    """At rest, and where the old one's picture is under way."""
+    exact = InlineExact()
+    exact.paused = True
+    studio = ball_studio(clock, live=FakeLive(), exact=exact)
+    one = studio.avatars.get("default")
+    studio.avatars = Avatars(lambda name: copy(one))
+    studio.avatars.get("default")
+    tick(studio, clock, 2 * REST)
+    assert answer(studio, clock)
+    for under_way in (False, True):
+        begun = len(exact.begun)
+        if under_way:
+            studio.do(OrbitBy(5.0, 0.0))
+            tick(studio, clock, 2 * REST)
+            begun += 1
+            assert len(exact.begun) == begun
+        studio.avatars.read_again("default")
+        studio.avatars.get("default")
+        tick(studio, clock)
+        assert not studio.pictures.current
+        tick(studio, clock, 2 * REST)
+        assert len(exact.begun) == begun + 1
+        assert answer(studio, clock)
+        assert studio.pictures.current
+        assert studio.pictures.exact.begun[-1].state == studio.state.change(level="balanced")
 
 
 def test_a_change_cancels_what_is_under_way_and_takes_the_picture_from_the_screen(live, clock):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import wave
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -43,20 +44,34 @@ def test_a_layer_sounds_where_it_lies(beep):
 
 
 def test_rate_weight_and_loop_count(beep):
-    from dataclasses import replace
-
     quick = soundtrack(Timeline((replace(beep, rate=2.0, weight=0.5),)), 0.3, 0.15, SOUND_RATE)
     assert tone(quick) == pytest.approx((2000, 0.25 / 2**0.5), rel=0.02)
     slow = replace(beep.clip, fps=30.0)  # the mouth takes twice as long, and so does the sound
     assert tone(soundtrack(Timeline((replace(beep, clip=slow),)), 0.4, 0.8, SOUND_RATE))[0] == pytest.approx(
         500, rel=0.01
     )
-    again = soundtrack(Timeline((replace(beep, loop=True),)), 5.0, 1.0, SOUND_RATE)
+    long = replace(beep, name="long", clip=replace(beep.clip, frames=600), muted=True)
+    again = soundtrack(Timeline((replace(beep, loop=True), long)), 5.0, 1.0, SOUND_RATE)
     assert tone(again)[1] == pytest.approx(0.5 / 2**0.5, rel=0.05)
     both = soundtrack(Timeline((beep, replace(beep, name="other"))), 0.3, 0.2, SOUND_RATE)
     assert np.abs(both).max() == pytest.approx(1.0, abs=0.01)
     assert soundtrack(Timeline((replace(beep, muted=True),)), 0.0, 1.0, SOUND_RATE) is None
     assert soundtrack(Timeline(), 0.0, 1.0, SOUND_RATE) is None
+
+
+def test_all_figures_sound_as_they_move(beep):
+    """Half a second of 0.75 s, again after 0.767 s where its timeline repeats; one without a loop is silent then."""
+    loops, once = Timeline((beep,)), Timeline((replace(beep, rate=2.0),), loop=False)
+    both = soundtrack(loops, 0.0, 2.0, SOUND_RATE, (once,))
+    assert np.allclose(
+        both, (soundtrack(loops, 0.0, 2.0, SOUND_RATE) + soundtrack(once, 0.0, 2.0, SOUND_RATE)).clip(-1, 1)
+    )
+    beside = soundtrack(Timeline(), 0.0, 2.0, SOUND_RATE, (loops,))
+    assert np.array_equal(beside, soundtrack(loops, 0.0, 2.0, SOUND_RATE))
+    loud = np.abs(beside) > 0.05
+    assert np.flatnonzero(loud[SOUND_RATE * 9 // 10 :])[0] / SOUND_RATE == pytest.approx(0.117, abs=0.02)
+    late = slice(SOUND_RATE, None)
+    assert not soundtrack(once, 0.0, 2.0, SOUND_RATE)[late].any()
 
 
 @pytest.mark.parametrize("ending", [".mp4", ".webm"])
@@ -81,6 +96,7 @@ def test_a_video_has_the_sound_beside_its_pictures(tmp_path, beep, ending):
 def test_an_export_of_the_timeline_sounds_and_a_turntable_does_not(tmp_path, beep):
     from avatarrex_studio.jobs.export_look import Look
     from avatarrex_studio.jobs.export_order import VideoOrder
+    from avatarrex_studio.session.commands import AddFigure
     from avatarrex_studio.session.state import StudioState
 
     state = StudioState().change(timeline=Timeline((beep,), frame=9))
@@ -88,3 +104,6 @@ def test_an_export_of_the_timeline_sounds_and_a_turntable_does_not(tmp_path, bee
     assert tone(order._sound()[: SOUND_RATE // 4])[0] == pytest.approx(1000, rel=0.02)
     assert len(order._sound()) == SOUND_RATE // 2
     assert VideoOrder(tmp_path / "a.mp4", (state,), 30.0, Look((64, 64)))._sound() is None
+    beside = AddFigure("default").apply(state)
+    beside_it = VideoOrder(tmp_path / "a.mp4", (beside,) * 15, 30.0, Look((64, 64)), plays=True)
+    assert tone(beside_it._sound()[: SOUND_RATE // 4])[0] == pytest.approx(1000, rel=0.02), "of the one beside"

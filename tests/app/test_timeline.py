@@ -17,6 +17,7 @@ from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import Key, Track, moved, with_keys
 from avatarrex_studio.session.posing import joint
 from avatarrex_studio.session.state import StudioState
+from avatarrex_studio.session.take import Take
 from avatarrex_studio.session.timeline import PARTS, Layer, Share, Timeline
 from ball import ball_engine
 
@@ -330,3 +331,23 @@ def test_the_ruler_and_its_zoom():
     labelled = [near.x(time) for time, text in near.ticks(30.0, True) if text]
     assert all(round(time * 30, 6).is_integer() for time, _ in near.ticks(30.0, True)), "no tick between frames"
     assert min(np.diff(labelled)) >= 52
+
+
+def test_the_time_of_a_layer_of_keys_that_begins_late_goes_fast_and_repeats():
+    """Keys at 1 and 3 s of its own, twice as fast, half a second later: they lie at 1 and 2 s, and again at 2 and 3."""
+    keys = tuple(Key(time, (value,), "linear") for time, value in ((1.0, 0.0), (3.0, 1.0)))
+    layer = Layer("Keys", tracks=(Track("jawOpen", keys),), offset=0.5, rate=2.0, loop=True)
+    assert layer.seconds == (1.0, 2.0)
+    assert [layer.on_timeline(own) for own in (0.0, 1.0, 3.0)] == [0.5, 1.0, 2.0]
+    for seconds, value in ((1.25, 0.25), (1.75, 0.75), (2.25, 0.25), (4.5, 0.5)):
+        assert layer.tracks[0].at(layer.local(seconds)) == pytest.approx([value], abs=1e-6)
+
+
+def test_a_recorded_drag_is_linear_and_takes_away_only_what_it_went_over():
+    take, state = Take(), StudioState()
+    take.recording = True
+    state = take.keyed(SetExpression("jawOpen", 0.2), state, "drag").apply(state)
+    state = state.change(timeline=state.timeline.change(frame=3))
+    later, again = (take.keyed(SetExpression("jawOpen", value), state, "drag") for value in (0.5, 0.6))
+    assert (later.since, later.keys[0][3]) == (0.0, "linear")
+    assert again.since is None, "the playhead has not moved"

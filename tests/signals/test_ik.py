@@ -122,12 +122,29 @@ def test_pinned_hands_and_feet_stay_while_the_pelvis_moves():
     up = drag(STAND, "pelvis", begin + np.array([0.0, 0.3, 0.0]), 15, pins)[-1]
     for signals in (down, up):
         assert not violations(signals)
-        for pin in pins:
-            assert np.linalg.norm(at(signals, pin) - at(STAND, pin)) < 0.002
+        for joint in ("left_foot", "right_foot", "left_wrist"):
+            place, before = (SKELETON.posed(each).position[JOINT_NAMES.index(joint)] for each in (signals, STAND))
+            assert np.linalg.norm(place - before) < 0.002
+    assert np.linalg.norm(at(up, "left_foot") - at(STAND, "left_foot")) < 0.002, "no heel lifts"
     assert np.linalg.norm(at(up, "pelvis") - begin) < 0.05, "no higher than the legs"
     free = drag(STAND, "pelvis", begin + np.array([0.0, 0.3, 0.0]), 3)[-1]
     assert np.array_equal(free.full_pose(), STAND.full_pose())
     assert at(free, "left_foot") - at(STAND, "left_foot") == pytest.approx([0, 0.3, 0], abs=1e-3)
+
+
+def test_in_a_deep_squat_the_heels_lift_and_the_toes_stay_level():
+    """The pelvis follows half a metre down, where a flat foot would need more than the ankle can bend."""
+    pins = frozenset({"left_foot", "right_foot"})
+    begin = at(STAND, "pelvis")
+    down = drag(STAND, "pelvis", begin + np.array([0.0, -0.5, 0.0]), 12, pins)[-1]
+    assert np.linalg.norm(at(down, "pelvis") - begin - [0.0, -0.5, 0.0]) < 0.03
+    before, after = SKELETON.posed(STAND), SKELETON.posed(down)
+    for side in ("left", "right"):
+        ankle, ball = (JOINT_NAMES.index(f"{side}_{name}") for name in ("ankle", "foot"))
+        assert np.linalg.norm(after.position[ball] - before.position[ball]) < 0.004
+        assert after.position[ankle, 1] > before.position[ankle, 1] - 0.002
+        tip = after.rotation[ball] @ before.rotation[ball].T @ np.array([0.0, 0.0, 0.1])
+        assert tip[1] > -0.01, "toes of 10 cm end less than a centimetre lower"
 
 
 def test_a_pinned_hand_stays_while_the_head_is_pulled():

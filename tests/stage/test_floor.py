@@ -11,10 +11,11 @@ from avatarrex.camera import Camera
 from avatarrex.reference.solids import sphere
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
+from avatarrex.stage import lighting
 from avatarrex.stage.distance import distance_grid
 from avatarrex.stage.lighting import SurfaceLight, floor_light
 from avatarrex.stage.stage import Stage
-from avatarrex.surface.floor import MARGIN, box_corners, floor_region, texel_centres
+from avatarrex.surface.floor import MARGIN, box_corners, floor_region, span, texel_centres
 from avatarrex.surface.pose import PosedSurface, pose_surface
 from avatarrex.surface.raster import Placed, draw_surfaces, surface_geometry
 from avatarrex.surface.shadow import SIDE, Caster, draw_shadow
@@ -96,6 +97,52 @@ def test_a_shadow_keeps_its_map_while_it_is_there(ball):
     third = draw_shadow([Caster(ball, np.eye(4))], LIGHT.direction, LIGHT.width, LIGHT.height)
     assert third.texture.glo == glo
     assert np.array_equal(third.read().values, before)
+
+
+def test_figures_far_apart_have_shadows_as_sharp_as_one(ball):
+    """Texels of a map over two are no larger than of a map over one; beyond some metres they grow."""
+    alone = draw_shadow([Caster(ball, np.eye(4))], LIGHT.direction, LIGHT.width, LIGHT.height)
+    texel = span(alone.region) / alone.texture.size[0]
+    for metres, most in ((0.2, 1.0), (2.0, 1.0), (4.0, 1.0), (30.0, 12.0)):
+        moved = np.eye(4)
+        moved[0, 3] = metres
+        both = draw_shadow([Caster(ball, np.eye(4)), Caster(ball, moved)], LIGHT.direction, LIGHT.width, LIGHT.height)
+        assert both.texture.size[0] == both.read().values.shape[0] <= 3 * SIDE
+        assert span(both.region) / both.texture.size[0] <= most * texel * 1.001
+        assert both.heights.size[0] / both.texture.size[0] == pytest.approx(
+            alone.heights.size[0] / alone.texture.size[0], rel=0.01
+        )
+
+
+def test_what_stays_as_it_is_is_not_marched_again(monkeypatch):
+    """Of the same points: a figure that moves is marched anew, and what its neighbour leaves is remembered."""
+    marched, march = [], lighting.visibility
+    monkeypatch.setattr(lighting, "visibility", lambda grid, *rest: marched.append(grid) or march(grid, *rest))
+    one, other = (distance_grid(banded(sphere((0.0, 0.0, 0.0), RADIUS))) for _ in range(2))
+    points = np.random.default_rng(3).uniform((-0.5, -1.1, -0.5), (0.5, -0.1, 0.5), (200, 3))
+    up, apart = np.tile([0.0, 1.0, 0.0], (200, 1)), np.eye(4)
+    apart[0, 3] = 0.4
+
+    def seen(place, of=points, light=LIGHT):
+        marched.clear()
+        return lighting.seen_light([(one, np.eye(4)), (other, place)], of, up, light, 0.003, "reference")
+
+    first = seen(np.eye(4))
+    assert marched == [one, other]
+    assert np.array_equal(seen(np.eye(4)), first)
+    assert marched == []
+    moved = seen(apart)
+    assert marched == [other]
+    assert np.abs(moved - first).max() > 0.1
+    seen(apart, points + 0.01)
+    assert marched == [one, other]
+    seen(apart, points, replace(LIGHT, softness=20.0))
+    assert marched == [one, other]
+    assert np.array_equal(seen(np.eye(4)), first)
+    assert marched == []
+    for k in range(20):
+        seen(np.eye(4), points + 0.1 * k)
+    assert max(map(len, lighting._seen.values())) <= lighting.KEPT
 
 
 def test_the_spheres_have_the_silhouette_of_what_they_stand_for(ball):
