@@ -4,21 +4,21 @@
     looking(skeleton, signals, target)
 
 Pinned handles stay where they are while another is pulled or a joint is turned, as far as limbs reach; pinned hands and feet stay
-turned, too. A pinned foot stands on its ball: where the ankle is at its limit the heel lifts and the toes stay level.
+turned, too. A pinned foot stays flat; where its ankle is at its limit the heel lifts, and it stands on its ball with level toes.
 Metres, world space.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
-from avatarrex.signals.ik import Above, Aim, Goal, Orient, Place, Problem, solve
+from avatarrex.signals.ik import Aim, Goal, Orient, Place, Problem, solve
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.skeleton import PosedSkeleton, Skeleton
 
@@ -26,8 +26,10 @@ FIRM = 30.0
 """Weight of a pinned place against the pulled one: a pelvis pulled 30 cm too high moves a pinned foot by less than a millimetre."""
 FLAT = 0.05
 """Metres a radian: how much a pinned hand or foot wants to stay turned as it is."""
-HEEL = 0.3
-"""Weight of a pinned foot's ankle against the pulled place: less than that, so that the heel lifts before the pelvis stops."""
+HEEL = 0.05
+"""Weight of the ankle of a foot that stands on its ball against the pulled place: the heel lifts before the pelvis stops."""
+LIFTS = 0.001
+"""Metres that the ball of a foot would leave its place by, its ankle at the limit, before the heel lifts."""
 ROOT = "translation"
 """Beside the joints that are free: the root may be moved."""
 SOLE, UPRIGHT = 0.012, 0.02
@@ -138,8 +140,12 @@ def pulled(
         free[taken.end] = WILLING
         goals.append(Orient(JOINT_NAMES.index(taken.end), posed.rotation[JOINT_NAMES.index(taken.end)], taken.level))
     moving = [JOINT_NAMES.index(name) for name in taken.follow or (taken.joint,)]
-    kept, following = _pinned(skeleton, posed, pins, moving)
-    return _solved(skeleton, signals, start, [*goals, *kept], following | free, limited)
+
+    def solved(tiptoe: frozenset[str], begin: Signals) -> Signals:
+        kept, following = _pinned(skeleton, posed, pins, moving, tiptoe)
+        return _solved(skeleton, begin, start, [*goals, *kept], following | free, limited)
+
+    return _standing(skeleton, posed, pins, solved, signals)
 
 
 def turned(
@@ -156,14 +162,18 @@ def turned(
     The very same signals where no pin is carried by them.
     """
     posed, moving = skeleton.posed(prior), [JOINT_NAMES.index(name) for name in joints]
-    kept, following = _pinned(skeleton, posed, pins, moving)
     limbs = {name for pin in map(handle, pins) for name in (*pin.follow, pin.end if pin.ball else "")}
-    if limbs.intersection(joints):
-        kept, following = _pinned(skeleton, posed, pins, [0])
-        following[ROOT] = 1.0
-    free = {name: stiffness for name, stiffness in following.items() if name not in joints}
-    goals = [goal for goal in kept if not (isinstance(goal, Orient) and goal.joint in moving)]
-    return _solved(skeleton, signals, prior, goals, free, limited) if goals and free else signals
+    own = bool(limbs.intersection(joints))
+
+    def solved(tiptoe: frozenset[str], begin: Signals) -> Signals:
+        kept, following = _pinned(skeleton, posed, pins, [0] if own else moving, tiptoe)
+        free = {name: stiffness for name, stiffness in following.items() if name not in joints} | (
+            {ROOT: 1.0} if own else {}
+        )
+        goals = [goal for goal in kept if not (isinstance(goal, Orient) and goal.joint in moving)]
+        return _solved(skeleton, begin, prior, goals, free, limited) if goals and free else begin
+
+    return _standing(skeleton, posed, pins, solved, signals)
 
 
 def looking(
@@ -213,26 +223,44 @@ def _above(
     return target
 
 
+def _standing(
+    skeleton: Skeleton,
+    posed: PosedSkeleton,
+    pins: frozenset[str],
+    solved: Callable[[frozenset[str], Signals], Signals],
+    signals: Signals,
+) -> Signals:
+    """`solved` with pinned feet flat where they are in `posed`; those that would not stay flat once more, on their balls."""
+    flat = solved(frozenset(), signals)
+    after = skeleton.posed(flat)
+    balls = {name: JOINT_NAMES.index(HANDLES[name].ball) for name in pins if HANDLES[name].ball}
+    lifted = {name for name, ball in balls.items() if np.linalg.norm((after.position - posed.position)[ball]) > LIFTS}
+    return solved(frozenset(lifted), flat) if lifted else flat
+
+
 def _pinned(
-    skeleton: Skeleton, posed: PosedSkeleton, pins: frozenset[str], moving: list[int]
+    skeleton: Skeleton, posed: PosedSkeleton, pins: frozenset[str], moving: list[int], tiptoe: frozenset[str]
 ) -> tuple[list[Goal], dict[str, float]]:
-    """What keeps the pins that the joints `moving` carry where they are, and which joints follow, with their stiffness."""
+    """What keeps the pins that the joints `moving` carry where they are, feet of `tiptoe` by their balls, and which joints follow,
+    with their stiffness.
+    """
     goals: list[Goal] = []
     free: dict[str, float] = {}
-    for pinned in map(handle, sorted(pins)):
+    for name in sorted(pins):
+        pinned = handle(name)
         if not skeleton.carries[moving, pinned.index].any():
             continue
         free = dict(zip(pinned.follow, pinned.stiffness)) | free
-        point, offset = Place(pinned.index, np.zeros(3), pinned.offset(skeleton)), pinned.offset(skeleton)
-        goals.append(Place(pinned.index, point.point(posed), offset, HEEL if pinned.ball else FIRM))
-        for name in filter(None, (pinned.end, pinned.ball)):
-            joint = JOINT_NAMES.index(name)
-            goals.append(Orient(joint, posed.rotation[joint], FLAT))
-            free.setdefault(name, WILLING)
-        if pinned.ball:
+        point = Place(pinned.index, np.zeros(3), pinned.offset(skeleton))
+        goals.append(replace(point, target=point.point(posed), weight=HEEL if name in tiptoe else FIRM))
+        if pinned.end:
+            end = JOINT_NAMES.index(pinned.end)
+            goals.append(Orient(end, posed.rotation[end], FLAT))
+            free.setdefault(pinned.end, WILLING)
+        if name in tiptoe:
             ball = JOINT_NAMES.index(pinned.ball)
-            goals.append(Place(ball, posed.position[ball], weight=FIRM))
-            goals.append(Above(pinned.index, float(posed.position[pinned.index, 1]), FIRM))
+            goals += [Place(ball, posed.position[ball], weight=FIRM), Orient(ball, posed.rotation[ball], FLAT)]
+            free.setdefault(pinned.ball, WILLING)
     return goals, free
 
 

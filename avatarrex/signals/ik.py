@@ -2,10 +2,10 @@
 
     min_r  Σ_g w_g² |e_g(r)|² + Σ_j s_j² |r_j − r⁰_j|²      low ≤ r ≤ high
 
-e_g are the goals: a point of a joint at a place (`Place`), a joint no lower than a height (`Above`), turned as in the world
-(`Orient`), an axis of a joint towards a place (`Aim`). The second sum is the rest prior: of all poses that reach the goals the one
-nearest to r⁰ is taken, so that what is not determined (the swivel of an elbow) neither drifts nor flips. Damped Gauss–Newton on the
-rotation vectors with an active set for the limits; deterministic, float64. A target out of reach gives the nearest pose.
+e_g are the goals: a point of a joint at a place (`Place`), a joint turned as in the world (`Orient`), an axis of a joint towards
+a place (`Aim`). The second sum is the rest prior: of all poses that reach the goals the one nearest to r⁰ is taken, so that
+what is not determined (the swivel of an elbow) neither drifts nor flips. Damped Gauss–Newton on the rotation vectors with an
+active set for the limits; deterministic, float64. A target out of reach gives the nearest pose.
 
 Letters: n free joints, m rows of the goals. Metres, world space; rotation vectors in radians.
 """
@@ -59,33 +59,6 @@ class Place:
         """axis × (p − pivot)."""
         return np.cross(axes, self.point(posed) - pivots)
 
-    def carried(self, posed: PosedSkeleton) -> Float64[np.ndarray, "3 3"]:
-        """All of it."""
-        return np.eye(3)
-
-
-@dataclass(frozen=True, eq=False)
-class Above:
-    """The joint is to be no lower than `height`, metres."""
-
-    joint: int
-    height: float
-    weight: float = 1.0
-
-    def residual(self, posed: PosedSkeleton) -> Float64[np.ndarray, "3"]:
-        """What is missing, upwards."""
-        return np.array([0.0, max(self.height - float(posed.position[self.joint, 1]), 0.0), 0.0])
-
-    def moved(
-        self, posed: PosedSkeleton, axes: Float64[np.ndarray, "n 3"], pivots: Float64[np.ndarray, "n 3"]
-    ) -> Float64[np.ndarray, "n 3"]:
-        """The vertical part of axis × (p − pivot), where something is missing."""
-        return np.asarray(np.cross(axes, posed.position[self.joint] - pivots) @ self.carried(posed))
-
-    def carried(self, posed: PosedSkeleton) -> Float64[np.ndarray, "3 3"]:
-        """The vertical, where something is missing."""
-        return np.diag([0.0, float(self.residual(posed)[1] > 0), 0.0])
-
 
 @dataclass(frozen=True, eq=False)
 class Orient:
@@ -104,10 +77,6 @@ class Orient:
     ) -> Float64[np.ndarray, "n 3"]:
         """The axis itself: to first order in the residual."""
         return axes
-
-    def carried(self, posed: PosedSkeleton) -> Float64[np.ndarray, "3 3"]:
-        """Nothing."""
-        return np.zeros((3, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,14 +100,9 @@ class Aim:
         """axis × direction."""
         return np.cross(axes, posed.rotation[self.joint] @ self.axis)
 
-    def carried(self, posed: PosedSkeleton) -> Float64[np.ndarray, "3 3"]:
-        """Nothing that counts: its target is far."""
-        return np.zeros((3, 3))
 
-
-Goal = Place | Above | Orient | Aim
-"""`residual`: how far it is off, world axes. `moved`: what that loses while joints at pivots turn about world axes, a radian a unit;
-`carried`: while the root is moved."""
+Goal = Place | Orient | Aim
+"""`residual`: how far it is off, world axes. `moved`: what that loses while joints at pivots turn about world axes, a radian a unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +270,7 @@ class _Search:
             carried: Bool[np.ndarray, " n"] = np.repeat(skeleton.carries[free, goal.joint], 3)
             rows = (goal.moved(posed, axes, pivots) * carried[:, None]).T
             if self.problem.moves:
-                rows = np.concatenate([rows, goal.carried(posed)], 1)
+                rows = np.concatenate([rows, np.eye(3) * isinstance(goal, Place)], 1)
             blocks.append(rows)
         return np.concatenate([self.weights[:, None] * np.concatenate(blocks), np.diag(self.prior)])
 
