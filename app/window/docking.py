@@ -64,9 +64,12 @@ def splits(layout: str, width: float) -> list[hello_imgui.DockingSplit]:
 
 
 def fit(width: float) -> None:
-    """Have the present layout made for a window `width` points wide, when it is made next."""
-    params = hello_imgui.get_runner_params().docking_params
-    params.docking_splits = splits(params.layout_name, width)
+    """Have each layout made for a window `width` points wide, when it is made next."""
+    params = hello_imgui.get_runner_params()
+    others = list(params.alternative_docking_layouts)
+    for layout in (params.docking_params, *others):
+        layout.docking_splits = splits(layout.layout_name, width)
+    params.alternative_docking_layouts = others
 
 
 def toggle_panels() -> None:

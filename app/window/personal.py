@@ -27,6 +27,7 @@ class Personal:
     def open(self) -> None:
         """The window is there, for the first time or anew."""
         self._applied = None
+        self.scale.preferred = self.preferences.scale
         self.scale.open()
 
     def greet(self) -> None:

@@ -118,10 +118,9 @@ class Window:
         """Called once, when there is something to see."""
         self._resting, self.loss = Resting(), ContextLoss()
         self.anew = False  # whether the window that is being closed is opened anew, for its context was lost
-        self._frames = self._gesture = 0
+        self._frames, self._gesture, self._wheel = 0, 0, (0.0, 0)
         self._keys_free = True
         """Whether keys were shortcuts when this frame began: what Esc closes does not pass it on."""
-        self._wheel = (0.0, 0)
         self._chords = [(keys.chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut]
         self._effects: dict[str, Callable[[], None]] = {
             "undo": studio.undo, "redo": studio.redo, "toggle_play": studio.toggle_play,

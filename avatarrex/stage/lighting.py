@@ -39,9 +39,8 @@ SURFACE_SKY = 0.88
 Standing = tuple[DistanceGrid, np.ndarray]
 """A figure: its distances, and `world_from_root` (4, 4)."""
 Points = Float[np.ndarray, "p 3"]
-KEPT = 12
-"""What is remembered of each figure: the floor's light and that of eight figures, and some more."""
 _seen: WeakKeyDictionary[DistanceGrid, dict[bytes, np.ndarray]] = WeakKeyDictionary()
+"""What each figure leaves of the points that were lit last: those of every figure's picture and of the floor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +97,7 @@ def seen_light(
         kept, name = _seen.setdefault(grid, {}), about.digest() + world.tobytes()
         found = kept.pop(name) if name in kept else _of_figure((grid, world), points, normals, cone, start, impl)
         kept[name] = found  # the newest of them
-        if len(kept) > KEPT:
+        if len(kept) > len(standing) + 1:
             del kept[next(iter(kept))]
         seen = np.stack([np.minimum(seen[:, 0], found[:, 0]), seen[:, 1] * found[:, 1]], 1)
     return seen
