@@ -162,6 +162,20 @@ LEARNING: dict[str, Mutant] = {
         "there = np.where(turned, there, there)",
         "tests/fields/test_texel_neighbours.py::test_equal_lattices_meet_at_their_edge",
     ),
+    "ears that are evened out as far as their border": Mutant(
+        "what is learnt",
+        f"{CORE}/even.py",
+        "found[some] += share[some, None] * (mean - albedo[some])",
+        "found[some] = mean",
+        "tests/training/test_even.py::test_at_the_border_of_a_fold_texels_go_as_far_as_their_corners_moved",
+    ),
+    "a face whose tone is learnt without it": Mutant(
+        "what is learnt",
+        f"{CORE}/trainer.py",
+        "kept = self.avatar.tone.parameters() if self.keeps_tone else ()",
+        "kept = ()",
+        "tests/training/test_train.py::test_a_body_that_goes_on_leaves_the_faces_tone_alone[True]",
+    ),
     "texels that all move alike": Mutant(
         "what is learnt",
         f"{CORE}/texel_descent.py",
