@@ -284,10 +284,10 @@ def photographs(capture: Capture, meshes: dict[str, TrueMeshes], name: str) -> I
             yield Photographed(Shown(shown.signals, shown.camera, *kept), colour, share)
 
 
-def painted(meshes: TrueMeshes, first: Signals, spacing: float, pictures: list[Photographed], lit: bool) -> Painted:
-    """Texels from the pictures, laid on the mesh of `first`; `lit`: beside a light that is found with them."""
-    faces = torch.from_numpy(meshes.faces)
-    vertices, everywhere = torch.from_numpy(meshes.surface(first).vertices), torch.ones(len(faces), dtype=torch.bool)
+def painted(surface: Surface, spacing: float, pictures: list[Photographed], lit: bool) -> Painted:
+    """Texels from the pictures, laid on the mesh in one pose; `lit`: beside a light that is found with them."""
+    vertices, faces = torch.from_numpy(surface.vertices), torch.from_numpy(surface.faces)
+    everywhere = torch.ones(len(faces), dtype=torch.bool)
     look = Painted(DetailTexture.of(vertices, faces, spacing, everywhere), Light())
     for number in range(1 + LIGHT_ROUNDS * lit):
         if number:
@@ -326,8 +326,8 @@ def ceilings(capture: Capture, name: str) -> list[Drawer]:
     own = meshes[name]
     same = {key: value for key, value in meshes.items() if np.array_equal(value.faces, own.faces)}
     pictures, rig = list(photographs(capture, same, name)), capture.rigs[name]
-    first = next(one.shown.signals for one in pictures)
-    flat, lit = (painted(own, first, SPACING[name], pictures, with_light) for with_light in (False, True))
+    posed = own.surface(next(one.shown.signals for one in pictures))
+    flat, lit = (painted(posed, SPACING[name], pictures, with_light) for with_light in (False, True))
     return [
         TrueMeshDrawer("true mesh", own, flat),
         TrueMeshDrawer("true mesh, light", own, lit),
