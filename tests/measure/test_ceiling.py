@@ -94,7 +94,7 @@ def test_the_light_is_found_beside_the_colours():
 
 
 def test_pieces_that_are_open_have_no_inside():
-    """A box whose corners are told apart at each side, as at seams of a texture, and an open bowl."""
+    """A box each side of which has its own corners, as at seams of a texture, and an open bowl."""
     box = trimesh.creation.box((1, 1, 1))
     box = trimesh.Trimesh(box.vertices[box.faces].reshape(-1, 3), np.arange(36).reshape(-1, 3), process=False)
     bowl = trimesh.creation.icosphere(2, 0.3)
