@@ -29,6 +29,10 @@ class Light(nn.Module):
 
     def forward(self, normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
         """E of unit normals in the root frame."""
+        return (1 + self.basis(normal) @ self.harmonics).clamp_min(DARKEST)
+
+    @staticmethod
+    def basis(normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 8"]:
+        """Y of unit normals."""
         x, y, z = normal.unbind(-1)
-        basis = torch.stack([x, y, z, x * y, y * z, z * x, (3 * z * z - 1) / 2, (x * x - y * y) / 2], -1)
-        return (1 + basis @ self.harmonics).clamp_min(DARKEST)
+        return torch.stack([x, y, z, x * y, y * z, z * x, (3 * z * z - 1) / 2, (x * x - y * y) / 2], -1)

@@ -27,6 +27,11 @@ class ToneMap(nn.Module):
             for parameter in self.network[-1].parameters():
                 parameter.zero_()
 
+    @property
+    def learnt(self) -> bool:
+        """Whether M has left the identity."""
+        return any(bool(parameter.any()) for parameter in self.network[-1].parameters())
+
     def matrix(self, from_body: Float[Tensor, "p 3"], from_head: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3 3"]:
         """M of unit view directions in the pelvis and in the head frame."""
         seen: list[Encoding | Tensor] = [Encoding(from_body, DIRECTION_OCTAVES), encode(from_head, DIRECTION_OCTAVES)]

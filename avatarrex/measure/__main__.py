@@ -22,6 +22,7 @@ TOOLS = {
     "accuracy": ("studies.accuracy", "how near an avatar is to the subject that it was fitted to"),
     "oracle": ("studies.oracle", "errors of every level against the exact frame; polish, seams, flicker"),
     "bent-joints": ("studies.bent_joints", "whether sharply bent joints have holes"),
+    "ceiling": ("studies.ceiling", "how far a capture's own meshes, painted from the training's pictures, would come"),
     "eyes": ("studies.eyes", "the eyes of an avatar and of the fitted mesh against a capture's"),
     "drag": ("studies.drag", "voxels and tolerance of a dragged limb: error against time"),
     "local-frames": ("studies.local_frames", "error and cost of every local frame"),

@@ -101,4 +101,6 @@ class VolumeDrawer:
         frame = TrainingFrame(0, posed, world_from_root, volume, 0)
         if self.part == "body":
             return TrainedBody(self.avatar, frame, volume.body_frame)
-        return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(face_state(volume.states).driven))
+        return TrainedFace(
+            self.avatar, frame, self.avatar.face.geometry_planes(face_state(volume.states).planes.driven)
+        )

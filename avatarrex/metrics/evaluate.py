@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from tqdm import tqdm
@@ -30,6 +30,7 @@ from avatarrex.metrics.drawing import Drawer, Drawing, Truth, fitted, over_black
 from avatarrex.metrics.measures import Measured, Networks, means, measure
 from avatarrex.metrics.mesh import Surface, depth_surface, distances, sampled
 
+Item = TypeVar("Item")
 TEST = ("held-out pose", "held-out view", "held-out both")
 """Parts of the test."""
 SPLITS = ("train", "validation", "test", *TEST)
@@ -249,6 +250,6 @@ def _observed(training: list[tuple[int, int]], count: int) -> list[tuple[int, in
     return chosen
 
 
-def spread(items: Sequence[int], count: int) -> list[int]:
+def spread(items: Sequence[Item], count: int) -> list[Item]:
     """At most `count` of them, evenly spread, both ends among them."""
     return [items[k] for k in np.unique(np.linspace(0, len(items) - 1, count).round().astype(int))] if items else []

@@ -5,8 +5,9 @@ Expressions that no picture of its training showed are carried by the template (
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -37,6 +38,8 @@ FIRST_BAND = 0.012
 
 WIDER = (0.004, 0.012)
 """Metres by which a jaw goes beyond the known ones where the mouth begins to have the template's colours, and has no others."""
+ROUNDED = 1e-6
+"""Metres by which a known mesh differs from itself, carried from one expression or another."""
 SHADOW = 0.6
 """Of the template's colours, within lips."""
 
@@ -61,29 +64,48 @@ class PosedTriangles:
 
 
 @dataclass(eq=False)
-class FaceState(PartState):
-    """A posed face."""
+class FacePlanes:
+    """What the networks make of an expression that they know, when it is first wanted."""
 
-    skin: TemplateDistance
-    _drive: Callable[[], Tensor]
-    _decode: Callable[[Tensor], Tensor]
-    triangles: PosedTriangles
-    """Of all the mesh."""
-    carried: Carried | None = None
-    """From the nearest known expression; None where this one is known."""
+    field: FaceField
+    vertices: Float[Tensor, "v 3"]
+    coefficients: Float[Tensor, " 61"]
+    impl: Impl
     colour: Float[Tensor, "..."] | None = None
     """Colour tri-planes; decoded when a point is first coloured."""
 
+    def serve(self, vertices: Float[Tensor, "v 3"], coefficients: Float[Tensor, " 61"]) -> bool:
+        """Whether they are those of this mesh, too; what carries a mesh to it rounds."""
+        same = torch.equal(coefficients, self.coefficients)
+        return same and bool(torch.allclose(vertices, self.vertices, rtol=0, atol=ROUNDED))
+
     @cached_property
     def driven(self) -> Float[Tensor, "..."]:
-        """Orthographic views of the posed mesh (3, 7, 256, 256), or what else drives the field."""
-        return self._drive()
+        """Orthographic views of the mesh (3, 7, 256, 256), or what else drives the field."""
+        return self.field.driven(self.vertices.float(), self.coefficients.float(), self.impl).to(self.vertices.dtype)
 
     @cached_property
     @torch.no_grad()
     def geometry(self) -> Float[Tensor, "..."]:
-        """Geometry tri-planes of this expression."""
-        return self._decode(self.driven)
+        """Geometry tri-planes."""
+        return self.field.geometry_planes(self.driven)
+
+
+@dataclass(eq=False)
+class FaceState(PartState):
+    """A posed face."""
+
+    skin: TemplateDistance
+    planes: FacePlanes
+    """Of this expression, or of the one that is carried."""
+    triangles: PosedTriangles
+    """Of all the mesh."""
+    carried: Carried | None = None
+    """From the nearest known expression; None where this one is known."""
+
+    def apart(self) -> FaceState:
+        """See `PartState`."""
+        return replace(self, planes=copy.copy(self.planes))
 
 
 def face_state(states: Mapping[str, PartState]) -> FaceState:
@@ -119,19 +141,29 @@ class Face(Part[FaceState]):
         )
 
     @torch.no_grad()
-    def prepare(self, vertices: Tensor, coefficients: Tensor, counters: Counters, impl: Impl = "auto") -> FaceState:
-        """Views of the posed mesh in single precision, and three U-Net runs on them, when a value is first chosen for."""
-        counters.add("unet_runs", 3)
+    def prepare(
+        self,
+        vertices: Tensor,
+        coefficients: Tensor,
+        counters: Counters,
+        impl: Impl = "auto",
+        before: FaceState | None = None,
+    ) -> FaceState:
+        """Views of the posed mesh in single precision, and three U-Net runs on them, when a value is first chosen for; those of the
+        face `before` and its trees where that was carried from the same known expression.
+        """
         mesh, normals = vertices.double().numpy(), vertex_normals(vertices, self.field.faces).double().numpy()
         skin = TemplateDistance.of(mesh, normals, self.blend_weight.double().numpy(), np.zeros(len(mesh)))
         carried, known = self._carried(vertices, coefficients)
         seen = vertices if carried is None else carried.known.vertices.to(vertices)
-
-        def drive() -> Tensor:
-            return self.field.driven(seen.float(), known.float(), impl).to(vertices.dtype)
-
-        triangles = PosedTriangles(mesh, self.field.faces.cpu().numpy())
-        return FaceState(skin, drive, self.field.geometry_planes, triangles, carried)
+        if before is not None and before.planes.serve(seen, known):
+            planes = before.planes
+            if carried is not None and before.carried is not None:
+                carried = replace(carried, known=before.carried.known)
+        else:
+            planes = FacePlanes(self.field, seen, known, impl)
+            counters.add("unet_runs", 3)
+        return FaceState(skin, planes, PosedTriangles(mesh, self.field.faces.cpu().numpy()), carried)
 
     def _carried(self, vertices: Tensor, coefficients: Tensor) -> tuple[Carried | None, Tensor]:
         """What carries the nearest known expression to this one, and its coefficients; None where this one is known.
@@ -150,14 +182,14 @@ class Face(Part[FaceState]):
     def _sdf(self, state: FaceState, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
         """s_F of the expression, known or carried."""
         if state.carried is None:
-            return self.field.sdf(state.geometry, position)
+            return self.field.sdf(state.planes.geometry, position)
         way = state.carried.back(position)
-        return way.distance(self.field.sdf(state.geometry, way.place))
+        return way.distance(self.field.sdf(state.planes.geometry, way.place))
 
     def start(self, state: FaceState, grid: Grid, everywhere: bool) -> Start:
         """The template's distance; points near the mesh are evaluated first. Beside it the tri-planes are made."""
         work = SideBySide()
-        planes = work.add(getattr, state, "geometry")
+        planes = work.add(getattr, state.planes, "geometry")
         start = work.add(self._start, state, grid, everywhere)
         work.run()
         planes.result()
@@ -195,10 +227,10 @@ class Face(Part[FaceState]):
 
     def decode_colour(self, state: FaceState, counters: Counters) -> Float[Tensor, "..."]:
         """The colour tri-planes of `state`, decoded once: three U-Net runs."""
-        if state.colour is None:
-            state.colour = self.field.colour_planes(state.driven)
+        if state.planes.colour is None:
+            state.planes.colour = self.field.colour_planes(state.planes.driven)
             counters.add("unet_runs", 3)
-        return state.colour
+        return state.planes.colour
 
     @torch.no_grad()
     def places(

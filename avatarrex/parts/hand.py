@@ -72,7 +72,14 @@ class Hand(Part[HandState]):
             light=light,
         )
 
-    def prepare(self, vertices: Tensor, coefficients: Tensor, counters: Counters, impl: Impl = "auto") -> HandState:
+    def prepare(
+        self,
+        vertices: Tensor,
+        coefficients: Tensor,
+        counters: Counters,
+        impl: Impl = "auto",
+        before: HandState | None = None,
+    ) -> HandState:
         """See `Part`."""
         return HandState(self.field, vertices, coefficients)
 

@@ -18,6 +18,7 @@ Letters: v vertices, p points. Part frame, metres, negative inside.
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,6 +40,10 @@ Impl = Literal["auto", "reference"]
 
 class PartState:
     """What a part prepared for one driving signal."""
+
+    def apart(self) -> PartState:
+        """A copy; what colours are decoded of it is not the original's."""
+        return copy.copy(self)
 
 
 State = TypeVar("State", bound=PartState)
@@ -86,8 +91,18 @@ class Part(ABC, Generic[State]):
     """The counter of its evaluations."""
 
     @abstractmethod
-    def prepare(self, vertices: Tensor, coefficients: Tensor, counters: Counters, impl: Impl = "auto") -> State:
-        """Whatever the field needs of one driving signal, computed once from the posed mesh (v, 3) and the part's coefficients."""
+    def prepare(
+        self,
+        vertices: Tensor,
+        coefficients: Tensor,
+        counters: Counters,
+        impl: Impl = "auto",
+        before: State | None = None,
+    ) -> State:
+        """Whatever the field needs of one driving signal, computed once from the posed mesh (v, 3) and the part's coefficients.
+
+        `before`: what the same part prepared for another signal, of which something may serve again.
+        """
 
     def sample(self, state: State, grids: Sequence[Grid], counters: Counters) -> Float[np.ndarray, "z y x 2"] | None:
         """(signed distance, ω) at the last of `grids`, each of half the voxel of the one before; None: evaluate it point by point."""

@@ -225,7 +225,8 @@ def _pieces(
     work = SideBySide()
     common = avatar, posed, settings, counters
     new_body = None if body else work.add(_body, *common, _reusable(previous, key, settings))
-    new = {name: work.add(_part, *common, name) for name in reversed(PARTS) if name in key.parts and name not in kept}
+    others = [name for name in reversed(PARTS) if name in key.parts and name not in kept]
+    new = {name: work.add(_part, *common, name, _prepared(previous, key, name)) for name in others}
     work.run()
     if new_body:
         body = new_body.result()
@@ -255,9 +256,23 @@ def _body(
     return BuiltBody(body, grid if settings.everywhere else without_small_components(grid), state.changed)
 
 
-def _part(avatar: Avatar, posed: PosedPerson, settings: RenderSettings, counters: Counters, name: str) -> BuiltPart:
+def _prepared(previous: AvatarVolume | None, key: VolumeKey, name: str) -> PartState | None:
+    """What the same fields prepared of a part for the signal before."""
+    if previous is None or name not in previous.parts:
+        return None
+    return previous.parts[name].state if previous.key.parts[name].version == key.parts[name].version else None
+
+
+def _part(
+    avatar: Avatar,
+    posed: PosedPerson,
+    settings: RenderSettings,
+    counters: Counters,
+    name: str,
+    before: PartState | None,
+) -> BuiltPart:
     part, vertices = avatar.parts[name], posed.parts[name]
-    state = part.prepare(vertices, posed.coefficients[name], counters)
+    state = part.prepare(vertices, posed.coefficients[name], counters, before=before)
     box = build_part_box(part, state, vertices, settings.part_voxel, counters, settings.everywhere)
     return BuiltPart(box, state)
 

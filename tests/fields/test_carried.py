@@ -14,8 +14,9 @@ from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
+from avatarrex.levels import LEVELS
 from avatarrex.parts.carried import OFF, Carried, PosedMesh, Seen
-from avatarrex.parts.face import SHADOW, Face, FaceState
+from avatarrex.parts.face import SHADOW, Face, FaceState, face_state
 from avatarrex.parts.known_expressions import ROOM, KnownExpressions
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
@@ -23,7 +24,9 @@ from avatarrex.signals.library import coefficients
 from avatarrex.templates.albedo import inside_mouth
 from avatarrex.templates.face import covered
 from avatarrex.templates.person import load_person
+from avatarrex.templates.posed import pose_person
 from avatarrex.training.core.provenance import expressions
+from avatarrex.volume.build import build_volume
 
 PERSON = load_person("default")
 GAP = 0.012
@@ -148,11 +151,12 @@ def face_of(known: KnownExpressions | None) -> Face:
     return replace(made, known=known)
 
 
-def state_of(face: Face, frame: Signals) -> FaceState:
-    """Prepared for a frame."""
+def state_of(face: Face, frame: Signals, before: FaceState | None = None, size: float = 1.0) -> FaceState:
+    """Prepared for a frame, of a head so many times as large."""
     vector_ = vector(frame)
     rest = PERSON.face.v_template
-    return face.prepare(PERSON.face.posed(vector_.to(rest), rest.new_zeros(0)), vector_, Counters())
+    vertices = size * PERSON.face.posed(vector_.to(rest), rest.new_zeros(0))
+    return face.prepare(vertices, vector_, Counters(), before=before)
 
 
 def test_known_expressions_are_as_before_and_others_carry_the_nearest() -> None:
@@ -161,11 +165,11 @@ def test_known_expressions_are_as_before_and_others_carry_the_nearest() -> None:
     plain, known = face_of(None), face_of(KnownExpressions.of([frame]))
     closed, same = state_of(plain, frame), state_of(known, frame)
     assert same.carried is None
-    assert torch.equal(same.geometry, closed.geometry)
+    assert torch.equal(same.planes.geometry, closed.planes.geometry)
     face = face_of(KnownExpressions.of([Signals.rest()]))
     carried, open_ = state_of(face, frame), state_of(face, Signals.rest())
     assert carried.carried is not None
-    assert torch.allclose(carried.driven, open_.driven, atol=1e-6), "the networks see a known face"
+    assert torch.allclose(carried.planes.driven, open_.planes.driven, atol=1e-6), "the networks see a known face"
     rest, posed = open_.triangles.vertices, closed.triangles.vertices
     moved = np.linalg.norm(posed - rest, axis=1)
     lid = torch.as_tensor(posed[moved.argmax()])[None].float()
@@ -176,6 +180,47 @@ def test_known_expressions_are_as_before_and_others_carry_the_nearest() -> None:
     chin = torch.as_tensor(rest[moved == 0][np.argmin(rest[moved == 0][:, 1] - rest[moved == 0][:, 2])])[None].float()
     assert torch.equal(face.evaluate(carried, chin), face.evaluate(open_, chin))
     assert not torch.equal(face.evaluate(carried, lid), face.evaluate(open_, lid))
+
+
+def test_the_planes_of_a_carried_face_are_made_once() -> None:
+    """Expressions that one known face carries share what the networks made of it; other faces and heads have their own."""
+    face = face_of(KnownExpressions.of([Signals.rest()]))
+    blink, laugh = shown(eyeBlinkLeft=1.0), shown(jawOpen=0.5, mouthSmileLeft=0.7)
+    first, alone = state_of(face, blink), state_of(face, laugh)
+    shared = state_of(face, laugh, first)
+    assert shared.planes is first.planes
+    assert shared.carried.known is first.carried.known
+    assert shared.carried.now is not first.carried.now
+    torch.testing.assert_close(shared.planes.geometry, alone.planes.geometry, rtol=0, atol=1e-5)
+    points = torch.from_numpy(alone.triangles.vertices[::50]).float() + 0.003
+    torch.testing.assert_close(face.evaluate(shared, points), face.evaluate(alone, points), rtol=0, atol=1e-5)
+    face.decode_colour(shared, counters := Counters())
+    face.decode_colour(first, counters)
+    assert counters["unet_runs"] == 3, "colours, too"
+    assert first.planes.serve(first.planes.vertices, first.planes.coefficients)
+    assert not first.planes.serve(first.planes.vertices, first.planes.coefficients + 0.1), "a field may have them alone"
+    assert state_of(face, laugh, first, size=1.001).planes is not first.planes
+    smiling = face_of(KnownExpressions.of([shown(mouthSmileLeft=0.7)]))
+    assert state_of(smiling, laugh, state_of(smiling, blink)).planes is not state_of(smiling, blink).planes
+    plain = face_of(None)
+    assert state_of(plain, laugh, state_of(plain, blink)).carried is None
+    assert not torch.equal(state_of(plain, laugh, state_of(plain, blink)).planes.driven, first.planes.driven)
+
+
+def test_fields_that_changed_make_their_planes_anew() -> None:
+    avatar = Avatar.create(PERSON, "compact", 0)
+    avatar.meta["training"] = {"expressions": KnownExpressions.of([Signals.rest()]).to_json()}
+    planes, runs, before = [], [], None
+    for jaw, version in ((0.2, 0), (0.4, 0), (0.6, 1)):
+        avatar.versions["face"] = version
+        counters = Counters()
+        posed = pose_person(PERSON, shown(jawOpen=jaw), counters, None)
+        before = build_volume(avatar, posed, LEVELS["fast"], counters, before, frozenset({"left_hand", "right_hand"}))
+        planes.append(face_state(before.states).planes)
+        runs.append(counters["unet_runs"])
+    assert planes[0] is planes[1]
+    assert planes[1] is not planes[2]
+    assert runs == [3, 0, 3]
 
 
 def test_a_mouth_that_nobody_saw_has_the_template_s_colours() -> None:

@@ -10,6 +10,7 @@ from mutations.mutants import Mutant
 
 CORE, READERS = "avatarrex/training/core", "avatarrex/capture/readers"
 LEARNS = "tests/training/test_learning.py::test_a_perturbed_avatar_learns_what_was_held_out"
+PATCHES = "tests/training/test_learning.py::test_patches_teach_what_nobody_painted"
 PAPER, TERMS, SEALED = (f"tests/training/test_{name}.py" for name in ("paper", "terms", "sealed"))
 PATHS = f"{SEALED}::test_no_path_of_a_training_reads_what_is_not_in_its_split"
 WEIGHTS = {
@@ -40,6 +41,13 @@ LEARNING: dict[str, Mutant] = {
     ),
     "zero rate": Mutant(
         "what is learnt", f"{CORE}/work.py", 'group["lr"] = rate', 'group["lr"] = 0.0', f"{LEARNS}[body]"
+    ),
+    "a pass II that learns nothing": Mutant(
+        "what is learnt",
+        f"{CORE}/stage.py",
+        "return rate, one.texel_rate * rate, rate",
+        "return 0.0, 0.0, 0.0",
+        f"{PATCHES}[body]",
     ),
     "patches shuffled": Mutant(
         "what is learnt",
@@ -161,6 +169,20 @@ LEARNING: dict[str, Mutant] = {
         "there = np.where(turned, beyond - there, there)",
         "there = np.where(turned, there, there)",
         "tests/fields/test_texel_neighbours.py::test_equal_lattices_meet_at_their_edge",
+    ),
+    "ears that are evened out as far as their border": Mutant(
+        "what is learnt",
+        f"{CORE}/even.py",
+        "found[some] += share[some, None] * (mean - albedo[some])",
+        "found[some] = mean",
+        "tests/training/test_even.py::test_at_the_border_of_a_fold_texels_go_as_far_as_their_corners_moved",
+    ),
+    "a face whose tone is learnt without it": Mutant(
+        "what is learnt",
+        f"{CORE}/trainer.py",
+        "kept = self.avatar.tone.parameters() if self.keeps_tone else ()",
+        "kept = ()",
+        "tests/training/test_train.py::test_a_body_that_goes_on_leaves_the_faces_tone_alone[True]",
     ),
     "texels that all move alike": Mutant(
         "what is learnt",

@@ -92,11 +92,17 @@ def write_miniature(folder: Path, part: str, seed: int = 3) -> Path:
     return folder
 
 
-def perturbed(part: str, seed: int) -> Avatar:
-    """The prior's surface, moved outwards by `OFF` and roughened; colours that know nothing."""
+def uncoloured(seed: int) -> Avatar:
+    """The prior's surface; colours that know nothing of the pattern."""
     avatar = Avatar.create(load_person(), "compact", seed)
     assert load_prior(avatar, "body")
     assert load_prior(avatar, "face")
+    return avatar
+
+
+def perturbed(part: str, seed: int) -> Avatar:
+    """`uncoloured`, the surface moved outwards by `OFF` and roughened."""
+    avatar = uncoloured(seed)
     geometry = avatar.body.geometry_blend if part == "body" else avatar.face.geometry.mlp
     generator = torch.Generator().manual_seed(seed)
     with torch.no_grad():
@@ -150,7 +156,7 @@ class Watched(Trainer):
             self.look(step, held_out_figures(self.whole, self.avatar))
 
 
-def learn(path: Path, part: str, recipe: Recipe, folder: Path, look: Look, seed: int = 0) -> None:
-    """Train a perturbed avatar as `train` does; `look` gets step and figures at each multiple of the recipe's interval."""
-    with Run.create(folder, {"part": part, "seed": seed}) as run:
-        Watched(open_capture(path), recipe, run, perturbed(part, seed), look).train()
+def learn(path: Path, recipe: Recipe, run: Run, start: Avatar, look: Look) -> None:
+    """Train `start` as `train` does; `look` gets step and figures at each multiple of the recipe's interval."""
+    with run:
+        Watched(open_capture(path), recipe, run, start, look).train()

@@ -295,6 +295,24 @@ def test_it_goes_on_from_an_avatar(capture, whole, tmp_path, monkeypatch):
         Trainer(open_capture(capture), TINY, run, Avatar.create(known.person, "paper"))
 
 
+@pytest.mark.parametrize("learnt", [True, False])
+def test_a_body_that_goes_on_leaves_the_faces_tone_alone(tmp_path, learnt):
+    """Its tone mapping was learnt beside a face that is not trained now; one that never was is learnt with the body."""
+    made = open_capture(TinyCapture.make().folder(tmp_path / "capture"))
+    known = Avatar.create(made.person, "compact", 0)
+    last = list(known.tone.network[-1].parameters())
+    with torch.no_grad():
+        last[-1].add_(0.05 * learnt)
+    run, _ = start(tmp_path / "capture", tmp_path / "run")
+    trainer = Trainer(made, TINY, run, known)
+    with run:
+        assert trainer.train()
+    after, before = trainer.avatar.state(), known.state()
+    moved = {name.split(".")[0] for name, value in before.items() if not value.equal(after[name])}
+    assert "body" in moved
+    assert ("tone" in moved) is not learnt
+
+
 def test_what_goes_on_keeps_the_local_frames_it_began_with(capture, tmp_path, monkeypatch):
     """Rest positions of another kind would move the surface that was learned: started from, and resumed."""
     monkeypatch.setattr(Run, "control", lambda self: "stop")

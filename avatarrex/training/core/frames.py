@@ -6,7 +6,6 @@ that is resumed there places its samples as it would have without the interrupti
 
 from __future__ import annotations
 
-import copy
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -45,7 +44,7 @@ class TrainingFrame:
 
     def states(self) -> dict[str, PartState]:
         """What each part prepared, by name, for one step: colour planes of a trained face are decoded anew in each."""
-        return {name: copy.copy(state) for name, state in self.volume.states.items()}
+        return {name: state.apart() for name, state in self.volume.states.items()}
 
     def camera(self, camera: Camera) -> Camera:
         """A camera of the rig in this frame's root frame."""

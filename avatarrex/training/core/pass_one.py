@@ -187,7 +187,7 @@ class FacePass(VolumePass):
 
     def field(self, frame: TrainingFrame, noise: torch.Generator) -> tuple[TrainedField, dict[str, Tensor]]:
         """The face, without regularisers."""
-        driven = face_state(frame.volume.states).driven
+        driven = face_state(frame.volume.states).planes.driven
         return TrainedFace(self.avatar, frame, self.avatar.face.geometry_planes(driven)), {}
 
     def window(self, frame: TrainingFrame, view: int) -> Box | None:

@@ -76,6 +76,14 @@ class Trainer:
         self.known = provenance.prior(self.avatar, recipe, self.parts, start)
         self.seconds, self.began = 0.0, time.monotonic()
 
+    @property
+    def keeps_tone(self) -> bool:
+        """Whether the face's tone mapping stays that of the start: it was learnt beside that face, which is not trained here.
+
+        Learnt once more beside the body alone it turned a face pink from where no camera was.
+        """
+        return self.start is not None and "face" not in self.parts and self.start.tone.learnt
+
     def train(self) -> bool:
         """Go on from the run's last checkpoint to the end; False where it was stopped before."""
         first, state = self._restore()
@@ -128,7 +136,8 @@ class Trainer:
         if state is None and stage.recipe.texel:
             slides = isinstance(stage.recipe, PassTwo) and stage.recipe.slides
             start_from_pictures(self.avatar, stage.part, store, stage.recipe.texel, slides)
-        work = Work(stage, pass_of(stage, self.avatar, store, self.perceptual, self.seed), state)
+        kept = self.avatar.tone.parameters() if self.keeps_tone else ()
+        work = Work(stage, pass_of(stage, self.avatar, store, self.perceptual, self.seed), state, kept)
         self.run.stage(stage.part, stage.name, stage.end)
         if state is None:
             self._save(number, work.step, work)

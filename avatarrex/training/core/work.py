@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import resource
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -38,11 +39,14 @@ class Diverged(ArithmeticError):
 class Work:
     """A stage in progress."""
 
-    def __init__(self, stage: Stage, losses: AnyPass, state: dict[str, Any] | None) -> None:
-        """From the stage's first step, or from a checkpoint's `state`."""
+    def __init__(
+        self, stage: Stage, losses: AnyPass, state: dict[str, Any] | None, kept: Iterable[nn.Parameter] = ()
+    ) -> None:
+        """From the stage's first step, or from a checkpoint's `state`; parameters that are `kept` are not learnt."""
         self.stage, self.losses = stage, losses
         self.step = stage.begin if state is None else int(state["step"])
-        self.parameters = losses.parameters()
+        stay = {id(parameter) for parameter in kept}
+        self.parameters = [parameter for parameter in losses.parameters() if id(parameter) not in stay]
         for parameter in self.parameters:
             parameter.requires_grad_(True)
         geometry, texels, others = _groups(losses.avatar, stage.part, self.parameters)
