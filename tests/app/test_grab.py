@@ -108,7 +108,7 @@ def test_what_is_dragged_follows_the_mouse_and_comes_back(display):
         test.yield_(2)
         seen["pins"] = studio.state.tools.pins
         begin = hand.place("pelvis")
-        way = [begin + np.array([0.0, 6.0]) * k for k in range(1, 11)]
+        way = [begin + np.array([0.0, 3.4]) * k for k in range(1, 11)]  # no more than ankles bend
         hand.drag(begin, *way)
         seen["pelvis"] = np.hypot(*(hand.place("pelvis") - way[-1]))
         seen["feet"] = max(np.hypot(*(hand.place(f"{s}_foot") - at)) for s, at in zip(("left", "right"), feet))
