@@ -363,7 +363,7 @@ class Studio:
         live = self.state.timeline.layer(layer).live
         drive = self.listening.drives[live]
         if drive.take is None:
-            self.listening.record(live, self.state.timeline.seconds if self.playback.playing else 0.0)
+            self.listening.record(live, layer, self.state.timeline.seconds if self.playback.playing else 0.0)
             return
         with refusals_logged():
             motion = Motion.read(self.listening.recorded(live))

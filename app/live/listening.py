@@ -59,7 +59,7 @@ class Listening:
             return
         with refusals_logged():
             if len(drive.take or ()) >= LEAST:
-                log.log(NOTICE, "The recording of %s is kept: %s", layer, self.recorded(layer))
+                log.log(NOTICE, "The recording of %s is kept: %s", drive.title, self.recorded(layer))
         del self.drives[layer]
         drive.sender.close()
 
@@ -111,16 +111,17 @@ class Listening:
                 layers[place] = replace(layer, feed=replace(layer.feed, signals=drive.signals, presence=drive.presence))
         return timeline.change(layers=tuple(layers))
 
-    def record(self, layer: str, begins: float) -> None:
-        """Begin to record what drives a layer, at a second of its timeline."""
-        self.drives[layer].take, self.drives[layer].begins = [], begins
+    def record(self, layer: str, title: str, begins: float) -> None:
+        """Begin to record what drives a layer, which the user calls `title`, at a second of its timeline."""
+        drive = self.drives[layer]
+        drive.take, drive.title, drive.begins = [], title, begins
 
     def recorded(self, layer: str, folder: Path | None = None) -> Path:
         """End the recording; the motion file with it, in `folder` (the user's library). Raises `InputError` for an empty one."""
         drive = self.drives[layer]
         frames, drive.take = drive.take or [], None
         if len(frames) < LEAST:
-            raise InputError(layer, "recording", "two frames or more", len(frames))
+            raise InputError(drive.title, "recording", "two frames or more", len(frames))
         folder = folder or library_folder() / "takes"
         name = time.strftime("take-%Y%m%d-%H%M%S")
         number = sum(1 for _ in folder.glob(f"{name}*.json")) if folder.exists() else 0

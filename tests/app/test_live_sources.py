@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import random
 import socket
 import time
@@ -19,7 +20,7 @@ from avatarrex_studio.live.webcam import Landmarks, replayed
 from avatarrex_studio.session.commands import AddFigure, RemoveFigure, SelectFigure, SetExpression
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.timeline import Feed, Layer
-from avatarrex_studio.session.timeline_commands import AddLayer
+from avatarrex_studio.session.timeline_commands import AddLayer, MoveLayer, RenameLayer
 from avatarrex_studio.session.user_library import library_folder
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
@@ -292,6 +293,40 @@ def test_two_figures_with_a_live_layer_of_one_name_each_have_a_source_of_their_o
     listen(studio, clock, sent, (0.2, 0.9))
     assert jaws(studio) == pytest.approx([0.2], abs=0.02)
     assert (sent[0].closed, sent[1].closed) == (False, True)
+
+
+def test_live_layers_of_one_figure_have_sources_of_their_own_whatever_they_are_called(studio, clock):
+    """The second figure has *Phone*, heard as 'Phone 2', and adds one of that name; a later one is called so."""
+    two_phones(studio)
+    for name in ("Phone 2", "Laptop"):
+        studio.do(AddLayer(Layer(name, feed=Feed("livelink"))))
+    studio.do(RenameLayer("Phone", "Camera"))
+    studio.do(RenameLayer("Laptop", "Phone"))
+    first, second = (figure.timeline for figure in studio.state.figures)
+    assert [layer.live for layer in first.layers] == ["Phone"]
+    assert [layer.live for layer in second.layers] == ["Phone 2", "Phone 2 2", "Phone 3"]
+    assert Journal.from_json(json.loads(json.dumps(studio.journal.to_json()))).state == studio.state
+
+
+def test_a_layer_that_is_renamed_takes_no_source_of_another(studio):
+    """Whoever was given a name to be heard as keeps it."""
+    two_phones(studio)
+    studio.do(AddLayer(Layer("Laptop", feed=Feed("livelink"))))
+    studio.do(MoveLayer("Laptop", -1))
+    studio.do(RenameLayer("Laptop", "Phone 2"))
+    assert [(layer.name, layer.live) for layer in studio.state.timeline.layers] == [
+        ("Phone 2", "Phone 2 2"),
+        ("Phone", "Phone 2"),
+    ]
+
+
+def test_a_recording_that_is_kept_is_told_by_the_name_of_its_layer(studio, clock, caplog):
+    sent = two_phones(studio)
+    studio.record_live("Phone")
+    listen(studio, clock, sent, (None, 0.7), 0.2)
+    with caplog.at_level(logging.INFO):
+        studio.listening.switch_off("Phone 2")
+    assert "The recording of Phone is kept: " in caplog.text
 
 
 def test_what_sends_no_more_fades_out_of_the_face(studio, clock):
