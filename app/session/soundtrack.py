@@ -45,7 +45,9 @@ def _heard(
     first, last = timeline.played
     repeats = timeline.loop and last > first
     late = times - shown
-    moves = (late > -1e-9) & (repeats | (late < 1 / timeline.fps))  # for as long as a frame lasts the last does not wait
+    moves = (late > -1e-9) & (
+        repeats | (late < 1 / timeline.fps)
+    )  # for as long as a frame lasts the last does not wait
     return np.where(moves, shown if repeats else times, np.nan)
 
 
