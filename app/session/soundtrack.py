@@ -27,8 +27,8 @@ def soundtrack(
     """
     times = begin + np.arange(round(seconds * rate)) / rate
     shown = [(timeline, timeline.local(times)), *((other, other.repeated(times)) for other in others)]
-    heard = [(_sounding(each), _heard(each, times, own)) for each, own in shown]
-    sounds = [layer.weight * _sound(layer, own, rate) for layers, own in heard for layer in layers]
+    sounding = [(_sounding(each), _own_times(each, times, own)) for each, own in shown]
+    sounds = [layer.weight * _sound(layer, own, rate) for layers, own in sounding for layer in layers]
     return np.sum(sounds, axis=0).clip(-1.0, 1.0) if sounds else None
 
 
@@ -38,7 +38,7 @@ def _sounding(timeline: Timeline) -> list[Layer]:
     return [layer for layer in files if layer.weight and not layer.muted]
 
 
-def _heard(
+def _own_times(
     timeline: Timeline, times: Float[np.ndarray, " s"], shown: Float[np.ndarray, " s"]
 ) -> Float[np.ndarray, " s"]:
     """A timeline's own times at which it sounds while it is `shown` at some; NaN, silence, where it waits in its first or last frame."""

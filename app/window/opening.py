@@ -36,7 +36,7 @@ class Reading:
     take: Callable[[Opened], None]
     """Shows what was read."""
     slot: int | None = None
-    """Of the figure that was selected when it was asked for; None: of whoever is selected when it is shown."""
+    """Of the figure that was selected when it was opened; None: of whoever is selected when it is shown."""
     places: tuple[Place, ...] = ()
     """Of all figures then: by its place a figure is found again where another one has been removed."""
     future: Future[Opened] | None = None
@@ -125,7 +125,7 @@ class Opening:
                 log.exception("%s could not be opened", reading.path)
 
     def _show(self, reading: Reading, opened: Opened) -> None:
-        """Show what was read, of the figure that it was asked for; who is selected meanwhile stays so.
+        """Show what was read, of the figure that it was opened for; who is selected meanwhile stays so.
 
         Raises `InputError` where it is gone.
         """
@@ -138,7 +138,7 @@ class Opening:
             studio.do(SelectFigure(selected))
 
     def _slot(self, reading: Reading) -> int:
-        """Where the figure is that a path was asked for. Raises `InputError` where it is gone."""
+        """Where the figure is that a path was opened for. Raises `InputError` where it is gone."""
         places = [figure.place for figure in self._studio.state.figures]
         if reading.slot is None:
             return self._studio.state.slot
@@ -156,7 +156,7 @@ class Opening:
         studio = self._studio
         if opened.journal:
             studio.take_journal(opened.journal)
-            for waiting in self._reading:  # they were asked for after the session
+            for waiting in self._reading:  # they were opened after the session
                 waiting.slot = None
         for name, reading in opened.avatars.items():
             studio.avatars.keep(name, reading)
