@@ -298,7 +298,7 @@ def test_two_figures_with_a_live_layer_of_one_name_each_have_a_source_of_their_o
 
 
 def test_live_layers_of_one_figure_have_sources_of_their_own_whatever_they_are_called(studio, clock):
-    """The second figure has *Phone*, heard as 'Phone 2', and adds one of that name; a later one is called so."""
+    """The second figure has *Phone*, listened for as 'Phone 2', and adds one of that name; a later one is called so."""
     two_phones(studio)
     for name in ("Phone 2", "Laptop"):
         studio.do(AddLayer(Layer(name, feed=Feed("livelink"))))
@@ -311,7 +311,7 @@ def test_live_layers_of_one_figure_have_sources_of_their_own_whatever_they_are_c
 
 
 def test_a_layer_that_is_renamed_takes_no_source_of_another(studio):
-    """Whoever was given a name to be heard as keeps it."""
+    """Whoever was given a name to be listened for as keeps it."""
     two_phones(studio)
     studio.do(AddLayer(Layer("Laptop", feed=Feed("livelink"))))
     studio.do(MoveLayer("Laptop", -1))

@@ -84,12 +84,12 @@ def test_after_the_end_of_what_does_not_repeat_it_is_silent(tmp_path, own):
     """A tone that is loud to its last sample, 0.741 s: of the timeline that leads, or of one beside; before a range, too."""
     layer = write_tone(tmp_path / "tone.wav", 440, 0.741)
 
-    def heard(**settings):
+    def sounding(**settings):
         timeline = Timeline((layer,), **settings)
         timelines = (timeline, ()) if own else (Timeline(), (timeline,))
         return soundtrack(timelines[0], 0.0, 2.0, SOUND_RATE, timelines[1])
 
-    once, again = heard(loop=False), heard()
+    once, again = sounding(loop=False), sounding()
     end = int(0.741 * SOUND_RATE)
     assert tone(once[: end - 9]) == pytest.approx((440, 0.5 / 2**0.5), rel=0.01), "all of it"
     assert np.abs(once[end - 60 : end - 9]).max() > 0.1
@@ -97,8 +97,8 @@ def test_after_the_end_of_what_does_not_repeat_it_is_silent(tmp_path, own):
     assert np.abs(again[SOUND_RATE:]).max() > 0.4
     if not own:
         first = int(0.2 * SOUND_RATE)
-        assert not heard(span=(6, 15))[:first].any()
-        assert not heard(span=(6, 15), loop=False)[: first - 1].any()
+        assert not sounding(span=(6, 15))[:first].any()
+        assert not sounding(span=(6, 15), loop=False)[: first - 1].any()
 
 
 @pytest.mark.parametrize("ending", [".mp4", ".webm"])
