@@ -25,7 +25,7 @@ from avatarrex_studio.session.commands import Command, Followed, SetCamera
 from avatarrex_studio.session.evaluation import go_to, layers_at, settled
 from avatarrex_studio.session.figures import Place
 from avatarrex_studio.session.greeting import Greeting
-from avatarrex_studio.session.grip import LOOK, Grip, followed
+from avatarrex_studio.session.grip import LOOK, Beginning, Grip, followed
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import CAMERA
 from avatarrex_studio.session.motion import Motion
@@ -110,6 +110,7 @@ class Studio:
         self.weight = 0.0
         """Share of the exact picture over the surface, 0 to 1."""
         self._clock = clock
+        self._beginning = Beginning()
         self._drawn: Subject | None = None
         self._read: dict[str, Avatar] = {}
         """The figures' avatars by name, as far as they have been read."""
@@ -134,7 +135,7 @@ class Studio:
             shared = self.playback.gesture if self.playback.playing else gesture
             figure = self.figure if isinstance(command, Followed) and self.state.tools.pins else None
             if isinstance(command, Followed) and figure:
-                start = self.journal.before(command, shared).signals
+                start = self._beginning.of(gesture, self.state)
                 command = followed(command, self.state, figure.skeleton, start)
             command = self.take.keyed(command, self.state, gesture)
             if isinstance(command, SetFrame):
@@ -362,7 +363,7 @@ class Studio:
         live = self.state.timeline.layer(layer).live
         drive = self.listening.drives[live]
         if drive.take is None:
-            self.listening.record(live, self.state.timeline.seconds if self.playback.playing else 0.0)
+            self.listening.record(live, layer, self.state.timeline.seconds if self.playback.playing else 0.0)
             return
         with refusals_logged():
             motion = Motion.read(self.listening.recorded(live))

@@ -48,6 +48,8 @@ class Drive:
         self.signals = Signals.rest()
         self.take: list[tuple[float, Signals]] | None = None
         """Time and signals of every frame while it is recorded."""
+        self.title = ""
+        """Of its layer, when the recording began: what the user calls it."""
         self.begins = 0.0
         """Seconds of the timeline at which the recording did."""
         self._filter, self._told_at, self._frame_at = OneEuro(), float("-inf"), float("-inf")

@@ -14,9 +14,10 @@ from avatarrex_studio.live.receiver import LOOPBACK, Receiver
 from avatarrex_studio.live.sources import SOURCES
 from avatarrex_studio.session.notice import NOTICE, refusals_logged
 from avatarrex_studio.session.timeline import Timeline
-from avatarrex_studio.session.user_library import library_folder
+from avatarrex_studio.session.user_library import library_folder, state_folder
 
 from avatarrex.errors import InputError
+from avatarrex.files.gate import what_is
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence, interpolate
@@ -59,7 +60,7 @@ class Listening:
             return
         with refusals_logged():
             if len(drive.take or ()) >= LEAST:
-                log.log(NOTICE, "The recording of %s is kept: %s", layer, self.recorded(layer))
+                log.log(NOTICE, "The recording of %s is kept: %s", drive.title, self._kept(layer))
         del self.drives[layer]
         drive.sender.close()
 
@@ -111,23 +112,36 @@ class Listening:
                 layers[place] = replace(layer, feed=replace(layer.feed, signals=drive.signals, presence=drive.presence))
         return timeline.change(layers=tuple(layers))
 
-    def record(self, layer: str, begins: float) -> None:
-        """Begin to record what drives a layer, at a second of its timeline."""
-        self.drives[layer].take, self.drives[layer].begins = [], begins
+    def record(self, layer: str, title: str, begins: float) -> None:
+        """Begin to record what drives a layer, which the user calls `title`, at a second of its timeline."""
+        drive = self.drives[layer]
+        drive.take, drive.title, drive.begins = [], title, begins
 
     def recorded(self, layer: str, folder: Path | None = None) -> Path:
-        """End the recording; the motion file with it, in `folder` (the user's library). Raises `InputError` for an empty one."""
+        """End the recording; the motion file with it, in `folder` (the user's library).
+
+        Raises `InputError` for an empty one, and where the file cannot be written: then the recording goes on.
+        """
         drive = self.drives[layer]
-        frames, drive.take = drive.take or [], None
+        frames = drive.take or []
         if len(frames) < LEAST:
-            raise InputError(layer, "recording", "two frames or more", len(frames))
+            drive.take = None
+            raise InputError(drive.title, "recording", "two frames or more", len(frames))
         folder = folder or library_folder() / "takes"
         name = time.strftime("take-%Y%m%d-%H%M%S")
-        number = sum(1 for _ in folder.glob(f"{name}*.json")) if folder.exists() else 0
+        number = sum(1 for _ in folder.glob(f"{name}*.json")) if what_is(folder) == "a folder" else 0
         path = folder / f"{name}{f'-{number + 1}' if number else ''}.json"
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, evenly(frames, path.stem))
+        drive.take = None
         return path
+
+    def _kept(self, layer: str) -> Path:
+        """The file with a recording that ends, in the state's folder where the library takes none. Raises `InputError` where neither does."""
+        try:
+            return self.recorded(layer)
+        except InputError as error:
+            log.warning("%s", error)
+            return self.recorded(layer, state_folder() / "takes")
 
 
 def evenly(frames: list[tuple[float, Signals]], name: str, fps: float = TAKE_FPS) -> SignalSequence:

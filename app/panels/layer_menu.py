@@ -109,7 +109,7 @@ class LayerMenu:
         if imgui.menu_item("Copy", "", False, bool(places))[0]:
             self.copied = copied(layer, places)
         if imgui.menu_item("Paste at the playhead", "", False, bool(self.copied))[0]:
-            start = layer.local(timeline.seconds)
+            start = layer.local(timeline.key_seconds)
             yield SetKeys(
                 layer.name, tuple((name, start + time, value, curve) for name, time, value, curve in self.copied)
             )

@@ -45,6 +45,21 @@ class Grip:
         return PullHandle(self.name, goal, followed)
 
 
+class Beginning:
+    """What was there when the drag of a slider or ring began, whatever its commands have become: keys, frames in between."""
+
+    def __init__(self) -> None:
+        self._drag: object = None
+        self._start = Signals.rest()
+
+    def of(self, gesture: object, state: StudioState) -> Signals:
+        """The signals at the first command of a gesture; those of `state` where it is the first, or none (None)."""
+        drag = (gesture, state.slot, state.tools.pins)
+        if gesture is None or drag != self._drag:
+            self._drag, self._start = drag, state.signals
+        return self._start
+
+
 def followed(command: Followed, state: StudioState, skeleton: Skeleton, start: Signals) -> Command:
     """The command with what follows it so that pins stay where they were in `start`, of when the drag of a slider or ring began."""
     joints: tuple[str, ...] = ("pelvis",)

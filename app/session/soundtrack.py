@@ -26,9 +26,9 @@ def soundtrack(
     higher. None without a sound layer. Raises `InputError` for one that cannot be read.
     """
     times = begin + np.arange(round(seconds * rate)) / rate
-    own = [(layer, timeline.local(times)) for layer in _sounding(timeline)]
-    beside = [(layer, other.repeated(times)) for other in others for layer in _sounding(other)]
-    sounds = [layer.weight * _sound(layer, shown, rate) for layer, shown in (*own, *beside)]
+    shown = [(timeline, timeline.local(times)), *((other, other.repeated(times)) for other in others)]
+    sounding = [(_sounding(each), _own_times(each, times, own)) for each, own in shown]
+    sounds = [layer.weight * _sound(layer, own, rate) for layers, own in sounding for layer in layers]
     return np.sum(sounds, axis=0).clip(-1.0, 1.0) if sounds else None
 
 
@@ -38,12 +38,25 @@ def _sounding(timeline: Timeline) -> list[Layer]:
     return [layer for layer in files if layer.weight and not layer.muted]
 
 
+def _own_times(
+    timeline: Timeline, times: Float[np.ndarray, " s"], shown: Float[np.ndarray, " s"]
+) -> Float[np.ndarray, " s"]:
+    """A timeline's own times at which it sounds while it is `shown` at some; NaN, silence, where it waits in its first or last frame."""
+    first, last = timeline.played
+    repeats = timeline.loop and last > first
+    late = times - shown
+    moves = (late > -1e-9) & (
+        repeats | (late < 1 / timeline.fps)
+    )  # for as long as a frame lasts the last does not wait
+    return np.where(moves, shown if repeats else times, np.nan)
+
+
 def _sound(layer: Layer, times: Float[np.ndarray, " s"], rate: int) -> Float[np.ndarray, " s"]:
-    """Of one layer at times of the timeline; silence before and after it."""
+    """Of one layer at times of the timeline; silence before and after it, and at those that are NaN."""
     assert layer.clip is not None
     samples, own_rate = read_sound(Path(layer.clip.path))
     common = gcd(rate, own_rate)
     samples = resample_poly(samples, rate // common, own_rate // common)
     own = np.asarray(layer.local(times)) * layer.clip.fps / FPS  # at another rate the file is as long as the mouth's
     found: Float[np.ndarray, " s"] = np.interp(own, np.arange(len(samples)) / rate, samples, 0.0, 0.0)
-    return found
+    return np.where(np.isnan(found), 0.0, found)

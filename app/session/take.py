@@ -45,7 +45,7 @@ class Take:
             names += changed_settings(state.view, after.view)
         if not names:
             return command
-        seconds = state.timeline.seconds
+        seconds = state.timeline.key_seconds
         since = self._last if gesture is not None and gesture == self._gesture and self._last < seconds else None
         self._gesture, self._last = gesture, seconds
         return with_keys(state, values(after, tuple(names)), layer, LINEAR if since is not None else SMOOTH, since)
@@ -77,7 +77,8 @@ def with_keys(
     state: StudioState, found: Values, layer: Layer | None, curve: str = SMOOTH, since: float | None = None
 ) -> AddLayer | SetKeys:
     """The command that sets keys at the playhead, in a new layer where there is none."""
-    name, time = (layer.name, layer.local(state.timeline.seconds)) if layer else (NAME, state.timeline.seconds)
+    seconds = state.timeline.key_seconds
+    name, time = (layer.name, layer.local(seconds)) if layer else (NAME, seconds)
     keys: KeyList = tuple((track, time, value, curve) for track, value in found.items())
     if layer is None:
         empty = Timeline((Layer(NAME),))

@@ -303,6 +303,11 @@ class Timeline:
         return np.asarray(own) if isinstance(seconds, np.ndarray) else float(own)
 
     @property
+    def key_seconds(self) -> float:
+        """Where a key is set: at the playhead; beyond the end of a motion that repeats at its `local` time, which lengthens nothing."""
+        return self.local(self.seconds) if self.loop and self.motion else self.seconds
+
+    @property
     def motion(self) -> Clip | None:
         """The lowest clip: of a timeline of one layer the loaded motion."""
         return next((layer.clip for layer in self.layers if layer.clip), None)
@@ -340,14 +345,18 @@ class Timeline:
         return frozenset(layer.live for layer in self.layers if layer.feed)
 
     def with_own_sources(self, others: Iterable[Timeline]) -> Timeline:
-        """With keys for those of its live layers that are listened for as one of others is."""
-        theirs = frozenset[str]().union(*(other.live for other in others))
-        taken, layers = theirs | self.live, list(self.layers)
-        for place, layer in enumerate(layers):
-            if layer.feed and layer.live in theirs:
-                key = _free(layer.name, taken)
-                taken, layers[place] = taken | {key}, replace(layer, feed=replace(layer.feed, key=key))
-        return self.change(layers=tuple(layers)) if theirs & self.live else self
+        """With keys for those of its live layers that are listened for as another one is: of `others`, or of its own.
+
+        Of two of its own the one that has a key keeps it.
+        """
+        taken, layers = frozenset[str]().union(*(other.live for other in others)), list(self.layers)
+        for layer in sorted((each for each in layers if each.feed), key=lambda each: not (each.feed and each.feed.key)):
+            live = layer.live
+            if layer.feed and live in taken:
+                live = _free(layer.name, taken | self.live)
+                layers[layers.index(layer)] = replace(layer, feed=replace(layer.feed, key=live))
+            taken |= {live}
+        return self.change(layers=tuple(layers))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""

@@ -15,9 +15,12 @@ from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.file_kind import CAPTURE, RUN, SESSION
 from avatarrex_studio.jobs.opening import Opened, read_any, read_motion
 from avatarrex_studio.panels.training import TrainingPanel
-from avatarrex_studio.session.commands import AddFigure, OpenAvatar
+from avatarrex_studio.session.commands import AddFigure, OpenAvatar, SelectFigure
+from avatarrex_studio.session.figures import Place
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.recent import Recent
+
+from avatarrex.errors import InputError
 
 log = logging.getLogger(__name__)
 SLOW = 0.5
@@ -32,6 +35,10 @@ class Reading:
     read: Callable[[], Opened]
     take: Callable[[Opened], None]
     """Shows what was read."""
+    slot: int | None = None
+    """Of the figure that was selected when it was opened; None: of whoever is selected when it is shown."""
+    places: tuple[Place, ...] = ()
+    """Of all figures then: by its place a figure is found again where another one has been removed."""
     future: Future[Opened] | None = None
     since: float = field(default_factory=time.monotonic)
 
@@ -57,6 +64,7 @@ class Opening:
     def add(self, path: str) -> None:
         """Begin to open one; an avatar comes beside those that are there."""
         self._begin(path, partial(read_any, path, self._studio.avatars.read), partial(self.take, shown=AddFigure))
+        self._reading[-1].slot = None
 
     def motion(self, path: str) -> None:
         """Begin to read a motion file, which is then loaded."""
@@ -67,7 +75,8 @@ class Opening:
         self._begin(path, partial(read_motion, path), self._take_layer)
 
     def _begin(self, path: str, read: Callable[[], Opened], take: Callable[[Opened], None]) -> None:
-        self._reading.append(Reading(path, read, take))
+        state = self._studio.state
+        self._reading.append(Reading(path, read, take, state.slot, tuple(each.place for each in state.figures)))
         self._submit(self._reading[-1])
 
     def _submit(self, reading: Reading) -> None:
@@ -111,9 +120,33 @@ class Opening:
             reading = self._reading.popleft()
             try:
                 with refusals_logged(opening=reading.path):
-                    reading.take(future.result())
+                    self._show(reading, future.result())
             except Exception:  # a fault of ours: its trace goes to the log, and the window stays as it is
                 log.exception("%s could not be opened", reading.path)
+
+    def _show(self, reading: Reading, opened: Opened) -> None:
+        """Show what was read, of the figure that it was opened for; who is selected meanwhile stays so.
+
+        Raises `InputError` where it is gone.
+        """
+        studio, selected = self._studio, self._studio.state.slot
+        slot = selected if opened.journal or not (opened.motion or opened.avatars) else self._slot(reading)
+        if slot != selected:
+            studio.do(SelectFigure(slot))
+        reading.take(opened)
+        if slot != selected:
+            studio.do(SelectFigure(selected))
+
+    def _slot(self, reading: Reading) -> int:
+        """Where the figure is that a path was opened for. Raises `InputError` where it is gone."""
+        places = [figure.place for figure in self._studio.state.figures]
+        if reading.slot is None:
+            return self._studio.state.slot
+        if len(places) >= len(reading.places):
+            return reading.slot
+        if (place := reading.places[reading.slot]) not in places:
+            raise InputError(reading.path, "", "the avatar that it was opened for", "it has been removed")
+        return places.index(place)
 
     def take(self, opened: Opened, shown: type[OpenAvatar] | type[AddFigure] = OpenAvatar) -> None:
         """Show what was read: an avatar, a session and a motion in the viewport, a capture and a run in the Training tab.
@@ -123,6 +156,8 @@ class Opening:
         studio = self._studio
         if opened.journal:
             studio.take_journal(opened.journal)
+            for waiting in self._reading:  # they were opened after the session
+                waiting.slot = None
         for name, reading in opened.avatars.items():
             studio.avatars.keep(name, reading)
             if opened.kind != SESSION:

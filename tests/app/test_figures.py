@@ -18,6 +18,7 @@ from avatarrex_studio.engine.staging import in_light, over_stage
 from avatarrex_studio.engine.work import summed
 from avatarrex_studio.engine.worker import answered
 from avatarrex_studio.panels.projection import Projection
+from avatarrex_studio.session import posing
 from avatarrex_studio.session.commands import (
     AddFigure,
     ApplyPose,
@@ -402,6 +403,38 @@ def test_all_play_until_the_longest_ends(studio, tmp_path):
     assert steps_of(studio) == [4, 3]
     studio.do(SetTimeline(span=(1, 3)))
     assert studio.state.played == (1, 3), "the range of the selected one"
+
+
+def test_keys_beyond_the_end_of_a_motion_that_repeats_are_set_in_its_round(studio, tmp_path):
+    """The shorter of two walks: four frames again and again. A key at its sixth frame lies at the second, and the walk goes on."""
+    two_walks(studio, tmp_path)
+    studio.do(SelectFigure(1))
+    for recording, frame in ((False, 5), (True, 4)):
+        studio.go_to(frame)
+        studio.take.recording = recording
+        studio.do(SetJoint("left_knee", (frame / 10, 0.0, 0.0)))
+        if not recording:
+            studio.set_key()
+        times = [key.time for key in studio.state.timeline.layer("Keys").track("left_knee").keys]
+        assert min(times) == pytest.approx((frame - 4) / 30)
+        assert studio.state.timeline.frames == 4
+        assert steps_of(studio) == [frame, frame - 4]
+        assert posing.joint(studio.state.signals, "left_knee")[0] == pytest.approx(frame / 10)
+
+
+def test_keys_beyond_the_end_of_what_does_not_repeat_lie_at_the_playhead(studio, tmp_path):
+    """Of keys alone, or of a motion that holds its last frame: so the shorter one is posed along the longer one's motion."""
+    studio.open_motion(write_walk(tmp_path / "long.json", 500))
+    studio.do(AddFigure("default"))
+    for frame, motion in ((400, ""), (450, write_walk(tmp_path / "short.json", 4))):
+        if motion:
+            studio.add_motion(motion)
+            studio.do(SetTimeline(loop=False))
+        studio.go_to(frame)
+        studio.do(SetJoint("left_knee", (frame / 1000, 0.0, 0.0)))
+        studio.set_key()
+        assert studio.state.timeline.layer("Keys").track("left_knee").keys[-1].time == pytest.approx(frame / 30)
+        assert posing.joint(studio.state.signals, "left_knee")[0] == pytest.approx(frame / 1000)
 
 
 def test_one_who_is_added_begins_where_the_playhead_is(studio, tmp_path):

@@ -150,6 +150,22 @@ def test_pins_stay_while_a_slider_is_dragged(studio):
     assert np.linalg.norm(studio.figure.posed.position[ball] - before) < 0.002
 
 
+@pytest.mark.parametrize("recording", [False, True])
+def test_pins_do_not_creep_through_a_long_drag(studio, recording):
+    """The place goes down and comes back in 60 steps: pinned feet are where they were when the drag began, recorded or not."""
+    ankle, feet = JOINT_NAMES.index("left_ankle"), ("left_foot", "right_foot")
+    studio.journal = Journal(start())
+    studio.take.recording = recording
+    for gesture, x, steps in (("drag 1", 0.0, 60), ("drag 2", 0.2, 8)):
+        studio.do(commands.Pin(feet, False))
+        studio.do(commands.SetTranslation((x, 0.0, 0.0)))
+        studio.do(commands.Pin(feet, True))
+        before = studio.figure.posed.position[ankle]
+        for k in range(1, steps + 1):
+            studio.do(commands.SetTranslation((x, -0.3 * np.sin(np.pi * k / steps), 0.0)), gesture)
+        assert np.linalg.norm(studio.figure.posed.position[ankle] - before) < 0.002
+
+
 def test_a_slider_without_pins_turns_one_joint(studio):
     studio.do(commands.SetJoint("spine2", (0.3, 0.1, 0.0)))
     (step,) = studio.journal.steps

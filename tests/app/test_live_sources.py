@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import logging
 import random
 import socket
 import time
@@ -19,14 +21,15 @@ from avatarrex_studio.live.webcam import Landmarks, replayed
 from avatarrex_studio.session.commands import AddFigure, RemoveFigure, SelectFigure, SetExpression
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.timeline import Feed, Layer
-from avatarrex_studio.session.timeline_commands import AddLayer
-from avatarrex_studio.session.user_library import library_folder
+from avatarrex_studio.session.timeline_commands import AddLayer, MoveLayer, RenameLayer
+from avatarrex_studio.session.user_library import library_folder, state_folder
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
+from avatarrex.signals.read import read_motion
 
 JAW = EXPRESSION_NAMES.index("jawOpen")
 IFACIAL = b"mouthSmile_R-12|eyeBlink_L-100|jawOpen-50|=head#10.0,20.0,0.0,0.1,0.2,0.3|rightEye#1,2,3|leftEye#1,2,3|"
@@ -292,6 +295,76 @@ def test_two_figures_with_a_live_layer_of_one_name_each_have_a_source_of_their_o
     listen(studio, clock, sent, (0.2, 0.9))
     assert jaws(studio) == pytest.approx([0.2], abs=0.02)
     assert (sent[0].closed, sent[1].closed) == (False, True)
+
+
+def test_live_layers_of_one_figure_have_sources_of_their_own_whatever_they_are_called(studio, clock):
+    """The second figure has *Phone*, listened for as 'Phone 2', and adds one of that name; a later one is called so."""
+    two_phones(studio)
+    for name in ("Phone 2", "Laptop"):
+        studio.do(AddLayer(Layer(name, feed=Feed("livelink"))))
+    studio.do(RenameLayer("Phone", "Camera"))
+    studio.do(RenameLayer("Laptop", "Phone"))
+    first, second = (figure.timeline for figure in studio.state.figures)
+    assert [layer.live for layer in first.layers] == ["Phone"]
+    assert [layer.live for layer in second.layers] == ["Phone 2", "Phone 2 2", "Phone 3"]
+    assert Journal.from_json(json.loads(json.dumps(studio.journal.to_json()))).state == studio.state
+
+
+def test_a_layer_that_is_renamed_takes_no_source_of_another(studio):
+    """Whoever was given a name to be listened for as keeps it."""
+    two_phones(studio)
+    studio.do(AddLayer(Layer("Laptop", feed=Feed("livelink"))))
+    studio.do(MoveLayer("Laptop", -1))
+    studio.do(RenameLayer("Laptop", "Phone 2"))
+    assert [(layer.name, layer.live) for layer in studio.state.timeline.layers] == [
+        ("Phone 2", "Phone 2 2"),
+        ("Phone", "Phone 2"),
+    ]
+
+
+def test_a_recording_that_is_kept_is_told_by_the_name_of_its_layer(studio, clock, caplog):
+    sent = two_phones(studio)
+    studio.record_live("Phone")
+    listen(studio, clock, sent, (None, 0.7), 0.2)
+    with caplog.at_level(logging.INFO):
+        studio.listening.switch_off("Phone 2")
+    assert "The recording of Phone is kept: " in caplog.text
+
+
+def test_a_recording_survives_a_library_that_cannot_be_written(studio, clock, monkeypatch, tmp_path, caplog):
+    """It goes on where its file cannot be written; where its source ends it is kept in the folder of the program's state."""
+    (sent,) = two_phones(studio)[:1]
+    studio.do(SelectFigure(0))
+    studio.record_live("Phone")
+    listen(studio, clock, (sent,), (0.3,), 0.2)
+    (tmp_path / "file").write_text("no folder")
+    for full in (tmp_path / "file", tmp_path / "disk"):
+        monkeypatch.setenv("AVATARREX_LIBRARY", str(full))
+        with monkeypatch.context() as patched:
+            if full.name == "disk":
+                patched.setattr("pathlib.Path.write_text", full_disk)
+            studio.record_live("Phone")
+        assert len(studio.listening.drives["Phone"].take) >= 10, "nothing is lost, and it goes on"
+        assert [layer.name for layer in studio.state.timeline.layers] == ["Phone"]
+        assert f"{full.name}" in caplog.records[-1].message
+    monkeypatch.setenv("AVATARREX_LIBRARY", str(tmp_path / "file"))
+    with caplog.at_level(logging.INFO):
+        studio.listening.close()
+    (kept,) = (state_folder() / "takes").glob("*.json")
+    assert len(read_motion(kept)) >= 10
+    assert f"The recording of Phone is kept: {kept}" in caplog.text
+
+
+def full_disk(*_, **__):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_recording_of_nothing_ends(studio, clock, caplog):
+    two_phones(studio)
+    studio.record_live("Phone")
+    studio.record_live("Phone")
+    assert studio.listening.drives["Phone 2"].take is None
+    assert "Phone: recording: expected two frames or more" in caplog.text
 
 
 def test_what_sends_no_more_fades_out_of_the_face(studio, clock):

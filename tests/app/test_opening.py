@@ -20,7 +20,7 @@ from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.folder import listed, places, size_words
 from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.panels.training import TrainingPanel
-from avatarrex_studio.session.commands import SetExpression
+from avatarrex_studio.session.commands import AddFigure, RemoveFigure, SelectFigure, SetExpression
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.recent import MOST, Recent
 from avatarrex_studio.window.opening import Opening
@@ -267,6 +267,43 @@ def test_a_slow_motion_is_read_in_the_background_and_can_be_cancelled(studio, tm
     assert [layer.name for layer in studio.state.timeline.layers] == ["last.json"], (
         "it takes the place of the lowest clip"
     )
+    opening.close()
+
+
+def finish(opening):
+    """Have all that is being read shown."""
+    until = time.monotonic() + 30
+    while opening.busy and time.monotonic() < until:
+        opening.tend()
+        time.sleep(0.01)
+
+
+def test_a_motion_lands_on_the_avatar_that_it_was_opened_for(studio, tmp_path, monkeypatch, caplog):
+    """Whoever is selected when it has been read stays so; also where another avatar goes meanwhile. Its own is gone: one line."""
+    frames = tuple(Signals.rest().replace(translation=np.array([0.0, 0.0, 0.01 * k])) for k in range(5))
+    write_json(tmp_path / "walk.json", SignalSequence(frames, 30.0, "walk"))
+    going = threading.Event()
+    monkeypatch.setattr(
+        "avatarrex_studio.window.opening.read_motion", lambda path: going.wait(20) and read_motion(path)
+    )
+    opening = Opening(studio, object.__new__(TrainingPanel))
+    for _ in range(2):
+        studio.do(AddFigure("default"))
+
+    def layers(begin, *meanwhile):
+        going.clear()
+        begin(str(tmp_path / "walk.json"))
+        for command in meanwhile:
+            studio.do(command)
+        going.set()
+        finish(opening)
+        return studio.state.slot, [len(figure.timeline.layers) for figure in studio.state.figures]
+
+    assert layers(opening.motion, SelectFigure(0)) == (0, [0, 0, 1])
+    studio.do(SelectFigure(2))
+    assert layers(opening.layer, RemoveFigure(0), SelectFigure(0)) == (0, [0, 2])
+    assert layers(opening.layer, RemoveFigure(0)) == (0, [2])
+    assert "walk.json: expected the avatar that it was opened for, found it has been removed" in caplog.text
     opening.close()
 
 

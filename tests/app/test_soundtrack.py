@@ -15,16 +15,21 @@ from avatarrex.files.video import SOUND_RATE, video_writer
 RATE = 16_000
 
 
-@pytest.fixture
-def beep(tmp_path):
-    """A layer of half a second of 1 kHz."""
-    times = np.arange(RATE // 2) / RATE
-    with wave.open(str(tmp_path / "beep.wav"), "wb") as file:
+def write_tone(path, hertz, seconds, offset=0.0):
+    """A layer of a tone of half the range."""
+    times = np.arange(int(RATE * seconds)) / RATE
+    with wave.open(str(path), "wb") as file:
         file.setnchannels(1)
         file.setsampwidth(2)
         file.setframerate(RATE)
-        file.writeframes((16384 * np.sin(2 * np.pi * 1000 * times)).astype("<i2").tobytes())
-    return Layer("beep", Clip(str(tmp_path / "beep.wav"), "beep", 31, 60.0), offset=0.25)
+        file.writeframes((16384 * np.sin(2 * np.pi * hertz * times)).astype("<i2").tobytes())
+    return Layer(path.stem, Clip(str(path), path.stem, int(60 * seconds) + 1, 60.0), offset=offset)
+
+
+@pytest.fixture
+def beep(tmp_path):
+    """A layer of half a second of 1 kHz."""
+    return write_tone(tmp_path / "beep.wav", 1000, 0.5, 0.25)
 
 
 def tone(samples):
@@ -72,6 +77,28 @@ def test_all_figures_sound_as_they_move(beep):
     assert np.flatnonzero(loud[SOUND_RATE * 9 // 10 :])[0] / SOUND_RATE == pytest.approx(0.117, abs=0.02)
     late = slice(SOUND_RATE, None)
     assert not soundtrack(once, 0.0, 2.0, SOUND_RATE)[late].any()
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_after_the_end_of_what_does_not_repeat_it_is_silent(tmp_path, own):
+    """A tone that is loud to its last sample, 0.741 s: of the timeline that leads, or of one beside; before a range, too."""
+    layer = write_tone(tmp_path / "tone.wav", 440, 0.741)
+
+    def sounding(**settings):
+        timeline = Timeline((layer,), **settings)
+        timelines = (timeline, ()) if own else (Timeline(), (timeline,))
+        return soundtrack(timelines[0], 0.0, 2.0, SOUND_RATE, timelines[1])
+
+    once, again = sounding(loop=False), sounding()
+    end = int(0.741 * SOUND_RATE)
+    assert tone(once[: end - 9]) == pytest.approx((440, 0.5 / 2**0.5), rel=0.01), "all of it"
+    assert np.abs(once[end - 60 : end - 9]).max() > 0.1
+    assert not once[end + 9 :].any()
+    assert np.abs(again[SOUND_RATE:]).max() > 0.4
+    if not own:
+        first = int(0.2 * SOUND_RATE)
+        assert not sounding(span=(6, 15))[:first].any()
+        assert not sounding(span=(6, 15), loop=False)[: first - 1].any()
 
 
 @pytest.mark.parametrize("ending", [".mp4", ".webm"])
