@@ -73,6 +73,8 @@ def view_at(timeline: Timeline, view: OrbitView, seconds: float) -> OrbitView | 
 def state_at(state: StudioState, seconds: float, clips: Clips) -> StudioState:
     """The state at a time of its timeline, playhead, signals and view: what a video renders. Seconds from the first frame.
 
+    Every figure shows what its layers give, also at the playhead's own time: what was edited there is in no frame.
+
     The playhead stands at the nearest frame; signals and view are those of the time itself. What cannot be read is left out.
     """
     timeline = state.timeline.change(frame=max(round(seconds * state.timeline.fps), 0))
@@ -82,9 +84,14 @@ def state_at(state: StudioState, seconds: float, clips: Clips) -> StudioState:
     return shown.with_others(others_at(state, seconds, clips)) if state.others else shown
 
 
-def others_at(state: StudioState, seconds: float, clips: Clips, fed: Fed = as_it_is) -> tuple[Signals | None, ...]:
-    """What their layers give the other figures at a time of the state's timeline; None: nothing moves them, or it cannot be read."""
-    moved, found = seconds != state.timeline.seconds, []
+def others_at(
+    state: StudioState, seconds: float, clips: Clips, fed: Fed = as_it_is, moved: bool = True
+) -> tuple[Signals | None, ...]:
+    """What their layers give the other figures at a time of the state's timeline.
+
+    None: no layer moves them, or its motion cannot be read, or nothing is otherwise than before. `moved`: whether the playhead is.
+    """
+    found = []
     for figure in state.others:
         timeline = fed(figure.timeline)
         still = not timeline.layers or not (moved or timeline != figure.timeline) or clips.missing(timeline)
@@ -100,7 +107,8 @@ def settled(command: Edit, state: StudioState, clips: Clips, fed: Fed = as_it_is
     At the same time of the timeline it changes only what the layers give otherwise than before: what was edited there stays.
     """
     before, timeline = state.timeline, command.edited(state.timeline)
-    moved, others = timeline.seconds != before.seconds, others_at(state, timeline.seconds, clips, fed)
+    moved = timeline.seconds != before.seconds
+    others = others_at(state, timeline.seconds, clips, fed, moved)
     command = replace(command, others=others if any(others) else ())
     if clips.missing(timeline):
         return command

@@ -384,6 +384,26 @@ def test_what_was_edited_of_another_stays_where_the_playhead_does(studio, tmp_pa
     assert studio.state.figures[1].signals.translation[1] == 0.5
 
 
+def frame_of(studio, frame: int) -> StudioState:
+    """Of a video at 30 a second."""
+    return state_at(studio.state, frame / 30, studio.clips)
+
+
+def test_a_video_has_the_layers_of_all_also_at_the_playhead(studio, tmp_path):
+    """An edit that has no key is in no frame, whoever was edited."""
+    two_walks(studio, tmp_path)
+    studio.do(SelectFigure(1))
+    studio.go_to(2)
+    for place, slot in enumerate((0, 1)):
+        studio.do(SetTranslation((0.0, 0.5, 0.0)))
+        studio.do(SelectFigure(slot))
+        steps = [
+            [round(100 * each.signals.translation[2], 6) for each in frame_of(studio, frame).figures]
+            for frame in range(4)
+        ]
+        assert steps == [[0, 0], [1, 1], [2, 2], [3, 3]], place
+
+
 def test_all_play_until_the_longest_ends(studio, tmp_path):
     """Whoever is selected: the shorter one holds its last frame, or begins again where it repeats."""
     two_walks(studio, tmp_path)
@@ -393,8 +413,11 @@ def test_all_play_until_the_longest_ends(studio, tmp_path):
         studio.go_to(99)
         assert studio.state.timeline.frame == 5
         assert steps_of(studio) == [5, 1]
-        made = state_at(studio.state, 5 / 30, studio.clips)
-        assert made.figures == studio.state.figures
+        shown = [figure.signals for figure in studio.state.figures]
+        assert [figure.signals for figure in frame_of(studio, 5).figures] == shown
+        studio.go_to(2)
+        assert [figure.signals for figure in frame_of(studio, 5).figures] == shown
+        studio.go_to(5)
     studio.do(SetTimeline(loop=False))
     assert steps_of(studio) == [5, 3], "its last frame stays"
     studio.do(SelectFigure(0))
