@@ -140,7 +140,7 @@ class Studio:
             if isinstance(command, SetFrame):
                 command = replace(command, feeds=self.listening.feeds(self.state.timeline))
             if isinstance(command, OnTimeline):
-                command = settled(command, self.journal.before(command, shared), self.clips, self.listening.fed)
+                command = settled(command, self.journal.before(command, shared), self.clips, self.listening.feeds)
             self.journal.do(command, shared)
 
     def undo(self) -> None:
@@ -175,7 +175,7 @@ class Studio:
         with refusals_logged():
             frame = SetFrame(self.state.timeline.frame, self.listening.feeds(self.state.timeline))
             before = self.journal.before_following(frame)
-            self.journal.follow(settled(frame, before, self.clips, self.listening.fed))
+            self.journal.follow(settled(frame, before, self.clips, self.listening.feeds))
 
     def greet(self) -> None:
         """Have the avatar move gently until somebody does something."""

@@ -13,7 +13,7 @@ import numpy as np
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.figures import Figure, Place, beside, standing
 from avatarrex_studio.session.state import Colour, OrbitView, SizePolicy, StudioState, Vector
-from avatarrex_studio.session.timeline import Layer, Share, Timeline
+from avatarrex_studio.session.timeline import Feeds, Layer, Share, Timeline
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import SHAPES, Signals
@@ -502,8 +502,14 @@ def _read(key: str, value: Any, source: str) -> Any:
     if key == "place":
         return Place(**value)
     if key == "feeds":
-        return tuple((name, Signals.from_json(signals, source), presence) for name, signals, presence in value)
+        return _feeds(value, source)
+    if key == "sent":
+        return tuple(_feeds(feeds, source) for feeds in value)
     return _tuples(value)
+
+
+def _feeds(value: Any, source: str) -> Feeds:
+    return tuple((name, Signals.from_json(signals, source), presence) for name, signals, presence in value)
 
 
 def _tuples(value: Any) -> Any:

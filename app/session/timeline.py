@@ -49,6 +49,8 @@ RATES = (1e-6, 1000.0)
 """Frames a second."""
 MOST_FRAMES = 1_000_000
 Time = TypeVar("Time", float, np.ndarray)
+Feeds = tuple[tuple[str, Signals, float], ...]
+"""What live sources sent last: name of the layer, signals, presence."""
 LONGEST_SMOOTHING = 1.0
 """Seconds."""
 
@@ -338,6 +340,17 @@ class Timeline:
     def live(self) -> frozenset[str]:
         """What its live layers are listened for as."""
         return frozenset(layer.live for layer in self.layers if layer.feed)
+
+    def with_feeds(self, feeds: Feeds) -> Timeline:
+        """With what its live sources sent last. Raises `InputError`."""
+        timeline = self
+        for name, signals, presence in feeds:
+            layer = timeline.layer(name)
+            if layer.feed is None:
+                raise InputError("layer", name, "a live layer", "another")
+            feed = replace(layer.feed, signals=signals, presence=presence)
+            timeline = timeline.with_layer(name, replace(layer, feed=feed))
+        return timeline
 
     def with_own_sources(self, others: Iterable[Timeline]) -> Timeline:
         """With keys for those of its live layers that are listened for as one of others is."""
