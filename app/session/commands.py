@@ -389,7 +389,7 @@ class RemoveFigure(AmongFigures):
         if len(figures) == 1 or not 0 <= index < len(figures):
             raise InputError("figures", "", "one of several to remove", f"number {index} of {len(figures)}")
         kept = figures[:index] + figures[index + 1 :]
-        return state.with_figures(kept, min(state.slot - (index < state.slot), len(kept) - 1))
+        return _selected(state, kept, min(state.slot - (index < state.slot), len(kept) - 1))
 
 
 class SelectFigure(AmongFigures):
@@ -398,7 +398,7 @@ class SelectFigure(AmongFigures):
     index: int
 
     def apply(self, state: StudioState) -> StudioState:
-        return state if self.index == state.slot else state.with_figures(state.figures, self.index)
+        return state if self.index == state.slot else _selected(state, state.figures, self.index)
 
 
 class PlaceFigure(Setting):
@@ -474,6 +474,12 @@ class Blend(Setting):
         ends = {0.0: start, 1.0: self.signals}  # to the bit
         target = ends[self.amount] if self.amount in ends else interpolate(start, self.signals, self.amount)
         return state.pose(**{part: getattr(target, part) for part in self.parts})
+
+
+def _selected(state: StudioState, figures: tuple[Figure, ...], slot: int) -> StudioState:
+    """With one of `figures` selected; the playhead stays where it is, also where it has not moved that one before."""
+    chosen = state.with_figures(figures, slot)
+    return chosen.change(timeline=chosen.timeline.along(state.timeline))
 
 
 def _plain(value: Any) -> Any:

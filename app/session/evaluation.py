@@ -78,7 +78,7 @@ def state_at(state: StudioState, seconds: float, clips: Clips) -> StudioState:
 
     The playhead stands at the nearest frame; signals and view are those of the time itself. What cannot be read is left out.
     """
-    timeline = state.timeline.change(frame=max(round(seconds * state.timeline.fps), 0))
+    timeline = state.timeline.at(seconds)
     own = timeline.local(seconds)
     signals = layers_at(timeline, state.base, own, clips)
     shown = state.show(timeline, signals, view_at(timeline, state.view, own))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
-from avatarrex_studio.session.timeline import MOST_FRAMES, Feeds, Timeline, check
+from avatarrex_studio.session.timeline import Feeds, Timeline, check
 from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
@@ -88,8 +88,9 @@ class Figure:
         timeline = self.timeline.with_feeds(feeds)
         if signals is None:
             return replace(self, timeline=timeline)
-        timeline = timeline.change(frame=min(round(seconds * self.timeline.fps), MOST_FRAMES - 1))
-        return replace(self, timeline=timeline, signals=signals.replace(shape=self.signals.shape), posed=self.base)
+        return replace(
+            self, timeline=timeline.at(seconds), signals=signals.replace(shape=self.signals.shape), posed=self.base
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers."""

@@ -304,6 +304,14 @@ class Timeline:
         own = np.where(seconds < end, seconds, self.repeated(seconds))
         return np.asarray(own) if isinstance(seconds, np.ndarray) else float(own)
 
+    def at(self, seconds: float) -> Timeline:
+        """With the playhead at the frame nearest to a time; before the first at the first, beyond the last at the last."""
+        return self.change(frame=min(max(round(seconds * self.fps), 0), MOST_FRAMES - 1))
+
+    def along(self, other: Timeline) -> Timeline:
+        """With the playhead where that of another timeline is; as it is where the other's frame is that already."""
+        return self if other.at(self.seconds).frame == other.frame else self.at(other.seconds)
+
     @property
     def motion(self) -> Clip | None:
         """The lowest clip: of a timeline of one layer the loaded motion."""

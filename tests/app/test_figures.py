@@ -38,7 +38,15 @@ from avatarrex_studio.session.figures import MOST_FIGURES, Place, standing
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import StudioState
-from avatarrex_studio.session.timeline_commands import CloseMotion, RemoveLayer, SetFrame, SetLayer, SetTimeline
+from avatarrex_studio.session.timeline import Clip, Layer
+from avatarrex_studio.session.timeline_commands import (
+    AddLayer,
+    CloseMotion,
+    RemoveLayer,
+    SetFrame,
+    SetLayer,
+    SetTimeline,
+)
 from ball import render_ball
 from imgui_bundle import imgui
 from surface.template_surface import template_surface
@@ -425,6 +433,40 @@ def test_all_play_until_the_longest_ends(studio, tmp_path):
     assert steps_of(studio) == [4, 3]
     studio.do(SetTimeline(span=(1, 3)))
     assert studio.state.played == (1, 3), "the range of the selected one"
+
+
+@pytest.mark.parametrize("layer", (None, Layer("gone", Clip("gone.bvh", "gone", 9, 30.0))), ids=("empty", "unreadable"))
+def test_the_playhead_stays_where_it_is_whoever_is_selected(studio, tmp_path, layer):
+    """Also with one whom it has not moved, for its layers give nothing."""
+    studio.open_motion(write_walk(tmp_path / "first.json", 20))
+    studio.do(AddFigure("default"))
+    if layer:
+        studio.do(AddLayer(layer))
+    studio.do(SelectFigure(0))
+    for frame in (15, 7):
+        studio.go_to(frame)
+        shown = [figure.signals for figure in studio.state.figures]
+        for slot in (1, 0, 1):
+            studio.do(SelectFigure(slot))
+            assert studio.state.timeline.frame == frame, slot
+        assert [figure.signals for figure in studio.state.figures] == shown
+        studio.do(SelectFigure(0))
+    studio.do(RemoveFigure(0))
+    assert (len(studio.state.figures), studio.state.timeline.frame) == (1, 7)
+
+
+def test_selecting_there_and_back_leaves_the_playhead_at_its_frame(studio, tmp_path):
+    """At every frame of a rate that another's frames fall between."""
+    studio.open_motion(write_walk(tmp_path / "first.json", 20))
+    studio.do(AddFigure("default"))
+    studio.do(SetTimeline(fps=12.0))
+    studio.do(SelectFigure(0))
+    for frame in range(20):
+        studio.go_to(frame)
+        studio.do(SelectFigure(1))
+        assert abs(studio.state.timeline.seconds - frame / 30) <= 0.5 / 12 + 1e-9
+        studio.do(SelectFigure(0))
+        assert studio.state.timeline.frame == frame
 
 
 def test_one_who_is_added_begins_where_the_playhead_is(studio, tmp_path):
