@@ -21,7 +21,7 @@ from avatarrex_studio.engine.pictures import Pictures, Subject
 from avatarrex_studio.engine.request import Exact, Seen
 from avatarrex_studio.live.listening import Listening
 from avatarrex_studio.session.clips import Clips
-from avatarrex_studio.session.commands import Command, Followed, SetCamera
+from avatarrex_studio.session.commands import AddFigure, Command, Followed, SetCamera
 from avatarrex_studio.session.evaluation import go_to, layers_at, settled
 from avatarrex_studio.session.figures import Place
 from avatarrex_studio.session.greeting import Greeting
@@ -137,6 +137,8 @@ class Studio:
                 start = self.journal.before(command, shared).signals
                 command = followed(command, self.state, figure.skeleton, start)
             command = self.take.keyed(command, self.state, gesture)
+            if isinstance(command, AddFigure):
+                command = command.begun(self.state.timeline)
             if isinstance(command, SetFrame):
                 command = replace(command, feeds=self.listening.feeds(self.state.timeline))
             if isinstance(command, OnTimeline):

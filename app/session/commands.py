@@ -370,11 +370,21 @@ class AddFigure(AmongFigures):
     avatar: str
     place: Place | None = None
     signals: Signals | None = None
+    fps: float | None = None
+    """Of its timeline; None: 30, as in sessions of before."""
+    frame: int | None = None
+    """Of its playhead; None: the first."""
+
+    def begun(self, timeline: Timeline) -> AddFigure:
+        """With rate and playhead of another's timeline where it has none of its own: one playhead moves all."""
+        if self.fps is not None or self.frame is not None:
+            return self
+        return replace(self, fps=timeline.fps, frame=timeline.frame)
 
     def apply(self, state: StudioState) -> StudioState:
         figures = state.figures
         place = self.place or beside([figure.place for figure in figures])
-        timeline = Timeline(fps=state.timeline.fps, frame=state.timeline.frame)  # one playhead moves all
+        timeline = Timeline(fps=30.0 if self.fps is None else self.fps, frame=self.frame or 0)
         new = Figure(self.avatar, self.signals or standing(), timeline, place=place)
         return state.with_figures((*figures, new), len(figures))
 

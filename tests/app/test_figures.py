@@ -38,7 +38,7 @@ from avatarrex_studio.session.figures import MOST_FIGURES, Place, standing
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import StudioState
-from avatarrex_studio.session.timeline import Clip, Layer
+from avatarrex_studio.session.timeline import Clip, Layer, Timeline
 from avatarrex_studio.session.timeline_commands import (
     AddLayer,
     CloseMotion,
@@ -451,8 +451,9 @@ def test_the_playhead_stays_where_it_is_whoever_is_selected(studio, tmp_path, la
             assert studio.state.timeline.frame == frame, slot
         assert [figure.signals for figure in studio.state.figures] == shown
         studio.do(SelectFigure(0))
+    studio.go_to(9)
     studio.do(RemoveFigure(0))
-    assert (len(studio.state.figures), studio.state.timeline.frame) == (1, 7)
+    assert (len(studio.state.figures), studio.state.timeline.frame) == (1, 9)
 
 
 def test_selecting_there_and_back_leaves_the_playhead_at_its_frame(studio, tmp_path):
@@ -475,6 +476,21 @@ def test_one_who_is_added_begins_where_the_playhead_is(studio, tmp_path):
     studio.do(AddFigure("default"))
     assert {figure.timeline.seconds for figure in studio.state.figures} == {0.1}
     assert studio.state.frames == 6, "nothing of it lasts longer"
+    studio.do(SetTimeline(fps=60.0))
+    studio.do(AddFigure("default"))
+    assert (studio.state.timeline.fps, studio.state.timeline.frame) == (60.0, 6)
+    again = Journal.from_json(json.loads(json.dumps(studio.journal.to_json())))
+    assert again.state == studio.state
+
+
+def test_one_who_was_added_in_a_session_of_before_has_its_rate_and_frame():
+    """What follows in that session counts in them."""
+    state = StudioState(timeline=Timeline(fps=24.0, frame=5))
+    added = Command.from_json({"command": "AddFigure", "avatar": "default", "place": None, "signals": None})
+    assert (added.apply(state).timeline.fps, added.apply(state).timeline.frame) == (30.0, 0)
+    for wrong in ({"fps": "fast"}, {"frame": -1}, {"frame": 1.5}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            Command.from_json({"command": "AddFigure", "avatar": "default", **wrong}).apply(state)
 
 
 def test_a_playback_ends_with_the_longest(studio, clock, tmp_path):
