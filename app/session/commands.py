@@ -80,7 +80,7 @@ class Select(Choice):
 
 
 class Pin(Choice):
-    """Whether handles stay where they are while another one is pulled."""
+    """Whether handles stay where they are while another is pulled, or a slider or ring turns what carries them."""
 
     handles: tuple[str, ...]
     pinned: bool

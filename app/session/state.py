@@ -129,7 +129,7 @@ class Tools:
     selected: str | None = None
     """A joint, or a region of the face."""
     pins: frozenset[str] = frozenset()
-    """Handles that stay where they are while another one is pulled."""
+    """Handles that stay where they are while another is pulled, or a slider or ring turns what carries them."""
     overlays: frozenset[str] = frozenset()
     """Of `OVERLAYS`."""
     shows: str = IMAGE

@@ -435,7 +435,7 @@ def test_all_play_until_the_longest_ends(studio, tmp_path):
     assert studio.state.played == (1, 3), "the range of the selected one"
 
 
-@pytest.mark.parametrize("layer", (None, Layer("gone", Clip("gone.bvh", "gone", 9, 30.0))), ids=("empty", "unreadable"))
+@pytest.mark.parametrize("layer", [None, Layer("gone", Clip("gone.bvh", "gone", 9, 30.0))], ids=("empty", "unreadable"))
 def test_the_playhead_stays_where_it_is_whoever_is_selected(studio, tmp_path, layer):
     """Also with one whom it has not moved, for its layers give nothing."""
     studio.open_motion(write_walk(tmp_path / "first.json", 20))
