@@ -21,7 +21,7 @@ from avatarrex_studio.engine.pictures import Pictures, Subject
 from avatarrex_studio.engine.request import Exact, Seen
 from avatarrex_studio.live.listening import Listening
 from avatarrex_studio.session.clips import Clips
-from avatarrex_studio.session.commands import Command, Followed, SetCamera
+from avatarrex_studio.session.commands import AddFigure, Command, Followed, SetCamera
 from avatarrex_studio.session.evaluation import go_to, layers_at, settled
 from avatarrex_studio.session.figures import Place
 from avatarrex_studio.session.greeting import Greeting
@@ -138,10 +138,12 @@ class Studio:
                 start = self._beginning.of(gesture, self.state)
                 command = followed(command, self.state, figure.skeleton, start)
             command = self.take.keyed(command, self.state, gesture)
+            if isinstance(command, AddFigure):
+                command = command.begun(self.state.timeline)
             if isinstance(command, SetFrame):
                 command = replace(command, feeds=self.listening.feeds(self.state.timeline))
             if isinstance(command, OnTimeline):
-                command = settled(command, self.journal.before(command, shared), self.clips, self.listening.fed)
+                command = settled(command, self.journal.before(command, shared), self.clips, self.listening.feeds)
             self.journal.do(command, shared)
 
     def undo(self) -> None:
@@ -176,7 +178,7 @@ class Studio:
         with refusals_logged():
             frame = SetFrame(self.state.timeline.frame, self.listening.feeds(self.state.timeline))
             before = self.journal.before_following(frame)
-            self.journal.follow(settled(frame, before, self.clips, self.listening.fed))
+            self.journal.follow(settled(frame, before, self.clips, self.listening.feeds))
 
     def greet(self) -> None:
         """Have the avatar move gently until somebody does something."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from avatarrex_studio.live.drive import Drive, Sender
 from avatarrex_studio.live.receiver import LOOPBACK, Receiver
 from avatarrex_studio.live.sources import SOURCES
 from avatarrex_studio.session.notice import NOTICE, refusals_logged
-from avatarrex_studio.session.timeline import Timeline
+from avatarrex_studio.session.timeline import Feeds, Timeline
 from avatarrex_studio.session.user_library import library_folder, state_folder
 
 from avatarrex.errors import InputError
@@ -23,7 +22,6 @@ from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence, interpolate
 
 log = logging.getLogger(__name__)
-Feeds = tuple[tuple[str, Signals, float], ...]
 LEAST = 2
 """Frames of a recording."""
 TAKE_FPS = 60.0
@@ -102,15 +100,6 @@ class Listening:
             if layer.feed and drive:
                 found.append((layer.name, drive.signals, drive.presence))
         return tuple(found)
-
-    def fed(self, timeline: Timeline) -> Timeline:
-        """With what its live sources sent last."""
-        layers = list(timeline.layers)
-        for place, layer in enumerate(layers):
-            drive = self.drives.get(layer.live)
-            if layer.feed and drive:
-                layers[place] = replace(layer, feed=replace(layer.feed, signals=drive.signals, presence=drive.presence))
-        return timeline.change(layers=tuple(layers))
 
     def record(self, layer: str, title: str, begins: float) -> None:
         """Begin to record what drives a layer, which the user calls `title`, at a second of its timeline."""

@@ -13,7 +13,7 @@ import numpy as np
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.figures import Figure, Place, beside, standing
 from avatarrex_studio.session.state import Colour, OrbitView, SizePolicy, StudioState, Vector
-from avatarrex_studio.session.timeline import Layer, Share, Timeline
+from avatarrex_studio.session.timeline import Feeds, Layer, Share, Timeline
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import SHAPES, Signals
@@ -80,7 +80,7 @@ class Select(Choice):
 
 
 class Pin(Choice):
-    """Whether handles stay where they are while another one is pulled."""
+    """Whether handles stay where they are while another is pulled, or a slider or ring turns what carries them."""
 
     handles: tuple[str, ...]
     pinned: bool
@@ -370,11 +370,21 @@ class AddFigure(AmongFigures):
     avatar: str
     place: Place | None = None
     signals: Signals | None = None
+    fps: float | None = None
+    """Of its timeline; None: 30, as in sessions of before."""
+    frame: int | None = None
+    """Of its playhead; None: the first."""
+
+    def begun(self, timeline: Timeline) -> AddFigure:
+        """With rate and playhead of another's timeline where it has none of its own: one playhead moves all."""
+        if self.fps is not None or self.frame is not None:
+            return self
+        return replace(self, fps=timeline.fps, frame=timeline.frame)
 
     def apply(self, state: StudioState) -> StudioState:
         figures = state.figures
         place = self.place or beside([figure.place for figure in figures])
-        timeline = Timeline(fps=state.timeline.fps, frame=state.timeline.frame)  # one playhead moves all
+        timeline = Timeline(fps=30.0 if self.fps is None else self.fps, frame=self.frame or 0)
         new = Figure(self.avatar, self.signals or standing(), timeline, place=place)
         return state.with_figures((*figures, new), len(figures))
 
@@ -389,7 +399,7 @@ class RemoveFigure(AmongFigures):
         if len(figures) == 1 or not 0 <= index < len(figures):
             raise InputError("figures", "", "one of several to remove", f"number {index} of {len(figures)}")
         kept = figures[:index] + figures[index + 1 :]
-        return state.with_figures(kept, min(state.slot - (index < state.slot), len(kept) - 1))
+        return _selected(state, kept, min(state.slot - (index < state.slot), len(kept) - 1))
 
 
 class SelectFigure(AmongFigures):
@@ -398,7 +408,7 @@ class SelectFigure(AmongFigures):
     index: int
 
     def apply(self, state: StudioState) -> StudioState:
-        return state if self.index == state.slot else state.with_figures(state.figures, self.index)
+        return state if self.index == state.slot else _selected(state, state.figures, self.index)
 
 
 class PlaceFigure(Setting):
@@ -476,6 +486,12 @@ class Blend(Setting):
         return state.pose(**{part: getattr(target, part) for part in self.parts})
 
 
+def _selected(state: StudioState, figures: tuple[Figure, ...], slot: int) -> StudioState:
+    """With one of `figures` selected; the playhead stays where it is, also where it has not moved that one before."""
+    chosen = state.with_figures(figures, slot)
+    return chosen.change(timeline=chosen.timeline.along(state.timeline))
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, Signals | ImportOptions | Layer):
         return value.to_json()
@@ -502,8 +518,14 @@ def _read(key: str, value: Any, source: str) -> Any:
     if key == "place":
         return Place(**value)
     if key == "feeds":
-        return tuple((name, Signals.from_json(signals, source), presence) for name, signals, presence in value)
+        return _feeds(value, source)
+    if key == "sent":
+        return tuple(_feeds(feeds, source) for feeds in value)
     return _tuples(value)
+
+
+def _feeds(value: Any, source: str) -> Feeds:
+    return tuple((name, Signals.from_json(signals, source), presence) for name, signals, presence in value)
 
 
 def _tuples(value: Any) -> Any:

@@ -17,7 +17,7 @@ from avatarrex_studio.session.keys import CAMERA
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.posing import SLOTS, numbers, of_numbers
 from avatarrex_studio.session.state import OrbitView, StudioState, vector
-from avatarrex_studio.session.timeline import GROUPS, PARTS, Layer, Timeline, of_clip
+from avatarrex_studio.session.timeline import GROUPS, PARTS, Feeds, Layer, Timeline, of_clip
 from avatarrex_studio.session.timeline_commands import OnTimeline, SetFrame
 from jaxtyping import Bool, Float64
 
@@ -27,12 +27,13 @@ from avatarrex.signals.sequence import interpolate
 Edit = TypeVar("Edit", bound=OnTimeline)
 ALL = np.ones(sum(slot.stop - slot.start for slot in SLOTS.values()), dtype=bool)
 LIMITS = {"camera.elevation": (-90.0, 90.0), "camera.distance": (0.05, 1e4), "camera.fov": (1.0, 170.0)}
-Fed = Callable[[Timeline], Timeline]
+Listened = Callable[[Timeline], Feeds]
+"""What the live sources of a timeline sent last."""
 
 
-def as_it_is(timeline: Timeline) -> Timeline:
+def silence(timeline: Timeline) -> Feeds:
     """Where nothing is listened for."""
-    return timeline
+    return ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,35 +74,45 @@ def view_at(timeline: Timeline, view: OrbitView, seconds: float) -> OrbitView | 
 def state_at(state: StudioState, seconds: float, clips: Clips) -> StudioState:
     """The state at a time of its timeline, playhead, signals and view: what a video renders. Seconds from the first frame.
 
+    Every figure shows what its layers give, also at the playhead's own time: what was edited there is in no frame.
+
     The playhead stands at the nearest frame; signals and view are those of the time itself. What cannot be read is left out.
     """
-    timeline = state.timeline.change(frame=max(round(seconds * state.timeline.fps), 0))
+    timeline = state.timeline.at(seconds)
     own = timeline.local(seconds)
     signals = layers_at(timeline, state.base, own, clips)
     shown = state.show(timeline, signals, view_at(timeline, state.view, own))
     return shown.with_others(others_at(state, seconds, clips)) if state.others else shown
 
 
-def others_at(state: StudioState, seconds: float, clips: Clips, fed: Fed = as_it_is) -> tuple[Signals | None, ...]:
-    """What their layers give the other figures at a time of the state's timeline; None: nothing moves them, or it cannot be read."""
-    moved, found = seconds != state.timeline.seconds, []
-    for figure in state.others:
-        timeline = fed(figure.timeline)
-        still = not timeline.layers or not (moved or timeline != figure.timeline) or clips.missing(timeline)
+def others_at(
+    state: StudioState, seconds: float, clips: Clips, sent: tuple[Feeds, ...] = (), moved: bool = True
+) -> tuple[Signals | None, ...]:
+    """What their layers give the other figures at a time of the state's timeline.
+
+    None: they have none, or a motion cannot be read, or neither has the playhead `moved` nor was anything `sent` to their live
+    layers: what was edited there stays.
+    """
+    found = []
+    for figure, feeds in zip(state.others, sent or ((),) * len(state.others)):
+        timeline = figure.timeline.with_feeds(feeds)
+        still = not timeline.layers or not (moved or feeds) or clips.missing(timeline)
         found.append(None if still else layers_at(timeline, figure.base, timeline.repeated(seconds), clips))
     return tuple(found)
 
 
-def settled(command: Edit, state: StudioState, clips: Clips, fed: Fed = as_it_is) -> Edit:
-    """The command with what the layers give after it; as it is where a motion cannot be read. Raises `InputError`.
+def settled(command: Edit, state: StudioState, clips: Clips, listened: Listened = silence) -> Edit:
+    """The command with what the layers give after it, and what was sent to the other figures. Raises `InputError`.
 
-    `fed`: a timeline with what its live sources sent last.
-
-    At the same time of the timeline it changes only what the layers give otherwise than before: what was edited there stays.
+    Where a motion of the selected figure cannot be read, nothing is given to it. At the same time of the timeline the command changes
+    only what its layers give otherwise than before, and the others to which something was sent: what else was edited there stays.
     """
     before, timeline = state.timeline, command.edited(state.timeline)
-    moved, others = timeline.seconds != before.seconds, others_at(state, timeline.seconds, clips, fed)
-    command = replace(command, others=others if any(others) else ())
+    moved = timeline.seconds != before.seconds
+    sent = tuple(_news(figure.timeline, listened) for figure in state.others)
+    others = others_at(state, timeline.seconds, clips, sent, moved)
+    told = any(sent)
+    command = replace(command, others=others if told or any(others) else (), sent=sent if told else ())
     if clips.missing(timeline):
         return command
     own = timeline.local(timeline.seconds)
@@ -127,6 +138,12 @@ def motion_over(base: Signals, motion: Motion, frame: int) -> Signals:
     clips = Clips()
     clips.take(motion)
     return layers_at(of_clip(motion.clip, motion.parts), base, frame / motion.clip.fps, clips)
+
+
+def _news(timeline: Timeline, listened: Listened) -> Feeds:
+    """What the live sources of a timeline sent that it does not have."""
+    feeds = listened(timeline)
+    return feeds if timeline.with_feeds(feeds) != timeline else ()
 
 
 def _given(layer: Layer, below: Signals, seconds: float, clips: Clips) -> Given | None:

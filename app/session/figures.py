@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
-from avatarrex_studio.session.timeline import MOST_FRAMES, Timeline, check
+from avatarrex_studio.session.timeline import Feeds, Timeline, check
 from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
@@ -80,12 +80,17 @@ class Figure:
         """What the layers of the timeline lie on."""
         return self.signals if self.posed is None else self.posed
 
-    def at(self, seconds: float, signals: Signals | None) -> Figure:
-        """While another one's timeline plays: the playhead goes along, to what the layers give; None: the figure as it is."""
+    def at(self, seconds: float, signals: Signals | None, feeds: Feeds = ()) -> Figure:
+        """While another one's timeline plays: the playhead goes along, to what the layers give; None: what is shown stays.
+
+        `feeds`: what its live sources sent.
+        """
+        timeline = self.timeline.with_feeds(feeds)
         if signals is None:
-            return self
-        timeline = self.timeline.change(frame=min(round(seconds * self.timeline.fps), MOST_FRAMES - 1))
-        return replace(self, timeline=timeline, signals=signals.replace(shape=self.signals.shape), posed=self.base)
+            return replace(self, timeline=timeline)
+        return replace(
+            self, timeline=timeline.at(seconds), signals=signals.replace(shape=self.signals.shape), posed=self.base
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries, lists and numbers."""

@@ -12,7 +12,7 @@ from typing import Any, SupportsFloat
 
 import numpy as np
 from avatarrex_studio.session.figures import FIELDS, MOST_FIGURES, Figure, Place, check_hidden
-from avatarrex_studio.session.timeline import Clip, Timeline, of_clip
+from avatarrex_studio.session.timeline import Clip, Feeds, Timeline, of_clip
 
 from avatarrex import levels
 from avatarrex.camera import Camera
@@ -129,7 +129,7 @@ class Tools:
     selected: str | None = None
     """A joint, or a region of the face."""
     pins: frozenset[str] = frozenset()
-    """Handles that stay where they are while another one is pulled."""
+    """Handles that stay where they are while another is pulled, or a slider or ring turns what carries them."""
     overlays: frozenset[str] = frozenset()
     """Of `OVERLAYS`."""
     shows: str = IMAGE
@@ -209,12 +209,15 @@ class StudioState:
         tools = replace(self.tools, selected=None, pins=frozenset())
         return replace(self, **{name: getattr(chosen, name) for name in FIELDS}, others=others, slot=slot, tools=tools)
 
-    def with_others(self, given: tuple[Signals | None, ...]) -> StudioState:
-        """A copy where the others show what their layers give at the playhead (`Figure.at`). Raises `InputError`."""
-        if len(given) != len(self.others):
-            raise InputError("others", "", f"signals of {len(self.others)} figures", len(given))
-        seconds = self.timeline.seconds
-        return self.change(others=tuple(figure.at(seconds, each) for figure, each in zip(self.others, given)))
+    def with_others(self, given: tuple[Signals | None, ...], sent: tuple[Feeds, ...] = ()) -> StudioState:
+        """A copy where the others show what their layers give at the playhead, and have what was sent. Raises `InputError`."""
+        count, seconds = len(self.others), self.timeline.seconds
+        if len(given) != count:
+            raise InputError("others", "", f"signals of {count} figures", len(given))
+        if len(sent) not in (0, count):
+            raise InputError("sent", "", f"feeds of {count} figures", len(sent))
+        each = zip(self.others, given, sent or ((),) * count)
+        return self.change(others=tuple(figure.at(seconds, signals, feeds) for figure, signals, feeds in each))
 
     @property
     def frames(self) -> int:

@@ -49,6 +49,8 @@ RATES = (1e-6, 1000.0)
 """Frames a second."""
 MOST_FRAMES = 1_000_000
 Time = TypeVar("Time", float, np.ndarray)
+Feeds = tuple[tuple[str, Signals, float], ...]
+"""What live sources sent last: name of the layer, signals, presence."""
 LONGEST_SMOOTHING = 1.0
 """Seconds."""
 
@@ -302,6 +304,14 @@ class Timeline:
         own = np.where(seconds < end, seconds, self.repeated(seconds))
         return np.asarray(own) if isinstance(seconds, np.ndarray) else float(own)
 
+    def at(self, seconds: float) -> Timeline:
+        """With the playhead at the frame nearest to a time; before the first at the first, beyond the last at the last."""
+        return self.change(frame=min(max(round(seconds * self.fps), 0), MOST_FRAMES - 1))
+
+    def along(self, other: Timeline) -> Timeline:
+        """With the playhead where that of another timeline is; as it is where the other's frame is that already."""
+        return self if other.at(self.seconds).frame == other.frame else self.at(other.seconds)
+
     @property
     def key_seconds(self) -> float:
         """Where a key is set: at the playhead; beyond the end of a motion that repeats at its `local` time, which lengthens nothing."""
@@ -343,6 +353,17 @@ class Timeline:
     def live(self) -> frozenset[str]:
         """What its live layers are listened for as."""
         return frozenset(layer.live for layer in self.layers if layer.feed)
+
+    def with_feeds(self, feeds: Feeds) -> Timeline:
+        """With what its live sources sent last. Raises `InputError`."""
+        timeline = self
+        for name, signals, presence in feeds:
+            layer = timeline.layer(name)
+            if layer.feed is None:
+                raise InputError("layer", name, "a live layer", "another")
+            feed = replace(layer.feed, signals=signals, presence=presence)
+            timeline = timeline.with_layer(name, replace(layer, feed=feed))
+        return timeline
 
     def with_own_sources(self, others: Iterable[Timeline]) -> Timeline:
         """With keys for those of its live layers that are listened for as another one is: of `others`, or of its own.

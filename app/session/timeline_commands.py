@@ -13,7 +13,7 @@ from avatarrex_studio.session import keys as curves
 from avatarrex_studio.session.commands import Command, Setting
 from avatarrex_studio.session.keys import Key, Place
 from avatarrex_studio.session.state import OrbitView, StudioState
-from avatarrex_studio.session.timeline import GROUPS, PARTS, Clip, Layer, Share, Timeline, of_clip
+from avatarrex_studio.session.timeline import GROUPS, PARTS, Clip, Feeds, Layer, Share, Timeline, of_clip
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
@@ -27,7 +27,9 @@ class OnTimeline(Command, kind=False):
     signals: Signals | None = None
     view: OrbitView | None = None
     others: tuple[Signals | None, ...] = ()
-    """Where the playhead has moved: what their layers give the other figures there; None: it stays. Empty: all do."""
+    """What their layers give the other figures where the playhead has moved or something was sent; None: it stays. Empty: all do."""
+    sent: tuple[Feeds, ...] = ()
+    """What live sources sent the other figures since. Empty: nothing."""
 
     def edited(self, timeline: Timeline) -> Timeline:
         """The timeline after this command. Raises `InputError`."""
@@ -35,7 +37,7 @@ class OnTimeline(Command, kind=False):
 
     def apply(self, state: StudioState) -> StudioState:
         shown = self.shown(state)
-        return shown.with_others(self.others) if self.others else shown
+        return shown.with_others(self.others, self.sent) if self.others else shown
 
     def shown(self, state: StudioState) -> StudioState:
         """The selected figure, and the view, after this command. Raises `InputError`."""
@@ -44,7 +46,7 @@ class OnTimeline(Command, kind=False):
 
     def to_json(self) -> dict[str, Any]:
         content = super().to_json()
-        return content if self.others else {key: value for key, value in content.items() if key != "others"}
+        return {key: value for key, value in content.items() if value or key not in ("others", "sent")}
 
 
 class LoadMotion(OnTimeline):
@@ -71,19 +73,13 @@ class LoadMotion(OnTimeline):
 
 
 class SetFrame(OnTimeline, Setting):
-    """The playhead goes to a frame; live layers get what their sources sent last: name, signals, presence."""
+    """The playhead goes to a frame; live layers get what their sources sent last."""
 
     frame: int
-    feeds: tuple[tuple[str, Signals, float], ...] = ()
+    feeds: Feeds = ()
 
     def edited(self, timeline: Timeline) -> Timeline:
-        for name, signals, presence in self.feeds:
-            layer = timeline.layer(name)
-            if layer.feed is None:
-                raise InputError("layer", name, "a live layer", "another")
-            feed = replace(layer.feed, signals=signals, presence=presence)
-            timeline = timeline.with_layer(name, replace(layer, feed=feed))
-        return timeline.change(frame=self.frame)
+        return timeline.with_feeds(self.feeds).change(frame=self.frame)
 
 
 class CloseMotion(OnTimeline):

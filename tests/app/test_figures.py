@@ -39,7 +39,15 @@ from avatarrex_studio.session.figures import MOST_FIGURES, Place, standing
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import StudioState
-from avatarrex_studio.session.timeline_commands import CloseMotion, RemoveLayer, SetFrame, SetLayer, SetTimeline
+from avatarrex_studio.session.timeline import Clip, Layer, Timeline
+from avatarrex_studio.session.timeline_commands import (
+    AddLayer,
+    CloseMotion,
+    RemoveLayer,
+    SetFrame,
+    SetLayer,
+    SetTimeline,
+)
 from ball import render_ball
 from imgui_bundle import imgui
 from surface.template_surface import template_surface
@@ -385,6 +393,26 @@ def test_what_was_edited_of_another_stays_where_the_playhead_does(studio, tmp_pa
     assert studio.state.figures[1].signals.translation[1] == 0.5
 
 
+def frame_of(studio, frame: int) -> StudioState:
+    """Of a video at 30 a second."""
+    return state_at(studio.state, frame / 30, studio.clips)
+
+
+def test_a_video_has_the_layers_of_all_also_at_the_playhead(studio, tmp_path):
+    """An edit that has no key is in no frame, whoever was edited."""
+    two_walks(studio, tmp_path)
+    studio.do(SelectFigure(1))
+    studio.go_to(2)
+    for place, slot in enumerate((0, 1)):
+        studio.do(SetTranslation((0.0, 0.5, 0.0)))
+        studio.do(SelectFigure(slot))
+        steps = [
+            [round(100 * each.signals.translation[2], 6) for each in frame_of(studio, frame).figures]
+            for frame in range(4)
+        ]
+        assert steps == [[0, 0], [1, 1], [2, 2], [3, 3]], place
+
+
 def test_all_play_until_the_longest_ends(studio, tmp_path):
     """Whoever is selected: the shorter one holds its last frame, or begins again where it repeats."""
     two_walks(studio, tmp_path)
@@ -394,8 +422,11 @@ def test_all_play_until_the_longest_ends(studio, tmp_path):
         studio.go_to(99)
         assert studio.state.timeline.frame == 5
         assert steps_of(studio) == [5, 1]
-        made = state_at(studio.state, 5 / 30, studio.clips)
-        assert made.figures == studio.state.figures
+        shown = [figure.signals for figure in studio.state.figures]
+        assert [figure.signals for figure in frame_of(studio, 5).figures] == shown
+        studio.go_to(2)
+        assert [figure.signals for figure in frame_of(studio, 5).figures] == shown
+        studio.go_to(5)
     studio.do(SetTimeline(loop=False))
     assert steps_of(studio) == [5, 3], "its last frame stays"
     studio.do(SelectFigure(0))
@@ -437,12 +468,62 @@ def test_keys_beyond_the_end_of_what_does_not_repeat_lie_at_the_playhead(studio,
         assert posing.joint(studio.state.signals, "left_knee")[0] == pytest.approx(frame / 1000)
 
 
+@pytest.mark.parametrize("layer", [None, Layer("gone", Clip("gone.bvh", "gone", 9, 30.0))], ids=("empty", "unreadable"))
+def test_the_playhead_stays_where_it_is_whoever_is_selected(studio, tmp_path, layer):
+    """Also with one whom it has not moved, for its layers give nothing."""
+    studio.open_motion(write_walk(tmp_path / "first.json", 20))
+    studio.do(AddFigure("default"))
+    if layer:
+        studio.do(AddLayer(layer))
+    studio.do(SelectFigure(0))
+    for frame in (15, 7):
+        studio.go_to(frame)
+        shown = [figure.signals for figure in studio.state.figures]
+        for slot in (1, 0, 1):
+            studio.do(SelectFigure(slot))
+            assert studio.state.timeline.frame == frame, slot
+        assert [figure.signals for figure in studio.state.figures] == shown
+        studio.do(SelectFigure(0))
+    studio.go_to(9)
+    studio.do(RemoveFigure(0))
+    assert (len(studio.state.figures), studio.state.timeline.frame) == (1, 9)
+
+
+def test_selecting_there_and_back_leaves_the_playhead_at_its_frame(studio, tmp_path):
+    """At every frame of a rate that another's frames fall between."""
+    studio.open_motion(write_walk(tmp_path / "first.json", 20))
+    studio.do(AddFigure("default"))
+    studio.do(SetTimeline(fps=12.0))
+    studio.do(SelectFigure(0))
+    for frame in range(20):
+        studio.go_to(frame)
+        studio.do(SelectFigure(1))
+        assert abs(studio.state.timeline.seconds - frame / 30) <= 0.5 / 12 + 1e-9
+        studio.do(SelectFigure(0))
+        assert studio.state.timeline.frame == frame
+
+
 def test_one_who_is_added_begins_where_the_playhead_is(studio, tmp_path):
     two_walks(studio, tmp_path)
     studio.go_to(3)
     studio.do(AddFigure("default"))
     assert {figure.timeline.seconds for figure in studio.state.figures} == {0.1}
     assert studio.state.frames == 6, "nothing of it lasts longer"
+    studio.do(SetTimeline(fps=60.0))
+    studio.do(AddFigure("default"))
+    assert (studio.state.timeline.fps, studio.state.timeline.frame) == (60.0, 6)
+    again = Journal.from_json(json.loads(json.dumps(studio.journal.to_json())))
+    assert again.state == studio.state
+
+
+def test_one_who_was_added_in_a_session_of_before_has_its_rate_and_frame():
+    """What follows in that session counts in them."""
+    state = StudioState(timeline=Timeline(fps=24.0, frame=5))
+    added = Command.from_json({"command": "AddFigure", "avatar": "default", "place": None, "signals": None})
+    assert (added.apply(state).timeline.fps, added.apply(state).timeline.frame) == (30.0, 0)
+    for wrong in ({"fps": "fast"}, {"frame": -1}, {"frame": 1.5}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            Command.from_json({"command": "AddFigure", "avatar": "default", **wrong}).apply(state)
 
 
 def test_a_playback_ends_with_the_longest(studio, clock, tmp_path):

@@ -19,9 +19,10 @@ from avatarrex_studio.live.receiver import MOST, Counts, Receiver
 from avatarrex_studio.live.sources import SOURCES
 from avatarrex_studio.live.webcam import Landmarks, replayed
 from avatarrex_studio.session.commands import AddFigure, RemoveFigure, SelectFigure, SetExpression
+from avatarrex_studio.session.evaluation import state_at
 from avatarrex_studio.session.journal import Journal
-from avatarrex_studio.session.timeline import Feed, Layer
-from avatarrex_studio.session.timeline_commands import AddLayer, MoveLayer, RenameLayer
+from avatarrex_studio.session.timeline import Clip, Feed, Layer
+from avatarrex_studio.session.timeline_commands import AddLayer, MoveLayer, RenameLayer, SetFrame, SetLayer
 from avatarrex_studio.session.user_library import library_folder, state_folder
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
@@ -365,6 +366,41 @@ def test_a_recording_of_nothing_ends(studio, clock, caplog):
     studio.record_live("Phone")
     assert studio.listening.drives["Phone 2"].take is None
     assert "Phone: recording: expected two frames or more" in caplog.text
+
+
+def test_what_was_sent_to_an_avatar_that_is_not_selected_is_kept(studio, clock, tmp_path):
+    """In exports and sessions; and once it has faded nobody else's timeline computes that avatar again."""
+    sent = two_phones(studio)
+    listen(studio, clock, sent, (None, 0.8))
+    studio.do(SelectFigure(0))
+    listen(studio, clock, sent, (None, 0.4))
+    exported = [state_at(studio.state, frame / 30, studio.clips).figures[1] for frame in range(3)]
+    assert [figure.signals.expression[JAW] for figure in exported] == pytest.approx([0.4] * 3, abs=0.02)
+    listen(studio, clock, sent, (0.2, None), 2.0)
+    assert jaws(studio) == pytest.approx([0.2, 0.0], abs=0.02)
+    studio.save_session(str(tmp_path / "s.json"))
+    opened = Journal.load(tmp_path / "s.json").state
+    assert opened == studio.state
+    assert state_at(opened, 0.1, studio.clips).figures[1].signals.expression[JAW] == 0
+    studio.do(SetLayer("Phone", weight=0.5))
+    command = studio.journal.steps[-1].commands[-1]
+    assert isinstance(command, SetLayer)
+    assert not {"others", "sent"} & set(command.to_json())
+
+
+def test_what_was_sent_is_kept_beside_a_motion_that_cannot_be_read(studio, clock):
+    """The avatar stays as it is until its motion is there."""
+    sent = two_phones(studio)
+    gone = Clip("gone.bvh", "gone", 9, 30.0)
+    studio.do(AddLayer(Layer("gone", gone)))
+    studio.do(SelectFigure(0))
+    listen(studio, clock, sent, (None, 0.4))
+    kept = studio.state.figures[1].timeline.layer("Phone").feed
+    assert kept.signals.expression[JAW] == pytest.approx(0.4, abs=0.02)
+    again = Journal.from_json(json.loads(json.dumps(studio.journal.to_json())))
+    assert again.state == studio.state
+    with pytest.raises(InputError, match="feeds of 1 figures"):
+        SetFrame(0, others=(None,), sent=((), ())).apply(studio.state)
 
 
 def test_what_sends_no_more_fades_out_of_the_face(studio, clock):
