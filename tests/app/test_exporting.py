@@ -222,7 +222,7 @@ def test_the_process_tells_cancels_and_refuses(tmp_path, caplog):
 class Steps:
     """A motion of 100 frames at 50 a second, whose frame is its azimuth."""
 
-    count, fps = 100, 50.0
+    count, own, fps = 100, 100, 50.0
 
     def at(self, frame):
         return STATE.change(view=STATE.view.__class__(azimuth=float(frame)))

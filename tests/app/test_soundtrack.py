@@ -131,6 +131,6 @@ def test_an_export_of_the_timeline_sounds_and_a_turntable_does_not(tmp_path, bee
     assert tone(order._sound()[: SOUND_RATE // 4])[0] == pytest.approx(1000, rel=0.02)
     assert len(order._sound()) == SOUND_RATE // 2
     assert VideoOrder(tmp_path / "a.mp4", (state,), 30.0, Look((64, 64)))._sound() is None
-    beside = AddFigure("default").apply(state)
+    beside = AddFigure("default").begun(state.timeline).apply(state)
     beside_it = VideoOrder(tmp_path / "a.mp4", (beside,) * 15, 30.0, Look((64, 64)), plays=True)
     assert tone(beside_it._sound()[: SOUND_RATE // 4])[0] == pytest.approx(1000, rel=0.02), "of the one beside"
