@@ -64,7 +64,7 @@ def made(monkeypatch) -> list[tuple[Path, int]]:
     return calls
 
 
-def until(done, seconds: float = 60.0) -> None:
+def until(done, seconds: float = 180.0) -> None:
     end = time.monotonic() + seconds
     while not done():
         assert time.monotonic() < end, "too slow"
