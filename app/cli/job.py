@@ -53,11 +53,8 @@ class Job:
         """Of a video: that of a sound file, where its frames are not played backwards."""
         if self.motion is None or self.frames[-1] < self.frames[0]:
             return None
-        timeline, others = (
-            self.motion.loaded().apply(self.start).timeline,
-            [each.timeline for each in self.start.others],
-        )
-        return soundtrack(timeline, self.frames[0] / timeline.fps, len(self.frames) / self.fps, SOUND_RATE, others)
+        timeline = self.motion.loaded().apply(self.start).timeline
+        return soundtrack(timeline, self.frames[0] / timeline.fps, len(self.frames) / self.fps, SOUND_RATE)
 
     def states(self) -> Iterator[tuple[int, StudioState]]:
         """Each frame's number and state."""

@@ -130,7 +130,7 @@ class LookAt(Setting):
 
 
 class Followed(Setting, kind=False):
-    """A setting of the pose that what is pinned holds against: `signals` are what followed, None where nothing did."""
+    """A setting of the pose while parts are pinned. `signals`: the whole pose, limbs that keep the pins with it; None without pins."""
 
     _: KW_ONLY
     signals: Signals | None = None

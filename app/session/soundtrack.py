@@ -44,11 +44,9 @@ def _own_times(
     """A timeline's own times at which it sounds while it is `shown` at some; NaN, silence, where it waits in its first or last frame."""
     first, last = timeline.played
     repeats = timeline.loop and last > first
-    late = times - shown
-    moves = (late > -1e-9) & (
-        repeats | (late < 1 / timeline.fps)
-    )  # for as long as a frame lasts the last does not wait
-    return np.where(moves, shown if repeats else times, np.nan)
+    late, frame = times - shown, 1 / timeline.fps  # the last frame sounds for as long as a frame lasts
+    waits = (late <= -1e-9) | (not repeats and late >= frame)
+    return np.where(waits, np.nan, shown if repeats else times)
 
 
 def _sound(layer: Layer, times: Float[np.ndarray, " s"], rate: int) -> Float[np.ndarray, " s"]:

@@ -84,7 +84,7 @@ class Opening:
         reading.future.add_done_callback(lambda _: self.arrived())
 
     def cancel(self) -> None:
-        """What is being read is not shown; what waits behind it is read at once, by another thread."""
+        """What is being read is not shown. What waits behind it is read at once, by another thread; an avatar when the one before is done."""
         if self._reading:
             log.info("not opened: %s", self._reading.popleft().path)
             self._threads.shutdown(wait=False, cancel_futures=True)

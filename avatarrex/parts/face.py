@@ -65,7 +65,7 @@ class PosedTriangles:
 
 @dataclass(eq=False)
 class FacePlanes:
-    """What the networks make of an expression that they know, when it is first wanted."""
+    """Views and tri-planes of an expression that the networks know, each made when it is first wanted."""
 
     field: FaceField
     vertices: Float[Tensor, "v 3"]
@@ -75,7 +75,7 @@ class FacePlanes:
     """Colour tri-planes; decoded when a point is first coloured."""
 
     def serve(self, vertices: Float[Tensor, "v 3"], coefficients: Float[Tensor, " 61"]) -> bool:
-        """Whether they are those of this mesh, too; what carries a mesh to it rounds."""
+        """Whether they are the tri-planes of this mesh and these coefficients, too: vertices may differ by `ROUNDED`."""
         same = torch.equal(coefficients, self.coefficients)
         return same and bool(torch.allclose(vertices, self.vertices, rtol=0, atol=ROUNDED))
 

@@ -42,7 +42,7 @@ class PartState:
     """What a part prepared for one driving signal."""
 
     def apart(self) -> PartState:
-        """A copy; what colours are decoded of it is not the original's."""
+        """A copy for one step of a training: colour planes that are decoded in it do not become the original's."""
         return copy.copy(self)
 
 

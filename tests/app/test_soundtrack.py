@@ -98,7 +98,10 @@ def test_after_the_end_of_what_does_not_repeat_it_is_silent(tmp_path, own):
     if not own:
         first = int(0.2 * SOUND_RATE)
         assert not sounding(span=(6, 15))[:first].any()
-        assert not sounding(span=(6, 15), loop=False)[: first - 1].any()
+        ranged = sounding(span=(6, 15), loop=False)
+        assert not ranged[: first - 1].any()
+        assert np.abs(ranged[int(0.5 * SOUND_RATE) : int(0.53 * SOUND_RATE)]).max() > 0.4, "the last frame of the range"
+        assert not ranged[int(0.54 * SOUND_RATE) :].any()
 
 
 @pytest.mark.parametrize("ending", [".mp4", ".webm"])

@@ -18,7 +18,7 @@ PACKAGES = {"avatarrex": "avatarrex", "app": "avatarrex_studio", "shaders": "ava
 """Folder of the checkout -> the name that it is imported by."""
 
 
-def is_up_to_date(mutant: Mutant) -> None:
+def assert_up_to_date(mutant: Mutant) -> None:
     """Its text and its test are there."""
     found = (ROOT / mutant.file).read_text().count(mutant.remedy)
     assert found == 1, f"{mutant.file} holds the remedy {found} times: {mutant.remedy}"
@@ -26,7 +26,7 @@ def is_up_to_date(mutant: Mutant) -> None:
     assert f"\ndef {test.partition('[')[0]}(" in (ROOT / path).read_text(), f"no such test: {mutant.test}"
 
 
-def dies(mutant: Mutant, folder: Path) -> None:
+def assert_dies(mutant: Mutant, folder: Path) -> None:
     """Its test fails on the copy in `folder`, by an assertion. That the test passes without it is what the suite itself shows."""
     failures, errors, passed = run(mutant, folder)
     assert errors == [], "the test could not run"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from mutations.mutants import MUTANTS
-from mutations.mutate import dies, is_up_to_date, run
+from mutations.mutate import assert_dies, assert_up_to_date, run
 
 TABLE = {
     "axis-angle at 0", "axis-angle at π", "blended skinning matrix", "Σw → 0", "Laplace CDF", "transmittance",
@@ -24,7 +24,7 @@ def test_every_hazard_has_a_mutant() -> None:
 
 @pytest.mark.parametrize("name", MUTANTS)
 def test_the_list_is_up_to_date(name: str) -> None:
-    is_up_to_date(MUTANTS[name])
+    assert_up_to_date(MUTANTS[name])
 
 
 @pytest.mark.slow
@@ -36,4 +36,4 @@ def test_a_copy_with_nothing_taken_away_passes(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MUTANTS)
 def test_without_the_remedy_its_test_fails(name: str, tmp_path: Path) -> None:
-    dies(MUTANTS[name], tmp_path)
+    assert_dies(MUTANTS[name], tmp_path)

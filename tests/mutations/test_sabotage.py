@@ -7,17 +7,17 @@ from pathlib import Path
 import pytest
 from mutations.learning import LEARNING
 from mutations.mouth import MOUTH
-from mutations.mutate import dies, is_up_to_date
+from mutations.mutate import assert_dies, assert_up_to_date
 
 MUTANTS = {**LEARNING, **MOUTH}
 
 
 @pytest.mark.parametrize("name", MUTANTS)
 def test_the_list_is_up_to_date(name: str) -> None:
-    is_up_to_date(MUTANTS[name])
+    assert_up_to_date(MUTANTS[name])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MUTANTS)
 def test_its_test_fails(name: str, tmp_path: Path) -> None:
-    dies(MUTANTS[name], tmp_path)
+    assert_dies(MUTANTS[name], tmp_path)
