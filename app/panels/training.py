@@ -76,6 +76,11 @@ class TrainingPanel:
         with imgui_ctx.begin_child("##plots", imgui.ImVec2(0, 0)):
             self._plots(views, chosen)
 
+    @property
+    def at_work(self) -> bool:
+        """Whether a training or a task goes on."""
+        return self.tasks.task is not None or any(view.live for view in self.watcher.views)
+
     def upload(self, context: moderngl.Context) -> None:
         """Bring pictures into textures, before the interface's frame."""
         self.plots.samples.upload(context)

@@ -84,8 +84,9 @@ WARM_UP = 3
 """Interface frames before the first picture: the viewport has its size then."""
 FPS = 60
 """Interface frames a second at most, where the screen does not say."""
-READING_FPS, TYPING_FPS, IDLE_FPS = 20, 4, 1
-"""While an avatar is read, while a text has a cursor that blinks, and while nothing moves; a picture that comes wakes the loop."""
+READING_FPS, TYPING_FPS, WATCHING_FPS, IDLE_FPS = 20, 4, 1, 0.3
+"""While an avatar is read, while a text has a cursor that blinks, while another process or a sender is watched, and while nothing
+moves; input and a picture that comes wake the loop. Each frame takes 70 ms of processor time where OpenGL is software."""
 WHEEL_PAUSE = 0.5
 """Seconds between wheel notches that end one undo step."""
 
@@ -339,7 +340,6 @@ class Window:
         context = self.screen.open()
         idling = hello_imgui.get_runner_params().fps_idling
         idling.enable_idling = not self.studio.moving and self._frames > WARM_UP + 1
-        typing = TYPING_FPS if imgui.get_io().want_text_input else IDLE_FPS
         shown = self.studio.avatars.ready(self.studio.state.avatar) if self.studio.live else None
         self.poses.cards.tend(context, shown, not self.studio.moving)
         waiting = (
@@ -349,10 +349,17 @@ class Window:
             or self.poses.cards.waiting
             or self.toasts.moving
         )
-        idling.fps_idle = READING_FPS if waiting else typing
+        idling.fps_idle = READING_FPS if waiting else self._resting_fps()
         self._resting.tend(waiting or self.studio.moving or imgui.is_any_mouse_down())
         if context.screen:
             context.screen.use()
+
+    def _resting_fps(self) -> float:
+        """Frames a second of an interface in which nothing moves."""
+        if imgui.get_io().want_text_input:
+            return TYPING_FPS
+        others = self.training.at_work or self.own_surface.words or self.studio.listening.words
+        return WATCHING_FPS if others else IDLE_FPS
 
     def _copy(self) -> None:
         imgui.set_clipboard_text(json.dumps(self.studio.state.signals.to_json()))

@@ -96,6 +96,7 @@ def test_the_training_tab_starts_pauses_resumes_stops_and_shows(display, tmp_pat
         form.capture, form.out, form.recipe = "captures/me.zip", str(tmp_path / "runs/one"), "smoke"
         test.item_click(f"**/{icons.ICON_FA_PLAY}  Start training")
         wait(test, lambda: state() == "running")
+        seen["watched"] = window._resting_fps()
         press(test, "pause")
         wait(test, lambda: state() == "paused")
         seen["paused"] = views(panel)["one"].step
@@ -109,6 +110,7 @@ def test_the_training_tab_starts_pauses_resumes_stops_and_shows(display, tmp_pat
         press(test, "stop")
         wait(test, lambda: state() == "stopped")
         wait(test, lambda: not panel.processes.working(tmp_path / "runs/one"))
+        seen["rests"] = window._resting_fps()
 
     try:
         drive(window, scenario)
@@ -118,4 +120,5 @@ def test_the_training_tab_starts_pauses_resumes_stops_and_shows(display, tmp_pat
     assert seen["avatar"].startswith(str(tmp_path / "runs/one/avatars/step_"))
     assert os.path.isfile(seen["avatar"])
     assert panel.processes.message == "one: training ended"
+    assert seen["rests"] < 0.5 <= seen["watched"], "where nothing goes on, the interface is hardly drawn"
     assert views(panel)["one"].about["preset"] == "smoke"

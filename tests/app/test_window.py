@@ -24,9 +24,9 @@ from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.session.commands import OrbitBy
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.window.screen import Screen
-from avatarrex_studio.window.window import Window, start
+from avatarrex_studio.window.window import IDLE_FPS, Window, start
 from ball import ball_engine, render_ball
-from imgui_bundle import imgui
+from imgui_bundle import hello_imgui, imgui
 from surface.template_surface import template_surface
 
 from avatarrex.avatar import Avatar
@@ -153,6 +153,7 @@ def test_the_performance_panel_changes_the_level_and_costs_nothing_when_hidden(d
         seen["image"], seen["done"] = window.studio.pictures.picture.image, len(window.studio.pictures.history)
         test.yield_(20)
         seen["still"], seen["idle"] = window.studio.pictures.picture.image, len(window.studio.pictures.history)
+        seen["rate"] = hello_imgui.get_runner_params().fps_idling.fps_idle
 
     drive(ball_engine, scenario)
     assert seen["hidden"] == 0 < seen["shown"]
@@ -161,6 +162,7 @@ def test_the_performance_panel_changes_the_level_and_costs_nothing_when_hidden(d
     assert seen["done"] > seen["pictures"]
     assert seen["idle"] == seen["done"], "nothing changed, nothing is rendered"
     assert seen["still"] is seen["image"]
+    assert seen["rate"] == pytest.approx(IDLE_FPS)
 
 
 def slow_ball(avatar, signals, camera, settings, previous=None, between=None):
