@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from avatarrex_studio.cli import PROGRAM
 from avatarrex_studio.cli.options import add_device
-from avatarrex_studio.jobs.file_kind import OPENS, PICTURE, kind_of
+from avatarrex_studio.jobs.file_kind import AVATAR, OPENS, PICTURE, kind_of
 
 from avatarrex.errors import InputError
 
@@ -27,7 +27,8 @@ def add_options(verb: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Open the window; returns once it is closed. Raises `InputError` before that for a path that is nothing to open."""
-    if kind_of(arguments.source) == PICTURE:
+    kind = kind_of(arguments.source)
+    if kind == PICTURE:
         raise InputError(arguments.source, "", OPENS, "a picture")
     if no_display("render OUT.png"):
         return 2
@@ -38,10 +39,16 @@ def run(arguments: argparse.Namespace) -> int:
 
     def prepare() -> Window:
         starting.say("Loading the program…")
+        from avatarrex_studio.engine.avatars import Avatars
+        from avatarrex_studio.engine.live import read_avatar
+
+        avatars = Avatars(read_avatar)
+        if kind == AVATAR:  # read by a thread while the rest is imported
+            avatars.keep(arguments.source, avatars.read(arguments.source))
         from avatarrex_studio.window.window import prepared
 
         starting.say(f"Reading {os.path.basename(arguments.source) or arguments.source}…")
-        return prepared(arguments.source, arguments.device)
+        return prepared(arguments.source, avatars, arguments.device)
 
     window = starting.show_while(prepare)
     if window is None:

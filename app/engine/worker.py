@@ -86,14 +86,22 @@ def serve(connection: Connection, make: Make) -> None:
     keep_pages()
     inbox = Inbox(connection)
     engine = make(between=inbox.check)
-    send(connection, READY)
+    _reply(connection, READY)
     while True:
         request = inbox.requests.get()
         try:
             answer = answered(engine, request)
         except Cancelled:
             answer = Answer(request, cancelled=True)
-        send(connection, answer)
+        _reply(connection, answer)
+
+
+def _reply(connection: Connection, message: object) -> None:
+    """Send it; a window that was closed meanwhile ends the process, without a trace."""
+    try:
+        send(connection, message)
+    except BrokenPipeError:
+        os._exit(0)
 
 
 def answered(engine: Engine, request: Request) -> Answer:

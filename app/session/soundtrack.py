@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from avatarrex_studio.session.timeline import Layer, Timeline
 from jaxtyping import Float
-from scipy.signal import resample_poly
 
 from avatarrex.files.sound import read_sound
 from avatarrex.signals.speech import FPS
@@ -51,6 +50,8 @@ def _own_times(
 
 def _sound(layer: Layer, times: Float[np.ndarray, " s"], rate: int) -> Float[np.ndarray, " s"]:
     """Of one layer at times of the timeline; silence before and after it, and at those that are NaN."""
+    from scipy.signal import resample_poly  # takes 0.4 s: not before there is a sound
+
     assert layer.clip is not None
     samples, own_rate = read_sound(Path(layer.clip.path))
     common = gcd(rate, own_rate)

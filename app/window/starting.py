@@ -19,7 +19,7 @@ from avatarrex.errors import InputError
 Made = TypeVar("Made")
 SIZE = (420, 92)
 """Points."""
-FPS = 20.0
+FPS = 10.0
 
 
 class Starting:

@@ -16,7 +16,7 @@ from pathlib import Path
 from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.engine import Engine
 from avatarrex_studio.engine.exact import ExactEngine
-from avatarrex_studio.engine.live import LiveSurface, read_avatar
+from avatarrex_studio.engine.live import LiveSurface
 from avatarrex_studio.engine.pages import Resting, give_pages
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.distilling import Distilling
@@ -493,9 +493,9 @@ class Window:
             self.opening.tab = ""
 
 
-def prepared(source: str = "default", device: str = "cpu") -> Window:
+def prepared(source: str, avatars: Avatars, device: str = "cpu") -> Window:
     """A window on anything that `Opening` opens, networks on `device`, to be run by `run`. Raises `InputError`."""
-    exact, avatars = ExactEngine(partial(Engine, device=device), later=True), Avatars(read_avatar)
+    exact = ExactEngine(partial(Engine, device=device), later=True)
     opened = read_any(source, avatars.read)
     journal = opened.journal or Journal(start(next(iter(opened.avatars), "default")))
     window = Window(Studio(exact, avatars, journal, LiveSurface()), device=device)

@@ -17,6 +17,7 @@ import pytest
 from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.request import Request
 from avatarrex_studio.engine.slices import SLICE, receive, send
+from avatarrex_studio.engine.worker import READY, _reply
 from avatarrex_studio.session.commands import OrbitBy, SetExpression
 from avatarrex_studio.session.state import StudioState
 from ball import ball_engine, render_ball
@@ -271,6 +272,7 @@ from functools import partial
 from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.request import Request
 from avatarrex_studio.engine.slices import SLICE, receive, send
+from avatarrex_studio.engine.worker import READY, _reply
 from avatarrex_studio.session.state import StudioState
 from test_exact import slow_engine
 engine = ExactEngine(partial(slow_engine, {seconds}))
@@ -294,3 +296,13 @@ def test_the_process_ends_with_whoever_started_it(seconds):
     assert parent.wait(60) == 1
     parent.stdout.close()
     assert gone(number)
+
+
+def test_an_answer_to_a_window_that_was_closed_ends_the_process_without_a_trace():
+    context = multiprocessing.get_context("spawn")
+    kept, gone = context.Pipe()
+    process = context.Process(target=_reply, args=(kept, READY))
+    gone.close()
+    process.start()
+    process.join(PATIENCE)
+    assert process.exitcode == 0
