@@ -5,17 +5,21 @@ It must fail because it saw wrong numbers, not because the code broke: only asse
 
 from __future__ import annotations
 
+import multiprocessing
 import os
-import subprocess
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pytest
 from mutations.mutants import Mutant
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = {"avatarrex": "avatarrex", "app": "avatarrex_studio", "shaders": "avatarrex_shaders"}
 """Folder of the checkout -> the name that it is imported by."""
+PROCESSES = multiprocessing.get_context("forkserver")
+PROCESSES.set_forkserver_preload(["mutations.others"])
+"""Each mutant has a process of its own, forked from one that has imported what is the same for all."""
 
 
 def assert_up_to_date(mutant: Mutant) -> None:
@@ -38,18 +42,30 @@ def assert_dies(mutant: Mutant, folder: Path) -> None:
 def run(mutant: Mutant, folder: Path) -> tuple[list[str], list[str], int]:
     """Messages of failures and of errors, and how many tests passed, in a process that imports the copy in `folder`."""
     copy(mutant, folder)
-    report = folder / "report.xml"
-    # -P: the working folder is the checkout, and must not come before the copy.
-    words = [sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-o", "addopts="]
-    environment = {**os.environ, "PYTHONPATH": str(folder), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run(
-        [*words, f"--junitxml={report}", mutant.test], cwd=ROOT, env=environment, capture_output=True, text=True
-    )
-    assert report.exists(), done.stdout + done.stderr
+    report, output = folder / "report.xml", folder / "output.txt"
+    process = PROCESSES.Process(target=_test, args=(mutant.test, folder, report, output))
+    process.start()
+    process.join()
+    assert report.exists(), output.read_text()
     cases = list(ElementTree.parse(report).getroot().iter("testcase"))
     failures = [found.get("message", "") for case in cases for found in case.iter("failure")]
     errors = [found.get("message", "") for case in cases for found in case.iter("error")]
     return failures, errors, sum(len(case) == 0 for case in cases)
+
+
+def _test(test: str, folder: Path, report: Path, output: Path) -> None:
+    """The process's main function: one test on the copy in `folder`, which comes before the checkout."""
+    with output.open("w") as file:
+        for stream in (1, 2):
+            os.dup2(file.fileno(), stream)
+    os.environ |= {"PYTHONPATH": str(folder), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    sys.dont_write_bytecode = True
+    sys.path[:] = [str(folder), *(place for place in sys.path if Path(place) != ROOT)]
+    os.chdir(ROOT)
+    import torch  # there already
+
+    torch.set_num_threads(1)
+    pytest.main(["-q", "-p", "no:cacheprovider", "-o", "addopts=", f"--junitxml={report}", test])
 
 
 def copy(mutant: Mutant, folder: Path) -> None:
