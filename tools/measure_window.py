@@ -140,7 +140,7 @@ def window(level: str, motion: str | None, face: str | None = None) -> Iterator[
         state = start().change(level=level)
         if motion:
             played = with_face(motion, face, folder) if face else motion
-            state = Motion.read(played).loaded(state.signals).apply(state)
+            state = Motion.read(played).loaded().apply(state)
         Journal(state).save(folder / "session.json")
         display = Display(folder)
         environment = {**display.environment, "HOME": name, "XDG_CONFIG_HOME": name}

@@ -67,7 +67,7 @@ from avatarrex_studio.window.opening import Opening
 from avatarrex_studio.window.output import GROUNDS, SIZES, Output
 from avatarrex_studio.window.own_surface import OwnSurface
 from avatarrex_studio.window.personal import Personal
-from avatarrex_studio.window.runner import runner_params
+from avatarrex_studio.window.runner import open_gl, runner_params
 from avatarrex_studio.window.screen import Screen
 from imgui_bundle import hello_imgui, imgui, immapp
 from imgui_bundle.glfw_utils import glfw_window_hello_imgui
@@ -157,11 +157,7 @@ class Window:
         inner.background_color = theme.vec4(theme.PANEL)
         params.fps_idling.time_active_after_last_event = 0.5
         params.fps_idling.fps_max = FPS
-        options = hello_imgui.OpenGlOptions()
-        options.major_version, options.minor_version = divmod(REQUIRED // 10, 10)
-        options.use_core_profile = True
-        options.anti_aliasing_samples = 0
-        params.renderer_backend_options.open_gl_options = options
+        params.renderer_backend_options.open_gl_options = open_gl(REQUIRED)
         calls = params.callbacks
         calls.setup_imgui_config = _configure
         for name, place, call in (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import os
 import signal
@@ -11,6 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import driving
+import glfw
 import numpy as np
 import pytest
 from avatarrex_studio.engine.avatars import Avatars
@@ -24,6 +26,7 @@ from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.session.commands import OrbitBy
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.window.screen import Screen
+from avatarrex_studio.window.starting import Starting
 from avatarrex_studio.window.window import IDLE_FPS, Window, start
 from ball import ball_engine, render_ball
 from imgui_bundle import hello_imgui, imgui
@@ -38,6 +41,8 @@ from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.person import load_person
 
 pytestmark = pytest.mark.window
+SAMPLES = 0x80A9
+"""GL_SAMPLES of the framebuffer that is drawn to."""
 
 
 def compact_engine(*, between):
@@ -94,6 +99,22 @@ def test_a_slider_moves_the_picture_and_undo_brings_it_back(display):
     assert min(seen["size"].width, seen["size"].height) > 400
     assert not np.array_equal(seen["before"], seen["after"])
     assert np.array_equal(seen["before"], seen["undone"])
+
+
+def test_a_window_after_another_has_one_sample_a_pixel(display, monkeypatch):
+    Starting().show_while(lambda: None)
+    seen, idle = [], Window._idle
+
+    def looking(window):
+        found = ctypes.c_int(-1)
+        kind = ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.POINTER(ctypes.c_int))
+        kind(glfw.get_proc_address("glGetIntegerv"))(SAMPLES, ctypes.byref(found))
+        seen.append(found.value)
+        idle(window)
+
+    monkeypatch.setattr(Window, "_idle", looking)
+    drive(ball_engine, rest)
+    assert set(seen) == {0}, "four samples take three times as long in software"
 
 
 def test_mouse_palette_and_keys(display):
