@@ -167,11 +167,12 @@ class Lanes:
                 for track in layer.tracks:
                     self._track(layer, track, column)
             imgui.pop_id()
-        if not timeline.layers:
+        if not timeline.layers:  # no rows: neither range nor playhead crosses the words
             imgui.set_cursor_pos((8, 8))
             widgets.paragraph(
                 "Nothing here yet: choose a motion, open or drop a file, or press K to set a key of the pose."
             )
+            return
         bottom = imgui.get_window_pos().y + imgui.get_window_size().y
         draw.push_clip_rect((scale.left, top.y - 4000), (scale.left + scale.width, bottom), True)
         shade = theme.colour(theme.UNREACHED, 0.65)
