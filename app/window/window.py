@@ -27,6 +27,7 @@ from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import (
     camera,
     curves,
+    cut_card,
     keys,
     menu,
     opening_progress,
@@ -456,12 +457,13 @@ class Window:
         self.questions.put(Question(f"{failure.place} failed", failure.text, {"Close": nothing, COPY: copy}))
 
     def _toasts(self) -> None:
-        """What lies over the viewport's lower edge: toasts, and how far an export is."""
+        """What lies over the viewport's edges: where the slice is, toasts, and how far an export is."""
         low = imgui.get_main_viewport().work_pos
         high = low + imgui.get_main_viewport().work_size
         window = imgui.internal.find_window_by_name("Viewport")
         if window is not None:
             low, high = window.pos, window.pos + window.size
+        self._collect(cut_card.draw(self.studio, (low.x, low.y), (high.x, high.y)))
         self.exports.draw((low.x, low.y), (high.x, high.y))
         if self.opening.slow and opening_progress.draw(self.opening.words, (low.x, low.y), (high.x, high.y)):
             self.opening.cancel()
