@@ -134,7 +134,7 @@ class Lanes:
         for time, text in scale.ticks(timeline.fps, self.in_frames):
             x = round(scale.x(time)) + 0.5
             draw.add_line((x, high.y - (7 if text else 3)), (x, high.y), theme.colour(theme.MUTED, 0.8))
-            if text:
+            if text and x + 3 + imgui.calc_text_size(text).x <= high.x:
                 draw.add_text((x + 3, low.y + 1), theme.colour(theme.MUTED), text)
         first, last = (scale.x(frame / timeline.fps) for frame in state.played)
         for x, side in ((first, 1), (last, -1)):

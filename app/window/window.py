@@ -270,7 +270,8 @@ class Window:
 
     def _shortcuts(self) -> None:
         """Those that were pressed; what a drag has taken stays what it is until the button is let go."""
-        if not keys.close_topmost() and keys.free() and self._keys_free and not imgui.is_any_mouse_down():
+        closed = keys.close_topmost() or self.timeline.reading.dismissed()
+        if not closed and keys.free() and self._keys_free and not imgui.is_any_mouse_down():
             for chord, entry in self._chords:
                 if keys.pressed(chord) and entry.enabled(self.studio.journal):
                     self._run(entry)

@@ -67,7 +67,7 @@ EVERY = (
     timeline_commands.MoveKeys("Keys", (("jawOpen", 0.5),), 0.2),
     timeline_commands.SetCurve("Keys", (("jawOpen", 0.7),), "smooth"),
     timeline_commands.DeleteKeys("Keys", (("jawOpen", 1.0),)),
-    timeline_commands.SetLayer("Face", ("head", "mouth"), 0.5, True, 1.0, 2.0, True, 0.1),
+    timeline_commands.SetLayer("Face", ("head", "mouth"), 0.5, True, 1.0, 2.0, True, 0.1, ((0.5, 0.25),)),
     timeline_commands.MoveLayer("Face", -1),
     timeline_commands.RenameLayer("Face", "Face 2"),
     timeline_commands.SetTimeline(24.0, (2, 40), False),

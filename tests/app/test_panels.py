@@ -169,6 +169,24 @@ def test_search_narrows_the_list(screen, monkeypatch):
     assert shown == ["left_elbow"]
 
 
+@pytest.mark.parametrize(("width", "form"), [(600, "bend %.0f°"), (250, "%.0f°")])
+def test_a_narrow_slider_shows_its_number_whole(screen, monkeypatch, width, form):
+    """Without the axis, which its colour and tooltip say."""
+    forms = {}
+    monkeypatch.setattr(
+        "avatarrex_studio.panels.joints.widgets.slider",
+        lambda name, value, bounds, form, width: forms.update({name: form}),
+    )
+
+    def draw():
+        imgui.begin_child("narrow", (width, 0))
+        list(body_panel().draw(StudioState()))
+        imgui.end_child()
+
+    screen.frame(draw)
+    assert forms["left_elbow.y"] == form
+
+
 def test_the_other_panels_draw(screen, studio):
     poses = PosesPanel()
     for draw in (camera.draw, render.draw, lambda state: scene.draw(state, Recent(), nothing), poses.draw):
@@ -387,7 +405,10 @@ def test_a_drag_by_the_palm_moves_the_hand(screen, studio, monkeypatch, part, ki
 def test_keys_are_no_shortcuts_while_a_button_is_pressed(screen, studio):
     done = []
     chords = [(chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut == "M"]
-    window = SimpleNamespace(_keys_free=True, _chords=chords, studio=studio, _run=done.append, _gesture=0)
+    panel = TimelinePanel(studio.open_motion, studio.add_motion)
+    window = SimpleNamespace(
+        _keys_free=True, _chords=chords, studio=studio, _run=done.append, _gesture=0, timeline=panel
+    )
 
     def press_m():
         for down in (True, False):
