@@ -14,19 +14,21 @@ from avatarrex_studio.panels.warp_editor import moved as move_point
 from avatarrex_studio.panels.warp_editor import with_point
 from avatarrex_studio.session import timeline_commands as edits
 from avatarrex_studio.session.clips import Clips
-from avatarrex_studio.session.commands import SetCamera, SetExpression, SetJoint
+from avatarrex_studio.session.commands import SetCamera, SetExpression, SetJoint, SetShape
 from avatarrex_studio.session.evaluation import LIMITS, layers_at, state_at, view_at
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import Key, Track, moved, with_keys
+from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.posing import joint
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.take import Take
 from avatarrex_studio.session.time_warp import APART, WARPS
-from avatarrex_studio.session.timeline import PARTS, Layer, Share, Timeline
+from avatarrex_studio.session.timeline import PARTS, Clip, Layer, Share, Timeline
 from ball import ball_engine
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.imported import ImportedMotion
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
@@ -327,6 +329,38 @@ def test_a_timeline_that_cannot_be_is_refused(timeline):
 def test_a_layer_that_cannot_be_is_refused(layer):
     with pytest.raises(InputError):
         Layer(**{"name": "a", **layer})
+
+
+def test_a_range_beyond_the_end_ends_with_the_timeline():
+    timeline = Timeline((Layer("a", Clip("a.json", "a", 30, 30.0)),), span=(40, 1000))
+    assert timeline.played == (29, 29)
+    assert timeline.change(span=(5, 1000)).played == (5, 29)
+
+
+def test_each_smoothing_of_a_clip_is_its_own_and_of_the_motion_as_it_is_now():
+    def motion(step):
+        frames = tuple(Signals.rest().replace(translation=np.array([0.0, step * (k % 2), 0.0])) for k in range(60))
+        return Motion("a.json", ImportedMotion(SignalSequence(frames, 30.0, "a")))
+
+    clips, layer = Clips(), Layer("a", Clip("a.json", "a", 60, 30.0), smoothing=0.05)
+    clips.take(motion(1.0))
+    little, much = (
+        np.ptp([frame.translation[1] for frame in clips.sequence(replace(layer, smoothing=width)).frames[20:40]])
+        for width in (0.02, 0.2)
+    )
+    assert much < 0.2 * little
+    before = clips.sequence(layer)
+    assert clips.sequence(layer) is before
+    clips.take(motion(3.0))
+    assert clips.sequence(layer) is not before
+
+
+def test_the_shape_has_no_keys(layered):
+    """While something is recorded it is set as ever."""
+    layered.take.recording = True
+    layered.do(SetShape(0, 0.1))
+    assert layered.state.signals.shape[0] == pytest.approx(0.1)
+    assert not any(track.name == "shape" for layer in layered.state.timeline.layers for track in layer.tracks)
 
 
 def test_a_clip_goes_through_its_time_by_a_curve(layered):
