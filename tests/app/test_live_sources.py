@@ -204,6 +204,26 @@ def test_drop_out_keeps_then_fades_and_comes_back():
     assert drive.signals.expression[JAW] == pytest.approx(0.6, abs=1e-3)
 
 
+def test_the_hips_of_vmc_go_from_where_they_were_first():
+    """And from a new place where that is made neutral. Unity's x is to the person's right."""
+    sent = Sent()
+    drive = Drive(sent)
+
+    def at(x, y, z, now):
+        packet = message("/VMC/Ext/Bone/Pos", "Hips", x, y, z, 0.0, 0.0, 0.0, 1.0).dgram
+        for k in range(60):
+            sent.said, sent.at = osc_packet.decode(packet), now + k / 60
+            drive.tick(now + k / 60)
+        return drive.signals.translation
+
+    assert at(0.1, 0.9, 0.0, 1.0) == pytest.approx(np.zeros(3))
+    assert at(0.3, 0.6, 0.4, 2.0) == pytest.approx([-0.2, -0.3, 0.4], abs=0.01)
+    drive.calibrate()
+    assert at(0.3, 0.7, 0.4, 3.0) == pytest.approx([0.0, 0.1, 0.0], abs=0.01)
+    elbow = osc_packet.decode(VMC)
+    assert elbow.place is None
+
+
 def test_a_face_is_calibrated_to_neutral():
     sent = Sent()
     drive = Drive(sent)
