@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from avatarrex_studio.engine.influences import of_surface
 from avatarrex_studio.engine.looks import look_of
 from avatarrex_studio.engine.request import Seen
-from avatarrex_studio.session.state import IMAGE, LIVE, StudioState, vector
+from avatarrex_studio.session.state import IMAGE, INFLUENCE, LIVE, StudioState, vector
 
 from avatarrex import levels
 from avatarrex.avatar import Avatar
@@ -46,6 +48,8 @@ class LiveSurface:
         """What the last picture shows."""
         self._picture: SurfacePicture | None = None
         self._casters: dict[int, Caster] = {}
+        self._tinted: dict[int, tuple[PosedSurface, str | None, PosedSurface]] = {}
+        """By figure: its surface, what is selected, and the same with the colours of influences."""
         self._camera = Camera.orbit()
         self._shine: SurfaceLight | None = None
 
@@ -67,6 +71,8 @@ class LiveSurface:
         clock, self._camera = StageClock(), state.view.camera(*size)
         with clock("surface"):
             self._casters = self._placed(there, state)
+            if state.tools.shows == INFLUENCE:
+                self._casters = {k: self._coloured(k, there[k], one, state) for k, one in self._casters.items()}
         with clock("raster"):
             self._picture = self._raster([harmonics_of(avatar) for avatar in there.values()], state)
         self.ms = clock.milliseconds()
@@ -93,6 +99,16 @@ class LiveSurface:
             made[figure] = Caster(posed, posed.world_from_root(own.signals), own.hidden | avatar.hidden)
         self._posed = {figure: one.posed for figure, one in made.items()}
         return made
+
+    def _coloured(self, figure: int, avatar: Avatar, one: Caster, state: StudioState) -> Caster:
+        """A figure with the colours of influences as its tints; the same one as long as pose and selection stay."""
+        selected = state.tools.selected
+        before, part, tinted = self._tinted.get(figure, (None, None, one.posed))
+        if before is not one.posed or part != selected:
+            tint = of_surface(avatar, one.posed.surface, selected).astype(np.float32)
+            tinted = replace(one.posed, tint=tint)
+            self._tinted[figure] = one.posed, selected, tinted
+        return replace(one, posed=tinted)
 
     def _raster(self, harmonics: Sequence[np.ndarray], state: StudioState) -> SurfacePicture:
         """All in one picture: the last one, where it shows them as they are."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from avatarrex_studio.engine.engine import QUICKEST
 from avatarrex_studio.engine.request import Answer, Exact, Picture, Request, Seen
 from avatarrex_studio.session.notice import NOTICE
-from avatarrex_studio.session.state import AUTO, IMAGE, LIVE, OrbitView, StudioState, vector
+from avatarrex_studio.session.state import AUTO, IMAGE, INFLUENCE, LIVE, SLICE, OrbitView, StudioState, vector
 
 from avatarrex.stage.stage import KeyLight
 
@@ -45,6 +45,8 @@ class Subject:
     view: OrbitView
     size: tuple[int, int]
     shows: str = IMAGE
+    tool: object = None
+    """The plane of a slice, or the part whose influence is shown."""
     light: KeyLight | None = None
     """That of a stage."""
     reading: int = 0
@@ -55,7 +57,8 @@ class Subject:
         """Of `state` on a raster of `size`."""
         figures = tuple((own.avatar, own.signals, own.hidden) for own in state.each())
         shows = state.tools.shows
-        return cls(figures, state.view, size, shows, state.stage.light if shows == IMAGE else None)
+        tool = {SLICE: state.tools.cut, INFLUENCE: state.tools.selected}.get(shows)
+        return cls(figures, state.view, size, shows, tool, state.stage.light if shows == IMAGE else None)
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,8 @@ class Pictures:
     @property
     def covers(self) -> bool:
         """Whether the picture belongs over a surface: it shows the present state, whose level is not the surface alone."""
-        return self.current and self._level != LIVE
+        sliced = self._subject is not None and self._subject.shows == SLICE
+        return self.current and (self._level != LIVE or sliced)
 
     def weight(self, now: float, live: bool) -> float:
         """Share of the picture over the surface, 0 to 1."""
@@ -148,7 +152,7 @@ class Pictures:
 
     def _wanted(self, now: float, subject: Subject, level: str, live: bool) -> Wanted | None:
         """The next picture; None where nothing is missing."""
-        if level == LIVE and not live:
+        if level == LIVE and (not live or subject.shows == SLICE):  # a surface has no distances
             level = QUICKEST
         if not self.rests(now):
             wanted = Wanted(subject, level if level == QUICKEST else AUTO_LEVELS[0], dragged=True)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -110,6 +111,8 @@ class Studio:
         self.weight = 0.0
         """Share of the exact picture over the surface, 0 to 1."""
         self._clock = clock
+        self._step: object = None
+        """What is done within `one_step`."""
         self._beginning = Beginning()
         self._drawn: Subject | None = None
         self._read: dict[str, Avatar] = {}
@@ -132,7 +135,7 @@ class Studio:
         """
         self.end_greeting()
         with refusals_logged():
-            shared = self.playback.gesture if self.playback.playing else gesture
+            shared = self._step or (self.playback.gesture if self.playback.playing else gesture)
             figure = self.figure if isinstance(command, Followed) and self.state.tools.pins else None
             if isinstance(command, Followed) and figure:
                 start = self._beginning.of(gesture, self.state)
@@ -145,6 +148,15 @@ class Studio:
             if isinstance(command, OnTimeline):
                 command = settled(command, self.journal.before(command, shared), self.clips, self.listening.feeds)
             self.journal.do(command, shared)
+
+    @contextmanager
+    def one_step(self) -> Iterator[None]:
+        """All that is done within is undone together."""
+        self._step = object()
+        try:
+            yield
+        finally:
+            self._step = None
 
     def undo(self) -> None:
         """Back over the last step."""
@@ -166,7 +178,7 @@ class Studio:
             self._follow()
         size = self.state.size.pixels(viewport)
         shown = self._greeted(now)
-        self._see_avatars()
+        self._see_avatars(now)
         drawn = self._draw(size, shown)
         moves = self.playback.playing or shown is not self.state
         new = self.pictures.tick(now, self.state, size, self.surface is not None, moves)
@@ -198,12 +210,16 @@ class Studio:
             return self.state
         return self.greeting.shown(self.state, now)
 
-    def _see_avatars(self) -> None:
-        """Have exact pictures made anew where an avatar's files were read again."""
+    def _see_avatars(self, now: float) -> None:
+        """Have exact pictures made anew where an avatar's files were read again, and say so."""
+        self.avatars.notice(now)
         names = [figure.avatar for figure in self.state.figures]
         read = {name: avatar for name, avatar in zip(names, self.avatars.all_ready(names)) if avatar}
-        if any(self._read.get(name, avatar) is not avatar for name, avatar in read.items()):
-            self.pictures.renew()
+        for name, avatar in read.items():
+            before = self._read.get(name, avatar)
+            if before is not avatar:
+                self.pictures.renew()
+                _tell_of(name, before, avatar)
         self._read = {name: avatar for name, avatar in (self._read | read).items() if name in names}
 
     def _draw(self, size: tuple[int, int], shown: StudioState) -> bool:
@@ -358,22 +374,24 @@ class Studio:
         self.do(with_keys(self.state, values(self.state, tuple(CAMERA)), self.take.target(self.state.timeline)))
 
     def record_live(self, layer: str) -> None:
-        """Begin to record what drives a live layer, or end it: it becomes a clip that begins where the recording did.
+        """Begin to record what drives a live layer, or end it: it becomes a clip that begins where the recording did, where a motion
+        repeats in its round.
 
         It goes on for its avatar while another one is selected.
         """
         live = self.state.timeline.layer(layer).live
         drive = self.listening.drives[live]
         if drive.take is None:
-            self.listening.record(live, layer, self.state.timeline.seconds if self.playback.playing else 0.0)
+            self.listening.record(live, layer, self.state.timeline.key_seconds if self.playback.playing else 0.0)
             return
         with refusals_logged():
             motion = Motion.read(self.listening.recorded(live))
             parts = self.state.timeline.layer(layer).parts
             self.clips.take(motion)
             clip = Layer(motion.clip.name, motion.clip, parts=parts, offset=drive.begins)
-            self.do(AddLayer(clip))
-            self.do(SetLayer(layer, muted=True))
+            with self.one_step():
+                self.do(AddLayer(clip))
+                self.do(SetLayer(layer, muted=True))
 
     def toggle_recording(self) -> None:
         """Whether what is changed becomes keys."""
@@ -425,6 +443,16 @@ class Studio:
     def save_image(self, path: str | Path, viewport: tuple[int, int]) -> None:
         """Have the state rendered at its full raster and written as PNG; the console tells when it is there."""
         self.pictures.save(self.state, self.state.size.pixels(viewport), str(path))
+
+
+def _tell_of(name: str, before: Avatar, after: Avatar) -> None:
+    """Of an avatar that was read anew."""
+    file = Path(name).name
+    if before.surface is None and after.surface is not None:
+        log.info("%s has its surface now", file)
+        return
+    how = "" if after.surface else ", by exact pictures alone, for it has no surface"
+    log.log(NOTICE, "%s has changed on the disk: shown as it is now%s", file, how)
 
 
 def _same(avatars: Sequence[Avatar | None], others: Sequence[Avatar | None]) -> bool:

@@ -10,7 +10,7 @@ import logging
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Protocol, runtime_checkable
@@ -18,15 +18,19 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import torch
 from avatarrex_studio.engine.engine import Engine
-from avatarrex_studio.engine.looks import shown
+from avatarrex_studio.engine.field_slice import over
+from avatarrex_studio.engine.influences import of_points
+from avatarrex_studio.engine.looks import OwnColours, shown
 from avatarrex_studio.engine.pages import keep_pages
 from avatarrex_studio.engine.passes import nearest
 from avatarrex_studio.engine.request import Answer, Picture, Request
 from avatarrex_studio.engine.slices import send
 from avatarrex_studio.engine.staging import in_light, over_stage, together
 from avatarrex_studio.engine.work import Work
-from avatarrex_studio.session.state import IMAGE
+from avatarrex_studio.session.state import IMAGE, SLICE, StudioState
+from torch import Tensor
 
+from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
 from avatarrex.files.images import write_png
 from avatarrex.frame import DeferredFrame, Frame
@@ -110,7 +114,7 @@ def answered(engine: Engine, request: Request) -> Answer:
     if shot.error or not shot.frames:
         return Answer(request, error=shot.error)
     try:
-        return _of_frames(request, shot.frames)
+        return _of_frames(engine, request, shot.frames)
     except InputError as error:
         return Answer(request, error=str(error))
     except Exception as error:  # a fault of ours: its trace goes to the log, its line to the window
@@ -118,7 +122,7 @@ def answered(engine: Engine, request: Request) -> Answer:
         return Answer(request, error=f"{type(error).__name__}: {error}".splitlines()[0])
 
 
-def _of_frames(request: Request, frames: tuple[Frame, ...]) -> Answer:
+def _of_frames(engine: Engine, request: Request, frames: tuple[Frame, ...]) -> Answer:
     """What a picture is wanted for. Raises `InputError` where it cannot be written."""
     state = request.state
     if request.path:
@@ -132,7 +136,25 @@ def _of_frames(request: Request, frames: tuple[Frame, ...]) -> Answer:
         seen = in_light(frames, state)
         image, floor = seen.image, seen.floor
     else:
-        image = together(frames, [torch.from_numpy(shown(frame, shows, state.view)) for frame in frames])
+        image = _seen(engine, state, deferred)
     pixels = np.rint(255 * image.float().cpu().numpy().clip(0, 1)).astype(np.uint8)
     depth, figure = nearest(frames)
     return Answer(request, Picture(pixels, depth, figure, Work.of(deferred, state.level), floor))
+
+
+def _seen(engine: Engine, state: StudioState, frames: Sequence[DeferredFrame]) -> Tensor:
+    """(h, w, 4): what else than its image is shown of the frames, premultiplied."""
+    images = [
+        torch.from_numpy(
+            shown(frame, state.tools.shows, state.view, _influences(engine.avatar(own.avatar), frame, state))
+        )
+        for frame, own in zip(frames, state.each())
+    ]
+    image = together(frames, images)
+    return torch.from_numpy(over(frames, image.numpy(), state.tools.cut)) if state.tools.shows == SLICE else image
+
+
+def _influences(avatar: Avatar, frame: Frame, state: StudioState) -> OwnColours:
+    """The colours of points of a frame by what carries them."""
+    world = frame.world_from_root
+    return lambda point: of_points(avatar, frame.signals, point @ world[:3, :3].T + world[:3, 3], state.tools.selected)

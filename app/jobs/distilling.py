@@ -105,10 +105,6 @@ class Distilling:
         """Whether the process is at work."""
         return self._process is not None and self._look() is None
 
-    def finished(self) -> bool:
-        """Whether the avatar has got its surface."""
-        return self._process is not None and self._look() == 0
-
     def close(self) -> None:
         """End the process with the window; the poses that it observed are kept."""
         process, self._process = self._process, None

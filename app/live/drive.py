@@ -5,6 +5,7 @@ Presence: 1 while datagrams come and for `KEEP` seconds after the last; then dow
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -56,9 +57,9 @@ class Drive:
         self._turns: np.ndarray | None = None
 
     def calibrate(self) -> None:
-        """The face and the turn of the head of now are neutral."""
+        """The face, the turn of the head and the place of now are neutral."""
         received, _ = self.sender.latest()
-        self.neutral = Neutral(dict(received.weights), received.head)
+        self.neutral = Neutral(dict(received.weights), received.head, received.place)
 
     def tick(self, now: float) -> bool:
         """Take what came; whether signals or presence are others. At most one frame in `EVERY`."""
@@ -78,6 +79,8 @@ class Drive:
         if step > KEEP:
             self._filter.reset()
             self._turns = None
+        if self.neutral.place is None:
+            self.neutral = replace(self.neutral, place=received.place)
         self.signals = self._smoothed(self.neutral.applied(received).signals(), min(step, KEEP))
         if self.take is not None and len(self.take) < MOST_TAKE:
             self.take.append((now, self.signals))

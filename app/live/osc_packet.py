@@ -2,7 +2,8 @@
 
     /VMC/Ext/Bone/Pos (name, x, y, z, qx, qy, qz, qw)      /VMC/Ext/Root/Pos (the same)      /VMC/Ext/Blend/Val (name, value)
 
-Rotations are local, from the T-pose, in Unity's axes. Blend shapes: Apple's 52 by name, or the presets of VRM, each a macro of ours.
+Rotations are local, from the T-pose, in Unity's axes; of places that of the hips is read. Blend shapes: Apple's 52 by name, or the
+presets of VRM, each a macro of ours.
 """
 
 from __future__ import annotations
@@ -63,12 +64,13 @@ def _said(address: str, values: Sequence[object]) -> Received:
         return Received(_weights(name.lower(), float(finite(value, 100.0)[0])))
     if address in ("/VMC/Ext/Bone/Pos", "/VMC/Ext/Root/Pos"):
         name, numbers = _named(values, 7)
-        finite(numbers[:3], 1e4)
+        x, y, z = finite(numbers[:3], 1e4).tolist()
         quaternion = finite(numbers[3:], 10.0)
         if np.linalg.norm(quaternion) < 1e-3:
             raise ValueError("a quaternion expected")
         joint = "" if address.endswith("Root/Pos") else BONES.get(name, "")
-        return Received(turns={joint: from_unity(quaternion)}) if joint else Received()
+        place = np.array([-x, y, z]) if joint == "pelvis" else None  # of Unity's axes, too, x is turned over
+        return Received(turns={joint: from_unity(quaternion)}, place=place) if joint else Received()
     return Received()
 
 

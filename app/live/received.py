@@ -27,7 +27,7 @@ class Received:
     turns: Mapping[str, Float64[np.ndarray, "3"]] = field(default_factory=dict)
     head: Float64[np.ndarray, "3"] | None = None
     place: Float64[np.ndarray, "3"] | None = None
-    """Of the pelvis, from where it rests."""
+    """Of the pelvis, from wherever the source counts: what was said first is where it rests."""
 
     def over(self, before: Received) -> Received:
         """With what only `before` says: sources that send a bone at a time."""
@@ -52,13 +52,14 @@ class Received:
 
 @dataclass(frozen=True)
 class Neutral:
-    """The face and the turn of the head that count as neutral."""
+    """The face, the turn of the head and the place of the pelvis that count as neutral."""
 
     weights: Mapping[str, float] = field(default_factory=dict)
     head: Float64[np.ndarray, "3"] | None = None
+    place: Float64[np.ndarray, "3"] | None = None
 
     def applied(self, received: Received) -> Received:
-        """A coefficient w with the neutral one n becomes (w − n) / (1 − n); the head turns from the neutral one on."""
+        """A coefficient w with the neutral one n becomes (w − n) / (1 − n); head and pelvis go from the neutral ones on."""
         weights = {
             name: max(value - self.weights.get(name, 0.0), 0.0) / max(1.0 - self.weights.get(name, 0.0), 0.05)
             for name, value in received.weights.items()
@@ -66,7 +67,10 @@ class Neutral:
         head = received.head
         if head is not None and self.head is not None:
             head = (Rotation.from_rotvec(self.head).inv() * Rotation.from_rotvec(head)).as_rotvec()
-        return Received(weights, received.turns, head, received.place)
+        place = received.place
+        if place is not None and self.place is not None:
+            place = place - self.place
+        return Received(weights, received.turns, head, place)
 
 
 def from_unity(quaternion: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "3"]:

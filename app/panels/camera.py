@@ -44,6 +44,7 @@ def draw(state: StudioState) -> Iterator[Command | Action]:
     widgets.tooltip("Without perspective (5): what is farther away is as large")
     if toggled:
         yield SetCamera(orthographic=orthographic)
-    toggled, follow = imgui.checkbox("Follow a motion over the ground", state.view.follow)
+    toggled, follow = imgui.checkbox("Follow a motion", state.view.follow)
+    widgets.tooltip("The view goes along where a motion walks over the ground")
     if toggled:
         yield SetCamera(follow=follow)

@@ -129,8 +129,10 @@ def _vector_row(
     for axis, (low, high) in widgets.in_rows(enumerate(bounds.tolist()), 4):
         letter = "xyz"[axis]
         called = axis_names(name)[axis] if name in JOINT_NAMES else letter
+        named = f"{called} {form}"
+        room = max(imgui.calc_text_size(named % end).x for end in (low, high)) <= width
         imgui.begin_disabled(low == high)
-        new = widgets.slider(f"{name}.{letter}", unit * values[axis], (low, high), f"{called} {form}", width)
+        new = widgets.slider(f"{name}.{letter}", unit * values[axis], (low, high), named if room else form, width)
         imgui.end_disabled()
         widgets.tooltip(f"{words(name).capitalize()}, {called}: {form % low} to {form % high}")
         widgets.axis_mark(axis)

@@ -134,7 +134,7 @@ class Lanes:
         for time, text in scale.ticks(timeline.fps, self.in_frames):
             x = round(scale.x(time)) + 0.5
             draw.add_line((x, high.y - (7 if text else 3)), (x, high.y), theme.colour(theme.MUTED, 0.8))
-            if text:
+            if text and x + 3 + imgui.calc_text_size(text).x <= high.x:
                 draw.add_text((x + 3, low.y + 1), theme.colour(theme.MUTED), text)
         first, last = (scale.x(frame / timeline.fps) for frame in state.played)
         for x, side in ((first, 1), (last, -1)):
@@ -167,11 +167,12 @@ class Lanes:
                 for track in layer.tracks:
                     self._track(layer, track, column)
             imgui.pop_id()
-        if not timeline.layers:
+        if not timeline.layers:  # no rows: neither range nor playhead crosses the words
             imgui.set_cursor_pos((8, 8))
             widgets.paragraph(
                 "Nothing here yet: choose a motion, open or drop a file, or press K to set a key of the pose."
             )
+            return
         bottom = imgui.get_window_pos().y + imgui.get_window_size().y
         draw.push_clip_rect((scale.left, top.y - 4000), (scale.left + scale.width, bottom), True)
         shade = theme.colour(theme.UNREACHED, 0.65)

@@ -9,6 +9,7 @@ from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import theme, widgets
 from avatarrex_studio.panels.lanes import Lanes
 from avatarrex_studio.panels.live_menu import LiveMenu
+from avatarrex_studio.panels.warp_editor import WarpEditor
 from avatarrex_studio.session import keys as curves
 from avatarrex_studio.session.commands import Command
 from avatarrex_studio.session.state import StudioState
@@ -40,7 +41,7 @@ class LayerMenu:
     def __init__(self) -> None:
         self.copied: Copied = ()
         """Keys, their times since the first of them."""
-        self.live = LiveMenu()
+        self.live, self.warp = LiveMenu(), WarpEditor()
         self._name = ""
 
     def draw(self, studio: Studio, lanes: Lanes) -> Iterator[Command]:
@@ -89,6 +90,8 @@ class LayerMenu:
                 yield SetLayer(layer.name, parts=tuple(layer.parts | {part} if driven else layer.parts - {part}))
         imgui.spacing()
         yield from _numbers(layer)
+        if layer.clip:
+            yield from self.warp.draw(layer, WIDTH)
         imgui.separator()
         place = timeline.layers.index(layer)
         if imgui.menu_item("Move up", "", False, place < len(timeline.layers) - 1)[0]:

@@ -38,7 +38,7 @@ class MotionImport:
     """The window; closed at first."""
 
     def __init__(self) -> None:
-        self.shown = False
+        self.shown = self._focused = False
         self._right = 0.0
         """Where the picture ended when it was drawn last."""
         self._seen: str | None = None
@@ -71,11 +71,18 @@ class MotionImport:
         imgui.set_next_window_size((min(SIZE[0], width), min(SIZE[1], room.y - 60)), placed)
         imgui.set_next_window_bg_alpha(1.0)
         opened, shown = imgui.begin("How the motion was read", True, imgui.WindowFlags_.no_docking)
-        self.shown = bool(shown)
+        self.shown, self._focused = bool(shown), imgui.is_window_focused(imgui.FocusedFlags_.child_windows)
         chosen = self._content(motion) if opened else None
         imgui.end()
         if chosen is not None:
             studio.open_motion(motion.path, chosen)
+
+    def dismissed(self) -> bool:
+        """Close the window where it has the focus and Esc was pressed; whether it did."""
+        if not (self.shown and self._focused and imgui.is_key_pressed(imgui.Key.escape, False)):
+            return False
+        self.shown = self._focused = False
+        return True
 
     def _content(self, motion: Motion) -> ImportOptions | None:
         """The options after a change; None without one."""
@@ -89,7 +96,7 @@ class MotionImport:
         chosen = self._guesses(imported)
         if imported.errors:
             angles = ", ".join(f"{part} {largest:.1f}°" for part, (_, largest) in imported.errors.items())
-            widgets.caption(f"Directions off from the file's own at most: {angles}")
+            widgets.paragraph(f"Directions off from the file's own at most: {angles}")
         if imported.skeleton and imgui.collapsing_header("Joints"):
             chosen = self._joints(motion) or chosen
         return chosen

@@ -111,7 +111,7 @@ def _times(studio: Studio, picture: Picture) -> None:
     imgui.same_line(0, 14)
     imgui.text(f"{1e3 / total:.1f} fps" if total > 0 else "- fps")
     imgui.same_line(0, 14)
-    widgets.caption(f"{width} × {height}, {work.level}, {condition(studio)}")
+    widgets.caption(", ".join(filter(None, (f"{width} × {height}", work.level, condition(studio)))))
     middle = {name: median(ms[name] for ms in history or (work.ms,)) for name in (*STAGES, "total")}
     longest = max(1e-6, *(max(work.ms[name], middle[name]) for name in STAGES))
     right = imgui.get_cursor_pos_x() + widgets.room()

@@ -11,6 +11,7 @@ from typing import Any, dataclass_transform
 
 import numpy as np
 from avatarrex_studio.session import posing
+from avatarrex_studio.session.cut import Cut
 from avatarrex_studio.session.figures import Figure, Place, beside, standing
 from avatarrex_studio.session.state import Colour, OrbitView, SizePolicy, StudioState, Vector
 from avatarrex_studio.session.timeline import Feeds, Layer, Share, Timeline
@@ -106,6 +107,16 @@ class ShowPicture(Choice):
 
     def apply(self, state: StudioState) -> StudioState:
         return state.use(shows=self.picture)
+
+
+class MoveCut(Choice):
+    """Along which axis the slice lies, and where, metres of the world."""
+
+    axis: str
+    offset: float
+
+    def apply(self, state: StudioState) -> StudioState:
+        return state.use(cut=Cut(self.axis, self.offset))
 
 
 class PullHandle(Setting):

@@ -6,11 +6,12 @@ Metres, degrees in the orbit view (radians in the signals), sRGB-encoded colours
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, SupportsFloat
 
 import numpy as np
+from avatarrex_studio.session.cut import Cut
 from avatarrex_studio.session.figures import FIELDS, MOST_FIGURES, Figure, Place, check_hidden
 from avatarrex_studio.session.timeline import Clip, Feeds, Timeline, of_clip
 
@@ -34,7 +35,8 @@ SIZES = (16, 8192)
 BACKGROUND = (0.145, 0.157, 0.176, 1.0)
 """A dark neutral grey."""
 IMAGE = "image"
-PICTURES = (IMAGE, "normals", "depth", "parts", "steps")
+INFLUENCE, SLICE = "influence", "slice"
+PICTURES = (IMAGE, "normals", "depth", "parts", "steps", INFLUENCE, SLICE)
 """What the viewport can show of the avatar."""
 OVERLAYS = ("joints", "wire")
 """What it can show over that."""
@@ -134,6 +136,8 @@ class Tools:
     """Of `OVERLAYS`."""
     shows: str = IMAGE
     """One of `PICTURES`."""
+    cut: Cut = field(default_factory=Cut)
+    """The plane of `SLICE`."""
 
     def __post_init__(self) -> None:
         for name, allowed in (("pins", tuple(HANDLES)), ("overlays", OVERLAYS)):
@@ -146,12 +150,16 @@ class Tools:
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists and words."""
-        return {**vars(self), "pins": sorted(self.pins), "overlays": sorted(self.overlays)}
+        cut = {} if self.cut == Cut() else {"cut": asdict(self.cut)}
+        others = {name: value for name, value in vars(self).items() if name != "cut"}
+        return {**others, "pins": sorted(self.pins), "overlays": sorted(self.overlays), **cut}
 
     @classmethod
-    def read(cls, pins: Iterable[str] = (), overlays: Iterable[str] = (), **others: Any) -> Tools:
+    def read(
+        cls, pins: Iterable[str] = (), overlays: Iterable[str] = (), cut: Mapping[str, Any] | None = None, **others: Any
+    ) -> Tools:
         """From `to_json`'s entries. Raises `InputError`."""
-        return cls(pins=frozenset(pins), overlays=frozenset(overlays), **others)
+        return cls(pins=frozenset(pins), overlays=frozenset(overlays), cut=Cut(**cut or {}), **others)
 
 
 @dataclass(frozen=True)

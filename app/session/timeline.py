@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
+from avatarrex_studio.session import time_warp
 from avatarrex_studio.session.keys import Track
 
 from avatarrex.errors import InputError
@@ -132,6 +133,8 @@ class Layer:
     loop: bool = False
     smoothing: float = 0.0
     """Of a clip: standard deviation of the average over neighbouring frames, seconds of the file."""
+    warp: time_warp.Warp = ()
+    """Of a clip: how it goes through its time."""
 
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name.strip()):
@@ -145,6 +148,7 @@ class Layer:
         }  # fmt: skip
         for name, bounds in ranges.items():
             check(f"layer {self.name}", name, getattr(self, name), bounds)
+        time_warp.check(f"layer {self.name}", self.warp)
         for name in ("muted", "loop"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"layer {self.name}", name, "true or false", getattr(self, name))
@@ -168,7 +172,15 @@ class Layer:
         return (self.on_timeline(min(times)), self.on_timeline(max(times))) if times else (self.offset, self.offset)
 
     def local(self, seconds: Time) -> Time:
-        """Its own time at a time of the timeline, or at an array of them; what loops begins again."""
+        """Its own time at a time of the timeline, or at an array of them; what loops begins again, and a clip follows its curve."""
+        own = self._even(seconds)
+        if not (self.clip and self.warp):
+            return own
+        made = self.clip.seconds * time_warp.warped(self.warp, own / self.clip.seconds)
+        return made if isinstance(seconds, np.ndarray) else float(made)
+
+    def _even(self, seconds: Time) -> Time:
+        """The same without the curve."""
         own = (seconds - self.offset) * self.rate
         if not self.loop:
             return own
@@ -194,6 +206,7 @@ class Layer:
             "tracks": [track.to_json() for track in self.tracks],
             "feed": self.feed and self.feed.to_json(),
             "parts": sorted(self.parts),
+            "warp": [list(point) for point in self.warp],
         }
 
     @classmethod
@@ -208,6 +221,7 @@ class Layer:
             content["feed"] = Feed.from_json(content["feed"], source)
         content["tracks"] = tuple(Track.from_json(track, source) for track in content.get("tracks", ()))
         content["parts"] = frozenset(content.get("parts", PARTS))
+        content["warp"] = tuple(tuple(point) for point in content.get("warp", ()))
         return cls(**content)
 
 

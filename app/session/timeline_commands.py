@@ -13,6 +13,7 @@ from avatarrex_studio.session import keys as curves
 from avatarrex_studio.session.commands import Command, Setting
 from avatarrex_studio.session.keys import Key, Place
 from avatarrex_studio.session.state import OrbitView, StudioState
+from avatarrex_studio.session.time_warp import Warp
 from avatarrex_studio.session.timeline import GROUPS, PARTS, Clip, Feeds, Layer, Share, Timeline, of_clip
 
 from avatarrex.errors import InputError
@@ -144,11 +145,12 @@ class SetLayer(OnTimeline, Setting):
     rate: float | None = None
     loop: bool | None = None
     smoothing: float | None = None
+    warp: Warp | None = None
 
     def edited(self, timeline: Timeline) -> Timeline:
         changes: dict[str, Any] = {
             name: getattr(self, name)
-            for name in ("weight", "muted", "offset", "rate", "loop", "smoothing")
+            for name in ("weight", "muted", "offset", "rate", "loop", "smoothing", "warp")
             if getattr(self, name) is not None
         }
         if self.parts is not None:

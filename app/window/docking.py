@@ -11,6 +11,8 @@ POSE, TRAINING = "Pose", "Training"
 WHOLE = "MainDockSpace"
 USUAL = 1440.0
 """Points: the width of a window at its first start."""
+NARROWEST, MOST = 190.0, 0.24
+"""Points that the panels at the left have at least, and the share of a small window that they get at most for it."""
 LAYOUTS: dict[str, tuple[tuple[str, str, imgui.Dir, float], ...]] = {
     POSE: (
         (WHOLE, "Right", imgui.Dir.right, 0.35), (WHOLE, "Left", imgui.Dir.left, 0.27),
@@ -53,11 +55,17 @@ def docking(panels: dict[str, Callable[[], None]], width: float) -> list[hello_i
 
 
 def splits(layout: str, width: float) -> list[hello_imgui.DockingSplit]:
-    """How a layout is split in a window `width` points wide: panels beside the picture get no wider than in one of `USUAL` points."""
+    """How a layout is split in a window `width` points wide: panels beside the picture get no wider than in one of `USUAL` points.
+
+    Those at the left get no narrower than `NARROWEST` where the window allows it.
+    """
     made, room, usual = [], width, min(width, USUAL)
     for dock, new, side, share in LAYOUTS[layout]:
         if layout != TRAINING and dock == WHOLE and side in (imgui.Dir.left, imgui.Dir.right):
-            points, share = share * usual, share * usual / room
+            points = share * usual
+            if side == imgui.Dir.left:
+                points = max(points, min(NARROWEST, MOST * width))
+            share = points / room
             room, usual = room - points, usual - points
         made.append(hello_imgui.DockingSplit(dock, new, side, share))
     return made

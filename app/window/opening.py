@@ -84,11 +84,12 @@ class Opening:
         reading.future.add_done_callback(lambda _: self.arrived())
 
     def cancel(self) -> None:
-        """What is being read is not shown. What waits behind it is read at once, by another thread; an avatar when the one before is done."""
+        """What is being read is not shown. What waits behind it is read at once, by another thread."""
         if self._reading:
             log.info("not opened: %s", self._reading.popleft().path)
             self._threads.shutdown(wait=False, cancel_futures=True)
             self._threads = ThreadPoolExecutor(1, "opening")
+            self._studio.avatars.step_aside()
             for reading in self._reading:
                 reading.since = time.monotonic()
                 self._submit(reading)
@@ -131,10 +132,12 @@ class Opening:
         """
         studio, selected = self._studio, self._studio.state.slot
         slot = selected if opened.journal or not (opened.motion or opened.avatars) else self._slot(reading)
-        if slot != selected:
+        if slot == selected:
+            reading.take(opened)
+            return
+        with studio.one_step():
             studio.do(SelectFigure(slot))
-        reading.take(opened)
-        if slot != selected:
+            reading.take(opened)
             studio.do(SelectFigure(selected))
 
     def _slot(self, reading: Reading) -> int:

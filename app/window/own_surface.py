@@ -1,17 +1,15 @@
-"""The avatar that is open gets a surface of its own: distilled in the background, once, and then shown."""
+"""The avatar that is open gets a surface of its own: distilled in the background, once; its file has changed then, and is read anew."""
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import Protocol, runtime_checkable
+from weakref import ref
 
 from avatarrex_studio.session.notice import refusals_logged
 
 from avatarrex.avatar import Avatar
 from avatarrex.files.assets import DATA
-
-log = logging.getLogger(__name__)
 
 
 @runtime_checkable
@@ -20,9 +18,6 @@ class Reader(Protocol):
 
     def ready(self, name: str) -> Avatar | None:
         """The avatar where it has been read."""
-
-    def read_again(self, name: str) -> None:
-        """Read it anew."""
 
 
 @runtime_checkable
@@ -38,9 +33,6 @@ class Distiller(Protocol):
     def working(self) -> bool:
         """Whether it is at work."""
 
-    def finished(self) -> bool:
-        """Whether the avatar has got its surface."""
-
 
 class OwnSurface:
     """Looks after the surfaces of whichever avatars are open."""
@@ -48,29 +40,27 @@ class OwnSurface:
     def __init__(self, avatars: Reader, distiller: Distiller) -> None:
         self._avatars, self._distiller = avatars, distiller
         self._for = ""
-        self._tried: set[str] = set()
+        self._tried: dict[str, ref[Avatar | None]] = {}
+        """What was read when one was begun: once it is another one, as after a training, that may have one, too."""
 
     def tend(self, *names: str) -> None:
-        """Begin a distillation where one of the avatars `names` has been read and has no surface; show one that is done."""
-        if self._for:
-            if self._distiller.working():
-                return
-            if self._distiller.finished():
-                log.info("%s has its surface now", self._for)
-                self._avatars.read_again(self._for)
-            self._for = ""
+        """Begin a distillation where one of the avatars `names` has been read and has no surface."""
+        if self._for and self._distiller.working():
+            return
+        self._for = ""
         name = next(filter(self._wanting, names), None)
         if name is None:
             return
-        self._tried.add(name)
+        self._tried[name] = ref(self._avatars.ready(name))
         with refusals_logged():
             self._distiller.start(name)
             self._for = name
 
     def _wanting(self, name: str) -> bool:
         """Whether an avatar is to get one."""
-        avatar = self._avatars.ready(name)
-        return avatar is not None and avatar.surface is None and name not in self._tried and _of_the_user(name)
+        avatar, tried = self._avatars.ready(name), self._tried.get(name)
+        begun = tried is not None and tried() is avatar
+        return avatar is not None and avatar.surface is None and not begun and _of_the_user(name)
 
     @property
     def words(self) -> str:

@@ -27,6 +27,7 @@ from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import (
     camera,
     curves,
+    cut_card,
     keys,
     menu,
     opening_progress,
@@ -265,7 +266,8 @@ class Window:
 
     def _shortcuts(self) -> None:
         """Those that were pressed; what a drag has taken stays what it is until the button is let go."""
-        if not keys.close_topmost() and keys.free() and self._keys_free and not imgui.is_any_mouse_down():
+        closed = keys.close_topmost() or self.timeline.reading.dismissed()
+        if not closed and keys.free() and self._keys_free and not imgui.is_any_mouse_down():
             for chord, entry in self._chords:
                 if keys.pressed(chord) and entry.enabled(self.studio.journal):
                     self._run(entry)
@@ -452,12 +454,13 @@ class Window:
         self.questions.put(Question(f"{failure.place} failed", failure.text, {"Close": nothing, COPY: copy}))
 
     def _toasts(self) -> None:
-        """What lies over the viewport's lower edge: toasts, and how far an export is."""
+        """What lies over the viewport's edges: where the slice is, toasts, and how far an export is."""
         low = imgui.get_main_viewport().work_pos
         high = low + imgui.get_main_viewport().work_size
         window = imgui.internal.find_window_by_name("Viewport")
         if window is not None:
             low, high = window.pos, window.pos + window.size
+        self._collect(cut_card.draw(self.studio, (low.x, low.y), (high.x, high.y)))
         self.exports.draw((low.x, low.y), (high.x, high.y))
         if self.opening.slow and opening_progress.draw(self.opening.words, (low.x, low.y), (high.x, high.y)):
             self.opening.cancel()

@@ -1,4 +1,4 @@
-"""View modes: normals, depth and parts of a surface as colours, beside its own.
+"""View modes: normals, depth, parts and influences of a surface as colours, beside its own.
 
 `Look.colours` is the reference of `shaders/surface/look.frag`, and what pictures of the exact field are coloured with.
 Letters: p points, k parts. Root frame, metres; sRGB-encoded.
@@ -12,7 +12,7 @@ from typing import Literal, get_args
 import numpy as np
 from jaxtyping import Float
 
-LookKind = Literal["normals", "depth", "parts"]
+LookKind = Literal["normals", "depth", "parts", "influence"]
 KINDS: tuple[LookKind, ...] = get_args(LookKind)
 DEPTH_FADE = 0.85
 """How dark the farthest depth is."""
@@ -36,11 +36,21 @@ class Look:
         part: Float[np.ndarray, "p k"],
         forward: Float[np.ndarray, "3"],
     ) -> Float[np.ndarray, "p 3"]:
-        """Of points with unit normals, camera z and shares of the parts; `forward`: the camera's direction, root frame."""
+        """Of points with unit normals, camera z and shares of the parts; `forward`: the camera's direction, root frame.
+
+        Not of influences, which are the caller's own colours (`shaded`).
+        """
         if self.kind == "normals":
             return np.asarray(0.5 + 0.5 * normal)
         if self.kind == "depth":
             share = np.clip((depth - self.near) / (self.far - self.near), 0, 1)
             return np.repeat(1 - DEPTH_FADE * share[:, None], 3, 1)
         flat = np.concatenate([1 - part.sum(1, keepdims=True), part], 1) @ PART_COLOURS
-        return np.asarray(flat * (0.55 + 0.45 * np.abs(normal @ forward))[:, None])
+        return shaded(flat, normal, forward)
+
+
+def shaded(
+    flat: Float[np.ndarray, "p 3"], normal: Float[np.ndarray, "p 3"], forward: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "p 3"]:
+    """Flat colours, darker where the surface turns away from the camera."""
+    return np.asarray(flat * (0.55 + 0.45 * np.abs(normal @ forward))[:, None])

@@ -98,7 +98,7 @@ class Placed:
     hidden: frozenset[str] = frozenset()
     """Parts that are not drawn."""
     look: Look | None = None
-    """What is shown instead of its colours."""
+    """What is shown instead of its colours; of influences the tints of `posed` are the colours."""
     key: KeyShadow | None = None
     """A stage's key light on it."""
 

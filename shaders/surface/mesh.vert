@@ -40,6 +40,7 @@ out vec3 v_offset;    // sRGB-encoded
 out vec3 v_position;  // root frame, metres
 out vec3 v_normal;    // root frame, unit at the vertices
 out vec3 v_part;      // share of each part
+out vec3 v_own;       // the vertex's tint as it is
 
 void main() {
     int x = 3 * in_vertex, y = x + 1, z = x + 2;
@@ -50,7 +51,8 @@ void main() {
     lit *= u_gains.x + u_gains.y * in_light(v_position, v_normal);
 #endif
     v_gain = u_albedo_scale * lit;
-    v_offset = vec3(in_tint[x], in_tint[y], in_tint[z]) * lit;
+    v_own = vec3(in_tint[x], in_tint[y], in_tint[z]);
+    v_offset = v_own * lit;
     v_uv = in_uv;
     v_part = vec3(in_part == 1, in_part == 2, in_part == 3);
     gl_Position = u_clip_from_root * vec4(v_position, 1);

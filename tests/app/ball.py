@@ -65,6 +65,7 @@ def render_ball(avatar, signals, camera, settings, previous=None, between=None):
     return BallFrame(
         image=image,
         pointmap=ball,
+        camera=camera,
         world_from_root=np.eye(4),
         key=(signals.full_pose(),),
         ms={**ms, "total": sum(ms.values())},

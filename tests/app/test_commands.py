@@ -67,7 +67,7 @@ EVERY = (
     timeline_commands.MoveKeys("Keys", (("jawOpen", 0.5),), 0.2),
     timeline_commands.SetCurve("Keys", (("jawOpen", 0.7),), "smooth"),
     timeline_commands.DeleteKeys("Keys", (("jawOpen", 1.0),)),
-    timeline_commands.SetLayer("Face", ("head", "mouth"), 0.5, True, 1.0, 2.0, True, 0.1),
+    timeline_commands.SetLayer("Face", ("head", "mouth"), 0.5, True, 1.0, 2.0, True, 0.1, ((0.5, 0.25),)),
     timeline_commands.MoveLayer("Face", -1),
     timeline_commands.RenameLayer("Face", "Face 2"),
     timeline_commands.SetTimeline(24.0, (2, 40), False),
@@ -212,6 +212,7 @@ CHOICES = (
     commands.Pin(("left_foot",), False),
     commands.ShowOverlay("joints", True),
     commands.ShowPicture("depth"),
+    commands.MoveCut("x", 0.1),
 )
 
 
@@ -241,6 +242,7 @@ def test_a_choice_is_no_step_and_outlives_undo_and_a_session(tmp_path):
 
 @pytest.mark.parametrize("command", [
     commands.Select("tail"), commands.Pin(("tail",), True), commands.ShowOverlay("halo", True), commands.ShowPicture("x-ray"),
+    commands.MoveCut("w", 0.0), commands.MoveCut("x", float("nan")),
 ])  # fmt: skip
 def test_a_choice_of_nothing_there_is_refused(command):
     with pytest.raises(InputError):

@@ -178,7 +178,6 @@ def test_it_goes_on_after_ctrl_c_and_after_a_kill(sent, avatar, made, capsys):
 def test_in_the_background_with_progress_until_the_window_closes(avatar):
     background = Distilling([sys.executable, "-c", WORKER])
     assert background.progress() is None
-    assert not background.finished()
     background.start(avatar)
     try:
         assert background.working()
@@ -191,7 +190,6 @@ def test_in_the_background_with_progress_until_the_window_closes(avatar):
         background.close()
     assert background.progress() is None
     assert not background.working()
-    assert not background.finished()
     assert background.error == ""
     assert (avatar.parent / "me.distil/poses/pose_000.npz").exists()
     assert "interrupted" in (avatar.parent / "me.distil/distil.log").read_text()
@@ -213,7 +211,6 @@ def test_in_the_background_to_its_end(avatar):
     background = Distilling([sys.executable, "-c", words])
     background.start(avatar)
     until(lambda: not background.working())
-    assert background.finished()
     assert background.error == ""
 
 
@@ -221,7 +218,6 @@ def test_in_the_background_with_an_error(avatar):
     background = Distilling([sys.executable, "-c", "raise SystemExit('a surface cannot be made')"], device="cuda:1")
     background.start(avatar)
     until(lambda: not background.working())
-    assert not background.finished()
     assert background.error == "a surface cannot be made"
     background.start(avatar)
     until(lambda: not background.working())

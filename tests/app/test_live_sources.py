@@ -22,7 +22,7 @@ from avatarrex_studio.session.commands import AddFigure, RemoveFigure, SelectFig
 from avatarrex_studio.session.evaluation import state_at
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.timeline import Clip, Feed, Layer
-from avatarrex_studio.session.timeline_commands import AddLayer, MoveLayer, RenameLayer, SetFrame, SetLayer
+from avatarrex_studio.session.timeline_commands import AddLayer, MoveLayer, RenameLayer, SetFrame, SetLayer, SetTimeline
 from avatarrex_studio.session.user_library import library_folder, state_folder
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
@@ -30,7 +30,8 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
-from avatarrex.signals.read import read_motion
+from avatarrex.signals.read import read_motion, write_json
+from avatarrex.signals.sequence import SignalSequence
 
 JAW = EXPRESSION_NAMES.index("jawOpen")
 IFACIAL = b"mouthSmile_R-12|eyeBlink_L-100|jawOpen-50|=head#10.0,20.0,0.0,0.1,0.2,0.3|rightEye#1,2,3|leftEye#1,2,3|"
@@ -203,6 +204,26 @@ def test_drop_out_keeps_then_fades_and_comes_back():
     assert drive.signals.expression[JAW] == pytest.approx(0.6, abs=1e-3)
 
 
+def test_the_hips_of_vmc_go_from_where_they_were_first():
+    """And from a new place where that is made neutral. Unity's x is to the person's right."""
+    sent = Sent()
+    drive = Drive(sent)
+
+    def at(x, y, z, now):
+        packet = message("/VMC/Ext/Bone/Pos", "Hips", x, y, z, 0.0, 0.0, 0.0, 1.0).dgram
+        for k in range(60):
+            sent.said, sent.at = osc_packet.decode(packet), now + k / 60
+            drive.tick(now + k / 60)
+        return drive.signals.translation
+
+    assert at(0.1, 0.9, 0.0, 1.0) == pytest.approx(np.zeros(3))
+    assert at(0.3, 0.6, 0.4, 2.0) == pytest.approx([-0.2, -0.3, 0.4], abs=0.01)
+    drive.calibrate()
+    assert at(0.3, 0.7, 0.4, 3.0) == pytest.approx([0.0, 0.1, 0.0], abs=0.01)
+    elbow = osc_packet.decode(VMC)
+    assert elbow.place is None
+
+
 def test_a_face_is_calibrated_to_neutral():
     sent = Sent()
     drive = Drive(sent)
@@ -249,8 +270,8 @@ def test_a_live_layer_is_smoothed_recorded_and_replayed(studio, clock, tmp_path)
     assert Journal.load(tmp_path / "s.json").state == studio.state
     studio.undo()
     studio.undo()
-    studio.undo()
-    assert len(studio.state.timeline.layers) == 1
+    assert len(studio.state.timeline.layers) == 1, "the clip came with one step"
+    assert not studio.state.timeline.layer("Phone").muted
 
 
 def two_phones(studio):
@@ -434,6 +455,37 @@ def test_a_recording_goes_on_for_its_avatar_while_another_is_selected(studio, cl
     listen(studio, clock, sent, (0.2, 0.7), 0.1)
     takes = sorted((library_folder() / "takes").glob("*.json"))
     assert len(takes) == 2, "nothing that was recorded is lost"
+
+
+@pytest.mark.parametrize("repeats", [True, False])
+def test_a_recording_beyond_the_end_of_a_shorter_timeline(studio, clock, tmp_path, repeats):
+    """Beside a longer motion. Where its own repeats, it lies in the round that was shown, and that goes on; else at the playhead."""
+    studio.open_motion(walk(tmp_path / "long.json", 300))
+    studio.do(AddFigure("default"))
+    studio.open_motion(walk(tmp_path / "short.json", 90))
+    studio.do(AddLayer(Layer("Phone", feed=Feed("livelink"), parts=frozenset({"mouth"}))))
+    studio.do(SetTimeline(loop=repeats))
+    sent = Sent()
+    studio.listening.take_up("Phone", sent)
+    studio.go_to(200)
+    studio.toggle_play()
+    studio.record_live("Phone")
+    for _ in range(30):
+        clock.now += 1 / 60
+        sent.said, sent.at = of_jaw(0.5), clock.now
+        studio.tick((32, 24))
+    studio.record_live("Phone")
+    timeline = studio.state.timeline
+    assert timeline.layers[-1].offset == pytest.approx((200 % 90 if repeats else 200) / 30)
+    assert timeline.frames == (90 if repeats else pytest.approx(215, abs=2))
+    assert studio.state.frames == 300
+
+
+def walk(path, frames):
+    """A motion file that moves by a centimetre a frame."""
+    poses = tuple(Signals.rest().replace(translation=np.array([0.0, 0.0, 0.01 * k])) for k in range(frames))
+    write_json(path, SignalSequence(poses, 30.0, path.stem))
+    return str(path)
 
 
 def test_a_recording_of_uneven_times_is_even():

@@ -43,11 +43,11 @@ class Read:
     """Reads nothing, and counts."""
 
     def __init__(self, avatar):
-        self.avatar, self.names = avatar, []
+        self.avatar, self.names, self.broken = avatar, [], False
 
     def __call__(self, name):
         self.names.append(name)
-        if "none" in name:
+        if self.broken or "none" in name:
             raise InputError(name, "", "an avatar", "nothing")
         return replace(self.avatar, meta={"name": name})
 
@@ -83,6 +83,64 @@ def test_another_avatar_and_one_that_could_not_be_read_are_read(files, untrained
         with pytest.raises(InputError):
             avatars.read(str(files / "none.avatar")).result()
     assert read.names[2:] == [str(files / "none.avatar")] * 3
+    avatars.close()
+
+
+def look(avatars, now):
+    """One look at the files, and the end of what it began."""
+    avatars.notice(now)
+    avatars._threads.submit(int).result()
+
+
+def test_an_open_avatar_is_read_anew_once_its_files_have_changed_and_are_whole(files, untrained, caplog):
+    """The one before is there meanwhile, also where the new one cannot be read: that is said once."""
+    read, path = Read(untrained), files / "one.avatar"
+    avatars = Avatars(read)
+    first = avatars.get(str(path))
+    for now in range(1, 4):
+        look(avatars, now)
+    path.write_text("half of the")
+    look(avatars, 4)
+    path.write_text("half of the rest")
+    look(avatars, 5)
+    look(avatars, 5.5)
+    assert len(read.names) == 1, "it may not be whole yet"
+    look(avatars, 6)
+    assert (len(read.names), avatars.reading) == (2, False)
+    assert avatars.ready(str(path)) is first
+    look(avatars, 6.1)
+    second = avatars.ready(str(path))
+    assert second is not first
+    read.broken = True
+    path.write_text("no avatar")
+    for now in range(7, 12):
+        look(avatars, now)
+        assert avatars.ready(str(path)) is second
+    assert (len(read.names), caplog.text.count("expected an avatar")) == (3, 1)
+    with pytest.raises(InputError):
+        avatars.read(str(path)).result()
+    read.broken = False
+    path.write_text("an avatar")
+    for now in range(12, 15):
+        look(avatars, now)
+    assert avatars.ready(str(path)) is not second
+    avatars.close()
+
+
+def test_a_reading_that_was_cancelled_holds_up_no_other(files, untrained):
+    going = threading.Event()
+
+    def read(name):
+        assert "one" not in name or going.wait(20)
+        return replace(untrained)
+
+    avatars = Avatars(read)
+    slow = avatars.read(str(files / "one.avatar"))
+    avatars.step_aside()
+    assert avatars.read(str(files / "other.avatar")).result(20) is not None
+    assert not slow.done()
+    going.set()
+    assert slow.result(20) is not None
     avatars.close()
 
 

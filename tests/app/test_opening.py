@@ -244,6 +244,7 @@ def test_a_slow_motion_is_read_in_the_background_and_can_be_cancelled(studio, tm
     monkeypatch.setattr("avatarrex_studio.window.opening.read_motion", read)
     monkeypatch.setattr("avatarrex_studio.window.opening.SLOW", 0.0)
     opening = Opening(studio, object.__new__(TrainingPanel))
+    before = studio.avatars._threads
     opening.motion("slow")
     opening.layer("next")
     opening.tend()
@@ -256,6 +257,7 @@ def test_a_slow_motion_is_read_in_the_background_and_can_be_cancelled(studio, tm
             break
         time.sleep(0.01)
     assert told == ["slow", "next"]
+    assert studio.avatars._threads is not before, "an avatar that is read holds up no other, either"
     assert [layer.name for layer in studio.state.timeline.layers] == ["next.json"]
     going.set()
     opening.motion("last")
@@ -292,6 +294,7 @@ def test_a_motion_lands_on_the_avatar_that_it_was_opened_for(studio, tmp_path, m
 
     def layers(begin, *meanwhile):
         going.clear()
+        studio.journal.steps.clear()
         begin(str(tmp_path / "walk.json"))
         for command in meanwhile:
             studio.do(command)
@@ -300,6 +303,7 @@ def test_a_motion_lands_on_the_avatar_that_it_was_opened_for(studio, tmp_path, m
         return studio.state.slot, [len(figure.timeline.layers) for figure in studio.state.figures]
 
     assert layers(opening.motion, SelectFigure(0)) == (0, [0, 0, 1])
+    assert len(studio.journal.steps) == 2, "one of the selection, one of the motion"
     studio.do(SelectFigure(2))
     assert layers(opening.layer, RemoveFigure(0), SelectFigure(0)) == (0, [0, 2])
     assert layers(opening.layer, RemoveFigure(0)) == (0, [2])

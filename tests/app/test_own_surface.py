@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 from avatarrex_studio.window.own_surface import OwnSurface
 
 from avatarrex.errors import InputError
 
 
+class Avatar:
+    def __init__(self, surface):
+        self.surface = surface
+
+
 class Avatars:
     def __init__(self, surface=None):
-        self.avatar, self.again = SimpleNamespace(surface=surface), []
+        self.avatar = Avatar(surface)
 
     def ready(self, name):
         return self.avatar
-
-    def read_again(self, name):
-        self.again.append(name)
-        self.avatar = SimpleNamespace(surface="a surface")
 
 
 class Distiller:
@@ -37,24 +36,25 @@ class Distiller:
     def working(self):
         return self.state == "working"
 
-    def finished(self):
-        return self.state == "finished"
 
-
-def test_an_avatar_without_a_surface_is_distilled_once_and_read_again():
+def test_an_avatar_without_a_surface_is_distilled_once_and_again_where_it_was_trained_anew():
     avatars, distiller = Avatars(), Distiller()
     own = OwnSurface(avatars, distiller)
     for _ in range(3):
         own.tend("me.avatar")
     assert distiller.started == ["me.avatar"]
     assert own.words == "distilling: poses 3/160"
-    assert avatars.again == []
     distiller.state = "finished"
     own.tend("me.avatar")
-    assert avatars.again == ["me.avatar"]
     assert own.words == ""
     own.tend("me.avatar")
-    assert distiller.started == ["me.avatar"]
+    assert distiller.started == ["me.avatar"], "its file has not been read anew yet"
+    avatars.avatar = Avatar("a surface")
+    own.tend("me.avatar")
+    avatars.avatar = Avatar(None)
+    own.tend("me.avatar")
+    own.tend("me.avatar")
+    assert distiller.started == ["me.avatar"] * 2
 
 
 def test_one_that_fails_or_is_refused_is_not_tried_again(caplog):
@@ -65,7 +65,6 @@ def test_one_that_fails_or_is_refused_is_not_tried_again(caplog):
     own.tend("me.avatar")
     own.tend("me.avatar")
     assert distiller.started == ["me.avatar"]
-    assert avatars.again == []
     own = OwnSurface(Avatars(), Distiller(refuses=True))
     own.tend("me.avatar")
     own.tend("me.avatar")

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from avatarrex_studio.engine.request import Request, Seen
-from avatarrex_studio.panels import camera, keys, performance, render, scene
+from avatarrex_studio.panels import camera, keys, performance, render, scene, theme
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.hands import HandPanel
 from avatarrex_studio.panels.joints import body_panel
@@ -39,6 +39,8 @@ from avatarrex_studio.session.grip import places
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.recent import Recent
 from avatarrex_studio.session.state import LEVELS, OrbitView, StudioState
+from avatarrex_studio.session.timeline import Layer
+from avatarrex_studio.session.timeline_commands import AddLayer
 from avatarrex_studio.window.window import Window
 from ball_studio import ball_studio
 from imgui_bundle import imgui
@@ -167,11 +169,44 @@ def test_search_narrows_the_list(screen, monkeypatch):
     assert shown == ["left_elbow"]
 
 
+@pytest.mark.parametrize(("width", "form"), [(600, "bend %.0f°"), (250, "%.0f°")])
+def test_a_narrow_slider_shows_its_number_whole(screen, monkeypatch, width, form):
+    """Without the axis, which its colour and tooltip say."""
+    forms = {}
+    monkeypatch.setattr(
+        "avatarrex_studio.panels.joints.widgets.slider",
+        lambda name, value, bounds, form, width: forms.update({name: form}),
+    )
+
+    def draw():
+        imgui.begin_child("narrow", (width, 0))
+        list(body_panel().draw(StudioState()))
+        imgui.end_child()
+
+    screen.frame(draw)
+    assert forms["left_elbow.y"] == form
+
+
 def test_the_other_panels_draw(screen, studio):
     poses = PosesPanel()
     for draw in (camera.draw, render.draw, lambda state: scene.draw(state, Recent(), nothing), poses.draw):
         assert screen.frame(lambda draw=draw: draw(studio.state)) == []
     assert screen.frame(lambda: TimelinePanel(studio.open_motion, studio.add_motion).draw(studio)) == []
+
+
+def test_the_playhead_crosses_the_rows_but_not_the_words_where_there_are_none(screen, studio):
+    panel, accent = TimelinePanel(studio.open_motion, studio.add_motion), theme.colour(theme.ACCENT)
+
+    def lowest():
+        """Of what has the playhead's colour."""
+        for _ in range(2):
+            screen.frame(lambda: panel.draw(studio))
+        drawn = [vertex for each in imgui.get_draw_data().cmd_lists for vertex in each.vtx_buffer]
+        return max(vertex.pos.y for vertex in drawn if vertex.col == accent)
+
+    assert lowest() < 100, "on the ruler alone"
+    studio.do(AddLayer(Layer("Keys")))
+    assert lowest() > 2000
 
 
 def test_the_blend_goes_from_what_was_to_the_chosen_entry(screen):
@@ -370,7 +405,10 @@ def test_a_drag_by_the_palm_moves_the_hand(screen, studio, monkeypatch, part, ki
 def test_keys_are_no_shortcuts_while_a_button_is_pressed(screen, studio):
     done = []
     chords = [(chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut == "M"]
-    window = SimpleNamespace(_keys_free=True, _chords=chords, studio=studio, _run=done.append, _gesture=0)
+    panel = TimelinePanel(studio.open_motion, studio.add_motion)
+    window = SimpleNamespace(
+        _keys_free=True, _chords=chords, studio=studio, _run=done.append, _gesture=0, timeline=panel
+    )
 
     def press_m():
         for down in (True, False):

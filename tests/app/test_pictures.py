@@ -8,6 +8,7 @@ import pytest
 from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.pictures import AUTO_LEVELS, FADE, MOVING_SHARE, PATIENCE, REST
 from avatarrex_studio.session.commands import OrbitBy, SetBackground, SetExpression, SetLevel
+from avatarrex_studio.session.notice import NOTICE
 from ball import render_ball
 from ball_studio import FakeLive, InlineExact, ball_studio
 
@@ -88,8 +89,9 @@ def test_at_rest_one_exact_picture_is_requested_and_faded_in(live, clock):
     assert len(live.pictures.exact.begun) == len(live.live.drawn) == 1, "at rest nothing is done again"
 
 
-def test_an_avatar_that_is_read_anew_is_rendered_anew(clock):
-    """At rest, and where the old one's picture is under way."""
+def test_an_avatar_that_is_read_anew_is_rendered_anew(clock, caplog):
+    """At rest, and where the old one's picture is under way; one toast for each."""
+    caplog.set_level(NOTICE)
     exact = InlineExact()
     exact.paused = True
     studio = ball_studio(clock, live=FakeLive(), exact=exact)
@@ -105,7 +107,7 @@ def test_an_avatar_that_is_read_anew_is_rendered_anew(clock):
             tick(studio, clock, 2 * REST)
             begun += 1
             assert len(exact.begun) == begun
-        studio.avatars.read_again("default")
+        studio.avatars = Avatars(lambda name: copy(one))
         studio.avatars.get("default")
         tick(studio, clock)
         assert not studio.pictures.current
@@ -114,6 +116,9 @@ def test_an_avatar_that_is_read_anew_is_rendered_anew(clock):
         assert answer(studio, clock)
         assert studio.pictures.current
         assert studio.pictures.exact.begun[-1].state == studio.state.change(level="balanced")
+    told = [record.getMessage() for record in caplog.records if record.levelno == NOTICE]
+    words = "default has changed on the disk: shown as it is now, by exact pictures alone, for it has no surface"
+    assert told == [words] * 2
 
 
 def test_a_change_cancels_what_is_under_way_and_takes_the_picture_from_the_screen(live, clock):

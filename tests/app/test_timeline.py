@@ -4,25 +4,31 @@ from __future__ import annotations
 
 import json
 import wave
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from avatarrex_studio.panels.layer_menu import copied
 from avatarrex_studio.panels.timescale import Timescale
+from avatarrex_studio.panels.warp_editor import moved as move_point
+from avatarrex_studio.panels.warp_editor import with_point
 from avatarrex_studio.session import timeline_commands as edits
 from avatarrex_studio.session.clips import Clips
-from avatarrex_studio.session.commands import SetCamera, SetExpression, SetJoint
-from avatarrex_studio.session.evaluation import layers_at, state_at
+from avatarrex_studio.session.commands import SetCamera, SetExpression, SetJoint, SetShape
+from avatarrex_studio.session.evaluation import LIMITS, layers_at, state_at, view_at
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import Key, Track, moved, with_keys
+from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.posing import joint
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.take import Take
-from avatarrex_studio.session.timeline import PARTS, Layer, Share, Timeline
+from avatarrex_studio.session.time_warp import APART, WARPS
+from avatarrex_studio.session.timeline import PARTS, Clip, Layer, Share, Timeline
 from ball import ball_engine
 
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.imported import ImportedMotion
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
@@ -186,6 +192,15 @@ def test_keys_for_signals_and_the_camera(studio):
     assert copied(layer, (("camera.azimuth", 1.0),)) == (("camera.azimuth", 0.0, (8.0,), "smooth"),)
 
 
+def test_keys_lead_the_camera_within_its_limits(studio):
+    """Whatever a file says of them."""
+    tracks = tuple(Track(name, (Key(0.0, (1e6,)),)) for name in ("camera.fov", "camera.elevation"))
+    for weight in (1.0, 0.5):
+        view = view_at(Timeline((Layer("Keys", tracks=tracks, weight=weight),)), studio.state.view, 0.0)
+        assert view.elevation == LIMITS["camera.elevation"][1]
+        assert view.fov == LIMITS["camera.fov"][1]
+
+
 def test_what_is_changed_stays_until_the_playhead_moves(layered):
     """A command on the timeline changes what it changes; another frame shows what drives."""
     studio = layered
@@ -309,10 +324,73 @@ def test_a_timeline_that_cannot_be_is_refused(timeline):
 
 @pytest.mark.parametrize("layer", [
     {"name": " "}, {"weight": 1.5}, {"rate": 0.0}, {"parts": frozenset({"tail"})}, {"smoothing": float("nan")},
+    {"warp": ((0.5, 1.1),)}, {"warp": ((0.6, 0.5), (0.5, 0.6))}, {"warp": ((0.001, 0.0),)}, {"warp": ((0.5, float("nan")),)},
 ])  # fmt: skip
 def test_a_layer_that_cannot_be_is_refused(layer):
     with pytest.raises(InputError):
         Layer(**{"name": "a", **layer})
+
+
+def test_a_range_beyond_the_end_ends_with_the_timeline():
+    timeline = Timeline((Layer("a", Clip("a.json", "a", 30, 30.0)),), span=(40, 1000))
+    assert timeline.played == (29, 29)
+    assert timeline.change(span=(5, 1000)).played == (5, 29)
+
+
+def test_each_smoothing_of_a_clip_is_its_own_and_of_the_motion_as_it_is_now():
+    def motion(step):
+        frames = tuple(Signals.rest().replace(translation=np.array([0.0, step * (k % 2), 0.0])) for k in range(60))
+        return Motion("a.json", ImportedMotion(SignalSequence(frames, 30.0, "a")))
+
+    clips, layer = Clips(), Layer("a", Clip("a.json", "a", 60, 30.0), smoothing=0.05)
+    clips.take(motion(1.0))
+    little, much = (
+        np.ptp([frame.translation[1] for frame in clips.sequence(replace(layer, smoothing=width)).frames[20:40]])
+        for width in (0.02, 0.2)
+    )
+    assert much < 0.2 * little
+    before = clips.sequence(layer)
+    assert clips.sequence(layer) is before
+    clips.take(motion(3.0))
+    assert clips.sequence(layer) is not before
+
+
+def test_the_shape_has_no_keys(layered):
+    """While something is recorded it is set as ever."""
+    layered.take.recording = True
+    layered.do(SetShape(0, 0.1))
+    assert layered.state.signals.shape[0] == pytest.approx(0.1)
+    assert not any(track.name == "shape" for layer in layered.state.timeline.layers for track in layer.tracks)
+
+
+def test_a_clip_goes_through_its_time_by_a_curve(layered):
+    """Fast first, then slowly, in each round; both ends, and what lies beyond them, stay. It is undone, saved and replayed."""
+    name = layered.state.timeline.layers[0].name
+    even = layered.state.timeline.layers[0]
+    length = even.clip.seconds
+    layered.do(edits.SetLayer(name, warp=((0.5, 0.8),)))
+    layer = layered.state.timeline.layers[0]
+    assert layer.seconds == even.seconds
+    assert layer.local(layer.offset + 0.5 * length) == pytest.approx(0.8 * length)
+    times = layer.offset + length * np.array([-0.5, 0.0, 0.25, 0.5, 1.0, 1.5])
+    own = layer.local(times)
+    assert own[[0, 1, 4, 5]] == pytest.approx(length * np.array([-0.5, 0.0, 1.0, 1.5]))
+    assert 0.25 * length < own[2] < own[3]
+    assert [layer.local(float(time)) for time in times] == pytest.approx(own)
+    again = replace(layer, loop=True)
+    assert again.local(again.offset + 1.5 * length) == pytest.approx(0.8 * length)
+    assert Layer.from_json(json.loads(json.dumps(layer.to_json()))) == layer
+    layered.undo()
+    assert layered.state.timeline.layers[0] == even
+
+
+def test_the_time_curve_is_edited_by_points():
+    assert with_point((), (0.5, 1.4)) == ((0.5, 1.0),)
+    assert with_point(((0.5, 1.0),), (0.2, 0.1)) == ((0.2, 0.1), (0.5, 1.0))
+    assert with_point(((0.5, 1.0),), (0.505, 0.1)) is None
+    assert move_point(((0.2, 0.1), (0.5, 1.0)), 0, (0.9, -1.0)) == ((0.5 - APART, 0.0), (0.5, 1.0))
+    for warp in WARPS.values():
+        Layer("a", warp=warp)
 
 
 def test_parts_cover_every_joint_and_coefficient_once():

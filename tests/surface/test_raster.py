@@ -18,7 +18,7 @@ from avatarrex.gl.context import NoContext
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
 from avatarrex.surface.extent import Extent
-from avatarrex.surface.look import KINDS, Look
+from avatarrex.surface.look import KINDS, Look, shaded
 from avatarrex.surface.pose import PosedSurface, pose_surface
 from avatarrex.surface.raster import TILE, Placed, draw_surface, draw_surfaces, surface_geometry
 from avatarrex.surface.surface import Surface
@@ -330,12 +330,16 @@ def test_one_point_and_none_have_a_place():
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_view_mode_has_the_colours_of_its_reference(kind):
     """Of one sample a pixel, where the geometry that is read back says what is seen."""
-    posed, view = pose_surface(template_surface(), PERSON, Signals.rest()), camera(40)
+    posed, view, own = pose_surface(template_surface(), PERSON, Signals.rest()), camera(40), np.array([0.2, 0.5, 0.8])
+    posed = replace(posed, tint=np.tile(own.astype(np.float32), (len(posed.vertices), 1)))
     look = Look(kind, 2.0, 3.0)
     image = draw_surfaces([Placed(posed, HARMONICS, view, look=look)], samples=1).read()
     found = surface_geometry(posed, view)
-    expected = look.colours(
-        found.normal[found.hit], found.depth[found.hit], found.part[found.hit], view.camera_from_world[2, :3]
+    normal, forward = found.normal[found.hit], view.camera_from_world[2, :3]
+    expected = (
+        shaded(np.tile(own, (len(normal), 1)), normal, forward)
+        if kind == "influence"
+        else look.colours(normal, found.depth[found.hit], found.part[found.hit], forward)
     )
     assert image[found.hit][:, :3] == pytest.approx(expected, abs=0.004)
     assert not image[~found.hit].any()
