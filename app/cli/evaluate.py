@@ -18,7 +18,7 @@ from avatarrex.files.gate import check_writable
 
 if TYPE_CHECKING:
     from avatarrex.avatar import Avatar
-    from avatarrex.capture.readers.rigs import Capture
+    from avatarrex.capture.readers.rigs import Capture, Rig
     from avatarrex.templates.person import Person
 
 SHEET = 8
@@ -44,6 +44,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
         help="beside it the template: naked, textured and in one colour; textured with its skin fitted to the mattes",
     )
     add("--face-only", action="store_true", help="everything cut by where the template's face is seen")
+    add("--exposed-as", metavar="RIG", help="pictures as the cameras of another rig would have taken them")
     add("--json", metavar="FILE.json", help="every figure")
     add("--sheet", metavar="OUT.png", help="a contact sheet: ground truth, avatar, difference")
     add("--vgg", metavar="FILE", help="vgg16-397923af.pth, for LPIPS (or AVATARREX_VGG, or torch hub's folder)")
@@ -87,6 +88,8 @@ def _evaluate(
     rig = capture.rigs[options.one_of("--rig", name, capture.rigs)]
     rig = choice.held_out(rig, arguments.held_out_frames, arguments.held_out_views)
     capture = replace(capture, rigs={**capture.rigs, name: rig})
+    if arguments.exposed_as:
+        rig = _exposed(capture, name, arguments.exposed_as, avatar.person if own else capture.person)
     frames = _frames(arguments.frames, rig.held_out_frames, rig.frames) if arguments.frames else None
     views = choice.cameras(rig, arguments.views, "--views") if arguments.views else None
     other = not own and avatar.person.hash != capture.person.hash
@@ -112,6 +115,22 @@ def _evaluate(
         write_png(sheet, report.contact_sheet(found))
         print(sheet)
     return 0
+
+
+def _exposed(capture: Capture, name: str, other: str, person: Person) -> Rig:
+    """Rig `name` in the exposure of rig `other`, by what the training's pictures of both show of `person`."""
+    from avatarrex.capture.readers.splits import sealed
+    from avatarrex.training.core.exposure import exposed, gain_to
+
+    others = [rig for rig in capture.rigs if rig != name]
+    if not others:
+        raise InputError("--exposed-as", "", "a capture with two rigs", f"the {name} rig alone")
+    known = sealed(capture, "train").rigs
+    gain = gain_to(known[name], known[options.one_of("--exposed-as", other, others)], person)
+    print(
+        f"{name} rig: pictures times {', '.join(f'{each:.2f}' for each in gain)}, as the {other} rig's", file=sys.stderr
+    )
+    return exposed(capture.rigs[name], gain)
 
 
 def _person_fitted(avatar: Avatar, capture: Capture, own: bool) -> Person:

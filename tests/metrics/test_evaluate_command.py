@@ -1,6 +1,8 @@
 """`evaluate` from the command line: refusals before work, and one true run of the default avatar."""
 
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,6 +46,7 @@ def no_weights(monkeypatch, tmp_path):
         (["--samples", "0"], "--samples: expected 1 to 8 samples along a pixel's side, found 0"),
         (["--levels", "live,best"], "--levels: expected some of live,"),
         (["--rig", "face"], "--rig: expected one of body, found face"),
+        (["--exposed-as", "face"], "--exposed-as: expected a capture with two rigs, found the body rig alone"),
         (["--sheet", "sheet.jpg"], "sheet.jpg: expected OUT.png, found .jpg"),
         (["--vgg", "nowhere.pth"], "nowhere.pth: expected a weights file such as vgg16-397923af.pth"),
     ],
@@ -73,6 +76,28 @@ def test_the_face_alone_is_a_part_of_the_picture(capture, capsys, tmp_path):
     data = json.loads(figures.read_text())
     assert "surface" not in data or not data["surface"]
     assert 0 < data["splits"]["train"]["avatar"]["psnr_matte"] < 60
+
+
+def test_a_rig_in_the_exposure_of_the_other(capture, capsys, tmp_path):
+    """Both rigs see the same, one of them dimmed: in its own exposure it is another picture, in the other's the same."""
+    folder, figures = tmp_path / "two", tmp_path / "found.json"
+    for rig in ("body", "face"):
+        shutil.copytree(Path(capture) / "body", folder / rig)
+    for picture in (folder / "face").glob("*/*.png"):
+        Image.fromarray(np.rint(np.array(Image.open(picture)) * [0.6, 0.7, 0.8]).astype(np.uint8)).save(picture)
+    words = ["--frames", "0:1", "--views", "front", "--json", str(figures)]
+
+    def psnr(*more):
+        assert main(["evaluate", "default", str(folder), *words, *more]) == 0
+        return json.loads(figures.read_text())["splits"]["train"]["avatar"]["psnr"], capsys.readouterr().err
+
+    body, _ = psnr("--rig", "body")
+    dimmed, _ = psnr("--rig", "face")
+    bright, said = psnr("--rig", "face", "--exposed-as", "body")
+    assert abs(dimmed - body) > 0.3
+    assert bright == pytest.approx(body, abs=0.1)
+    assert "face rig: pictures times 1.67, 1.43, 1.25, as the body rig's" in said
+    psnr("--rig", "face", "--exposed-as", "body", "--face-only")
 
 
 def test_the_default_avatar_is_measured(capture, capsys, tmp_path):

@@ -9,7 +9,7 @@ from training.miniature import write_miniature
 from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import Rig, open_capture
 from avatarrex.templates.person import load_person
-from avatarrex.training.core.exposure import LARGEST, exposed_as, gain
+from avatarrex.training.core.exposure import LARGEST, exposed, exposed_as, gain, gain_to
 from avatarrex.training.core.frames import FrameStore
 
 
@@ -47,20 +47,15 @@ def rigs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Rig, Rig]:
     return made[0], made[1]
 
 
-class Dimmed(Rig):
-    """Seen at another exposure."""
-
-    def image(self, view: int, frame: int) -> np.ndarray:
-        return np.rint(super().image(view, frame) * np.array([0.7, 0.8, 0.9])).astype(np.uint8)
-
-
 def test_pictures_come_in_the_other_rigs_exposure(rigs: tuple[Rig, Rig]) -> None:
-    dim = exposed_as(Dimmed(**vars(rigs[0])), rigs[1], load_person())
-    np.testing.assert_allclose(dim.gain, 1 / np.array([0.7, 0.8, 0.9]), rtol=0.02)
-    plain = rigs[0].image(0, 0).astype(float)
-    bright = np.clip(Rig.image(dim, 0, 0) * dim.gain, 0, 255)
-    assert np.abs(dim.image(0, 0) - bright).max() <= 0.5
-    assert plain.shape == bright.shape
+    dimmed = np.array([0.7, 0.8, 0.9])
+    dim = exposed(rigs[0], dimmed)
+    assert np.abs(dim.image(0, 0) - rigs[0].image(0, 0) * dimmed).max() <= 0.5
+    np.testing.assert_array_equal(dim.matte(0, 0), rigs[0].matte(0, 0))
+    found = gain_to(dim, rigs[1], load_person())
+    np.testing.assert_allclose(found, 1 / dimmed, rtol=0.02)
+    bright = exposed_as(dim, rigs[1], load_person()).image(0, 0)
+    assert np.abs(bright - np.clip(dim.image(0, 0) * found, 0, 255)).max() <= 0.5
 
 
 def test_a_share_of_the_pictures_is_the_other_rigs(rigs: tuple[Rig, Rig]) -> None:

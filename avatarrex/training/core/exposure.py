@@ -7,12 +7,13 @@ by. Letters: f triangles. sRGB-encoded, where a change of exposure is nearly a f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from avatarrex.capture.fit.check import template_surface
+from avatarrex.capture.readers.images_store import Pictures
 from avatarrex.capture.readers.rigs import Rig
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.templates.person import Person
@@ -30,21 +31,38 @@ LARGEST = 2.0
 """Factor at most, either way."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ExposedRig(Rig):
-    """A rig, the pictures of which are multiplied by a factor per channel."""
+class ExposedPictures(Pictures):
+    """Pictures of a rig, multiplied by a factor per channel; mattes stay."""
 
-    gain: Float[np.ndarray, " 3"]
+    def __init__(self, pictures: Pictures, gain: Float[np.ndarray, " 3"]) -> None:
+        self._taken, self.gain = pictures, gain
 
-    def image(self, view: int, frame: int) -> UInt8[np.ndarray, "h w 3"]:
-        """See `Rig`."""
-        image: np.ndarray = np.rint(np.clip(super().image(view, frame) * self.gain, 0, 255)).astype(np.uint8)
-        return image
+    def get(self, kind: str, view: int, frame: int) -> np.ndarray:
+        """See `Pictures`."""
+        taken = self._taken.get(kind, view, frame)
+        if kind == "matte":
+            return taken
+        exposed: np.ndarray = np.rint(np.clip(taken * self.gain, 0, 255)).astype(np.uint8)
+        return exposed
+
+    def check_size(self, view: int, frame: int) -> None:
+        """See `Pictures`."""
+        self._taken.check_size(view, frame)
 
 
-def exposed_as(rig: Rig, other: Rig, person: Person) -> ExposedRig:
+def exposed_as(rig: Rig, other: Rig, person: Person) -> Rig:
     """`rig` as the cameras of `other` would have seen it; both show `person`."""
-    return ExposedRig(**vars(rig), gain=gain(_colours(rig, person), _colours(other, person)))
+    return exposed(rig, gain_to(rig, other, person))
+
+
+def exposed(rig: Rig, gain: Float[np.ndarray, " 3"]) -> Rig:
+    """`rig` with its pictures multiplied by `gain`."""
+    return replace(rig, pictures=ExposedPictures(rig.pictures, gain))
+
+
+def gain_to(rig: Rig, other: Rig, person: Person) -> Float[np.ndarray, " 3"]:
+    """What pictures of `rig` are multiplied by to look as those of `other`, by pictures of both that are not held out."""
+    return gain(_colours(rig, person), _colours(other, person))
 
 
 def gain(seen: Float[np.ndarray, "f 3"], other: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, " 3"]:
