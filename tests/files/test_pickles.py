@@ -18,7 +18,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.pickles import read_pickle
 
 RNG = np.random.default_rng(0)
-HELD = {
+GIVEN = {
     "f": RNG.integers(0, 700, (50, 3)).astype(np.uint32),
     "v": RNG.normal(size=(40, 3)),
     "turned": np.asfortranarray(RNG.normal(size=(6, 5)).astype(np.float32)),
@@ -39,10 +39,10 @@ def same(found: object, wanted: np.ndarray) -> None:
 def test_arrays_of_every_protocol(tmp_path: Path, protocol: int) -> None:
     path = tmp_path / "m.pkl"
     path.write_bytes(
-        pickle.dumps({**HELD, "list": [1, -2.5, 2**70, None, True, (1,), (1, 2, 3, 4)], "n": np.float32(3)}, protocol)
+        pickle.dumps({**GIVEN, "list": [1, -2.5, 2**70, None, True, (1,), (1, 2, 3, 4)], "n": np.float32(3)}, protocol)
     )
     found = read_pickle(path, "a model")
-    for key, value in HELD.items():
+    for key, value in GIVEN.items():
         same(found[key], value)
     assert found["list"] == [1, -2.5, 2**70, None, True, (1,), (1, 2, 3, 4)]
     assert found["n"] == 3
@@ -53,13 +53,13 @@ def test_python_2_with_chumpy_and_a_sparse_matrix(tmp_path: Path, protocol: int)
     """As MANO's files are: arrays in Latin-1 texts with every byte, chumpy's objects for arrays, a regressor by columns."""
     regressor = scipy.sparse.csc_matrix(np.round(RNG.random((16, 30)) ** 8, 2))
     every = np.arange(256, dtype=np.uint8)
-    held = {
-        "shapedirs": selected(HELD["v"]), "posedirs": chumpy(HELD["turned"]), "J_regressor": regressor, "every": every,
+    given = {
+        "shapedirs": selected(GIVEN["v"]), "posedirs": chumpy(GIVEN["turned"]), "J_regressor": regressor, "every": every,
         "bs_style": "lbs", "quoted": "it's\n\\ \xff",
     }  # fmt: skip
-    found = read_pickle(write_python2(tmp_path / "m.pkl", held, protocol), "a model")
-    same(found["shapedirs"], HELD["v"])
-    same(found["posedirs"], HELD["turned"])
+    found = read_pickle(write_python2(tmp_path / "m.pkl", given, protocol), "a model")
+    same(found["shapedirs"], GIVEN["v"])
+    same(found["posedirs"], GIVEN["turned"])
     same(found["every"], every)
     np.testing.assert_array_equal(found["J_regressor"].toarray(), regressor.toarray())
     assert (found["bs_style"], found["quoted"]) == ("lbs", "it's\n\\ \xff")
@@ -68,7 +68,7 @@ def test_python_2_with_chumpy_and_a_sparse_matrix(tmp_path: Path, protocol: int)
 def test_names_of_python_2_are_what_such_files_have() -> None:
     """The writer of these tests: what it writes has the globals of the time, and no others."""
     content = python2_pickle(
-        {"a": chumpy(HELD["v"]), "s": selected(HELD["v"]), "j": scipy.sparse.csc_matrix(np.eye(2))}
+        {"a": chumpy(GIVEN["v"]), "s": selected(GIVEN["v"]), "j": scipy.sparse.csc_matrix(np.eye(2))}
     )
     for name in (
         b"numpy.core.multiarray\n_reconstruct",
@@ -83,9 +83,9 @@ def test_names_of_python_2_are_what_such_files_have() -> None:
 
 def test_csr_ordered_dict_and_an_npy_of_a_dict(tmp_path: Path) -> None:
     matrix = scipy.sparse.csr_matrix(np.eye(3)[[0, 2]])
-    held = collections.OrderedDict(meanshape=HELD["v"], j=matrix, names=["a", "b"])
-    found = read_pickle(write_object_array(tmp_path / "face.npy", held), "a face")
-    same(found["meanshape"], HELD["v"])
+    given = collections.OrderedDict(meanshape=GIVEN["v"], j=matrix, names=["a", "b"])
+    found = read_pickle(write_object_array(tmp_path / "face.npy", given), "a face")
+    same(found["meanshape"], GIVEN["v"])
     np.testing.assert_array_equal(found["j"].toarray(), matrix.toarray())
     assert found["names"] == ["a", "b"]
 
@@ -108,7 +108,7 @@ class Evil:
 )  # fmt: skip
 def test_another_global_is_refused_by_name(tmp_path, monkeypatch, protocol, call, name) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("m.pkl").write_bytes(pickle.dumps({"f": HELD["f"], "x": Evil(*call)}, protocol))
+    Path("m.pkl").write_bytes(pickle.dumps({"f": GIVEN["f"], "x": Evil(*call)}, protocol))
     with pytest.raises(InputError) as caught:
         read_pickle("m.pkl", "a model")
     said = str(caught.value)
@@ -145,7 +145,7 @@ BAD: dict[str, tuple[bytes, str]] = {
     "an extension": (stored(b"\x82\x01"), "found the opcode EXT1"),
     "nothing": (b"", "a model that is whole"),
     "no pickle": (b"hello", "a model that is whole"),
-    "a cut one": (python2_pickle(HELD)[:-40], "a model that is whole"),
+    "a cut one": (python2_pickle(GIVEN)[:-40], "a model that is whole"),
     "a text of 2^62 bytes": (stored(b"\x8d" + struct.pack("<Q", 2**62)), "a model that is whole"),
     "bytes of 2^62": (stored(b"\x8e" + struct.pack("<Q", 2**62)), "a model that is whole"),
     "a memo of 2^31": (stored(b"Nr" + struct.pack("<I", 2**31)), ""),
@@ -207,13 +207,13 @@ def test_a_sparse_matrix_is_checked(tmp_path: Path, change: dict[str, np.ndarray
 def test_changed_files_raise_nothing_else(tmp_path: Path) -> None:
     """A file with some bytes changed is read or refused; nothing runs, nothing else is raised."""
     rng = np.random.default_rng(3)
-    held = {
-        "a": chumpy(HELD["v"]),
-        "s": selected(HELD["v"]),
+    given = {
+        "a": chumpy(GIVEN["v"]),
+        "s": selected(GIVEN["v"]),
         "j": scipy.sparse.csc_matrix(np.eye(4)),
         "names": ["x", ("y", 2)],
     }
-    contents = [python2_pickle(held, protocol) for protocol in (0, 1, 2)] + [pickle.dumps(HELD, p) for p in (2, 4, 5)]
+    contents = [python2_pickle(given, protocol) for protocol in (0, 1, 2)] + [pickle.dumps(GIVEN, p) for p in (2, 4, 5)]
     refused = 0
     for _ in range(250):
         content = bytearray(contents[rng.integers(len(contents))])

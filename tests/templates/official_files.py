@@ -146,12 +146,12 @@ def mano(side: str) -> dict[str, np.ndarray]:
 
 def write_chumpy(path: Path, arrays: dict[str, np.ndarray], protocol: int = 2) -> Path:
     """A pickle of Python 2's with chumpy objects and a sparse regressor, as MANO's and FLAME's files are."""
-    held = {
+    fields = {
         **arrays, "J_regressor": scipy.sparse.csc_matrix(arrays["J_regressor"]), "v_template": chumpy(arrays["v_template"]),
         "shapedirs": selected(arrays["shapedirs"]), "posedirs": chumpy(arrays["posedirs"]), "weights": chumpy(arrays["weights"]),
         "bs_style": "lbs", "bs_type": "lrotmin",
     }  # fmt: skip
-    return write_python2(path, held, protocol)
+    return write_python2(path, fields, protocol)
 
 
 @cache
@@ -205,19 +205,19 @@ def faceverse(
     mean = {"mean": points, "faces": faces, "shape": rng.normal(size=(count, 3, shapes)) * 1e-3,
             "expression": rng.normal(size=(count, 3, expressions)) * 1e-3}  # fmt: skip
     factor = np.array(signs) / metres
-    held: dict[str, object] = {
+    fields: dict[str, object] = {
         "meanshape": (points * factor).reshape(1, -1) if version < 3 else points * factor,
         "idBase": (mean["shape"] * factor[:, None]).reshape(3 * count, -1).astype(np.float32),
         "exBase": (mean["expression"] * factor[:, None]).reshape(3 * count, -1).astype(np.float32),
         "meantex": np.full((1, 3 * count), 120.0), "tri": faces + (version == 1), key: listed.reshape(-1, 1),
     }  # fmt: skip
     if version >= 3:
-        held |= {"ver_inds": np.array([count - 60, count - 30, count]), "tri": faces[:, [0, 2, 1]]}
+        fields |= {"ver_inds": np.array([count - 60, count - 30, count]), "tri": faces[:, [0, 2, 1]]}
     if version == 2:
-        held["exp_name_list"] = sorted(EXPRESSION_NAMES)
-    return held, mean
+        fields["exp_name_list"] = sorted(EXPRESSION_NAMES)
+    return fields, mean
 
 
-def write_faceverse(path: Path, held: dict[str, object]) -> Path:
+def write_faceverse(path: Path, fields: dict[str, object]) -> Path:
     """The `.npy`."""
-    return write_object_array(path, held)
+    return write_object_array(path, fields)

@@ -196,8 +196,8 @@ CONVENTIONS = {1: (0.1, (1, 1, 1)), 2: (0.1, (1, -1, -1)), 3: (0.001, (1, 1, 1))
 @pytest.mark.parametrize("other", [False, True])
 def test_faceverse_in_whatever_unit_and_axes(tmp_path: Path, version: int, other: bool) -> None:
     metres, signs = CONVENTIONS[version] if not other else (0.01, (-1, 1, -1))
-    held, truth = faceverse(version, metres, signs)
-    found = read_faceverse(write_faceverse(tmp_path / "face.npy", held))
+    fields, truth = faceverse(version, metres, signs)
+    found = read_faceverse(write_faceverse(tmp_path / "face.npy", fields))
     assert found.version == version
     assert (found.unit, found.turned) == ({0.1: "decimetres", 0.001: "millimetres", 0.01: "centimetres"}[metres], signs)
     model = found.model
@@ -216,10 +216,10 @@ def test_faceverse_in_whatever_unit_and_axes(tmp_path: Path, version: int, other
 
 def test_faceverses_52_are_put_in_our_order(tmp_path: Path) -> None:
     """By name, of either spelling; the file's order is another."""
-    held, truth = faceverse(2, 0.1, (1, -1, -1))
-    held["exp_name_list"] = [name.replace("Left", "_L").replace("Right", "_R") if name.endswith(("Left", "Right")) else name.upper()
+    fields, truth = faceverse(2, 0.1, (1, -1, -1))
+    fields["exp_name_list"] = [name.replace("Left", "_L").replace("Right", "_R") if name.endswith(("Left", "Right")) else name.upper()
                              for name in sorted(EXPRESSION_NAMES)]  # fmt: skip
-    model = read_faceverse(write_faceverse(tmp_path / "face.npy", held)).model
+    model = read_faceverse(write_faceverse(tmp_path / "face.npy", fields)).model
     assert model.expression_names == EXPRESSION_NAMES
     jaw = sorted(EXPRESSION_NAMES).index("jawOpen")
     np.testing.assert_allclose(
@@ -229,14 +229,14 @@ def test_faceverses_52_are_put_in_our_order(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("inside", [False, True])
 def test_version_threes_52_lie_in_the_dict_or_beside_it(tmp_path: Path, inside: bool) -> None:
-    held, truth = faceverse(3, 0.001, (1, 1, 1))
-    fewer = np.asarray(held["exBase"])[:, :52]
+    fields, truth = faceverse(3, 0.001, (1, 1, 1))
+    fewer = np.asarray(fields["exBase"])[:, :52]
     if inside:
-        held["exBase_52"] = fewer
+        fields["exBase_52"] = fewer
     else:
         np.save(tmp_path / "exBase_52.npy", fewer)
-    held["exp_name_list"] = list(EXPRESSION_NAMES)
-    model = read_faceverse(write_faceverse(tmp_path / "face.npy", held)).model
+    fields["exp_name_list"] = list(EXPRESSION_NAMES)
+    model = read_faceverse(write_faceverse(tmp_path / "face.npy", fields)).model
     assert model.expression_names == EXPRESSION_NAMES
     np.testing.assert_allclose(model.expression_dirs, truth["expression"][..., :52], atol=1e-6)
 
@@ -244,8 +244,8 @@ def test_version_threes_52_lie_in_the_dict_or_beside_it(tmp_path: Path, inside: 
 def test_eyes_turn_about_their_middle_and_follow_the_shape(tmp_path: Path) -> None:
     """The person's left is the left, in whatever order a version has them."""
     for version in (3, 4):
-        held, truth = faceverse(version, 0.001, (1, 1, 1))
-        model = read_faceverse(write_faceverse(tmp_path / f"{version}.npy", held)).model
+        fields, truth = faceverse(version, 0.001, (1, 1, 1))
+        model = read_faceverse(write_faceverse(tmp_path / f"{version}.npy", fields)).model
         rows = model.groups["left_eye"].numpy()
         assert len(rows) == 30
         assert truth["mean"][rows, 0].mean() > 0.02
@@ -260,9 +260,9 @@ def test_eyes_turn_about_their_middle_and_follow_the_shape(tmp_path: Path) -> No
 
 def test_a_face_of_no_unit_or_mirrored_is_refused(tmp_path: Path) -> None:
     for change, said in (((3.0, (1, 1, 1)), "a face 9 to 21 cm wide"), ((0.1, (-1, 1, 1)), "a mirrored face")):
-        held, _ = faceverse(2, *change)
+        fields, _ = faceverse(2, *change)
         with pytest.raises(InputError, match=said):
-            read_faceverse(write_faceverse(tmp_path / "face.npy", held))
+            read_faceverse(write_faceverse(tmp_path / "face.npy", fields))
 
 
 def test_coefficient_vectors_by_length() -> None:

@@ -34,8 +34,8 @@ SEEDS = 40
 
 def read_hand_ids(path: str | Path) -> dict[str, np.ndarray]:
     """(778,) vertices of SMPL-X by side. Raises `InputError`."""
-    held = read_dict(path, f"{HAND_FILE}")
-    return {side: _checked(held.get(f"{side}_hand"), path, f"{side}_hand", 778) for side in ("left", "right")}
+    fields = read_dict(path, f"{HAND_FILE}")
+    return {side: _checked(fields.get(f"{side}_hand"), path, f"{side}_hand", 778) for side in ("left", "right")}
 
 
 def read_head_ids(path: str | Path) -> np.ndarray:

@@ -54,22 +54,22 @@ class FaceverseFile:
 
 def read_faceverse(path: str | Path) -> FaceverseFile:
     """Read a model. Raises `InputError` naming file and key."""
-    held = read_dict(path, "a Faceverse file (.npy)")
-    mean = _numbers(held, path, "meanshape").reshape(-1, 3)
-    shape, expression = _directions(held, path, "idBase", len(mean)), _directions(held, path, "exBase", len(mean))
+    fields = read_dict(path, "a Faceverse file (.npy)")
+    mean = _numbers(fields, path, "meanshape").reshape(-1, 3)
+    shape, expression = _directions(fields, path, "idBase", len(mean)), _directions(fields, path, "exBase", len(mean))
     counts = (shape.shape[2], expression.shape[2])
     if counts not in VERSIONS:
         known = " or ".join(f"{s} and {e}" for s, e in VERSIONS)
         raise InputError(path, "exBase", f"{known} shape and expression directions", f"{counts[0]} and {counts[1]}")
     version = 3 if len(mean) == V3_VERTICES else VERSIONS[counts]
     if counts == (150, 171):
-        expression = _fifty_two(held, path, len(mean), expression)
-    landmarks, places = _landmarks(held, path, len(mean))
+        expression = _fifty_two(fields, path, len(mean), expression)
+    landmarks, places = _landmarks(fields, path, len(mean))
     unit, signs = _unit_and_signs(mean[places], path)
     factor = UNITS[unit] * np.array(signs)
     mean, shape, expression = mean * factor, shape * factor[:, None], expression * factor[:, None]
-    named = _named(held, expression)
-    model = _model(mean, _faces(held, path, mean), shape, named, _eyes(held, path, mean))
+    named = _named(fields, expression)
+    model = _model(mean, _faces(fields, path, mean), shape, named, _eyes(fields, path, mean))
     return FaceverseFile(model, version, unit, signs, landmarks)
 
 
@@ -94,8 +94,8 @@ _VECTORS: tuple[tuple[tuple[int, int], int, dict[str, int]], ...] = (
 """Shape, expression and texture coefficients, and what follows, of versions 1, 2, 3, 3 and 4."""
 
 
-def _numbers(held: dict[Any, Any], path: str | Path, key: str) -> np.ndarray:
-    value = held.get(key)
+def _numbers(fields: dict[Any, Any], path: str | Path, key: str) -> np.ndarray:
+    value = fields.get(key)
     if (
         not isinstance(value, np.ndarray)
         or value.dtype.kind not in "fiu"
@@ -113,26 +113,26 @@ def _numbers(held: dict[Any, Any], path: str | Path, key: str) -> np.ndarray:
     return value.astype(np.float64)
 
 
-def _directions(held: dict[Any, Any], path: str | Path, key: str, vertices: int) -> np.ndarray:
+def _directions(fields: dict[Any, Any], path: str | Path, key: str, vertices: int) -> np.ndarray:
     """(v, 3, n): stored as (3 v, n), xyz of a vertex after one another."""
-    value = _numbers(held, path, key)
+    value = _numbers(fields, path, key)
     if not vertices or value.ndim < 2 or value.size != 3 * vertices * value.shape[-1]:
         raise InputError(path, key, f"shape ({3 * vertices}, any)", value.shape)
     return value.reshape(vertices, 3, value.shape[-1])
 
 
-def _fifty_two(held: dict[Any, Any], path: str | Path, vertices: int, others: np.ndarray) -> np.ndarray:
+def _fifty_two(fields: dict[Any, Any], path: str | Path, vertices: int, others: np.ndarray) -> np.ndarray:
     """Version 3's 52 directions, in the dict or in a file beside it; without them its 171."""
     beside = Path(path).with_name("exBase_52.npy")
-    if "exBase_52" not in held and what_is(beside) == "a file":
+    if "exBase_52" not in fields and what_is(beside) == "a file":
         return _directions({"exBase_52": read_array(beside)}, beside, "exBase_52", vertices)
-    return _directions(held, path, "exBase_52", vertices) if "exBase_52" in held else others
+    return _directions(fields, path, "exBase_52", vertices) if "exBase_52" in fields else others
 
 
-def _landmarks(held: dict[Any, Any], path: str | Path, vertices: int) -> tuple[np.ndarray, np.ndarray]:
+def _landmarks(fields: dict[Any, Any], path: str | Path, vertices: int) -> tuple[np.ndarray, np.ndarray]:
     """A file's landmarks, and those that tell the axes."""
     for key, places in LANDMARKS.items():
-        listed = np.asarray(held.get(key, ()))
+        listed = np.asarray(fields.get(key, ()))
         if listed.dtype.kind not in "iuf" or listed.size <= max(places):
             continue
         ids = listed.ravel().astype(np.int64)
@@ -157,9 +157,9 @@ def _unit_and_signs(points: np.ndarray, path: str | Path) -> tuple[str, tuple[in
     return units[0], (signs[0], signs[1], signs[2])
 
 
-def _named(held: dict[Any, Any], expression: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+def _named(fields: dict[Any, Any], expression: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     """Directions in our order with their names where the file names the 52; as they are and without names elsewhere."""
-    listed = held.get("exp_name_list")
+    listed = fields.get("exp_name_list")
     given = [_own(name) for name in (listed.ravel().tolist() if isinstance(listed, np.ndarray) else listed or ())]
     if len(given) < expression.shape[2] or not set(EXPRESSION_NAMES) <= set(given[: expression.shape[2]]):
         return expression, ()
@@ -174,9 +174,9 @@ def _own(name: object) -> str:
     return _OWN.get(text.replace("_", "").lower(), "")
 
 
-def _faces(held: dict[Any, Any], path: str | Path, vertices: np.ndarray) -> np.ndarray:
+def _faces(fields: dict[Any, Any], path: str | Path, vertices: np.ndarray) -> np.ndarray:
     """(f, 3), counted from 0, counter-clockwise from outside."""
-    faces = _numbers(held, path, "tri").reshape(-1, 3).astype(np.int64)
+    faces = _numbers(fields, path, "tri").reshape(-1, 3).astype(np.int64)
     if len(faces) and faces.min() == 1 and faces.max() == len(vertices):
         faces = faces - 1
     if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
@@ -186,9 +186,9 @@ def _faces(held: dict[Any, Any], path: str | Path, vertices: np.ndarray) -> np.n
     return faces if outwards >= 0 else faces[:, ::-1].copy()
 
 
-def _eyes(held: dict[Any, Any], path: str | Path, mean: np.ndarray) -> dict[str, np.ndarray]:
+def _eyes(fields: dict[Any, Any], path: str | Path, mean: np.ndarray) -> dict[str, np.ndarray]:
     """Vertices of the eyeballs by name, where the file tells them: behind the skin's, one after the other."""
-    ends = np.asarray(held.get("ver_inds", ())).ravel()
+    ends = np.asarray(fields.get("ver_inds", ())).ravel()
     if len(ends) < 3:
         return {}
     if ends.dtype.kind not in "iu" or (np.diff(ends[:3]) <= 0).any() or ends[0] < 0 or ends[2] > len(mean):

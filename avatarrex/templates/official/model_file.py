@@ -23,19 +23,19 @@ def read_model_file(path: str | Path, kind: str, title: str) -> dict[str, np.nda
     if read_head(path, f"{title} file (.npz or .pkl)", len(ZIP)) == ZIP:
         arrays = read_arrays(path, spec["arrays"])
     else:
-        held = read_dict(path, f"{title} file (.npz or .pkl)")
+        fields = read_dict(path, f"{title} file (.npz or .pkl)")
         rules = spec["arrays"].items()
-        arrays = {key: _dense(path, key, held[key], rule["shape"]) for key, rule in rules if key in held}
+        arrays = {key: _dense(path, key, fields[key], rule["shape"]) for key, rule in rules if key in fields}
     check_arrays(arrays, path, spec)
     return arrays
 
 
 def read_dict(path: str | Path, expected: str) -> dict[Any, Any]:
     """A pickle, or an `.npy`, of a dict. Raises `InputError`."""
-    held = read_pickle(path, expected)
-    if not isinstance(held, dict):
-        raise InputError(path, "", f"{expected} that holds a dict", type(held).__name__)
-    return held
+    fields = read_pickle(path, expected)
+    if not isinstance(fields, dict):
+        raise InputError(path, "", f"{expected} that holds a dict", type(fields).__name__)
+    return fields
 
 
 def _dense(path: str | Path, key: str, value: Any, shape: list[int | str]) -> np.ndarray:
