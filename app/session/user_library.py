@@ -183,6 +183,13 @@ def library_folder() -> Path:
     return _user_folder("XDG_DATA_HOME", (".local", "share"), "Application Support") / "avatarrex-studio" / "library"
 
 
+def models_folder() -> Path:
+    """`AVATARREX_MODELS`, or `avatarrex-studio/models` where the system keeps a user's data."""
+    if folder := os.environ.get("AVATARREX_MODELS"):
+        return Path(folder)
+    return _user_folder("XDG_DATA_HOME", (".local", "share"), "Application Support") / "avatarrex-studio" / "models"
+
+
 def cache_folder() -> Path:
     """`avatarrex-studio` where the system keeps what can be made again."""
     return _user_folder("XDG_CACHE_HOME", (".cache",), "Caches") / "avatarrex-studio"

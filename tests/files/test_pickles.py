@@ -1,4 +1,4 @@
-"""Pickles of model files: what they hold is read as plain arrays, whatever wrote them; everything else is refused by name."""
+"""Pickles of model files: what they contain is read as plain arrays, whatever wrote them; everything else is refused by name."""
 
 from __future__ import annotations
 

@@ -17,9 +17,9 @@ from scipy.spatial.transform import Rotation
 from avatarrex.errors import InputError
 from avatarrex.files.arrays import read_array
 from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.official.known_models import HAND_FILE, HEAD_FILE
 from avatarrex.templates.official.model_file import read_dict
 
-HAND_FILE, HEAD_FILE = "MANO_SMPLX_vertex_ids.pkl", "SMPL-X__FLAME_vertex_ids.npy"
 HAND_JOINTS = {"left": [20, *range(25, 40)], "right": [21, *range(40, 55)]}
 """SMPL-X's joints in MANO's order."""
 HEAD_JOINTS = {1: 12, 2: 22, 3: 23, 4: 24}

@@ -25,7 +25,7 @@ from avatarrex.templates.official.model_file import read_dict
 VERSIONS = {(150, 74): 1, (150, 52): 2, (150, 171): 3, (156, 177): 4}
 """By how many shape and expression directions the file has."""
 V3_VERTICES = 15456
-"""Version 3 may hold 52 directions, too, and is then told by these."""
+"""Version 3 may have 52 directions, too, and is then told by these."""
 UNITS = {"metres": 1.0, "decimetres": 0.1, "centimetres": 0.01, "millimetres": 0.001}
 WIDTH = (0.09, 0.21)
 """Metres between the outermost landmarks of a face, before the ears."""
