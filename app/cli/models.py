@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 from avatarrex_studio.session.user_library import models_folder
@@ -45,7 +46,8 @@ def _list(folder: Path) -> int:
 
 def _add(files: list[str], folder: Path) -> int:
     from avatarrex.files.pickles import PICKLE_BYTES
-    from avatarrex.templates.official.known_models import describe, model_of, published_name
+    from avatarrex.templates.official.known_models import model_of, published_name
+    from avatarrex.templates.official.model_check import describe
 
     known = [(Path(file), model_of(file)) for file in files]
     for path, model in known:
@@ -61,22 +63,26 @@ def _add(files: list[str], folder: Path) -> int:
 
 def _check(folder: Path) -> int:
     """Each file in a line, and what does not fit; exit status 1 where a file is refused."""
-    from avatarrex.templates.official.known_models import KNOWN, check_together, describe
+    from avatarrex.templates.official.known_models import KNOWN
+    from avatarrex.templates.official.model_check import check_together, describe
 
     found = [(model, path) for model in KNOWN if (path := model.find(folder))]
     if not found:
         print(plain(f"{folder}: no models; `avatarrex-studio models list` says which there are"))
-    refused = 0
-    for model, path in found:
-        try:
-            print(plain(f"{path.name}: {describe(model, path)}"))
-        except InputError as error:
-            print(f"refused: {error}")
-            refused = 1
+    tests = [lambda model=model, path=path: f"{path.name}: {describe(model, path)}" for model, path in found]
+    refused = [said for test in tests if (said := _refusal(test))]
     if not refused:
-        try:
-            print("\n".join(check_together(folder)))
-        except InputError as error:
-            print(f"refused: {error}")
-            refused = 1
-    return refused
+        refused = [said for said in [_refusal(lambda: "\n".join(check_together(folder)))] if said]
+    return int(bool(refused))
+
+
+def _refusal(test: Callable[[], str]) -> str:
+    """Print what a test says, or why it refuses, which is the result; empty where it does not."""
+    try:
+        said = test()
+    except InputError as error:
+        print(f"refused: {error}")
+        return str(error)
+    if said:
+        print("\n".join(map(plain, said.splitlines())))
+    return ""

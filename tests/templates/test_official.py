@@ -32,8 +32,8 @@ from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.templates.model import TemplateModel, pose_template
 from avatarrex.templates.official.correspondence import (
     check_ids,
-    find_hand_ids,
-    find_head_ids,
+    hand_ids,
+    head_ids,
     read_hand_ids,
     read_head_ids,
 )
@@ -334,9 +334,9 @@ def test_correspondences_are_found_without_the_files(tmp_path: Path, body: Templ
     """On meshes that differ by some millimetres and lie elsewhere: all vertices of both hands and the head."""
     for side, wanted in (("left", LEFT_IDS), ("right", RIGHT_IDS)):
         hand = read_hand(write_chumpy(tmp_path / f"{side}.pkl", mano(side)), side).model
-        found = find_hand_ids(hand, body, side)
+        found = hand_ids(hand, body, side)
         np.testing.assert_array_equal(found, wanted)
-    np.testing.assert_array_equal(find_head_ids(read_flame(write_chumpy(tmp_path / "f.pkl", flame())), body), HEAD_IDS)
+    np.testing.assert_array_equal(head_ids(read_flame(write_chumpy(tmp_path / "f.pkl", flame())), body), HEAD_IDS)
 
 
 def test_other_triangles_are_not_forced_upon_the_body(tmp_path: Path, body: TemplateModel) -> None:
@@ -345,4 +345,4 @@ def test_other_triangles_are_not_forced_upon_the_body(tmp_path: Path, body: Temp
     with pytest.raises(
         InputError, match=r"MANO_SMPLX_vertex_ids\.pkl: expected this file, since the meshes do not tell"
     ):
-        find_hand_ids(hand, body, "right")
+        hand_ids(hand, body, "right")

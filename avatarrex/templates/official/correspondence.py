@@ -61,14 +61,24 @@ def check_ids(ids: np.ndarray, part: TemplateModel, body: TemplateModel, source:
         raise InputError(source, "", expected, f"{shared:.1%}")
 
 
-def find_hand_ids(hand: TemplateModel, body: TemplateModel, side: str) -> np.ndarray:
-    """(778,) of a hand, closed or not. Raises `InputError` naming the file that tells them where the meshes do not fit."""
-    joints = dict(enumerate(HAND_JOINTS[side]))
-    return _found(hand, body, joints, 778, HAND_FILE)
+def hand_ids(hand: TemplateModel, body: TemplateModel, side: str, file: Path | None = None) -> np.ndarray:
+    """(778,) of a hand, closed or not: from the published file, checked, or else found.
+
+    Raises `InputError`, which names the file that is needed where the meshes do not tell.
+    """
+    if file is not None:
+        ids = read_hand_ids(file)[side]
+        check_ids(ids, hand, body, file)
+        return ids
+    return _found(hand, body, dict(enumerate(HAND_JOINTS[side])), 778, HAND_FILE)
 
 
-def find_head_ids(head: TemplateModel, body: TemplateModel) -> np.ndarray:
-    """(5023,) of a FLAME head. Raises `InputError` as above."""
+def head_ids(head: TemplateModel, body: TemplateModel, file: Path | None = None) -> np.ndarray:
+    """(5023,) of a FLAME head, as above."""
+    if file is not None:
+        ids = read_head_ids(file)
+        check_ids(ids, head, body, file)
+        return ids
     return _found(head, body, HEAD_JOINTS, 5023, HEAD_FILE)
 
 

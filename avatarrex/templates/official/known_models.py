@@ -1,11 +1,10 @@
 """The models that a user may bring: names of their files, where they are published, and what goes on without them.
 
-A models folder has them under these names. Torch is taken for reading one alone. None comes with this program: their licences are between the user and their makers.
+A models folder has them under these names. None comes with this program: their licences are between the user and their makers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -85,106 +84,3 @@ def published_name(path: str | Path) -> str:
     """A file's name as its makers write it."""
     names = (*BESIDE, *(file for model in KNOWN for file in model.files))
     return next(name for name in names if name.lower() == Path(path).name.lower())
-
-
-def describe(model: KnownModel | None, path: Path) -> str:
-    """Read a file and say what it is. Raises `InputError`."""
-    return _TOLD[model.name](path) if model else _told_beside(path)
-
-
-def check_together(folder: Path) -> list[str]:
-    """What is only seen with several files: the left hand's fault, and vertices that do not belong to the body. Raises `InputError`."""
-    from avatarrex.templates.official import correspondence as ids
-    from avatarrex.templates.official.flame import read_flame
-    from avatarrex.templates.official.mano import read_hands
-    from avatarrex.templates.official.smplx import read_smplx
-
-    found = {model.name: path for model in KNOWN if (path := model.find(folder))}
-    said = []
-    body = read_smplx(found["smplx"]).model if "smplx" in found else None
-    if {"mano_left", "mano_right"} <= set(found):
-        hands = read_hands(found["mano_left"], found["mano_right"])
-        fault = (
-            "has the right's shape directions: mirrored when read"
-            if hands["left"].repaired
-            else "is mirrored as it should be"
-        )
-        said.append(f"MANO: the left hand {fault}")
-        if body is not None:
-            file = found.get("hand_ids")
-            for side, hand in hands.items():
-                if file is None:
-                    ids.find_hand_ids(hand.model, body, side)
-                else:
-                    ids.check_ids(ids.read_hand_ids(file)[side], hand.model, body, file)
-            said.append(
-                f"hands: their vertices are SMPL-X's, {'found on the meshes' if file is None else f'by {file.name}'}"
-            )
-    if body is not None and "flame" in found:
-        head, file = read_flame(found["flame"]), found.get("head_ids")
-        if file is None:
-            ids.find_head_ids(head, body)
-        else:
-            ids.check_ids(ids.read_head_ids(file), head, body, file)
-        said.append(f"head: its vertices are SMPL-X's, {'found on the meshes' if file is None else f'by {file.name}'}")
-    return said
-
-
-def _smplx(path: Path) -> str:
-    from avatarrex.templates.official.smplx import read_smplx
-
-    found = read_smplx(path)
-    hands = "hands with components and mean" if len(found.hands) == 2 else "no hand components"
-    head = ", locked head" if found.locked_head else ""
-    poses = "" if found.model.posedirs is not None else ", no pose blend shapes"
-    return f"SMPL-X, {found.version} directions{head}{poses}, {hands}"
-
-
-def _mano(side: str) -> Callable[[Path], str]:
-    def told(path: Path) -> str:
-        from avatarrex.templates.official.mano import read_hand
-
-        return f"MANO, {side} hand, wrist closed with {len(read_hand(path, side).model.faces) - 1538} triangles"
-
-    return told
-
-
-def _flame(path: Path) -> str:
-    from avatarrex.templates.official.flame import read_flame
-
-    found = read_flame(path)
-    return f"FLAME, {found.shapedirs.shape[2]} + {found.expression_dirs.shape[2]} directions"
-
-
-def _faceverse(path: Path) -> str:
-    from avatarrex.templates.official.faceverse import read_faceverse
-
-    found = read_faceverse(path)
-    axes = "axes as here" if found.turned == (1, 1, 1) else f"axes turned (signs {found.turned})"
-    count = found.model.expression_dirs.shape[2]
-    names = "with Apple's names" if found.model.expression_names else "without names"
-    return f"Faceverse {found.version}, {len(found.model.v_template)} vertices, in {found.unit}, {axes}, {count} expressions {names}"
-
-
-def _hand_ids(path: Path) -> str:
-    from avatarrex.templates.official.correspondence import read_hand_ids
-
-    return f"vertices of {' and '.join(read_hand_ids(path))} hand"
-
-
-def _head_ids(path: Path) -> str:
-    from avatarrex.templates.official.correspondence import read_head_ids
-
-    return f"{len(read_head_ids(path))} vertices of the head"
-
-
-def _told_beside(path: Path) -> str:
-    from avatarrex.files.arrays import read_array
-
-    return f"52 expressions of Faceverse 3, numbers {read_array(path).shape}"
-
-
-_TOLD: dict[str, Callable[[Path], str]] = {
-    "smplx": _smplx, "mano_left": _mano("left"), "mano_right": _mano("right"), "flame": _flame, "faceverse": _faceverse,
-    "hand_ids": _hand_ids, "head_ids": _head_ids,
-}  # fmt: skip
