@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,8 +78,10 @@ def run(arguments: argparse.Namespace) -> int:
     capture = open_capture(arguments.capture)
     for note in capture.notes:
         print(note)
-    capture = _fitted(split_as_wanted(capture, arguments), start, arguments)
     parts = tuple(part for part in recipe.steps() if part in (chosen or capture.rigs))
+    capture = split_as_wanted(capture, arguments)
+    require_pictures(capture, parts)
+    capture = _fitted(capture, start, arguments)
     trained = _open_run(arguments, _config(arguments, capture, recipe, parts, seed))
     with trained:
         recipe = kept_recipe(trained.path, trained.config, arguments.mixed, arguments.from_scratch)
@@ -134,6 +136,18 @@ def split_as_wanted(capture: Capture, arguments: argparse.Namespace) -> Capture:
     option = "--validation-frames"
     named = {name: frames(arguments.validation_frames, rig.frames, option) for name, rig in capture.rigs.items()}
     return with_validation(capture, named)
+
+
+def require_pictures(capture: Capture, parts: Iterable[str]) -> None:
+    """Raise `InputError` where the rig of a part that is to be trained has no picture for it, before anything is fitted."""
+    from avatarrex.capture.readers.splits import Splits
+
+    for name in parts:
+        rig = capture.rigs.get(name)
+        if rig is None or Splits.of(rig).train.pictures(rig):
+            continue
+        found = f"{len(rig.held_out_frames)} of {rig.frames} frames and {len(rig.held_out_views)} of {len(rig.views)} cameras held out"
+        raise InputError(capture.path, f"{name} rig", "at least one picture to train on", found)
 
 
 def trained_on(rig: Rig, arguments: argparse.Namespace) -> Rig:
