@@ -7,10 +7,9 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from avatarrex_studio.session.user_library import models_folder
-
 from avatarrex.errors import InputError, plain
 from avatarrex.files.gate import check_file, check_writable, what_is, written
+from avatarrex.templates.official.known_models import models_folder
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:

@@ -8,10 +8,8 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
-from avatarrex_studio.session.user_library import models_folder
-
 from avatarrex.gl.context import NoContext, gl_context, in_software, renderer_name
-from avatarrex.templates.official.known_models import KNOWN, KnownModel
+from avatarrex.templates.official.known_models import KNOWN, KnownModel, models_folder
 
 PACKAGES: tuple[tuple[str, str, str, str], ...] = (
     ("Videos", "av", "MP4 and WebM in Export…, films of captures (PyAV has its own ffmpeg)", "video"),

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from avatarrex_studio.cli.main import main
 from avatarrex_studio.jobs.available import available
-from avatarrex_studio.session.user_library import models_folder
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "templates"))
 from official_files import (
@@ -26,7 +25,7 @@ from official_files import (
 )
 from python2_pickles import write_python2
 
-from avatarrex.templates.official.known_models import KNOWN
+from avatarrex.templates.official.known_models import KNOWN, models_folder
 
 
 @pytest.fixture(autouse=True)

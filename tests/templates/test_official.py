@@ -239,6 +239,7 @@ def test_version_threes_52_lie_in_the_dict_or_beside_it(tmp_path: Path, inside: 
     model = read_faceverse(write_faceverse(tmp_path / "face.npy", fields)).model
     assert model.expression_names == EXPRESSION_NAMES
     np.testing.assert_allclose(model.expression_dirs, truth["expression"][..., :52], atol=1e-6)
+    assert read_faceverse(write_faceverse(tmp_path / "fewer.npy", {**fields, "exBase": fewer})).version == 3
 
 
 def test_eyes_turn_about_their_middle_and_follow_the_shape(tmp_path: Path) -> None:

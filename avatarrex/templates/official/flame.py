@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.model_arrays import read_model
 from avatarrex.templates.official.model_file import read_model_file
-from avatarrex.templates.person import read_model
 
 JOINTS = ("root", "neck", "jaw", "left_eye", "right_eye")
 

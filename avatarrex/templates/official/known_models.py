@@ -5,11 +5,13 @@ A models folder has them under these names. None comes with this program: their 
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import what_is
+from avatarrex.files.user_folder import user_folder
 
 HAND_FILE, HEAD_FILE = "MANO_SMPLX_vertex_ids.pkl", "SMPL-X__FLAME_vertex_ids.npy"
 SMPLX_SITE, MANO_SITE, FLAME_SITE = (f"https://{name}.is.tue.mpg.de" for name in ("smpl-x", "mano", "flame"))
@@ -52,7 +54,7 @@ KNOWN: tuple[KnownModel, ...] = (
     ),
     KnownModel(
         "flame", "FLAME head", ("generic_model.pkl", "flame2023.pkl", "flame2023_no_jaw.pkl", "FLAME_NEUTRAL.pkl"),
-        f"{FLAME_SITE}, Downloads, 'FLAME 2020' or 'FLAME 2023'", "nothing else needs it",
+        f"{FLAME_SITE}, Downloads, 'FLAME 2020' or 'FLAME 2023'", "all else: nothing needs it",
     ),
     KnownModel(
         "head_ids", "Vertices of the head", (HEAD_FILE,), f"{SMPLX_SITE}, Downloads, 'MANO and FLAME vertex indices'",
@@ -62,6 +64,13 @@ KNOWN: tuple[KnownModel, ...] = (
 """In the order of the list."""
 BESIDE = ("exBase_52.npy",)
 """Files that belong to another one and are added beside it."""
+
+
+def models_folder() -> Path:
+    """`AVATARREX_MODELS`, or `avatarrex-studio/models` where the system keeps a user's data."""
+    if folder := os.environ.get("AVATARREX_MODELS"):
+        return Path(folder)
+    return user_folder("XDG_DATA_HOME", (".local", "share"), "Application Support") / "avatarrex-studio" / "models"
 
 
 def model_of(path: str | Path) -> KnownModel | None:

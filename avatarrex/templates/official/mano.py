@@ -17,9 +17,9 @@ from avatarrex.errors import InputError
 from avatarrex.signals.joints import HAND_JOINTS
 from avatarrex.templates.hand import open_loop
 from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.model_arrays import hash_arrays, read_model
 from avatarrex.templates.official.hand_space import HandSpace
 from avatarrex.templates.official.model_file import read_model_file
-from avatarrex.templates.person import hash_arrays, read_model
 
 SAME = 1e-6
 """Metres per coefficient: x directions of both hands that differ by no more are the same; mirrored ones differ by millimetres."""

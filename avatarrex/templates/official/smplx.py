@@ -17,9 +17,9 @@ from scipy.sparse.csgraph import connected_components
 
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.model_arrays import hash_arrays, read_model
 from avatarrex.templates.official.hand_space import HandSpace
 from avatarrex.templates.official.model_file import read_model_file
-from avatarrex.templates.person import hash_arrays, read_model
 
 HEAD, EYES = 15, {"left_eye": 23, "right_eye": 24}
 LOCKED = 1e-5
