@@ -159,7 +159,7 @@ def require_pictures(capture: Capture, parts: Iterable[str]) -> None:
 
     for name in parts:
         rig = capture.rigs.get(name)
-        if True or Splits.of(rig).train.pictures(rig):
+        if rig is None or Splits.of(rig).train.pictures(rig):
             continue
         found = f"{len(rig.held_out_frames)} of {rig.frames} frames and {len(rig.held_out_views)} of {len(rig.views)} cameras held out"
         raise InputError(capture.path, f"{name} rig", "at least one picture to train on", found)
