@@ -23,6 +23,7 @@ VERBS = {
     "render": "render without a display",
     "replay": "render the end of a saved session",
     "export": "an avatar as a file for other programs: GLB, VRM, USD, OBJ, PLY, a web page",
+    "models": "body, hand and face models of your own: SMPL-X, MANO, FLAME, Faceverse",
     "motion": "how a motion file is read, beside its own skeleton",
     "inspect": "say what a file or folder contains",
     "runs": "watch trainings: curves, samples, time left",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,6 +46,12 @@ def add_options(verb: argparse.ArgumentParser) -> None:
         help="frames kept for the training's own figures, instead of some by rule",
     )
     add("--start", metavar="AVATAR", help="an avatar to go on from (with --recipe refine), in place of the template")
+    add(
+        "--person",
+        default="default",
+        metavar="P",
+        help="template: default, or models for SMPL-X, MANO, Faceverse of the models folder",
+    )
     add("--from-scratch", action="store_true", help="from nothing: neither the packaged prior nor the template's shape")
     add("--no-surface", action="store_true", help="end without distilling the avatar's surface, which level live draws")
     add("--force", action="store_true", help="train though the capture is unusable by `capture check`")
@@ -57,6 +63,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Train, or go on with a training. Raises `InputError` before any work for a wrong option."""
+    options.one_of("--person", arguments.person, ("default", "models"))
     recipe = RECIPES[options.one_of("--recipe", arguments.recipe, RECIPES)]
     if arguments.from_scratch:
         if arguments.start:
@@ -78,8 +85,11 @@ def run(arguments: argparse.Namespace) -> int:
     capture = open_capture(arguments.capture)
     for note in capture.notes:
         print(note)
-    capture = _fitted(split_as_wanted(capture, arguments), start, arguments)
+    capture = with_person(capture, arguments.person)
     parts = tuple(part for part in recipe.steps() if part in (chosen or capture.rigs))
+    capture = split_as_wanted(capture, arguments)
+    require_pictures(capture, parts)
+    capture = _fitted(capture, start, arguments)
     trained = _open_run(arguments, _config(arguments, capture, recipe, parts, seed))
     with trained:
         recipe = kept_recipe(trained.path, trained.config, arguments.mixed, arguments.from_scratch)
@@ -134,6 +144,25 @@ def split_as_wanted(capture: Capture, arguments: argparse.Namespace) -> Capture:
     option = "--validation-frames"
     named = {name: frames(arguments.validation_frames, rig.frames, option) for name, rig in capture.rigs.items()}
     return with_validation(capture, named)
+
+
+def with_person(capture: Capture, name: str) -> Capture:
+    """The capture with another template. Raises `InputError`."""
+    from avatarrex.templates.person import load_person
+
+    return capture if name == "default" else replace(capture, person=load_person(name))
+
+
+def require_pictures(capture: Capture, parts: Iterable[str]) -> None:
+    """Raise `InputError` where the rig of a part that is to be trained has no picture for it, before anything is fitted."""
+    from avatarrex.capture.readers.splits import Splits
+
+    for name in parts:
+        rig = capture.rigs.get(name)
+        if rig is None or Splits.of(rig).train.pictures(rig):
+            continue
+        found = f"{len(rig.held_out_frames)} of {rig.frames} frames and {len(rig.held_out_views)} of {len(rig.views)} cameras held out"
+        raise InputError(capture.path, f"{name} rig", "at least one picture to train on", found)
 
 
 def trained_on(rig: Rig, arguments: argparse.Namespace) -> Rig:
@@ -210,6 +239,7 @@ def _config(
         "seed": seed,
         "command": _command(arguments),
         "start": arguments.start,
+        "person": arguments.person,
         "steps": {part: steps for part, steps in recipe.steps().items() if part in parts},
         "recipe": recipe.to_json(),
         "capture_key": capture.key,
@@ -239,8 +269,8 @@ def _open_run(arguments: argparse.Namespace, config: dict[str, Any]) -> Run:
     if not arguments.resume:
         return Run.create(arguments.out, config)
     begun = read_about(Path(arguments.out))["config"]
-    for key in ("part", "preset", "seed", "start", "held_out", "splits"):
-        if begun.get(key, config[key] if key == "splits" else None) != config[key]:
+    for key in ("part", "preset", "seed", "start", "person", "held_out", "splits"):
+        if begun.get(key, {"splits": config[key], "person": "default"}.get(key)) != config[key]:
             raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as requested", begun.get(key))
     kept_recipe(Path(arguments.out), begun, arguments.mixed, arguments.from_scratch)
     return Run.open(arguments.out)

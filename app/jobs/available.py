@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from avatarrex.gl.context import NoContext, gl_context, in_software, renderer_name
+from avatarrex.templates.official.known_models import KNOWN, KnownModel, models_folder
 
 PACKAGES: tuple[tuple[str, str, str, str], ...] = (
     ("Videos", "av", "MP4 and WebM in Export…, films of captures (PyAV has its own ffmpeg)", "video"),
@@ -37,7 +38,21 @@ class Ability:
 
 def available() -> tuple[Ability, ...]:
     """All, in the order of the page. Torch and an OpenGL context are taken for it."""
-    return (_opengl(), _graphics_card(), *(_package(*entry) for entry in PACKAGES), *_cameras())
+    packages = (_package(*entry) for entry in PACKAGES)
+    return (_opengl(), _graphics_card(), *packages, *_cameras(), *models(models_folder()))
+
+
+def models(folder: Path) -> tuple[Ability, ...]:
+    """The models that a user may bring; their files are not opened."""
+    return tuple(_model(model, folder) for model in KNOWN)
+
+
+def _model(model: KnownModel, folder: Path) -> Ability:
+    path = model.find(folder)
+    if path is not None:
+        return Ability(model.title, True, path.name)
+    step = f"Get {model.files[0]} from {model.published}; then: avatarrex-studio models add {model.files[0]}"
+    return Ability(model.title, False, f"no {model.files[0]}: without it {model.without}", step)
 
 
 def lines(found: tuple[Ability, ...]) -> list[str]:

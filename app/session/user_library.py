@@ -9,7 +9,6 @@ The folder is `AVATARREX_LIBRARY`, or else the system's place for a user's data 
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy as np
 from avatarrex.errors import InputError
 from avatarrex.files.gate import what_is
 from avatarrex.files.json_text import read_json, write_json
+from avatarrex.files.user_folder import user_folder
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import mirror
 
@@ -180,25 +180,17 @@ def library_folder() -> Path:
     """`AVATARREX_LIBRARY`, or `avatarrex-studio/library` where the system keeps a user's data."""
     if folder := os.environ.get("AVATARREX_LIBRARY"):
         return Path(folder)
-    return _user_folder("XDG_DATA_HOME", (".local", "share"), "Application Support") / "avatarrex-studio" / "library"
+    return user_folder("XDG_DATA_HOME", (".local", "share"), "Application Support") / "avatarrex-studio" / "library"
 
 
 def cache_folder() -> Path:
     """`avatarrex-studio` where the system keeps what can be made again."""
-    return _user_folder("XDG_CACHE_HOME", (".cache",), "Caches") / "avatarrex-studio"
+    return user_folder("XDG_CACHE_HOME", (".cache",), "Caches") / "avatarrex-studio"
 
 
 def state_folder() -> Path:
     """`avatarrex-studio` where the system keeps what a program remembers between its runs."""
-    return _user_folder("XDG_STATE_HOME", (".local", "state"), "Application Support") / "avatarrex-studio"
-
-
-def _user_folder(variable: str, elsewhere: tuple[str, ...], mac: str) -> Path:
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / mac
-    return Path(os.environ.get(variable) or Path.home().joinpath(*elsewhere))
+    return user_folder("XDG_STATE_HOME", (".local", "state"), "Application Support") / "avatarrex-studio"
 
 
 _RESERVED = {"CON", "PRN", "AUX", "NUL", *(f"{port}{k}" for port in ("COM", "LPT") for k in range(1, 10))}

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import shutil
 import stat
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -55,6 +56,16 @@ def read_bytes(path: str | Path, expected: str, largest: int = TEXT_BYTES, field
         return Path(path).read_bytes()
     except (OSError, MemoryError) as error:
         raise InputError(path, field, expected, getattr(error, "strerror", None) or "too little memory") from None
+
+
+def read_head(path: str | Path, expected: str, count: int) -> bytes:
+    """The first bytes of a file of any size. Raises `InputError`."""
+    check_file(path, expected, sys.maxsize)
+    try:
+        with open(path, "rb") as file:
+            return file.read(count)
+    except OSError as error:
+        raise InputError(path, "", expected, error.strerror or error) from None
 
 
 def read_text(path: str | Path, expected: str, errors: str = "strict", largest: int = TEXT_BYTES) -> str:

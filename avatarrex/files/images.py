@@ -19,6 +19,7 @@ from avatarrex.errors import InputError
 from avatarrex.files.gate import read_bytes
 from avatarrex.files.gate import write_text as write_text
 from avatarrex.files.gate import written as written
+from avatarrex.files.whole_picture import check_whole
 
 NO_PICTURE = (OSError, ValueError, SyntaxError, Image.DecompressionBombError, Image.DecompressionBombWarning)
 """What Pillow raises for what is no picture; ValueError: text that unpacks to megabytes."""
@@ -69,7 +70,10 @@ def read_pixels(path: str | Path) -> UInt8[np.ndarray, "h w 3"]:
     content = read_bytes(path, "a PNG or JPEG")
     try:
         with Image.open(io.BytesIO(content), formats=("PNG", "JPEG")) as picture:
+            check_whole(content, np.asarray(picture), path)
             return np.asarray(ImageOps.exif_transpose(picture).convert("RGBA"))[..., :3].copy()
+    except InputError:
+        raise
     except NO_PICTURE as error:
         raise InputError(path, "", "a PNG or JPEG", str(error).splitlines()[0]) from None
 

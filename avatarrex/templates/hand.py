@@ -82,7 +82,7 @@ def cut_hand(body: TemplateModel, side: str) -> HandTemplate:
     faces = _largest_component(faces[(on_arm & beyond).cpu().numpy()[faces].all(1)])
     ids, faces = np.unique(faces, return_inverse=True)
     faces = faces.reshape(-1, 3)
-    rim = _open_loop(faces, side)
+    rim = open_loop(faces, f"template: {side} hand")
     cap = np.stack([rim, np.full(len(rim), len(ids)), np.roll(rim, -1)], 1)
     kept = torch.from_numpy(ids)
 
@@ -121,15 +121,13 @@ def _largest_component(faces: np.ndarray) -> np.ndarray:
     return np.asarray(faces[label[faces[:, 0]] == np.bincount(label[faces[:, 0]]).argmax()])
 
 
-def _open_loop(faces: np.ndarray, side: str) -> np.ndarray:
-    """The vertices of the single open loop, in the order of its half-edges."""
+def open_loop(faces: np.ndarray, source: str) -> np.ndarray:
+    """The vertices of the single open loop, in the order of its half-edges. Raises `InputError` naming `source`."""
     edges = {(int(a), int(b)) for a, b in faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)}
     following = {a: b for a, b in edges if (b, a) not in edges}
     loop = [min(following)] if following else []
     while loop and following.get(loop[-1], loop[0]) != loop[0] and len(loop) <= len(following):
         loop.append(following[loop[-1]])
     if not loop or len(loop) != len(following):
-        raise InputError(
-            "template", f"{side} hand", "one open loop across the forearm", f"{len(following)} open edges in several"
-        )
+        raise InputError(source, "", "one open loop across the forearm", f"{len(following)} open edges in several")
     return np.array(loop)

@@ -1,39 +1,32 @@
 """A person's templates together: body, both hands, face, and the painted weights that compose them.
 
-One reader serves the packaged person and official SMPL-X arrays (assets_spec/person.md): joints are explicit (`J_template`,
-`J_shapedirs`) or follow from a regressor, J = J_regressor · v_shaped, which is linear and so
-becomes joint directions. A `PersonFit` gives the person another body's size.
+The packaged person, one from an `.npz` in its layout, or a folder of models as they are published (docs/formats.md). A `PersonFit` gives
+a person of the first two kinds another body's size.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.errors import InputError
-from avatarrex.files.assets import DATA, check_arrays, read_npz, read_spec
-from avatarrex.templates.face import FaceTemplate, cut_face
+from avatarrex.files.assets import DATA, read_npz
+from avatarrex.files.gate import what_is
+from avatarrex.templates.face import FaceTemplate, cut_face, paint_face
 from avatarrex.templates.hand import HandTemplate, cut_hand
 from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.model_arrays import hash_arrays, read_model, real
+from avatarrex.templates.official.known_models import models_folder
+from avatarrex.templates.official.parts import read_parts
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person_fit import PersonFit
-
-POSING = (
-    "v_template", "f", "shapedirs", "n_shape", "J_template", "J_shapedirs", "J_regressor", "J_idx", "J_w", "weights",
-    "kintree_table", "posedirs", "pose_columns",
-)  # fmt: skip
-"""The arrays that decide where a posed vertex is, and so the person's hash."""
-LARGEST_NUMBER = 1e4
-"""Of a template's numbers: metres, weights and directions of a person are all far below."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +64,21 @@ class Person:
 
 
 def load_person(source: str | Path = "default") -> Person:
-    """The packaged person ("default") or one from an `.npz` in the same layout; read once. Raises `InputError`."""
-    return _load(str(source), DATA / "person.npz" if source == "default" else Path(source))
+    """The packaged person ("default"), one from an `.npz` in the same layout, or one of SMPL-X, MANO and Faceverse files: of the user's
+    models folder ("models") or another folder; read once.
+
+    Raises `InputError`.
+    """
+    known = {"default": DATA / "person.npz", "models": models_folder()}
+    return _load(str(source), known.get(str(source), Path(source)))
 
 
 @lru_cache(maxsize=4)
 @torch.inference_mode(False)
 def _load(name: str, path: Path) -> Person:
+    if what_is(path) == "a folder":
+        found = read_parts(path)
+        return _whole(found.body, (found.left_hand, found.right_hand, found.face), name, found.hash)
     arrays = read_npz(path, "person")
     body = read_model(arrays, path)
     if len(body.parents) != 55:
@@ -92,124 +93,28 @@ def resize_person(person: Person, fit: PersonFit) -> Person:
     """
     if person.fit is not None:
         raise InputError("person", "fit", "a person of the original size", "one that is resized")
+    if person.face.body_vertex_ids.max() < 0:
+        raise InputError(
+            person.name, "fit", "a person cut out of one body", "one of several models: its size is its shape's"
+        )
     vertices, joints = fit.moved(person.body.double())
-    resized = replace(person.body, v_template=_real(vertices), joint_template=_real(joints))
+    resized = replace(person.body, v_template=real(vertices), joint_template=real(joints))
     digest = hashlib.sha256((person.hash + json.dumps(fit.to_json())).encode())
     return replace(_cut(resized, person.name, digest.hexdigest()[:16]), fit=fit)
 
 
 def _cut(body: TemplateModel, name: str, hash: str) -> Person:
     """The person of a body: hands and face are cut out of it."""
-    left, right, face = cut_hand(body, "left"), cut_hand(body, "right"), cut_face(body)
+    return _whole(body, (cut_hand(body, "left"), cut_hand(body, "right"), cut_face(body)), name, hash)
+
+
+def _whole(body: TemplateModel, parts: tuple[HandTemplate, HandTemplate, FaceTemplate], name: str, hash: str) -> Person:
+    """The person of a body and its parts, whose ω are painted on the body, too."""
     painted = body.v_template.new_zeros(len(body.v_template), len(PARTS))
-    parts: tuple[HandTemplate | FaceTemplate, ...] = (left, right, face)
-    for column, part in enumerate(parts):
+    every: tuple[HandTemplate | FaceTemplate, ...] = parts
+    for column, part in enumerate(every):
         on_body = part.body_vertex_ids >= 0
         painted[part.body_vertex_ids[on_body], column] = part.blend_weight[on_body]
-    return Person(body, left, right, face, painted, name, hash)
-
-
-def hash_arrays(arrays: Mapping[str, np.ndarray]) -> str:
-    """First 16 hex digits of SHA-256 over names, types, shapes and bytes of the arrays that pose a template."""
-    digest = hashlib.sha256()
-    for key in POSING:
-        if key in arrays:
-            value = arrays[key]
-            little = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
-            digest.update(f"{key} {value.dtype.str[1:]} {value.shape};".encode() + little.tobytes())
-    return digest.hexdigest()[:16]
-
-
-def read_model(arrays: dict[str, np.ndarray], source: str | Path) -> TemplateModel:
-    """A `TemplateModel` from arrays in the layout of `assets_spec/person.json`. Raises `InputError`."""
-    check_arrays(arrays, source, read_spec("person"))
-    _check_range(arrays, source)
-    v = len(arrays["v_template"])
-    faces = arrays["f"].astype(np.int64)
-    if not faces.size or faces.min() < 0 or faces.max() >= v:
-        raise InputError(source, "f", f"vertex indices below {v}", f"up to {faces.max()}" if faces.size else "none")
-    sums = arrays["weights"].astype(np.float64).sum(1)
-    # Half precision stores weights to 5e-4 each, and at most a dozen joints move a vertex.
-    if arrays["weights"].min() < 0 or np.abs(sums - 1).max() > 6e-3:
-        raise InputError(source, "weights", "rows ≥ 0 that sum to one", f"sums {sums.min():.3g} to {sums.max():.3g}")
-    posedirs = arrays.get("posedirs")
-    columns = arrays.get("pose_columns")
-    n_shape = _shape_count(arrays, source)
-    joint_template, joint_shapedirs, joint_expression = _joints(arrays, source, n_shape)
-    groups = arrays.get("vertex_group", np.zeros(0, int))
-    return TemplateModel(
-        v_template=_real(arrays["v_template"]),
-        faces=torch.from_numpy(faces),
-        shapedirs=_real(arrays["shapedirs"][..., :n_shape]),
-        expression_dirs=_real(arrays["shapedirs"][..., n_shape:]),
-        weights=_real(arrays["weights"] / sums[:, None]),
-        joint_template=_real(joint_template),
-        joint_shapedirs=_real(joint_shapedirs),
-        parents=_parents(arrays["kintree_table"], source),
-        joint_names=tuple(map(str, arrays.get("joint_names", ()))),
-        expression_names=tuple(map(str, arrays.get("expression_names", ()))),
-        posedirs=None if posedirs is None else _real(posedirs),
-        pose_columns=None if posedirs is None or columns is None else torch.from_numpy(columns.astype(np.int64)),
-        groups={
-            str(name): torch.from_numpy(np.flatnonzero(groups == k))
-            for k, name in enumerate(arrays.get("group_names", ()))
-        },
-        joint_expression_dirs=None if joint_expression is None else _real(joint_expression),
-    )
-
-
-def _check_range(arrays: Mapping[str, np.ndarray], source: str | Path) -> None:
-    """Raise `InputError` for an array that is empty, or has numbers that no template has."""
-    for key in ("v_template", "weights", "shapedirs", "posedirs", "J_template", "J_shapedirs", "J_regressor", "J_w"):
-        if key not in arrays:
-            continue
-        if not arrays[key].size and key in ("v_template", "weights"):
-            raise InputError(source, key, "at least one vertex and joint", arrays[key].shape)
-        largest = float(np.abs(arrays[key]).max(initial=0))
-        if largest > LARGEST_NUMBER:
-            raise InputError(source, key, f"numbers up to {LARGEST_NUMBER:g}", f"{largest:.4g}")
-
-
-def _shape_count(arrays: Mapping[str, np.ndarray], source: str | Path) -> int:
-    """How many of `shapedirs` are shape: stated, or by the official files' totals."""
-    total = arrays["shapedirs"].shape[2]
-    count = int(arrays["n_shape"]) if "n_shape" in arrays else {400: 300, 20: 10}.get(total, -1)
-    if not 0 <= count <= total:
-        raise InputError(
-            source, "n_shape", f"0 to {total} (or shapedirs of 400 or 20 directions)", arrays.get("n_shape")
-        )
-    return count
-
-
-def _joints(
-    arrays: Mapping[str, np.ndarray], source: str | Path, n_shape: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Joints of the mean shape, their shape directions, their expression directions (None where explicit)."""
-    joints, v = arrays["weights"].shape[1], len(arrays["v_template"])
-    if "J_template" in arrays and "J_shapedirs" in arrays:
-        if arrays["J_shapedirs"].shape[2] != n_shape:
-            raise InputError(source, "J_shapedirs", f"{n_shape} directions", arrays["J_shapedirs"].shape)
-        return arrays["J_template"], arrays["J_shapedirs"], None
-    if "J_regressor" in arrays:
-        regressor = arrays["J_regressor"].astype(np.float64)
-    else:
-        joint, vertex = arrays["J_idx"].astype(np.int64).T
-        if min(joint.min(), vertex.min()) < 0 or joint.max() >= joints or vertex.max() >= v:
-            raise InputError(source, "J_idx", f"joints below {joints}, vertices below {v}", "an index beyond them")
-        regressor = np.zeros((joints, v))
-        np.add.at(regressor, (joint, vertex), arrays["J_w"].astype(np.float64))
-    directions = np.einsum("jv,vcd->jcd", regressor, arrays["shapedirs"].astype(np.float64), optimize=True)
-    return regressor @ arrays["v_template"].astype(np.float64), directions[..., :n_shape], directions[..., n_shape:]
-
-
-def _parents(table: np.ndarray, source: str | Path) -> tuple[int, ...]:
-    """Parents by joint; the root's is −1, or 2³² − 1 as an unsigned file writes it."""
-    joints = table.shape[1]
-    if sorted(table[1].tolist()) != list(range(joints)):
-        raise InputError(source, "kintree_table", f"row 1 to list joints 0 to {joints - 1}", table[1].tolist()[:8])
-    parents = dict(zip(table[1].tolist(), table[0].tolist()))
-    return tuple(-1 if parents[j] in (-1, 2**32 - 1) else int(parents[j]) for j in range(joints))
-
-
-def _real(values: np.ndarray) -> Tensor:
-    return torch.from_numpy(np.array(values, dtype=np.float32))
+    if (parts[2].body_vertex_ids < 0).all():  # a face with a mesh of its own
+        painted[:, 2] = paint_face(body)
+    return Person(body, *parts, painted, name, hash)

@@ -15,7 +15,8 @@ from avatarrex.errors import InputError
 from avatarrex.files.arrays import read_arrays
 from avatarrex.files.assets import DATA, SPECS, check_arrays, read_npz, read_spec
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
-from avatarrex.templates.person import hash_arrays, load_person, read_model
+from avatarrex.templates.model_arrays import hash_arrays, read_model
+from avatarrex.templates.person import load_person
 
 
 def test_the_packaged_person_speaks_the_signals_language() -> None:

@@ -14,7 +14,7 @@ import torch
 from avatarrex.files.arrays import read_arrays
 from avatarrex.files.assets import DATA, check_arrays, read_spec
 from avatarrex.templates.model import TemplateModel, pose_template
-from avatarrex.templates.person import read_model
+from avatarrex.templates.model_arrays import read_model
 
 SPECS = Path(__file__).parents[2] / "assets_spec"
 CLOSED = ("body", "tongue", "left_eye", "right_eye")

@@ -12,7 +12,8 @@ from official import evaluate, random_official, random_pose
 from avatarrex.errors import InputError
 from avatarrex.files.assets import DATA, read_npz
 from avatarrex.templates.model import TemplateModel, pose_template, shape_template
-from avatarrex.templates.person import load_person, read_model
+from avatarrex.templates.model_arrays import read_model
+from avatarrex.templates.person import load_person
 from avatarrex.templates.transform import world_from_root
 
 

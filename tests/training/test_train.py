@@ -211,6 +211,21 @@ def test_nothing_left_to_train_on_is_said_at_once(capture, tmp_path):
         trainer.train()
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "found"),
+    [("--held-out-frames", "0:9", "3 of 3 frames and"), ("--held-out-views", "c0,c1,c2", "3 of 3 cameras held out")],
+)
+def test_a_capture_without_pictures_to_train_on_is_refused_before_anything(
+    capture, tmp_path, capsys, monkeypatch, option, value, found
+):
+    monkeypatch.setattr("avatarrex_studio.cli.train._fitted", lambda *_: pytest.fail("fitted"))
+    assert main(["train", str(capture), "--out", str(tmp_path / "run"), "--parts", "body", option, value]) == 2
+    said = capsys.readouterr().err
+    assert "body rig: expected at least one picture to train on, found " in said
+    assert found in said
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_part_without_a_rig_is_refused(capture, tmp_path):
     run = Run.create(tmp_path / "run", {"part": "face", "seed": 0})
     with pytest.raises(InputError, match="rigs of the capture"), run:

@@ -1,0 +1,87 @@
+"""`avatarrex-studio models list|add|check`: the body, hand and face models that a user brings, in one folder."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from avatarrex.errors import InputError, plain
+from avatarrex.files.gate import check_file, check_writable, what_is, written
+from avatarrex.templates.official.known_models import models_folder
+
+
+def add_options(verb: argparse.ArgumentParser) -> None:
+    """Each act with its own."""
+    acts = verb.add_subparsers(dest="act", metavar="ACT", required=True)
+    listed = acts.add_parser("list", help="which are there, and what to do about the others", allow_abbrev=False)
+    add = acts.add_parser("add", help="read files and copy them into the folder", allow_abbrev=False)
+    add.add_argument("files", nargs="+", metavar="FILE", help="under the name that it is published under")
+    check = acts.add_parser(
+        "check", help="read every file of the folder, and those that belong together", allow_abbrev=False
+    )
+    for act in (listed, add, check):
+        act.add_argument("--folder", metavar="DIR", help="instead of the user's models folder (AVATARREX_MODELS)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """List, add or check. Raises `InputError`."""
+    folder = models_folder() if arguments.folder is None else Path(arguments.folder)
+    if what_is(folder) not in ("a folder", "nothing there"):
+        raise InputError(folder, "", "a folder of models", what_is(folder))
+    if arguments.act == "add":
+        return _add(arguments.files, folder)
+    return _list(folder) if arguments.act == "list" else _check(folder)
+
+
+def _list(folder: Path) -> int:
+    from avatarrex_studio.jobs.available import lines, models
+
+    print(plain(f"models folder: {folder}"))
+    print("\n".join(map(plain, lines(models(folder)))))
+    return 0
+
+
+def _add(files: list[str], folder: Path) -> int:
+    from avatarrex.files.pickles import PICKLE_BYTES
+    from avatarrex.templates.official.known_models import model_of, published_name
+    from avatarrex.templates.official.model_check import describe
+
+    known = [(Path(file), model_of(file)) for file in files]
+    for path, model in known:
+        check_file(path, "a model's file", PICKLE_BYTES)
+        target = folder / published_name(path)
+        check_writable(target)
+        said = describe(model, path)
+        with written(target) as temporary:
+            shutil.copyfile(path, temporary)
+        print(plain(f"{target}: {said}"))
+    return 0
+
+
+def _check(folder: Path) -> int:
+    """Each file in a line, and what does not fit; exit status 1 where a file is refused."""
+    from avatarrex.templates.official.known_models import KNOWN
+    from avatarrex.templates.official.model_check import check_together, describe
+
+    found = [(model, path) for model in KNOWN if (path := model.find(folder))]
+    if not found:
+        print(plain(f"{folder}: no models; `avatarrex-studio models list` says which there are"))
+    tests = [lambda model=model, path=path: f"{path.name}: {describe(model, path)}" for model, path in found]
+    refused = [said for test in tests if (said := _refusal(test))]
+    if not refused:
+        refused = [said for said in [_refusal(lambda: "\n".join(check_together(folder)))] if said]
+    return int(bool(refused))
+
+
+def _refusal(test: Callable[[], str]) -> str:
+    """Print what a test says, or why it refuses, which is the result; empty where it does not."""
+    try:
+        said = test()
+    except InputError as error:
+        print(f"refused: {error}")
+        return str(error)
+    if said:
+        print("\n".join(map(plain, said.splitlines())))
+    return ""
