@@ -1,4 +1,4 @@
-"""`avatarrex-studio capture make|check|refine`: the synthetic capture, how well any capture fits together, better tracking."""
+"""`avatarrex-studio capture make|check|refine|import`: the synthetic capture, how well any fits together, better tracking, other layouts."""
 
 from __future__ import annotations
 
@@ -46,9 +46,15 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     refine.add_argument("--every-frame", action="store_true", help=every)
 
 
+    what = "a capture of another layout (AvatarReX, THuman4.0, ZJU-MoCap, ActorsHQ, IMAvatar, NeRFace) written in ours"
+    imported = acts.add_parser("import", help=what, allow_abbrev=False)
+    imported.add_argument("source", help="a folder or .zip")
+    imported.add_argument("out", help="a new folder, or one to go on with")
+
+
 def run(arguments: argparse.Namespace) -> int:
-    """Make a capture, check or refine one. Raises `InputError`."""
-    return {"make": _make, "check": _check, "refine": _refine}[arguments.act](arguments)
+    """Do what the act says. Raises `InputError`."""
+    return {"make": _make, "check": _check, "refine": _refine, "import": _import}[arguments.act](arguments)
 
 
 def _make(arguments: argparse.Namespace) -> int:
@@ -79,3 +85,12 @@ def _refine(arguments: argparse.Namespace) -> int:
     from avatarrex_studio.cli.capture_refine import refine
 
     return refine(arguments.capture, arguments.every_frame, out)
+
+
+def _import(arguments: argparse.Namespace) -> int:
+    out = output_folder(arguments.out, "capture.json")
+    from avatarrex.capture.importers.import_capture import import_capture
+
+    print("\n".join(import_capture(Path(arguments.source), out).lines()))
+    print(out)
+    return 0
