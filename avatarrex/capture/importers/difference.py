@@ -1,7 +1,7 @@
 """Mattes from a picture of the empty scene: what differs from it, in one piece, without holes; and how good any matte is.
 
-d = max over channels of |image − backdrop|; foreground from `CLEAR` times the noise on, the share rising from `FAINT`. Exposure that has changed
-between the two is undone by the median ratio of their colours. Letters: h w pixels.
+d = max over channels of |image − backdrop|; foreground from `CLEAR` times the noise on; in its rim, two pixels wide, the share is d over that of
+the foreground. Exposure that has changed between the two is undone by the median ratio of their colours. Letters: h w pixels.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-FAINT, CLEAR = 4.0, 8.0
-"""In standard deviations of the pictures' noise: where a share of foreground begins, and where it is whole."""
+CLEAR, FULL = 6.0, 0.9
+"""Standard deviations of the pictures' noise from which on something differs; share of the foreground's median difference that is whole."""
+HOLE = 0.003
+"""Of the person's area: holes below it are the person, too."""
 LEAST_NOISE = 2.0
 """Of 255: JPEG's own."""
 SMALL = 0.02
@@ -52,14 +54,21 @@ def difference_matte(image: np.ndarray, backdrop: np.ndarray) -> np.ndarray:
     lit = (empty > 16) & (empty < 240)
     ratio = [float(np.median(seen[..., c][lit[..., c]] / empty[..., c][lit[..., c]])) if lit[..., c].any() else 1.0 for c in range(3)]
     away = np.abs(seen - empty * np.clip(ratio, 0.5, 2.0)).max(2)
-    away = ndimage.gaussian_filter(away, 0.7)
     noise = max(1.4826 * float(np.median(away)), LEAST_NOISE)
-    share = np.clip((away / noise - FAINT) / (CLEAR - FAINT), 0, 1)
-    kept = largest_pieces(ndimage.binary_opening(share > 0.5, iterations=1))
-    whole = ndimage.binary_fill_holes(ndimage.binary_closing(kept, iterations=2))
-    near = ndimage.binary_dilation(whole, iterations=1)
-    inner = ndimage.binary_erosion(whole, iterations=1)
+    smooth = ndimage.gaussian_filter(away, 0.7)
+    whole = _filled(largest_pieces(ndimage.binary_opening(smooth > CLEAR * noise)))
+    if not whole.any():
+        return np.zeros(whole.shape, np.uint8)
+    share = np.clip(away / (FULL * np.median(away[whole])), 0, 1)
+    near, inner = ndimage.binary_dilation(whole), ndimage.binary_erosion(whole)
     return np.asarray(np.rint(255 * np.where(inner, 1.0, np.where(near, share, 0.0))), np.uint8)
+
+
+def _filled(mask: np.ndarray) -> np.ndarray:
+    """(h, w) bool without small holes; what is between an arm and the body stays open."""
+    labels, _ = ndimage.label(~mask)
+    area = np.bincount(labels.ravel())
+    return np.asarray(mask | (area < HOLE * mask.sum())[labels])
 
 
 def largest_pieces(mask: np.ndarray) -> np.ndarray:

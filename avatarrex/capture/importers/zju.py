@@ -24,6 +24,8 @@ from avatarrex.errors import InputError, check
 SMPL_PELVIS = np.array([-0.0018, -0.2233, 0.0282])
 """J_0 of the neutral SMPL template, metres, to 0.1 mm."""
 PARAMETERS, MATTES = ("new_params", "params"), ("mask_cihp", "mask")
+SIZED = 5
+"""Pictures of a camera that are looked at for their size, which annots.npy does not say."""
 LARGEST_PARAMETERS = 2**20
 """Bytes of one frame's."""
 
@@ -72,7 +74,7 @@ def _lenses(reading: Reading, cams: Any, images: list[dict[int, str]], place: st
     for view, paths in enumerate(images):
         name = next(iter(paths.values())).split("/")[-2] if "/" in next(iter(paths.values())) else f"camera{view:02d}"
         name = re.sub(r"[^\w.-]+", "_", name)
-        size = reading.attempt(f"camera {name}", partial(_first_size, reading, paths))
+        size = reading.attempt(f"camera {name}", partial(_size, reading, paths))
         if size is None:
             lenses.append(None)
             continue
@@ -101,13 +103,17 @@ def _stack(values: Any, place: str, key: str) -> np.ndarray:
     return found
 
 
-def _first_size(reading: Reading, paths: dict[int, str]) -> tuple[int, int]:
-    """Width and height of the first picture that is there."""
-    there = (reading.name(path) for path in paths.values() if reading.archive.exists(reading.name(path)))
-    first = next(there, None)
-    if first is None:
+def _size(reading: Reading, paths: dict[int, str]) -> tuple[int, int]:
+    """Width and height that most of the first pictures have."""
+    sizes = []
+    for path in list(paths.values())[:SIZED]:
+        try:
+            sizes.append(picture_size(reading.archive, reading.name(path)))
+        except InputError:  # one of the problems when it is its turn
+            continue
+    if not sizes:
         raise InputError(reading.place(), "", "pictures", "none")
-    return picture_size(reading.archive, first)
+    return max(sizes, key=sizes.count)
 
 
 def _mattes(reading: Reading, paths: dict[int, str]) -> dict[int, str]:
