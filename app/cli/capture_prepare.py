@@ -14,7 +14,6 @@ from avatarrex.capture.importers.preparing import Options, Preparing
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.files.json_text import SMALL, read_json, write_json
 
-
 MARKER = "steps/refined.json"
 """Which capture the refined one was made from."""
 

@@ -73,7 +73,9 @@ class Clothed:
             fine = camera.resized(FINER * camera.width, FINER * camera.height)
             for frame, vertices in enumerate(self.surfaces):
                 mask = silhouette(vertices, subject().faces, fine)
-                found[name, frame] = np.array(Image.fromarray(np.uint8(255 * mask)).resize((camera.width, camera.height), Image.Resampling.BOX))
+                found[name, frame] = np.array(
+                    Image.fromarray(np.uint8(255 * mask)).resize((camera.width, camera.height), Image.Resampling.BOX)
+                )
         return found
 
     def parameters(self) -> dict[str, np.ndarray]:
@@ -85,11 +87,16 @@ class Clothed:
             "arkit52": np.stack([one.expression for one in self.motion]), "arkit_names": np.array(EXPRESSION_NAMES), **self.changed,
         }  # fmt: skip
 
-    def write(self, out: Path, pictures: dict[str, str] | None = None, flipped: bool = False, shift: float = 0.0) -> Path:
-        """Our layout. `pictures`: whose a camera's are, where not its own; `flipped`: rows from the bottom up; `shift`: of principal points."""
+    def write(
+        self, out: Path, pictures: dict[str, str] | None = None, flipped: bool = False, shift: float = 0.0
+    ) -> Path:
+        """Our layout. `pictures`: whose a camera's are, where not its own; `flipped` rows; `shift` of principal points."""
         body = out / "body"
         moved = np.array([[0, 0, shift], [0, 0, shift], [0, 0, 0]])
-        lenses = [Lens(name, replace(one, intrinsics=one.intrinsics + moved), np.zeros(5)) for name, one in self.lenses.items()]
+        lenses = [
+            Lens(name, replace(one, intrinsics=one.intrinsics + moved), np.zeros(5))
+            for name, one in self.lenses.items()
+        ]
         body.mkdir(parents=True)
         (body / "calibration_full.json").write_text(json.dumps(calibration(tuple(lenses))))
         (body / "smpl_params.npz").write_bytes(npz(**self.parameters()))

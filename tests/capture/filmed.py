@@ -30,7 +30,7 @@ def exact_landmarks(one: Clothed) -> np.ndarray:
 
 
 def detected(places: np.ndarray, cameras: list[Camera], pixels: float, wrong: float, seed: int = 1) -> np.ndarray:
-    """(t, c, l, 3) what a detector says of places (t, l, 3): column, row and confidence, off by `pixels`; a share is anywhere in the picture."""
+    """(t, c, l, 3) what a detector says of places (t, l, 3): column, row, confidence; a share is anywhere in the picture."""
     rng = np.random.default_rng(seed)
     found = np.ones((len(places), len(cameras), places.shape[1], 3))
     for view, camera in enumerate(cameras):
@@ -48,7 +48,9 @@ def openpose(triples: np.ndarray) -> dict:
         rows = [triples[names.index(name)] - [0.5, 0.5, 0] if name else np.zeros(3) for name in wanted]
         return [round(float(value), 3) for value in np.ravel(rows)]
 
-    hands = {f"hand_{side}_keypoints_2d": flat(tuple(f"{side}_{name}" for name in HAND_21)) for side in ("left", "right")}
+    hands = {
+        f"hand_{side}_keypoints_2d": flat(tuple(f"{side}_{name}" for name in HAND_21)) for side in ("left", "right")
+    }
     person = {"person_id": [-1], "pose_keypoints_2d": flat(BODY_25), "face_keypoints_2d": [], **hands}
     return {"version": 1.3, "people": [person]}
 
@@ -72,8 +74,19 @@ def toml(cameras: dict[str, Camera]) -> str:
         k, pose = camera.intrinsics.copy(), camera.camera_from_world
         k[:2, 2] -= 0.5
         turn = Rotation.from_matrix(pose[:3, :3]).as_rotvec().tolist()
-        lines += [f"[{name}]", f'name = "{name}"', f"size = [{camera.width}.0, {camera.height}.0]", f"matrix = {k.tolist()}"]
-        lines += ["distortions = [0.0, 0.0, 0.0, 0.0]", f"rotation = {turn}", f"translation = {pose[:3, 3].tolist()}", "fisheye = false", ""]
+        lines += [
+            f"[{name}]",
+            f'name = "{name}"',
+            f"size = [{camera.width}.0, {camera.height}.0]",
+            f"matrix = {k.tolist()}",
+        ]
+        lines += [
+            "distortions = [0.0, 0.0, 0.0, 0.0]",
+            f"rotation = {turn}",
+            f"translation = {pose[:3, 3].tolist()}",
+            "fisheye = false",
+            "",
+        ]
     return "\n".join([*lines, "[metadata]", "adjusted = false", "error = 0.0", ""])
 
 
@@ -82,7 +95,9 @@ def easymocap(cameras: dict[str, Camera]) -> dict[str, str]:
 
     def matrix(key: str, values: np.ndarray) -> str:
         data = ", ".join(f"{value:.12g}" for value in values.ravel())
-        return f"{key}: !!opencv-matrix\n  rows: {values.shape[0]}\n  cols: {values.shape[1]}\n  dt: d\n  data: [{data}]\n"
+        return (
+            f"{key}: !!opencv-matrix\n  rows: {values.shape[0]}\n  cols: {values.shape[1]}\n  dt: d\n  data: [{data}]\n"
+        )
 
     head = "%YAML:1.0\n---\nnames:\n" + "".join(f'  - "{name}"\n' for name in cameras)
     intri, extri = head, head
@@ -108,7 +123,12 @@ def colmap(cameras: dict[str, Camera], scale: float = 0.2) -> dict[str, str]:
     return {"cameras.txt": intri, "images.txt": extri}
 
 
-def film(one: Clothed, out: Path, calibration: Callable[[dict[str, Camera]], dict[str, str]] | None = None, backdrop: bool = False) -> Path:
+def film(
+    one: Clothed,
+    out: Path,
+    calibration: Callable[[dict[str, Camera]], dict[str, str]] | None = None,
+    backdrop: bool = False,
+) -> Path:
     """Images, mattes (or a picture of the empty scene), OpenPose files, and Caliscope's calibration unless another is given."""
     files = {"calibration.toml": toml(one.lenses)} if calibration is None else calibration(one.lenses)
     out.mkdir(parents=True)
@@ -128,5 +148,7 @@ def film(one: Clothed, out: Path, calibration: Callable[[dict[str, Camera]], dic
             said = json.dumps(openpose(found[frame, view]))
             (out / "keypoints" / name / f"{name}_{frame:012d}_keypoints.json").write_text(said)
         if backdrop:
-            Image.fromarray(np.broadcast_to(BACKDROP, (*one.mattes[name, 0].shape, 3)).copy()).save(out / "background" / f"{name}.png")
+            Image.fromarray(np.broadcast_to(BACKDROP, (*one.mattes[name, 0].shape, 3)).copy()).save(
+                out / "background" / f"{name}.png"
+            )
     return out

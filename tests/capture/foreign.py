@@ -75,7 +75,11 @@ def pickled(value: object) -> bytes:
 def smplx(one: Scene) -> dict[str, np.ndarray]:
     """SMPL-X parameters: the pelvis is at its J_0 + transl."""
     arrays = parameters(one.signals, False)
-    kept = {name: value for name, value in arrays.items() if not name.startswith("arkit") and name not in ("leye_pose", "reye_pose")}
+    kept = {
+        name: value
+        for name, value in arrays.items()
+        if not name.startswith("arkit") and name not in ("leye_pose", "reye_pose")
+    }
     return {**kept, "transl": arrays["transl"] - SMPLX_PELVIS}
 
 
@@ -91,7 +95,10 @@ def written_avatarrex(one: Scene, out: Path) -> None:
 
 def written_thuman(one: Scene, out: Path) -> None:
     names = {name: f"cam{view:02d}" for view, name in enumerate(one.cameras)}
-    put(out / "calibration.json", json.dumps({names[name]: _json_camera(camera) for name, camera in one.cameras.items()}).encode())
+    put(
+        out / "calibration.json",
+        json.dumps({names[name]: _json_camera(camera) for name, camera in one.cameras.items()}).encode(),
+    )
     put(out / "smpl_params.npz", npz(**smplx(one)))
     for name, frame in one.pairs:
         put(out / "images" / names[name] / f"{frame:08d}.jpg", jpg(one.images[name, frame]))
@@ -120,11 +127,18 @@ def written_zju(one: Scene, out: Path) -> None:
         root = Z_UP * Rotation.from_rotvec(signals.global_orient.copy())
         pelvis = Z_UP.apply(signals.translation.copy())
         poses = np.concatenate([np.zeros(3), signals.body_pose.ravel(), np.zeros(6)])
-        said = {"poses": poses[None], "Rh": root.as_rotvec()[None], "Th": (pelvis - root.apply(SMPL_PELVIS))[None], "shapes": np.zeros((1, 10))}
+        said = {
+            "poses": poses[None],
+            "Rh": root.as_rotvec()[None],
+            "Th": (pelvis - root.apply(SMPL_PELVIS))[None],
+            "shapes": np.zeros((1, 10)),
+        }
         put(out / "new_params" / f"{frame}.npy", pickled(said))
     for name, frame in one.pairs:
         put(out / names[name] / f"{frame:06d}.jpg", jpg(one.images[name, frame]))
-        put(out / "mask_cihp" / names[name] / f"{frame:06d}.png", png_bytes(np.where(one.mattes[name, frame] > 0, 5, 0)))
+        put(
+            out / "mask_cihp" / names[name] / f"{frame:06d}.png", png_bytes(np.where(one.mattes[name, frame] > 0, 5, 0))
+        )
 
 
 def png_bytes(labels: np.ndarray) -> bytes:
@@ -170,7 +184,15 @@ def head_poses(one: Scene) -> list[tuple[np.ndarray, np.ndarray]]:
 def heads(seed: int = 3) -> Scene:
     """Whose body, fingers and face stay at rest, as the layouts of heads have it."""
     one = scene(2, seed, "face")
-    still = [signals.replace(body_pose=np.zeros((21, 3)), left_hand_pose=np.zeros((15, 3)), right_hand_pose=np.zeros((15, 3)), expression=np.zeros(52)) for signals in one.signals]
+    still = [
+        signals.replace(
+            body_pose=np.zeros((21, 3)),
+            left_hand_pose=np.zeros((15, 3)),
+            right_hand_pose=np.zeros((15, 3)),
+            expression=np.zeros(52),
+        )
+        for signals in one.signals
+    ]
     return still_scene(one, still)
 
 
@@ -193,11 +215,21 @@ def written_imavatar(one: Scene, out: Path) -> None:
         signals = one.signals[frame]
         pose = np.concatenate([root, np.zeros(3), signals.jaw_pose, signals.eye_pose.ravel()])
         world = (FLIP @ camera.camera_from_world @ moved)[:3]
-        entry = {"file_path": f"./image/{frame + 1}", "world_mat": world.tolist(), "expression": [0.1] * 50, "pose": pose.tolist(), "bbox": [0, 0, 1, 1]}
+        entry = {
+            "file_path": f"./image/{frame + 1}",
+            "world_mat": world.tolist(),
+            "expression": [0.1] * 50,
+            "pose": pose.tolist(),
+            "bbox": [0, 0, 1, 1],
+        }
         frames.append(entry)
         put(out / "image" / f"{frame + 1}.png", png(one.images[name, frame]))
         put(out / "mask" / f"{frame + 1}.png", png_bytes(one.mattes[name, frame]))
-    said = {"frames": frames, "shape_params": [0.0] * 100, "intrinsics": [-k[0, 0] / w, k[1, 1] / h, k[0, 2] / w, k[1, 2] / h]}
+    said = {
+        "frames": frames,
+        "shape_params": [0.0] * 100,
+        "intrinsics": [-k[0, 0] / w, k[1, 1] / h, k[0, 2] / w, k[1, 2] / h],
+    }
     put(out / "flame_params.json", json.dumps(said).encode())
 
 
@@ -213,7 +245,14 @@ def written_nerface(one: Scene, out: Path) -> None:
         turned[:3, :3] = Rotation.from_rotvec(root).as_matrix()
         turned[:3, 3] = neck - turned[:3, :3] @ neck
         world = np.linalg.inv(FLIP @ camera.camera_from_world @ moved @ turned)
-        frames.append({"file_path": f"./train/f_{frame:04d}", "transform_matrix": world.tolist(), "expression": [0.0] * 76, "bbox": [0, 0, 1, 1]})
+        frames.append(
+            {
+                "file_path": f"./train/f_{frame:04d}",
+                "transform_matrix": world.tolist(),
+                "expression": [0.0] * 76,
+                "bbox": [0, 0, 1, 1],
+            }
+        )
         put(out / "train" / f"f_{frame:04d}.png", png(one.images[name, frame]))
     put(out / "bg" / "00050.png", png(np.full((h, w, 3), BACKDROP, np.uint8)))
     said = {"camera_angle_x": 0.3, "frames": frames, "intrinsics": [-k[0, 0], k[1, 1], k[0, 2] / w, k[1, 2] / h]}

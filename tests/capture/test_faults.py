@@ -21,7 +21,7 @@ from avatarrex.signals.library import named_hand
 
 @pytest.fixture(scope="module")
 def clothed() -> Clothed:
-    return Clothed(cameras=4, frames=2, seed=0, size=(144, 192))
+    return Clothed(cameras=6, frames=2, seed=0, size=(168, 224))
 
 
 @pytest.fixture(scope="module")
@@ -45,15 +45,18 @@ def test_exchanged_cameras_are_named(clothed: Clothed, tmp_path: Path) -> None:
 
 
 def test_all_cameras_moved_on_by_one(clothed: Clothed, tmp_path: Path) -> None:
-    capture = opened(clothed, tmp_path, pictures={f"c{k}": f"c{(k + 1) % 4}" for k in range(4)})
-    assert exchanged(capture, capture.rigs["body"]) == {f"c{k}": f"c{(k + 1) % 4}" for k in range(4)}
+    capture = opened(clothed, tmp_path, pictures={f"c{k}": f"c{(k + 1) % 6}" for k in range(6)})
+    assert exchanged(capture, capture.rigs["body"]) == {f"c{k}": f"c{(k + 1) % 6}" for k in range(6)}
 
 
 def test_flipped_rows_are_named(clothed: Clothed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(conventions, "PICTURES", 4)
     monkeypatch.setattr(conventions, "PIXELS", 96)
     capture = opened(clothed, tmp_path, flipped=True)
-    assert likely_convention(capture, capture.rigs["body"]) == "the pictures' rows run from the bottom to the top: flip them"
+    assert (
+        likely_convention(capture, capture.rigs["body"])
+        == "the pictures' rows run from the bottom to the top: flip them"
+    )
 
 
 @pytest.mark.parametrize("shift", [-0.5, 0.5])
@@ -61,7 +64,9 @@ def test_half_a_pixel_is_named(shift: float, sound: Capture) -> None:
     """Principal points that are off by half a pixel, as of centres at integers (−0.5)."""
     rig = sound.rigs["body"]
     moved = np.array([[0, 0, shift], [0, 0, shift], [0, 0, 0]])
-    views = tuple(replace(view, camera=replace(view.camera, intrinsics=view.camera.intrinsics + moved)) for view in rig.views)
+    views = tuple(
+        replace(view, camera=replace(view.camera, intrinsics=view.camera.intrinsics + moved)) for view in rig.views
+    )
     found, before = (pixel_shift(sound, one) for one in (replace(rig, views=views), rig))
     assert found is not None
     assert before is not None
@@ -76,9 +81,15 @@ def test_hands_against_a_mean_are_named(sign: int, sound: Capture) -> None:
     rig, rng = sound.rigs["body"], np.random.default_rng(4)
     mean = {side: 0.9 * named_hand("relaxed", side) + 0.05 * rng.standard_normal((15, 3)) for side in ("left", "right")}
     frames = tuple(
-        one.replace(left_hand_pose=one.left_hand_pose + sign * mean["left"], right_hand_pose=one.right_hand_pose + sign * mean["right"])
+        one.replace(
+            left_hand_pose=one.left_hand_pose + sign * mean["left"],
+            right_hand_pose=one.right_hand_pose + sign * mean["right"],
+        )
         for one in rig.signals
     )
-    certain = {reading.sign: reading.certain for reading in hand_readings(sound, replace(rig, signals=replace(rig.signals, frames=frames)))}
+    certain = {
+        reading.sign: reading.certain
+        for reading in hand_readings(sound, replace(rig, signals=replace(rig.signals, frames=frames)))
+    }
     assert certain == {-sign: True, sign: False}
     assert not any(reading.certain for reading in hand_readings(sound, rig))

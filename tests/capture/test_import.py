@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from avatarrex_studio.cli.main import main
 from capture import foreign
-from capture.foreign import BODIES, FACES, Scene, pickled, put
+from capture.foreign import BODIES, FACES, Scene, pickled
 from capture.tiny_capture import TinyCapture
 from PIL import Image
 from scipy.spatial.transform import Rotation
@@ -109,7 +109,9 @@ def test_without_parameters(body: Scene, tmp_path: Path) -> None:
 def test_unknown_folders_are_refused_with_the_table(tmp_path: Path) -> None:
     (tmp_path / "odd").mkdir()
     (tmp_path / "odd" / "x.txt").write_text("")
-    with pytest.raises(InputError, match=r"calibration_full\.json \(AvatarReX\);.*annots\.npy \(ZJU-MoCap\).*found x\.txt"):
+    with pytest.raises(
+        InputError, match=r"calibration_full\.json \(AvatarReX\);.*annots\.npy \(ZJU-MoCap\).*found x\.txt"
+    ):
         import_capture(tmp_path / "odd", tmp_path / "out")
     with pytest.raises(InputError, match="one that is in ours"):
         import_capture(TinyCapture.make(("body",)).folder(tmp_path / "ours"), tmp_path / "out")
@@ -121,7 +123,9 @@ class _Calls:
 
 
 def test_nothing_is_called_by_a_pickle(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(InputError, match=r"a\.npy: expected an \.npy file of plain dictionaries.*found builtins\.print"):
+    with pytest.raises(
+        InputError, match=r"a\.npy: expected an \.npy file of plain dictionaries.*found builtins\.print"
+    ):
         read_plain(pickled({"cams": _Calls()}), "a.npy")
     assert capsys.readouterr().out == ""
     plain = {"K": [np.eye(3), np.float32(2)], "ims": ["a", {"b": (1, None)}], "poses": np.arange(4, dtype=np.int64)}
@@ -165,7 +169,10 @@ def test_what_differs_from_the_empty_scene() -> None:
     matte = difference_matte(*noisy)
     assert ((matte > 127) != ring).mean() < 0.004
     assert quality(matte).faults() == []
-    assert quality(np.full((9, 9), 255, np.uint8)).faults() == ["covers 100.0% of the picture", "covers 100% of the picture's border"]
+    assert quality(np.full((9, 9), 255, np.uint8)).faults() == [
+        "covers 100.0% of the picture",
+        "covers 100% of the picture's border",
+    ]
 
 
 @pytest.mark.slow
@@ -178,6 +185,17 @@ def test_an_imported_capture_is_trained_on(body: Scene, tmp_path: Path, monkeypa
     foreign.written_zju(body, tmp_path / "source")
     import_capture(tmp_path / "source", tmp_path / "out")
     run = tmp_path / "run"
-    words = ["train", str(tmp_path / "out"), "--out", str(run), "--recipe", "smoke", "--parts", "body", "--no-surface", "--force"]
+    words = [
+        "train",
+        str(tmp_path / "out"),
+        "--out",
+        str(run),
+        "--recipe",
+        "smoke",
+        "--parts",
+        "body",
+        "--no-surface",
+        "--force",
+    ]
     assert main(words) == 0
     assert json.loads((run / "run.json").read_text())["state"] == "finished"

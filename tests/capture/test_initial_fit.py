@@ -72,10 +72,23 @@ def test_centimetres_and_another_axis_up(moving: np.ndarray) -> None:
     cameras = ring(moving, 6)
     turn = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     scale = np.diag([100.0, 100, 100, 1])
-    other = [replace(one, camera_from_world=scale @ one.camera_from_world @ np.linalg.inv(scale @ turn) @ np.eye(4)) for one in cameras]
-    other = [replace(one, camera_from_world=np.block([[cam.camera_from_world[:3, :3] @ turn[:3, :3].T, 100 * cam.camera_from_world[:3, 3:]], [np.eye(4)[3:]]])) for one, cam in zip(other, cameras)]
+    other = [
+        replace(one, camera_from_world=scale @ one.camera_from_world @ np.linalg.inv(scale @ turn) @ np.eye(4))
+        for one in cameras
+    ]
+    other = [
+        replace(
+            one,
+            camera_from_world=np.block(
+                [[cam.camera_from_world[:3, :3] @ turn[:3, :3].T, 100 * cam.camera_from_world[:3, 3:]], [np.eye(4)[3:]]]
+            ),
+        )
+        for one, cam in zip(other, cameras)
+    ]
     found = filmed.detected(moving, cameras, NOISE, WRONG)
-    made = fit_initial(tuple(Lens(f"c{k}", one, np.zeros(5)) for k, one in enumerate(other)), found[..., :2], found[..., 2])
+    made = fit_initial(
+        tuple(Lens(f"c{k}", one, np.zeros(5)) for k, one in enumerate(other)), found[..., :2], found[..., 2]
+    )
     assert off(made, moving) < 0.015
     assert any("centimetres" in note for note in made.notes)
     assert any("+Z" in note for note in made.notes)
@@ -103,8 +116,10 @@ def test_nobody_is_refused(moving: np.ndarray) -> None:
 
 
 CALIBRATIONS: dict[str, Callable[[dict[str, Camera]], dict[str, str]]] = {
-    "TOML": lambda cameras: {"Calib_scene.toml": filmed.toml(cameras)}, "OpenCV YAML": filmed.easymocap, "COLMAP": lambda cameras: filmed.colmap(cameras, 1.0),
-}  # fmt: skip
+    "TOML": lambda cameras: {"Calib_scene.toml": filmed.toml(cameras)},
+    "OpenCV YAML": filmed.easymocap,
+    "COLMAP": lambda cameras: filmed.colmap(cameras, 1.0),
+}
 
 
 @pytest.mark.parametrize("kind", CALIBRATIONS)
@@ -150,7 +165,9 @@ def test_both_detectors_say_the_same(moving: np.ndarray, tmp_path: Path) -> None
             (tmp_path / "open" / lens.name / f"v_{frame:012d}_keypoints.json").write_text(json.dumps(said))
         frames = [filmed.mediapipe(exact[frame, view], (384, 512)) for frame in range(2)]
         (tmp_path / "media" / f"{lens.name}.json").write_text(json.dumps({"frames": frames}))
-    (tmp_path / "open" / "c1" / "v_000000000001_keypoints.json").write_text('{"people": [{"pose_keypoints_2d": [1, 2]}]}')
+    (tmp_path / "open" / "c1" / "v_000000000001_keypoints.json").write_text(
+        '{"people": [{"pose_keypoints_2d": [1, 2]}]}'
+    )
     names = landmarks().names
     for folder, problems in (("open", 1), ("media", 0)):
         points, confidence, said = read_detections(tmp_path / folder, lenses)

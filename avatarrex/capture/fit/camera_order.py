@@ -1,6 +1,7 @@
 """Whether cameras have each other's pictures: each matte is compared with the template as every camera would see it.
 
-The assignment of pictures to cameras with the largest sum of IoU is the order that the pictures have. Letters: c cameras. Training's split alone.
+The assignment of pictures to cameras with the largest sum of IoU is the order that the pictures have. Letters: c cameras. Training's
+split alone.
 """
 
 from __future__ import annotations

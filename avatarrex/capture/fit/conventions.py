@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -62,6 +63,10 @@ def _level(quarters: int) -> np.ndarray:
     return turn
 
 
+def _times(world: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    return np.asarray(matrix @ world)
+
+
 def _sideways(sign: float) -> np.ndarray:
     """From our world's axes to those of a file with +X (`sign` 1) or −X (−1) up."""
     turn = np.eye(4)
@@ -99,7 +104,10 @@ CONVENTIONS = (
     Convention("its world has +X up, the person's +Y: turn one into the other", _posed(lambda m: m @ _sideways(1.0))),
     Convention("its world has −X up, the person's +Y: turn one into the other", _posed(lambda m: m @ _sideways(-1.0))),
     *(
-        Convention(f"its world is turned by {90 * quarters}° about +Y against the person's", _posed(lambda m, quarters=quarters: m @ _level(quarters)))
+        Convention(
+            f"its world is turned by {90 * quarters}° about +Y against the person's",
+            _posed(partial(_times, _level(quarters))),
+        )
         for quarters in (1, 2, 3)
     ),
     Convention("the pictures' rows run from the bottom to the top: flip them", _flipped(True)),

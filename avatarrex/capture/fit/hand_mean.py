@@ -75,7 +75,10 @@ def hand_readings(capture: Capture, rig: Rig) -> tuple[HandReading, ...]:
     count = len(won[1])
     if count < 2:
         return ()
-    return tuple(HandReading(sign, float(np.mean(each)), float(np.std(each) / np.sqrt(count - 1)), count) for sign, each in won.items())
+    return tuple(
+        HandReading(sign, float(np.mean(each)), float(np.std(each) / np.sqrt(count - 1)), count)
+        for sign, each in won.items()
+    )
 
 
 def bent(signals: Signals, sign: int) -> Signals:
@@ -86,7 +89,9 @@ def bent(signals: Signals, sign: int) -> Signals:
     )
 
 
-def _compared(capture: Capture, camera: Camera, matte: np.ndarray, surfaces: dict[int, np.ndarray], side: str) -> dict[int, float] | None:
+def _compared(
+    capture: Capture, camera: Camera, matte: np.ndarray, surfaces: dict[int, np.ndarray], side: str
+) -> dict[int, float] | None:
     """IoU about a hand, by reading; None where it is too small, cut off or not before the background."""
     body = capture.person.body
     first = JOINT_NAMES.index(f"{side}_index1")

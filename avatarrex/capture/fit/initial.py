@@ -27,7 +27,12 @@ MEASURED = (
     ("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "middle1"), ("ankle", "big_toe"),
 )  # fmt: skip
 """Ends of limbs, of either side."""
-ACROSS = (("left_hip", "right_hip"), ("left_shoulder", "right_shoulder"), ("left_hip", "left_shoulder"), ("right_hip", "right_shoulder"))
+ACROSS = (
+    ("left_hip", "right_hip"),
+    ("left_shoulder", "right_shoulder"),
+    ("left_hip", "left_shoulder"),
+    ("right_hip", "right_shoulder"),
+)
 LENGTHENED = MEASURED[:4]
 """Limbs that take the length that was measured."""
 LENGTH_SIGMA = 0.015
@@ -72,7 +77,11 @@ class Initial:
 
 
 def fit_initial(
-    lenses: tuple[Lens, ...], points: np.ndarray, confidence: np.ndarray, scaled: bool = True, height: float | None = None
+    lenses: tuple[Lens, ...],
+    points: np.ndarray,
+    confidence: np.ndarray,
+    scaled: bool = True,
+    height: float | None = None,
 ) -> Initial:
     """From points (t, c, l, 2) in the pictures as taken, landmarks in their order, with confidence (t, c, l).
 
@@ -96,7 +105,12 @@ def fit_initial(
     found = Points(position, matrix @ found.information @ matrix.T / scale**2, found.agree)
     bones, shape, tall = fit_size_to(found)
     if not HEIGHT[0] <= tall <= HEIGHT[1]:
-        raise InputError("keypoints", "", f"a person {HEIGHT[0]} to {HEIGHT[1]} m tall", f"{tall:.2f} m: the cameras' unit is another")
+        raise InputError(
+            "keypoints",
+            "",
+            f"a person {HEIGHT[0]} to {HEIGHT[1]} m tall",
+            f"{tall:.2f} m: the cameras' unit is another",
+        )
     notes.append(f"person: {tall:.2f} m tall, by the lengths of limbs")
     return Initial(lenses, bones, shape, fit_poses(bones, found), found, tall, tuple(notes))
 
@@ -106,7 +120,8 @@ def fit_size_to(points: Points) -> tuple[Bones, np.ndarray, float]:
     body = load_person().body.double()
     template, directions = body.joint_template.numpy(), body.joint_shapedirs[..., :10].numpy()
     marks = landmarks()
-    shape, bones = np.zeros(10), default_bones(template, body.parents)
+    shape: np.ndarray = np.zeros(10)
+    bones = default_bones(template, body.parents)
     for _ in range(4):
         rows, off = [], []
         for start, stop, length in _lengths(points):
@@ -128,7 +143,11 @@ def _lengths(points: Points) -> Iterable[tuple[int, int, float]]:
         start, stop = landmarks().rows((one, other))
         both = points.found[:, start] & points.found[:, stop]
         if both.any():
-            yield start, stop, float(np.median(np.linalg.norm(points.position[both, start] - points.position[both, stop], axis=1)))
+            yield (
+                start,
+                stop,
+                float(np.median(np.linalg.norm(points.position[both, start] - points.position[both, stop], axis=1))),
+            )
 
 
 def _lengthened(bones: Bones, points: Points) -> Bones:
@@ -158,7 +177,7 @@ def _lengthened(bones: Bones, points: Points) -> Bones:
 
 def _up(trunk: np.ndarray, scaled: bool, notes: list[str]) -> Rotation:
     """What turns the world to +Y up, by hips and shoulders (t, 4, 3): by quarter turns where its axes mean something."""
-    way = (trunk[:, 2:].mean(1) - trunk[:, :2].mean(1))
+    way = trunk[:, 2:].mean(1) - trunk[:, :2].mean(1)
     way = np.median(way / np.linalg.norm(way, axis=1, keepdims=True), axis=0)
     way /= np.linalg.norm(way)
     axis = int(np.abs(way).argmax())
@@ -181,7 +200,9 @@ def _scale(points: Points, scaled: bool, height: float | None, notes: list[str])
     own = float(np.median(ratios))
     if not scaled:
         found = own * (height / _template_height() if height else 1.0)
-        notes.append(f"unit: the calibration has none; {found:.4g} m each, for a person {height or _template_height():.2f} m tall")
+        notes.append(
+            f"unit: the calibration has none; {found:.4g} m each, for a person {height or _template_height():.2f} m tall"
+        )
         return found
     for unit, name in ((1e-3, "millimetres"), (1e-2, "centimetres")):
         if 0.7 < own / unit < 1.4:

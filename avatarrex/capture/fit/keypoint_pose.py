@@ -2,9 +2,9 @@
 
     argmin  Σ ρ (X_l − x_l)ᵀ Λ_l (X_l − x_l)  +  |θ − θ_0|²/σ_j²  +  |θ beyond its limits|²/σ_b²  +  |θ_t − (θ_{t−1} + θ_{t+1})/2|²/σ_s²
 
-X_l with information Λ_l are triangulated landmarks, θ_0 the rest pose with relaxed fingers. Each limb first points where its landmarks say (no
-search can then end in a fold), then Gauss–Newton. Unseen joints follow priors and neighbouring frames. Letters: t frames, j joints, l
-landmarks, q joints that are sought, m unknowns of a frame. World metres, radians.
+X_l with information Λ_l are triangulated landmarks, θ_0 the rest pose with relaxed fingers. Each limb first points where its landmarks
+say (no search can then end in a fold), then Gauss–Newton. Unseen joints follow priors and neighbouring frames. Letters: t frames, j
+joints, l landmarks, q joints that are sought, m unknowns of a frame. World metres, radians.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def first_poses(bones: Bones, points: Points) -> Poses:
     turns = np.tile(Rotation.from_rotvec(rest_pose()).as_matrix(), (count, 1, 1, 1))
     place, rows = np.zeros((count, 3)), bones.marks.rows(TRUNK)
     known = np.flatnonzero(points.found[:, rows].sum(1) >= 3)
-    for frame in known:
+    for frame in known.tolist():
         seen = rows[points.found[frame, rows]]
         rest, there = bones.rest[seen], points.position[frame, seen]
         turn = Rotation.align_vectors(there - there.mean(0), rest - rest.mean(0))[0]
@@ -143,7 +143,7 @@ def _swing(bone: np.ndarray, way: np.ndarray) -> np.ndarray:
     """(3, 3) the shortest turn from one direction to another."""
     bone, way = bone / np.linalg.norm(bone), way / np.linalg.norm(way)
     axis, cosine = np.cross(bone, way), float(np.clip(bone @ way, -1, 1))
-    length = np.linalg.norm(axis)
+    length = float(np.linalg.norm(axis))
     if length < 1e-9:
         axis, length = np.cross(bone, [1.0, 0.0, 0.0] if abs(bone[0]) < 0.9 else [0.0, 1.0, 0.0]), 1.0
         axis = axis / np.linalg.norm(axis)
@@ -157,7 +157,15 @@ def _sigmas() -> np.ndarray:
     for joint in TURNED:
         name = JOINT_NAMES[joint]
         part = name.partition("_")[2]
-        sigma = TRUNK_SIGMA if name in trunk else FINGER_SIGMA if joint >= 25 else WRIST_SIGMA if part in ("wrist", "ankle", "foot") else LIMB_SIGMA
+        sigma = (
+            TRUNK_SIGMA
+            if name in trunk
+            else FINGER_SIGMA
+            if joint >= 25
+            else WRIST_SIGMA
+            if part in ("wrist", "ankle", "foot")
+            else LIMB_SIGMA
+        )
         found.append(np.inf if joint == 0 else sigma)
     return np.array(found)
 
@@ -191,11 +199,15 @@ def _landmark_rows(bones: Bones, points: Points, some: Poses, part: slice) -> tu
     turned, places = some.posed(bones)
     carriers = bones.marks.joints
     position = places[:, carriers] + np.einsum("tlij,lj->tli", turned[:, carriers], bones.marks.offsets)
-    axes = np.stack([turned[:, bones.parents[joint]] if joint else np.tile(np.eye(3), (len(places), 1, 1)) for joint in TURNED], 1)
+    axes = np.stack(
+        [turned[:, bones.parents[joint]] if joint else np.tile(np.eye(3), (len(places), 1, 1)) for joint in TURNED], 1
+    )
     below = _below(bones.parents)[list(TURNED)][:, carriers]
     arm = (position[:, :, None] - places[:, None, list(TURNED)]) * below.T[None, :, :, None]
     turns = np.cross(axes.swapaxes(2, 3)[:, None], arm[:, :, :, None])  # (t, l, q, axis, xyz)
-    rows = np.concatenate([np.tile(np.eye(3), (*position.shape[:2], 1, 1)), np.moveaxis(turns, 4, 2).reshape(*position.shape, -1)], 3)
+    rows = np.concatenate(
+        [np.tile(np.eye(3), (*position.shape[:2], 1, 1)), np.moveaxis(turns, 4, 2).reshape(*position.shape, -1)], 3
+    )
     away = points.position[part] - position
     robust = (1 + ((away**2).sum(2) / OUTLIER**2)) ** -2 * points.found[part]
     return rows, away, softened(points.information[part]) * robust[..., None, None]
@@ -222,7 +234,10 @@ def _smooth(poses: Poses, part: slice, diagonal: np.ndarray, pull: np.ndarray) -
     before, after = np.where(frames == 0, after, before), np.where(frames == count - 1, before, after)
     here = poses.turns[frames][:, list(TURNED)].reshape(-1, 3, 3)
     ways = [
-        (Rotation.from_matrix(poses.turns[other][:, list(TURNED)].reshape(-1, 3, 3)) * Rotation.from_matrix(here).inv()).as_rotvec()
+        (
+            Rotation.from_matrix(poses.turns[other][:, list(TURNED)].reshape(-1, 3, 3))
+            * Rotation.from_matrix(here).inv()
+        ).as_rotvec()
         for other in (before, after)
     ]
     middle = (ways[0] + ways[1]).reshape(len(frames), -1) / 2

@@ -1,7 +1,7 @@
 """Half a pixel: whether principal points say where pixels have their centres as this project does, at +0.5.
 
-Along the template's outlines n in each picture, the way s to the matte's edge is explained by what differs from frame to frame, from picture to
-picture, and by one shift of all pictures:
+Along the template's outlines n in each picture, the way s to the matte's edge is explained by what differs from frame to frame, from
+picture to picture, and by one shift of all pictures:
 
     s = n · (P t_f + d) + b_fc        t_f where the person is (3), d the shift (2), b_fc how far clothes stand off
 
@@ -12,6 +12,7 @@ Letters: f frames, c cameras, k constraints, m unknowns. Metres; pixels. Trainin
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -76,7 +77,7 @@ def _pictures(capture: Capture, rig: Rig) -> list[Row]:
             if not rig.available(view, frame):
                 continue
             camera = rig.views[view].camera
-            seen = Seen(rig.signals[frame], ((camera, lambda view=view, frame=frame: rig.matte(view, frame)),))
+            seen = Seen(rig.signals[frame], ((camera, partial(rig.matte, view, frame)),))
             outline = measured(capture.person, seen, SEARCH)
             vertices = capture.person.body.v_template.double().numpy()
             length = np.linalg.norm(vertices[outline.vertices[:, 0]] - vertices[outline.vertices[:, 1]], axis=1)
@@ -93,7 +94,7 @@ def _solved(rows: list[Row]) -> np.ndarray:
     size = 2 + 3 * len(frames) + len(rows)
     prior = np.zeros(size)
     prior[2 : 2 + 3 * len(frames)], prior[2 + 3 * len(frames) :] = PLACE_SIGMA**-2.0, OFF_SIGMA**-2.0
-    solved = np.zeros(size)
+    solved: np.ndarray = np.zeros(size)
     for _ in range(ROUNDS):
         matrix, right = np.diag(prior + 1e-9), np.zeros(size)
         for number, ((frame, _), values, way) in enumerate(rows):

@@ -86,7 +86,9 @@ def _rays(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
-def _between(one: np.ndarray, ray: np.ndarray, other: np.ndarray, ray_other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _between(
+    one: np.ndarray, ray: np.ndarray, other: np.ndarray, ray_other: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Middles (n, 3) of the shortest ways between rays, and whether these are far enough from parallel."""
     base, cosine = other - one, (ray * ray_other).sum(1)
     sine = np.maximum(1 - cosine**2, 1e-9)
@@ -106,7 +108,9 @@ def _off(cameras: tuple[Camera, ...], place: np.ndarray, seen: np.ndarray) -> tu
     return off, ahead
 
 
-def _equations(cameras: tuple[Camera, ...], place: np.ndarray, seen: np.ndarray, sure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _equations(
+    cameras: tuple[Camera, ...], place: np.ndarray, seen: np.ndarray, sure: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Normal equations (n, 3, 3) and (n, 3) of a step of each place."""
     matrix, right = np.zeros((len(place), 3, 3)), np.zeros((len(place), 3))
     for view, camera in enumerate(cameras):

@@ -35,6 +35,12 @@ COVERAGE = (0.002, 0.8)
 MISSING = 0.5
 """Share of missing pictures from which a camera is doubtful."""
 
+HALF_PIXEL = {
+    True: "pixel centres are at integers there: add 0.5 to the principal points",
+    False: "pixel centres are moved twice: take 0.5 from the principal points",
+}
+"""What to do, by whether the pictures lie to the right."""
+
 
 @dataclass(frozen=True)
 class Reason:
@@ -129,12 +135,18 @@ def _fine(capture: Capture, name: str) -> Iterator[Reason]:
     rig = capture.rigs[name]
     shift = pixel_shift(capture, rig)
     if shift is not None and shift.half:
-        right = shift.pixels[0]
-        remedy = "pixel centres are at integers there: add 0.5 to the principal points" if right > 0 else "take 0.5 from the principal points"
-        yield Reason("doubtful", name, f"half a pixel: all pictures lie {abs(right):.2f} ± {shift.uncertainty[0]:.2f} px {'right' if right > 0 else 'left'} of the template; {remedy}")
+        right = shift.pixels[0] > 0
+        way = (
+            f"{abs(shift.pixels[0]):.2f} ± {shift.uncertainty[0]:.2f} px {'right' if right else 'left'} of the template"
+        )
+        yield Reason("doubtful", name, f"half a pixel: all pictures lie {way}; {HALF_PIXEL[right]}")
     for reading in hand_readings(capture, rig):
         if reading.certain:
-            yield Reason("doubtful", name, f"flat_hand_mean: {SAID[reading.sign]} (IoU of {reading.hands} hands {reading.better:+.2f})")
+            yield Reason(
+                "doubtful",
+                name,
+                f"flat_hand_mean: {SAID[reading.sign]} (IoU of {reading.hands} hands {reading.better:+.2f})",
+            )
 
 
 def _of_cameras(rig: RigReport) -> Iterator[Reason]:

@@ -65,9 +65,19 @@ def _lens(row: dict[str, str], place: str, line: int) -> Lens:
     value = {column: _number(row.get(column) or "", place, f"line {line}, {column}") for column in COLUMNS[1:]}
     lens = [_number(row.get(column) or "0", place, f"line {line}, {column}") for column in DISTORTION]
     width, height = value["w"], value["h"]
-    check(all(1 <= side <= 16384 and side == int(side) for side in (width, height)), place, f"line {line}", "w and h from 1 to 16384", (width, height))
-    check(value["fx"] > 0 and value["fy"] > 0, place, f"line {line}", "focal lengths above 0", (value["fx"], value["fy"]))
-    intrinsics = np.array([[value["fx"] * width, 0, value["px"] * width], [0, value["fy"] * height, value["py"] * height], [0, 0, 1]])
+    check(
+        all(1 <= side <= 16384 and side == int(side) for side in (width, height)),
+        place,
+        f"line {line}",
+        "w and h from 1 to 16384",
+        (width, height),
+    )
+    check(
+        value["fx"] > 0 and value["fy"] > 0, place, f"line {line}", "focal lengths above 0", (value["fx"], value["fy"])
+    )
+    intrinsics = np.array(
+        [[value["fx"] * width, 0, value["px"] * width], [0, value["fy"] * height, value["py"] * height], [0, 0, 1]]
+    )
     world_from_camera = np.eye(4)
     world_from_camera[:3, :3] = Rotation.from_rotvec([value[axis] for axis in ("rx", "ry", "rz")]).as_matrix()
     world_from_camera[:3, 3] = [value[axis] for axis in ("tx", "ty", "tz")]
@@ -79,5 +89,11 @@ def _number(text: str, place: str, field: str) -> float:
         value = float(text)
     except ValueError:
         raise InputError(place, field, "a number", repr(text)[:40]) from None
-    check(math.isfinite(value) and abs(value) <= LARGEST_NUMBER, place, field, f"a finite number up to {LARGEST_NUMBER:g}", text)
+    check(
+        math.isfinite(value) and abs(value) <= LARGEST_NUMBER,
+        place,
+        field,
+        f"a finite number up to {LARGEST_NUMBER:g}",
+        text,
+    )
     return value

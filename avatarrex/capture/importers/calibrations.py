@@ -1,7 +1,7 @@
 """Cameras as calibration programs write them: OpenCV's YAML or JSON, Caliscope's and Pose2Sim's TOML, COLMAP's text, and ours.
 
-All become world→camera with OpenCV's axes and pixel centres at +0.5: OpenCV and what builds on it put centres at integers, so that 0.5 is added
-to principal points; COLMAP puts them at +0.5. COLMAP's world has neither unit nor axes. Five coefficients of a lens are understood.
+All become world→camera with OpenCV's axes and pixel centres at +0.5: OpenCV and what builds on it put centres at integers, so that 0.5 is
+added to principal points; COLMAP puts them at +0.5. COLMAP's world has neither unit nor axes. Five coefficients of a lens are understood.
 """
 
 from __future__ import annotations
@@ -39,8 +39,14 @@ COLMAP = {
 }  # fmt: skip
 """Parameters of its camera models."""
 FILES = (
-    "calibration_full.json", "calibration.json", "calibration.toml", "config.toml", "camera_array.toml", "calibration.yml", "calibration.yaml",
-)  # fmt: skip
+    "calibration_full.json",
+    "calibration.json",
+    "calibration.toml",
+    "config.toml",
+    "camera_array.toml",
+    "calibration.yml",
+    "calibration.yaml",
+)
 """Looked for in a folder, beside COLMAP's pair, `intri.yml` with `extri.yml`, and any single .toml."""
 KNOWN = "calibration.json, .toml or .yml; intri.yml with extri.yml; or COLMAP's cameras.txt with images.txt"
 
@@ -98,7 +104,12 @@ def read_cameras(path: Path, sizes: Mapping[str, tuple[int, int]] | None = None)
     if own:
         return Cameras(read_calibration(text, str(path)), "AvatarReX JSON", True, (path,))
     entries = [(name, entry) for name, entry in table.items() if isinstance(entry, dict)]
-    return Cameras(_unique((_lens(name, entry, path, sizes or {}, 0.5) for name, entry in entries), path), "OpenCV JSON", True, (path,))
+    return Cameras(
+        _unique((_lens(name, entry, path, sizes or {}, 0.5) for name, entry in entries), path),
+        "OpenCV JSON",
+        True,
+        (path,),
+    )
 
 
 def _tables(table: dict[str, Any]) -> Iterable[tuple[str, dict[str, Any]]]:
@@ -107,7 +118,11 @@ def _tables(table: dict[str, Any]) -> Iterable[tuple[str, dict[str, Any]]]:
         if isinstance(entry, dict) and _named(entry, "matrix") is not None:
             yield name, entry
         elif isinstance(entry, dict):
-            yield from ((inner, value) for inner, value in entry.items() if isinstance(value, dict) and _named(value, "matrix") is not None)
+            yield from (
+                (inner, value)
+                for inner, value in entry.items()
+                if isinstance(value, dict) and _named(value, "matrix") is not None
+            )
 
 
 def _unique(lenses: Iterable[Lens], source: object) -> tuple[Lens, ...]:
@@ -123,10 +138,20 @@ def _named(entry: Mapping[str, Any], what: str) -> Any:
     return next((entry[name] for name in NAMES[what] if name in entry), None)
 
 
-def _lens(name: str, entry: Mapping[str, Any], source: Path, sizes: Mapping[str, tuple[int, int]], centre: float) -> Lens:
+def _lens(
+    name: str, entry: Mapping[str, Any], source: Path, sizes: Mapping[str, tuple[int, int]], centre: float
+) -> Lens:
     """Of one camera's entries; `centre` is added to its principal point."""
-    check(safe(name) and "/" not in name and name.isprintable(), source, repr(name), "a camera's name that can name a folder", "another form")
-    check(not entry.get("fisheye"), source, f"{name}.fisheye", "a lens with OpenCV's five coefficients", "a fisheye lens")
+    check(
+        safe(name) and "/" not in name and name.isprintable(),
+        source,
+        repr(name),
+        "a camera's name that can name a folder",
+        "another form",
+    )
+    check(
+        not entry.get("fisheye"), source, f"{name}.fisheye", "a lens with OpenCV's five coefficients", "a fisheye lens"
+    )
     matrix = _values(_named(entry, "matrix"), 9, source, f"{name}.matrix").reshape(3, 3).copy()
     check(matrix[0, 0] > 0 and matrix[1, 1] > 0, source, f"{name}.matrix", "focal lengths above 0", matrix.tolist())
     matrix[:2, 2] += centre
@@ -135,9 +160,17 @@ def _lens(name: str, entry: Mapping[str, Any], source: Path, sizes: Mapping[str,
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_rotvec(turn).as_matrix() if len(turn) == 3 else turn.reshape(3, 3)
     off = np.abs(pose[:3, :3].T @ pose[:3, :3] - np.eye(3)).max()
-    check(off < 1e-2 and np.linalg.det(pose[:3, :3]) > 0, source, f"{name}.rotation", "a rotation, world to camera", f"{off:.2g} off")
+    check(
+        off < 1e-2 and np.linalg.det(pose[:3, :3]) > 0,
+        source,
+        f"{name}.rotation",
+        "a rotation, world to camera",
+        f"{off:.2g} off",
+    )
     pose[:3, 3] = _values(_named(entry, "translation"), 3, source, f"{name}.translation")
-    return posed_lens(name, matrix, pose, _size(name, entry, source, sizes), _distortion(_named(entry, "distortion"), source, name))
+    return posed_lens(
+        name, matrix, pose, _size(name, entry, source, sizes), _distortion(_named(entry, "distortion"), source, name)
+    )
 
 
 def _size(name: str, entry: Mapping[str, Any], source: Path, sizes: Mapping[str, tuple[int, int]]) -> tuple[int, int]:
@@ -146,7 +179,9 @@ def _size(name: str, entry: Mapping[str, Any], source: Path, sizes: Mapping[str,
     if sides is None and pair is None and name in sizes:
         return sizes[name]
     width, height = _values(sides if sides is not None else pair, 2, source, f"{name}.size")
-    check(1 <= width <= 16384 and 1 <= height <= 16384, source, f"{name}.size", "sides from 1 to 16384", [width, height])
+    check(
+        1 <= width <= 16384 and 1 <= height <= 16384, source, f"{name}.size", "sides from 1 to 16384", [width, height]
+    )
     return int(width), int(height)
 
 
@@ -164,7 +199,13 @@ def _values(value: Any, count: int | None, source: Path, field: str) -> np.ndarr
     except (TypeError, ValueError, OverflowError):
         raise InputError(source, field, "numbers", repr(value)[:60]) from None
     sound = value is not None and np.isfinite(found).all() and np.abs(found).max(initial=0) <= LARGEST_NUMBER
-    check(sound and count in (None, len(found)), source, field, f"{count or 'some'} finite numbers", "none" if value is None else len(found))
+    check(
+        sound and count in (None, len(found)),
+        source,
+        field,
+        f"{count or 'some'} finite numbers",
+        "none" if value is None else len(found),
+    )
     return found
 
 
@@ -193,7 +234,10 @@ def _yaml(path: Path) -> dict[str, Any]:
         key, first, body = entry[1], entry[2].strip(), text[entry.start(2) : after]
         data = _DATA.search(body)
         if data is not None or first.startswith("["):
-            found[key] = [float(number) for number in _NUMBER.findall(data[1] if data else body.partition("[")[2].partition("]")[0])]
+            found[key] = [
+                float(number)
+                for number in _NUMBER.findall(data[1] if data else body.partition("[")[2].partition("]")[0])
+            ]
         elif _NUMBER.fullmatch(first):
             found[key] = float(first)
     return found
@@ -204,13 +248,25 @@ def _colmap(cameras: Path, images: Path) -> Iterable[Lens]:
     models = {}
     for number, line in _lines(cameras):
         words = line.split()
-        check(len(words) > 4 and words[1] in COLMAP, cameras, f"line {number}", f"a camera of {', '.join(COLMAP)}", line[:80])
+        check(
+            len(words) > 4 and words[1] in COLMAP,
+            cameras,
+            f"line {number}",
+            f"a camera of {', '.join(COLMAP)}",
+            line[:80],
+        )
         names = COLMAP[words[1]].split()
         values = _values(words[4:], len(names), cameras, f"line {number}")
         models[words[0]] = (dict(zip(names, values)), _values(words[2:4], 2, cameras, f"line {number}"))
     for number, line in list(_lines(images, blank=True))[::2]:
         words = line.split(maxsplit=9)
-        check(len(words) == 10 and words[8] in models, images, f"line {number}", "ID QW QX QY QZ TX TY TZ CAMERA NAME", line[:80])
+        check(
+            len(words) == 10 and words[8] in models,
+            images,
+            f"line {number}",
+            "ID QW QX QY QZ TX TY TZ CAMERA NAME",
+            line[:80],
+        )
         values = _values(words[1:8], 7, images, f"line {number}")
         check(np.linalg.norm(values[:4]) > 1e-6, images, f"line {number}", "a quaternion", values[:4].tolist())
         model, size = models[words[8]]

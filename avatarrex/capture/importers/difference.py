@@ -1,7 +1,7 @@
 """Mattes from a picture of the empty scene: what differs from it, in one piece, without holes; and how good any matte is.
 
-d = max over channels of |image − backdrop|; foreground from `CLEAR` times the noise on; in its rim, two pixels wide, the share is d over that of
-the foreground. Exposure that has changed between the two is undone by the median ratio of their colours. Letters: h w pixels.
+d = max over channels of |image − backdrop|; foreground from `CLEAR` times the noise on; in its rim, two pixels wide, the share is d over
+that of the foreground. Exposure that has changed between the two is undone by the median ratio of their colours. Letters: h w pixels.
 """
 
 from __future__ import annotations
@@ -52,7 +52,10 @@ def difference_matte(image: np.ndarray, backdrop: np.ndarray) -> np.ndarray:
     """(h, w) bytes, from sRGB bytes (h, w, 3) of the picture and of the empty scene."""
     seen, empty = image.astype(np.float32), backdrop.astype(np.float32)
     lit = (empty > 16) & (empty < 240)
-    ratio = [float(np.median(seen[..., c][lit[..., c]] / empty[..., c][lit[..., c]])) if lit[..., c].any() else 1.0 for c in range(3)]
+    ratio = [
+        float(np.median(seen[..., c][lit[..., c]] / empty[..., c][lit[..., c]])) if lit[..., c].any() else 1.0
+        for c in range(3)
+    ]
     away = np.abs(seen - empty * np.clip(ratio, 0.5, 2.0)).max(2)
     noise = max(1.4826 * float(np.median(away)), LEAST_NOISE)
     smooth = ndimage.gaussian_filter(away, 0.7)

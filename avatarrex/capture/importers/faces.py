@@ -3,8 +3,8 @@
 Both move the camera about a head that stays. One camera of a capture stays, so the first frame's does, and the head moves instead:
 world = C_0⁻¹ C_t x, with C_t world→camera of frame t. Letters: t frames. Metres, rotation vectors.
 
-IMAvatar: frames of file_path, world_mat 3×4 (world→camera, OpenGL's axes, with fx negative), expression 50, pose 15 (root, neck, jaw, eyes), bbox.
-NeRFace: frames of file_path, transform_matrix 4×4 (camera→world, OpenGL's axes), expression 76; intrinsics [fx, fy, cx, cy].
+IMAvatar: frames of file_path, world_mat 3×4 (world→camera, OpenGL's axes, with fx negative), expression 50, pose 15 (root, neck, jaw,
+eyes), bbox. NeRFace: frames of file_path, transform_matrix 4×4 (camera→world, OpenGL's axes), expression 76; intrinsics [fx, fy, cx, cy].
 """
 
 from __future__ import annotations
@@ -48,7 +48,11 @@ def read_imavatar(reading: Reading) -> Source:
 
 def read_nerface(reading: Reading) -> Source:
     """The head at the reading's root: the frames of all splits, one after the other. Raises `InputError`."""
-    names = sorted(name for name in reading.archive.entries(reading.root) if name.startswith("transforms_") and name.endswith(".json"))
+    names = sorted(
+        name
+        for name in reading.archive.entries(reading.root)
+        if name.startswith("transforms_") and name.endswith(".json")
+    )
     data: dict[str, Any] = {}
     frames: list[Any] = []
     for name in ("transforms_train.json", "transforms_val.json", "transforms_test.json"):
@@ -85,13 +89,28 @@ def _flame_row(entry: Any, place: str, t: int) -> dict[str, np.ndarray]:
 def _nerface_row(entry: Any, place: str, t: int) -> dict[str, np.ndarray]:
     world_from_camera = _numbers(entry, "transform_matrix", 16, place, t).reshape(4, 4)
     camera = FLIP @ np.linalg.inv(world_from_camera)
-    return {"pose": np.zeros((55, 3)), "camera": camera, "nerface_expression": _numbers(entry, "expression", 76, place, t)}
+    return {
+        "pose": np.zeros((55, 3)),
+        "camera": camera,
+        "nerface_expression": _numbers(entry, "expression", 76, place, t),
+    }
 
 
-def _head(reading: Reading, layout: str, file: str, data: dict[str, Any], frames: list[Any], rows: dict[int, dict[str, np.ndarray]]) -> Source:
+def _head(
+    reading: Reading,
+    layout: str,
+    file: str,
+    data: dict[str, Any],
+    frames: list[Any],
+    rows: dict[int, dict[str, np.ndarray]],
+) -> Source:
     """The source of a head's frames."""
     check(rows, reading.place(file), "frames", "frames that can be read", "none")
-    images = {t: name for t, entry in enumerate(frames) if (name := reading.attempt(f"frame {t}", partial(_image, reading, entry)))}
+    images = {
+        t: name
+        for t, entry in enumerate(frames)
+        if (name := reading.attempt(f"frame {t}", partial(_image, reading, entry)))
+    }
     check(images, reading.place(file), "frames", "pictures by file_path", "none")
     size = picture_size(reading.archive, reading.name(next(iter(images.values()))))
     parameters, without = repeated(rows, len(frames))
@@ -100,7 +119,9 @@ def _head(reading: Reading, layout: str, file: str, data: dict[str, Any], frames
     parameters = {**_placed(reading, parameters.pop("pose"), np.linalg.inv(start) @ first), **parameters}
     lens = posed_lens("camera", _intrinsics(data, reading.place(file), size), start, size, np.zeros(5))
     mattes = {t: name for t, image in images.items() if (name := _matte(reading, image))}
-    backdrop = None if mattes else next((name for name in BACKDROPS if reading.archive.exists(reading.name(name))), None)
+    backdrop = (
+        None if mattes else next((name for name in BACKDROPS if reading.archive.exists(reading.name(name))), None)
+    )
     if backdrop:
         reading.notes.append(f"mattes: none in the files: what differs from {backdrop}")
     reading.notes.append("the camera stays where the first frame has it, and the head moves")

@@ -107,7 +107,9 @@ def _decoded(path: Path) -> Iterator[tuple[int, np.ndarray]]:
             for number, frame in enumerate(container.decode(video=0)):
                 yield number, frame.to_ndarray(format="rgb24")
     except (av.error.FFmpegError, IndexError, OSError) as error:
-        raise InputError(path, "", "a video that can be decoded", str(error).splitlines()[0] if str(error) else "none") from None
+        raise InputError(
+            path, "", "a video that can be decoded", str(error).splitlines()[0] if str(error) else "none"
+        ) from None
 
 
 def _rate(path: Path) -> float | None:
@@ -117,7 +119,9 @@ def _rate(path: Path) -> float | None:
             rate = container.streams.video[0].average_rate
             return float(rate) if rate else None
     except (av.error.FFmpegError, IndexError, OSError) as error:
-        raise InputError(path, "", "a video that can be decoded", str(error).splitlines()[0] if str(error) else "none") from None
+        raise InputError(
+            path, "", "a video that can be decoded", str(error).splitlines()[0] if str(error) else "none"
+        ) from None
 
 
 def _library(path: Path):  # type: ignore[no-untyped-def]

@@ -76,8 +76,12 @@ def import_capture(path: Path, out: Path) -> Imported:
     source, reading = read_source(archive)
     source = in_our_world(source, reading)
     folder = out / source.rig
-    write_text(folder / "calibration_full.json", json.dumps(calibration(view.lens for view in source.views), indent=1) + "\n")
-    pictures = sum(_write_view(source, view, reading, folder) for view in tqdm(source.views, desc="import", unit="camera"))
+    write_text(
+        folder / "calibration_full.json", json.dumps(calibration(view.lens for view in source.views), indent=1) + "\n"
+    )
+    pictures = sum(
+        _write_view(source, view, reading, folder) for view in tqdm(source.views, desc="import", unit="camera")
+    )
     if source.parameters:
         write_arrays(folder / "smpl_params.npz", {"flat_hand_mean": np.array(True), **source.parameters})
     else:
@@ -186,7 +190,9 @@ def _write_matte(source: Source, view: SourceView, reading: Reading, frame: int,
             for name in (view.images[frame], source.backdrop)
         )
         if image.shape != empty.shape:
-            raise InputError(reading.place(source.backdrop), "", f"a picture of {size[0]}x{size[1]} pixels", empty.shape[1::-1])
+            raise InputError(
+                reading.place(source.backdrop), "", f"a picture of {size[0]}x{size[1]} pixels", empty.shape[1::-1]
+            )
         pixels = difference_matte(image, empty)
     elif open_picture(reading.archive, reading.name(view.images[frame])).has_transparency_data:
         return  # the reader takes it from there

@@ -45,7 +45,12 @@ def find_layout(archive: Archive) -> tuple[Layout, str]:
         if found is not None:
             return found, root
         if any("calibration_full.json" in archive.entries(f"{root}/{rig}".lstrip("/")) for rig in RIGS):
-            raise InputError(archive.path, "", "a capture of another layout", "one that is in ours: `capture check` reads it as it is")
+            raise InputError(
+                archive.path,
+                "",
+                "a capture of another layout",
+                "one that is in ours: `capture check` reads it as it is",
+            )
         inner = [entry for entry in entries if not entry.startswith((".", "__MACOSX"))]
         below = f"{root}/{inner[0]}".lstrip("/") if len(inner) == 1 else ""
         if not below or not archive.entries(below):

@@ -24,12 +24,17 @@ def read_multiview(reading: Reading) -> Source:
         reading.notes.append(f"{len(listed)} pictures listed as missing")
     parameters = {}
     if reading.archive.exists(files.parameters):
-        found = reading.attempt("smpl_params.npz", partial(reading.archive.arrays, files.parameters, KEYS, LARGEST_BYTES))
+        found = reading.attempt(
+            "smpl_params.npz", partial(reading.archive.arrays, files.parameters, KEYS, LARGEST_BYTES)
+        )
         parameters = found or {}
     views, rig = [], "body"
     for view, lens in enumerate(lenses):
         lacking = {frame for number, frame in listed if number == view}
-        pictures = ({t: name for t, name in one.items() if t not in lacking} for one in (files.pictures(lens.name), files.mattes(lens.name)))
+        pictures = (
+            {t: name for t, name in one.items() if t not in lacking}
+            for one in (files.pictures(lens.name), files.mattes(lens.name))
+        )
         views.append(SourceView(lens, *(_below(reading.root, one) for one in pictures)))
     count = max((max(view.images, default=-1) for view in views), default=-1) + 1
     if parameters:

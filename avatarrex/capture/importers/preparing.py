@@ -1,7 +1,8 @@
 """From videos, a calibration and keypoint files to a capture: steps that are done once, each with a picture to look at (docs/import.md).
 
-`OUT/prepare.json` has what each step said and a key of what it was made from; a step whose key is the same is not done again, and one that is
-done again lets all after it be done, too. `OUT/steps/` has the pictures, `OUT/capture/` the capture. Letters: t frames, c cameras, l landmarks.
+`OUT/prepare.json` has what each step said and a key of what it was made from; a step whose key is the same is not done again, and one
+that is done again lets all after it be done, too. `OUT/steps/` has the pictures, `OUT/capture/` the capture. Letters: t frames, c
+cameras, l landmarks.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from avatarrex.capture.importers.detections import read_detections
 from avatarrex.capture.importers.difference import difference_matte, quality
 from avatarrex.capture.importers.footage import Footage, find_footage, read_image, save_jpeg, save_matte
 from avatarrex.capture.importers.import_capture import calibration
-from avatarrex.capture.importers.pictures import RULES, as_matte, matte_rule
+from avatarrex.capture.importers.pictures import as_matte, matte_rule
 from avatarrex.capture.importers.step_pictures import dotted, outlined, plan, tiles
 from avatarrex.capture.readers.calibration import Lens, read_calibration
 from avatarrex.capture.readers.keypoints import FILE as KEYPOINTS
@@ -142,14 +143,29 @@ def _cameras(work: Preparing) -> tuple[list[str], np.ndarray]:
     footage = work.footage()
     found = find_cameras(work.source, {name: one.size for name, one in footage.items()})
     lenses = tuple(lens for lens in found.lenses if lens.name in footage)
-    check(len(lenses) > 1, found.files[0], "", f"two cameras or more called {', '.join(list(footage)[:6])}", ", ".join(lens.name for lens in found.lenses[:6]))
+    check(
+        len(lenses) > 1,
+        found.files[0],
+        "",
+        f"two cameras or more called {', '.join(list(footage)[:6])}",
+        ", ".join(lens.name for lens in found.lenses[:6]),
+    )
     said = [f"{found.kind}: {len(lenses)} cameras" + ("" if found.scaled else "; its world has neither unit nor axes")]
     said += [f"{lens.name}: no pictures, left out" for lens in found.lenses if lens not in lenses]
     said += [f"{name}: not calibrated, left out" for name in footage if name not in {lens.name for lens in lenses}]
     for lens in lenses:
         size = footage[lens.name].size
-        check(size == (lens.camera.width, lens.camera.height), found.files[0], f"{lens.name}.size", f"{size[0]}x{size[1]} pixels, as its pictures have", f"{lens.camera.width}x{lens.camera.height}")
-    write_json(work.out / "steps" / "cameras.json", {"kind": found.kind, "scaled": found.scaled, "cameras": calibration(lenses)})
+        check(
+            size == (lens.camera.width, lens.camera.height),
+            found.files[0],
+            f"{lens.name}.size",
+            f"{size[0]}x{size[1]} pixels, as its pictures have",
+            f"{lens.camera.width}x{lens.camera.height}",
+        )
+    write_json(
+        work.out / "steps" / "cameras.json",
+        {"kind": found.kind, "scaled": found.scaled, "cameras": calibration(lenses)},
+    )
     return said, plan(lenses)
 
 
@@ -165,7 +181,10 @@ def _pictures(work: Preparing) -> tuple[list[str], np.ndarray]:
         counts[lens.name] = count
     said = [f"{min(counts.values())} to {max(counts.values())} frames a camera"]
     if len(set(counts.values())) > 1:
-        said.append("cameras differ in how many frames they have: they have to begin together: " + ", ".join(f"{name} {count}" for name, count in counts.items()))
+        said.append(
+            "cameras differ in how many frames they have: they have to begin together: "
+            + ", ".join(f"{name} {count}" for name, count in counts.items())
+        )
     return said, tiles(shown)
 
 
@@ -178,13 +197,22 @@ def _mattes(work: Preparing) -> tuple[list[str], np.ndarray]:
             mattes, way = _given(given[name], work.options.stride), "imported"
         elif name in empty:
             backdrop = next(empty[name].frames())[1][..., :3]
-            mattes, way = ((frame, difference_matte(read_image(path), backdrop)) for frame, path in frames.items()), "what differs from the empty scene"
+            mattes, way = (
+                ((frame, difference_matte(read_image(path), backdrop)) for frame, path in frames.items()),
+                "what differs from the empty scene",
+            )
         else:
             own = find_footage(work.source, PICTURES)[name].frames(work.options.stride)
             mattes, way = ((frame, pixels[..., 3]) for frame, pixels in own if pixels.shape[2] == 4), "alpha channels"
         last = None
         for frame, matte in mattes:
-            check(matte.shape == (lens.camera.height, lens.camera.width), name, f"matte of frame {frame}", f"{lens.camera.width}x{lens.camera.height} pixels", matte.shape[::-1])
+            check(
+                matte.shape == (lens.camera.height, lens.camera.width),
+                name,
+                f"matte of frame {frame}",
+                f"{lens.camera.width}x{lens.camera.height} pixels",
+                matte.shape[::-1],
+            )
             save_matte(work.body / name / "mask" / "pha" / f"{frame:08d}.png", matte)
             ways[way] += 1
             faults += [f"{name} frame {frame}: {fault}" for fault in quality(matte).faults()]
@@ -193,7 +221,13 @@ def _mattes(work: Preparing) -> tuple[list[str], np.ndarray]:
         shown += [last] if last else []
         missing = len(set(frames) - {int(path.stem) for path in (work.body / name / "mask" / "pha").glob("*.png")})
         faults += [f"{name}: {missing} frames without a matte"] if missing else []
-    check(any(ways.values()), work.source, "", "mattes/CAMERA/…, mattes/CAMERA.mp4 or background/CAMERA.png", "none of them")
+    check(
+        any(ways.values()),
+        work.source,
+        "",
+        "mattes/CAMERA/…, mattes/CAMERA.mp4 or background/CAMERA.png",
+        "none of them",
+    )
     said = [f"{count} mattes, {way}" for way, count in ways.items() if count]
     return [*said, f"{len(faults)} doubtful", *faults[:SHOWN_FAULTS]], tiles(shown)
 
@@ -214,19 +248,27 @@ def _keypoints(work: Preparing) -> tuple[list[str], np.ndarray]:
     lenses = work.cameras().lenses
     points, confidence, problems = read_detections(work.source / "keypoints", lenses)
     points, confidence = points[:: work.options.stride], confidence[:: work.options.stride]
-    names = np.array([lens.name for lens in lenses])
     write_arrays(work.out / "steps" / "keypoints.npz", {"points": points, "confidence": confidence})
-    write_arrays(work.body / KEYPOINTS, {
-        "names": np.array(JOINT_NAMES), "cameras": names, "points": points[:, :, :55].astype(np.float32), "confidence": confidence[:, :, :55].astype(np.float32),
-    })  # fmt: skip
+    joints = {"points": points[:, :, :55].astype(np.float32), "confidence": confidence[:, :, :55].astype(np.float32)}
+    names = {"names": np.array(JOINT_NAMES), "cameras": np.array([lens.name for lens in lenses])}
+    write_arrays(work.body / KEYPOINTS, {**names, **joints})
     shown = []
     for view, lens in enumerate(lenses):
         frames = work.pictures(lens)
         frame = min(len(points) // 2, max(frames, default=0))
         if frame in frames:
-            shown.append((f"{lens.name}  frame {frame}", dotted(read_image(frames[frame]), points[frame, view], confidence[frame, view])))
+            shown.append(
+                (
+                    f"{lens.name}  frame {frame}",
+                    dotted(read_image(frames[frame]), points[frame, view], confidence[frame, view]),
+                )
+            )
     said = [f"{len(points)} frames, {(confidence > 0).mean():.0%} of {confidence.shape[2]} landmarks found"]
-    return [*said, *problems[:SHOWN_FAULTS], *([f"… and {len(problems) - SHOWN_FAULTS} more"] if len(problems) > SHOWN_FAULTS else [])], tiles(shown)
+    return [
+        *said,
+        *problems[:SHOWN_FAULTS],
+        *([f"… and {len(problems) - SHOWN_FAULTS} more"] if len(problems) > SHOWN_FAULTS else []),
+    ], tiles(shown)
 
 
 def _fit(work: Preparing) -> tuple[list[str], np.ndarray]:
@@ -239,16 +281,18 @@ def _fit(work: Preparing) -> tuple[list[str], np.ndarray]:
     write_arrays(work.body / "smpl_params.npz", found.parameters(fps))
     provenance = {"maker": "avatarrex-studio capture prepare", "calibration": cameras.kind, "source": work.source.name}
     write_json(work.out / "capture" / "capture.json", {"format": FORMAT, "provenance": provenance})
-    off = found.residuals()
+    middle, most = 1000 * np.nanpercentile(found.residuals(), (50, 95))
     agree = found.points.agree[found.points.found]
     said = [
         *found.notes,
         f"triangulated: {found.points.found.mean():.0%} of {len(landmarks().names)} landmarks, by {agree.mean():.1f} cameras in the mean",
-        f"landmarks {1000 * float(np.nanmedian(off)):.0f} mm from the fitted person in the median, {1000 * float(np.nanpercentile(off, 95)):.0f} mm at 95 %",
+        f"landmarks {middle:.0f} mm from the fitted person in the median, {most:.0f} mm at 95 %",
     ]
     capture = open_capture(work.out / "capture")
     count = capture.rigs["body"].frames
-    return said, contact_sheet(capture, "body", tuple(np.unique(np.linspace(0, count - 1, SHOWN_FRAMES).round().astype(int)).tolist()))
+    return said, contact_sheet(
+        capture, "body", tuple(np.unique(np.linspace(0, count - 1, SHOWN_FRAMES).round().astype(int)).tolist())
+    )
 
 
 STEPS: dict[str, Step] = {

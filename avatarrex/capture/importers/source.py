@@ -1,6 +1,7 @@
 """A capture of another layout as it is understood before it is written in ours: what each reader of `layouts.py` makes.
 
-Cameras in our convention (world→camera, OpenCV axes, pixel centres at +0.5), pictures by frame, parameters in SMPL-X's joints. Letters: t frames.
+Cameras in our convention (world→camera, OpenCV axes, pixel centres at +0.5), pictures by frame, parameters in SMPL-X's joints. Letters: t
+frames.
 """
 
 from __future__ import annotations

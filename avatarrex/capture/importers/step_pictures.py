@@ -1,4 +1,5 @@
-"""What a person looks at after each step of a preparation: cameras from above and from the side, tiles of pictures with what was found in them.
+"""What a person looks at after each step of a preparation: cameras from above and from the side, tiles of pictures with what was found in
+them.
 
 Letters: h w pixels. World metres.
 """
@@ -67,7 +68,9 @@ def plan(lenses: tuple[Lens, ...], person: np.ndarray | None = None, up: int = 1
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(15)
     for half, ((across, along), sign, text) in enumerate(halves):
 
-        def pixel(place: np.ndarray, across: int = across, along: int = along, sign: float = sign, half: int = half) -> tuple[float, float]:
+        def pixel(
+            place: np.ndarray, across: int = across, along: int = along, sign: float = sign, half: int = half
+        ) -> tuple[float, float]:
             away = (place - middle) / reach * PLAN / 2
             return half * (PLAN + GAP) + PLAN / 2 + away[across], PLAN / 2 + sign * away[along]
 
@@ -86,6 +89,10 @@ def plan(lenses: tuple[Lens, ...], person: np.ndarray | None = None, up: int = 1
 def _tile(text: str, pixels: np.ndarray) -> np.ndarray:
     scale = SIDE / max(pixels.shape[:2])
     size = (max(round(pixels.shape[1] * scale), 1), max(round(pixels.shape[0] * scale), 1))
-    picture = Image.fromarray(np.ascontiguousarray(pixels[..., :3])).resize(size, Image.Resampling.BOX if scale < 1 else Image.Resampling.BICUBIC)
-    ImageDraw.Draw(picture).text((4, 3), text, (255, 255, 255), ImageFont.load_default(12), stroke_width=2, stroke_fill=(0, 0, 0))
+    picture = Image.fromarray(np.ascontiguousarray(pixels[..., :3])).resize(
+        size, Image.Resampling.BOX if scale < 1 else Image.Resampling.BICUBIC
+    )
+    ImageDraw.Draw(picture).text(
+        (4, 3), text, (255, 255, 255), ImageFont.load_default(12), stroke_width=2, stroke_fill=(0, 0, 0)
+    )
     return np.array(picture)

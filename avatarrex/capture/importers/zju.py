@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from avatarrex.capture.importers.pictures import picture_size
 from avatarrex.capture.importers.plain_pickle import LARGEST_BYTES, read_plain
 from avatarrex.capture.importers.source import Reading, Source, SourceView, posed_lens, repeated
-from avatarrex.capture.importers.pictures import picture_size
 from avatarrex.capture.readers.archive import safe
 from avatarrex.capture.readers.calibration import MOST_CAMERAS, ROTATION_SLACK, Lens
 from avatarrex.capture.readers.rigs import SMPLX_PELVIS
@@ -50,12 +50,14 @@ def read_zju(reading: Reading) -> Source:
 
 def _images(frames: Any, place: str) -> list[dict[int, str]]:
     """Paths by frame, for each camera."""
-    check(isinstance(frames, list | np.ndarray) and len(frames), place, "ims", "a list of frames", type(frames).__name__)
+    check(
+        isinstance(frames, list | np.ndarray) and len(frames), place, "ims", "a list of frames", type(frames).__name__
+    )
     found: list[dict[int, str]] = []
     for frame, entry in enumerate(frames):
         listed = entry.get("ims") if isinstance(entry, dict) else None
         check(isinstance(listed, list | np.ndarray), place, f"ims[{frame}]", "a dict with a list ims", entry)
-        paths = [str(path).replace("\\", "/") for path in listed]
+        paths = [str(path).replace("\\", "/") for path in listed or ()]
         check(len(paths) <= MOST_CAMERAS, place, f"ims[{frame}]", f"at most {MOST_CAMERAS} cameras", len(paths))
         found += [{} for _ in paths[len(found) :]]
         for view, path in enumerate(paths):
@@ -134,7 +136,9 @@ def _parameters(reading: Reading, count: int) -> dict[int, dict[str, np.ndarray]
     folder = next((name for name in PARAMETERS if reading.archive.entries(reading.name(name))), None)
     if folder is None:
         return {}
-    there = {int(name[:-4]) for name in reading.archive.entries(reading.name(folder)) if re.fullmatch(r"\d{1,9}\.npy", name)}
+    there = {
+        int(name[:-4]) for name in reading.archive.entries(reading.name(folder)) if re.fullmatch(r"\d{1,9}\.npy", name)
+    }
     first = 1 if 0 not in there and count in there else 0
     if first:
         reading.notes.append(f"{folder}: files are numbered from 1")
