@@ -121,7 +121,7 @@ def written_zju(one: Scene, out: Path) -> None:
         cams["R"].append(camera.camera_from_world[:3, :3] @ turn.T)
         cams["T"].append(1000 * camera.camera_from_world[:3, 3:])
     frames = range(len(one.signals))
-    ims = [{"ims": [f"{names[name]}/{frame:06d}.jpg" for name in one.cameras]} for frame in frames]
+    ims = [{"ims": np.array([f"{names[name]}/{frame:06d}.jpg" for name in one.cameras])} for frame in frames]
     put(out / "annots.npy", pickled({"cams": cams, "ims": ims}))
     for frame, signals in enumerate(one.signals):
         root = Z_UP * Rotation.from_rotvec(signals.global_orient.copy())

@@ -21,7 +21,7 @@ from avatarrex.capture.importers.axes import TURNS, up_axis
 from avatarrex.capture.importers.difference import difference_matte, quality
 from avatarrex.capture.importers.import_capture import import_capture
 from avatarrex.capture.importers.pictures import as_matte, matte_rule
-from avatarrex.capture.importers.plain_pickle import read_plain
+from avatarrex.capture.importers.plain_pickle import flat_numbers, read_plain
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 
@@ -138,6 +138,16 @@ def test_nothing_is_called_by_a_pickle(capsys: pytest.CaptureFixture[str]) -> No
     for broken in (old, pickled({"a": 1})[:-5], b"\x93NUMPY\x01\x00" + b"\xff" * 40, pickle.dumps(3)):
         with pytest.raises(InputError):
             read_plain(broken, "a.npy")
+
+
+def test_lists_that_repeat_each_other_are_not_followed() -> None:
+    nested: list = [1.0] * 3
+    for _ in range(30):
+        nested = [nested] * 3
+    for value in (nested, [[1.0, 2.0]], {"a": 1}, ["1", "2", "3"], [1.0, np.nan, 2.0]):
+        with pytest.raises(InputError, match=r"a\.npy: K: expected 3 (finite )?numbers"):
+            flat_numbers(value, 3, "a.npy", "K")
+    np.testing.assert_equal(flat_numbers([[1], np.array([[2.0], [3.0]])], 3, "a.npy", "K"), [1, 2, 3])
 
 
 @pytest.mark.parametrize("axis", TURNS)

@@ -69,3 +69,22 @@ def read_plain(content: bytes, source: str) -> Any:
     except Exception as error:  # a damaged pickle raises anything: it is refused, with what it raised
         raise InputError(source, "", EXPECTED, str(error) or type(error).__name__) from None
     return found.item() if isinstance(found, np.ndarray) and found.size == 1 else found
+
+
+def flat_numbers(value: Any, count: int, source: str, field: str) -> np.ndarray:
+    """(count,) float64 of numbers nested somehow; lists that repeat each other a billion times are not followed. Raises `InputError`."""
+    waiting, found = [value], []
+    for _ in range(4 * count + 4):
+        if not waiting:
+            break
+        item = waiting.pop()
+        if isinstance(item, list | tuple) and len(item) <= count:
+            waiting.extend(reversed(item))
+        elif isinstance(item, int | float | np.generic | np.ndarray) and np.size(item) <= count:
+            found.append(np.ravel(item))
+        else:
+            raise InputError(source, field, f"{count} numbers", type(item).__name__)
+    flat = np.concatenate(found) if found else np.zeros(0)
+    if waiting or len(flat) != count or flat.dtype.kind not in "fiu" or not np.isfinite(flat).all():
+        raise InputError(source, field, f"{count} finite numbers", f"{len(flat)} of {flat.dtype}")
+    return np.asarray(flat, np.float64)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from avatarrex.capture.importers.pictures import picture_size
-from avatarrex.capture.importers.plain_pickle import LARGEST_BYTES, read_plain
+from avatarrex.capture.importers.plain_pickle import LARGEST_BYTES, flat_numbers, read_plain
 from avatarrex.capture.importers.source import Reading, Source, SourceView, posed_lens, repeated
 from avatarrex.capture.readers.archive import safe
 from avatarrex.capture.readers.calibration import MOST_CAMERAS, ROTATION_SLACK, Lens
@@ -34,7 +34,13 @@ def read_zju(reading: Reading) -> Source:
     """The capture at the reading's root. Raises `InputError` for a calibration or a list of pictures that cannot be understood."""
     place = reading.place("annots.npy")
     annots = read_plain(reading.archive.read(reading.name("annots.npy"), LARGEST_BYTES), place)
-    check(isinstance(annots, dict) and {"cams", "ims"} <= set(annots), place, "", "a dict of cams and ims", annots)
+    check(
+        isinstance(annots, dict) and {"cams", "ims"} <= set(annots),
+        place,
+        "",
+        "a dict of cams and ims",
+        type(annots).__name__,
+    )
     images = _images(annots["ims"], place)
     lenses = _lenses(reading, annots["cams"], images, place)
     views = tuple(
@@ -50,19 +56,22 @@ def read_zju(reading: Reading) -> Source:
 
 def _images(frames: Any, place: str) -> list[dict[int, str]]:
     """Paths by frame, for each camera."""
-    check(
-        isinstance(frames, list | np.ndarray) and len(frames), place, "ims", "a list of frames", type(frames).__name__
-    )
     found: list[dict[int, str]] = []
-    for frame, entry in enumerate(frames):
-        listed = entry.get("ims") if isinstance(entry, dict) else None
-        check(isinstance(listed, list | np.ndarray), place, f"ims[{frame}]", "a dict with a list ims", entry)
-        paths = [str(path).replace("\\", "/") for path in listed or ()]
-        check(len(paths) <= MOST_CAMERAS, place, f"ims[{frame}]", f"at most {MOST_CAMERAS} cameras", len(paths))
-        found += [{} for _ in paths[len(found) :]]
-        for view, path in enumerate(paths):
+    for frame, entry in enumerate(_listed(frames, place, "ims")):
+        listed = _listed(entry.get("ims") if isinstance(entry, dict) else None, place, f"ims[{frame}]")
+        check(all(isinstance(path, str) for path in listed), place, f"ims[{frame}]", "paths", "something else")
+        check(len(listed) <= MOST_CAMERAS, place, f"ims[{frame}]", f"at most {MOST_CAMERAS} cameras", len(listed))
+        found += [{} for _ in listed[len(found) :]]
+        for view, path in enumerate(str(path).replace("\\", "/") for path in listed):
             check(safe(path), place, f"ims[{frame}]", "paths inside the capture", path)
             found[view][frame] = path
+    return found
+
+
+def _listed(values: Any, place: str, field: str) -> list[Any]:
+    """What a list or an array holds, at least one thing."""
+    found = list(values) if isinstance(values, list) or (isinstance(values, np.ndarray) and values.ndim) else []
+    check(found, place, field, "a list", type(values).__name__)
     return found
 
 
@@ -95,14 +104,9 @@ def _lenses(reading: Reading, cams: Any, images: list[dict[int, str]], place: st
 
 def _stack(values: Any, place: str, key: str) -> np.ndarray:
     """(c, n) numbers of all cameras."""
-    sizes = {"K": 9, "D": 5, "R": 9, "T": 3}
-    try:
-        found = np.array([np.asarray(value, dtype=np.float64).ravel() for value in values])
-    except (TypeError, ValueError):
-        raise InputError(place, f"cams.{key}", f"{sizes[key]} numbers a camera", type(values).__name__) from None
-    sound = found.ndim == 2 and found.shape[1] == sizes[key] and bool(np.isfinite(found).all())
-    check(sound, place, f"cams.{key}", f"{sizes[key]} finite numbers a camera", found.shape)
-    return found
+    entries, count = _listed(values, place, f"cams.{key}"), {"K": 9, "D": 5, "R": 9, "T": 3}[key]
+    check(len(entries) <= MOST_CAMERAS, place, f"cams.{key}", f"at most {MOST_CAMERAS} cameras", len(entries))
+    return np.stack([flat_numbers(value, count, place, f"cams.{key}[{view}]") for view, value in enumerate(entries)])
 
 
 def _size(reading: Reading, paths: dict[int, str]) -> tuple[int, int]:
@@ -153,13 +157,9 @@ def _parameters(reading: Reading, count: int) -> dict[int, dict[str, np.ndarray]
 
 def _frame(reading: Reading, file: str) -> dict[str, np.ndarray]:
     values = read_plain(reading.archive.read(reading.name(file), LARGEST_PARAMETERS), reading.place(file))
+    check(isinstance(values, dict), reading.place(file), "", "a dict of poses, Rh, Th", type(values).__name__)
     sizes = {"poses": 72, "Rh": 3, "Th": 3}
-    arrays = {}
-    for key, size in sizes.items():
-        value = np.asarray(values.get(key, ()) if isinstance(values, dict) else ())
-        numbers = value.dtype.kind in "fiu" and value.size == size and bool(np.isfinite(value).all())
-        check(numbers, reading.place(file), key, f"{size} finite numbers", f"{value.shape} of {value.dtype}")
-        arrays[key] = value.ravel().astype(np.float64)
+    arrays = {key: flat_numbers(values.get(key), size, reading.place(file), key) for key, size in sizes.items()}
     turn, poses = Rotation.from_rotvec(arrays["Rh"]), arrays["poses"]
     if poses[:3].any():
         turn = turn * Rotation.from_rotvec(poses[:3])
