@@ -30,6 +30,8 @@ LANDMARK_SIGMA = 0.01
 """Metres that a landmark is off beside its noise: detectors do not mark the joints' centres."""
 LIMIT_SIGMA, SMOOTH_SIGMA, SMOOTH_PLACE = 0.05, 0.12, 0.03
 """σ_b and σ_s, radians; metres that the root is off its neighbours' middle."""
+APART, APART_PLACE = 0.3, 0.1
+"""Radians and metres from its neighbours' middle at which a frame's tie to them has fallen to ¼: frames may be far apart in time."""
 TRUNK_SIGMA, LIMB_SIGMA, FINGER_SIGMA, WRIST_SIGMA = 0.25, 0.8, 0.4, 0.5
 """σ_j, radians, of spine, neck and collars; of limbs; of fingers; of wrists, ankles and feet."""
 LONGEST_STEP = 0.6
@@ -240,11 +242,14 @@ def _smooth(poses: Poses, part: slice, diagonal: np.ndarray, pull: np.ndarray) -
         ).as_rotvec()
         for other in (before, after)
     ]
-    middle = (ways[0] + ways[1]).reshape(len(frames), -1) / 2
-    diagonal[:, 3:] += SMOOTH_SIGMA**-2.0
-    pull[:, 3:] += middle / SMOOTH_SIGMA**2
-    diagonal[:, :3] += SMOOTH_PLACE**-2.0
-    pull[:, :3] += ((poses.place[before] + poses.place[after]) / 2 - poses.place[frames]) / SMOOTH_PLACE**2
+    middle = (ways[0] + ways[1]).reshape(len(frames), -1, 3) / 2
+    away = (poses.place[before] + poses.place[after]) / 2 - poses.place[frames]
+    joined = (1 + (middle**2).sum(2, keepdims=True) / APART**2) ** -2 / SMOOTH_SIGMA**2
+    together = (1 + (away**2).sum(1, keepdims=True) / APART_PLACE**2) ** -2 / SMOOTH_PLACE**2
+    diagonal[:, 3:] += np.broadcast_to(joined, middle.shape).reshape(len(frames), -1)
+    pull[:, 3:] += (joined * middle).reshape(len(frames), -1)
+    diagonal[:, :3] += together
+    pull[:, :3] += together * away
 
 
 def _stepped(poses: Poses, change: np.ndarray) -> Poses:
