@@ -1,4 +1,5 @@
-"""`avatarrex-studio capture make|check|refine`: the synthetic capture, how well any capture fits together, better tracking."""
+"""`avatarrex-studio capture make|check|refine|import|prepare`: the synthetic capture, how well any fits together, better tracking, other
+layouts, videos."""
 
 from __future__ import annotations
 
@@ -45,10 +46,33 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     every = "refine the poses of frames that are kept from training, too (by the training's cameras and shape)"
     refine.add_argument("--every-frame", action="store_true", help=every)
 
+    what = "a capture of another layout (AvatarReX, THuman4.0, ZJU-MoCap, ActorsHQ, IMAvatar, NeRFace) written in ours"
+    imported = acts.add_parser("import", help=what, allow_abbrev=False)
+    imported.add_argument("source", help="a folder or .zip")
+    imported.add_argument("out", help="a new folder, or one to go on with")
+    what = "a capture from videos, a calibration and keypoint files; goes on where it stopped"
+    prepare = acts.add_parser("prepare", help=what, allow_abbrev=False)
+    prepare.add_argument(
+        "source", help="a folder: videos/ or images/, a calibration, keypoints/, mattes/ or background/"
+    )
+    prepare.add_argument("out", help="a new folder, or one to go on with")
+    prepare.add_argument("--stride", default="1", metavar="N", help="use every N-th frame (1)")
+    prepare.add_argument("--fps", metavar="F", help="frames a second of the pictures, where no video says it (30)")
+    prepare.add_argument(
+        "--height", metavar="M", help="the person's height in metres, for calibrations without a unit (COLMAP)"
+    )
+    prepare.add_argument(
+        "--redo", metavar="STEP", help="do cameras, pictures, mattes, keypoints or fit again, and what follows"
+    )
+    prepare.add_argument("--no-refine", action="store_true", help="end before the refinement by mattes and keypoints")
+    prepare.add_argument("--train", metavar="RECIPE", help="train an avatar at the end, e.g. quick, into OUT/run")
+
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make a capture, check or refine one. Raises `InputError`."""
-    return {"make": _make, "check": _check, "refine": _refine}[arguments.act](arguments)
+    """Do what the act says. Raises `InputError`."""
+    return {"make": _make, "check": _check, "refine": _refine, "import": _import, "prepare": _prepare}[arguments.act](
+        arguments
+    )
 
 
 def _make(arguments: argparse.Namespace) -> int:
@@ -79,3 +103,26 @@ def _refine(arguments: argparse.Namespace) -> int:
     from avatarrex_studio.cli.capture_refine import refine
 
     return refine(arguments.capture, arguments.every_frame, out)
+
+
+def _import(arguments: argparse.Namespace) -> int:
+    out = output_folder(arguments.out, "capture.json")
+    from avatarrex.capture.importers.import_capture import import_capture
+
+    print("\n".join(import_capture(Path(arguments.source), out).lines()))
+    print(out)
+    return 0
+
+
+def _prepare(arguments: argparse.Namespace) -> int:
+    out = output_folder(arguments.out, "prepare.json")
+    stride = options.whole("--stride", arguments.stride, 1)
+    fps, height = (
+        options.number(option, "", value) if value is not None else None
+        for option, value in (("--fps", arguments.fps), ("--height", arguments.height))
+    )
+    from avatarrex_studio.cli.capture_prepare import prepare
+
+    from avatarrex.capture.importers.preparing import Options
+
+    return prepare(Path(arguments.source), out, Options(stride, fps, height), arguments)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -55,6 +56,35 @@ def _upright(sign: float) -> np.ndarray:
     return turn
 
 
+def _level(quarters: int) -> np.ndarray:
+    """A world turned by quarters about +Y."""
+    turn = np.eye(4)
+    turn[:3, :3] = np.linalg.matrix_power(np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]), quarters)
+    return turn
+
+
+def _times(world: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    return np.asarray(matrix @ world)
+
+
+def _sideways(sign: float) -> np.ndarray:
+    """From our world's axes to those of a file with +X (`sign` 1) or −X (−1) up."""
+    turn = np.eye(4)
+    turn[:2, :2] = [[0, sign], [-sign, 0]]
+    return turn
+
+
+def _flipped(rows: bool) -> Callable[[Camera], Camera]:
+    """The camera of pictures whose rows, else columns, run the other way."""
+
+    def change(camera: Camera) -> Camera:
+        mirror = np.diag([1.0, -1.0, 1.0]) if rows else np.diag([-1.0, 1.0, 1.0])
+        mirror[:2, 2] = (0, camera.height) if rows else (camera.width, 0)
+        return replace(camera, intrinsics=mirror @ camera.intrinsics)
+
+    return change
+
+
 def _enlarged(scale: float) -> Callable[[Camera], Camera]:
     return lambda camera: replace(camera, intrinsics=np.diag([scale, scale, 1.0]) @ camera.intrinsics)
 
@@ -71,6 +101,17 @@ CONVENTIONS = (
     Convention("its world has +Z up, the person's +Y: turn one into the other", _posed(lambda m: m @ _upright(1.0))),
     Convention("its world has −Z up, the person's +Y: turn one into the other", _posed(lambda m: m @ _upright(-1.0))),
     Convention("its world has −Y up, the person's +Y: turn one into the other", _posed(lambda m: m @ FLIP)),
+    Convention("its world has +X up, the person's +Y: turn one into the other", _posed(lambda m: m @ _sideways(1.0))),
+    Convention("its world has −X up, the person's +Y: turn one into the other", _posed(lambda m: m @ _sideways(-1.0))),
+    *(
+        Convention(
+            f"its world is turned by {90 * quarters}° about +Y against the person's",
+            _posed(partial(_times, _level(quarters))),
+        )
+        for quarters in (1, 2, 3)
+    ),
+    Convention("the pictures' rows run from the bottom to the top: flip them", _flipped(True)),
+    Convention("the pictures are mirrored, left is right: flip their columns", _flipped(False)),
     Convention("T is too large by ten: write metres", _posed(_farther(0.1))),
     Convention("T is in centimetres: write metres", _posed(_farther(10.0))),
     Convention("K is of pictures twice as large: halve its first two rows", _enlarged(0.5)),
@@ -94,10 +135,14 @@ def _fit(capture: Capture, rig: Rig, convention: Convention, flip: bool = False)
     values = []
     for view, frame in (pairs[place] for place in compared_frames(len(pairs), PICTURES)):
         camera = reduced(convention.camera(rig.views[view].camera), PIXELS)
-        matte = rig.matte(view, frame)
-        rows = (np.arange(camera.height) + 0.5) * matte.shape[0] / camera.height
-        columns = (np.arange(camera.width) + 0.5) * matte.shape[1] / camera.width
-        inside = (matte[rows.astype(int)][:, columns.astype(int)] > FOREGROUND) != flip
+        inside = inside_matte(rig.matte(view, frame), camera) != flip
         vertices = template_surface(capture.person, rig.signals[frame])[0]
         values.append(iou(silhouette(vertices, capture.person.body.faces.numpy(), camera), inside))
     return float(np.mean(values))
+
+
+def inside_matte(matte: np.ndarray, camera: Camera) -> np.ndarray:
+    """(h, w) bool: pixels of a small `camera` whose centres are inside a matte of the whole picture."""
+    rows = (np.arange(camera.height) + 0.5) * matte.shape[0] / camera.height
+    columns = (np.arange(camera.width) + 0.5) * matte.shape[1] / camera.width
+    return np.asarray(matte[rows.astype(int)][:, columns.astype(int)] > FOREGROUND)

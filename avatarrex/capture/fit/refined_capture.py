@@ -6,7 +6,6 @@ captures whose files did not say it do now. Letters: t frames.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,9 @@ import numpy as np
 from avatarrex.capture.fit.refine import Body
 from avatarrex.capture.readers.archive import Archive
 from avatarrex.capture.readers.layout import RigFiles, find_rigs
+from avatarrex.capture.readers.linked import link
 from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES
 from avatarrex.capture.readers.rigs import Capture
-from avatarrex.files.gate import written
 from avatarrex.files.images import write_arrays
 from avatarrex.files.json_text import write_json
 from avatarrex.signals.driving import Signals
@@ -44,7 +43,7 @@ def write_refined(
         elif target.name == "capture.json" and target.parent == out:
             write_json(target, {**capture.manifest, "refined": said})
         else:
-            _link(archive, name, target)
+            link(archive, name, target)
 
 
 def all_files(archive: Archive, folder: str) -> Iterator[str]:
@@ -55,19 +54,6 @@ def all_files(archive: Archive, folder: str) -> Iterator[str]:
             yield name
         else:
             yield from all_files(archive, name)
-
-
-def _link(archive: Archive, name: str, target: Path) -> None:
-    """The same file under another name, or a copy of it; what is there already is left."""
-    if target.exists():
-        return
-    target.parent.mkdir(parents=True, exist_ok=True)
-    source = archive.path / name
-    try:
-        os.link(source.resolve(), target)
-    except OSError:  # a zip, another disk, or a file system without links
-        with written(target) as part:
-            part.write_bytes(archive.read(name))
 
 
 def _parameters(capture: Capture, files: RigFiles, body: Body, signals: tuple[Signals, ...]) -> dict[str, np.ndarray]:

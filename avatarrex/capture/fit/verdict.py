@@ -13,8 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from avatarrex.capture.fit.camera_order import exchanged
 from avatarrex.capture.fit.check import CaptureReport, RigReport, check_capture
 from avatarrex.capture.fit.conventions import likely_convention
+from avatarrex.capture.fit.hand_mean import SAID, hand_readings
+from avatarrex.capture.fit.pixel_shift import pixel_shift
 from avatarrex.capture.fit.size_fit import NoSize, fit_size
 from avatarrex.capture.readers.rigs import Capture
 from avatarrex.capture.readers.splits import sealed
@@ -31,6 +34,12 @@ COVERAGE = (0.002, 0.8)
 """Share of a picture that a matte covers: a person fills at most two thirds of a face's picture."""
 MISSING = 0.5
 """Share of missing pictures from which a camera is doubtful."""
+
+HALF_PIXEL = {
+    True: "pixel centres are at integers there: add 0.5 to the principal points",
+    False: "pixel centres are moved twice: take 0.5 from the principal points",
+}
+"""What to do, by whether the pictures lie to the right."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +108,11 @@ def _of_rig(capture: Capture, rig: RigReport) -> Iterator[Reason]:
         yield Reason(
             "unusable", rig.rig, f"mattes cover {covered:.1%} of the pictures; white (255) has to be the person"
         )
+    moved = exchanged(capture, capture.rigs[rig.rig])
+    if moved:
+        named = ", ".join(f"{camera}'s pictures are {other}'s" for camera, other in moved.items())
+        yield Reason("unusable", rig.rig, f"camera order: {named}; exchange folders or entries of the calibration")
+        return
     if value < DOUBTFUL_IOU:
         cause = likely_convention(capture, capture.rigs[rig.rig])
         advice = (
@@ -113,6 +127,26 @@ def _of_rig(capture: Capture, rig: RigReport) -> Iterator[Reason]:
         yield Reason("doubtful", rig.rig, "one camera alone: sides that it does not see follow the template")
     if value >= UNUSABLE_IOU:
         yield from _of_cameras(rig)
+        yield from _fine(capture, rig.rig)
+
+
+def _fine(capture: Capture, name: str) -> Iterator[Reason]:
+    """What a rig that is usable may have slightly wrong."""
+    rig = capture.rigs[name]
+    shift = pixel_shift(capture, rig)
+    if shift is not None and shift.half:
+        right = shift.pixels[0] > 0
+        way = (
+            f"{abs(shift.pixels[0]):.2f} ± {shift.uncertainty[0]:.2f} px {'right' if right else 'left'} of the template"
+        )
+        yield Reason("doubtful", name, f"half a pixel: all pictures lie {way}; {HALF_PIXEL[right]}")
+    for reading in hand_readings(capture, rig):
+        if reading.certain:
+            yield Reason(
+                "doubtful",
+                name,
+                f"flat_hand_mean: {SAID[reading.sign]} (IoU of {reading.hands} hands {reading.better:+.2f})",
+            )
 
 
 def _of_cameras(rig: RigReport) -> Iterator[Reason]:

@@ -1,0 +1,227 @@
+"""Keypoints as detectors write them: OpenPose's JSON, a file a picture, and MediaPipe's landmarks as JSON, a file a camera.
+
+`keypoints/<camera>/…_keypoints.json`: people[].pose_keypoints_2d (25 or 18 triples x, y, confidence), hand_left_keypoints_2d and
+hand_right_… (21). `keypoints/<camera>.json`: a list of frames, or {"frames": […]}, each with pose_landmarks (33 of x, y, visibility,
+shares of the picture's sides), left_hand_landmarks and right_hand_landmarks (21); also in camel case, and with `landmark` between.
+Letters: t frames, c cameras, l landmarks.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from avatarrex.capture.fit.landmarks import landmarks
+from avatarrex.capture.readers.calibration import Lens
+from avatarrex.errors import InputError, check
+from avatarrex.files.json_text import SMALL, read_json
+from avatarrex.signals.sequence import MOST_FRAMES
+
+BODY_25 = (
+    "nose",
+    None,
+    "right_shoulder",
+    "right_elbow",
+    "right_wrist",
+    "left_shoulder",
+    "left_elbow",
+    "left_wrist",
+    None,
+    "right_hip",
+    "right_knee",
+    "right_ankle",
+    "left_hip",
+    "left_knee",
+    "left_ankle",
+    "right_eye",
+    "left_eye",
+    "right_ear",
+    "left_ear",
+    "left_big_toe",
+    "left_small_toe",
+    "left_heel",
+    "right_big_toe",
+    "right_small_toe",
+    "right_heel",
+)
+"""OpenPose's body; its neck and middle of the hips are middles of others."""
+COCO_18 = (
+    "nose", None, "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist", "right_hip", "right_knee",
+    "right_ankle", "left_hip", "left_knee", "left_ankle", "right_eye", "left_eye", "right_ear", "left_ear",
+)  # fmt: skip
+BODY_33: dict[int, str] = {
+    0: "nose",
+    2: "left_eye",
+    5: "right_eye",
+    7: "left_ear",
+    8: "right_ear",
+    11: "left_shoulder",
+    12: "right_shoulder",
+    13: "left_elbow",
+    14: "right_elbow",
+    15: "left_wrist",
+    16: "right_wrist",
+    23: "left_hip",
+    24: "right_hip",
+    25: "left_knee",
+    26: "right_knee",
+    27: "left_ankle",
+    28: "right_ankle",
+    29: "left_heel",
+    30: "right_heel",
+    31: "left_big_toe",
+    32: "right_big_toe",
+}
+"""MediaPipe's body."""
+HAND_21 = (
+    "wrist",
+    *(f"{finger}{k}" for finger in ("thumb", "index", "middle", "ring", "pinky") for k in (1, 2, 3, "_tip")),
+)
+"""Both detectors' hands, from the wrist outwards."""
+CENTRE = np.array([0.5, 0.5, 0.0])
+"""OpenPose has pixel centres at integers."""
+_FRAME = re.compile(r"(\d{1,9})(?:_keypoints)?\.json")
+
+
+def read_detections(
+    folder: Path, lenses: tuple[Lens, ...], frames: int | None = None
+) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Points (t, c, l, 2) in the pictures as taken, confidence (t, c, l), and what could not be read.
+
+    Frames are those of the longest camera unless given. Raises `InputError` where no camera has any.
+    """
+    found: list[dict[int, tuple[np.ndarray, np.ndarray]]] = []
+    problems: list[str] = []
+    for lens in lenses:
+        found.append(dict(_of_camera(folder, lens, problems)))
+    check(
+        any(found),
+        folder,
+        "",
+        f"keypoints of cameras {lenses[0].name}, …: CAMERA/…_keypoints.json (OpenPose) or CAMERA.json (MediaPipe)",
+        "none",
+    )
+    count = frames or max(max(one, default=-1) for one in found) + 1
+    points = np.zeros((count, len(lenses), len(landmarks().names), 2))
+    confidence = np.zeros(points.shape[:3])
+    for view, one in enumerate(found):
+        for frame, (place, sure) in one.items():
+            if frame < count:
+                points[frame, view], confidence[frame, view] = place, sure
+    return points, confidence, problems
+
+
+def _of_camera(folder: Path, lens: Lens, problems: list[str]) -> Iterable[tuple[int, tuple[np.ndarray, np.ndarray]]]:
+    """By frame."""
+    single, many = folder / f"{lens.name}.json", folder / lens.name
+    if single.is_file():
+        data = read_json(single)
+        frames = data.get("frames") if isinstance(data, dict) else data
+        check(
+            isinstance(frames, list) and len(frames) <= MOST_FRAMES,
+            single,
+            "frames",
+            f"a list of at most {MOST_FRAMES}",
+            type(frames).__name__,
+        )
+        read = ((t, f"{lens.name} frame {t}", entry, single) for t, entry in enumerate(frames or ()))
+    else:
+        names = sorted((path for path in many.glob("*.json")), key=lambda path: path.name) if many.is_dir() else []
+        read = (
+            (int(match[1]), f"{lens.name} frame {int(match[1])}", None, path)
+            for path in names
+            if (match := _FRAME.search(path.name))
+        )
+    for frame, what, entry, path in read:
+        try:
+            yield frame, _landmarks(read_json(path, largest=SMALL) if entry is None else entry, lens, path)
+        except InputError as error:
+            problems.append(f"{what}: expected {error.expected}, found {error.found}")
+
+
+def _landmarks(data: Any, lens: Lens, source: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Of one picture: (l, 2) and (l,)."""
+    points, sure = np.zeros((len(landmarks().names), 2)), np.zeros(len(landmarks().names))
+    if not isinstance(data, dict):
+        return points, sure  # nobody was found
+    parts = _openpose(data, source) if "people" in data else _mediapipe(data, lens, source)
+    for names, triples in parts:
+        for name, (x, y, confidence) in zip(names, triples):
+            row = landmarks().names.index(name) if name else -1
+            if name and confidence > sure[row]:
+                points[row], sure[row] = (x, y), min(confidence, 1.0)
+    return points, sure
+
+
+def _openpose(data: Mapping[str, Any], source: Path) -> Iterable[tuple[tuple[str | None, ...], np.ndarray]]:
+    """Names with triples of the person whom the detector is surest of."""
+    people = data["people"]
+    check(isinstance(people, list), source, "people", "a list", type(people).__name__)
+    somebody = [one for one in people if isinstance(one, dict)]
+    if not somebody:
+        return
+    person = max(
+        somebody, key=lambda one: _triples(one.get("pose_keypoints_2d"), source, "pose_keypoints_2d")[:, 2].sum()
+    )
+    body = _triples(person.get("pose_keypoints_2d"), source, "pose_keypoints_2d")
+    names = {25: BODY_25, 18: COCO_18, 0: ()}.get(len(body))
+    check(names is not None, source, "pose_keypoints_2d", "25 or 18 triples", len(body))
+    yield names or (), body + CENTRE
+    for side in ("left", "right"):
+        hand = _triples(person.get(f"hand_{side}_keypoints_2d"), source, f"hand_{side}_keypoints_2d")
+        if len(hand) == len(HAND_21):
+            yield tuple(f"{side}_{name}" for name in HAND_21), hand + CENTRE
+
+
+def _mediapipe(
+    data: Mapping[str, Any], lens: Lens, source: Path
+) -> Iterable[tuple[tuple[str | None, ...], np.ndarray]]:
+    size = np.array([lens.camera.width, lens.camera.height, 1.0])
+    body = _listed(data, "pose_landmarks", "poseLandmarks", source)
+    if len(body) >= 33:
+        yield tuple(BODY_33.get(k) for k in range(33)), body[:33] * size
+    for side in ("left", "right"):
+        hand = _listed(data, f"{side}_hand_landmarks", f"{side}HandLandmarks", source)
+        if len(hand) == len(HAND_21):
+            yield (
+                tuple(f"{side}_{name}" for name in HAND_21),
+                np.where([False, False, True], np.maximum(hand, 0.8), hand) * size,
+            )
+
+
+def _listed(data: Mapping[str, Any], name: str, camel: str, source: Path) -> np.ndarray:
+    """(n, 3) x, y and visibility (hands have none: 0) of a list of landmarks."""
+    value = data.get(name, data.get(camel))
+    if isinstance(value, dict):
+        value = value.get("landmark")
+    if value in (None, []):
+        return np.zeros((0, 3))
+    try:
+        found = np.array([(one["x"], one["y"], one.get("visibility", 0.0)) for one in value], dtype=np.float64)
+    except (TypeError, KeyError, ValueError, AttributeError):
+        raise InputError(source, name, "a list of landmarks with x and y", type(value).__name__) from None
+    return _finite(found, source, name)
+
+
+def _triples(value: Any, source: Path, name: str) -> np.ndarray:
+    """(n, 3)."""
+    try:
+        found = np.array([] if value is None else value, dtype=np.float64).reshape(-1, 3)
+    except (TypeError, ValueError):
+        raise InputError(source, name, "triples of x, y, confidence", type(value).__name__) from None
+    return _finite(found, source, name)
+
+
+def _finite(found: np.ndarray, source: Path, name: str) -> np.ndarray:
+    check(
+        np.isfinite(found).all() and np.abs(found).max(initial=0) < 1e5,
+        source,
+        name,
+        "finite numbers below 1e5",
+        "others",
+    )
+    return found

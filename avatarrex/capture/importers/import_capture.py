@@ -1,0 +1,206 @@
+"""A capture of another layout written in ours: pictures linked, mattes white where the person is, metres, +Y up (docs/import.md).
+
+What of the files cannot be used is a list in the end, `import.json`, and ends nothing: a damaged picture, a frame without parameters.
+The same command goes on after a stop. Letters: t frames.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from tqdm import tqdm
+
+from avatarrex.capture.importers.axes import upright
+from avatarrex.capture.importers.difference import difference_matte
+from avatarrex.capture.importers.layouts import read_source
+from avatarrex.capture.importers.pictures import (
+    RULES,
+    as_matte,
+    check_picture,
+    matte_rule,
+    matte_values,
+    open_picture,
+)
+from avatarrex.capture.importers.source import Reading, Source, SourceView
+from avatarrex.capture.readers.archive import Archive
+from avatarrex.capture.readers.calibration import Lens
+from avatarrex.capture.readers.linked import link
+from avatarrex.capture.readers.manifest import FORMAT
+from avatarrex.capture.readers.rigs import SMPLX_PELVIS
+from avatarrex.capture.readers.units import SURELY_NOT_METRES, metres
+from avatarrex.errors import InputError
+from avatarrex.files.gate import write_text, written
+from avatarrex.files.images import write_arrays
+from avatarrex.files.json_text import write_json
+
+SHOWN_PROBLEMS = 12
+"""Lines of problems that are printed."""
+RULE_MATTES = 8
+"""Mattes of a camera that are looked at for what they mean."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import found."""
+
+    layout: str
+    rig: str
+    cameras: tuple[str, ...]
+    frames: int
+    pictures: int
+    """Pictures with a matte that are in the new capture."""
+    posed: bool
+    """Whether the layout had parameters."""
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def lines(self) -> list[str]:
+        """To be read: what was found, what was decided, and the first of the problems."""
+        shown = [f"  {problem}" for problem in self.problems[:SHOWN_PROBLEMS]]
+        if len(self.problems) > SHOWN_PROBLEMS:
+            shown.append(f"  … and {len(self.problems) - SHOWN_PROBLEMS} more, all in import.json")
+        what = f"{self.layout}: {self.rig}, {len(self.cameras)} cameras, {self.frames} frames, {self.pictures} pictures with mattes"
+        said = [f"  {note}" for note in self.notes]
+        return [what, *(["notes", *said] if said else []), *(["problems", *shown] if shown else [])]
+
+
+def import_capture(path: Path, out: Path) -> Imported:
+    """Write `path` into the folder `out` in our layout, or go on there. Raises `InputError` for what cannot be imported at all."""
+    archive = Archive(path)
+    source, reading = read_source(archive)
+    source = in_our_world(source, reading)
+    folder = out / source.rig
+    write_text(
+        folder / "calibration_full.json", json.dumps(calibration(view.lens for view in source.views), indent=1) + "\n"
+    )
+    pictures = sum(
+        _write_view(source, view, reading, folder) for view in tqdm(source.views, desc="import", unit="camera")
+    )
+    if source.parameters:
+        write_arrays(folder / "smpl_params.npz", {"flat_hand_mean": np.array(True), **source.parameters})
+    else:
+        reading.notes.append("no parameters: `capture prepare` finds poses from keypoints")
+    provenance = {"maker": "avatarrex-studio capture import", "layout": source.layout, "source": path.name}
+    write_json(out / "capture.json", {"format": FORMAT, "provenance": provenance})
+    cameras = tuple(view.lens.name for view in source.views)
+    found = Imported(
+        source.layout, source.rig, cameras, source.frames, pictures, bool(source.parameters),
+        (*source.problems, *reading.problems), (*source.notes, *reading.notes),
+    )  # fmt: skip
+    write_json(out / "import.json", vars(found))
+    return found
+
+
+def in_our_world(source: Source, reading: Reading) -> Source:
+    """The source in metres with +Y up; what was changed is noted. Raises `InputError` where no unit fits."""
+    lenses, values = tuple(view.lens for view in source.views), source.parameters
+    if "global_orient" not in values or "transl" not in values:
+        return _viewed(source, _camera_metres(lenses, reading.notes))
+    place = reading.place()
+    lenses, scale = metres(lenses, values["transl"], SMPLX_PELVIS, place, "", reading.notes)
+    pelvis = values["transl"] * scale + SMPLX_PELVIS
+    lenses, orient, pelvis = upright(lenses, values["global_orient"], pelvis, reading.notes)
+    changed = {**values, "global_orient": orient, "transl": pelvis - SMPLX_PELVIS}
+    return replace(_viewed(source, lenses), parameters=changed)
+
+
+def calibration(lenses: Iterator[Lens] | tuple[Lens, ...]) -> dict[str, Any]:
+    """`calibration_full.json` of cameras."""
+    return {
+        lens.name: {
+            "K": lens.camera.intrinsics.ravel().tolist(),
+            "R": lens.camera.camera_from_world[:3, :3].ravel().tolist(),
+            "T": lens.camera.camera_from_world[:3, 3].tolist(),
+            "distCoeff": lens.distortion.tolist(),
+            "imgSize": [lens.camera.width, lens.camera.height],
+            "rectifyAlpha": 0.0,
+        }
+        for lens in lenses
+    }
+
+
+def _camera_metres(lenses: tuple[Lens, ...], notes: list[str]) -> tuple[Lens, ...]:
+    """Cameras without a person: in millimetres where they are farther from each other than any stage is wide."""
+    centres = np.stack([lens.camera.centre for lens in lenses])
+    if np.ptp(centres, axis=0).max() <= SURELY_NOT_METRES:
+        return lenses
+    notes.append("camera positions in millimetres, converted to metres")
+    return tuple(lens.scaled(1e-3) for lens in lenses)
+
+
+def _viewed(source: Source, lenses: tuple[Lens, ...]) -> Source:
+    return replace(source, views=tuple(replace(view, lens=lens) for view, lens in zip(source.views, lenses)))
+
+
+def _write_view(source: Source, view: SourceView, reading: Reading, folder: Path) -> int:
+    """A camera's pictures and mattes; how many there are."""
+    name, size = view.lens.name, (view.lens.camera.width, view.lens.camera.height)
+    rule = _rule(view, reading, size)
+    if rule != "grey":
+        reading.notes.append(f"{name}: mattes are {RULES[rule]}")
+    count = 0
+    for frame in sorted(view.images):
+        if frame in source.without_parameters or frame >= source.frames:
+            continue
+        what, image = f"{name} frame {frame}", view.images[frame]
+        target = folder / name / f"{frame:08d}{_suffix(image)}"
+
+        def write(image: str = image, target: Path = target, frame: int = frame) -> bool:
+            check_picture(reading.archive, reading.name(image), size)
+            _write_matte(source, view, reading, frame, rule, folder / name / "mask" / "pha" / f"{frame:08d}")
+            link(reading.archive, reading.name(image), target)
+            return True
+
+        count += reading.attempt(what, write) or False
+    return count
+
+
+def _rule(view: SourceView, reading: Reading, size: tuple[int, int]) -> str:
+    """What the camera's mattes mean."""
+
+    def some() -> Iterator[np.ndarray]:
+        for name in list(view.mattes.values())[:RULE_MATTES]:
+            try:
+                yield matte_values(reading.archive, reading.name(name), size)
+            except InputError:  # said when it is its turn
+                continue
+
+    return matte_rule(some())
+
+
+def _write_matte(source: Source, view: SourceView, reading: Reading, frame: int, rule: str, target: Path) -> None:
+    """The frame's matte under `target`, which lacks its suffix. Raises `InputError` where there is none."""
+    size = (view.lens.camera.width, view.lens.camera.height)
+    if frame in view.mattes:
+        name = reading.name(view.mattes[frame])
+        values = matte_values(reading.archive, name, size)
+        if rule == "grey" and open_picture(reading.archive, name).mode in ("L", "RGB"):
+            link(reading.archive, name, target.with_suffix(_suffix(name)))
+            return
+        pixels = as_matte(values, rule)
+    elif source.backdrop is not None:
+        image, empty = (
+            np.array(open_picture(reading.archive, reading.name(name)).convert("RGB"))
+            for name in (view.images[frame], source.backdrop)
+        )
+        if image.shape != empty.shape:
+            raise InputError(
+                reading.place(source.backdrop), "", f"a picture of {size[0]}x{size[1]} pixels", empty.shape[1::-1]
+            )
+        pixels = difference_matte(image, empty)
+    elif open_picture(reading.archive, reading.name(view.images[frame])).has_transparency_data:
+        return  # the reader takes it from there
+    else:
+        raise InputError(reading.place(view.images[frame]), "", "a matte", "none")
+    with written(target.with_suffix(".png")) as part:
+        Image.fromarray(pixels).save(part, format="PNG")
+
+
+def _suffix(name: str) -> str:
+    return ".png" if name.lower().endswith(".png") else ".jpg"

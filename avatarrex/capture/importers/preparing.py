@@ -1,0 +1,305 @@
+"""From videos, a calibration and keypoint files to a capture: steps that are done once, each with a picture to look at (docs/import.md).
+
+`OUT/prepare.json` has what each step said and a key of what it was made from; a step whose key is the same is not done again, and one
+that is done again lets all after it be done, too. `OUT/steps/` has the pictures, `OUT/capture/` the capture. Letters: t frames, c
+cameras, l landmarks.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from avatarrex.capture.fit.initial import fit_initial
+from avatarrex.capture.fit.landmarks import landmarks
+from avatarrex.capture.fit.overlay import contact_sheet
+from avatarrex.capture.importers.calibrations import Cameras, find_cameras
+from avatarrex.capture.importers.detections import read_detections
+from avatarrex.capture.importers.difference import difference_matte, quality
+from avatarrex.capture.importers.footage import Footage, find_footage, read_image, save_jpeg, save_matte
+from avatarrex.capture.importers.import_capture import calibration
+from avatarrex.capture.importers.pictures import as_matte, matte_rule
+from avatarrex.capture.importers.step_pictures import dotted, outlined, plan, tiles
+from avatarrex.capture.readers.calibration import Lens, read_calibration
+from avatarrex.capture.readers.keypoints import FILE as KEYPOINTS
+from avatarrex.capture.readers.manifest import FORMAT
+from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.errors import InputError, check
+from avatarrex.files.arrays import read_arrays
+from avatarrex.files.images import write_arrays, write_png
+from avatarrex.files.json_text import SMALL, read_json, write_json
+from avatarrex.signals.joints import JOINT_NAMES
+
+STATE = "prepare.json"
+PICTURES, MATTES, BACKDROPS = ("videos", "images", "video"), ("mattes", "masks", "matte"), ("background", "backgrounds")
+"""Folders of the source."""
+SHOWN_FRAMES, SHOWN_FAULTS = 3, 8
+"""Frames of a sheet, and faults that are printed."""
+LARGEST_BYTES = 2**31
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a person may choose."""
+
+    stride: int = 1
+    """Every so many frames are used."""
+    fps: float | None = None
+    """Frames a second of the pictures, where no video says it."""
+    height: float | None = None
+    """Metres of the person, for calibrations without a unit."""
+
+
+@dataclass(eq=False)
+class Preparing:
+    """A preparation in a folder, that goes on where it stopped."""
+
+    source: Path
+    out: Path
+    options: Options = Options()
+    state: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.source.is_dir():
+            raise InputError(self.source, "", "a folder with videos, a calibration and keypoints", "no folder")
+        if (self.out / STATE).exists():
+            self.state = read_json(self.out / STATE, largest=SMALL)
+            check(isinstance(self.state, dict), self.out / STATE, "", "an object", type(self.state).__name__)
+
+    @property
+    def body(self) -> Path:
+        """The folder of the capture's rig."""
+        return self.out / "capture" / "body"
+
+    def forget(self, step: str) -> None:
+        """Let a step and all after it be done again. Raises `InputError` for an unknown one."""
+        check(step in STEPS, "--redo", "", f"one of {', '.join(STEPS)}", step)
+        for name in list(STEPS)[list(STEPS).index(step) :]:
+            self.state.pop(name, None)
+
+    def run(self) -> Iterator[str]:
+        """Do what is not done; lines to be read. Raises `InputError` where a step cannot be done: the same command goes on there."""
+        before = ""
+        for number, (name, step) in enumerate(STEPS.items(), 1):
+            key = hashlib.sha256(f"{before} {name} {vars(self.options)} {self._inputs(step)}".encode()).hexdigest()[:16]
+            done = self.state.get(name)
+            again = not (isinstance(done, dict) and done.get("key") == key)
+            picture = self.out / "steps" / f"{number}_{name}.png"
+            if again:
+                said, sheet = step.do(self)
+                write_png(picture, np.dstack([sheet, np.full(sheet.shape[:2], 255, np.uint8)]))
+                self.state[name] = {"key": key, "said": said}
+                write_json(self.out / STATE, self.state)
+            before = key
+            yield f"{number} {name}{'' if again else ' (done before)'}: {picture}"
+            yield from (f"    {line}" for line in self.state[name]["said"])
+
+    def _inputs(self, step: Step) -> str:
+        """Names, sizes and times of the files that a step is made from."""
+        found = []
+        for folder in step.inputs:
+            place = self.source / folder
+            for path in sorted(place.rglob("*") if folder else place.glob("*.*")):
+                if path.is_file():
+                    status = path.stat()
+                    found.append((str(path.relative_to(self.source)), status.st_size, status.st_mtime_ns))
+        return hashlib.sha256(json.dumps(found).encode()).hexdigest()
+
+    def footage(self) -> dict[str, Footage]:
+        """The cameras' pictures. Raises `InputError` without any."""
+        found = find_footage(self.source, PICTURES)
+        check(found, self.source, "", "videos/CAMERA.mp4 or images/CAMERA/…", "neither")
+        return found
+
+    def cameras(self) -> Cameras:
+        """As the first step has read them."""
+        place = self.out / "steps" / "cameras.json"
+        data = read_json(place, largest=SMALL)
+        return Cameras(read_calibration(json.dumps(data["cameras"]), str(place)), data["kind"], data["scaled"], ())
+
+    def pictures(self, lens: Lens) -> dict[int, Path]:
+        """Of a camera, by frame."""
+        return {int(path.stem): path for path in sorted((self.body / lens.name).glob("*.jpg"))}
+
+
+@dataclass(frozen=True)
+class Step:
+    """One of a preparation."""
+
+    do: Callable[[Preparing], tuple[list[str], np.ndarray]]
+    """What it says, and its picture (h, w, 3)."""
+    inputs: tuple[str, ...]
+    """Folders of the source; "" its own files."""
+
+
+def _cameras(work: Preparing) -> tuple[list[str], np.ndarray]:
+    footage = work.footage()
+    found = find_cameras(work.source, {name: one.size for name, one in footage.items()})
+    lenses = tuple(lens for lens in found.lenses if lens.name in footage)
+    check(
+        len(lenses) > 1,
+        found.files[0],
+        "",
+        f"two cameras or more called {', '.join(list(footage)[:6])}",
+        ", ".join(lens.name for lens in found.lenses[:6]),
+    )
+    said = [f"{found.kind}: {len(lenses)} cameras" + ("" if found.scaled else "; its world has neither unit nor axes")]
+    said += [f"{lens.name}: no pictures, left out" for lens in found.lenses if lens not in lenses]
+    said += [f"{name}: not calibrated, left out" for name in footage if name not in {lens.name for lens in lenses}]
+    for lens in lenses:
+        size = footage[lens.name].size
+        check(
+            size == (lens.camera.width, lens.camera.height),
+            found.files[0],
+            f"{lens.name}.size",
+            f"{size[0]}x{size[1]} pixels, as its pictures have",
+            f"{lens.camera.width}x{lens.camera.height}",
+        )
+    write_json(
+        work.out / "steps" / "cameras.json",
+        {"kind": found.kind, "scaled": found.scaled, "cameras": calibration(lenses)},
+    )
+    return said, plan(lenses)
+
+
+def _pictures(work: Preparing) -> tuple[list[str], np.ndarray]:
+    footage, shown, counts = work.footage(), [], {}
+    for lens in tqdm(work.cameras().lenses, desc="pictures", unit="camera", leave=False):
+        count = 0
+        for frame, pixels in footage[lens.name].frames(work.options.stride):
+            save_jpeg(work.body / lens.name / f"{frame:08d}.jpg", pixels)
+            if not count:
+                shown.append((f"{lens.name}  frame {frame}", pixels))
+            count += 1
+        counts[lens.name] = count
+    said = [f"{min(counts.values())} to {max(counts.values())} frames a camera"]
+    if len(set(counts.values())) > 1:
+        said.append(
+            "cameras differ in how many frames they have: they have to begin together: "
+            + ", ".join(f"{name} {count}" for name, count in counts.items())
+        )
+    return said, tiles(shown)
+
+
+def _mattes(work: Preparing) -> tuple[list[str], np.ndarray]:
+    given, empty = find_footage(work.source, MATTES), find_footage(work.source, BACKDROPS)
+    shown, faults, ways = [], [], dict.fromkeys(("imported", "what differs from the empty scene", "alpha channels"), 0)
+    for lens in tqdm(work.cameras().lenses, desc="mattes", unit="camera", leave=False):
+        name, frames = lens.name, work.pictures(lens)
+        if name in given:
+            mattes, way = _given(given[name], work.options.stride), "imported"
+        elif name in empty:
+            backdrop = next(empty[name].frames())[1][..., :3]
+            mattes, way = (
+                ((frame, difference_matte(read_image(path), backdrop)) for frame, path in frames.items()),
+                "what differs from the empty scene",
+            )
+        else:
+            own = find_footage(work.source, PICTURES)[name].frames(work.options.stride)
+            mattes, way = ((frame, pixels[..., 3]) for frame, pixels in own if pixels.shape[2] == 4), "alpha channels"
+        last = None
+        for frame, matte in mattes:
+            check(
+                matte.shape == (lens.camera.height, lens.camera.width),
+                name,
+                f"matte of frame {frame}",
+                f"{lens.camera.width}x{lens.camera.height} pixels",
+                matte.shape[::-1],
+            )
+            save_matte(work.body / name / "mask" / "pha" / f"{frame:08d}.png", matte)
+            ways[way] += 1
+            faults += [f"{name} frame {frame}: {fault}" for fault in quality(matte).faults()]
+            if frame in frames and (last is None or frame == max(frames) // 2):
+                last = (f"{name}  frame {frame}", outlined(read_image(frames[frame]), matte))
+        shown += [last] if last else []
+        missing = len(set(frames) - {int(path.stem) for path in (work.body / name / "mask" / "pha").glob("*.png")})
+        faults += [f"{name}: {missing} frames without a matte"] if missing else []
+    check(
+        any(ways.values()),
+        work.source,
+        "",
+        "mattes/CAMERA/…, mattes/CAMERA.mp4 or background/CAMERA.png",
+        "none of them",
+    )
+    said = [f"{count} mattes, {way}" for way, count in ways.items() if count]
+    return [*said, f"{len(faults)} doubtful", *faults[:SHOWN_FAULTS]], tiles(shown)
+
+
+def _given(footage: Footage, stride: int) -> Iterator[tuple[int, np.ndarray]]:
+    """A camera's mattes by frame, white the person."""
+    rule = matte_rule(_grey(pixels) for _, (_, pixels) in zip(range(4), footage.frames(stride)))
+    for frame, pixels in footage.frames(stride):
+        yield frame, as_matte(_grey(pixels), rule)
+
+
+def _grey(pixels: np.ndarray) -> np.ndarray:
+    """(h, w) of a matte's picture: its alpha channel where it has one."""
+    return np.asarray(pixels[..., 3] if pixels.shape[2] == 4 else pixels.max(2))
+
+
+def _keypoints(work: Preparing) -> tuple[list[str], np.ndarray]:
+    lenses = work.cameras().lenses
+    points, confidence, problems = read_detections(work.source / "keypoints", lenses)
+    points, confidence = points[:: work.options.stride], confidence[:: work.options.stride]
+    write_arrays(work.out / "steps" / "keypoints.npz", {"points": points, "confidence": confidence})
+    joints = {"points": points[:, :, :55].astype(np.float32), "confidence": confidence[:, :, :55].astype(np.float32)}
+    names = {"names": np.array(JOINT_NAMES), "cameras": np.array([lens.name for lens in lenses])}
+    write_arrays(work.body / KEYPOINTS, {**names, **joints})
+    shown = []
+    for view, lens in enumerate(lenses):
+        frames = work.pictures(lens)
+        frame = min(len(points) // 2, max(frames, default=0))
+        if frame in frames:
+            shown.append(
+                (
+                    f"{lens.name}  frame {frame}",
+                    dotted(read_image(frames[frame]), points[frame, view], confidence[frame, view]),
+                )
+            )
+    said = [f"{len(points)} frames, {(confidence > 0).mean():.0%} of {confidence.shape[2]} landmarks found"]
+    return [
+        *said,
+        *problems[:SHOWN_FAULTS],
+        *([f"… and {len(problems) - SHOWN_FAULTS} more"] if len(problems) > SHOWN_FAULTS else []),
+    ], tiles(shown)
+
+
+def _fit(work: Preparing) -> tuple[list[str], np.ndarray]:
+    cameras = work.cameras()
+    kept = read_arrays(work.out / "steps" / "keypoints.npz", ("points", "confidence"), LARGEST_BYTES)
+    found = fit_initial(cameras.lenses, kept["points"], kept["confidence"], cameras.scaled, work.options.height)
+    rates = [rate for one in work.footage().values() if (rate := one.fps)]
+    fps = (work.options.fps or (rates[0] if rates else 30.0)) / work.options.stride
+    write_json(work.body / "calibration_full.json", calibration(found.lenses))
+    write_arrays(work.body / "smpl_params.npz", found.parameters(fps))
+    provenance = {"maker": "avatarrex-studio capture prepare", "calibration": cameras.kind, "source": work.source.name}
+    write_json(work.out / "capture" / "capture.json", {"format": FORMAT, "provenance": provenance})
+    middle, most = 1000 * np.nanpercentile(found.residuals(), (50, 95))
+    agree = found.points.agree[found.points.found]
+    said = [
+        *found.notes,
+        f"triangulated: {found.points.found.mean():.0%} of {len(landmarks().names)} landmarks, by {agree.mean():.1f} cameras in the mean",
+        f"landmarks {middle:.0f} mm from the fitted person in the median, {most:.0f} mm at 95 %",
+    ]
+    capture = open_capture(work.out / "capture")
+    count = capture.rigs["body"].frames
+    return said, contact_sheet(
+        capture, "body", tuple(np.unique(np.linspace(0, count - 1, SHOWN_FRAMES).round().astype(int)).tolist())
+    )
+
+
+STEPS: dict[str, Step] = {
+    "cameras": Step(_cameras, ("", "calibration", "sparse", *PICTURES)),
+    "pictures": Step(_pictures, PICTURES),
+    "mattes": Step(_mattes, (*MATTES, *BACKDROPS)),
+    "keypoints": Step(_keypoints, ("keypoints",)),
+    "fit": Step(_fit, ()),
+}
+"""In their order."""

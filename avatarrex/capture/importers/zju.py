@@ -1,0 +1,167 @@
+"""ZJU-MoCap: `annots.npy`, `{new_params|params}/N.npy`, `mask_cihp/` or `mask/`; SMPL bodies.
+
+annots: {'cams': {K, D, R, T}, 'ims': [{'ims': [path of each camera]}]}, T in millimetres, calibrated by OpenCV (pixel centres at integers).
+Parameters: poses (1, 72) without a root, Rh and Th (1, 3), shapes: x = R(Rh) x_model + Th, about the origin and not about the pelvis.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from avatarrex.capture.importers.pictures import picture_size
+from avatarrex.capture.importers.plain_pickle import LARGEST_BYTES, flat_numbers, read_plain
+from avatarrex.capture.importers.source import Reading, Source, SourceView, posed_lens, repeated
+from avatarrex.capture.readers.archive import safe
+from avatarrex.capture.readers.calibration import MOST_CAMERAS, ROTATION_SLACK, Lens
+from avatarrex.capture.readers.rigs import SMPLX_PELVIS
+from avatarrex.errors import InputError, check
+
+SMPL_PELVIS = np.array([-0.0018, -0.2233, 0.0282])
+"""J_0 of the neutral SMPL template, metres, to 0.1 mm."""
+PARAMETERS, MATTES = ("new_params", "params"), ("mask_cihp", "mask")
+SIZED = 5
+"""Pictures of a camera that are looked at for their size, which annots.npy does not say."""
+LARGEST_PARAMETERS = 2**20
+"""Bytes of one frame's."""
+
+
+def read_zju(reading: Reading) -> Source:
+    """The capture at the reading's root. Raises `InputError` for a calibration or a list of pictures that cannot be understood."""
+    place = reading.place("annots.npy")
+    annots = read_plain(reading.archive.read(reading.name("annots.npy"), LARGEST_BYTES), place)
+    check(
+        isinstance(annots, dict) and {"cams", "ims"} <= set(annots),
+        place,
+        "",
+        "a dict of cams and ims",
+        type(annots).__name__,
+    )
+    images = _images(annots["ims"], place)
+    lenses = _lenses(reading, annots["cams"], images, place)
+    views = tuple(
+        SourceView(lens, paths, _mattes(reading, paths)) for lens, paths in zip(lenses, images) if lens is not None
+    )
+    check(views, place, "cams", "a camera with a picture that can be read", "none")
+    count = len(annots["ims"])
+    rows = _parameters(reading, count)
+    parameters, without = repeated(rows, count)
+    reading.notes.append("hands: SMPL has none: relaxed in every frame")
+    return Source("ZJU-MoCap", "body", views, count, parameters, without)
+
+
+def _images(frames: Any, place: str) -> list[dict[int, str]]:
+    """Paths by frame, for each camera."""
+    found: list[dict[int, str]] = []
+    for frame, entry in enumerate(_listed(frames, place, "ims")):
+        listed = _listed(entry.get("ims") if isinstance(entry, dict) else None, place, f"ims[{frame}]")
+        check(all(isinstance(path, str) for path in listed), place, f"ims[{frame}]", "paths", "something else")
+        check(len(listed) <= MOST_CAMERAS, place, f"ims[{frame}]", f"at most {MOST_CAMERAS} cameras", len(listed))
+        found += [{} for _ in listed[len(found) :]]
+        for view, path in enumerate(str(path).replace("\\", "/") for path in listed):
+            check(safe(path), place, f"ims[{frame}]", "paths inside the capture", path)
+            found[view][frame] = path
+    return found
+
+
+def _listed(values: Any, place: str, field: str) -> list[Any]:
+    """What a list or an array holds, at least one thing."""
+    found = list(values) if isinstance(values, list) or (isinstance(values, np.ndarray) and values.ndim) else []
+    check(found, place, field, "a list", type(values).__name__)
+    return found
+
+
+def _lenses(reading: Reading, cams: Any, images: list[dict[int, str]], place: str) -> list[Lens | None]:
+    """Cameras in the file's unit; None for one without a picture that can be read."""
+    check(isinstance(cams, dict), place, "cams", "a dict of K, D, R, T", type(cams).__name__)
+    arrays = {key: _stack(cams.get(key), place, key) for key in ("K", "D", "R", "T")}
+    count = min(map(len, arrays.values()))
+    check(len(images) <= count, place, "cams", f"{len(images)} cameras, as ims has", count)
+    lenses: list[Lens | None] = []
+    for view, paths in enumerate(images):
+        name = next(iter(paths.values())).split("/")[-2] if "/" in next(iter(paths.values())) else f"camera{view:02d}"
+        name = re.sub(r"[^\w.-]+", "_", name)
+        size = reading.attempt(f"camera {name}", partial(_size, reading, paths))
+        if size is None:
+            lenses.append(None)
+            continue
+        intrinsics, turn = arrays["K"][view].reshape(3, 3).copy(), arrays["R"][view].reshape(3, 3)
+        check(
+            np.abs(turn.T @ turn - np.eye(3)).max() < ROTATION_SLACK and np.linalg.det(turn) > 0,
+            place, f"cams.R[{view}]", "a rotation, world to camera", turn.tolist(),
+        )  # fmt: skip
+        intrinsics[:2, 2] += 0.5
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = turn, arrays["T"][view].ravel()
+        lenses.append(posed_lens(name, intrinsics, pose, size, np.resize(arrays["D"][view].ravel(), 5)))
+    reading.notes.append("pixel centres: the calibration is OpenCV's, at integers: 0.5 added to the principal points")
+    return lenses
+
+
+def _stack(values: Any, place: str, key: str) -> np.ndarray:
+    """(c, n) numbers of all cameras."""
+    entries, count = _listed(values, place, f"cams.{key}"), {"K": 9, "D": 5, "R": 9, "T": 3}[key]
+    check(len(entries) <= MOST_CAMERAS, place, f"cams.{key}", f"at most {MOST_CAMERAS} cameras", len(entries))
+    return np.stack([flat_numbers(value, count, place, f"cams.{key}[{view}]") for view, value in enumerate(entries)])
+
+
+def _size(reading: Reading, paths: dict[int, str]) -> tuple[int, int]:
+    """Width and height that most of the first pictures have."""
+    sizes = []
+    for path in list(paths.values())[:SIZED]:
+        try:
+            sizes.append(picture_size(reading.archive, reading.name(path)))
+        except InputError:  # one of the problems when it is its turn
+            continue
+    if not sizes:
+        raise InputError(reading.place(), "", "pictures", "none")
+    return max(sizes, key=sizes.count)
+
+
+def _mattes(reading: Reading, paths: dict[int, str]) -> dict[int, str]:
+    """By frame, those that are there."""
+    found = {}
+    for frame, path in paths.items():
+        stem = path.rsplit(".", 1)[0]
+        names = [f"{folder}/{stem}.png" for folder in MATTES]
+        names += [f"{folder}/{stem.removeprefix('images/')}.png" for folder in MATTES]
+        there = next((name for name in names if reading.archive.exists(reading.name(name))), None)
+        if there is not None:
+            found[frame] = there
+    return found
+
+
+def _parameters(reading: Reading, count: int) -> dict[int, dict[str, np.ndarray]]:
+    """By frame, in SMPL-X's joints; one that cannot be read is a problem."""
+    folder = next((name for name in PARAMETERS if reading.archive.entries(reading.name(name))), None)
+    if folder is None:
+        return {}
+    there = {
+        int(name[:-4]) for name in reading.archive.entries(reading.name(folder)) if re.fullmatch(r"\d{1,9}\.npy", name)
+    }
+    first = 1 if 0 not in there and count in there else 0
+    if first:
+        reading.notes.append(f"{folder}: files are numbered from 1")
+    rows = {}
+    for frame in range(count):
+        file = f"{folder}/{frame + first}.npy"
+        found = reading.attempt(f"frame {frame}, {file}", partial(_frame, reading, file))
+        if found is not None:
+            rows[frame] = found
+    return rows
+
+
+def _frame(reading: Reading, file: str) -> dict[str, np.ndarray]:
+    values = read_plain(reading.archive.read(reading.name(file), LARGEST_PARAMETERS), reading.place(file))
+    check(isinstance(values, dict), reading.place(file), "", "a dict of poses, Rh, Th", type(values).__name__)
+    sizes = {"poses": 72, "Rh": 3, "Th": 3}
+    arrays = {key: flat_numbers(values.get(key), size, reading.place(file), key) for key, size in sizes.items()}
+    turn, poses = Rotation.from_rotvec(arrays["Rh"]), arrays["poses"]
+    if poses[:3].any():
+        turn = turn * Rotation.from_rotvec(poses[:3])
+    pelvis = Rotation.from_rotvec(arrays["Rh"]).apply(SMPL_PELVIS) + arrays["Th"]
+    return {"global_orient": turn.as_rotvec(), "body_pose": poses[3:66], "transl": pelvis - SMPLX_PELVIS}

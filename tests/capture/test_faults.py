@@ -1,0 +1,95 @@
+"""`capture check` names what is wrong with files: order of cameras, flipped rows, half a pixel, hands against a mean, unit, axis."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from capture.clothed import Clothed
+
+from avatarrex.capture.fit import conventions
+from avatarrex.capture.fit.camera_order import exchanged
+from avatarrex.capture.fit.conventions import likely_convention
+from avatarrex.capture.fit.hand_mean import hand_readings
+from avatarrex.capture.fit.pixel_shift import pixel_shift
+from avatarrex.capture.fit.verdict import judge
+from avatarrex.capture.readers.rigs import Capture, open_capture
+from avatarrex.signals.library import named_hand
+
+
+@pytest.fixture(scope="module")
+def clothed() -> Clothed:
+    return Clothed(cameras=6, frames=2, seed=0, size=(168, 224))
+
+
+@pytest.fixture(scope="module")
+def sound(clothed: Clothed, tmp_path_factory: pytest.TempPathFactory) -> Capture:
+    return open_capture(clothed.write(tmp_path_factory.mktemp("sound") / "capture"))
+
+
+def opened(clothed: Clothed, path: Path, **changes: object) -> Capture:
+    return open_capture(clothed.write(path / "capture", **changes))  # type: ignore[arg-type]
+
+
+def test_a_sound_capture_gets_no_warning(sound: Capture) -> None:
+    assert judge(sound, frames=2)[2].lines() == ["verdict: good"]
+
+
+def test_exchanged_cameras_are_named(clothed: Clothed, tmp_path: Path) -> None:
+    capture = opened(clothed, tmp_path, pictures={"c1": "c2", "c2": "c1"})
+    verdict = judge(capture, frames=2)[2]
+    assert verdict.state == "unusable"
+    assert "camera order: c1's pictures are c2's, c2's pictures are c1's" in verdict.lines()[1]
+
+
+def test_all_cameras_moved_on_by_one(clothed: Clothed, tmp_path: Path) -> None:
+    capture = opened(clothed, tmp_path, pictures={f"c{k}": f"c{(k + 1) % 6}" for k in range(6)})
+    assert exchanged(capture, capture.rigs["body"]) == {f"c{k}": f"c{(k + 1) % 6}" for k in range(6)}
+
+
+def test_flipped_rows_are_named(clothed: Clothed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(conventions, "PICTURES", 4)
+    monkeypatch.setattr(conventions, "PIXELS", 96)
+    capture = opened(clothed, tmp_path, flipped=True)
+    assert (
+        likely_convention(capture, capture.rigs["body"])
+        == "the pictures' rows run from the bottom to the top: flip them"
+    )
+
+
+@pytest.mark.parametrize("shift", [-0.5, 0.5])
+def test_half_a_pixel_is_named(shift: float, sound: Capture) -> None:
+    """Principal points that are off by half a pixel, as of centres at integers (−0.5)."""
+    rig = sound.rigs["body"]
+    moved = np.array([[0, 0, shift], [0, 0, shift], [0, 0, 0]])
+    views = tuple(
+        replace(view, camera=replace(view.camera, intrinsics=view.camera.intrinsics + moved)) for view in rig.views
+    )
+    found, before = (pixel_shift(sound, one) for one in (replace(rig, views=views), rig))
+    assert found is not None
+    assert before is not None
+    assert found.half
+    assert not before.half
+    assert found.pixels[0] - before.pixels[0] == pytest.approx(-shift, abs=0.1)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_hands_against_a_mean_are_named(sign: int, sound: Capture) -> None:
+    """The mean left out (−1), or counted twice; it is not the relaxed hand that the check has."""
+    rig, rng = sound.rigs["body"], np.random.default_rng(4)
+    mean = {side: 0.9 * named_hand("relaxed", side) + 0.05 * rng.standard_normal((15, 3)) for side in ("left", "right")}
+    frames = tuple(
+        one.replace(
+            left_hand_pose=one.left_hand_pose + sign * mean["left"],
+            right_hand_pose=one.right_hand_pose + sign * mean["right"],
+        )
+        for one in rig.signals
+    )
+    certain = {
+        reading.sign: reading.certain
+        for reading in hand_readings(sound, replace(rig, signals=replace(rig.signals, frames=frames)))
+    }
+    assert certain == {-sign: True, sign: False}
+    assert not any(reading.certain for reading in hand_readings(sound, rig))

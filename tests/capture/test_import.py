@@ -1,0 +1,211 @@
+"""`capture import`: each layout of the field, written as published, is the capture that it was made from; what cannot be used is listed."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from avatarrex_studio.cli.main import main
+from capture import foreign
+from capture.foreign import BODIES, FACES, Scene, pickled
+from capture.tiny_capture import TinyCapture
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from avatarrex.capture.fit.check import check_capture
+from avatarrex.capture.importers.axes import TURNS, up_axis
+from avatarrex.capture.importers.difference import difference_matte, quality
+from avatarrex.capture.importers.import_capture import import_capture
+from avatarrex.capture.importers.pictures import as_matte, matte_rule
+from avatarrex.capture.importers.plain_pickle import flat_numbers, read_plain
+from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def body() -> Scene:
+    return foreign.scene()
+
+
+@pytest.fixture(scope="module")
+def head() -> Scene:
+    return foreign.heads()
+
+
+@pytest.mark.parametrize("layout", BODIES)
+def test_a_body(layout: str, body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    BODIES[layout](body, tmp_path / "source")
+    assert main(["capture", "import", str(tmp_path / "source"), str(tmp_path / "out")]) == 0
+    assert f"{layout}: body, 3 cameras, 3 frames" in capsys.readouterr().out
+    capture = open_capture(tmp_path / "out")
+    rig = capture.rigs["body"]
+    for found, exact in zip(rig.signals, body.signals):
+        np.testing.assert_allclose(found.translation, exact.translation, atol=1e-6)
+        np.testing.assert_allclose(found.global_orient, exact.global_orient, atol=1e-6)
+        np.testing.assert_allclose(found.body_pose, exact.body_pose, atol=1e-6)
+    for view, camera in zip(rig.views, body.cameras.values()):
+        np.testing.assert_allclose(view.camera.intrinsics, camera.intrinsics, atol=1e-9)
+        np.testing.assert_allclose(view.camera.camera_from_world, camera.camera_from_world, atol=1e-9)
+    (report,) = check_capture(capture, frames=3).rigs
+    assert (report.mean("template") or 0) > (0.98 if layout == "ZJU-MoCap" else 0.999), "its hands are relaxed"
+    assert len(rig.missing) == (layout == "AvatarReX"), "missing_img_files.txt"
+
+
+@pytest.mark.parametrize("layout", FACES)
+def test_a_face(layout: str, head: Scene, tmp_path: Path) -> None:
+    """One camera stays, the head moves: what the picture shows is the same, whatever world it is in."""
+    FACES[layout](head, tmp_path / "source")
+    found = import_capture(tmp_path / "source", tmp_path / "out")
+    assert (found.layout, found.rig, found.pictures, found.problems) == (layout, "face", 3, ())
+    (report,) = check_capture(open_capture(tmp_path / "out"), frames=3).rigs
+    assert (report.mean("template") or 0) > 0.985
+    with np.load(tmp_path / "out" / "face" / "smpl_params.npz") as arrays:
+        assert ("flame_expression" in arrays) == (layout == "IMAvatar")
+        assert ("nerface_expression" in arrays) == (layout == "NeRFace")
+
+
+def test_what_cannot_be_used_is_listed_and_ends_nothing(body: Scene, tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    foreign.written_zju(body, source)
+    (source / "new_params" / "1.npy").unlink()
+    damaged = source / "Camera_B1" / "000000.jpg"
+    damaged.write_bytes(damaged.read_bytes()[:-400])
+    (source / "mask_cihp" / "Camera_B2" / "000002.png").unlink()
+    Image.new("RGB", (30, 40)).save(source / "Camera_B3" / "000000.jpg")
+    found = import_capture(source, tmp_path / "out")
+    said = "\n".join(found.problems)
+    assert "frame 1, new_params/1.npy: expected the file to be there" in said
+    assert "Camera_B1 frame 0: expected a whole picture" in said
+    assert "Camera_B2 frame 2: expected a matte, found none" in said
+    assert "Camera_B3 frame 0: expected 120x160 pixels, as the calibration says, found 30x40" in said
+    assert (len(found.problems), found.pictures) == (4, 3)
+    missing = open_capture(tmp_path / "out").rigs["body"].missing
+    assert missing == {(0, 0), (2, 0), (0, 1), (1, 1), (2, 1), (1, 2)}
+    assert json.loads((tmp_path / "out" / "import.json").read_text())["problems"] == list(found.problems)
+
+
+def test_numbers_from_one(body: Scene, tmp_path: Path) -> None:
+    foreign.written_zju(body, tmp_path)
+    for frame in (2, 1, 0):
+        (tmp_path / "new_params" / f"{frame}.npy").rename(tmp_path / "new_params" / f"{frame + 1}.npy")
+    found = import_capture(tmp_path, tmp_path / "out")
+    assert "new_params: files are numbered from 1" in found.notes
+    assert not found.problems
+
+
+def test_without_parameters(body: Scene, tmp_path: Path) -> None:
+    foreign.written_actorshq(body, tmp_path / "source")
+    (tmp_path / "source" / "smpl_params.npz").unlink()
+    found = import_capture(tmp_path / "source", tmp_path / "out")
+    assert not found.posed
+    assert "no parameters: `capture prepare` finds poses from keypoints" in found.notes
+    assert (tmp_path / "out/body/Cam001/00000002.jpg").exists()
+
+
+def test_unknown_folders_are_refused_with_the_table(tmp_path: Path) -> None:
+    (tmp_path / "odd").mkdir()
+    (tmp_path / "odd" / "x.txt").write_text("")
+    with pytest.raises(
+        InputError, match=r"calibration_full\.json \(AvatarReX\);.*annots\.npy \(ZJU-MoCap\).*found x\.txt"
+    ):
+        import_capture(tmp_path / "odd", tmp_path / "out")
+    with pytest.raises(InputError, match="one that is in ours"):
+        import_capture(TinyCapture.make(("body",)).folder(tmp_path / "ours"), tmp_path / "out")
+
+
+class _Calls:
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return print, ("called",)
+
+
+def test_nothing_is_called_by_a_pickle(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(
+        InputError, match=r"a\.npy: expected an \.npy file of plain dictionaries.*found builtins\.print"
+    ):
+        read_plain(pickled({"cams": _Calls()}), "a.npy")
+    assert capsys.readouterr().out == ""
+    plain = {"K": [np.eye(3), np.float32(2)], "ims": ["a", {"b": (1, None)}], "poses": np.arange(4, dtype=np.int64)}
+    found = read_plain(pickled(plain), "a.npy")
+    np.testing.assert_equal(found, plain)
+    stream = io.BytesIO()
+    np.save(stream, np.arange(3))
+    np.testing.assert_equal(read_plain(stream.getvalue(), "a.npy"), np.arange(3))
+    old = stream.getvalue()[:10]
+    for broken in (old, pickled({"a": 1})[:-5], b"\x93NUMPY\x01\x00" + b"\xff" * 40, pickle.dumps(3)):
+        with pytest.raises(InputError):
+            read_plain(broken, "a.npy")
+
+
+def test_lists_that_repeat_each_other_are_not_followed() -> None:
+    nested: list = [1.0] * 3
+    for _ in range(30):
+        nested = [nested] * 3
+    for value in (nested, [[1.0, 2.0]], {"a": 1}, ["1", "2", "3"], [1.0, np.nan, 2.0]):
+        with pytest.raises(InputError, match=r"a\.npy: K: expected 3 (finite )?numbers"):
+            flat_numbers(value, 3, "a.npy", "K")
+    np.testing.assert_equal(flat_numbers([[1], np.array([[2.0], [3.0]])], 3, "a.npy", "K"), [1, 2, 3])
+
+
+@pytest.mark.parametrize("axis", TURNS)
+def test_up_axes(axis: str) -> None:
+    stands = TURNS[axis].inv()
+    assert up_axis(np.stack([(stands * Rotation.from_rotvec([0.1, yaw, 0])).as_rotvec() for yaw in (0, 2, 4)])) == axis
+    assert up_axis(np.array([[np.pi / 2, 0, 0], [-np.pi / 2, 0, 0]])) == "+Y", "who rolls decides nothing"
+
+
+def test_what_mattes_mean() -> None:
+    empty, person = np.zeros((20, 30), np.uint8), np.zeros((20, 30), np.uint8)
+    person[5:15, 10:20] = 255
+    labels = np.uint8(person > 0) * 7
+    assert [matte_rule([empty, one]) for one in (person, labels, 255 - person)] == ["grey", "labels", "inverted"]
+    for one, rule in ((person, "grey"), (labels, "labels"), (255 - person, "inverted")):
+        np.testing.assert_equal(as_matte(one, rule), person)
+
+
+def test_what_differs_from_the_empty_scene() -> None:
+    """A ring on a noisy gradient, lit a tenth brighter than the empty scene: its hole stays open, a speck goes."""
+    rng = np.random.default_rng(0)
+    row, column = np.mgrid[:120, :160]
+    empty = np.stack([60 + 0.5 * column, 70 + 0.3 * row, np.full(row.shape, 90.0)], -1)
+    away = np.hypot(row - 60, column - 80)
+    ring = (away < 40) & (away > 15)
+    seen = np.where(ring[..., None], (200.0, 160.0, 140.0), empty * 1.1)
+    seen[5:7, 5:7] = 255
+    noisy = [np.uint8(np.clip(one + 2 * rng.standard_normal(one.shape), 0, 255)) for one in (seen, empty)]
+    matte = difference_matte(*noisy)
+    assert ((matte > 127) != ring).mean() < 0.004
+    assert quality(matte).faults() == []
+    assert quality(np.full((9, 9), 255, np.uint8)).faults() == [
+        "covers 100.0% of the picture",
+        "covers 100% of the picture's border",
+    ]
+
+
+@pytest.mark.slow
+def test_an_imported_capture_is_trained_on(body: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from tiny_recipe import TINY
+
+    from avatarrex.training import recipe
+
+    monkeypatch.setitem(recipe.RECIPES, "smoke", TINY)
+    foreign.written_zju(body, tmp_path / "source")
+    import_capture(tmp_path / "source", tmp_path / "out")
+    run = tmp_path / "run"
+    words = [
+        "train",
+        str(tmp_path / "out"),
+        "--out",
+        str(run),
+        "--recipe",
+        "smoke",
+        "--parts",
+        "body",
+        "--no-surface",
+        "--force",
+    ]
+    assert main(words) == 0
+    assert json.loads((run / "run.json").read_text())["state"] == "finished"
