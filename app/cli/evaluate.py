@@ -18,7 +18,7 @@ from avatarrex.files.gate import check_writable
 
 if TYPE_CHECKING:
     from avatarrex.avatar import Avatar
-    from avatarrex.capture.readers.rigs import Capture, Rig
+    from avatarrex.capture.readers.rigs import Capture
     from avatarrex.templates.person import Person
 
 SHEET = 8
@@ -79,6 +79,7 @@ def _evaluate(
     from avatarrex.files.images import write_png
     from avatarrex.metrics import baselines, drawing, evaluate, face_region, measures, report
     from avatarrex.metrics.own_training import as_trained
+    from avatarrex.training.core import exposure
 
     weights = (arguments.vgg, arguments.lpips, arguments.inception)
     networks = measures.Networks.load(*(Path(path) if path else None for path in weights))
@@ -89,7 +90,9 @@ def _evaluate(
     rig = choice.held_out(rig, arguments.held_out_frames, arguments.held_out_views)
     capture = replace(capture, rigs={**capture.rigs, name: rig})
     if arguments.exposed_as:
-        rig = _exposed(capture, name, arguments.exposed_as, avatar.person if own else capture.person)
+        capture = exposure.one_exposure(capture, arguments.exposed_as, avatar.person if own else capture.person)
+        rig = capture.rigs[name]
+        print(f"{name} rig: {exposure.words(rig, arguments.exposed_as)}", file=sys.stderr)
     frames = _frames(arguments.frames, rig.held_out_frames, rig.frames) if arguments.frames else None
     views = choice.cameras(rig, arguments.views, "--views") if arguments.views else None
     other = not own and avatar.person.hash != capture.person.hash
@@ -115,22 +118,6 @@ def _evaluate(
         write_png(sheet, report.contact_sheet(found))
         print(sheet)
     return 0
-
-
-def _exposed(capture: Capture, name: str, other: str, person: Person) -> Rig:
-    """Rig `name` in the exposure of rig `other`, by what the training's pictures of both show of `person`."""
-    from avatarrex.capture.readers.splits import sealed
-    from avatarrex.training.core.exposure import exposed, gain_to
-
-    others = [rig for rig in capture.rigs if rig != name]
-    if not others:
-        raise InputError("--exposed-as", "", "a capture with two rigs", f"the {name} rig alone")
-    known = sealed(capture, "train").rigs
-    gain = gain_to(known[name], known[options.one_of("--exposed-as", other, others)], person)
-    print(
-        f"{name} rig: pictures times {', '.join(f'{each:.2f}' for each in gain)}, as the {other} rig's", file=sys.stderr
-    )
-    return exposed(capture.rigs[name], gain)
 
 
 def _person_fitted(avatar: Avatar, capture: Capture, own: bool) -> Person:

@@ -23,6 +23,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add("--other", metavar="AVATAR2", help="who is compared with it (the fitted textured mesh)")
     add("--seed", default="0", metavar="N", help="chooses the views and who is A in each (0)")
     add("--views", default="24", metavar="N", help="how many (24)")
+    add("--exposed-as", metavar="RIG", help="pictures as the cameras of this rig would have taken them")
     add("--swap", action="store_true", help="the same views, A and B exchanged")
 
 
@@ -38,6 +39,8 @@ def run(arguments: Namespace) -> int:
     out = output_folder(arguments.out, "key.json")
     from avatarrex_studio.sheets import blind
 
-    trial = blind.Trial(arguments.avatar, arguments.capture, arguments.other, seed, count, arguments.swap)
+    trial = blind.Trial(
+        arguments.avatar, arguments.capture, arguments.other, seed, count, arguments.swap, arguments.exposed_as
+    )
     write_json(out / "key.json", trial.draw(out))
     return 0

@@ -38,6 +38,7 @@ from avatarrex.metrics.drawing import AvatarDrawer
 from avatarrex.metrics.evaluate import TEST, split_of
 from avatarrex.metrics.own_training import as_trained
 from avatarrex.signals.joints import JOINT_NAMES
+from avatarrex.training.core.exposure import one_exposure
 
 FORMAT = 1
 TILE, ROWS = 460, 3
@@ -77,11 +78,15 @@ class Trial:
     seed: int
     count: int
     swapped: bool
+    exposure: str | None = None
+    """The rig in whose exposure all is compared: an avatar has one, that of its body's pictures."""
 
     def draw(self, out: Path) -> dict[str, Any]:
         """Write `page_01.png` … into `out`; returns the key. Raises `InputError`."""
         avatar = load_avatar(self.avatar)
         capture, own = as_trained(avatar, self.avatar, with_validation(open_capture(self.capture)))
+        if self.exposure:
+            capture = one_exposure(capture, self.exposure, avatar.person if own else capture.person)
         views = chosen_views(capture, self.seed, self.count)
         rival = OTHER if self.other else MESH
         rows: list[list[list[Tile]]] = []
@@ -95,7 +100,7 @@ class Trial:
                 sheet.save(temporary, format="PNG")
         return {
             "format": FORMAT, "avatar": self.avatar, "capture": self.capture, "other": self.other, "seed": self.seed,
-            "swapped": self.swapped,
+            "swapped": self.swapped, "exposed_as": self.exposure,
             "views": [self._named(k, view, capture.rigs[view.rig], rival) for k, view in enumerate(views, 1)],
         }  # fmt: skip
 

@@ -15,6 +15,7 @@ from PIL import Image
 
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
+from avatarrex.training.core import exposure
 
 LEVEL = {blind.AVATAR: 0.2, blind.MESH: 0.7}
 """A grey for each subject."""
@@ -93,3 +94,16 @@ def test_without_a_test_there_is_no_trial(tmp_path):
     capture = TinyCapture.make().zip(tmp_path / "tiny.zip")
     with pytest.raises(InputError, match="pictures that were held out, found none"):
         blind.chosen_views(open_capture(capture), 3, 9)
+
+
+def test_rigs_are_compared_in_one_exposure(capture, greys, tmp_path, monkeypatch):
+    monkeypatch.setattr(exposure, "gain_to", lambda *_: np.full(3, 0.5))
+    key, as_taken = judged(capture, tmp_path / "a")
+    exposed_key, exposed = judged(capture, tmp_path / "b", "--exposed-as", "body")
+    assert (key["exposed_as"], exposed_key["exposed_as"]) == (None, "body")
+    face = np.array([view["rig"] == "face" for view in key["views"]])
+    assert 0 < face.sum() < len(face)
+    assert np.allclose(exposed[~face], as_taken[~face])
+    darker = exposed[face, 0] / as_taken[face, 0]
+    assert np.isclose(darker.min(), 0.5, atol=0.01), "photographs of the face rig, where there is somebody"
+    assert darker.max() <= 1

@@ -14,8 +14,10 @@ from jaxtyping import Float
 
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.readers.images_store import Pictures
-from avatarrex.capture.readers.rigs import Rig
+from avatarrex.capture.readers.rigs import Capture, Rig
+from avatarrex.capture.readers.splits import sealed
 from avatarrex.capture.zbuffer import visible_faces
+from avatarrex.errors import check
 from avatarrex.templates.person import Person
 from avatarrex.training.core.pixels import training_pairs
 
@@ -55,9 +57,35 @@ def exposed_as(rig: Rig, other: Rig, person: Person) -> Rig:
     return exposed(rig, gain_to(rig, other, person))
 
 
+def one_exposure(capture: Capture, name: str, person: Person) -> Capture:
+    """`capture` with the pictures of every other rig as the cameras of rig `name` would have taken them, by what the training's pictures
+    show of `person`. Raises `InputError` without a second rig, or without this one."""
+    check(
+        len(capture.rigs) > 1,
+        "--exposed-as",
+        "",
+        "a capture with two rigs",
+        f"the {next(iter(capture.rigs))} rig alone",
+    )
+    check(name in capture.rigs, "--exposed-as", "", f"one of {', '.join(capture.rigs)}", name)
+    known = sealed(capture, "train").rigs
+    gains = {other: gain_to(known[other], known[name], person) for other in known if other != name}
+    return replace(
+        capture,
+        rigs={other: exposed(rig, gains[other]) if other in gains else rig for other, rig in capture.rigs.items()},
+    )
+
+
 def exposed(rig: Rig, gain: Float[np.ndarray, " 3"]) -> Rig:
     """`rig` with its pictures multiplied by `gain`."""
     return replace(rig, pictures=ExposedPictures(rig.pictures, gain))
+
+
+def words(rig: Rig, name: str) -> str:
+    """What a rig's pictures were multiplied by to be as those of rig `name`."""
+    pictures = rig.pictures
+    factors = pictures.gain if isinstance(pictures, ExposedPictures) else np.ones(3)
+    return f"pictures times {', '.join(f'{each:.2f}' for each in factors)}, as the {name} rig's"
 
 
 def gain_to(rig: Rig, other: Rig, person: Person) -> Float[np.ndarray, " 3"]:
