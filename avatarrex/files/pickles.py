@@ -1,8 +1,8 @@
-"""Pickles of model files, read without `pickle`: a stack machine that makes numbers, texts, lists, dicts and arrays, and nothing else.
+"""Pickles of models and captures, read without `pickle`: a stack machine makes numbers, texts, lists, dicts and arrays, and nothing else.
 
 No class is looked up and nothing is called: the few globals that such files name (`ADMITTED`) are words with a meaning here, any other is
 refused by name. A chumpy object is the array that it stands for; `scipy.sparse` matrices are checked. What a file makes takes
-no more than `PICKLE_BYTES`, since lengths are compared with what is left of the file, and arrays that share bytes are counted each.
+no more than a limit, since lengths are compared with what is left of the file, and arrays that share bytes are counted each.
 Python 2's texts are Latin-1, as NumPy's arrays in them need. The machine: Python's `pickletools`, which documents each opcode.
 """
 
@@ -14,8 +14,9 @@ import pickletools
 import re
 import warnings
 from collections.abc import Callable, Iterator
+from io import BufferedIOBase, BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from numpy.lib import format as npy
 
@@ -34,20 +35,35 @@ _OPCODES = {opcode.code.encode("latin-1"): opcode for opcode in pickletools.opco
 _MARK = object()
 
 
-def read_pickle(path: str | Path, expected: str) -> Any:
-    """What a pickle, or an `.npy` file that holds one object, contains. Raises `InputError`: `expected` says what it should be."""
-    check_file(path, expected, PICKLE_BYTES)
-    size = os.stat(path).st_size
-    with refusing(path, "", f"{expected} that is whole", (*BROKEN, OSError)), open(path, "rb") as file:
-        scalar = _skip_header(file, path)
-        machine = _Machine(_Stream(file, size - file.tell()), path)
+def read_pickle(source: str | Path | bytes, expected: str, largest: int = PICKLE_BYTES, place: str | Path = "") -> Any:
+    """What a pickle, or an `.npy` file that holds one object, contains: a path, or its bytes, called `place` in errors.
+
+    Raises `InputError`: `expected` says what it should be; neither the file nor its arrays take more than `largest` bytes.
+    """
+    place = place or ("bytes" if isinstance(source, bytes) else source)
+    with (
+        refusing(place, "", f"{expected} that is whole", (*BROKEN, OSError)),
+        _opened(source, expected, largest) as file,
+    ):
+        size = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        scalar = _skip_header(file, place)
+        machine = _Machine(_Stream(file, size - file.tell()), largest, place)
         with warnings.catch_warnings(action="ignore"):  # a backslash before another letter stands for itself
             made = machine.run()
-        value = plain_values(made, path)
+        value = plain_values(made, place)
     return value[0] if scalar and isinstance(value, list) and len(value) == 1 else value
 
 
-def _skip_header(file: BinaryIO, path: str | Path) -> bool:
+def _opened(source: str | Path | bytes, expected: str, largest: int) -> BufferedIOBase:
+    """A file to read from. Raises `InputError` for one that is too large."""
+    if isinstance(source, bytes):
+        return BytesIO(source)
+    check_file(source, expected, largest)
+    return open(source, "rb")
+
+
+def _skip_header(file: BufferedIOBase, path: str | Path) -> bool:
     """Whether the file is an `.npy` of one object; its header is passed over. Raises `InputError` for one of numbers."""
     start = file.read(len(npy.MAGIC_PREFIX))
     file.seek(0)
@@ -64,7 +80,7 @@ def _skip_header(file: BinaryIO, path: str | Path) -> bool:
 class _Stream:
     """A file of which nobody can read more than is left."""
 
-    def __init__(self, file: BinaryIO, left: int) -> None:
+    def __init__(self, file: BufferedIOBase, left: int) -> None:
         self._file, self.left = file, left
 
     def read(self, count: int) -> bytes:
@@ -84,12 +100,12 @@ class _Stream:
 class _Machine:
     """The stack of a pickle, and what it has named for later."""
 
-    def __init__(self, stream: _Stream, source: str | Path) -> None:
+    def __init__(self, stream: _Stream, largest: int, source: str | Path) -> None:
         self.stream: Any = stream
         self.source = source
         self.stack: list[Any] = []
         self.memo: dict[int, Any] = {}
-        self.budget = Budget(PICKLE_BYTES, source)
+        self.budget = Budget(largest, source)
 
     def run(self) -> Any:
         """What lies on top at the end. Raises `InputError` and what `BROKEN` names."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -270,5 +269,3 @@ BODIES: dict[str, Callable[[Scene, Path], None]] = {
     "AvatarReX": written_avatarrex, "THuman4.0": written_thuman, "ZJU-MoCap": written_zju, "ActorsHQ": written_actorshq,
 }  # fmt: skip
 FACES: dict[str, Callable[[Scene, Path], None]] = {"IMAvatar": written_imavatar, "NeRFace": written_nerface}
-
-__all__ = ["BODIES", "FACES", "Scene", "heads", "pickle", "pickled", "put", "scene"]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import json
-import pickle
+import re
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from avatarrex.capture.importers.axes import TURNS, up_axis
 from avatarrex.capture.importers.difference import difference_matte, quality
 from avatarrex.capture.importers.import_capture import import_capture
 from avatarrex.capture.importers.pictures import as_matte, matte_rule
-from avatarrex.capture.importers.plain_pickle import flat_numbers, read_plain
+from avatarrex.capture.importers.zju import flat_numbers
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
 
@@ -122,22 +121,22 @@ class _Calls:
         return print, ("called",)
 
 
-def test_nothing_is_called_by_a_pickle(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(
-        InputError, match=r"a\.npy: expected an \.npy file of plain dictionaries.*found builtins\.print"
+def test_nothing_is_called_by_a_pickle(body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    foreign.written_zju(body, tmp_path)
+    (tmp_path / "new_params" / "1.npy").write_bytes(pickled({"poses": _Calls()}))
+    refused = "expected numbers, texts, .*found the global (__builtin__|builtins).print"
+    (problem,) = import_capture(tmp_path, tmp_path / "out").problems
+    assert re.fullmatch(rf"frame 1, new_params/1\.npy: {refused}", problem)
+    for content, said in (
+        (pickled({"cams": _Calls()}), rf"byte \d+: {refused}"),
+        (pickled({"ims": [1]}), r"a dict of cams and ims, found \['ims'\]"),
+        (pickled("words"), "a dict of cams and ims, found str"),
+        (pickled({"a": 1})[:-5], "a dict of cams and ims that is whole"),
     ):
-        read_plain(pickled({"cams": _Calls()}), "a.npy")
+        (tmp_path / "annots.npy").write_bytes(content)
+        with pytest.raises(InputError, match=rf"annots\.npy: .*{said}"):
+            import_capture(tmp_path, tmp_path / "other")
     assert capsys.readouterr().out == ""
-    plain = {"K": [np.eye(3), np.float32(2)], "ims": ["a", {"b": (1, None)}], "poses": np.arange(4, dtype=np.int64)}
-    found = read_plain(pickled(plain), "a.npy")
-    np.testing.assert_equal(found, plain)
-    stream = io.BytesIO()
-    np.save(stream, np.arange(3))
-    np.testing.assert_equal(read_plain(stream.getvalue(), "a.npy"), np.arange(3))
-    old = stream.getvalue()[:10]
-    for broken in (old, pickled({"a": 1})[:-5], b"\x93NUMPY\x01\x00" + b"\xff" * 40, pickle.dumps(3)):
-        with pytest.raises(InputError):
-            read_plain(broken, "a.npy")
 
 
 def test_lists_that_repeat_each_other_are_not_followed() -> None:
@@ -183,29 +182,3 @@ def test_what_differs_from_the_empty_scene() -> None:
         "covers 100.0% of the picture",
         "covers 100% of the picture's border",
     ]
-
-
-@pytest.mark.slow
-def test_an_imported_capture_is_trained_on(body: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tiny_recipe import TINY
-
-    from avatarrex.training import recipe
-
-    monkeypatch.setitem(recipe.RECIPES, "smoke", TINY)
-    foreign.written_zju(body, tmp_path / "source")
-    import_capture(tmp_path / "source", tmp_path / "out")
-    run = tmp_path / "run"
-    words = [
-        "train",
-        str(tmp_path / "out"),
-        "--out",
-        str(run),
-        "--recipe",
-        "smoke",
-        "--parts",
-        "body",
-        "--no-surface",
-        "--force",
-    ]
-    assert main(words) == 0
-    assert json.loads((run / "run.json").read_text())["state"] == "finished"

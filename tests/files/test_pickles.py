@@ -88,6 +88,9 @@ def test_csr_ordered_dict_and_an_npy_of_a_dict(tmp_path: Path) -> None:
     same(found["meanshape"], GIVEN["v"])
     np.testing.assert_array_equal(found["j"].toarray(), matrix.toarray())
     assert found["names"] == ["a", "b"]
+    assert read_pickle((tmp_path / "face.npy").read_bytes(), "a face")["names"] == ["a", "b"]
+    with pytest.raises(InputError, match=r"^zip/face\.npy: expected a face that is whole"):
+        read_pickle((tmp_path / "face.npy").read_bytes()[:-9], "a face", place="zip/face.npy")
 
 
 class Evil:
@@ -182,15 +185,13 @@ def test_what_is_damaged_is_refused_in_one_line(tmp_path: Path, name: str) -> No
     assert peak < 40e6
 
 
-def test_bytes_that_many_arrays_share_are_counted_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bytes_that_many_arrays_share_are_counted_each() -> None:
     """A text of 4 MB that 100 arrays are made of would be 400 MB."""
-    monkeypatch.setattr("avatarrex.files.pickles.PICKLE_BYTES", 2**26)
     block = b"T" + struct.pack("<I", 2**22) + bytes(2**22)
     content = block + b"q\x010]"
     content += b"".join(array_of(b"J" + struct.pack("<i", 2**19) + b"\x85", b"h\x01") + b"a" for _ in range(100))
-    (tmp_path / "m.pkl").write_bytes(stored(content))
     with pytest.raises(InputError, match="arrays of at most"):
-        read_pickle(tmp_path / "m.pkl", "a model")
+        read_pickle(stored(content), "a model", 2**26)
 
 
 @pytest.mark.parametrize(

@@ -14,33 +14,27 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from avatarrex.capture.importers.pictures import picture_size
-from avatarrex.capture.importers.plain_pickle import LARGEST_BYTES, flat_numbers, read_plain
 from avatarrex.capture.importers.source import Reading, Source, SourceView, posed_lens, repeated
 from avatarrex.capture.readers.archive import safe
 from avatarrex.capture.readers.calibration import MOST_CAMERAS, ROTATION_SLACK, Lens
 from avatarrex.capture.readers.rigs import SMPLX_PELVIS
 from avatarrex.errors import InputError, check
+from avatarrex.files.pickles import read_pickle
 
 SMPL_PELVIS = np.array([-0.0018, -0.2233, 0.0282])
 """J_0 of the neutral SMPL template, metres, to 0.1 mm."""
 PARAMETERS, MATTES = ("new_params", "params"), ("mask_cihp", "mask")
 SIZED = 5
 """Pictures of a camera that are looked at for their size, which annots.npy does not say."""
-LARGEST_PARAMETERS = 2**20
-"""Bytes of one frame's."""
+LARGEST_ANNOTS, LARGEST_PARAMETERS = 2**28, 2**20
+"""Bytes of annots.npy (half a million names of pictures) and of one frame's parameters."""
 
 
 def read_zju(reading: Reading) -> Source:
     """The capture at the reading's root. Raises `InputError` for a calibration or a list of pictures that cannot be understood."""
     place = reading.place("annots.npy")
-    annots = read_plain(reading.archive.read(reading.name("annots.npy"), LARGEST_BYTES), place)
-    check(
-        isinstance(annots, dict) and {"cams", "ims"} <= set(annots),
-        place,
-        "",
-        "a dict of cams and ims",
-        type(annots).__name__,
-    )
+    annots = _read(reading, "annots.npy", "a dict of cams and ims", LARGEST_ANNOTS)
+    check({"cams", "ims"} <= set(annots), place, "", "a dict of cams and ims", sorted(map(str, annots)))
     images = _images(annots["ims"], place)
     lenses = _lenses(reading, annots["cams"], images, place)
     views = tuple(
@@ -52,6 +46,14 @@ def read_zju(reading: Reading) -> Source:
     parameters, without = repeated(rows, count)
     reading.notes.append("hands: SMPL has none: relaxed in every frame")
     return Source("ZJU-MoCap", "body", views, count, parameters, without)
+
+
+def _read(reading: Reading, file: str, expected: str, largest: int) -> dict[Any, Any]:
+    """The dictionary that NumPy has pickled."""
+    place = reading.place(file)
+    values = read_pickle(reading.archive.read(reading.name(file), largest), expected, largest, place)
+    check(isinstance(values, dict), place, "", expected, type(values).__name__)
+    return dict(values)
 
 
 def _images(frames: Any, place: str) -> list[dict[int, str]]:
@@ -156,8 +158,7 @@ def _parameters(reading: Reading, count: int) -> dict[int, dict[str, np.ndarray]
 
 
 def _frame(reading: Reading, file: str) -> dict[str, np.ndarray]:
-    values = read_plain(reading.archive.read(reading.name(file), LARGEST_PARAMETERS), reading.place(file))
-    check(isinstance(values, dict), reading.place(file), "", "a dict of poses, Rh, Th", type(values).__name__)
+    values = _read(reading, file, "a dict of poses, Rh, Th", LARGEST_PARAMETERS)
     sizes = {"poses": 72, "Rh": 3, "Th": 3}
     arrays = {key: flat_numbers(values.get(key), size, reading.place(file), key) for key, size in sizes.items()}
     turn, poses = Rotation.from_rotvec(arrays["Rh"]), arrays["poses"]
@@ -165,3 +166,22 @@ def _frame(reading: Reading, file: str) -> dict[str, np.ndarray]:
         turn = turn * Rotation.from_rotvec(poses[:3])
     pelvis = Rotation.from_rotvec(arrays["Rh"]).apply(SMPL_PELVIS) + arrays["Th"]
     return {"global_orient": turn.as_rotvec(), "body_pose": poses[3:66], "transl": pelvis - SMPLX_PELVIS}
+
+
+def flat_numbers(value: Any, count: int, source: str, field: str) -> np.ndarray:
+    """(count,) float64 of numbers nested somehow; lists that repeat each other a billion times are not followed. Raises `InputError`."""
+    waiting, found = [value], []
+    for _ in range(4 * count + 4):
+        if not waiting:
+            break
+        item = waiting.pop()
+        if isinstance(item, list | tuple) and len(item) <= count:
+            waiting.extend(reversed(item))
+        elif isinstance(item, int | float | np.generic | np.ndarray) and np.size(item) <= count:
+            found.append(np.ravel(item))
+        else:
+            raise InputError(source, field, f"{count} numbers", type(item).__name__)
+    flat = np.concatenate(found) if found else np.zeros(0)
+    if waiting or len(flat) != count or flat.dtype.kind not in "fiu" or not np.isfinite(flat).all():
+        raise InputError(source, field, f"{count} finite numbers", f"{len(flat)} of {flat.dtype}")
+    return np.asarray(flat, np.float64)
