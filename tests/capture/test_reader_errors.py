@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from capture.tiny_capture import FRAMES, TinyCapture, jpeg
+from partial_png import partial_png
 
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
@@ -121,6 +122,17 @@ def test_a_cut_off_picture(tiny: TinyCapture, tmp_path: Path, packed: bool) -> N
     with pytest.raises(InputError, match=r"c1/00000002\.jpg: expected a whole picture"):
         rig.image(1, 2)
     assert rig.matte(1, 2).any()
+
+
+@pytest.mark.parametrize(("name", "kind"), [("mask/pha/00000002.png", "matte"), ("00000002.png", "image")])
+def test_a_half_empty_picture(tiny: TinyCapture, tmp_path: Path, name: str, kind: str) -> None:
+    """Of which Pillow reads the missing half as black."""
+    capture = TinyCapture(tiny.signals, dict(tiny.files))
+    del capture.files[f"body/c1/{name[:-4]}.jpg"]
+    capture.files[f"body/c1/{name}"] = partial_png(np.full((80, 60, 3), 255, np.uint8), 40)
+    rig = open_capture(capture.folder(tmp_path / "a")).rigs["body"]
+    with pytest.raises(InputError, match=rf"c1/{name}: expected a whole picture, found 50% of its pixels"):
+        getattr(rig, kind)(1, 2)
 
 
 def test_a_later_picture_of_another_size(tiny: TinyCapture, tmp_path: Path) -> None:

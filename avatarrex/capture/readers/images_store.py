@@ -15,6 +15,8 @@ from avatarrex.capture.readers.archive import PICTURE_BYTES, Archive
 from avatarrex.capture.readers.calibration import Lens
 from avatarrex.capture.readers.undistort import source_pixels, undistort
 from avatarrex.errors import InputError
+from avatarrex.files.whole_picture import check_whole
+from avatarrex.files.zips import refusing
 
 
 class ByteCache:
@@ -69,6 +71,8 @@ class Pictures:
     ) -> None:
         self._archive, self._lenses, self._cache = archive, lenses, cache
         self._names = {"image": images, "matte": mattes}
+        self._whole: set[str] = set()
+        """Files that have been found to be whole; a black PNG is unpacked for it, which takes up to as long as decoding."""
 
     def get(self, kind: str, view: int, frame: int) -> np.ndarray:
         """An `image`, sRGB bytes (h, w, 3), or a `matte`, foreground from 0 to 255 (h, w); read-only.
@@ -87,26 +91,30 @@ class Pictures:
         return self._names["matte"][view][frame] == self._names["image"][view][frame]
 
     def _decode(self, kind: str, view: int, frame: int) -> np.ndarray:
-        picture = self._open(kind, view, frame)
+        content, picture = self._open(kind, view, frame)
         own = kind == "matte" and self._alpha(view, frame)
         if own and not picture.has_transparency_data:
             expected = "an alpha channel, as the camera's first picture has, or a matte"
             raise InputError(self._place(kind, view, frame), "", expected, picture.mode)
-        try:
+        place, name = self._place(kind, view, frame), self._names[kind][view][frame]
+        with refusing(place, "", "a whole picture", (OSError, ValueError, SyntaxError, EOFError)):
+            if name not in self._whole:
+                check_whole(content, np.asarray(picture), place)
+                self._whole.add(name)
             chosen = picture.convert("RGBA").getchannel("A") if own else picture
             pixels = np.array(chosen.convert("RGB" if kind == "image" else "L"))
-        except (OSError, ValueError, SyntaxError, EOFError) as error:
-            raise InputError(self._place(kind, view, frame), "", "a whole picture", error) from None
         if not self._lenses[view].distorts:
             return pixels
         return undistort(
             pixels, self._cache.get(("pixels", self._lenses[view]), lambda: source_pixels(self._lenses[view]))
         )
 
-    def _open(self, kind: str, view: int, frame: int) -> Image.Image:
+    def _open(self, kind: str, view: int, frame: int) -> tuple[bytes, Image.Image]:
+        """A picture's file, and the picture before it is decoded."""
         place = self._place(kind, view, frame)
         try:
-            picture = Image.open(io.BytesIO(self._archive.read(self._names[kind][view][frame], PICTURE_BYTES)))
+            content = self._archive.read(self._names[kind][view][frame], PICTURE_BYTES)
+            picture = Image.open(io.BytesIO(content))
         except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
             if isinstance(error, InputError):
                 raise
@@ -117,7 +125,7 @@ class Pictures:
             raise InputError(place, "", expected, f"{picture.size[0]}x{picture.size[1]}")
         if picture.mode not in ("1", "L", "LA", "P", "RGB", "RGBA"):
             raise InputError(place, "", "8 bits a channel, grey or RGB", f"mode {picture.mode}")
-        return picture
+        return content, picture
 
     def _place(self, kind: str, view: int, frame: int) -> str:
         return self._archive.place(self._names[kind][view][frame])
