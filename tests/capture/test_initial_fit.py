@@ -40,7 +40,7 @@ class Moving(Clothed):
 
 @pytest.fixture(scope="module")
 def moving() -> np.ndarray:
-    return filmed.exact_landmarks(Moving(frames=12))
+    return filmed.exact_landmarks(Moving(frames=6))
 
 
 def ring(places: np.ndarray, count: int) -> list[Camera]:
@@ -64,27 +64,18 @@ def test_joints_from_noisy_keypoints(count: int, metres: float, moving: np.ndarr
     assert off(found, moving) < metres / 1.5
     assert found.height == pytest.approx(1.78, abs=0.03)
     arrays = found.parameters(30.0)
-    assert arrays["body_pose"].shape == (12, 63)
+    assert arrays["body_pose"].shape == (6, 63)
     assert np.nanmedian(found.residuals()) < 0.02
 
 
 def test_centimetres_and_another_axis_up(moving: np.ndarray) -> None:
     cameras = ring(moving, 6)
-    turn = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-    scale = np.diag([100.0, 100, 100, 1])
-    other = [
-        replace(one, camera_from_world=scale @ one.camera_from_world @ np.linalg.inv(scale @ turn) @ np.eye(4))
-        for one in cameras
-    ]
-    other = [
-        replace(
-            one,
-            camera_from_world=np.block(
-                [[cam.camera_from_world[:3, :3] @ turn[:3, :3].T, 100 * cam.camera_from_world[:3, 3:]], [np.eye(4)[3:]]]
-            ),
-        )
-        for one, cam in zip(other, cameras)
-    ]
+    turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    other = []
+    for one in cameras:
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = one.camera_from_world[:3, :3] @ turn.T, 100 * one.camera_from_world[:3, 3]
+        other.append(replace(one, camera_from_world=pose))
     found = filmed.detected(moving, cameras, NOISE, WRONG)
     made = fit_initial(
         tuple(Lens(f"c{k}", one, np.zeros(5)) for k, one in enumerate(other)), found[..., :2], found[..., 2]
