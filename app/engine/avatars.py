@@ -63,6 +63,11 @@ class Avatars:
         reading = self._readings[name]
         return reading.result() if reading.done() and not _failed(reading) else None
 
+    def stamp(self, name: str) -> Stamp:
+        """That of the files which the avatar of `ready` was read from; empty where there is none."""
+        reading = self._readings.get(name)
+        return () if reading is None else self._stamps.get(reading, ())
+
     def all_ready(self, names: Iterable[str]) -> list[Avatar | None]:
         """The same of all figures; other avatars are let go of."""
         listed = list(names)
