@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 from types import SimpleNamespace
+from weakref import ref
 
 import numpy as np
 import pytest
 import torch
+from avatarrex_studio.engine import live as live_module
 from avatarrex_studio.engine.field_slice import (
     DIMMED,
     OUTSIDE,
@@ -23,7 +26,17 @@ from avatarrex_studio.engine.field_slice import (
 from avatarrex_studio.engine.influences import NONE, WHOLE, heat, of_points, of_surface
 from avatarrex_studio.engine.live import LiveSurface
 from avatarrex_studio.panels.cut_card import freshness
-from avatarrex_studio.session.commands import MoveCut, OrbitBy, Select, SetLevel, ShowPicture
+from avatarrex_studio.session.commands import (
+    AddFigure,
+    MoveCut,
+    OrbitBy,
+    RemoveFigure,
+    Select,
+    SetExpression,
+    SetJoint,
+    SetLevel,
+    ShowPicture,
+)
 from avatarrex_studio.session.cut import AXES, Cut
 from avatarrex_studio.session.state import StudioState, Tools
 from ball import BallFrame
@@ -183,3 +196,23 @@ def test_the_surface_shows_influences_until_something_else_is_chosen(avatar):
     assert np.abs(arm - first.read()).max() > 0.2
     again = replace(state, tools=Tools())
     assert np.array_equal(live.draw([avatar], again, (48, 48)).read(), plain)
+
+
+def test_influences_are_found_once_for_all_poses_and_let_go_with_their_figure(avatar, monkeypatch):
+    found = []
+    monkeypatch.setattr(live_module, "of_surface", lambda *of: found.append(of[2]) or of_surface(*of))
+    live, other = LiveSurface(), replace(avatar, surface=replace(avatar.surface))
+    state = ShowPicture("influence").apply(AddFigure("default").apply(StudioState()))
+    live.draw([avatar, other], state, (48, 48))
+    live.draw([avatar, other], SetExpression("jawOpen", 0.7).apply(state), (48, 48))
+    bent = SetJoint("left_elbow", (0.0, -0.6, 0.0)).apply(state)
+    moved = live.draw([avatar, other], bent, (48, 48)).read()
+    assert found == [None, None]
+    assert np.array_equal(moved, LiveSurface().draw([avatar, other], bent, (48, 48)).read())
+    live.draw([avatar, other], Select("left_elbow").apply(bent), (48, 48))
+    assert found[4:] == ["left_elbow"] * 2
+    gone, other = ref(other.surface), None
+    found.clear()
+    live.draw([avatar], RemoveFigure(1).apply(bent), (48, 48))
+    gc.collect()
+    assert gone() is None
