@@ -143,9 +143,28 @@ def test_a_reading_that_was_cancelled_holds_up_no_other(files, untrained):
     avatars.step_aside()
     assert avatars.read(str(files / "other.avatar")).result(20) is not None
     assert not slow.done()
+    avatars.step_aside()
     going.set()
     assert slow.result(20) is not None
     avatars.close()
+
+
+def test_what_waits_behind_a_cancelled_reading_is_not_read_once_all_is_closed(files, untrained):
+    going, begun = threading.Event(), threading.Event()
+
+    def read(name):
+        begun.set()
+        assert going.wait(20)
+        return replace(untrained)
+
+    avatars = Avatars(read)
+    slow, waiting = (avatars.read(str(files / name)) for name in ("one.avatar", "other.avatar"))
+    assert begun.wait(20)
+    avatars.step_aside()
+    avatars.close()
+    going.set()
+    assert slow.result(20) is not None
+    assert waiting.cancelled()
 
 
 @pytest.mark.parametrize("name", ["", "nowhere.avatar", "a\0b"])

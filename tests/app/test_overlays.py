@@ -25,6 +25,9 @@ from avatarrex_studio.engine.field_slice import (
 )
 from avatarrex_studio.engine.influences import NONE, WHOLE, heat, of_points, of_surface
 from avatarrex_studio.engine.live import LiveSurface
+from avatarrex_studio.engine.request import Request
+from avatarrex_studio.engine.worker import answered
+from avatarrex_studio.panels import cut_card, units
 from avatarrex_studio.panels.cut_card import freshness
 from avatarrex_studio.session.commands import (
     AddFigure,
@@ -35,12 +38,16 @@ from avatarrex_studio.session.commands import (
     SetExpression,
     SetJoint,
     SetLevel,
+    SetPlace,
+    SetTranslation,
     ShowPicture,
 )
 from avatarrex_studio.session.cut import AXES, Cut
+from avatarrex_studio.session.figures import Place
 from avatarrex_studio.session.state import StudioState, Tools
-from ball import BallFrame
+from ball import BallFrame, ball_engine
 from ball_studio import FakeLive, ball_studio
+from imgui_bundle import imgui
 from surface.template_surface import template_surface
 
 from avatarrex.avatar import Avatar
@@ -136,7 +143,7 @@ def test_a_slice_is_requested_at_live_and_follows_the_plane(clock):
     rest()
     assert [request.state.level for request in studio.pictures.exact.begun] == ["fast"]
     assert studio.weight == 1
-    assert "at the level fast" in freshness(studio)
+    assert "Distance to the skin (level fast): blue outside, orange inside" in freshness(studio)
     studio.do(MoveCut("x", 0.1))
     studio.tick((32, 24))
     assert "comes with the next" in freshness(studio)
@@ -145,6 +152,42 @@ def test_a_slice_is_requested_at_live_and_follows_the_plane(clock):
     studio.do(OrbitBy(5.0, 0.0))
     studio.tick((32, 24))
     assert studio.weight == 0
+
+
+def test_a_slice_across_another_axis_goes_through_the_selected_figure(clock, monkeypatch):
+    """Wherever it stands; the slider reaches as far to either side of its pelvis."""
+    studio, reach = ball_studio(clock, live=FakeLive()), []
+    for command in (ShowPicture("slice"), AddFigure("default"), SetPlace(Place((3.0, 0.0, -2.0), 1.0))):
+        studio.do(command)
+    studio.do(SetTranslation((0.0, 0.5, 0.0)))
+    body = studio.figure.vertices @ studio.world[:3, :3].T + studio.world[:3, 3]
+    monkeypatch.setattr(imgui, "radio_button", lambda title, on: "##y" in title or "##x" in title)
+    monkeypatch.setattr(imgui, "slider_float", lambda *of: reach.append(of[2:4]) or (False, 0.0))
+    context = imgui.create_context()
+    imgui.get_io().display_size = imgui.ImVec2(400, 300)
+    imgui.get_io().backend_flags |= imgui.BackendFlags_.renderer_has_textures
+    imgui.new_frame()
+    commands = list(cut_card.draw(studio, (0, 0), (400, 300)))
+    imgui.end_frame()
+    imgui.destroy_context(context)
+    for command in commands:
+        row = "xyz".index(command.axis)
+        assert command.offset == pytest.approx(body[:, row].mean(), abs=0.4)
+    assert {command.axis for command in commands} == {"x", "y"}
+    assert np.mean(reach[0]) / units.length().factor == pytest.approx(body[:, 2].mean(), abs=0.2)
+    assert np.ptp(reach[0]) / units.length().factor == pytest.approx(2 * cut_card.REACH)
+
+
+def test_an_avatar_is_asked_for_by_influences_alone():
+    asked, engine = [], ball_engine()
+    real = engine.avatar
+    engine.avatar = lambda name: asked.append(name) or real(name)
+    for shows in ("normals", "slice", "influence"):
+        asked.clear()
+        engine.render(ShowPicture(shows).apply(StudioState()), (32, 24))
+        made = len(asked)
+        answered(engine, Request(ShowPicture(shows).apply(StudioState()), (32, 24)))
+        assert len(asked) - 2 * made == (shows == "influence")
 
 
 def test_the_plane_is_kept_and_one_that_was_never_moved_is_not_written():

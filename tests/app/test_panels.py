@@ -14,6 +14,7 @@ from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.hands import HandPanel
 from avatarrex_studio.panels.joints import body_panel
 from avatarrex_studio.panels.keys import chord
+from avatarrex_studio.panels.motion_import import MotionImport
 from avatarrex_studio.panels.poses import PosesPanel, shipped_entries
 from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.panels.questions import nothing
@@ -359,6 +360,31 @@ def test_a_press_far_from_where_the_mouse_was_turns_nothing(screen, studio):
     screen.io.add_mouse_pos_event(110, 100)
     (orbit,) = screen.frame(draw)
     assert orbit.azimuth == pytest.approx(-4)
+
+
+def test_esc_ends_the_edit_of_a_text_before_it_closes_the_window_of_how_a_motion_was_read(screen):
+    reading, places = MotionImport(), []
+    reading.shown = reading._focused = True
+
+    def draw():
+        imgui.input_double("rate", 30.0)
+        places.append(imgui.get_item_rect_min())
+        reading.dismissed()
+        return ()
+
+    def press(key):
+        for down in (True, False):
+            screen.io.add_key_event(key, down)
+            screen.frame(draw)
+
+    screen.frame(draw)
+    place = (places[0].x + 5, places[0].y + 5)
+    screen.drag(draw, place, place)
+    assert screen.io.want_text_input
+    press(imgui.Key.escape)
+    assert reading.shown
+    press(imgui.Key.escape)
+    assert not reading.shown
 
 
 class Curve:
