@@ -38,12 +38,10 @@ from avatarrex_studio.session.commands import (
     SetExpression,
     SetJoint,
     SetLevel,
-    SetPlace,
     SetTranslation,
     ShowPicture,
 )
 from avatarrex_studio.session.cut import AXES, Cut
-from avatarrex_studio.session.figures import Place
 from avatarrex_studio.session.state import StudioState, Tools
 from ball import BallFrame, ball_engine
 from ball_studio import FakeLive, ball_studio
@@ -157,9 +155,9 @@ def test_a_slice_is_requested_at_live_and_follows_the_plane(clock):
 def test_a_slice_across_another_axis_goes_through_the_selected_figure(clock, monkeypatch):
     """Wherever it stands; the slider reaches as far to either side of its pelvis."""
     studio, reach = ball_studio(clock, live=FakeLive()), []
-    for command in (ShowPicture("slice"), AddFigure("default"), SetPlace(Place((3.0, 0.0, -2.0), 1.0))):
+    for command in (ShowPicture("slice"), AddFigure("default")):
         studio.do(command)
-    studio.do(SetTranslation((0.0, 0.5, 0.0)))
+    studio.do(SetTranslation((3.0, 0.5, -2.0)))
     body = studio.figure.vertices @ studio.world[:3, :3].T + studio.world[:3, 3]
     monkeypatch.setattr(imgui, "radio_button", lambda title, on: "##y" in title or "##x" in title)
     monkeypatch.setattr(imgui, "slider_float", lambda *of: reach.append(of[2:4]) or (False, 0.0))
