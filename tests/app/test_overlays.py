@@ -163,6 +163,7 @@ def test_a_slice_across_another_axis_goes_through_the_selected_figure(clock, mon
     monkeypatch.setattr(imgui, "slider_float", lambda *of: reach.append(of[2:4]) or (False, 0.0))
     context = imgui.create_context()
     imgui.get_io().display_size = imgui.ImVec2(400, 300)
+    imgui.get_io().set_ini_filename("")
     imgui.get_io().backend_flags |= imgui.BackendFlags_.renderer_has_textures
     imgui.new_frame()
     commands = list(cut_card.draw(studio, (0, 0), (400, 300)))
