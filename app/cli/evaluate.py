@@ -89,10 +89,13 @@ def _evaluate(
     rig = capture.rigs[options.one_of("--rig", name, capture.rigs)]
     rig = choice.held_out(rig, arguments.held_out_frames, arguments.held_out_views)
     capture = replace(capture, rigs={**capture.rigs, name: rig})
+    exposed: dict[str, object] = {}
     if arguments.exposed_as:
         capture = exposure.one_exposure(capture, arguments.exposed_as, avatar.person if own else capture.person)
         rig = capture.rigs[name]
-        print(f"{name} rig: {exposure.words(rig, arguments.exposed_as)}", file=sys.stderr)
+        exposed = {"exposed_as": {"rig": arguments.exposed_as, "gain": exposure.factors(rig)}}
+        times = ", ".join(f"{each:.2f}" for each in exposure.factors(rig))
+        print(f"{name} rig: pictures times {times}, as the {arguments.exposed_as} rig's", file=sys.stderr)
     frames = _frames(arguments.frames, rig.held_out_frames, rig.frames) if arguments.frames else None
     views = choice.cameras(rig, arguments.views, "--views") if arguments.views else None
     other = not own and avatar.person.hash != capture.person.hash
@@ -113,7 +116,8 @@ def _evaluate(
     print(report.table(found))
     if arguments.json:
         seconds = time.perf_counter() - start
-        write_json(arguments.json, report.to_json(found, arguments.avatar, arguments.capture, seconds))
+        figures = report.to_json(found, arguments.avatar, arguments.capture, seconds)
+        write_json(arguments.json, figures | exposed)
     if sheet:
         write_png(sheet, report.contact_sheet(found))
         print(sheet)

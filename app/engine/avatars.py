@@ -26,6 +26,8 @@ class Avatars:
     def __init__(self, load: Callable[[str], Avatar] = load_avatar) -> None:
         self._load = load
         self._threads = ThreadPoolExecutor(1, "avatar")
+        self._aside: list[ThreadPoolExecutor] = []
+        """Which may still read what is held up by something that was cancelled."""
         self._readings: dict[str, Future[Avatar]] = {}
         self._stamps: WeakKeyDictionary[Future[Avatar], Stamp] = WeakKeyDictionary()
         """Of when a reading began."""
@@ -63,6 +65,11 @@ class Avatars:
         reading = self._readings[name]
         return reading.result() if reading.done() and not _failed(reading) else None
 
+    def stamp(self, name: str) -> Stamp:
+        """That of the files which the avatar of `ready` was read from; empty where there is none."""
+        reading = self._readings.get(name)
+        return () if reading is None else self._stamps.get(reading, ())
+
     def all_ready(self, names: Iterable[str]) -> list[Avatar | None]:
         """The same of all figures; other avatars are let go of."""
         listed = list(names)
@@ -95,6 +102,7 @@ class Avatars:
     def step_aside(self) -> None:
         """Whatever is being read, and may be cancelled, holds up no other from now on."""
         self._threads.shutdown(wait=False)
+        self._aside.append(self._threads)
         self._threads = ThreadPoolExecutor(1, "avatar")
 
     @property
@@ -103,8 +111,9 @@ class Avatars:
         return not all(reading.done() for reading in (*self._readings.values(), *self._renewals.values()))
 
     def close(self) -> None:
-        """End the thread."""
-        self._threads.shutdown(wait=False, cancel_futures=True)
+        """End the threads, once they have read what they are at."""
+        for threads in (*self._aside, self._threads):
+            threads.shutdown(wait=False, cancel_futures=True)
 
     def _begin(self, name: str, stamp: Stamp) -> Future[Avatar]:
         reading = self._threads.submit(self._load, name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from avatarrex_studio.engine.influences import of_surface
@@ -32,6 +33,15 @@ def read_avatar(name: str) -> Avatar:
     return avatar
 
 
+class Tinted(NamedTuple):
+    """A figure in the colours of influences."""
+
+    posed: PosedSurface
+    selected: str | None
+    tinted: PosedSurface
+    """The same with the colours as its tints."""
+
+
 class LiveSurface:
     """Draws the surfaces of a session's figures into one picture, and remembers the one before."""
 
@@ -48,8 +58,8 @@ class LiveSurface:
         """What the last picture shows."""
         self._picture: SurfacePicture | None = None
         self._casters: dict[int, Caster] = {}
-        self._tinted: dict[int, tuple[PosedSurface, str | None, PosedSurface]] = {}
-        """By figure: its surface, what is selected, and the same with the colours of influences."""
+        self._tinted: dict[int, Tinted] = {}
+        """By figure, where influences are shown."""
         self._camera = Camera.orbit()
         self._shine: SurfaceLight | None = None
 
@@ -71,8 +81,9 @@ class LiveSurface:
         clock, self._camera = StageClock(), state.view.camera(*size)
         with clock("surface"):
             self._casters = self._placed(there, state)
-            if state.tools.shows == INFLUENCE:
-                self._casters = {k: self._coloured(k, there[k], one, state) for k, one in self._casters.items()}
+            tinted = self._casters if state.tools.shows == INFLUENCE else {}
+            self._tinted = {k: self._coloured(k, there[k], one.posed, state) for k, one in tinted.items()}
+            self._casters |= {k: replace(tinted[k], posed=one.tinted) for k, one in self._tinted.items()}
         with clock("raster"):
             self._picture = self._raster([harmonics_of(avatar) for avatar in there.values()], state)
         self.ms = clock.milliseconds()
@@ -100,15 +111,16 @@ class LiveSurface:
         self._posed = {figure: one.posed for figure, one in made.items()}
         return made
 
-    def _coloured(self, figure: int, avatar: Avatar, one: Caster, state: StudioState) -> Caster:
-        """A figure with the colours of influences as its tints; the same one as long as pose and selection stay."""
-        selected = state.tools.selected
-        before, part, tinted = self._tinted.get(figure, (None, None, one.posed))
-        if before is not one.posed or part != selected:
-            tint = of_surface(avatar, one.posed.surface, selected).astype(np.float32)
-            tinted = replace(one.posed, tint=tint)
-            self._tinted[figure] = one.posed, selected, tinted
-        return replace(one, posed=tinted)
+    def _coloured(self, figure: int, avatar: Avatar, posed: PosedSurface, state: StudioState) -> Tinted:
+        """A figure in the colours of influences: the same one as long as pose and selection stay, the same colours in another pose."""
+        last, selected = self._tinted.get(figure), state.tools.selected
+        if last is None or last.posed.surface is not posed.surface or last.selected != selected:
+            tint = of_surface(avatar, posed.surface, selected).astype(np.float32)
+        elif last.posed is posed:
+            return last
+        else:
+            tint = last.tinted.tint
+        return Tinted(posed, selected, replace(posed, tint=tint))
 
     def _raster(self, harmonics: Sequence[np.ndarray], state: StudioState) -> SurfacePicture:
         """All in one picture: the last one, where it shows them as they are."""

@@ -42,6 +42,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.surface.shadow import SurfaceShadow
+from avatarrex.surface.surface_file import weights_key
 from avatarrex.templates.figure import Figure
 
 log = logging.getLogger(__name__)
@@ -135,7 +136,7 @@ class Studio:
         """
         self.end_greeting()
         with refusals_logged():
-            shared = self._step or (self.playback.gesture if self.playback.playing else gesture)
+            shared = self.playback.gesture if self.playback.playing else (self._step or gesture)
             figure = self.figure if isinstance(command, Followed) and self.state.tools.pins else None
             if isinstance(command, Followed) and figure:
                 start = self._beginning.of(gesture, self.state)
@@ -151,7 +152,7 @@ class Studio:
 
     @contextmanager
     def one_step(self) -> Iterator[None]:
-        """All that is done within is undone together."""
+        """All that is done within is undone together; while something plays, together with that."""
         self._step = object()
         try:
             yield
@@ -375,7 +376,7 @@ class Studio:
 
     def record_live(self, layer: str) -> None:
         """Begin to record what drives a live layer, or end it: it becomes a clip that begins where the recording did, where a motion
-        repeats in its round.
+        repeats in its round; at 0 where nothing played then.
 
         It goes on for its avatar while another one is selected.
         """
@@ -448,7 +449,7 @@ class Studio:
 def _tell_of(name: str, before: Avatar, after: Avatar) -> None:
     """Of an avatar that was read anew."""
     file = Path(name).name
-    if before.surface is None and after.surface is not None:
+    if before.surface is None and after.surface is not None and weights_key(before) == weights_key(after):
         log.info("%s has its surface now", file)
         return
     how = "" if after.surface else ", by exact pictures alone, for it has no surface"

@@ -27,7 +27,7 @@ from avatarrex_studio.engine.request import Answer, Picture, Request
 from avatarrex_studio.engine.slices import send
 from avatarrex_studio.engine.staging import in_light, over_stage, together
 from avatarrex_studio.engine.work import Work
-from avatarrex_studio.session.state import IMAGE, SLICE, StudioState
+from avatarrex_studio.session.state import IMAGE, INFLUENCE, SLICE, StudioState
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
@@ -144,14 +144,12 @@ def _of_frames(engine: Engine, request: Request, frames: tuple[Frame, ...]) -> A
 
 def _seen(engine: Engine, state: StudioState, frames: Sequence[DeferredFrame]) -> Tensor:
     """(h, w, 4): what else than its image is shown of the frames, premultiplied."""
-    images = [
-        torch.from_numpy(
-            shown(frame, state.tools.shows, state.view, _influences(engine.avatar(own.avatar), frame, state))
-        )
-        for frame, own in zip(frames, state.each())
-    ]
+    shows, images = state.tools.shows, []
+    for frame, figure in zip(frames, state.each()):
+        own = _influences(engine.avatar(figure.avatar), frame, state) if shows == INFLUENCE else None
+        images.append(torch.from_numpy(shown(frame, shows, state.view, own)))
     image = together(frames, images)
-    return torch.from_numpy(over(frames, image.numpy(), state.tools.cut)) if state.tools.shows == SLICE else image
+    return torch.from_numpy(over(frames, image.numpy(), state.tools.cut)) if shows == SLICE else image
 
 
 def _influences(avatar: Avatar, frame: Frame, state: StudioState) -> OwnColours:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import theme, units, widgets
 from avatarrex_studio.panels.export_progress import FLAGS, GAP
@@ -15,7 +16,7 @@ from imgui_bundle import imgui, imgui_ctx
 WIDTH = 240.0
 """Points: beside the person in a narrow viewport."""
 REACH = 1.2
-"""Metres to either side that the slider goes to."""
+"""Metres to either side of the selected figure's pelvis that the slider goes to."""
 
 
 def draw(studio: Studio, low: tuple[float, float], high: tuple[float, float]) -> Iterator[Command]:
@@ -23,7 +24,7 @@ def draw(studio: Studio, low: tuple[float, float], high: tuple[float, float]) ->
     width = min(WIDTH, high[0] - low[0] - 2 * GAP)
     if studio.state.tools.shows != SLICE or width < 120:
         return
-    cut, unit = studio.state.tools.cut, units.length()
+    cut, unit, middle = studio.state.tools.cut, units.length(), pelvis(studio)
     imgui.set_next_window_pos((low[0] + GAP, low[1] + GAP))
     imgui.set_next_window_size_constraints((width, 0), (width, 300))
     with (
@@ -32,13 +33,20 @@ def draw(studio: Studio, low: tuple[float, float], high: tuple[float, float]) ->
     ):
         for axis, title in widgets.in_rows(AXES.items(), 14):
             if imgui.radio_button(f"{title}##{axis}", cut.axis == axis) and cut.axis != axis:
-                yield MoveCut(axis, 0.0)
+                yield MoveCut(axis, float(middle["xyz".index(axis)]))
         imgui.set_next_item_width(-1)
-        reach = REACH * unit.factor
-        moved, place = imgui.slider_float("##place", cut.offset * unit.factor, -reach, reach, unit.form)
+        low_end, high_end = ((middle[cut.row] + side) * unit.factor for side in (-REACH, REACH))
+        moved, place = imgui.slider_float("##place", cut.offset * unit.factor, low_end, high_end, unit.form)
         if moved:
             yield MoveCut(cut.axis, place / unit.factor)
         widgets.paragraph(freshness(studio))
+
+
+def pelvis(studio: Studio) -> np.ndarray:
+    """(3,): of the selected figure, world, metres; the origin while its avatar is read."""
+    figure, world = studio.figure, studio.world
+    own = np.zeros(3) if figure is None else figure.posed.position[0]
+    return np.asarray(world[:3, :3] @ own + world[:3, 3])
 
 
 def freshness(studio: Studio) -> str:
@@ -48,4 +56,5 @@ def freshness(studio: Studio) -> str:
         return "There is no slice: the exact picture failed."
     if shown is None or not studio.pictures.covers:
         return "The slice comes with the next exact picture, when nothing moves."
-    return f"Stored distances of this pose at the level {shown.level}: lines of 1 cm, from far of 5 cm."
+    where = f"Distance to the skin (level {shown.level}): blue outside, orange inside"
+    return f"{where}, a line each 1 cm (from far: each 5 cm)."

@@ -60,7 +60,9 @@ class LiveMenu:
         half = (WIDTH - 6) / 2
         if imgui.button("Neutral face###live.neutral", (half, 0)):
             drive.calibrate()
-        widgets.tooltip("What the face does now is neutral, and where the head looks is straight ahead")
+        widgets.tooltip(
+            "What the face does now is neutral, and where the head looks is straight ahead; a body (VMC) is in the middle again"
+        )
         imgui.same_line(0, 6)
         recording = drive.take is not None
         imgui.push_style_color(imgui.Col_.text, theme.vec4(theme.ERROR if recording else theme.TEXT))

@@ -78,8 +78,9 @@ class MotionImport:
             studio.open_motion(motion.path, chosen)
 
     def dismissed(self) -> bool:
-        """Close the window where it has the focus and Esc was pressed; whether it did."""
-        if not (self.shown and self._focused and imgui.is_key_pressed(imgui.Key.escape, False)):
+        """Close the window where it has the focus and Esc was pressed, which while a text is edited ends that alone; whether it did."""
+        edits, pressed = imgui.get_io().want_text_input, imgui.is_key_pressed(imgui.Key.escape, False)
+        if edits or not (self.shown and self._focused and pressed):
             return False
         self.shown = self._focused = False
         return True

@@ -15,6 +15,7 @@ from imgui_bundle import imgui
 
 HEIGHT, NEAR, SAMPLES = 96.0, 9.0, 64
 """Points of the screen: its height, and from a point at which it is caught; lines of the curve."""
+TIP = "Click: add a point. Drag: move it. Right click: remove it. Across: time; up: place in the file"
 
 
 class WarpEditor:
@@ -25,13 +26,13 @@ class WarpEditor:
 
     def draw(self, layer: Layer, width: float) -> Iterator[Command]:
         """Draw it for a clip's layer; the commands of this frame."""
-        widgets.caption("Time")
+        widgets.caption("Time curve")
         for title, warp in widgets.in_rows(WARPS.items(), columns=3):
             if imgui.small_button(title) and warp != layer.warp:
                 yield SetLayer(layer.name, warp=warp)
         low = imgui.get_cursor_screen_pos()
         imgui.invisible_button("warp", (width, HEIGHT))
-        widgets.tooltip("Across: time, up: place in the file. Click: a point more. Right click: away with it")
+        widgets.tooltip(TIP)
         mouse = imgui.get_mouse_pos()
         place = ((mouse.x - low.x) / width, 1 - (mouse.y - low.y) / HEIGHT)
         pixels = [((x - place[0]) * width, (y - place[1]) * HEIGHT) for x, y in layer.warp]
@@ -47,14 +48,13 @@ class WarpEditor:
             self._taken = None
             return warp[:near] + warp[near + 1 :]
         if imgui.is_item_activated():
-            self._taken = near
-            return with_point(warp, place) if near is None else None
-        if imgui.is_item_active():
-            if self._taken is None:  # the point that the press made
-                self._taken = min(range(len(warp)), key=lambda k: abs(warp[k][0] - place[0]), default=None)
-            return None if self._taken is None else moved(warp, self._taken, place)
-        self._taken = None
-        return None
+            added = with_point(warp, place) if near is None else None
+            self._taken = near if added is None else sum(time < place[0] for time, _ in warp)
+            return added
+        if self._taken is None or not imgui.is_item_active() or self._taken >= len(warp):  # it may have been undone
+            self._taken = None
+            return None
+        return moved(warp, self._taken, place) if imgui.is_mouse_dragging(imgui.MouseButton_.left) else None
 
     def _paint(self, warp: Warp, low: imgui.ImVec2, width: float, near: int | None) -> None:
         pen, high = imgui.get_window_draw_list(), low + imgui.ImVec2(width, HEIGHT)

@@ -152,8 +152,8 @@ ACTIONS: tuple[Action, ...] = (
     Action("show.depth", "Show depth", "View", "D", command=_picture("depth")),
     Action("show.parts", "Show parts", "View", command=_picture("parts")),
     Action("show.steps", "Show ray steps", "View", command=_picture("steps")),
-    Action("show.influence", "Show the influence of nodes, or of the selected joint", "View", command=_picture("influence")),
-    Action("show.slice", "Show a slice of the exact field", "View", command=_picture("slice")),
+    Action("show.influence", "Show what moves each place of the skin", "View", command=_picture("influence")),
+    Action("show.slice", "Show a slice through the body (distance to its skin)", "View", command=_picture("slice")),
     *(
         Action(f"part.{part}", f"Show or hide the {words(part)}", "View", command=_toggle(part), separator=part == PARTS[0])
         for part in PARTS

@@ -25,7 +25,6 @@ WARPS: dict[str, Warp] = {
     "Slow start": ((0.5, 0.25),),
     "Slow end": ((0.5, 0.75),),
     "Both slow": ((0.25, 0.12), (0.75, 0.88)),
-    "There and back": ((0.5, 0.999), (0.99, 0.01)),
 }
 """By title."""
 ENDS = ((0.0, 0.0), (1.0, 1.0))

@@ -6,10 +6,11 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from threading import Event
 
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.jobs.file_kind import CAPTURE, RUN, SESSION
@@ -20,6 +21,7 @@ from avatarrex_studio.session.figures import Place
 from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.recent import Recent
 
+from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
 
 log = logging.getLogger(__name__)
@@ -32,7 +34,8 @@ class Reading:
     """A path that is to be read."""
 
     path: str
-    read: Callable[[], Opened]
+    read: Callable[[Event], Opened]
+    """Reads no avatar any more once the event is set."""
     take: Callable[[Opened], None]
     """Shows what was read."""
     slot: int | None = None
@@ -41,6 +44,7 @@ class Reading:
     """Of all figures then: by its place a figure is found again where another one has been removed."""
     future: Future[Opened] | None = None
     since: float = field(default_factory=time.monotonic)
+    cancelled: Event = field(default_factory=Event)
 
 
 class Opening:
@@ -59,40 +63,52 @@ class Opening:
     def open(self, *paths: str) -> None:
         """Begin to open them, in this order."""
         for path in paths:
-            self._begin(path, partial(read_any, path, self._studio.avatars.read), self.take)
+            self._begin(path, partial(self._read_any, path), self.take)
 
     def add(self, path: str) -> None:
         """Begin to open one; an avatar comes beside those that are there."""
-        self._begin(path, partial(read_any, path, self._studio.avatars.read), partial(self.take, shown=AddFigure))
+        self._begin(path, partial(self._read_any, path), partial(self.take, shown=AddFigure))
         self._reading[-1].slot = None
 
     def motion(self, path: str) -> None:
         """Begin to read a motion file, which is then loaded."""
-        self._begin(path, partial(read_motion, path), self.take)
+        self._begin(path, lambda _: read_motion(path), self.take)
 
     def layer(self, path: str) -> None:
         """Begin to read one that comes over all layers."""
-        self._begin(path, partial(read_motion, path), self._take_layer)
+        self._begin(path, lambda _: read_motion(path), self._take_layer)
 
-    def _begin(self, path: str, read: Callable[[], Opened], take: Callable[[Opened], None]) -> None:
+    def _read_any(self, path: str, cancelled: Event) -> Opened:
+        """What is at a path, in the thread. Raises `CancelledError` before an avatar that is not wanted any more."""
+
+        def read(name: str) -> Future[Avatar]:
+            if cancelled.is_set():
+                raise CancelledError
+            return self._studio.avatars.read(name)
+
+        return read_any(path, read)
+
+    def _begin(self, path: str, read: Callable[[Event], Opened], take: Callable[[Opened], None]) -> None:
         state = self._studio.state
         self._reading.append(Reading(path, read, take, state.slot, tuple(each.place for each in state.figures)))
         self._submit(self._reading[-1])
 
     def _submit(self, reading: Reading) -> None:
-        reading.future = self._threads.submit(reading.read)
+        reading.future = self._threads.submit(reading.read, reading.cancelled)
         reading.future.add_done_callback(lambda _: self.arrived())
 
     def cancel(self) -> None:
         """What is being read is not shown. What waits behind it is read at once, by another thread."""
         if self._reading:
-            log.info("not opened: %s", self._reading.popleft().path)
+            reading = self._reading.popleft()
+            reading.cancelled.set()
+            log.info("not opened: %s", reading.path)
             self._threads.shutdown(wait=False, cancel_futures=True)
             self._threads = ThreadPoolExecutor(1, "opening")
             self._studio.avatars.step_aside()
-            for reading in self._reading:
-                reading.since = time.monotonic()
-                self._submit(reading)
+            for waiting in self._reading:
+                waiting.since = time.monotonic()
+                self._submit(waiting)
 
     def dropped(self, window: object, paths: Iterable[str]) -> None:
         """Files were dropped on the window: GLFW's callback."""
@@ -184,4 +200,6 @@ class Opening:
 
     def close(self) -> None:
         """Begin nothing more."""
+        for reading in self._reading:
+            reading.cancelled.set()
         self._threads.shutdown(wait=False, cancel_futures=True)

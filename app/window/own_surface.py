@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Protocol, runtime_checkable
-from weakref import ref
 
 from avatarrex_studio.session.notice import refusals_logged
 
 from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import Stamp, avatar_stamp
 from avatarrex.files.assets import DATA
 
 
@@ -18,6 +18,9 @@ class Reader(Protocol):
 
     def ready(self, name: str) -> Avatar | None:
         """The avatar where it has been read."""
+
+    def stamp(self, name: str) -> Stamp:
+        """That of the files it was read from."""
 
 
 @runtime_checkable
@@ -40,8 +43,8 @@ class OwnSurface:
     def __init__(self, avatars: Reader, distiller: Distiller) -> None:
         self._avatars, self._distiller = avatars, distiller
         self._for = ""
-        self._tried: dict[str, ref[Avatar | None]] = {}
-        """What was read when one was begun: once it is another one, as after a training, that may have one, too."""
+        self._tried: dict[str, Stamp] = {}
+        """Of what files one was begun: once they are others, as after a training, that may have one, too."""
 
     def tend(self, *names: str) -> None:
         """Begin a distillation where one of the avatars `names` has been read and has no surface."""
@@ -51,16 +54,17 @@ class OwnSurface:
         name = next(filter(self._wanting, names), None)
         if name is None:
             return
-        self._tried[name] = ref(self._avatars.ready(name))
+        self._tried[name] = self._avatars.stamp(name)
         with refusals_logged():
             self._distiller.start(name)
             self._for = name
 
     def _wanting(self, name: str) -> bool:
-        """Whether an avatar is to get one."""
-        avatar, tried = self._avatars.ready(name), self._tried.get(name)
-        begun = tried is not None and tried() is avatar
-        return avatar is not None and avatar.surface is None and not begun and _of_the_user(name)
+        """Whether an avatar is to get one; not while its files are others than were read, as after a distillation."""
+        avatar, stamp = self._avatars.ready(name), self._avatars.stamp(name)
+        if avatar is None or avatar.surface is not None or stamp == self._tried.get(name, ()):
+            return False
+        return _of_the_user(name) and avatar_stamp(name) == stamp
 
     @property
     def words(self) -> str:

@@ -38,8 +38,10 @@ class Look:
     ) -> Float[np.ndarray, "p 3"]:
         """Of points with unit normals, camera z and shares of the parts; `forward`: the camera's direction, root frame.
 
-        Not of influences, which are the caller's own colours (`shaded`).
+        Raises `ValueError` for influences, which are the caller's own colours (`shaded`).
         """
+        if self.kind == "influence":
+            raise ValueError("influences have the caller's own colours")
         if self.kind == "normals":
             return np.asarray(0.5 + 0.5 * normal)
         if self.kind == "depth":

@@ -18,6 +18,7 @@ from ball import render_ball
 from surface.template_surface import template_surface
 
 from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import avatar_stamp
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import load_person
@@ -56,12 +57,15 @@ class Read:
 def test_the_open_avatar_is_not_read_again_before_its_files_change(files, untrained, name):
     read, path = Read(untrained), files / name
     avatars = Avatars(read)
+    assert avatars.stamp(str(path)) == ()
     first = avatars.get(str(path))
+    assert avatars.stamp(str(path)) == avatar_stamp(path)
     assert avatars.read(str(path)).result() is first
     avatars.keep(str(path), avatars.read(str(path)))
     assert avatars.ready(str(path)) is first
     assert len(read.names) == 1
     (path / "weights.safetensors" if path.is_dir() else path).write_text("others")
+    assert avatars.stamp(str(path)) != avatar_stamp(path)
     again = avatars.read(str(path)).result()
     assert again is not first
     avatars.keep(str(path), avatars.read(str(path)))
@@ -139,9 +143,28 @@ def test_a_reading_that_was_cancelled_holds_up_no_other(files, untrained):
     avatars.step_aside()
     assert avatars.read(str(files / "other.avatar")).result(20) is not None
     assert not slow.done()
+    avatars.step_aside()
     going.set()
     assert slow.result(20) is not None
     avatars.close()
+
+
+def test_what_waits_behind_a_cancelled_reading_is_not_read_once_all_is_closed(files, untrained):
+    going, begun = threading.Event(), threading.Event()
+
+    def read(name):
+        begun.set()
+        assert going.wait(20)
+        return replace(untrained)
+
+    avatars = Avatars(read)
+    slow, waiting = (avatars.read(str(files / name)) for name in ("one.avatar", "other.avatar"))
+    assert begun.wait(20)
+    avatars.step_aside()
+    avatars.close()
+    going.set()
+    assert slow.result(20) is not None
+    assert waiting.cancelled()
 
 
 @pytest.mark.parametrize("name", ["", "nowhere.avatar", "a\0b"])

@@ -9,6 +9,7 @@ import os
 import shutil
 import threading
 import time
+from concurrent.futures import CancelledError
 from functools import cache
 from pathlib import Path
 
@@ -269,6 +270,34 @@ def test_a_slow_motion_is_read_in_the_background_and_can_be_cancelled(studio, tm
     assert [layer.name for layer in studio.state.timeline.layers] == ["last.json"], (
         "it takes the place of the lowest clip"
     )
+    opening.close()
+
+
+def test_a_cancelled_session_reads_no_other_avatar(studio, things, tmp_path):
+    going, read = threading.Event(), []
+
+    def slow(name):
+        read.append(name)
+        assert "one" not in name or going.wait(20)
+        return one_avatar()
+
+    studio.avatars._load = slow
+    journal = Journal()
+    names = [str(tmp_path / f"{name}.avatar") for name in ("one", "two")]
+    for name in names:
+        Path(name).write_bytes(b"an avatar")
+        journal.do(AddFigure(name))
+    journal.save(tmp_path / "pair.json")
+    opening = Opening(studio, object.__new__(TrainingPanel))
+    opening.open(str(tmp_path / "pair.json"))
+    while names[0] not in read:
+        time.sleep(0.01)
+    under_way = opening._reading[0].future
+    opening.cancel()
+    going.set()
+    with pytest.raises(CancelledError):
+        under_way.result(20)
+    assert names[1] not in read
     opening.close()
 
 

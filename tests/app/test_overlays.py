@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 from types import SimpleNamespace
+from weakref import ref
 
 import numpy as np
 import pytest
 import torch
+from avatarrex_studio.engine import live as live_module
 from avatarrex_studio.engine.field_slice import (
     DIMMED,
     OUTSIDE,
@@ -22,12 +25,27 @@ from avatarrex_studio.engine.field_slice import (
 )
 from avatarrex_studio.engine.influences import NONE, WHOLE, heat, of_points, of_surface
 from avatarrex_studio.engine.live import LiveSurface
+from avatarrex_studio.engine.request import Request
+from avatarrex_studio.engine.worker import answered
+from avatarrex_studio.panels import cut_card, units
 from avatarrex_studio.panels.cut_card import freshness
-from avatarrex_studio.session.commands import MoveCut, OrbitBy, Select, SetLevel, ShowPicture
+from avatarrex_studio.session.commands import (
+    AddFigure,
+    MoveCut,
+    OrbitBy,
+    RemoveFigure,
+    Select,
+    SetExpression,
+    SetJoint,
+    SetLevel,
+    SetTranslation,
+    ShowPicture,
+)
 from avatarrex_studio.session.cut import AXES, Cut
 from avatarrex_studio.session.state import StudioState, Tools
-from ball import BallFrame
+from ball import BallFrame, ball_engine
 from ball_studio import FakeLive, ball_studio
+from imgui_bundle import imgui
 from surface.template_surface import template_surface
 
 from avatarrex.avatar import Avatar
@@ -123,7 +141,7 @@ def test_a_slice_is_requested_at_live_and_follows_the_plane(clock):
     rest()
     assert [request.state.level for request in studio.pictures.exact.begun] == ["fast"]
     assert studio.weight == 1
-    assert "at the level fast" in freshness(studio)
+    assert "Distance to the skin (level fast): blue outside, orange inside" in freshness(studio)
     studio.do(MoveCut("x", 0.1))
     studio.tick((32, 24))
     assert "comes with the next" in freshness(studio)
@@ -132,6 +150,43 @@ def test_a_slice_is_requested_at_live_and_follows_the_plane(clock):
     studio.do(OrbitBy(5.0, 0.0))
     studio.tick((32, 24))
     assert studio.weight == 0
+
+
+def test_a_slice_across_another_axis_goes_through_the_selected_figure(clock, monkeypatch):
+    """Wherever it stands; the slider reaches as far to either side of its pelvis."""
+    studio, reach = ball_studio(clock, live=FakeLive()), []
+    for command in (ShowPicture("slice"), AddFigure("default")):
+        studio.do(command)
+    studio.do(SetTranslation((3.0, 0.5, -2.0)))
+    body = studio.figure.vertices @ studio.world[:3, :3].T + studio.world[:3, 3]
+    monkeypatch.setattr(imgui, "radio_button", lambda title, on: "##y" in title or "##x" in title)
+    monkeypatch.setattr(imgui, "slider_float", lambda *of: reach.append(of[2:4]) or (False, 0.0))
+    context = imgui.create_context()
+    imgui.get_io().display_size = imgui.ImVec2(400, 300)
+    imgui.get_io().set_ini_filename("")
+    imgui.get_io().backend_flags |= imgui.BackendFlags_.renderer_has_textures
+    imgui.new_frame()
+    commands = list(cut_card.draw(studio, (0, 0), (400, 300)))
+    imgui.end_frame()
+    imgui.destroy_context(context)
+    for command in commands:
+        row = "xyz".index(command.axis)
+        assert command.offset == pytest.approx(body[:, row].mean(), abs=0.4)
+    assert {command.axis for command in commands} == {"x", "y"}
+    assert np.mean(reach[0]) / units.length().factor == pytest.approx(body[:, 2].mean(), abs=0.2)
+    assert np.ptp(reach[0]) / units.length().factor == pytest.approx(2 * cut_card.REACH)
+
+
+def test_an_avatar_is_asked_for_by_influences_alone():
+    asked, engine = [], ball_engine()
+    real = engine.avatar
+    engine.avatar = lambda name: asked.append(name) or real(name)
+    for shows in ("normals", "slice", "influence"):
+        asked.clear()
+        engine.render(ShowPicture(shows).apply(StudioState()), (32, 24))
+        made = len(asked)
+        answered(engine, Request(ShowPicture(shows).apply(StudioState()), (32, 24)))
+        assert len(asked) - 2 * made == (shows == "influence")
 
 
 def test_the_plane_is_kept_and_one_that_was_never_moved_is_not_written():
@@ -183,3 +238,23 @@ def test_the_surface_shows_influences_until_something_else_is_chosen(avatar):
     assert np.abs(arm - first.read()).max() > 0.2
     again = replace(state, tools=Tools())
     assert np.array_equal(live.draw([avatar], again, (48, 48)).read(), plain)
+
+
+def test_influences_are_found_once_for_all_poses_and_let_go_with_their_figure(avatar, monkeypatch):
+    found = []
+    monkeypatch.setattr(live_module, "of_surface", lambda *of: found.append(of[2]) or of_surface(*of))
+    live, other = LiveSurface(), replace(avatar, surface=replace(avatar.surface))
+    state = ShowPicture("influence").apply(AddFigure("default").apply(StudioState()))
+    live.draw([avatar, other], state, (48, 48))
+    live.draw([avatar, other], SetExpression("jawOpen", 0.7).apply(state), (48, 48))
+    bent = SetJoint("left_elbow", (0.0, -0.6, 0.0)).apply(state)
+    moved = live.draw([avatar, other], bent, (48, 48)).read()
+    assert found == [None, None]
+    assert np.array_equal(moved, LiveSurface().draw([avatar, other], bent, (48, 48)).read())
+    live.draw([avatar, other], Select("left_elbow").apply(bent), (48, 48))
+    assert found[4:] == ["left_elbow"] * 2
+    gone, other = ref(other.surface), None
+    found.clear()
+    live.draw([avatar], RemoveFigure(1).apply(bent), (48, 48))
+    gc.collect()
+    assert gone() is None

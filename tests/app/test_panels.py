@@ -14,11 +14,13 @@ from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.hands import HandPanel
 from avatarrex_studio.panels.joints import body_panel
 from avatarrex_studio.panels.keys import chord
+from avatarrex_studio.panels.motion_import import MotionImport
 from avatarrex_studio.panels.poses import PosesPanel, shipped_entries
 from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.panels.questions import nothing
 from avatarrex_studio.panels.timeline import TimelinePanel
 from avatarrex_studio.panels.viewport import Shown, ViewportPanel, preparing
+from avatarrex_studio.panels.warp_editor import HEIGHT, WarpEditor
 from avatarrex_studio.session import posing
 from avatarrex_studio.session.actions import ACTIONS
 from avatarrex_studio.session.commands import (
@@ -358,6 +360,76 @@ def test_a_press_far_from_where_the_mouse_was_turns_nothing(screen, studio):
     screen.io.add_mouse_pos_event(110, 100)
     (orbit,) = screen.frame(draw)
     assert orbit.azimuth == pytest.approx(-4)
+
+
+def test_esc_ends_the_edit_of_a_text_before_it_closes_the_window_of_how_a_motion_was_read(screen):
+    reading, places = MotionImport(), []
+    reading.shown = reading._focused = True
+
+    def draw():
+        imgui.input_double("rate", 30.0)
+        places.append(imgui.get_item_rect_min())
+        reading.dismissed()
+        return ()
+
+    def press(key):
+        for down in (True, False):
+            screen.io.add_key_event(key, down)
+            screen.frame(draw)
+
+    screen.frame(draw)
+    place = (places[0].x + 5, places[0].y + 5)
+    screen.drag(draw, place, place)
+    assert screen.io.want_text_input
+    press(imgui.Key.escape)
+    assert reading.shown
+    press(imgui.Key.escape)
+    assert not reading.shown
+
+
+class Curve:
+    """The time curve of a clip, 200 points wide, whose commands are done at once."""
+
+    def __init__(self, screen, monkeypatch, warp):
+        self.screen, self.layer, self.low = screen, Layer("a", warp=warp), None
+        editor, button = WarpEditor(), imgui.invisible_button
+
+        def placed(name, size):
+            self.low = imgui.get_cursor_screen_pos()
+            return button(name, size)
+
+        def draw():
+            commands = list(editor.draw(self.layer, 200.0))
+            for command in commands:
+                self.layer = replace(self.layer, warp=command.warp)
+            return commands
+
+        monkeypatch.setattr(imgui, "invisible_button", placed)
+        self.draw = draw
+        screen.frame(draw)
+
+    def drag(self, *places):
+        """Press at the first place of the curve, release at the last; the curve then."""
+        pixels = [(self.low.x + 200 * x, self.low.y + HEIGHT * (1 - y)) for x, y in places]
+        self.screen.drag(self.draw, pixels[0], pixels[-1])
+        return self.layer.warp
+
+
+def test_a_press_on_the_time_curve_adds_a_point_and_a_drag_moves_it(screen, monkeypatch):
+    curve = Curve(screen, monkeypatch, ((0.5, 0.5),))
+    assert curve.drag((0.75, 0.25))[1] == pytest.approx((0.75, 0.25), abs=0.01)
+    assert curve.drag((0.25, 0.5), (0.3, 0.75))[0] == pytest.approx((0.3, 0.75), abs=0.01)
+    assert curve.drag((0.5, 0.5), (0.6, 0.25))[1] == pytest.approx((0.6, 0.25), abs=0.01)
+    assert len(curve.layer.warp) == 3
+
+
+def test_a_press_that_adds_no_point_to_the_time_curve_drags_none(screen, monkeypatch):
+    """As beside another one in time, where none has room; a plain click on one leaves it where it is."""
+    warp = ((0.5, 0.2),)
+    curve = Curve(screen, monkeypatch, warp)
+    assert curve.drag((0.505, 0.8)) == warp
+    assert curve.drag((0.505, 0.8), (0.7, 0.9)) == warp
+    assert curve.drag((0.52, 0.24)) == warp
 
 
 @pytest.fixture

@@ -97,6 +97,8 @@ def test_a_rig_in_the_exposure_of_the_other(capture, capsys, tmp_path):
     assert abs(dimmed - body) > 0.3
     assert bright == pytest.approx(body, abs=0.1)
     assert "face rig: pictures times 1.67, 1.43, 1.25, as the body rig's" in said
+    exposed = json.loads(figures.read_text())["exposed_as"]
+    assert (exposed["rig"], exposed["gain"]) == ("body", pytest.approx([1.67, 1.43, 1.25], abs=0.01))
     psnr("--rig", "face", "--exposed-as", "body", "--face-only")
 
 

@@ -322,6 +322,11 @@ def test_triangles_that_are_near_follow_each_other():
         assert (np.ptp(runs, 1) == side - 1).all()
 
 
+def test_influences_have_no_colours_of_their_own():
+    with pytest.raises(ValueError, match="the caller's own"):
+        Look("influence").colours(np.zeros((1, 3)), np.zeros(1), np.zeros((1, 3)), np.array([0.0, 0.0, 1.0]))
+
+
 def test_one_point_and_none_have_a_place():
     assert z_order(np.zeros((1, 3))).tolist() == [0]
     assert len(z_order(np.zeros((0, 3)))) == 0

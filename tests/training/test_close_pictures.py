@@ -7,9 +7,10 @@ import pytest
 from training.miniature import write_miniature
 
 from avatarrex.avatar import Avatar
-from avatarrex.capture.readers.rigs import Rig, open_capture
+from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
+from avatarrex.errors import InputError
 from avatarrex.templates.person import load_person
-from avatarrex.training.core.exposure import LARGEST, exposed, exposed_as, gain, gain_to
+from avatarrex.training.core.exposure import LARGEST, exposed, exposed_as, gain, gain_to, one_exposure
 from avatarrex.training.core.frames import FrameStore
 
 
@@ -31,10 +32,10 @@ def test_dark_triangles_say_nothing() -> None:
     np.testing.assert_allclose(gain(own, other), 1.2)
 
 
-def test_few_triangles_change_nothing_and_the_gain_is_bounded() -> None:
-    np.testing.assert_array_equal(gain(seen(99), 1.5 * seen(99)), 1)
+def test_few_triangles_say_nothing_and_the_gain_is_bounded() -> None:
+    assert gain(seen(99), 1.5 * seen(99)) is None
     np.testing.assert_allclose(gain(seen(), 5 * seen()), LARGEST)
-    np.testing.assert_array_equal(gain(np.full((300, 3), np.nan), seen(300)), 1)
+    assert gain(np.full((300, 3), np.nan), seen(300)) is None
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +57,17 @@ def test_pictures_come_in_the_other_rigs_exposure(rigs: tuple[Rig, Rig]) -> None
     np.testing.assert_allclose(found, 1 / dimmed, rtol=0.02)
     bright = exposed_as(dim, rigs[1], load_person()).image(0, 0)
     assert np.abs(bright - np.clip(dim.image(0, 0) * found, 0, 255)).max() <= 0.5
+
+
+def test_without_colours_in_common_a_training_changes_nothing_and_a_measurement_is_refused(
+    rigs: tuple[Rig, Rig], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("avatarrex.training.core.exposure.gain_to", lambda *_: None)
+    same = exposed_as(*rigs, load_person())
+    np.testing.assert_array_equal(same.image(0, 0), rigs[0].image(0, 0))
+    capture = Capture(Path("two"), {"body": rigs[0], "face": rigs[1]}, load_person(), {}, ())
+    with pytest.raises(InputError, match=r"--exposed-as: expected 100 triangles .* found no colours in common"):
+        one_exposure(capture, "body", load_person())
 
 
 def test_a_share_of_the_pictures_is_the_other_rigs(rigs: tuple[Rig, Rig]) -> None:

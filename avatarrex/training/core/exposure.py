@@ -17,7 +17,7 @@ from avatarrex.capture.readers.images_store import Pictures
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import sealed
 from avatarrex.capture.zbuffer import visible_faces
-from avatarrex.errors import check
+from avatarrex.errors import InputError, check
 from avatarrex.templates.person import Person
 from avatarrex.training.core.pixels import training_pairs
 
@@ -28,7 +28,7 @@ OPAQUE = 250
 DARKEST = 24.0
 """Bytes: of darker means a ratio says little."""
 FEWEST = 100
-"""Triangles that both rigs have to show; below, nothing is changed."""
+"""Triangles that both rigs have to show; below, a training changes nothing."""
 LARGEST = 2.0
 """Factor at most, either way."""
 
@@ -53,13 +53,14 @@ class ExposedPictures(Pictures):
 
 
 def exposed_as(rig: Rig, other: Rig, person: Person) -> Rig:
-    """`rig` as the cameras of `other` would have seen it; both show `person`."""
-    return exposed(rig, gain_to(rig, other, person))
+    """`rig` as the cameras of `other` would have seen it, unchanged where they have no colours in common; both show `person`."""
+    found = gain_to(rig, other, person)
+    return exposed(rig, np.ones(3) if found is None else found)
 
 
 def one_exposure(capture: Capture, name: str, person: Person) -> Capture:
     """`capture` with the pictures of every other rig as the cameras of rig `name` would have taken them, by what the training's pictures
-    show of `person`. Raises `InputError` without a second rig, or without this one."""
+    show of `person`. Raises `InputError` without a second rig, without this one, and where another has no colours in common with it."""
     check(
         len(capture.rigs) > 1,
         "--exposed-as",
@@ -69,7 +70,13 @@ def one_exposure(capture: Capture, name: str, person: Person) -> Capture:
     )
     check(name in capture.rigs, "--exposed-as", "", f"one of {', '.join(capture.rigs)}", name)
     known = sealed(capture, "train").rigs
-    gains = {other: gain_to(known[other], known[name], person) for other in known if other != name}
+    gains = {}
+    for other in known.keys() - {name}:
+        found = gain_to(known[other], known[name], person)
+        if found is None:
+            shown = f"{FEWEST} triangles or more whose colours the {other} and the {name} rig both show"
+            raise InputError("--exposed-as", "", shown, "no colours in common")
+        gains[other] = found
     return replace(
         capture,
         rigs={other: exposed(rig, gains[other]) if other in gains else rig for other, rig in capture.rigs.items()},
@@ -81,24 +88,23 @@ def exposed(rig: Rig, gain: Float[np.ndarray, " 3"]) -> Rig:
     return replace(rig, pictures=ExposedPictures(rig.pictures, gain))
 
 
-def words(rig: Rig, name: str) -> str:
-    """What a rig's pictures were multiplied by to be as those of rig `name`."""
+def factors(rig: Rig) -> list[float]:
+    """What a rig's pictures were multiplied by, per channel."""
     pictures = rig.pictures
-    factors = pictures.gain if isinstance(pictures, ExposedPictures) else np.ones(3)
-    return f"pictures times {', '.join(f'{each:.2f}' for each in factors)}, as the {name} rig's"
+    return [float(each) for each in pictures.gain] if isinstance(pictures, ExposedPictures) else [1.0] * 3
 
 
-def gain_to(rig: Rig, other: Rig, person: Person) -> Float[np.ndarray, " 3"]:
-    """What pictures of `rig` are multiplied by to look as those of `other`, by pictures of both that are not held out."""
+def gain_to(rig: Rig, other: Rig, person: Person) -> Float[np.ndarray, " 3"] | None:
+    """What pictures of `rig` are multiplied by to look as those of `other`, by pictures of both that are not held out; see `gain`."""
     return gain(_colours(rig, person), _colours(other, person))
 
 
-def gain(seen: Float[np.ndarray, "f 3"], other: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, " 3"]:
-    """Median ratio of `other` to `seen` per channel, of triangles with a colour (not NaN) in both."""
+def gain(seen: Float[np.ndarray, "f 3"], other: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, " 3"] | None:
+    """Median ratio of `other` to `seen` per channel, of triangles with a colour (not NaN) in both; None of fewer than `FEWEST`."""
     ratio = other / seen
     known = np.isfinite(ratio).all(1) & (np.minimum(seen, other).min(1) > DARKEST)
     if known.sum() < FEWEST:
-        return np.ones(3)
+        return None
     middle: np.ndarray = np.clip(np.median(ratio[known], axis=0), 1 / LARGEST, LARGEST)
     return middle
 
