@@ -69,8 +69,8 @@ def load_person(source: str | Path = "default") -> Person:
 
     Raises `InputError`.
     """
-    known = {"default": DATA / "person.npz", "models": models_folder()}
-    return _load(str(source), known.get(str(source), Path(source)))
+    known = {"default": lambda: DATA / "person.npz", "models": models_folder}
+    return _load(str(source), known.get(str(source), lambda: Path(source))())
 
 
 @lru_cache(maxsize=4)
