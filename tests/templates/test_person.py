@@ -38,7 +38,7 @@ def test_a_user_without_a_folder_has_the_packaged_person(monkeypatch: pytest.Mon
     for name in ("HOME", "XDG_DATA_HOME", "AVATARREX_MODELS"):
         monkeypatch.delenv(name, raising=False)
     assert load_person().name == "default"
-    with pytest.raises(InputError, match="HOME: expected the user's folder .or XDG_DATA_HOME., found none"):
+    with pytest.raises(InputError, match=r"HOME: expected the user's folder \(or XDG_DATA_HOME\), found none"):
         load_person("models")
 
 
