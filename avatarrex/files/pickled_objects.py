@@ -152,7 +152,8 @@ class Object(Pickled):
         budget.spend(chosen.size * max(values.itemsize, INDEX_BYTES))
         if not values.flags.c_contiguous:  # a copy, row by row
             budget.spend(values.nbytes)
-        found, shape = values.ravel()[chosen], state.get("preferred_shape")
+        found: np.ndarray = values.ravel()[chosen]
+        shape = state.get("preferred_shape")
         if shape is None:
             return found
         if size_of(shape) != found.size:
@@ -209,7 +210,7 @@ class Global:
             content, of, shape, order = arguments
             return array(content, of, shape, order, budget)
         if kind == "encode":
-            return _encoded(*arguments, budget=budget)
+            return _encoded(arguments, budget)
         if kind in ("set", "OrderedDict"):
             return _filled(kind, arguments, budget)
         if kind == "bytes" and not arguments:
@@ -217,8 +218,9 @@ class Global:
         raise TypeError(f"{self.module}.{self.name} with arguments")
 
 
-def _encoded(content: Any, encoding: Any, budget: Budget) -> bytes:
+def _encoded(arguments: tuple[Any, ...], budget: Budget) -> bytes:
     """Bytes, as Python 3 writes them for Python 2."""
+    content, encoding = arguments
     if not isinstance(content, str) or encoding != "latin1":
         raise TypeError("bytes of no Latin-1 text")
     budget.spend(len(content))
