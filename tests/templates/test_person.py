@@ -29,7 +29,7 @@ def test_the_packaged_person_speaks_the_signals_language() -> None:
 
 
 def test_a_user_without_a_folder_has_the_packaged_person(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The models folder, which is in the user's, is looked for where it is asked for."""
+    """The models folder, which is in the user's, is looked for by the person called so alone."""
 
     def none() -> Path:
         raise RuntimeError("Could not determine home directory.")
