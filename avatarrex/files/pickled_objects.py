@@ -240,7 +240,7 @@ def _filled(kind: str, arguments: tuple[Any, ...], budget: Budget) -> Any:
 
 def checked_key(key: Any) -> Any:
     """A dict's key; of tuples within tuples a hash takes for ever. Raises `TypeError`."""
-    if isinstance(key, str | bytes) or (isinstance(key, int) and key.bit_length() < 64):
+    if isinstance(key, str | bytes | np.integer) or (isinstance(key, int) and key.bit_length() < 64):
         return key
     raise TypeError(f"a key that is a {type(key).__name__}, not a text or an integer")
 
