@@ -62,13 +62,17 @@ def _add(files: list[str], folder: Path) -> int:
 
 def _check(folder: Path) -> int:
     """Each file in a line, and what does not fit; exit status 1 where a file is refused."""
-    from avatarrex.templates.official.known_models import KNOWN
+    from avatarrex.templates.official.known_models import files_of
     from avatarrex.templates.official.model_check import check_together, describe
 
-    found = [(model, path) for model in KNOWN if (path := model.find(folder))]
+    found = files_of(folder)
     if not found:
         print(plain(f"{folder}: no models; `avatarrex-studio models list` says which there are"))
-    tests = [lambda model=model, path=path: f"{path.name}: {describe(model, path)}" for model, path in found]
+    unused = {path for model, path in found if model and model.find(folder) != path}
+    tests = [
+        lambda model=model, path=path: f"{path.name}: {describe(model, path)}" + ", not used" * (path in unused)
+        for model, path in found
+    ]
     refused = [said for test in tests if (said := _refusal(test))]
     if not refused:
         refused = [said for said in [_refusal(lambda: "\n".join(check_together(folder)))] if said]

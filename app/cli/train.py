@@ -147,10 +147,22 @@ def split_as_wanted(capture: Capture, arguments: argparse.Namespace) -> Capture:
 
 
 def with_person(capture: Capture, name: str) -> Capture:
-    """The capture with another template. Raises `InputError`."""
+    """The capture with another template, whose size is still to be fitted. Raises `InputError` for one that has no size to fit.
+
+    What a capture says of its size is said of the default person: T-pose joints are fitted to it, shapes are in its directions.
+    """
     from avatarrex.templates.person import load_person
 
-    return capture if name == "default" else replace(capture, person=load_person(name))
+    if name == "default":
+        return capture
+    if capture.sized:
+        expected = "default for a capture that says how large the person is"
+        raise InputError("--person", "", expected, name)
+    person = load_person(name)
+    if not person.cut:
+        expected = "default, or a body alone: the size of several models cannot be fitted yet"
+        raise InputError("--person", "", expected, f"{name} with hands or a face of their own")
+    return replace(capture, person=person)
 
 
 def require_pictures(capture: Capture, parts: Iterable[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import tokenize
 import zipfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,7 +20,9 @@ UNPACKED_BYTES = 2**31
 """Bytes that the arrays of one file may unpack to: a few MB of zip can claim any number."""
 HEADER = 2**16
 """Bytes at the start of a member in which its header ends."""
+LONGEST_SIDE = 2**48
 PLAIN = "a plain array (no pickled objects)"
+_BROKEN_HEADER = (ValueError, KeyError, TypeError, SyntaxError, RecursionError, MemoryError, tokenize.TokenError)
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
@@ -78,7 +81,9 @@ def _described(head: io.BytesIO, place: str, name: str) -> tuple[tuple[int, ...]
         raise InputError(place, name, PLAIN, "other bytes")
     try:
         shape, fortran, dtype = _HEADERS[npy.read_magic(head)](head)
-    except (ValueError, KeyError, TypeError, SyntaxError, RecursionError, MemoryError) as error:
+        if any(length > LONGEST_SIDE for length in shape):
+            raise ValueError("a side of more numbers than any file has")
+    except _BROKEN_HEADER as error:
         raise InputError(place, name, PLAIN, error) from None
     if dtype.hasobject or not dtype.itemsize or any(length < 0 for length in shape):
         raise InputError(place, name, PLAIN, f"shape {shape} of {dtype}")

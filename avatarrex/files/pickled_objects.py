@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,10 @@ ADMITTED: dict[tuple[object, object], str] = {
 """(module, name) of every global that a file may name, and its kind."""
 OBJECTS = ("csc", "csr", "Ch", "Select")
 """Kinds that have a state."""
+ENTRY_BYTES, INDEX_BYTES = 128, 8
+"""What an entry of a dict, and an index into an array or a list, takes."""
+MOST_SIDES, LONGEST_SIDE, LONGEST_WORD = 32, 2**31, 16
+"""Of an array's shape; letters of a type's code."""
 _NUMBERS = re.compile(r"[fiub](?:1|2|4|8)")
 _OBJECT = re.compile(r"O[48]?")
 _TEXTS = re.compile(r"[SU][0-9]{1,4}")
@@ -105,7 +109,7 @@ class Array(Pickled):
         """(version, shape, type, whether columns run first, bytes), of an old file without the version."""
         shape, kind, fortran, content = state[-4:]
         if isinstance(kind, Kind) and _OBJECT.fullmatch(kind.code):
-            if len(shape) > 1 or not isinstance(content, list) or len(content) != math.prod(shape):
+            if len(shape) > 1 or not isinstance(content, list) or len(content) != size_of(shape):
                 raise TypeError("an array of objects that is no list")
             self.value = content
         else:
@@ -120,44 +124,57 @@ class Array(Pickled):
 
 @dataclass
 class Object(Pickled):
-    """A sparse matrix, or an array of chumpy's."""
+    """A sparse matrix, or an array of chumpy's, empty until its state comes. What it has of others is complete by then."""
 
     kind: str
-    state: dict[str, Any] = field(default_factory=dict)
-    budget: Budget | None = None
+    value: Any = None
 
     def build(self, state: Any, budget: Budget) -> None:
         """A dict by attribute."""
         if not isinstance(state, dict):
             raise TypeError(f"a {self.kind} without a dict of attributes")
-        self.state, self.budget = state, budget
+        if self.kind == "Ch":
+            self.value = self._part(state, "x")
+        else:
+            self.value = (self._selected if self.kind == "Select" else self._sparse)(state, budget)
 
     def plain(self) -> Any:
         """The matrix, or the array."""
-        if self.kind in ("csc", "csr"):
-            return self._sparse()
-        if self.kind == "Ch":
-            return self._part("x")
-        chosen = np.asarray(self._part("idxs"))
-        if self.budget is not None:
-            self.budget.spend(chosen.size * 8)
-        found = np.asarray(self._part("a")).ravel()[chosen]
-        shape = self.state.get("preferred_shape")
-        return found if shape is None else found.reshape(shape)
+        if self.value is None:
+            raise TypeError(f"a {self.kind} without its attributes")
+        return self.value
 
-    def _sparse(self) -> Any:
-        rows, columns = self.state["_shape"] if "_shape" in self.state else self.state["shape"]
-        parts = tuple(self._part(name) for name in ("data", "indices", "indptr"))
-        along = columns if self.kind == "csc" else rows
-        if len(parts[2]) != along + 1 or min(rows, columns) < 0:
+    def _selected(self, state: dict[str, Any], budget: Budget) -> np.ndarray:
+        """The numbers of `a` at `idxs`, in the shape `preferred_shape`."""
+        values, chosen = self._part(state, "a"), self._part(state, "idxs")
+        if chosen.dtype.kind not in "iu":
+            raise TypeError("Select.idxs that are no integers")
+        budget.spend(chosen.size * max(values.itemsize, INDEX_BYTES))
+        if not values.flags.c_contiguous:  # a copy, row by row
+            budget.spend(values.nbytes)
+        found: np.ndarray = values.ravel()[chosen]
+        shape = state.get("preferred_shape")
+        if shape is None:
+            return found
+        if size_of(shape) != found.size:
+            raise ValueError(f"{found.size} numbers for shape {tuple(shape)}")
+        return found.reshape(shape)
+
+    def _sparse(self, state: dict[str, Any], budget: Budget) -> Any:
+        shape = state["_shape"] if "_shape" in state else state["shape"]
+        size_of(shape)
+        rows, columns = shape
+        data, indices, starts = (self._part(state, name) for name in ("data", "indices", "indptr"))
+        if len(starts) != (columns if self.kind == "csc" else rows) + 1:
             raise ValueError("a sparse matrix of another shape than its indices")
-        made = (csc_array if self.kind == "csc" else csr_array)(parts, shape=(rows, columns))
+        budget.spend(data.nbytes + INDEX_BYTES * (indices.size + starts.size))
+        made = (csc_array if self.kind == "csc" else csr_array)((data, indices, starts), shape=(rows, columns))
         made.check_format(full_check=True)
         return made
 
-    def _part(self, name: str) -> np.ndarray:
+    def _part(self, state: dict[str, Any], name: str) -> np.ndarray:
         """An attribute that is an array."""
-        value = self.state[name]
+        value = state[name]
         found = value.plain() if isinstance(value, Pickled) else value
         if not isinstance(found, np.ndarray):
             raise TypeError(f"{self.kind}.{name} that is no array")
@@ -193,37 +210,67 @@ class Global:
             content, of, shape, order = arguments
             return array(content, of, shape, order, budget)
         if kind == "encode":
-            budget.spend(len(arguments[0]))
-            return arguments[0].encode({"latin1": "latin-1"}[arguments[1]])
+            return _encoded(arguments, budget)
         if kind in ("set", "OrderedDict"):
-            return _filled(kind, arguments)
+            return _filled(kind, arguments, budget)
         if kind == "bytes" and not arguments:
             return b""
         raise TypeError(f"{self.module}.{self.name} with arguments")
 
 
-def _filled(kind: str, arguments: tuple[Any, ...]) -> Any:
-    """A set as a list, an ordered dict as a dict, of a list that the file has made."""
+def _encoded(arguments: tuple[Any, ...], budget: Budget) -> bytes:
+    """Bytes, as Python 3 writes them for Python 2."""
+    content, encoding = arguments
+    if not isinstance(content, str) or encoding != "latin1":
+        raise TypeError("bytes of no Latin-1 text")
+    budget.spend(len(content))
+    return content.encode("latin-1")
+
+
+def _filled(kind: str, arguments: tuple[Any, ...], budget: Budget) -> Any:
+    """A set as the list, an ordered dict as a dict, of a list that the file has made."""
     given = arguments[0] if arguments else []
     if not isinstance(given, list):
         raise TypeError(f"a {kind} of no list")
-    return list(given) if kind == "set" else dict(given)
+    if kind == "set":
+        return given
+    budget.spend(ENTRY_BYTES * len(given))
+    return {checked_key(key): value for key, value in given}
+
+
+def checked_key(key: Any) -> Any:
+    """A dict's key; of tuples within tuples a hash takes for ever. Raises `TypeError`."""
+    if isinstance(key, str | bytes | np.integer) or (isinstance(key, int) and key.bit_length() < 64):
+        return key
+    raise TypeError(f"a key that is a {type(key).__name__}, not a text or an integer")
+
+
+def size_of(shape: Any) -> int:
+    """How many numbers an array of a file's `shape` has. Raises `TypeError` for what no array has."""
+    if not isinstance(shape, tuple | list) or len(shape) > MOST_SIDES:
+        raise TypeError("an array without shape")
+    if not all(type(side) is int and 0 <= side <= LONGEST_SIDE for side in shape):
+        raise TypeError("a shape of other numbers than sides")
+    return math.prod(shape)
 
 
 def array(content: Any, kind: Any, shape: Any, order: str, budget: Budget) -> np.ndarray:
     """An array of a file's bytes, read-only."""
-    if not isinstance(kind, Kind) or not all(type(side) is int and side >= 0 for side in shape):
-        raise TypeError("an array without type or shape")
+    if not isinstance(kind, Kind) or not isinstance(content, str | bytes | bytearray):
+        raise TypeError("an array without type or bytes")
+    size = size_of(shape)
     budget.spend(len(content))
     data = content.encode("latin-1") if isinstance(content, str) else content
-    if math.prod(shape) * kind.numpy.itemsize != len(data):
+    if size * kind.numpy.itemsize != len(data):
         raise ValueError(f"{len(data)} bytes for shape {tuple(shape)} of {kind.code}")
     return np.frombuffer(data, kind.numpy).reshape(shape, order="F" if order == "F" else "C")
 
 
 def text(value: Any) -> str:
-    """A text, in Python 2's bytes or not."""
-    return value.decode("latin-1") if isinstance(value, bytes) else str(value)
+    """A short text, in Python 2's bytes or not. Raises `TypeError` for anything else."""
+    if not isinstance(value, str | bytes) or len(value) > LONGEST_WORD:
+        raise TypeError("a type's code that is no short text")
+    return value.decode("latin-1") if isinstance(value, bytes) else value
 
 
 def plain_values(value: Any, source: str | Path, depth: int = 0, done: dict[int, Any] | None = None) -> Any:
@@ -240,10 +287,7 @@ def plain_values(value: Any, source: str | Path, depth: int = 0, done: dict[int,
         raise TypeError(f"the global {value.module}.{value.name} by itself")
     found = value.plain() if isinstance(value, Pickled) else value
     if isinstance(found, dict):
-        found = {
-            plain_values(key, source, depth + 1, done): plain_values(item, source, depth + 1, done)
-            for key, item in found.items()
-        }
+        found = {key: plain_values(item, source, depth + 1, done) for key, item in found.items()}
     elif isinstance(found, list | tuple):
         found = type(found)(plain_values(item, source, depth + 1, done) for item in found)
     done[id(value)] = found

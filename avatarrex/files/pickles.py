@@ -12,6 +12,7 @@ import codecs
 import os
 import pickletools
 import re
+import tokenize
 import warnings
 from collections.abc import Callable, Iterator
 from io import BufferedIOBase, BytesIO
@@ -22,15 +23,18 @@ from numpy.lib import format as npy
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import check_file
-from avatarrex.files.pickled_objects import ADMITTED, NAMES, Budget, Global, Pickled, plain_values
+from avatarrex.files.pickled_objects import ADMITTED, NAMES, Budget, Global, Pickled, checked_key, plain_values
 from avatarrex.files.zips import refusing
 
 PICKLE_BYTES = 2**30
 """Bytes of the largest file, and of the arrays in it: SMPL-X as a pickle of protocol 0 has 520 MB."""
 MOST_STEPS = 2_000_000
 """Opcodes that are read: a model file has some hundreds."""
-BROKEN = (ValueError, IndexError, KeyError, TypeError, UnicodeError, OverflowError, MemoryError, AttributeError)
-"""What a damaged pickle makes the machine or `pickletools` raise."""
+BROKEN = (
+    ValueError, IndexError, KeyError, TypeError, UnicodeError, OverflowError, MemoryError, AttributeError, RecursionError, SyntaxError,
+    tokenize.TokenError,
+)  # fmt: skip
+"""What a damaged pickle makes the machine or `pickletools` raise, and a damaged header NumPy's reader."""
 _OPCODES = {opcode.code.encode("latin-1"): opcode for opcode in pickletools.opcodes}
 _MARK = object()
 
@@ -195,7 +199,7 @@ class _Machine:
 
     def _setitem(self, _: None) -> None:
         value, key = self.stack.pop(), self.stack.pop()
-        self._settable().update({key: value})
+        self._settable()[checked_key(key)] = value
 
     def _setitems(self, _: None) -> None:
         values = self._above_mark()
@@ -232,9 +236,11 @@ class _Machine:
         self._make(self.stack.pop(), arguments)
 
     def _admit(self, module: object, name: object) -> None:
+        if not isinstance(module, str) or not isinstance(name, str):
+            raise TypeError("a global whose name is no text")
         if (module, name) not in ADMITTED:
             raise InputError(self.source, f"byte {self.stream.tell()}", NAMES, f"the global {module}.{name}")
-        self.stack.append(Global(str(module), str(name)))
+        self.stack.append(Global(module, name))
 
     def _reduce(self, _: None) -> None:
         arguments, of = self.stack.pop(), self.stack.pop()
@@ -267,7 +273,7 @@ _CONSTANTS: dict[str, Callable[[], Any]] = {
 
 def _pairs(values: list[Any]) -> dict[Any, Any]:
     """Keys and values by turns."""
-    return dict(zip(values[::2], values[1::2], strict=True))
+    return dict(zip(map(checked_key, values[::2]), values[1::2], strict=True))
 
 
 def _quoted(line: bytes) -> str:

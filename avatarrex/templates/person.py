@@ -44,6 +44,8 @@ class Person:
     """SHA-256 of the arrays that pose it (and of its fit), first 16 hex digits."""
     fit: PersonFit | None = None
     """What made it another size than the one called `name`."""
+    cut: bool = True
+    """Whether hands and face are cut out of the body; those of other models are not, and keep their size."""
 
     def part(self, name: str) -> HandTemplate | FaceTemplate:
         """The template of one of `PARTS`."""
@@ -69,8 +71,8 @@ def load_person(source: str | Path = "default") -> Person:
 
     Raises `InputError`.
     """
-    known = {"default": DATA / "person.npz", "models": models_folder()}
-    return _load(str(source), known.get(str(source), Path(source)))
+    known = {"default": lambda: DATA / "person.npz", "models": models_folder}
+    return _load(str(source), known.get(str(source), lambda: Path(source))())
 
 
 @lru_cache(maxsize=4)
@@ -78,7 +80,8 @@ def load_person(source: str | Path = "default") -> Person:
 def _load(name: str, path: Path) -> Person:
     if what_is(path) == "a folder":
         found = read_parts(path)
-        return _whole(found.body, (found.left_hand, found.right_hand, found.face), name, found.hash)
+        person = _whole(found.body, (found.left_hand, found.right_hand, found.face), name, found.hash)
+        return replace(person, cut=found.cut)
     arrays = read_npz(path, "person")
     body = read_model(arrays, path)
     if len(body.parents) != 55:
@@ -93,7 +96,7 @@ def resize_person(person: Person, fit: PersonFit) -> Person:
     """
     if person.fit is not None:
         raise InputError("person", "fit", "a person of the original size", "one that is resized")
-    if person.face.body_vertex_ids.max() < 0:
+    if not person.cut:
         raise InputError(
             person.name, "fit", "a person cut out of one body", "one of several models: its size is its shape's"
         )

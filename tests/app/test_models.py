@@ -78,6 +78,7 @@ def test_files_are_read_copied_and_checked_together(tmp_path: Path, folder: Path
     assert "MANO: the left hand has the right's shape directions: mirrored when read" in said
     assert "hands: their vertices are SMPL-X's, found on the meshes" in said
     assert "head: its vertices are SMPL-X's, found on the meshes" in said
+    assert "face: laid on SMPL-X's head by its landmarks" in said
     write_python2(folder / "MANO_SMPLX_vertex_ids.pkl", {"left_hand": LEFT_IDS, "right_hand": RIGHT_IDS})
     np.save(folder / "SMPL-X__FLAME_vertex_ids.npy", HEAD_IDS)
     said = output(capsys, "check")
@@ -97,6 +98,28 @@ def test_a_wrong_file_is_not_added(tmp_path: Path, folder: Path, capsys) -> None
     said = output(capsys, "add", str(tmp_path / "MANO_RIGHT.pkl"), status=2)
     assert "MANO_RIGHT.pkl: expected a model's file, found nothing there" in said
     assert not folder.exists() or not list(folder.iterdir())
+
+
+def test_every_file_is_read_and_one_hand_is_not_used(tmp_path: Path, folder: Path, capsys) -> None:
+    """Also those that are not used, and version 3's 52 expressions; names are the publisher's, whatever the letters."""
+    expressions = np.zeros((3 * 15456, 52), np.float32)
+    np.save(tmp_path / "exbase_52.npy", expressions)
+    fields = faceverse(3, 0.001, (1, 1, 1))[0]
+    files = [write_faceverse(tmp_path / name, fields) for name in ("faceverse_v3_6_s.npy", "faceverse_v3_1.npy")]
+    hand = write_chumpy(tmp_path / "MANO_LEFT.pkl", mano("left"))
+    output(capsys, "add", str(hand), str(tmp_path / "exbase_52.npy"), *map(str, files))
+    said = output(capsys, "check")
+    assert "MANO: the left hand alone is not used: the other is missing" in said
+    assert "exBase_52.npy: 52 expressions of Faceverse 3, 15456 vertices" in said
+    used, unused = (line for line in said.splitlines() if line.startswith("faceverse_v3"))
+    assert used.startswith("faceverse_v3_6_s.npy: Faceverse 3")
+    assert unused.startswith("faceverse_v3_1.npy: Faceverse 3")
+    assert (used.endswith("not used"), unused.endswith("not used")) == (False, True)
+    (folder / "faceverse_v3_1.npy").write_bytes(b"none")
+    assert "faceverse_v3_1.npy: " in output(capsys, "check", status=1)
+    np.save(tmp_path / "exBase_52.npy", expressions[:, :51])
+    said = output(capsys, "add", str(tmp_path / "exBase_52.npy"), status=2)
+    assert "exBase_52.npy: exBase_52: expected shape (3 times the vertices, 52), found (46368, 51)" in said
 
 
 def test_a_damaged_file_is_named_by_check(folder: Path, capsys) -> None:

@@ -15,6 +15,7 @@ import scipy.sparse
 from python2_pickles import chumpy, python2_pickle, selected, write_object_array, write_python2
 
 from avatarrex.errors import InputError
+from avatarrex.files.arrays import read_array
 from avatarrex.files.pickles import read_pickle
 
 RNG = np.random.default_rng(0)
@@ -154,7 +155,7 @@ BAD: dict[str, tuple[bytes, str]] = {
     "a memo of 2^31": (stored(b"Nr" + struct.pack("<I", 2**31)), ""),
     "a long of 2^31 bytes": (stored(b"\x8b" + struct.pack("<i", 2**31 - 1)), "a model that is whole"),
     "a million numbers in eight bytes": (stored(array_of(b"J\x40\x42\x0f\x00\x85", b"U\x08" + bytes(8))), "8 bytes for shape"),
-    "a shape below zero": (stored(array_of(b"J\xff\xff\xff\xff\x85", b"U\x00")), "an array without type or shape"),
+    "a shape below zero": (stored(array_of(b"J\xff\xff\xff\xff\x85", b"U\x00")), "a shape of other numbers than sides"),
     "an array of objects": (stored(array_of(b"K\x01\x85", b"U\x08" + bytes(8), b"O8")), "an array of objects"),
     "an array of a strange type": (stored(array_of(b"K\x01\x85", b"U\x08" + bytes(8), b"M8")), "the NumPy type M8"),
     "a bytes object of a size": (stored(b"c__builtin__\nbytes\nJ\x00\x00\x00\x7f\x85R"), "with arguments"),
@@ -183,6 +184,76 @@ def test_what_is_damaged_is_refused_in_one_line(tmp_path: Path, name: str) -> No
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 40e6
+
+
+def twice(depth: int) -> bytes:
+    """(t, t) of t, `depth` times over: 2^depth of the innermost, in a few bytes each."""
+    return b")" + b"q\x63h\x63\x86" * depth
+
+
+def made(kind: bytes, **state: bytes) -> bytes:
+    """An object of chumpy's, built of opcodes by attribute."""
+    fields = b"".join(b"U" + bytes([len(name)]) + name.encode() + value for name, value in state.items())
+    return b"c" + kind + b"\n)\x81}(" + fields + b"ub"
+
+
+CH, SELECT = b"chumpy.ch\nCh", b"chumpy.reordering\nSelect"
+ZERO = array_of(b"K\x01\x85", b"U\x01\x00", b"i1")
+GIANT = b"\x8b" + struct.pack("<i", 2**16) + b"\x7f" * 2**16
+"""An integer of half a million bits."""
+LONG_LIST = b"](" + b"U\x01aK\x00\x86q\x62" + b"h\x62" * 2**12 + b"eq\x61"
+MANY_ZEROS = array_of(b"J\x00\x00\x01\x00\x85", b"T" + struct.pack("<I", 2**16) + bytes(2**16), b"i1")
+LONG_TEXT = array_of(b"K\x01\x85", b"T" + struct.pack("<I", 9999) + bytes(9999), b"S9999")
+BOMBS: dict[str, tuple[bytes, str]] = {
+    "sets of a long list": (LONG_LIST + b"0](" + b"c__builtin__\nset\nh\x61\x85R" * 1500 + b"e", ""),
+    "ordered dicts of a long list": (LONG_LIST + b"0](" + b"ccollections\nOrderedDict\nh\x61\x85R" * 40 + b"e", "arrays of at most"),
+    "one long text, selected often": (made(SELECT, a=LONG_TEXT, idxs=MANY_ZEROS), "arrays of at most"),
+    "selected by no integers": (made(SELECT, a=ZERO, idxs=array_of(b"K\x01\x85", b"U\x08" + bytes(8))), "no integers"),
+    "selected of the selected": (ZERO + (b"q\x00" + made(SELECT, a=b"h\x00", idxs=b"h\x00")) * 30, ""),
+    "a type of tuples": (b"cnumpy\ndtype\n" + twice(40) + b"\x85R", "no short text"),
+    "a type of a long text": (b"cnumpy\ndtype\nU\xff" + b"f" * 255 + b"\x85R", "no short text"),
+    "a key of tuples": (b"}" + twice(40) + b"Ns", "a key that is a tuple"),
+    "keys of tuples": (b"}(" + twice(40) + b"Nu", "a key that is a tuple"),
+    "a dict of tuples": (b"(" + twice(40) + b"Nd", "a key that is a tuple"),
+    "an ordered dict of tuples": (b"ccollections\nOrderedDict\n](" + twice(40) + b"N\x86e\x85R", "a key that is a tuple"),
+    "a giant key": (b"}" + GIANT + b"Ns", "a key that is a int"),
+    "a global of tuples": (twice(40) + b"U\x01x\x93", "a global whose name is no text"),
+    "an encoding of tuples": (b"c_codecs\nencode\nU\x01x" + twice(40) + b"\x86R", "no Latin-1 text"),
+    "a shape of giants": (array_of(b"(" + GIANT + b"q\x60" + b"h\x60" * 1000 + b"t", b"U\x00"), "an array without shape"),
+    "a giant side": (array_of(GIANT + b"\x85", b"U\x00"), "other numbers than sides"),
+    "a list of a giant shape": (array_of(GIANT + b"\x85", b"]", b"O8"), "other numbers than sides"),
+    "a chumpy object of itself": (b"cchumpy.ch\nCh\n)\x81q\x00}U\x01xh\x00sb", "a Ch without its attributes"),
+    "chumpy objects of one another": (b"cchumpy.ch\nCh\n)\x81}U\x01x" * 1200 + ZERO + b"sb" * 1200, ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_small_file_takes_little_memory_and_time(name: str) -> None:
+    """Each of a few kB; copies, tuples of tuples and selections of selections would fill the memory, or never end."""
+    content, said = BOMBS[name]
+    tracemalloc.start()
+    if said:
+        with pytest.raises(InputError) as caught:
+            read_pickle(stored(content), "a model", 2**22)
+        assert said in str(caught.value)
+        assert "\n" not in str(caught.value)
+    else:
+        read_pickle(stored(content), "a model", 2**22)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 40e6
+
+
+@pytest.mark.parametrize(
+    "header",
+    [b"{'descr': '''", b"{" * 5000, b"{'descr': '<f8', 'fortran_order': False, 'shape': (0x1" + b"0" * 5000 + b",)}"],
+)
+def test_a_broken_header_is_refused_in_one_line(tmp_path: Path, header: bytes) -> None:
+    (tmp_path / "a.npy").write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header)
+    for read in (lambda path: read_pickle(path, "a model"), read_array):
+        with pytest.raises(InputError) as caught:
+            read(tmp_path / "a.npy")
+        assert "\n" not in str(caught.value)
 
 
 def test_bytes_that_many_arrays_share_are_counted_each() -> None:

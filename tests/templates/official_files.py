@@ -101,16 +101,19 @@ def smplx(directions: int = 20) -> dict[str, np.ndarray]:
     ):  # fmt: skip
         vertices[ids] = points + origin
         faces.append(ids[own])
+    chin = HEAD_IDS[(np.abs(vertices[HEAD_IDS, 0]) < 0.015) & (vertices[HEAD_IDS, 2] > 0)]
     joined = regressor(rng, vertices, joints)
     others = rng.integers(7100, count, (20908 - sum(map(len, faces)), 3))
     parents = np.array(PARENTS, dtype=np.int64)
     parents[0] = 2**32 - 1
     scale = 0.02 / np.sqrt(directions)
+    weights = skin(rng, count, 55)
+    weights[chin] = np.eye(55)[22]
     return {
         "v_template": vertices, "f": np.concatenate([*faces, others]).astype(np.uint32),
         "shapedirs": rng.standard_normal((count, 3, directions), np.float32) * np.float32(scale),
         "posedirs": rng.standard_normal((count, 3, 486), np.float32) * np.float32(1e-4),
-        "J_regressor": joined, "weights": skin(rng, count, 55), "kintree_table": np.stack([parents, np.arange(55)]).astype(np.uint32),
+        "J_regressor": joined, "weights": weights, "kintree_table": np.stack([parents, np.arange(55)]).astype(np.uint32),
         **{f"hands_components{s}": np.linalg.qr(rng.normal(size=(45, 45)))[0] for s in "lr"},
         **{f"hands_mean{s}": rng.normal(size=45) * 0.2 for s in "lr"},
         "lmk_faces_idx": rng.integers(0, 9000, 51), "lmk_bary_coords": rng.dirichlet(np.ones(3), 51),

@@ -37,9 +37,8 @@ from avatarrex.templates.official.correspondence import (
     read_hand_ids,
     read_head_ids,
 )
-from avatarrex.templates.official.faceverse import read_faceverse, split_coefficients
+from avatarrex.templates.official.faceverse import read_faceverse
 from avatarrex.templates.official.flame import read_flame
-from avatarrex.templates.official.hand_space import HandSpace
 from avatarrex.templates.official.mano import read_hand, read_hands
 from avatarrex.templates.official.smplx import read_smplx
 
@@ -73,8 +72,7 @@ def test_smplx_is_what_its_formulas_say(tmp_path: Path, name: str, directions: i
     assert found.version == f"{shapes} + {directions - shapes}"
     assert found.model.joint_names == JOINT_NAMES
     assert off(found.model, arrays, shapes, directions - shapes) < MICROMETRE
-    np.testing.assert_array_equal(found.hands["left"].components, arrays["hands_componentsl"])
-    np.testing.assert_array_equal(found.hands["right"].mean, arrays["hands_meanr"])
+    assert found.hand_components
     np.testing.assert_array_equal(found.landmark_faces, arrays["lmk_faces_idx"])
     assert not found.locked_head
 
@@ -129,6 +127,8 @@ def test_the_left_hands_shape_is_mirrored_where_it_is_the_rights(tmp_path: Path)
     paths = [write_chumpy(tmp_path / f"{side}.pkl", mano(side)) for side in ("left", "right")]
     hands = read_hands(*paths)
     assert (hands["left"].repaired, hands["right"].repaired) == (True, False)
+    nearly = {**mano("left"), "shapedirs": mano("left")["shapedirs"] + RNG.normal(size=(778, 3, 10)) * 1e-4}
+    assert read_hands(write_chumpy(tmp_path / "nearly.pkl", nearly), paths[1])["left"].repaired
     mirror = np.array([-1, 1, 1])
     shape = RNG.normal(size=10)
     left, right = (
@@ -156,24 +156,6 @@ def test_the_hands_are_not_exchanged(tmp_path: Path) -> None:
         match=r"l\.pkl: v_template: expected a right hand, with fingers towards -x, found fingers towards \+x",
     ):
         read_hand(path, "right")
-
-
-@pytest.mark.parametrize("flat", [True, False])
-@pytest.mark.parametrize("count", [6, 45])
-def test_hand_poses_by_components_and_mean(flat: bool, count: int) -> None:
-    """The mean is added in rotation vectors; with components or without, and not where zero is the flat hand."""
-    arrays = mano("right")
-    space = HandSpace(arrays["hands_components"], arrays["hands_mean"])
-    coefficients = RNG.normal(size=count)
-    wanted = sum(c * arrays["hands_components"][k] for k, c in enumerate(coefficients)) + (
-        0 if flat else arrays["hands_mean"]
-    )
-    np.testing.assert_allclose(space.from_components(coefficients, flat).ravel(), wanted, atol=1e-12)
-    np.testing.assert_allclose(
-        space.from_rotvecs(wanted, flat).ravel(), wanted + (0 if flat else arrays["hands_mean"]), atol=1e-12
-    )
-    with pytest.raises(InputError, match="at most 45 components, found 46"):
-        space.from_components(np.zeros(46), flat)
 
 
 def test_flame_is_what_its_formulas_say(tmp_path: Path) -> None:
@@ -266,17 +248,31 @@ def test_a_face_of_no_unit_or_mirrored_is_refused(tmp_path: Path) -> None:
             read_faceverse(write_faceverse(tmp_path / "face.npy", fields))
 
 
-def test_coefficient_vectors_by_length() -> None:
-    """490 numbers of version 3 have turn before light, 621 of version 4 light before turn."""
-    third, fourth = split_coefficients(np.arange(490)), split_coefficients(np.arange(621))
-    assert {key: len(value) for key, value in third.items()} == {
-        "shape": 150, "expression": 52, "texture": 251, "rotation": 3, "light": 27, "translation": 3, "eyes": 4,
-    }  # fmt: skip
-    assert [third["rotation"][0], third["light"][0], third["eyes"][0]] == [453, 456, 486]
-    assert [fourth["light"][0], fourth["rotation"][0], fourth["eyes"][0]] == [584, 611, 617]
-    assert list(split_coefficients(np.zeros((7, 508)))["expression"].shape) == [7, 74]
-    with pytest.raises(InputError, match="found 491"):
-        split_coefficients(np.zeros(491))
+WRONG_FACES: dict[str, tuple[dict[str, object], str]] = {
+    "names of a number": ({"exp_name_list": 5}, "exp_name_list: expected a list of names, found int"),
+    "ragged landmarks": ({"keypoints": [[1], [2, 3]] * 40}, "keypoints: expected a list of whole numbers, found list"),
+    "landmarks of words": ({"keypoints": np.array(["a"] * 68)}, "keypoints: expected a list of whole numbers, found <U1"),
+    "endless landmarks": ({"keypoints": np.full(68, np.inf)}, "keypoints: expected a list of whole numbers, found float64"),
+    "ragged ends": ({"ver_inds": [[1], [2, 3]]}, "ver_inds: expected a list of whole numbers, found list"),
+    "unsigned ends that fall": ({"ver_inds": np.array([9, 6, 8], np.uint32)}, "ver_inds: expected ends of skin and eyes"),
+    "far vertices": ({"meanshape": np.full((6335, 3), 1e300)}, r"meanshape: expected numbers up to 1e\+07, found 1e\+300"),
+    "far directions": ({"exBase": np.full((3 * 6335, 52), 1e300)}, r"exBase: expected numbers up to 1e\+07, found 1e\+300"),
+    "far triangles": ({"tri": np.full((4, 3), 1e300)}, r"tri: expected numbers up to 1e\+07"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG_FACES)
+def test_a_wrong_face_is_refused_by_key(tmp_path: Path, name: str) -> None:
+    change, said = WRONG_FACES[name]
+    fields = {**faceverse(2, 0.1, (1, -1, -1))[0], **change}
+    with pytest.raises(InputError, match=said):
+        read_faceverse(write_faceverse(tmp_path / "face.npy", fields))
+
+
+def test_a_name_that_is_no_text_is_none_of_the_52(tmp_path: Path) -> None:
+    """A number of five thousand digits cannot even be written as one."""
+    fields = {**faceverse(2, 0.1, (1, -1, -1))[0], "exp_name_list": [16**5000] * 52}
+    assert read_faceverse(write_faceverse(tmp_path / "face.npy", fields)).model.expression_names == ()
 
 
 BROKEN = {
@@ -285,6 +281,9 @@ BROKEN = {
     "NaN": (lambda a: {**a, "shapedirs": a["shapedirs"] * np.float32(np.nan)}, "shapedirs: expected finite numbers"),
     "a face beyond": (lambda a: {**a, "f": a["f"] + 10475}, "f: expected vertex indices below 10475"),
     "30 directions": (lambda a: {**a, "shapedirs": np.zeros((10475, 3, 30))}, "n_shape: expected 0 to 30"),
+    "a landmark beyond": (lambda a: {**a, "lmk_faces_idx": a["lmk_faces_idx"] + 20908}, "lmk_faces_idx: expected triangles from 0 to 20907"),
+    "a landmark before": (lambda a: {**a, "lmk_faces_idx": a["lmk_faces_idx"] - 20908}, "lmk_faces_idx: expected triangles from 0 to 20907"),
+    "a landmark far away": (lambda a: {**a, "lmk_bary_coords": a["lmk_bary_coords"] + 1e300}, "lmk_bary_coords: expected numbers up to"),
     "text": (lambda a: {**a, "weights": "none"}, "weights: expected an array, found str"),
 }  # fmt: skip
 

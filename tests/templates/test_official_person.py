@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from person_files import LANDMARKS, remeshed, write_person
+from avatarrex_studio.cli.train import with_person
+from official_files import write_faceverse
+from person_files import LANDMARKS, person_faceverse, remeshed, write_person
 
 from avatarrex.avatar import Avatar
+from avatarrex.capture.readers.rigs import Capture
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
@@ -92,3 +96,31 @@ def test_what_is_missing_is_named_and_what_is_changed_is_another_person(
     other = load_person(tmp_path)
     assert other.hash != person.hash
     assert (other.face.body_vertex_ids >= 0).all()  # cut out of the body
+    with pytest.raises(InputError, match="several models: its size is its shape's"):  # but the hands are MANO's
+        resize_person(other, PersonFit(np.zeros(10), np.zeros((55, 3))))
+
+
+def test_few_landmarks_of_the_face_are_not_said_of_the_body(folder: Path, tmp_path: Path) -> None:
+    fields = {**person_faceverse(), "keypoints": np.asarray(person_faceverse()["keypoints"])[:40]}
+    (tmp_path / "SMPLX_NEUTRAL.npz").symlink_to(folder / "SMPLX_NEUTRAL.npz")
+    write_faceverse(tmp_path / "faceverse_v2.npy", fields)
+    with pytest.raises(InputError, match="Faceverse: keypoints: expected 68 or 478 landmarks, found 40"):
+        load_person(tmp_path)
+
+
+def test_another_person_has_no_size_of_the_captures(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, person: Person
+) -> None:
+    """Shapes and T-pose joints are the default person's; and several models have no size that could be fitted."""
+    monkeypatch.setenv("AVATARREX_MODELS", str(folder))
+    capture = Capture(folder, {}, load_person(), {}, ())
+    assert with_person(capture, "default") is capture
+    with pytest.raises(
+        InputError, match="--person: expected default for a capture that says how large the person is, found models"
+    ):
+        with_person(capture, "models")
+    with pytest.raises(InputError, match="--person: expected default, or a body alone"):
+        with_person(replace(capture, sized=False), "models")
+    body = replace(person, cut=True)
+    monkeypatch.setattr("avatarrex.templates.person.load_person", lambda _: body)
+    assert with_person(replace(capture, sized=False), "models").person is body

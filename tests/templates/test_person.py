@@ -28,6 +28,20 @@ def test_the_packaged_person_speaks_the_signals_language() -> None:
     assert load_person(str(DATA / "person.npz")).hash == person.hash
 
 
+def test_a_user_without_a_folder_has_the_packaged_person(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The models folder, which is in the user's, is looked for by the person called so alone."""
+
+    def none() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", none)
+    for name in ("HOME", "XDG_DATA_HOME", "AVATARREX_MODELS"):
+        monkeypatch.delenv(name, raising=False)
+    assert load_person().name == "default"
+    with pytest.raises(InputError, match=r"HOME: expected the user's folder \(or XDG_DATA_HOME\), found none"):
+        load_person("models")
+
+
 def test_the_blend_weights_are_the_submeshes() -> None:
     """One painting: what a part's mesh says of a body vertex, the body's table says too; parts do not overlap."""
     person = load_person()

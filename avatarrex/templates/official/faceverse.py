@@ -20,6 +20,7 @@ from avatarrex.files.arrays import read_array
 from avatarrex.files.gate import what_is
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.model_arrays import LARGEST_NUMBER
 from avatarrex.templates.official.model_file import read_dict
 
 VERSIONS = {(150, 74): 1, (150, 52): 2, (150, 171): 3, (156, 177): 4}
@@ -27,6 +28,8 @@ VERSIONS = {(150, 74): 1, (150, 52): 2, (150, 171): 3, (156, 177): 4}
 V3_VERTICES = 15456
 """Version 3 may have 52 directions, too, and is then told by these."""
 UNITS = {"metres": 1.0, "decimetres": 0.1, "centimetres": 0.01, "millimetres": 0.001}
+LARGEST = LARGEST_NUMBER / min(UNITS.values())
+"""Of a file's numbers, whatever its unit."""
 WIDTH = (0.09, 0.21)
 """Metres between the outermost landmarks of a face, before the ears."""
 LANDMARKS: dict[str, tuple[int, int, int, int, int]] = {
@@ -68,30 +71,17 @@ def read_faceverse(path: str | Path) -> FaceverseFile:
     unit, signs = _unit_and_signs(mean[places], path)
     factor = UNITS[unit] * np.array(signs)
     mean, shape, expression = mean * factor, shape * factor[:, None], expression * factor[:, None]
-    named = _named(fields, expression)
+    named = _named(fields, path, expression)
     model = _model(mean, _faces(fields, path, mean), shape, named, _eyes(fields, path, mean))
     return FaceverseFile(model, version, unit, signs, landmarks)
 
 
-def split_coefficients(vector: np.ndarray) -> dict[str, np.ndarray]:
-    """Parts of coefficient vectors (…, n) by name: each version has its own length and order. Raises `InputError`."""
-    for (shape, expression), texture, tail in _VECTORS:
-        sizes = {"shape": shape, "expression": expression, "texture": texture, **tail}
-        if vector.shape[-1] == sum(sizes.values()):
-            ends = np.cumsum([*sizes.values()])
-            return dict(zip(sizes, np.split(vector, ends[:-1], axis=-1)))
-    lengths = ", ".join(
-        str(shape + expression + texture + sum(tail.values())) for (shape, expression), texture, tail in _VECTORS
-    )
-    raise InputError("Faceverse coefficients", "", f"one of {lengths} numbers", vector.shape[-1])  # fmt: skip
-
-
-_OLD = {"rotation": 3, "light": 27, "translation": 3}
-_VECTORS: tuple[tuple[tuple[int, int], int, dict[str, int]], ...] = (
-    ((150, 74), 251, _OLD), ((150, 52), 251, _OLD), ((150, 52), 251, {**_OLD, "eyes": 4}), ((150, 171), 251, {**_OLD, "eyes": 4}),
-    ((156, 177), 251, {"light": 27, "rotation": 3, "translation": 3, "eyes": 4}),
-)  # fmt: skip
-"""Shape, expression and texture coefficients, and what follows, of versions 1, 2, 3, 3 and 4."""
+def read_fifty_two(path: str | Path) -> np.ndarray:
+    """(v, 3, 52): the expressions of a file beside version 3's. Raises `InputError`."""
+    value = _numbers({"exBase_52": read_array(path)}, path, "exBase_52")
+    if value.ndim != 2 or not value.size or value.shape[1] != 52 or len(value) % 3:
+        raise InputError(path, "exBase_52", "shape (3 times the vertices, 52)", value.shape)
+    return value.reshape(-1, 3, 52)
 
 
 def _numbers(fields: dict[Any, Any], path: str | Path, key: str) -> np.ndarray:
@@ -110,7 +100,21 @@ def _numbers(fields: dict[Any, Any], path: str | Path, key: str) -> np.ndarray:
             else type(value).__name__
         )
         raise InputError(path, key, "finite numbers, three a vertex", found)  # fmt: skip
-    return value.astype(np.float64)
+    value = value.astype(np.float64)
+    if (largest := np.abs(value).max(initial=0)) > LARGEST:
+        raise InputError(path, key, f"numbers up to {LARGEST:g}", f"{largest:.4g}")
+    return value
+
+
+def _whole_numbers(fields: dict[Any, Any], path: str | Path, key: str) -> np.ndarray:
+    """(n,) int64 of an array or a list; none where the file has none."""
+    value = fields.get(key, ())
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and (np.abs(value.astype(float)) <= LARGEST).all():
+        return value.ravel().astype(np.int64)
+    if isinstance(value, list | tuple) and all(isinstance(number, int) and abs(number) <= LARGEST for number in value):
+        return np.array(value, dtype=np.int64)
+    found = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
+    raise InputError(path, key, "a list of whole numbers", found)
 
 
 def _directions(fields: dict[Any, Any], path: str | Path, key: str, vertices: int) -> np.ndarray:
@@ -125,17 +129,19 @@ def _fifty_two(fields: dict[Any, Any], path: str | Path, vertices: int, others: 
     """Version 3's 52 directions, in the dict or in a file beside it; without them its 171."""
     beside = Path(path).with_name("exBase_52.npy")
     if "exBase_52" not in fields and what_is(beside) == "a file":
-        return _directions({"exBase_52": read_array(beside)}, beside, "exBase_52", vertices)
+        found = read_fifty_two(beside)
+        if len(found) != vertices:
+            raise InputError(beside, "", f"52 directions of {vertices} vertices", f"of {len(found)}")
+        return found
     return _directions(fields, path, "exBase_52", vertices) if "exBase_52" in fields else others
 
 
 def _landmarks(fields: dict[Any, Any], path: str | Path, vertices: int) -> tuple[np.ndarray, np.ndarray]:
     """A file's landmarks, and those that tell the axes."""
     for key, places in LANDMARKS.items():
-        listed = np.asarray(fields.get(key, ()))
-        if listed.dtype.kind not in "iuf" or listed.size <= max(places):
+        ids = _whole_numbers(fields, path, key)
+        if len(ids) <= max(places):
             continue
-        ids = listed.ravel().astype(np.int64)
         if ids.min() < 0 or ids.max() >= vertices:
             raise InputError(path, key, f"vertices from 0 to {vertices - 1}", f"{ids.min()} to {ids.max()}")
         return ids, ids[list(places)]
@@ -157,18 +163,23 @@ def _unit_and_signs(points: np.ndarray, path: str | Path) -> tuple[str, tuple[in
     return units[0], (signs[0], signs[1], signs[2])
 
 
-def _named(fields: dict[Any, Any], expression: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+def _named(fields: dict[Any, Any], path: str | Path, expression: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     """Directions in our order with their names where the file names the 52; as they are and without names elsewhere."""
     listed = fields.get("exp_name_list")
-    given = [_own(name) for name in (listed.ravel().tolist() if isinstance(listed, np.ndarray) else listed or ())]
+    listed = listed.ravel().tolist() if isinstance(listed, np.ndarray) else listed or ()
+    if not isinstance(listed, list | tuple):
+        raise InputError(path, "exp_name_list", "a list of names", type(listed).__name__)
+    given = [_own(name) for name in listed]
     if len(given) < expression.shape[2] or not set(EXPRESSION_NAMES) <= set(given[: expression.shape[2]]):
         return expression, ()
     return expression[..., [given.index(name) for name in EXPRESSION_NAMES]], EXPRESSION_NAMES
 
 
 def _own(name: object) -> str:
-    """Our name of an expression: letters of either case, `_L` or `_R` for a side."""
-    text = name.decode("latin-1") if isinstance(name, bytes) else str(name)
+    """Our name of an expression: letters of either case, `_L` or `_R` for a side; empty where there is none."""
+    if not isinstance(name, str | bytes):
+        return ""
+    text = name.decode("latin-1") if isinstance(name, bytes) else name
     for short, side in (("_L", "Left"), ("_R", "Right")):
         text = text.removesuffix(short) + side if text.endswith(short) else text
     return _OWN.get(text.replace("_", "").lower(), "")
@@ -188,10 +199,10 @@ def _faces(fields: dict[Any, Any], path: str | Path, vertices: np.ndarray) -> np
 
 def _eyes(fields: dict[Any, Any], path: str | Path, mean: np.ndarray) -> dict[str, np.ndarray]:
     """Vertices of the eyeballs by name, where the file tells them: behind the skin's, one after the other."""
-    ends = np.asarray(fields.get("ver_inds", ())).ravel()
+    ends = _whole_numbers(fields, path, "ver_inds")
     if len(ends) < 3:
         return {}
-    if ends.dtype.kind not in "iu" or (np.diff(ends[:3]) <= 0).any() or ends[0] < 0 or ends[2] > len(mean):
+    if (np.diff(ends[:3]) <= 0).any() or ends[0] < 0 or ends[2] > len(mean):
         raise InputError(path, "ver_inds", f"ends of skin and eyes up to {len(mean)}", ends[:3].tolist())
     both = [np.arange(ends[0], ends[1]), np.arange(ends[1], ends[2])]
     both.sort(key=lambda rows: -float(mean[rows, 0].mean()))  # the person's left is at +x

@@ -31,8 +31,12 @@ class KnownModel:
     """What is used instead."""
 
     def find(self, folder: Path) -> Path | None:
-        """The file, if the folder has one."""
-        return next((folder / file for file in self.files if what_is(folder / file) == "a file"), None)
+        """The file that is used, if the folder has one."""
+        return next(iter(self.every(folder)), None)
+
+    def every(self, folder: Path) -> list[Path]:
+        """All files of the folder, the one that is used first."""
+        return [folder / file for file in self.files if what_is(folder / file) == "a file"]
 
 
 KNOWN: tuple[KnownModel, ...] = (
@@ -49,7 +53,8 @@ KNOWN: tuple[KnownModel, ...] = (
     ),
     KnownModel(
         "faceverse", "Faceverse face",
-        ("faceverse_simple_v2.npy", "faceverse_v2.npy", "faceverse_v3.npy", "faceverse_v4_2.npy", "faceverse_v4.npy", "faceverse_v1.npy"),
+        ("faceverse_simple_v2.npy", "faceverse_v2.npy", "faceverse_v3.npy", "faceverse_v3_6_s.npy",
+         "faceverse_v3_1.npy", "faceverse_v4_2.npy", "faceverse_v4.npy", "faceverse_v1.npy"),
         f"{FACEVERSE_SITE}, README (version 3: exBase_52.npy beside it)", "the default person's face, which has the same 52 expressions",
     ),
     KnownModel(
@@ -64,6 +69,12 @@ KNOWN: tuple[KnownModel, ...] = (
 """In the order of the list."""
 BESIDE = ("exBase_52.npy",)
 """Files that belong to another one and are added beside it."""
+
+
+def files_of(folder: Path) -> list[tuple[KnownModel | None, Path]]:
+    """Every file of a models folder with what it is; None for one that lies beside another."""
+    beside = [folder / name for name in BESIDE if what_is(folder / name) == "a file"]
+    return [(model, path) for model in KNOWN for path in model.every(folder)] + [(None, path) for path in beside]
 
 
 def models_folder() -> Path:

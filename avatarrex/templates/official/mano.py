@@ -18,11 +18,8 @@ from avatarrex.signals.joints import HAND_JOINTS
 from avatarrex.templates.hand import open_loop
 from avatarrex.templates.model import TemplateModel
 from avatarrex.templates.model_arrays import hash_arrays, read_model
-from avatarrex.templates.official.hand_space import HandSpace
 from avatarrex.templates.official.model_file import read_model_file
 
-SAME = 1e-6
-"""Metres per coefficient: x directions of both hands that differ by no more are the same; mirrored ones differ by millimetres."""
 OUTWARDS = {"left": "+x", "right": "-x"}
 """Where the fingers of each hand point at rest."""
 VERTICES = 778
@@ -36,17 +33,18 @@ class ManoFile:
     side: str
     model: TemplateModel
     """Closed: 779 vertices, and 16 joints from the wrist on."""
-    space: HandSpace
     hash: str
     repaired: bool = False
     """Whether the shape directions were those of the right hand."""
 
 
 def read_hands(left: str | Path, right: str | Path) -> dict[str, ManoFile]:
-    """Both hands by side; the left's shape directions are repaired where they are the right's. Raises `InputError`."""
+    """Both hands by side; the left's shape directions are repaired where they are nearer to the right's than to these
+    mirrored, in x. Raises `InputError`.
+    """
     hands = {"left": read_hand(left, "left"), "right": read_hand(right, "right")}
-    own, other = (hands[side].model.shapedirs for side in ("left", "right"))
-    if (own[:VERTICES, 0] - other[:VERTICES, 0]).abs().max() < SAME:
+    own, other = (hands[side].model.shapedirs[:VERTICES, 0] for side in ("left", "right"))
+    if (own - other).norm() < (own + other).norm():
         hands["left"] = _mirrored(hands["left"])
     return hands
 
@@ -60,8 +58,7 @@ def read_hand(path: str | Path, side: str) -> ManoFile:
         raise InputError(
             path, "v_template", f"a {side} hand, with fingers towards {OUTWARDS[side]}", f"fingers towards {towards}"
         )
-    space = HandSpace(arrays["hands_components"].astype(np.float64), arrays["hands_mean"].astype(np.float64))
-    return ManoFile(side, _closed(model, path), space, hash_arrays(arrays))
+    return ManoFile(side, _closed(model, path), hash_arrays(arrays))
 
 
 def _closed(model: TemplateModel, path: str | Path) -> TemplateModel:

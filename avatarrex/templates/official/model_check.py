@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from avatarrex.files.arrays import read_array
+from avatarrex.templates.model import TemplateModel
 from avatarrex.templates.official.correspondence import hand_ids, head_ids, read_hand_ids, read_head_ids
-from avatarrex.templates.official.faceverse import read_faceverse
+from avatarrex.templates.official.faceverse import read_faceverse, read_fifty_two
 from avatarrex.templates.official.flame import read_flame
 from avatarrex.templates.official.known_models import KNOWN, KnownModel
 from avatarrex.templates.official.mano import read_hand, read_hands
+from avatarrex.templates.official.parts import driven_body, face_of
 from avatarrex.templates.official.smplx import read_smplx
 
 
@@ -20,10 +21,24 @@ def describe(model: KnownModel | None, path: Path) -> str:
 
 
 def check_together(folder: Path) -> list[str]:
-    """What is only seen with several files: the left hand's fault, and vertices that do not belong to the body. Raises `InputError`."""
+    """What is only seen with several files: the left hand's fault, and what does not belong to the body. Raises `InputError`."""
     found = {model.name: path for model in KNOWN if (path := model.find(folder))}
-    body = read_smplx(found["smplx"]).model if "smplx" in found else None
+    file = read_smplx(found["smplx"]) if "smplx" in found else None
+    body = None if file is None else file.model
+    said = _hands_together(found, body)
+    if body is not None and "flame" in found:
+        head_ids(read_flame(found["flame"]), body, found.get("head_ids"))
+        said.append(f"head: its vertices are SMPL-X's, {_source(found.get('head_ids'))}")
+    if file is not None and "faceverse" in found:
+        face_of(read_faceverse(found["faceverse"]), driven_body(file), file)
+        said.append("face: laid on SMPL-X's head by its landmarks")
+    return said
+
+
+def _hands_together(found: dict[str, Path], body: TemplateModel | None) -> list[str]:
     said = []
+    if len(alone := {"mano_left", "mano_right"} & set(found)) == 1:
+        said.append(f"MANO: the {alone.pop().removeprefix('mano_')} hand alone is not used: the other is missing")
     if {"mano_left", "mano_right"} <= set(found):
         hands = read_hands(found["mano_left"], found["mano_right"])
         fault = "has the right's shape directions: mirrored when read"
@@ -33,9 +48,6 @@ def check_together(folder: Path) -> list[str]:
             for side, hand in hands.items():
                 hand_ids(hand.model, body, side, file)
             said.append(f"hands: their vertices are SMPL-X's, {_source(file)}")
-    if body is not None and "flame" in found:
-        head_ids(read_flame(found["flame"]), body, found.get("head_ids"))
-        said.append(f"head: its vertices are SMPL-X's, {_source(found.get('head_ids'))}")
     return said
 
 
@@ -45,7 +57,7 @@ def _source(file: Path | None) -> str:
 
 def _smplx(path: Path) -> str:
     found = read_smplx(path)
-    hands = "hands with components and mean" if len(found.hands) == 2 else "no hand components"
+    hands = "hands with components and mean" if found.hand_components else "no hand components"
     head = ", locked head" if found.locked_head else ""
     poses = "" if found.model.posedirs is not None else ", no pose blend shapes"
     return f"SMPL-X, {found.version} directions{head}{poses}, {hands}"
@@ -80,7 +92,7 @@ def _head_ids(path: Path) -> str:
 
 
 def _told_beside(path: Path) -> str:
-    return f"52 expressions of Faceverse 3, numbers {read_array(path).shape}"
+    return f"52 expressions of Faceverse 3, {len(read_fifty_two(path))} vertices"
 
 
 _TOLD: dict[str, Callable[[Path], str]] = {

@@ -48,6 +48,8 @@ class PersonParts:
     right_hand: HandTemplate
     face: FaceTemplate
     hash: str
+    cut: bool
+    """Whether hands and face are cut out of the body."""
 
 
 def read_parts(folder: str | Path) -> PersonParts:
@@ -67,7 +69,8 @@ def read_parts(folder: str | Path) -> PersonParts:
         face = face_of(read, body, file)
         digest.update(read.model.v_template.numpy().tobytes() + read.model.expression_dirs.numpy().tobytes())
     left, right = (hands.get(side) or cut_hand(body, side) for side in ("left", "right"))
-    return PersonParts(body, left, right, face or cut_face(body), digest.hexdigest()[:16])
+    cut = not hands and face is None
+    return PersonParts(body, left, right, face or cut_face(body), digest.hexdigest()[:16], cut)
 
 
 def driven_body(file: SmplxFile) -> TemplateModel:
@@ -130,8 +133,10 @@ def _placing(
 ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
     """Turn (3, 3), size, and the middles of the landmarks here and there: x ↦ size · turn (x − here) + there."""
     count = 478 if len(face.landmarks) == 478 else 68
-    if len(file.landmark_faces) < 51 or len(face.landmarks) < count:
+    if len(file.landmark_faces) < 51:
         raise InputError("SMPL-X", "lmk_faces_idx", "51 landmarks of the face", len(file.landmark_faces))
+    if len(face.landmarks) < count:
+        raise InputError("Faceverse", "keypoints", "68 or 478 landmarks", len(face.landmarks))
     rows = np.array(COMMON[68]) - FIRST_INNER
     corners = body.v_template.double().numpy()[body.faces.numpy()[file.landmark_faces[rows]]]
     theirs = np.einsum("lkc,lk->lc", corners, file.landmark_weights[rows])

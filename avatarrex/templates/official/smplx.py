@@ -15,10 +15,10 @@ from jaxtyping import Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from avatarrex.errors import InputError
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.templates.model import TemplateModel
-from avatarrex.templates.model_arrays import hash_arrays, read_model
-from avatarrex.templates.official.hand_space import HandSpace
+from avatarrex.templates.model_arrays import LARGEST_NUMBER, hash_arrays, read_model
 from avatarrex.templates.official.model_file import read_model_file
 
 HEAD, EYES = 15, {"left_eye": 23, "right_eye": 24}
@@ -31,8 +31,8 @@ class SmplxFile:
     """What a file holds."""
 
     model: TemplateModel
-    hands: dict[str, HandSpace]
-    """By side ("left", "right"), where the file has them."""
+    hand_components: bool
+    """Whether the file has principal components and mean of both hands' poses."""
     landmark_faces: Int[np.ndarray, " l"]
     """The triangle of each landmark of the face (51 of iBUG's 68, without the outline); none where the file has none."""
     landmark_weights: Float[np.ndarray, "l 3"]
@@ -51,17 +51,24 @@ def read_smplx(path: str | Path) -> SmplxFile:
     arrays = read_model_file(path, "smplx", "an SMPL-X")
     model = replace(read_model(arrays, path), joint_names=JOINT_NAMES)
     model = replace(model, groups=_groups(model))
-    hands = {
-        side: HandSpace(arrays[f"hands_components{side[0]}"].astype(np.float64), arrays[f"hands_mean{side[0]}"].astype(np.float64))
-        for side in ("left", "right")
-        if f"hands_components{side[0]}" in arrays and f"hands_mean{side[0]}" in arrays
-    }  # fmt: skip
-    faces, weights = arrays.get("lmk_faces_idx"), arrays.get("lmk_bary_coords")
-    if faces is None or weights is None or len(faces) != len(weights):
-        faces, weights = np.zeros(0, int), np.zeros((0, 3))
-    return SmplxFile(
-        model, hands, faces.astype(np.int64), weights.astype(np.float64), _locked(model), hash_arrays(arrays)
-    )
+    hands = all(f"hands_{kind}{side}" in arrays for kind in ("components", "mean") for side in "lr")
+    return SmplxFile(model, hands, *_landmarks(arrays, path, len(model.faces)), _locked(model), hash_arrays(arrays))
+
+
+def _landmarks(
+    arrays: dict[str, np.ndarray], path: str | Path, triangles: int
+) -> tuple[Int[np.ndarray, " l"], Float[np.ndarray, "l 3"]]:
+    """Triangles of the face's landmarks, and barycentric coordinates on them; none where the file has none."""
+    if "lmk_faces_idx" not in arrays or "lmk_bary_coords" not in arrays:
+        return np.zeros(0, np.int64), np.zeros((0, 3))
+    faces, weights = arrays["lmk_faces_idx"], arrays["lmk_bary_coords"].astype(np.float64)
+    if faces.size and not 0 <= faces.min() <= faces.max() < triangles:
+        raise InputError(
+            path, "lmk_faces_idx", f"triangles from 0 to {triangles - 1}", f"{faces.min()} to {faces.max()}"
+        )
+    if (largest := np.abs(weights).max(initial=0)) > LARGEST_NUMBER:
+        raise InputError(path, "lmk_bary_coords", f"numbers up to {LARGEST_NUMBER:g}", f"{largest:.4g}")
+    return faces.astype(np.int64), weights
 
 
 def _groups(model: TemplateModel) -> dict[str, torch.Tensor]:
