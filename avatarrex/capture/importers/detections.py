@@ -100,9 +100,13 @@ def read_detections(
     files = [_files(folder / lens.name) for lens in lenses]
     if first is None:
         first = int(min((min(one) for one in files if one), default=0) == 1)
+    beyond = 0
     for lens, numbered in zip(lenses, files):
         entries = _of_camera(folder, lens, {number - first: path for number, path in numbered.items()}, problems)
         found.append({frame: marks for frame, marks in entries if 0 <= frame < frames})
+        beyond += sum(not 0 <= number - first < frames for number in numbered)
+    if beyond:
+        problems.append(f"keypoints: {beyond} files of frames that have no picture")
     check(
         any(found),
         folder,
