@@ -115,7 +115,8 @@ def _size(path: Path) -> tuple[int, int] | None:
     try:
         with Image.open(path, formats=("PNG", "JPEG")) as picture:
             turned = picture.getexif().get(ORIENTATION, 1) in SIDEWAYS
-            return picture.size[::-1] if turned else picture.size
+            width, height = picture.size
+            return (height, width) if turned else (width, height)
     except (*NO_PICTURE, EOFError):
         return None
 

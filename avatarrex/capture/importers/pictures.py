@@ -52,7 +52,8 @@ def picture_size(archive: Archive, name: str) -> tuple[int, int]:
 
 def usual_size(archive: Archive, names: Iterable[str]) -> tuple[int, int]:
     """Width and height that most of the first pictures have. Raises `InputError` where none of them can be read."""
-    sizes, refused = [], None
+    sizes: list[tuple[int, int]] = []
+    refused: InputError | None = None
     for name in islice(names, SIZED):
         try:
             sizes.append(picture_size(archive, name))

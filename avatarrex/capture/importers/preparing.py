@@ -199,9 +199,9 @@ def _cameras(work: Preparing) -> tuple[list[str], np.ndarray]:
 def _pictures(work: Preparing) -> tuple[list[str], np.ndarray]:
     if work.body.exists():
         shutil.rmtree(work.body)  # of another stride, or of pictures that are gone
-    footage, problems, shown, counts = work.footage(), [], [], {}
+    footage, problems, shown, counts = work.footage(), list[str](), [], {}
     for lens in tqdm(work.cameras().lenses, desc="pictures", unit="camera", leave=False):
-        name, found = lens.name, []
+        name, found = lens.name, list[int]()
         for frame, pixels in footage[name].frames(work.options.stride, problems):
             if _fits(pixels, lens, f"frame {frame}", problems):
                 save_jpeg(work.body / name / f"{frame:08d}.jpg", pixels)
@@ -242,7 +242,8 @@ def _mattes(work: Preparing) -> tuple[list[str], np.ndarray]:
         if folder.exists():
             shutil.rmtree(folder)
         way, mattes = _camera_mattes(work, lens, given.get(name), problems)
-        last, found = None, set()
+        last: tuple[str, np.ndarray] | None = None
+        found = set[int]()
         for frame, matte in mattes:
             if frame not in frames or not _fits(matte, lens, f"matte of frame {frame}", problems):
                 continue
