@@ -10,10 +10,13 @@ from avatarrex_studio.cli import options
 from avatarrex_studio.cli.output import output_folder
 
 from avatarrex.errors import InputError
+from avatarrex.training.recipe import RECIPES
 
 FORMATS = ("folder", "zip")
 MOST_COMPARED = 1000
 """Frames that `check` compares."""
+LONGEST_STRIDE, RATES, HEIGHTS = 1000, (0.01, 1000.0), (0.4, 2.8)
+"""Limits of `prepare`: frames, frames a second, metres."""
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -116,13 +119,21 @@ def _import(arguments: argparse.Namespace) -> int:
 
 def _prepare(arguments: argparse.Namespace) -> int:
     out = output_folder(arguments.out, "prepare.json")
-    stride = options.whole("--stride", arguments.stride, 1)
-    fps, height = (
-        options.number(option, "", value) if value is not None else None
-        for option, value in (("--fps", arguments.fps), ("--height", arguments.height))
-    )
+    stride = options.whole("--stride", arguments.stride, 1, LONGEST_STRIDE)
+    fps = _within("--fps", arguments.fps, RATES)
+    height = _within("--height", arguments.height, HEIGHTS)
+    if arguments.train is not None:
+        options.one_of("--train", arguments.train, RECIPES)
     from avatarrex_studio.cli.capture_prepare import prepare
 
     from avatarrex.capture.importers.preparing import Options
 
     return prepare(Path(arguments.source), out, Options(stride, fps, height), arguments)
+
+
+def _within(option: str, text: str | None, limits: tuple[float, float]) -> float | None:
+    """A number within limits, where one is given."""
+    value = None if text is None else options.number(option, "", text)
+    if value is not None and not limits[0] <= value <= limits[1]:
+        raise InputError(option, "", f"a number from {limits[0]:g} to {limits[1]:g}", text)
+    return value

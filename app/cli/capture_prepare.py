@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shutil
+from itertools import count
 from pathlib import Path
 
 from avatarrex_studio.cli.capture_refine import FIGURES, refine
@@ -12,10 +13,11 @@ from avatarrex_studio.cli.main import main
 from avatarrex.capture.fit.verdict import judge
 from avatarrex.capture.importers.preparing import Options, Preparing
 from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.errors import check
 from avatarrex.files.json_text import SMALL, read_json, write_json
 
-MARKER = "steps/refined.json"
-"""Which capture the refined one was made from."""
+REFINED, TRAINED = "steps/refined.json", "steps/trained.json"
+"""Which fit, and so which files of the source, `OUT/refined` and `OUT/run` were made from."""
 
 
 def prepare(source: Path, out: Path, options: Options, arguments: argparse.Namespace) -> int:
@@ -25,27 +27,49 @@ def prepare(source: Path, out: Path, options: Options, arguments: argparse.Names
         work.forget(arguments.redo)
     for line in work.run():
         print(line, flush=True)
-    refined, finished = out / "refined", out / "capture"
+    finished, key = out / "capture", work.made()
     if not arguments.no_refine:
-        _refined(finished, refined)
-        finished = refined
+        _refined(finished, out, key)
+        finished = out / "refined"
     print("\n".join(judge(open_capture(finished))[2].lines()))
     print(finished)
     if arguments.train:
         run = out / "run"
-        more = ["--resume"] if run.exists() else []
+        more = ["--resume"] if _begun(run, out / TRAINED, f"{key} {finished.name}") else []
         return main(["train", str(finished), "--recipe", arguments.train, "--out", str(run), *more])
     return 0
 
 
-def _refined(capture: Path, out: Path) -> None:
-    """Refine `capture` into `out`, unless that is done; one of another capture's is removed first."""
-    key = open_capture(capture).key
-    marker = out.parent / MARKER
-    before = read_json(marker, largest=SMALL).get("key") if marker.exists() else None
-    if before != key and out.exists():
-        shutil.rmtree(out)
-    elif (out / FIGURES).exists():
+def _refined(capture: Path, out: Path, key: str) -> None:
+    """Refine `capture` into `OUT/refined`, unless that is done; what was made from another fit is removed first."""
+    marker, refined = out / REFINED, out / "refined"
+    before = _marked(marker, refined)
+    if before == key and (refined / FIGURES).exists():
         return
+    if before not in (None, key):
+        shutil.rmtree(refined)
     write_json(marker, {"key": key})
-    refine(str(capture), False, out)
+    refine(str(capture), False, refined)
+
+
+def _begun(run: Path, marker: Path, key: str) -> bool:
+    """Whether a run has begun on these files; one of others is renamed, and the new one marked."""
+    before = _marked(marker, run)
+    if before not in (None, key):
+        aside = next(name for k in count(1) if not (name := run.with_name(f"{run.name}_before_{k}")).exists())
+        run.rename(aside)
+        print(f"{aside}: trained on what the source was before", flush=True)
+    write_json(marker, {"key": key})
+    return before == key
+
+
+def _marked(marker: Path, folder: Path) -> str | None:
+    """The key of what `folder` was made from; None where there is no such folder. Raises `InputError` for one without a marker."""
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return None
+    found = read_json(marker, largest=SMALL) if marker.exists() else None
+    key = found.get("key") if isinstance(found, dict) else None
+    check(
+        isinstance(key, str), folder, "", f"a name that is free, or a folder that {marker} speaks of", "something else"
+    )
+    return str(key)

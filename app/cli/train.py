@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 STOPPED = 130
 """Exit status of a run that was stopped before its end."""
+LATER = ("splits", "capture_key")
+"""What the `run.json` of older versions may lack."""
 WITHOUT = 1
 """Exit status of a training whose surface could not be made."""
 
@@ -281,8 +283,8 @@ def _open_run(arguments: argparse.Namespace, config: dict[str, Any]) -> Run:
     if not arguments.resume:
         return Run.create(arguments.out, config)
     begun = read_about(Path(arguments.out))["config"]
-    for key in ("part", "preset", "seed", "start", "person", "held_out", "splits"):
-        if begun.get(key, {"splits": config[key], "person": "default"}.get(key)) != config[key]:
+    for key in ("part", "preset", "seed", "start", "person", "capture_key", "held_out", "splits"):
+        if begun.get(key, {"person": "default"}.get(key, config[key] if key in LATER else None)) != config[key]:
             raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as requested", begun.get(key))
     kept_recipe(Path(arguments.out), begun, arguments.mixed, arguments.from_scratch)
     return Run.open(arguments.out)

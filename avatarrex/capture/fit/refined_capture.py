@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from avatarrex.capture.fit.refine import Body
+from avatarrex.capture.fit.refining import FILE as WORK
 from avatarrex.capture.readers.archive import Archive
 from avatarrex.capture.readers.layout import RigFiles, find_rigs
 from avatarrex.capture.readers.linked import link
@@ -40,6 +41,8 @@ def write_refined(
         if name in new:
             rig = new[name]
             write_arrays(target, _parameters(capture, files[rig], body, signals[rig]))
+        elif target == out / WORK:
+            continue  # of the capture's own refinement
         elif target.name == "capture.json" and target.parent == out:
             write_json(target, {**capture.manifest, "refined": said})
         else:

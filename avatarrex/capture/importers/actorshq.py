@@ -8,15 +8,13 @@ from __future__ import annotations
 import csv
 import math
 import re
-from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from avatarrex.capture.importers.source import Reading, Source, SourceView, posed_lens
+from avatarrex.capture.importers.source import Reading, Source, SourceView, posed_lens, smplx_parameters
 from avatarrex.capture.readers.archive import safe
 from avatarrex.capture.readers.calibration import LARGEST_NUMBER, MOST_CAMERAS, Lens
-from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES
 from avatarrex.errors import InputError, check
 
 CALIBRATION = "calibration.csv"
@@ -31,14 +29,9 @@ def read_actorshq(reading: Reading) -> Source:
     views = tuple(
         SourceView(lens, numbered(reading, "rgbs", lens.name), numbered(reading, "masks", lens.name)) for lens in lenses
     )
-    parameters = {}
-    if reading.archive.exists(reading.name("smpl_params.npz")):
-        found = reading.attempt(
-            "smpl_params.npz", partial(reading.archive.arrays, reading.name("smpl_params.npz"), KEYS, LARGEST_BYTES)
-        )
-        parameters = found or {}
+    parameters = smplx_parameters(reading, reading.name("smpl_params.npz"))
     shown = max((max(view.images, default=-1) for view in views), default=-1) + 1
-    count = len(np.atleast_1d(parameters["body_pose"])) if "body_pose" in parameters else shown
+    count = len(parameters["transl"]) if parameters else shown
     check(shown, reading.place("rgbs"), "", f"pictures of {lenses[0].name}, …", "none")
     return Source("ActorsHQ", "body", views, count, parameters)
 
@@ -52,11 +45,18 @@ def numbered(reading: Reading, *folder: str) -> dict[int, str]:
 
 def _lenses(reading: Reading) -> tuple[Lens, ...]:
     place = reading.place(CALIBRATION)
-    rows = list(csv.DictReader(reading.archive.text(reading.name(CALIBRATION)).splitlines()))
+    try:
+        rows = list(csv.DictReader(reading.archive.text(reading.name(CALIBRATION)).splitlines()))
+    except csv.Error as error:
+        raise InputError(place, "", "a table with commas", error) from None
     check(0 < len(rows) <= MOST_CAMERAS, place, "", f"1 to {MOST_CAMERAS} cameras", len(rows))
     missing = [column for column in COLUMNS if column not in rows[0]]
     check(not missing, place, "", f"columns {', '.join(COLUMNS)}", f"no {', '.join(missing)}")
-    return tuple(_lens(row, place, line) for line, row in enumerate(rows, 2))
+    lenses = tuple(_lens(row, place, line) for line, row in enumerate(rows, 2))
+    names = [lens.name for lens in lenses]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    check(twice is None, place, "name", "each camera once", f"{twice} twice")
+    return lenses
 
 
 def _lens(row: dict[str, str], place: str, line: int) -> Lens:

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from avatarrex.capture.importers.source import posed_lens
 from avatarrex.capture.readers.archive import safe
-from avatarrex.capture.readers.calibration import LARGEST_NUMBER, MOST_CAMERAS, Lens, read_calibration
+from avatarrex.capture.readers.calibration import LARGEST_NUMBER, MOST_CAMERAS, Lens, nearest_rotation, read_calibration
 from avatarrex.errors import InputError, check
 from avatarrex.files.gate import read_text
 from avatarrex.files.json_text import parse_json
@@ -47,7 +47,9 @@ FILES = (
     "calibration.yml",
     "calibration.yaml",
 )
-"""Looked for in a folder, beside COLMAP's pair, `intri.yml` with `extri.yml`, and any single .toml."""
+"""Looked for in a folder, beside COLMAP's pair, `intri.yml` with `extri.yml`, and any .toml with cameras."""
+SUFFIXES = (".json", ".toml", ".yml", ".yaml", ".txt")
+"""Of files that may be a calibration."""
 KNOWN = "calibration.json, .toml or .yml; intri.yml with extri.yml; or COLMAP's cameras.txt with images.txt"
 
 
@@ -74,8 +76,9 @@ def find_cameras(folder: Path, sizes: Mapping[str, tuple[int, int]] | None = Non
         if (place / "intri.yml").is_file() and (place / "extri.yml").is_file():
             files = (place / "intri.yml", place / "extri.yml")
             return Cameras(_unique(_numbered(files, sizes or {}), files[0]), "OpenCV YAML", True, files)
-        single = next((place / name for name in FILES if (place / name).is_file()), None)
-        single = single or next(iter(sorted(place.glob("*.toml"))), None)
+        named = [place / name for name in FILES if (place / name).is_file()]
+        several = (path for path in (*named, *sorted(place.glob("*.toml"))) if _has_cameras(path))
+        single = next(several, None)
         if single is not None:
             return read_cameras(single, sizes)
         some = sorted(path for path in place.glob("*.y*ml"))
@@ -89,11 +92,7 @@ def read_cameras(path: Path, sizes: Mapping[str, tuple[int, int]] | None = None)
     """One file of all cameras. Raises `InputError` naming camera and key."""
     suffix = path.suffix.lower()
     if suffix == ".toml":
-        try:
-            table = tomllib.loads(read_text(path, "a TOML file", largest=LARGEST_BYTES))
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
-            raise InputError(path, "", "TOML", error) from None
-        lenses = (_lens(str(entry.get("name", name)), entry, path, sizes or {}, 0.5) for name, entry in _tables(table))
+        lenses = (_lens(_called(name, entry), entry, path, sizes or {}, 0.5) for name, entry in _tables(_toml(path)))
         return Cameras(_unique(lenses, path), "TOML", True, (path,))
     if suffix in (".yml", ".yaml"):
         return Cameras(_unique(_numbered((path,), sizes or {}), path), "OpenCV YAML", True, (path,))
@@ -110,6 +109,26 @@ def read_cameras(path: Path, sizes: Mapping[str, tuple[int, int]] | None = None)
         True,
         (path,),
     )
+
+
+def _has_cameras(path: Path) -> bool:
+    """Whether a file may be a calibration: programs' settings are TOML, too."""
+    return path.suffix.lower() != ".toml" or any(_tables(_toml(path)))
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(read_text(path, "a TOML file", largest=LARGEST_BYTES))
+    except (ValueError, RecursionError) as error:  # ValueError: also an integer of thousands of digits
+        if isinstance(error, InputError):
+            raise
+        raise InputError(path, "", "TOML", error) from None
+
+
+def _called(name: str, entry: Mapping[str, Any]) -> str:
+    """A camera's own name, else its table's."""
+    own = entry.get("name")
+    return own if isinstance(own, str) else name
 
 
 def _tables(table: dict[str, Any]) -> Iterable[tuple[str, dict[str, Any]]]:
@@ -153,20 +172,14 @@ def _lens(
         not entry.get("fisheye"), source, f"{name}.fisheye", "a lens with OpenCV's five coefficients", "a fisheye lens"
     )
     matrix = _values(_named(entry, "matrix"), 9, source, f"{name}.matrix").reshape(3, 3).copy()
-    check(matrix[0, 0] > 0 and matrix[1, 1] > 0, source, f"{name}.matrix", "focal lengths above 0", matrix.tolist())
+    sound = matrix[0, 0] > 0 and matrix[1, 1] > 0 and np.allclose(matrix[2], [0, 0, 1])
+    check(sound, source, f"{name}.matrix", "focal lengths above 0 and a last row of 0, 0, 1", matrix.tolist())
     matrix[:2, 2] += centre
     turn = _values(_named(entry, "rotation"), None, source, f"{name}.rotation")
     check(len(turn) in (3, 9), source, f"{name}.rotation", "3 (Rodrigues) or 9 numbers", len(turn))
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_rotvec(turn).as_matrix() if len(turn) == 3 else turn.reshape(3, 3)
-    off = np.abs(pose[:3, :3].T @ pose[:3, :3] - np.eye(3)).max()
-    check(
-        off < 1e-2 and np.linalg.det(pose[:3, :3]) > 0,
-        source,
-        f"{name}.rotation",
-        "a rotation, world to camera",
-        f"{off:.2g} off",
-    )
+    pose[:3, :3] = nearest_rotation(pose[:3, :3], source, f"{name}.rotation")
     pose[:3, 3] = _values(_named(entry, "translation"), 3, source, f"{name}.translation")
     return posed_lens(
         name, matrix, pose, _size(name, entry, source, sizes), _distortion(_named(entry, "distortion"), source, name)
@@ -179,15 +192,15 @@ def _size(name: str, entry: Mapping[str, Any], source: Path, sizes: Mapping[str,
     if sides is None and pair is None and name in sizes:
         return sizes[name]
     width, height = _values(sides if sides is not None else pair, 2, source, f"{name}.size")
-    check(
-        1 <= width <= 16384 and 1 <= height <= 16384, source, f"{name}.size", "sides from 1 to 16384", [width, height]
-    )
+    sound = all(1 <= side <= 16384 and side == int(side) for side in (width, height))
+    check(sound, source, f"{name}.size", "integers from 1 to 16384", [width, height])
     return int(width), int(height)
 
 
 def _distortion(values: Any, source: Path, name: str) -> np.ndarray:
     found = np.zeros(0) if values is None else _values(values, None, source, f"{name}.distortion")
-    check(not found[5:].any(), source, f"{name}.distortion", "at most 5 coefficients k1, k2, p1, p2, k3", len(found))
+    sound = (len(found) > 3 or not found.any()) and not found[5:].any()
+    check(sound, source, f"{name}.distortion", "4 or 5 coefficients k1, k2, p1, p2, k3", len(found))
     return np.pad(found[:5], (0, max(5 - len(found), 0)))
 
 
@@ -197,7 +210,7 @@ def _values(value: Any, count: int | None, source: Path, field: str) -> np.ndarr
     try:
         found = np.array(value, dtype=np.float64).reshape(-1)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(source, field, "numbers", repr(value)[:60]) from None
+        raise InputError(source, field, "numbers", type(value).__name__) from None
     sound = value is not None and np.isfinite(found).all() and np.abs(found).max(initial=0) <= LARGEST_NUMBER
     check(
         sound and count in (None, len(found)),

@@ -88,16 +88,25 @@ _FRAME = re.compile(r"(\d{1,9})(?:_keypoints)?\.json")
 
 
 def read_detections(
-    folder: Path, lenses: tuple[Lens, ...], frames: int | None = None
+    folder: Path, lenses: tuple[Lens, ...], frames: int = MOST_FRAMES, first: int | None = None
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Points (t, c, l, 2) in the pictures as taken, confidence (t, c, l), and what could not be read.
 
-    Frames are those of the longest camera unless given. Raises `InputError` where no camera has any.
+    Frames are those of the longest camera, `frames` at most. `first` is the number in the names of files that frame 0 has; unless given,
+    1 where that is the lowest of all cameras' (beside videos), else 0. Lists begin with frame 0. Raises `InputError` where no camera has any.
     """
     found: list[dict[int, tuple[np.ndarray, np.ndarray]]] = []
     problems: list[str] = []
-    for lens in lenses:
-        found.append(dict(_of_camera(folder, lens, problems)))
+    files = [_files(folder / lens.name) for lens in lenses]
+    if first is None:
+        first = int(min((min(one) for one in files if one), default=0) == 1)
+    beyond = 0
+    for lens, numbered in zip(lenses, files):
+        entries = _of_camera(folder, lens, {number - first: path for number, path in numbered.items()}, problems)
+        found.append({frame: marks for frame, marks in entries if 0 <= frame < frames})
+        beyond += sum(not 0 <= number - first < frames for number in numbered)
+    if beyond:
+        problems.append(f"keypoints: {beyond} files of frames that have no picture")
     check(
         any(found),
         folder,
@@ -105,42 +114,47 @@ def read_detections(
         f"keypoints of cameras {lenses[0].name}, …: CAMERA/…_keypoints.json (OpenPose) or CAMERA.json (MediaPipe)",
         "none",
     )
-    count = frames or max(max(one, default=-1) for one in found) + 1
+    count = max(max(one, default=-1) for one in found) + 1
     points = np.zeros((count, len(lenses), len(landmarks().names), 2))
     confidence = np.zeros(points.shape[:3])
     for view, one in enumerate(found):
         for frame, (place, sure) in one.items():
-            if frame < count:
-                points[frame, view], confidence[frame, view] = place, sure
+            points[frame, view], confidence[frame, view] = place, sure
     return points, confidence, problems
 
 
-def _of_camera(folder: Path, lens: Lens, problems: list[str]) -> Iterable[tuple[int, tuple[np.ndarray, np.ndarray]]]:
-    """By frame."""
-    single, many = folder / f"{lens.name}.json", folder / lens.name
+def _files(folder: Path) -> dict[int, Path]:
+    """OpenPose's, by the number in their names."""
+    names = sorted(folder.glob("*.json")) if folder.is_dir() else []
+    return {int(match[1]): path for path in names if (match := _FRAME.search(path.name))}
+
+
+def _of_camera(
+    folder: Path, lens: Lens, files: Mapping[int, Path], problems: list[str]
+) -> Iterable[tuple[int, tuple[np.ndarray, np.ndarray]]]:
+    """By frame: of MediaPipe's list, where there is one, else of OpenPose's `files`."""
+    single = folder / f"{lens.name}.json"
+    entries: Iterable[tuple[int, Any, Path]] = ((frame, None, path) for frame, path in files.items())
     if single.is_file():
-        data = read_json(single)
-        frames = data.get("frames") if isinstance(data, dict) else data
-        check(
-            isinstance(frames, list) and len(frames) <= MOST_FRAMES,
-            single,
-            "frames",
-            f"a list of at most {MOST_FRAMES}",
-            type(frames).__name__,
-        )
-        read = ((t, f"{lens.name} frame {t}", entry, single) for t, entry in enumerate(frames or ()))
-    else:
-        names = sorted((path for path in many.glob("*.json")), key=lambda path: path.name) if many.is_dir() else []
-        read = (
-            (int(match[1]), f"{lens.name} frame {int(match[1])}", None, path)
-            for path in names
-            if (match := _FRAME.search(path.name))
-        )
-    for frame, what, entry, path in read:
         try:
-            yield frame, _landmarks(read_json(path, largest=SMALL) if entry is None else entry, lens, path)
+            entries = ((frame, entry, single) for frame, entry in enumerate(_list(single)))
         except InputError as error:
-            problems.append(f"{what}: expected {error.expected}, found {error.found}")
+            problems.append(f"{single.name}: expected {error.expected}, found {error.found}")
+            return
+    for frame, entry, path in entries:
+        try:
+            yield frame, _landmarks(read_json(path, largest=SMALL) if path != single else entry, lens, path)
+        except InputError as error:
+            problems.append(f"{lens.name} frame {frame}: expected {error.expected}, found {error.found}")
+
+
+def _list(path: Path) -> list[Any]:
+    """MediaPipe's frames."""
+    data = read_json(path)
+    frames = data.get("frames") if isinstance(data, dict) else data
+    if not isinstance(frames, list) or len(frames) > MOST_FRAMES:
+        raise InputError(path, "frames", f"a list of at most {MOST_FRAMES}", type(frames).__name__)
+    return frames
 
 
 def _landmarks(data: Any, lens: Lens, source: Path) -> tuple[np.ndarray, np.ndarray]:

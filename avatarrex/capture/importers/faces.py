@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from avatarrex.capture.importers.pictures import picture_size
+from avatarrex.capture.importers.pictures import usual_size
 from avatarrex.capture.importers.source import Reading, Source, SourceView, posed_lens, repeated
 from avatarrex.capture.readers.archive import safe
+from avatarrex.capture.readers.calibration import nearest_rotation
 from avatarrex.capture.readers.rigs import SMPLX_PELVIS
 from avatarrex.errors import InputError, check
 from avatarrex.signals.joints import JOINT_NAMES, JOINT_ROWS
@@ -78,8 +79,7 @@ def _frames(reading: Reading, name: str) -> tuple[dict[str, Any], list[Any], str
 
 
 def _flame_row(entry: Any, place: str, t: int) -> dict[str, np.ndarray]:
-    pose, world = _numbers(entry, "pose", 15, place, t), np.eye(4)
-    world[:3] = _numbers(entry, "world_mat", 12, place, t).reshape(3, 4)
+    pose, world = _numbers(entry, "pose", 15, place, t), _rigid(entry, "world_mat", 12, place, t)
     full = np.zeros((55, 3))
     full[0], full[HEAD], full[JOINT_ROWS["jaw_pose"]] = pose[:3], pose[3:6], pose[6:9]
     full[JOINT_ROWS["eye_pose"]] = pose[9:].reshape(2, 3)
@@ -87,13 +87,22 @@ def _flame_row(entry: Any, place: str, t: int) -> dict[str, np.ndarray]:
 
 
 def _nerface_row(entry: Any, place: str, t: int) -> dict[str, np.ndarray]:
-    world_from_camera = _numbers(entry, "transform_matrix", 16, place, t).reshape(4, 4)
+    world_from_camera = _rigid(entry, "transform_matrix", 16, place, t)
     camera = FLIP @ np.linalg.inv(world_from_camera)
     return {
         "pose": np.zeros((55, 3)),
         "camera": camera,
         "nerface_expression": _numbers(entry, "expression", 76, place, t),
     }
+
+
+def _rigid(entry: Any, key: str, size: int, place: str, t: int) -> np.ndarray:
+    """(4, 4) rotation and translation, of 12 or 16 numbers. Raises `InputError` for another matrix."""
+    matrix = np.concatenate([_numbers(entry, key, size, place, t), [0.0, 0, 0, 1]])[:16].reshape(4, 4)
+    field = f"frames[{t}].{key}"
+    check(np.allclose(matrix[3], [0, 0, 0, 1]), place, field, "a last row of 0, 0, 0, 1", matrix[3].tolist())
+    matrix[:3, :3] = nearest_rotation(matrix[:3, :3], place, field)
+    return matrix
 
 
 def _head(
@@ -112,7 +121,7 @@ def _head(
         if (name := reading.attempt(f"frame {t}", partial(_image, reading, entry)))
     }
     check(images, reading.place(file), "frames", "pictures by file_path", "none")
-    size = picture_size(reading.archive, reading.name(next(iter(images.values()))))
+    size = usual_size(reading.archive, map(reading.name, images.values()))
     parameters, without = repeated(rows, len(frames))
     first = parameters.pop("camera")
     start = first[min(rows)]

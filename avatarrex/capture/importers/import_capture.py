@@ -6,8 +6,9 @@ The same command goes on after a stop. Letters: t frames.
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,12 +33,12 @@ from avatarrex.capture.readers.archive import Archive
 from avatarrex.capture.readers.calibration import Lens
 from avatarrex.capture.readers.linked import link
 from avatarrex.capture.readers.manifest import FORMAT
-from avatarrex.capture.readers.rigs import SMPLX_PELVIS
+from avatarrex.capture.readers.rigs import SMPLX_PELVIS, joint_unit
 from avatarrex.capture.readers.units import SURELY_NOT_METRES, metres
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, check
 from avatarrex.files.gate import write_text, written
 from avatarrex.files.images import write_arrays
-from avatarrex.files.json_text import write_json
+from avatarrex.files.json_text import SMALL, read_json, write_json
 
 SHOWN_PROBLEMS = 12
 """Lines of problems that are printed."""
@@ -75,6 +76,7 @@ def import_capture(path: Path, out: Path) -> Imported:
     archive = Archive(path)
     source, reading = read_source(archive)
     source = in_our_world(source, reading)
+    manifest = _begun(path, out, source.layout)
     folder = out / source.rig
     write_text(
         folder / "calibration_full.json", json.dumps(calibration(view.lens for view in source.views), indent=1) + "\n"
@@ -86,8 +88,7 @@ def import_capture(path: Path, out: Path) -> Imported:
         write_arrays(folder / "smpl_params.npz", {"flat_hand_mean": np.array(True), **source.parameters})
     else:
         reading.notes.append("no parameters: `capture prepare` finds poses from keypoints")
-    provenance = {"maker": "avatarrex-studio capture import", "layout": source.layout, "source": path.name}
-    write_json(out / "capture.json", {"format": FORMAT, "provenance": provenance})
+    write_json(out / "capture.json", manifest)
     cameras = tuple(view.lens.name for view in source.views)
     found = Imported(
         source.layout, source.rig, cameras, source.frames, pictures, bool(source.parameters),
@@ -97,17 +98,43 @@ def import_capture(path: Path, out: Path) -> Imported:
     return found
 
 
+def _begun(path: Path, out: Path, layout: str) -> dict[str, Any]:
+    """`capture.json` of an import that is complete; in `out` it says until then that it is not.
+
+    Raises `InputError` where `out` has files that are not of an import of `path`.
+    """
+    key = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]
+    provenance = {"maker": "avatarrex-studio capture import", "layout": layout, "source": path.name, "source_key": key}
+    if out.exists() and any(out.iterdir()):
+        before = read_json(out / "capture.json", largest=SMALL) if (out / "capture.json").exists() else None
+        made = before.get("provenance") if isinstance(before, dict) else None
+        found = made.get("source") if isinstance(made, dict) else None
+        same = isinstance(made, dict) and made.get("source_key") == key
+        check(same, out, "", f"a new or empty folder, or one that {path} is imported into", found or "something else")
+    manifest = {"format": FORMAT, "provenance": provenance}
+    write_json(out / "capture.json", {**manifest, "complete": False})
+    return manifest
+
+
 def in_our_world(source: Source, reading: Reading) -> Source:
     """The source in metres with +Y up; what was changed is noted. Raises `InputError` where no unit fits."""
     lenses, values = tuple(view.lens for view in source.views), source.parameters
     if "global_orient" not in values or "transl" not in values:
         return _viewed(source, _camera_metres(lenses, reading.notes))
-    place = reading.place()
-    lenses, scale = metres(lenses, values["transl"], SMPLX_PELVIS, place, "", reading.notes)
-    pelvis = values["transl"] * scale + SMPLX_PELVIS
+    rest = rest_pelvis(values)
+    lenses, scale = metres(lenses, values["transl"], rest, reading.place(), "", reading.notes)
+    pelvis = values["transl"] * scale + rest
     lenses, orient, pelvis = upright(lenses, values["global_orient"], pelvis, reading.notes)
-    changed = {**values, "global_orient": orient, "transl": pelvis - SMPLX_PELVIS}
+    changed = {**values, "global_orient": orient, "transl": pelvis - rest}
     return replace(_viewed(source, lenses), parameters=changed)
+
+
+def rest_pelvis(values: Mapping[str, np.ndarray]) -> np.ndarray:
+    """J_0 (3,), metres: where `open_capture` has the pelvis at `transl` 0, with these parameters."""
+    if "shape10" in values:
+        return np.zeros(3)
+    joints = values.get("tpose_joints")
+    return SMPLX_PELVIS if joints is None else joints[0].astype(np.float64) * joint_unit(joints)
 
 
 def calibration(lenses: Iterator[Lens] | tuple[Lens, ...]) -> dict[str, Any]:
@@ -144,7 +171,7 @@ def _write_view(source: Source, view: SourceView, reading: Reading, folder: Path
     rule = _rule(view, reading, size)
     if rule != "grey":
         reading.notes.append(f"{name}: mattes are {RULES[rule]}")
-    count = 0
+    written_frames = set[int]()
     for frame in sorted(view.images):
         if frame in source.without_parameters or frame >= source.frames:
             continue
@@ -157,8 +184,18 @@ def _write_view(source: Source, view: SourceView, reading: Reading, folder: Path
             link(reading.archive, reading.name(image), target)
             return True
 
-        count += reading.attempt(what, write) or False
-    return count
+        if reading.attempt(what, write):
+            written_frames.add(frame)
+    _remove_others(folder / name, written_frames)
+    return len(written_frames)
+
+
+def _remove_others(folder: Path, frames: set[int]) -> None:
+    """Pictures and mattes of a camera that an earlier import has written, and the source has no more."""
+    for place in (folder, folder / "mask" / "pha"):
+        for path in place.glob("*.*g"):
+            if int(path.stem) not in frames:
+                path.unlink()
 
 
 def _rule(view: SourceView, reading: Reading, size: tuple[int, int]) -> str:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from functools import partial
-
-from avatarrex.capture.importers.source import Reading, Source, SourceView
+from avatarrex.capture.importers.source import Reading, Source, SourceView, smplx_parameters
 from avatarrex.capture.readers.calibration import read_calibration
 from avatarrex.capture.readers.framing import shows_a_face
 from avatarrex.capture.readers.layout import CALIBRATIONS, RigFiles
-from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES, read_parameters
 from avatarrex.capture.readers.rigs import SMPLX_PELVIS
 
 
@@ -22,12 +19,7 @@ def read_multiview(reading: Reading) -> Source:
     listed = files.listed_missing(tuple(lens.name for lens in lenses))
     if listed:
         reading.notes.append(f"{len(listed)} pictures listed as missing")
-    parameters = {}
-    if reading.archive.exists(files.parameters):
-        found = reading.attempt(
-            "smpl_params.npz", partial(reading.archive.arrays, files.parameters, KEYS, LARGEST_BYTES)
-        )
-        parameters = found or {}
+    parameters = smplx_parameters(reading, files.parameters)
     views, rig = [], "body"
     for view, lens in enumerate(lenses):
         lacking = {frame for number, frame in listed if number == view}
@@ -38,9 +30,8 @@ def read_multiview(reading: Reading) -> Source:
         views.append(SourceView(lens, *(_below(reading.root, one) for one in pictures)))
     count = max((max(view.images, default=-1) for view in views), default=-1) + 1
     if parameters:
-        values = read_parameters(parameters, reading.archive.place(files.parameters))
-        count = len(values.pose)
-        rig = "face" if shows_a_face(files, values.translation + SMPLX_PELVIS) else "body"
+        count = len(parameters["transl"])
+        rig = "face" if shows_a_face(files, parameters["transl"] + SMPLX_PELVIS) else "body"
     return Source(kind, rig, tuple(views), count, parameters)
 
 

@@ -1,6 +1,6 @@
 """Pictures and mattes of a capture of another layout: whether they are whole, and mattes as ours are, white the person.
 
-What a camera's mattes mean is told by the first that shows anything: shares of foreground (white is the person), labels (whatever is
+What a camera's mattes mean is told by the first of them: shares of foreground (white is the person), labels (whatever is
 not 0 is the person), or inverted ones (white is the background). Letters: h w pixels.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable
+from itertools import islice
 
 import numpy as np
 from PIL import Image
@@ -23,6 +24,8 @@ RULES = {
 }
 MODES = ("1", "L", "LA", "P", "RGB", "RGBA")
 """8 bits a channel at most."""
+SIZED = 5
+"""Pictures of a camera that are looked at for their size."""
 LARGEST_LABEL = 127
 """A matte without a brighter pixel holds labels."""
 MOSTLY = 0.5
@@ -47,6 +50,20 @@ def picture_size(archive: Archive, name: str) -> tuple[int, int]:
     return open_picture(archive, name).size
 
 
+def usual_size(archive: Archive, names: Iterable[str]) -> tuple[int, int]:
+    """Width and height that most of the first pictures have. Raises `InputError` where none of them can be read."""
+    sizes: list[tuple[int, int]] = []
+    refused: InputError | None = None
+    for name in islice(names, SIZED):
+        try:
+            sizes.append(picture_size(archive, name))
+        except InputError as error:  # one of the problems when it is its turn
+            refused = error
+    if not sizes:
+        raise refused or InputError(archive.path, "", "pictures", "none")
+    return max(sizes, key=sizes.count)
+
+
 def check_picture(archive: Archive, name: str, size: tuple[int, int]) -> None:
     """Raise `InputError` for a picture that is not whole, or of another size."""
     picture = _sized(archive, name, size)
@@ -64,17 +81,16 @@ def matte_values(archive: Archive, name: str, size: tuple[int, int]) -> np.ndarr
 
 
 def matte_rule(mattes: Iterable[np.ndarray]) -> str:
-    """One of `RULES`, by the first of some mattes (h, w) that shows anything."""
+    """One of `RULES`, by the first of some mattes (h, w) with a bright pixel; labels, where none has one, but some show anything."""
+    highest = 0
     for values in mattes:
-        highest = int(values.max(initial=0))
-        if highest == 0:
-            continue
+        highest = max(highest, int(values.max(initial=0)))
         if highest <= LARGEST_LABEL:
-            return "labels"
+            continue
         border = np.concatenate([values[0], values[-1], values[:, 0], values[:, -1]]) > LARGEST_LABEL
         white = (values > LARGEST_LABEL).mean()
         return "inverted" if border.mean() > MOSTLY and white > MOSTLY else "grey"
-    return "grey"
+    return "labels" if highest else "grey"
 
 
 def as_matte(values: np.ndarray, rule: str) -> np.ndarray:

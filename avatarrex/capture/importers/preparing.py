@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +22,11 @@ from tqdm import tqdm
 from avatarrex.capture.fit.initial import fit_initial
 from avatarrex.capture.fit.landmarks import landmarks
 from avatarrex.capture.fit.overlay import contact_sheet
-from avatarrex.capture.importers.calibrations import Cameras, find_cameras
+from avatarrex.capture.importers.calibrations import SUFFIXES, Cameras, find_cameras
 from avatarrex.capture.importers.detections import read_detections
 from avatarrex.capture.importers.difference import difference_matte, quality
 from avatarrex.capture.importers.footage import Footage, find_footage, read_image, save_jpeg, save_matte
-from avatarrex.capture.importers.import_capture import calibration
+from avatarrex.capture.importers.import_capture import RULE_MATTES, calibration
 from avatarrex.capture.importers.pictures import as_matte, matte_rule
 from avatarrex.capture.importers.step_pictures import dotted, outlined, plan, tiles
 from avatarrex.capture.readers.calibration import Lens, read_calibration
@@ -42,6 +44,8 @@ PICTURES, MATTES, BACKDROPS = ("videos", "images", "video"), ("mattes", "masks",
 """Folders of the source."""
 SHOWN_FRAMES, SHOWN_FAULTS = 3, 8
 """Frames of a sheet, and faults that are printed."""
+IMPORTED, DIFFERENT, OWN = "imported", "what differs from the empty scene", "alpha channels"
+"""Where mattes come from."""
 LARGEST_BYTES = 2**31
 
 
@@ -72,6 +76,8 @@ class Preparing:
         if (self.out / STATE).exists():
             self.state = read_json(self.out / STATE, largest=SMALL)
             check(isinstance(self.state, dict), self.out / STATE, "", "an object", type(self.state).__name__)
+        elif (self.out / "capture").exists():
+            raise InputError(self.out / "capture", "", f"a name that is free, or {STATE} beside it", "something else")
 
     @property
     def body(self) -> Path:
@@ -88,26 +94,33 @@ class Preparing:
         """Do what is not done; lines to be read. Raises `InputError` where a step cannot be done: the same command goes on there."""
         before = ""
         for number, (name, step) in enumerate(STEPS.items(), 1):
-            key = hashlib.sha256(f"{before} {name} {vars(self.options)} {self._inputs(step)}".encode()).hexdigest()[:16]
+            chosen = [getattr(self.options, option) for option in step.options]
+            key = hashlib.sha256(f"{before} {name} {chosen} {self._inputs(step)}".encode()).hexdigest()[:16]
             done = self.state.get(name)
             again = not (isinstance(done, dict) and done.get("key") == key)
             picture = self.out / "steps" / f"{number}_{name}.png"
             if again:
+                self.forget(name)
+                write_json(self.out / STATE, self.state)  # stopped within the step, it is not done
                 said, sheet = step.do(self)
                 write_png(picture, np.dstack([sheet, np.full(sheet.shape[:2], 255, np.uint8)]))
-                self.state[name] = {"key": key, "said": said}
+                self.state[name] = {"key": key, "said": said, "at": datetime.now(UTC).isoformat()}
                 write_json(self.out / STATE, self.state)
             before = key
             yield f"{number} {name}{'' if again else ' (done before)'}: {picture}"
             yield from (f"    {line}" for line in self.state[name]["said"])
 
+    def made(self) -> str:
+        """Which fit the capture has: another one after any step was done again."""
+        return f"{self.state['fit']['key']} {self.state['fit'].get('at')}"
+
     def _inputs(self, step: Step) -> str:
-        """Names, sizes and times of the files that a step is made from."""
+        """Names, sizes and times of the files that a step is made from; of the source's own those that a calibration may be."""
         found = []
         for folder in step.inputs:
             place = self.source / folder
-            for path in sorted(place.rglob("*") if folder else place.glob("*.*")):
-                if path.is_file():
+            for path in sorted(place.rglob("*") if folder else place.iterdir()):
+                if path.is_file() and (folder or path.suffix.lower() in SUFFIXES):
                     status = path.stat()
                     found.append((str(path.relative_to(self.source)), status.st_size, status.st_mtime_ns))
         return hashlib.sha256(json.dumps(found).encode()).hexdigest()
@@ -116,6 +129,18 @@ class Preparing:
         """The cameras' pictures. Raises `InputError` without any."""
         found = find_footage(self.source, PICTURES)
         check(found, self.source, "", "videos/CAMERA.mp4 or images/CAMERA/…", "neither")
+        return found
+
+    @property
+    def first(self) -> int | None:
+        """The number in the names of pictures that frame 0 has; None beside videos."""
+        return next((one.first for one in self.footage().values() if one.video is None), None)
+
+    def beside(self, folders: tuple[str, ...]) -> dict[str, Footage]:
+        """What there is for each frame beside the pictures, numbered as they are. Beside videos files may count from 1."""
+        found = find_footage(self.source, folders, self.first)
+        if self.first is None and not any(one.first == 1 for one in found.values()):
+            return find_footage(self.source, folders, 0)
         return found
 
     def cameras(self) -> Cameras:
@@ -137,6 +162,8 @@ class Step:
     """What it says, and its picture (h, w, 3)."""
     inputs: tuple[str, ...]
     """Folders of the source; "" its own files."""
+    options: tuple[str, ...] = ()
+    """What of `Options` it depends on."""
 
 
 def _cameras(work: Preparing) -> tuple[list[str], np.ndarray]:
@@ -170,72 +197,94 @@ def _cameras(work: Preparing) -> tuple[list[str], np.ndarray]:
 
 
 def _pictures(work: Preparing) -> tuple[list[str], np.ndarray]:
-    footage, shown, counts = work.footage(), [], {}
+    if work.body.exists():
+        shutil.rmtree(work.body)  # of another stride, or of pictures that are gone
+    footage, problems, shown, counts = work.footage(), list[str](), [], {}
     for lens in tqdm(work.cameras().lenses, desc="pictures", unit="camera", leave=False):
-        count = 0
-        for frame, pixels in footage[lens.name].frames(work.options.stride):
-            save_jpeg(work.body / lens.name / f"{frame:08d}.jpg", pixels)
-            if not count:
-                shown.append((f"{lens.name}  frame {frame}", pixels))
-            count += 1
-        counts[lens.name] = count
+        name, found = lens.name, list[int]()
+        for frame, pixels in footage[name].frames(work.options.stride, problems):
+            if _fits(pixels, lens, f"frame {frame}", problems):
+                save_jpeg(work.body / name / f"{frame:08d}.jpg", pixels)
+                if not found:
+                    shown.append((f"{name}  frame {frame}", pixels))
+                found.append(frame)
+        check(found, work.source, name, "a picture that can be read", problems[-1] if problems else "none")
+        counts[name] = max(found) + 1
     said = [f"{min(counts.values())} to {max(counts.values())} frames a camera"]
     if len(set(counts.values())) > 1:
         said.append(
             "cameras differ in how many frames they have: they have to begin together: "
             + ", ".join(f"{name} {count}" for name, count in counts.items())
         )
-    return said, tiles(shown)
+    return [*said, *_first_of(problems)], tiles(shown)
+
+
+def _fits(pixels: np.ndarray, lens: Lens, what: str, problems: list[str]) -> bool:
+    """Whether a picture or matte is as large as the camera's; if not, it is one of the problems."""
+    size, expected = (pixels.shape[1], pixels.shape[0]), (lens.camera.width, lens.camera.height)
+    if size != expected:
+        problems.append(f"{lens.name} {what}: expected {expected[0]}x{expected[1]} pixels, found {size[0]}x{size[1]}")
+    return size == expected
+
+
+def _first_of(problems: list[str]) -> list[str]:
+    """Those that are printed."""
+    more = len(problems) - SHOWN_FAULTS
+    return [*problems[:SHOWN_FAULTS], *([f"… and {more} more"] if more > 0 else [])]
 
 
 def _mattes(work: Preparing) -> tuple[list[str], np.ndarray]:
-    given, empty = find_footage(work.source, MATTES), find_footage(work.source, BACKDROPS)
-    shown, faults, ways = [], [], dict.fromkeys(("imported", "what differs from the empty scene", "alpha channels"), 0)
+    given, problems = work.beside(MATTES), list[str]()
+    shown, faults, ways = [], [], dict.fromkeys((IMPORTED, DIFFERENT, OWN), 0)
     for lens in tqdm(work.cameras().lenses, desc="mattes", unit="camera", leave=False):
         name, frames = lens.name, work.pictures(lens)
-        if name in given:
-            mattes, way = _given(given[name], work.options.stride), "imported"
-        elif name in empty:
-            backdrop = next(empty[name].frames())[1][..., :3]
-            mattes, way = (
-                ((frame, difference_matte(read_image(path), backdrop)) for frame, path in frames.items()),
-                "what differs from the empty scene",
-            )
-        else:
-            own = find_footage(work.source, PICTURES)[name].frames(work.options.stride)
-            mattes, way = ((frame, pixels[..., 3]) for frame, pixels in own if pixels.shape[2] == 4), "alpha channels"
-        last = None
+        folder = work.body / name / "mask"
+        if folder.exists():
+            shutil.rmtree(folder)
+        way, mattes = _camera_mattes(work, lens, given.get(name), problems)
+        last: tuple[str, np.ndarray] | None = None
+        found = set[int]()
         for frame, matte in mattes:
-            check(
-                matte.shape == (lens.camera.height, lens.camera.width),
-                name,
-                f"matte of frame {frame}",
-                f"{lens.camera.width}x{lens.camera.height} pixels",
-                matte.shape[::-1],
-            )
-            save_matte(work.body / name / "mask" / "pha" / f"{frame:08d}.png", matte)
-            ways[way] += 1
+            if frame not in frames or not _fits(matte, lens, f"matte of frame {frame}", problems):
+                continue
+            save_matte(folder / "pha" / f"{frame:08d}.png", matte)
+            found.add(frame)
             faults += [f"{name} frame {frame}: {fault}" for fault in quality(matte).faults()]
-            if frame in frames and (last is None or frame == max(frames) // 2):
+            if last is None or frame == max(frames) // 2:
                 last = (f"{name}  frame {frame}", outlined(read_image(frames[frame]), matte))
+        ways[way] += len(found)
         shown += [last] if last else []
-        missing = len(set(frames) - {int(path.stem) for path in (work.body / name / "mask" / "pha").glob("*.png")})
+        missing = len(set(frames) - found)
         faults += [f"{name}: {missing} frames without a matte"] if missing else []
-    check(
-        any(ways.values()),
-        work.source,
-        "",
-        "mattes/CAMERA/…, mattes/CAMERA.mp4 or background/CAMERA.png",
-        "none of them",
-    )
+    expected = "mattes/CAMERA/…, mattes/CAMERA.mp4 or background/CAMERA.png"
+    check(any(ways.values()), work.source, "", expected, problems[0] if problems else "none of them")
     said = [f"{count} mattes, {way}" for way, count in ways.items() if count]
-    return [*said, f"{len(faults)} doubtful", *faults[:SHOWN_FAULTS]], tiles(shown)
+    if work.first is None and any(one.first for one in given.values()):
+        said.append("beside videos: files of mattes are numbered from 1")
+    return [*said, *_first_of(problems), f"{len(faults)} doubtful", *faults[:SHOWN_FAULTS]], tiles(shown)
 
 
-def _given(footage: Footage, stride: int) -> Iterator[tuple[int, np.ndarray]]:
+def _camera_mattes(
+    work: Preparing, lens: Lens, given: Footage | None, problems: list[str]
+) -> tuple[str, Iterator[tuple[int, np.ndarray]]]:
+    """Where a camera's mattes come from, and they by frame, white the person."""
+    stride, empty = work.options.stride, find_footage(work.source, BACKDROPS).get(lens.name)
+    if given is not None:
+        return IMPORTED, _given(given, stride, problems)
+    if empty is not None:
+        backdrop = next(iter(empty.frames()))[1][..., :3]
+        if not _fits(backdrop, lens, "picture of the empty scene", problems):
+            return DIFFERENT, iter(())
+        frames = work.pictures(lens).items()
+        return DIFFERENT, ((frame, difference_matte(read_image(path), backdrop)) for frame, path in frames)
+    own = work.footage()[lens.name].frames(stride, [])  # what cannot be read was said before
+    return OWN, ((frame, pixels[..., 3]) for frame, pixels in own if pixels.shape[2] == 4)
+
+
+def _given(footage: Footage, stride: int, problems: list[str]) -> Iterator[tuple[int, np.ndarray]]:
     """A camera's mattes by frame, white the person."""
-    rule = matte_rule(_grey(pixels) for _, (_, pixels) in zip(range(4), footage.frames(stride)))
-    for frame, pixels in footage.frames(stride):
+    rule = matte_rule(_grey(pixels) for _, (_, pixels) in zip(range(RULE_MATTES), footage.frames(stride, [])))
+    for frame, pixels in footage.frames(stride, problems):
         yield frame, as_matte(_grey(pixels), rule)
 
 
@@ -246,7 +295,10 @@ def _grey(pixels: np.ndarray) -> np.ndarray:
 
 def _keypoints(work: Preparing) -> tuple[list[str], np.ndarray]:
     lenses = work.cameras().lenses
-    points, confidence, problems = read_detections(work.source / "keypoints", lenses)
+    count = 1 + max(max(work.pictures(lens), default=0) for lens in lenses)
+    points, confidence, problems = read_detections(
+        work.source / "keypoints", lenses, count * work.options.stride, work.first
+    )
     points, confidence = points[:: work.options.stride], confidence[:: work.options.stride]
     write_arrays(work.out / "steps" / "keypoints.npz", {"points": points, "confidence": confidence})
     joints = {"points": points[:, :, :55].astype(np.float32), "confidence": confidence[:, :, :55].astype(np.float32)}
@@ -264,11 +316,7 @@ def _keypoints(work: Preparing) -> tuple[list[str], np.ndarray]:
                 )
             )
     said = [f"{len(points)} frames, {(confidence > 0).mean():.0%} of {confidence.shape[2]} landmarks found"]
-    return [
-        *said,
-        *problems[:SHOWN_FAULTS],
-        *([f"… and {len(problems) - SHOWN_FAULTS} more"] if len(problems) > SHOWN_FAULTS else []),
-    ], tiles(shown)
+    return [*said, *_first_of(problems)], tiles(shown)
 
 
 def _fit(work: Preparing) -> tuple[list[str], np.ndarray]:
@@ -297,9 +345,9 @@ def _fit(work: Preparing) -> tuple[list[str], np.ndarray]:
 
 STEPS: dict[str, Step] = {
     "cameras": Step(_cameras, ("", "calibration", "sparse", *PICTURES)),
-    "pictures": Step(_pictures, PICTURES),
+    "pictures": Step(_pictures, PICTURES, ("stride",)),
     "mattes": Step(_mattes, (*MATTES, *BACKDROPS)),
     "keypoints": Step(_keypoints, ("keypoints",)),
-    "fit": Step(_fit, ()),
+    "fit": Step(_fit, (), ("fps", "height")),
 }
 """In their order."""

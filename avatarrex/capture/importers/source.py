@@ -15,6 +15,7 @@ import numpy as np
 from avatarrex.camera import Camera
 from avatarrex.capture.readers.archive import Archive
 from avatarrex.capture.readers.calibration import Lens
+from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES, read_parameters
 from avatarrex.errors import InputError
 from avatarrex.templates.person import Person
 
@@ -74,8 +75,21 @@ class Reading:
         try:
             return read()
         except InputError as error:
-            self.problems.append(f"{what}: expected {error.expected}, found {error.found}")
+            field = f"{what}: {error.field}" if error.field else what
+            self.problems.append(f"{field}: expected {error.expected}, found {error.found}")
             return None
+
+
+def smplx_parameters(reading: Reading, name: str) -> dict[str, np.ndarray]:
+    """Arrays of a `smpl_params.npz` with `global_orient` and `transl` (t, 3); none, and a problem, where it cannot be understood."""
+
+    def read() -> dict[str, np.ndarray]:
+        arrays = reading.archive.arrays(name, KEYS, LARGEST_BYTES)
+        values = read_parameters(arrays, reading.archive.place(name))
+        return {**arrays, "global_orient": values.pose[:, 0], "transl": values.translation}
+
+    there = reading.archive.exists(name)
+    return (reading.attempt(name, read) if there else None) or {}
 
 
 def posed_lens(

@@ -84,9 +84,7 @@ def _lenses(reading: Reading, cams: Any, images: list[dict[int, str]], place: st
     count = min(map(len, arrays.values()))
     check(len(images) <= count, place, "cams", f"{len(images)} cameras, as ims has", count)
     lenses: list[Lens | None] = []
-    for view, paths in enumerate(images):
-        name = next(iter(paths.values())).split("/")[-2] if "/" in next(iter(paths.values())) else f"camera{view:02d}"
-        name = re.sub(r"[^\w.-]+", "_", name)
+    for view, (name, paths) in enumerate(zip(_names(images), images)):
         size = reading.attempt(f"camera {name}", partial(_size, reading, paths))
         if size is None:
             lenses.append(None)
@@ -102,6 +100,15 @@ def _lenses(reading: Reading, cams: Any, images: list[dict[int, str]], place: st
         lenses.append(posed_lens(name, intrinsics, pose, size, np.resize(arrays["D"][view].ravel(), 5)))
     reading.notes.append("pixel centres: the calibration is OpenCV's, at integers: 0.5 added to the principal points")
     return lenses
+
+
+def _names(images: list[dict[int, str]]) -> list[str]:
+    """Of cameras: their folders' where each has its own, else their numbers."""
+    first = [next(iter(paths.values())) for paths in images]
+    names = [re.sub(r"[^\w.-]+", "_", path.split("/")[-2]) if "/" in path else "" for path in first]
+    return (
+        names if all(names) and len(set(names)) == len(names) else [f"camera{view:02d}" for view in range(len(first))]
+    )
 
 
 def _stack(values: Any, place: str, key: str) -> np.ndarray:

@@ -70,7 +70,7 @@ class Archive:
         if self._members is not None:
             folder, _, last = name.rpartition("/")
             return last in self._members.get(folder, ()) and name not in self._members
-        return (self.path / name).is_file()
+        return what_is(self.path / name) == "a file"
 
     def read(self, name: str, largest: int = MEMBER_BYTES) -> bytes:
         """The file's bytes. Raises `InputError` where it is missing, damaged, encrypted or too large."""

@@ -69,18 +69,20 @@ def _lens(name: str, entry: Any, source: str) -> Lens:
     if not all(side == int(side) and 1 <= side <= 16384 for side in (width, height)):
         raise InputError(source, f"{name}.imgSize", "[width, height], integers from 1 to 16384", [width, height])
     camera_from_world = np.eye(4)
-    camera_from_world[:3, :3] = _rotation(_numbers(entry, "R", (9,), name, source).reshape(3, 3), name, source)
+    camera_from_world[:3, :3] = nearest_rotation(
+        _numbers(entry, "R", (9,), name, source).reshape(3, 3), source, f"{name}.R"
+    )
     camera_from_world[:3, 3] = _numbers(entry, "T", (3,), name, source)
     camera = Camera(intrinsics, camera_from_world, int(width), int(height))
     return Lens(name, camera, _distortion(entry, name, source))
 
 
-def _rotation(matrix: np.ndarray, name: str, source: str) -> np.ndarray:
-    """The nearest rotation. Raises `InputError` where `matrix` is none, or mirrors."""
+def nearest_rotation(matrix: np.ndarray, source: object, field: str) -> np.ndarray:
+    """(3, 3): the rotation nearest to `matrix`. Raises `InputError` where that is none, or mirrors."""
     off = np.abs(matrix.T @ matrix - np.eye(3)).max()
     if off > ROTATION_SLACK or np.linalg.det(matrix) < 0:
         found = "a mirroring" if off <= ROTATION_SLACK else f"columns off orthonormal by {off:.2g}"
-        raise InputError(source, f"{name}.R", "a rotation, world to camera", found)
+        raise InputError(source, field, "a rotation, world to camera", found)
     left, _, right = np.linalg.svd(matrix)
     return np.asarray(left @ right)
 

@@ -190,7 +190,7 @@ def _person(
             joints, source = truth.array("tpose_joints", (55, 3)), truth.place
         if joints is None:
             continue
-        scale = 1e-3 if np.ptp(joints, axis=0).max() > 100 else 1.0
+        scale = joint_unit(joints)
         if scale != 1:
             notes.append(f"{name}: T-pose joints and meshes in millimetres, converted to metres")
         joints = joints.astype(np.float64) * scale
@@ -202,6 +202,11 @@ def _person(
         "person: the capture does not say its size (no shape10, no tpose_joints): it has to be fitted to the mattes"
     )
     return person, SMPLX_PELVIS, 1.0, False
+
+
+def joint_unit(joints: np.ndarray) -> float:
+    """Metres of the unit that T-pose joints (55, 3) are in: metres or millimetres."""
+    return 1e-3 if np.ptp(joints, axis=0).max() > 100 else 1.0
 
 
 def _rig(
