@@ -194,7 +194,7 @@ def _remove_others(folder: Path, frames: set[int]) -> None:
     """Pictures and mattes of a camera that an earlier import has written, and the source has no more."""
     for place in (folder, folder / "mask" / "pha"):
         for path in place.glob("*.*g"):
-            if int(path.stem) not in frames:
+            if not path.stem.isdecimal() or int(path.stem) not in frames:
                 path.unlink()
 
 
