@@ -18,7 +18,7 @@ from avatarrex.files.gate import check_writable
 
 if TYPE_CHECKING:
     from avatarrex.avatar import Avatar
-    from avatarrex.capture.readers.rigs import Capture
+    from avatarrex.capture.readers.rigs import Capture, Rig
     from avatarrex.templates.person import Person
 
 SHEET = 8
@@ -92,10 +92,7 @@ def _evaluate(
     exposed: dict[str, object] = {}
     if arguments.exposed_as:
         capture = exposure.one_exposure(capture, arguments.exposed_as, avatar.person if own else capture.person)
-        rig = capture.rigs[name]
-        exposed = {"exposed_as": {"rig": arguments.exposed_as, "gain": exposure.factors(rig)}}
-        times = ", ".join(f"{each:.2f}" for each in exposure.factors(rig))
-        print(f"{name} rig: pictures times {times}, as the {arguments.exposed_as} rig's", file=sys.stderr)
+        rig, exposed = _exposed(capture, name, arguments.exposed_as)
     frames = _frames(arguments.frames, rig.held_out_frames, rig.frames) if arguments.frames else None
     views = choice.cameras(rig, arguments.views, "--views") if arguments.views else None
     other = not own and avatar.person.hash != capture.person.hash
@@ -122,6 +119,16 @@ def _evaluate(
         write_png(sheet, report.contact_sheet(found))
         print(sheet)
     return 0
+
+
+def _exposed(capture: Capture, name: str, other: str) -> tuple[Rig, dict[str, object]]:
+    """Rig `name` of a capture in one exposure, and what its pictures were multiplied by, for the figures' file."""
+    from avatarrex.training.core.exposure import factors
+
+    gain = factors(capture.rigs[name])
+    times = ", ".join(f"{each:.2f}" for each in gain)
+    print(f"{name} rig: pictures times {times}, as the {other} rig's", file=sys.stderr)
+    return capture.rigs[name], {"exposed_as": {"rig": other, "gain": gain}}
 
 
 def _person_fitted(avatar: Avatar, capture: Capture, own: bool) -> Person:

@@ -27,7 +27,7 @@ class Avatars:
         self._load = load
         self._threads = ThreadPoolExecutor(1, "avatar")
         self._aside: list[ThreadPoolExecutor] = []
-        """Which may still read what is held up by something that was cancelled."""
+        """Which may still read what waits behind something that was cancelled."""
         self._readings: dict[str, Future[Avatar]] = {}
         self._stamps: WeakKeyDictionary[Future[Avatar], Stamp] = WeakKeyDictionary()
         """Of when a reading began."""

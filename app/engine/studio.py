@@ -136,7 +136,7 @@ class Studio:
         """
         self.end_greeting()
         with refusals_logged():
-            shared = self.playback.gesture if self.playback.playing else (self._step or gesture)
+            shared = self._step or (self.playback.gesture if self.playback.playing else gesture)
             figure = self.figure if isinstance(command, Followed) and self.state.tools.pins else None
             if isinstance(command, Followed) and figure:
                 start = self._beginning.of(gesture, self.state)
@@ -152,7 +152,7 @@ class Studio:
 
     @contextmanager
     def one_step(self) -> Iterator[None]:
-        """All that is done within is undone together; while something plays, together with that."""
+        """All that is done within is undone together."""
         self._step = object()
         try:
             yield

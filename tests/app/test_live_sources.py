@@ -481,24 +481,6 @@ def test_a_recording_beyond_the_end_of_a_shorter_timeline(studio, clock, tmp_pat
     assert studio.state.frames == 300
 
 
-def test_a_recording_that_ends_while_something_plays_is_undone_with_that(studio, clock, tmp_path):
-    studio.open_motion(walk(tmp_path / "walk.json", 90))
-    studio.do(AddLayer(Layer("Phone", feed=Feed("livelink"), parts=frozenset({"mouth"}))))
-    before, sent = studio.state, Sent()
-    studio.listening.take_up("Phone", sent)
-    studio.toggle_play()
-    studio.record_live("Phone")
-    for k in range(60):
-        if k == 40:
-            studio.record_live("Phone")
-        clock.now += 1 / 60
-        sent.said, sent.at = of_jaw(0.5), clock.now
-        studio.tick((32, 24))
-    assert len(studio.state.timeline.layers) == 3
-    studio.undo()
-    assert studio.state.timeline == before.timeline
-
-
 def walk(path, frames):
     """A motion file that moves by a centimetre a frame."""
     poses = tuple(Signals.rest().replace(translation=np.array([0.0, 0.0, 0.01 * k])) for k in range(frames))

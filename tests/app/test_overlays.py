@@ -177,16 +177,16 @@ def test_a_slice_across_another_axis_goes_through_the_selected_figure(clock, mon
     assert np.ptp(reach[0]) / units.length().factor == pytest.approx(2 * cut_card.REACH)
 
 
-def test_an_avatar_is_asked_for_by_influences_alone():
-    asked, engine = [], ball_engine()
+def test_an_avatar_is_looked_for_by_influences_alone():
+    wanted, engine = [], ball_engine()
     real = engine.avatar
-    engine.avatar = lambda name: asked.append(name) or real(name)
+    engine.avatar = lambda name: wanted.append(name) or real(name)
     for shows in ("normals", "slice", "influence"):
-        asked.clear()
+        wanted.clear()
         engine.render(ShowPicture(shows).apply(StudioState()), (32, 24))
-        made = len(asked)
+        made = len(wanted)
         answered(engine, Request(ShowPicture(shows).apply(StudioState()), (32, 24)))
-        assert len(asked) - 2 * made == (shows == "influence")
+        assert len(wanted) - 2 * made == (shows == "influence")
 
 
 def test_the_plane_is_kept_and_one_that_was_never_moved_is_not_written():

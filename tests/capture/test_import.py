@@ -126,7 +126,7 @@ def test_nothing_is_called_by_a_pickle(body: Scene, tmp_path: Path, capsys: pyte
     (tmp_path / "new_params" / "1.npy").write_bytes(pickled({"poses": _Calls()}))
     refused = "expected numbers, texts, .*found the global (__builtin__|builtins).print"
     (problem,) = import_capture(tmp_path, tmp_path / "out").problems
-    assert re.fullmatch(rf"frame 1, new_params/1\.npy: {refused}", problem)
+    assert re.fullmatch(rf"frame 1, new_params/1\.npy: byte \d+: {refused}", problem)
     for content, said in (
         (pickled({"cams": _Calls()}), rf"byte \d+: {refused}"),
         (pickled({"ims": [1]}), r"a dict of cams and ims, found \['ims'\]"),
