@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from avatarrex.capture.importers.pictures import picture_size
+from avatarrex.capture.importers.pictures import usual_size
 from avatarrex.capture.importers.source import Reading, Source, SourceView, posed_lens, repeated
 from avatarrex.capture.readers.archive import safe
 from avatarrex.capture.readers.calibration import MOST_CAMERAS, ROTATION_SLACK, Lens
@@ -24,8 +24,6 @@ from avatarrex.files.pickles import read_pickle
 SMPL_PELVIS = np.array([-0.0018, -0.2233, 0.0282])
 """J_0 of the neutral SMPL template, metres, to 0.1 mm."""
 PARAMETERS, MATTES = ("new_params", "params"), ("mask_cihp", "mask")
-SIZED = 5
-"""Pictures of a camera that are looked at for their size, which annots.npy does not say."""
 LARGEST_ANNOTS, LARGEST_PARAMETERS = 2**28, 2**20
 """Bytes of annots.npy (half a million names of pictures) and of one frame's parameters."""
 
@@ -85,7 +83,9 @@ def _lenses(reading: Reading, cams: Any, images: list[dict[int, str]], place: st
     check(len(images) <= count, place, "cams", f"{len(images)} cameras, as ims has", count)
     lenses: list[Lens | None] = []
     for view, (name, paths) in enumerate(zip(_names(images), images)):
-        size = reading.attempt(f"camera {name}", partial(_size, reading, paths))
+        size = reading.attempt(
+            f"camera {name}", partial(usual_size, reading.archive, map(reading.name, paths.values()))
+        )
         if size is None:
             lenses.append(None)
             continue
@@ -116,19 +116,6 @@ def _stack(values: Any, place: str, key: str) -> np.ndarray:
     entries, count = _listed(values, place, f"cams.{key}"), {"K": 9, "D": 5, "R": 9, "T": 3}[key]
     check(len(entries) <= MOST_CAMERAS, place, f"cams.{key}", f"at most {MOST_CAMERAS} cameras", len(entries))
     return np.stack([flat_numbers(value, count, place, f"cams.{key}[{view}]") for view, value in enumerate(entries)])
-
-
-def _size(reading: Reading, paths: dict[int, str]) -> tuple[int, int]:
-    """Width and height that most of the first pictures have."""
-    sizes = []
-    for path in list(paths.values())[:SIZED]:
-        try:
-            sizes.append(picture_size(reading.archive, reading.name(path)))
-        except InputError:  # one of the problems when it is its turn
-            continue
-    if not sizes:
-        raise InputError(reading.place(), "", "pictures", "none")
-    return max(sizes, key=sizes.count)
 
 
 def _mattes(reading: Reading, paths: dict[int, str]) -> dict[int, str]:
