@@ -89,21 +89,21 @@ def torch_on_one_thread() -> Iterator[None]:
     After every operation OpenMP's threads wait for the last one, which another program may keep from running for milliseconds;
     then they spin, on the core that the thread of a compiled loop needs next.
     """
-    with _limited(threads()):
+    with loops_on(threads()):
         yield
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Meanwhile compiled loops and torch's operations run on the thread that calls them."""
-    with _limited(1):
+    with loops_on(1):
         yield
 
 
 @contextmanager
-def _limited(loops: int) -> Iterator[None]:
-    """So many threads for loops, one for torch, in the thread that calls this."""
-    before, token = torch.get_num_threads(), _threads.set(loops)
+def loops_on(count: int) -> Iterator[None]:
+    """Meanwhile compiled loops have `count` threads, torch one, in the thread that calls this."""
+    before, token = torch.get_num_threads(), _threads.set(count)
     torch.set_num_threads(1)
     try:
         yield
@@ -113,12 +113,12 @@ def _limited(loops: int) -> Iterator[None]:
 
 
 def spread(loop: Callable[..., Any], rows: int, *arguments: Any, few: int = FEW, pieces: int = PIECES) -> None:
-    """`loop(begin, end, *arguments)` over pieces of the rows, `pieces` for each of the `threads()`; `few` rows take one.
+    """`loop(begin, end, *arguments)` over pieces of the rows, `pieces` for each thread; there is one for every `few` rows.
 
-    A thread takes the next piece when it has done its last. One that another program keeps from running holds up its own
-    piece alone, and none where it has not begun.
+    There are at most `threads()`. A thread takes the next piece when it has done its last. One that another program keeps
+    from running holds up its own piece alone, and none where it has not begun.
     """
-    count = threads() if rows > few else 1
+    count = min(threads(), max(-(-rows // few), 1))
     if count == 1:
         loop(0, rows, *arguments)
         return
@@ -133,7 +133,7 @@ def spread(loop: Callable[..., Any], rows: int, *arguments: Any, few: int = FEW,
                 return
             loop(*edge, *arguments)
 
-    others = [_pool(count - 1).submit(work) for _ in range(count - 1)]
+    others = [_pool().submit(work) for _ in range(count - 1)]
     work()
     for other in others:
         if not other.cancel():
@@ -141,8 +141,8 @@ def spread(loop: Callable[..., Any], rows: int, *arguments: Any, few: int = FEW,
 
 
 @cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, "native")
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(os.cpu_count(), "native")
 
 
 if hasattr(os, "register_at_fork"):  # a child has none of the threads

@@ -1,7 +1,7 @@
-"""Independent work of one frame side by side, a thread each.
+"""Independent work of one frame side by side.
 
-A piece of work has loops that spread over threads, and code between them that does not. Two pieces beside each other, with one thread each,
-leave no core idle, and their threads wait for each other once instead of at the end of every loop.
+A piece of work has loops that spread over threads, and code between them that does not. Pieces beside each other, each with
+its share of the threads, leave no core idle, and their threads wait for each other once instead of at the end of every loop.
 """
 
 from __future__ import annotations
@@ -44,17 +44,19 @@ class SideBySide:
 
     def run(self) -> None:
         """Do all of it: one after the other where there is one piece, or loops have one thread."""
-        others = min(native.threads(), len(self._waiting)) - 1
-        if others < 1:
+        threads = native.threads()
+        workers = min(threads, len(self._waiting))
+        if workers < 2:
             self.run_in_turn()
             return
-        helping = [_pool(others).submit(self._work_alone) for _ in range(others)]
-        self._work_alone()
+        helping = [_pool(workers - 1).submit(self._beside, threads // workers) for _ in range(workers - 1)]
+        self._beside(threads // workers)
         for helper in helping:
-            helper.result()
+            if not helper.cancel():  # one that has not begun may wait for this thread
+                helper.result()
 
-    def _work_alone(self) -> None:
-        with native.one_thread():
+    def _beside(self, threads: int) -> None:
+        with native.loops_on(threads):
             self.run_in_turn()
 
     def run_in_turn(self) -> None:

@@ -72,16 +72,31 @@ def test_work_is_done_once_whoever_comes(threads: int, monkeypatch: pytest.Monke
     def count(begin: int, end: int, done: np.ndarray) -> None:
         done[begin:end] += 1
 
-    native.spread(count, len(done), done, few=0)
+    native.spread(count, len(done), done, few=1)
     assert (done == 1).all()
-    release, pool = threading.Event(), native._pool(max(threads - 1, 1))
+    release, pool = threading.Event(), native._pool()
     blocked = [pool.submit(release.wait, 60) for _ in range(threads - 1)]
-    native.spread(count, len(done), done, few=0, pieces=7)
+    native.spread(count, len(done), done, few=1, pieces=7)
     assert (done == 2).all()
     release.set()
     assert all(future.result() for future in blocked)
     with pytest.raises(ValueError, match="broken"):
-        native.spread(broken, len(done), few=0)
+        native.spread(broken, len(done), few=1)
+
+
+def test_few_rows_have_few_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One for every `few`: more would be started for less than it takes to start them."""
+    monkeypatch.setattr(native.torch, "get_num_threads", lambda: 16)
+    pieces: list[tuple[int, int]] = []
+
+    def note(begin: int, end: int) -> None:
+        pieces.append((begin, end))
+
+    for rows, threads in ((0, 1), (100, 1), (101, 2), (350, 4), (10_000, 16)):
+        pieces.clear()
+        native.spread(note, rows, few=100, pieces=1)
+        assert len(pieces) == threads
+        assert sum(end - begin for begin, end in pieces) == rows
 
 
 def test_torch_has_one_thread_meanwhile_and_its_own_again_after_it() -> None:

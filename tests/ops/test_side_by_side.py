@@ -1,4 +1,4 @@
-"""Work side by side: every result at its place, a thread each, errors and settings kept."""
+"""Work side by side: every result at its place, shared threads, errors and settings kept."""
 
 import threading
 
@@ -43,7 +43,7 @@ def test_two_run_at_once_with_a_thread_each(threads):
 
 
 def test_loops_keep_their_threads_while_torch_has_one(threads):
-    """As in a frame: pieces still run at once, each with one thread; one alone has them all."""
+    """As in a frame: pieces still run at once, each with its share; one alone has them all."""
     with torch_on_one_thread():
         work = SideBySide()
         found = [work.add(native_threads) for _ in range(2)]
@@ -51,7 +51,7 @@ def test_loops_keep_their_threads_while_torch_has_one(threads):
         alone = SideBySide()
         one = alone.add(native_threads)
         alone.run()
-    assert [future.result() for future in found] == [1, 1]
+    assert [future.result() for future in found] == [max(threads // 2, 1)] * 2
     assert one.result() == threads
 
 
@@ -84,3 +84,25 @@ def test_an_error_is_raised_where_its_result_is_taken(threads):
     with pytest.raises(KeyError, match="this one"):
         bad.result()
     assert torch.get_num_threads() == threads
+
+
+@pytest.mark.timeout(60)
+def test_pieces_have_pieces_of_their_own() -> None:
+    """Four pieces of four: nobody waits for a helper whose thread waits for it."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(16)
+    try:
+        work = SideBySide()
+
+        def several() -> list[int]:
+            inner = SideBySide()
+            found = [inner.add(lambda k: k, k) for k in range(4)]
+            inner.run()
+            return [future.result() for future in found]
+
+        for _ in range(50):
+            found = [work.add(several) for _ in range(4)]
+            work.run()
+            assert [future.result() for future in found] == [[0, 1, 2, 3]] * 4
+    finally:
+        torch.set_num_threads(before)
