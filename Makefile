@@ -37,10 +37,12 @@ check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# Two processes, a file of tests at a time: two cores pass them in two thirds of the time.
+# Two processes, a file of tests at a time, those with slow tests first (tests/conftest.py), so that both end together.
+# One thread each: where two processes have two on two cores, threads of OpenMP spin for those that do not run, and tests take
+# two to three times as much of the processor. Tests of threads set their number themselves; windows have the usual one.
 # Windows have a process of their own: Xlib ends it where the X server is lost (tests/app/conftest.py then names the test).
 test: check
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not window"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder -m "not window"
 	$(BIN)/python -m pytest -q -m window tests/app
 
 test-fast: setup

@@ -63,6 +63,7 @@ def test_options_that_it_has_not_are_refused(number: str, tmp_path: Path) -> Non
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_portrait(tmp_path: Path) -> None:
     assert "pixels" in run("01", tmp_path / "a.png", 64)
     assert 0.2 < (picture(tmp_path / "a.png", 64, 64) != 255).any(-1).mean() < 0.9

@@ -65,6 +65,7 @@ def test_three_packages_and_all_their_files(wheel):
     assert names - expected() == set()
 
 
+@pytest.mark.slow
 def test_it_renders_away_from_the_checkout(wheel, tmp_path):
     """Unpacked beside the dependencies of this environment; nothing of the checkout is on the path."""
     site = tmp_path / "site"

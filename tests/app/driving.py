@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import time
+
 from imgui_bundle import hello_imgui, imgui
 from imgui_bundle.immapp import testing
 
 PATIENCE = 500.0
 """Seconds before the test engine gives up, the first frame included."""
+PAUSE = 0.05
+"""Seconds between frames of a window that waits: what it waits for, in another process, has the processor meanwhile."""
 
 
 def drive(window, scenario, size=(1280, 800)):
@@ -20,3 +24,12 @@ def drive(window, scenario, size=(1280, 800)):
     params = window.params(size, remember=False)
     params.callbacks.register_tests = patient
     testing.run(test_function=scenario, runner_params=params)
+
+
+def until(test, ready, seconds=90.0):
+    """Let the window draw until something is so; whether it is."""
+    end = time.monotonic() + seconds
+    while not ready() and time.monotonic() < end:
+        time.sleep(PAUSE)
+        test.yield_()
+    return ready()

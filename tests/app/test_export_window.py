@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import time
 
 import driving
 import glfw
@@ -17,6 +16,7 @@ from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.window.window import Window, start
 from ball import ball_engine
+from driving import until
 from imgui_bundle import hello_imgui, imgui
 from PIL import Image
 
@@ -24,14 +24,6 @@ from avatarrex.avatar_file import load_avatar
 
 pytestmark = pytest.mark.window
 ENTER = int(imgui.Key.enter)
-
-
-def until(test, ready, seconds=90.0):
-    """Yield until something is so."""
-    end = time.monotonic() + seconds
-    while not ready() and time.monotonic() < end:
-        test.yield_(1)
-    return ready()
 
 
 def export(test, window, kind, **fields):

@@ -13,6 +13,7 @@ from concurrent.futures import CancelledError
 from functools import cache
 from pathlib import Path
 
+import driving
 import glfw
 import numpy as np
 import pytest
@@ -85,10 +86,8 @@ def drop(*paths):
 
 def settle(test, window, seconds=30):
     """Let the window draw until everything has been opened."""
-    until = time.monotonic() + seconds
     test.yield_(3)
-    while (window.opening.busy or window.studio.avatars.reading) and time.monotonic() < until:
-        test.yield_()
+    driving.until(test, lambda: not (window.opening.busy or window.studio.avatars.reading), seconds)
     assert not window.opening.busy
     test.yield_(3)
 

@@ -14,7 +14,7 @@ from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.window.runs_window import RunsWindow
 from avatarrex_studio.window.window import Window, start
 from ball_studio import ball_studio
-from driving import drive
+from driving import drive, until
 from imgui_bundle import icons_fontawesome_6 as icons
 
 from avatarrex.training.runs.events import event_files
@@ -25,10 +25,7 @@ TINY = (sys.executable, str(Path(__file__).parents[1] / "tiny_run.py"))
 
 def wait(test, condition, seconds=90):
     """Let the window draw until something has happened."""
-    end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
-        test.yield_()
-    assert condition()
+    assert until(test, condition, seconds)
 
 
 def views(panel):

@@ -68,11 +68,9 @@ def waiting(studio):
 
 def rest(test, window, seconds=60):
     """Let the window draw until the picture is final."""
-    until = time.monotonic() + seconds
     test.yield_(6)
     studio = window.studio
-    while (studio.moving or waiting(studio) or not studio.pictures.current) and time.monotonic() < until:
-        test.yield_()
+    driving.until(test, lambda: studio.pictures.current and not studio.moving and not waiting(studio), seconds)
     assert studio.pictures.current
     assert not studio.moving
     assert not waiting(studio)

@@ -8,8 +8,9 @@ import trimesh
 from avatarrex.distil.hidden import caps, hidden, joined_to, shown
 
 
-def test_a_ball_in_a_head_is_hidden_until_the_head_is_opened():
+def test_a_ball_in_a_head_is_hidden_until_the_head_is_opened(monkeypatch):
     """With what is in front of it cut away, the front half of the inner ball is seen and its back half is not."""
+    monkeypatch.setattr("avatarrex.distil.hidden.SIDE", 256)
     head, ball = trimesh.creation.icosphere(3, 0.1), trimesh.creation.icosphere(2, 0.04)
     vertices = np.concatenate([head.vertices, ball.vertices])
     faces = np.concatenate([head.faces, ball.faces + len(head.vertices)])

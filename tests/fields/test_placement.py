@@ -56,6 +56,7 @@ def there(module: torch.nn.Module, device: str) -> bool:
     return all(p.device.type == device for network in networks(module) for p in network.parameters())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_frame_is_the_same_wherever_its_networks_run(device: str) -> None:
     signals = Signals.rest().replace(body_pose=named_pose("wave"), right_hand_pose=named_hand("fist", "right"))
@@ -70,6 +71,7 @@ def test_a_frame_is_the_same_wherever_its_networks_run(device: str) -> None:
     torch.testing.assert_close(found.image, want.image, atol=2e-4, rtol=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES)
 def test_the_bench_measures_frames_there(device: str) -> None:
     with machine(device):
@@ -122,6 +124,7 @@ def test_a_training_step_has_the_same_gradients(device: str, part: str, rig: dic
         assert (found[name] - value).abs().max() <= 0.02 * scale + 1e-9, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.filterwarnings(
     "ignore:.*copying from a non-meta parameter.*:UserWarning"

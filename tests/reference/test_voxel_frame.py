@@ -23,6 +23,7 @@ SIGNALS = Signals.rest().replace(
 HANDS = frozenset({"left_hand", "right_hand"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", ["person", "face"])
 def test_the_fast_frame_is_the_reference_frame(target: str) -> None:
     avatar = load_avatar()
