@@ -158,8 +158,8 @@ class Studio:
 
     @contextmanager
     def one_step(self) -> Iterator[None]:
-        """All that is done within is undone together."""
-        self._step = object()
+        """All that is done within is undone together, and with it what is played after it."""
+        self._step = self.playback.anew() if self.playback.playing else object()
         try:
             yield
         finally:
