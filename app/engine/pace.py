@@ -12,8 +12,7 @@ from statistics import median
 from typing import NamedTuple
 
 RATE, QUICK = 30.0, 50.0
-"""Pictures a second that are wanted, and with which there is room for finer ones. The step with most more work (one sample to four where
-a picture fills the screen) takes 1.6 times as long: after it there are 31 still."""
+"""Pictures a second that are wanted, and with which there is room for finer ones."""
 FEW, MANY, MOST = 4, 30, 600
 """Frames that make pictures coarser; and finer, after the first time that they became coarser, twice as many after each further one, at most:
 what is too slow when it is finer does not flicker."""
