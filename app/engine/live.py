@@ -69,11 +69,15 @@ class LiveSurface:
         return self._shine.shadow if self._shine and self._shine.light.floor else None
 
     def draw(
-        self, avatars: Sequence[Avatar | None], state: StudioState, size: tuple[int, int]
+        self,
+        avatars: Sequence[Avatar | None],
+        state: StudioState,
+        size: tuple[int, int],
+        samples: int = SAMPLES,
     ) -> SurfacePicture | None:
         """The picture, (width, height) pixels; `avatars`: of each figure, None for one that is not read yet and left out.
 
-        None where nobody is there, or an avatar has no surface.
+        `samples` of a pixel: 4, 2 or 1. None where nobody is there, or an avatar has no surface.
         """
         there = {k: avatar for k, avatar in enumerate(avatars) if avatar is not None}
         if not there or any(avatar.surface is None for avatar in there.values()):
@@ -85,7 +89,7 @@ class LiveSurface:
             self._tinted = {k: self._coloured(k, there[k], one.posed, state) for k, one in tinted.items()}
             self._casters |= {k: replace(tinted[k], posed=one.tinted) for k, one in self._tinted.items()}
         with clock("raster"):
-            self._picture = self._raster([harmonics_of(avatar) for avatar in there.values()], state)
+            self._picture = self._raster([harmonics_of(avatar) for avatar in there.values()], state, samples)
         self.ms = clock.milliseconds()
         return self._picture
 
@@ -122,13 +126,13 @@ class LiveSurface:
             tint = last.tinted.tint
         return Tinted(posed, selected, replace(posed, tint=tint))
 
-    def _raster(self, harmonics: Sequence[np.ndarray], state: StudioState) -> SurfacePicture:
+    def _raster(self, harmonics: Sequence[np.ndarray], state: StudioState, samples: int) -> SurfacePicture:
         """All in one picture: the last one, where it shows them as they are."""
         look = look_of(state.tools.shows, state.view)
         light = state.stage.light if look is None and state.tools.shows == IMAGE else None
         casters = list(self._casters.values())
         places = tuple((one.posed, one.world_from_root.tobytes(), one.hidden) for one in casters)
-        drawn = (places, self._camera.key(), look, light, tuple(one.tobytes() for one in harmonics))
+        drawn = (places, self._camera.key(), look, light, tuple(one.tobytes() for one in harmonics), samples)
         if self._picture is not None and drawn == self._drawn:
             return self._picture
         if self._shine is None or self._shine.light != light:
@@ -139,4 +143,4 @@ class LiveSurface:
             for one, lit, key in zip(casters, harmonics, keys)
         ]
         self._drawn = drawn
-        return draw_surfaces(placed, SAMPLES if levels.level(LIVE).antialias else 1)
+        return draw_surfaces(placed, samples if levels.level(LIVE).antialias else 1)

@@ -18,6 +18,7 @@ import moderngl
 import numpy as np
 from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.framing import Outline, framed
+from avatarrex_studio.engine.pace import FINEST, Detail, Pace, finer
 from avatarrex_studio.engine.pictures import Pictures, Subject
 from avatarrex_studio.engine.request import Exact, Seen
 from avatarrex_studio.live.listening import Listening
@@ -74,10 +75,12 @@ class Live(Protocol):
     def shadow(self) -> SurfaceShadow | None:
         """The floor's light under the last picture; None without a stage."""
 
-    def draw(self, avatars: Sequence[Avatar | None], state: StudioState, size: tuple[int, int]) -> Drawn | None:
+    def draw(
+        self, avatars: Sequence[Avatar | None], state: StudioState, size: tuple[int, int], samples: int
+    ) -> Drawn | None:
         """The picture of all figures, (width, height) pixels; `avatars`: of each, None for one that is not read yet and left out.
 
-        None where nobody is there, or an avatar has no surface.
+        `samples` of a pixel: 4, 2 or 1. None where nobody is there, or an avatar has no surface.
         """
 
     def point(self, column: int, row: int) -> Seen | None:
@@ -109,6 +112,9 @@ class Studio:
         """What moves the avatar until somebody does something."""
         self.surface: Drawn | None = None
         """The surface of the present state; None where the avatar has none."""
+        self.pace = Pace()
+        self._detail = FINEST
+        """Of the surface."""
         self.weight = 0.0
         """Share of the exact picture over the surface, 0 to 1."""
         self._clock = clock
@@ -152,8 +158,8 @@ class Studio:
 
     @contextmanager
     def one_step(self) -> Iterator[None]:
-        """All that is done within is undone together."""
-        self._step = object()
+        """All that is done within is undone together, and with it what is played after it."""
+        self._step = self.playback.anew() if self.playback.playing else object()
         try:
             yield
         finally:
@@ -180,7 +186,8 @@ class Studio:
         size = self.state.size.pixels(viewport)
         shown = self._greeted(now)
         self._see_avatars(now)
-        drawn = self._draw(size, shown)
+        self.pace.begin(now)
+        drawn = self._draw(now, size, shown)
         moves = self.playback.playing or shown is not self.state
         new = self.pictures.tick(now, self.state, size, self.surface is not None, moves)
         self.weight = self.pictures.weight(now, self.surface is not None)
@@ -223,21 +230,31 @@ class Studio:
                 _tell_of(name, before, avatar)
         self._read = {name: avatar for name, avatar in (self._read | read).items() if name in names}
 
-    def _draw(self, size: tuple[int, int], shown: StudioState) -> bool:
-        """Draw the surface where what it shows has changed; whether it was drawn."""
+    def _draw(self, now: float, size: tuple[int, int], shown: StudioState) -> bool:
+        """Draw the surface where what it shows has changed, and more finely where that has come to rest; whether it was drawn."""
         subject, avatars = Subject.of(shown, size), self.avatars.all_ready(own.avatar for own in shown.figures)
         if self.live is None or not any(avatars) or _same(avatars, self._faulty):
             self.surface = self._drawn = None
             return False
-        if subject == self._drawn and _same(avatars, self._avatars):
+        detail = finer(self._detail)
+        if subject != self._drawn or not _same(avatars, self._avatars):
+            detail = self._moving_detail(now, shown)
+        elif self._detail == FINEST or not self.pictures.rests(now):
             return False
         try:
-            self.surface, self._drawn = self.live.draw(avatars, shown, size), subject
-            self._avatars = avatars
+            self.surface = self.live.draw(avatars, shown, detail.size(size), detail.samples)
+            self._drawn, self._avatars, self._detail = subject, avatars, detail
         except Exception:  # a fault of ours: its trace goes to the log, and exact pictures are shown
             log.exception("the surface could not be drawn")
             self.surface, self._drawn, self._faulty = None, None, avatars
         return self.surface is not None
+
+    def _moving_detail(self, now: float, shown: StudioState) -> Detail:
+        """How finely what has changed is drawn: a first picture, and the gentle motion of a greeting, as finely as can be."""
+        if self.surface is None or shown is not self.state:
+            return FINEST
+        self.pace.drawn(now)
+        return self.pace.detail
 
     def seen(self, x: float, y: float) -> Seen | None:
         """What the picture shows at a place, shares of its width and height; None for the background."""
@@ -289,12 +306,14 @@ class Studio:
             or self.listening.present
             or self.fading
             or greets
+            or (self.surface is not None and self._detail != FINEST)
             or not self.pictures.rests(self._clock())
         )
 
     def forget_surface(self) -> None:
         """The OpenGL context that it was drawn in goes; it is drawn anew in the next."""
         self.surface = self._drawn = None
+        self._detail = FINEST
         self._avatars, self._faulty = [], []
         if self.live:
             self.live.forget()

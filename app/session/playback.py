@@ -20,6 +20,11 @@ class Playback:
         """What the frames of one playback have in common: they are undone together."""
         return "play", self._plays
 
+    def anew(self) -> tuple[str, int]:
+        """What plays from here on is undone together with what is done now, and apart from what was played before."""
+        self._plays += 1
+        return self.gesture
+
     def toggle(self, state: StudioState, now: float) -> None:
         """Start, again from the first frame after the last, or stop."""
         self.playing = not self.playing

@@ -43,6 +43,7 @@ class Personal:
         if self._applied is None or now.theme != self._applied.theme:
             curves.close()  # made anew in its colours
             theme.use(now.theme)
+            hello_imgui.get_runner_params().imgui_window_params.background_color = theme.vec4(theme.PANEL)
         units.use(now.angles, now.lengths)
         self._viewport.preset = self._palette.preset = self.tour.preset = now.mouse
         self.scale.preferred = now.scale

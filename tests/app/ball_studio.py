@@ -76,7 +76,7 @@ class FakeLive:
     shadow = None
     ms = {"pose": 1.0, "draw": 2.0, "total": 3.0}  # noqa: RUF012
 
-    def draw(self, avatar, state, size):
+    def draw(self, avatar, state, size, samples=4):
         self.drawn.append((state, size))
         return SimpleNamespace(texture=f"texture {len(self.drawn)}")
 

@@ -246,6 +246,38 @@ def test_frames_are_passed_on_sixty_times_a_second_at_most():
     assert 50 <= passed <= 67
 
 
+def test_a_recording_that_is_kept_while_something_plays_is_one_step(studio, clock):
+    """Undone once, it is gone, with what was played after it; undone twice, what was played before it is, too."""
+    studio.open_motion("wave")
+    studio.do(AddLayer(Layer("Phone", feed=Feed("livelink"), parts=frozenset({"expression", "mouth", "head"}))))
+    sent = Sent()
+    studio.listening.take_up("Phone", sent)
+    names, steps = [layer.name for layer in studio.state.timeline.layers], len(studio.journal.steps)
+
+    def play(frames):
+        for k in range(frames):
+            clock.now += 1 / 30
+            sent.said, sent.at = of_jaw(k / 100), clock.now
+            studio.tick((32, 24))
+
+    studio.toggle_play()
+    play(10)
+    studio.record_live("Phone")
+    play(10)
+    before = studio.state.timeline.frame
+    studio.record_live("Phone")
+    play(10)
+    studio.toggle_play()
+    assert len(studio.state.timeline.layers) == len(names) + 1
+    assert len(studio.journal.steps) == steps + 2, "played, and kept"
+    studio.undo()
+    assert [layer.name for layer in studio.state.timeline.layers] == names
+    assert not studio.state.timeline.layer("Phone").muted
+    assert studio.state.timeline.frame == before
+    studio.undo()
+    assert studio.state.timeline.frame == 0
+
+
 def test_a_live_layer_is_smoothed_recorded_and_replayed(studio, clock, tmp_path):
     """Live frames are no undo steps; the recording becomes a clip; the journal gives the same state without either."""
     studio.do(SetExpression("browInnerUp", 0.2))

@@ -222,8 +222,8 @@ def test_a_failed_picture_is_not_tried_again_until_something_changes(clock, capl
 
 def test_a_surface_that_cannot_be_drawn_leaves_the_exact_pictures(clock, caplog):
     class Faulty(FakeLive):
-        def draw(self, avatar, state, size):
-            super().draw(avatar, state, size)
+        def draw(self, avatar, state, size, samples=4):
+            super().draw(avatar, state, size, samples)
             raise RuntimeError("no such triangle")
 
     studio = ball_studio(clock, live=Faulty())

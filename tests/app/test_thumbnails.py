@@ -34,7 +34,7 @@ def drawn(monkeypatch):
     """What was drawn: grey, half covered."""
     found = []
 
-    def draw(self, avatar, state, size):
+    def draw(self, avatar, state, size, samples=4):
         found.append(state)
         picture = np.full((*size, 4), 0.5, np.float32)
         return SimpleNamespace(read=lambda: picture)

@@ -21,7 +21,7 @@ from avatarrex_studio.engine.exact import ExactEngine
 from avatarrex_studio.engine.live import LiveSurface
 from avatarrex_studio.engine.staging import in_light
 from avatarrex_studio.engine.studio import Studio
-from avatarrex_studio.panels import performance
+from avatarrex_studio.panels import performance, theme
 from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.session.commands import OrbitBy
 from avatarrex_studio.session.journal import Journal
@@ -247,7 +247,7 @@ class PlainSurface:
     def __init__(self):
         self.states, self.kept = [], {}
 
-    def draw(self, avatar, state, size):
+    def draw(self, avatar, state, size, samples=4):
         self.states.append(state)
         with current_context() as context:
             shade = round(state.view.azimuth) % 200
@@ -383,3 +383,27 @@ def test_the_real_pipeline_in_the_window(display, tmp_path):
     frames = compact_engine(between=None).frames(state, state.view.camera(shown.shape[1], shown.shape[0]))
     again = in_light(frames, state).image
     np.testing.assert_allclose(255 * again.numpy().clip(0, 1), shown, atol=1.0)
+
+
+def test_a_docked_panel_has_no_ground_of_its_own_and_a_floating_one_has(display):
+    """The screen is cleared to the colour of panels."""
+    flags = {}
+
+    def own():
+        params = hello_imgui.get_runner_params()
+        return params.docking_params.dockable_window_of_name("Body").imgui_window_flags
+
+    def scenario(test, window):
+        test.yield_(6)
+        test.window_focus("//Body")
+        test.yield_(3)
+        flags["docked"] = own()
+        flags["clear"] = tuple(hello_imgui.get_runner_params().imgui_window_params.background_color)
+        test.undock_window("//Body")
+        test.yield_(3)
+        flags["floating"] = own()
+
+    drive(ball_engine, scenario)
+    assert flags["docked"] == imgui.WindowFlags_.no_background
+    assert flags["floating"] == 0
+    assert flags["clear"] == pytest.approx((*theme.shade(theme.PANEL), 1.0), abs=1e-6)

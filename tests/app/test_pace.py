@@ -1,0 +1,134 @@
+"""How finely the surface is drawn while it moves: coarser while frames are slow, finer again at rest."""
+
+from __future__ import annotations
+
+import pytest
+from avatarrex_studio.engine.pace import DETAILS, FEW, FINEST, MANY, Pace, finer
+from avatarrex_studio.engine.pictures import REST
+from avatarrex_studio.session.commands import OrbitBy
+from ball_studio import FakeLive, ball_studio
+
+VIEWPORT = (80, 60)
+
+
+def frames(pace, seconds, number, now=0.0):
+    """So many frames with a moving picture in each; when the last one has ended."""
+    for _ in range(number):
+        pace.begin(now)
+        pace.drawn(now)
+        now += seconds
+    pace.begin(now)
+    return now
+
+
+def test_slow_frames_make_pictures_coarser_step_by_step():
+    pace = Pace()
+    frames(pace, 0.045, FEW - 1)
+    assert pace.detail == FINEST, "too few to tell"
+    frames(pace, 0.045, 1)
+    assert pace.detail == DETAILS[1]
+    frames(pace, 0.045, 10 * FEW)
+    assert pace.detail == DETAILS[-1]
+
+
+def test_one_slow_frame_among_quick_ones_and_what_is_quick_enough_change_nothing():
+    pace = Pace()
+    for _ in range(10):
+        frames(pace, 0.016, FEW - 1)
+        frames(pace, 0.3, 1)
+    frames(pace, 0.03, 200)
+    assert pace.detail == FINEST
+
+
+def test_frames_without_a_picture_do_not_count():
+    """A motion of ten frames a second on a quick machine: long between pictures, and no frame is slow."""
+    pace, now = Pace(), 0.0
+    for k in range(300):
+        pace.begin(now)
+        if k % 6 == 0:
+            pace.drawn(now)
+        now += 1 / 60
+    assert pace.detail == FINEST
+
+
+def test_many_quick_frames_make_it_finer_and_each_fall_makes_that_rarer():
+    pace = Pace()
+    frames(pace, 0.045, FEW)
+    frames(pace, 0.018, MANY - 1)
+    assert pace.detail == DETAILS[1]
+    frames(pace, 0.018, 1)
+    assert pace.detail == FINEST
+    frames(pace, 0.045, FEW)
+    frames(pace, 0.018, 2 * MANY - 1)
+    assert pace.detail == DETAILS[1]
+    frames(pace, 0.018, 1)
+    assert pace.detail == FINEST
+
+
+@pytest.mark.parametrize("coarse", [0.019, 0.025])
+def test_what_is_too_slow_when_it_is_finer_does_not_flicker(coarse):
+    """A minute in which the finest takes 45 ms and all others less: ever fewer changes."""
+    pace, now, seen = Pace(), 0.0, [FINEST]
+    while now < 60:
+        now = frames(pace, 0.045 if pace.detail == FINEST else coarse, 1, now)
+        if pace.detail != seen[-1]:
+            seen.append(pace.detail)
+    assert len(seen) <= (20 if coarse < 0.02 else 2)
+
+
+def test_the_raster_is_a_share_of_the_full_one():
+    assert DETAILS[-1].size((605, 542)) == (454, 406)
+    assert FINEST.size((605, 542)) == (605, 542)
+    assert finer(DETAILS[-1]) == DETAILS[-2]
+    assert finer(FINEST) == FINEST
+
+
+class Sampled(FakeLive):
+    """Keeps how each picture was drawn, too."""
+
+    def draw(self, avatar, state, size, samples=4):
+        self.details = [*getattr(self, "details", []), (size, samples)]
+        return super().draw(avatar, state, size, samples)
+
+
+def turned(studio, clock, seconds, number):
+    """So many pictures of a view that turns."""
+    for _ in range(number):
+        studio.do(OrbitBy(1.0, 0.0))
+        studio.tick(VIEWPORT)
+        clock.now += seconds
+
+
+def test_a_drag_on_a_slow_machine_is_drawn_coarsely_and_finely_again_when_it_rests(clock):
+    live = Sampled()
+    studio = ball_studio(clock, live=live)
+    studio.tick(VIEWPORT)
+    clock.now += 1
+    turned(studio, clock, 0.05, 4 * FEW)
+    assert live.details[0] == (VIEWPORT, 4), "the first picture"
+    assert live.details[-1] == ((60, 45), 1)
+    assert studio.moving
+    drawn = len(live.details)
+    clock.now += REST / 4
+    studio.tick(VIEWPORT)
+    clock.now += REST / 8
+    studio.tick(VIEWPORT)
+    assert len(live.details) == drawn, "it has only just stopped"
+    clock.now += REST
+    while studio.tick(VIEWPORT) and len(live.details) < drawn + 9:
+        assert studio.moving or live.details[-1] == (VIEWPORT, 4), "the loop does not sleep before it is fine"
+    assert live.details[drawn:] == [(VIEWPORT, 1), (VIEWPORT, 2), (VIEWPORT, 4)]
+    turned(studio, clock, 0.05, 1)
+    assert live.details[-1] == ((60, 45), 1), "the next drag begins where this one was"
+
+
+def test_a_quick_machine_draws_all_finely(clock):
+    live = Sampled()
+    studio = ball_studio(clock, live=live)
+    studio.tick(VIEWPORT)
+    clock.now += 1
+    turned(studio, clock, 1 / 60, 50)
+    clock.now += 1
+    studio.tick(VIEWPORT)
+    assert set(live.details) == {(VIEWPORT, 4)}
+    assert len(live.details) == 51
