@@ -44,12 +44,14 @@ def run(words: Sequence[str], check: Callable[[Sequence[str]], object]) -> int:
     at_once = options.whole("--at-once", given.at_once, 1) if given.submit == "local" else 0
     folder = Path(given.jobs).absolute()
     check_writable(folder / "job")
+    parameters = _parameters(given)
     folder.mkdir(parents=True, exist_ok=True)
     jobs = [_new(folder, line, at_once) for line in lines]
-    submit(jobs, given.submit, folder, _parameters(given))
+    submit(jobs, given.submit, folder, parameters)
     for job in jobs:
         print(f"{job.path.name}: submitted; {job.log}")
-    print(f"avatarrex-studio runs {os.path.relpath(folder)} --text   shows them")
+    shown = folder.parent if folder.name == "jobs" else folder
+    print(f"avatarrex-studio runs {os.path.relpath(shown)} --text   shows them")
     return 0
 
 
@@ -81,7 +83,7 @@ def again(job: Job, where: str) -> None:
 
 def _new(folder: Path, words: tuple[str, ...], at_once: int) -> Job:
     """A job with a folder of its own, numbered."""
-    target = next((words[k + 1] for k, word in enumerate(words[:-1]) if word in ("--out", "--json")), words[-1])
+    target = next((words[k + 1] for k, word in enumerate(words[:-1]) if word in ("--out", "--json")), words[1])
     name = re.sub(r"[^\w.-]+", "_", "-".join([words[0], Path(target).stem]))[:60]
     number = 1 + max((int(path.name[:4]) for path in folder.glob("[0-9][0-9][0-9][0-9]-*")), default=0)
     path = folder / f"{number:04}-{name}"

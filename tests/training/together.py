@@ -1,4 +1,7 @@
-"""One process of a small training that torchrun starts: `together.py CAPTURE RUN [DIES_AT]`; the second one kills itself once."""
+"""One process of a small training that torchrun starts: `together.py CAPTURE FOLDER`.
+
+The first trains alone in FOLDER/one; then all train in FOLDER/two, where the second kills itself once, two steps after a checkpoint.
+"""
 
 from __future__ import annotations
 
@@ -19,20 +22,22 @@ from avatarrex.training.core.work import Work
 from avatarrex.training.runs.folder import Run
 from avatarrex.training.runs.follower import Follower
 
-
-def _recipe(part):
-    """Two frames, an odd number of rays: shares are uneven."""
-    one, two = getattr(tiny_recipe.TINY, part)
-    return replace(one, steps=4, rays=41, outline=33), replace(two, steps=3)
-
-
-RECIPE = replace(tiny_recipe.TINY, **{part: _recipe(part) for part in ("face", "body")}, evaluate=100)
+SAVED, DIES = 3, 5
+"""Steps of the only checkpoint within pass I, and of the death."""
+_ONE, _TWO = tiny_recipe.TINY.body
+RECIPE = replace(
+    tiny_recipe.TINY,
+    body=(replace(_ONE, steps=6, rays=41, outline=33), replace(_TWO, steps=2)),
+    interval=SAVED,
+    evaluate=100,
+)
+"""An odd number of rays: shares are uneven."""
 
 
 def train(capture: Path, folder: Path, group: ProcessGroup = ALONE) -> None:
     """To the end, every step reported."""
     train_module.REPORT, held_out.PICTURES = 1, 1
-    config = {"part": "face,body", "preset": "tiny", "capture": str(capture), "seed": 0, "steps": RECIPE.steps()}
+    config = {"part": "body", "preset": "tiny", "capture": str(capture), "seed": 0, "steps": RECIPE.steps()}
     run: Run | None = None
     if group.leads:
         run = Run.open(folder) if restarted() else Run.create(folder, config)
@@ -41,12 +46,12 @@ def train(capture: Path, folder: Path, group: ProcessGroup = ALONE) -> None:
         assert Trainer(open_capture(capture), RECIPE, followed, group=group).train()
 
 
-def dying(at: int) -> None:
-    """This process is killed before its gradients of the body's step `at` are added."""
+def dying() -> None:
+    """This process is killed before its gradients of step `DIES` are added."""
     real = Work.descend
 
     def descend(self, total):
-        if self.stage.part == "body" and self.step == at:
+        if self.step == DIES:
             os.kill(os.getpid(), signal.SIGKILL)
         real(self, total)
 
@@ -55,6 +60,9 @@ def dying(at: int) -> None:
 
 if __name__ == "__main__":
     with process_group("cpu") as (others, _):
-        if len(sys.argv) > 3 and others.rank == 1 and not restarted():
-            dying(int(sys.argv[3]))
-        train(Path(sys.argv[1]), Path(sys.argv[2]), others)
+        if not restarted():
+            if others.leads:
+                train(Path(sys.argv[1]), Path(sys.argv[2]) / "one")
+            else:
+                dying()
+        train(Path(sys.argv[1]), Path(sys.argv[2]) / "two", others)

@@ -17,6 +17,8 @@ from fractions import Fraction
 import torch
 import torch.distributed as dist
 from torch import Tensor, nn
+from torch.distributed.distributed_c10d import PrefixStore
+from torch.distributed.rendezvous import rendezvous
 
 from avatarrex.errors import InputError
 
@@ -135,9 +137,9 @@ def process_group(device: str) -> Iterator[tuple[ProcessGroup, str]]:
         if int(os.environ["LOCAL_RANK"]) >= torch.cuda.device_count():
             found = f"{torch.cuda.device_count()} for {os.environ['LOCAL_WORLD_SIZE']} processes"
             raise InputError("--device", "", "a GPU for each process", found)
-    store, rank, size = next(dist.rendezvous("env://", timeout=PATIENCE))
+    store, rank, size = next(rendezvous("env://", timeout=PATIENCE))
     # After a restart torchrun's store still has the addresses of the processes that are gone.
-    own = dist.PrefixStore(f"start_{os.environ['TORCHELASTIC_RESTART_COUNT']}", store)
+    own = PrefixStore(f"start_{os.environ['TORCHELASTIC_RESTART_COUNT']}", store)
     backends = "cpu:gloo,cuda:nccl" if kind == "cuda" else "gloo"
     dist.init_process_group(backends, store=own, rank=rank, world_size=size, timeout=PATIENCE)
     group = ProcessGroup(rank, size)
