@@ -1,6 +1,6 @@
 """A verb of the command line that runs elsewhere: what its job's folder says, and the function that does it there.
 
-    JOBS/0001-train-a/job.json        words, state, tries, exit code (assets_spec/job.json)
+    JOBS/0001-train-a/job.json        words, state, tries, exit code
                       heartbeat.json  that it lives, as in a run folder
                       log             what the verb prints
 

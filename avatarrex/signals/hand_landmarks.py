@@ -88,7 +88,7 @@ def tracks_of(path: Path, data: Any) -> tuple[dict[str, np.ndarray], float | Non
 def is_landmarks(data: Any) -> bool:
     """Whether JSON looks like hand landmarks."""
     if isinstance(data, list):
-        return True
+        return bool(data) and isinstance(data[0], list)
     return isinstance(data, dict) and "frames" not in data and bool({*SIDES, "landmarks"} & data.keys())
 
 

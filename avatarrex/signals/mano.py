@@ -22,7 +22,7 @@ from avatarrex.signals.sequence import SignalSequence, check_frames, check_rate,
 
 POSES = ("poses", "pose", "hand_pose")
 SIDE_KEYS = ("side", "hand", "is_right", "is_rhand")
-KEYS = (*POSES, *SIDE_KEYS, *FLAGS, "fps", "betas", "global_orient")
+KEYS = (*POSES, *SIDE_KEYS, *FLAGS, "fps")
 HAND_ONLY = ("hand_pose", *SIDE_KEYS)
 """Of `KEYS` what a file of a whole body does not have."""
 WIDEST = 48

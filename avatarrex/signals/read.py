@@ -26,8 +26,8 @@ from avatarrex.signals.speech import read_speech
 
 FORMAT, VERSION = "avatarrex-signals", 1
 READERS: dict[str, Callable[[Path, ImportOptions], ImportedMotion]] = {
-    ".bvh": read_bvh, ".amc": read_amc, ".fbx": read_fbx, ".npz": read_smplx, ".npy": read_vectors, ".csv": read_livelink,
-    ".wav": read_speech, ".pkl": read_mano,
+    ".bvh": read_bvh, ".amc": read_amc, ".fbx": read_fbx, ".npz": read_smplx, ".npy": read_vectors, ".pkl": read_mano, ".csv": read_livelink,
+    ".wav": read_speech,
     ".json": lambda path, options: _of_json(path, options),
 }  # fmt: skip
 """What reads a file, by its extension."""
