@@ -29,7 +29,7 @@ STOPPED = 130
 LATER = ("splits", "capture_key")
 """What the `run.json` of older versions may lack."""
 WITHOUT = 1
-"""Exit status of a training whose surface could not be made."""
+"""Exit status of a training whose surface could not be made, and of a process that lost the others."""
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -77,12 +77,14 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.parts:
         options.some_of("--parts", arguments.parts, recipe.steps())
     output_folder(arguments.out, "run.json")
-    from avatarrex.training.core.process_group import PeerLost, process_group
+    from avatarrex.training.core.process_group import PeerLost, leads, process_group
 
     try:
         with process_group(arguments.device) as (group, device):
             return _train(arguments, recipe, group, device)
     except PeerLost as error:
+        if not leads():
+            return WITHOUT  # the one that leads says it, or why it ended itself
         raise InputError(arguments.out, "", "all processes of the training", str(error)) from None
 
 

@@ -97,19 +97,20 @@ class VolumePass(ABC):
         for slot in range(recipe.frames):
             rng = np.random.default_rng([self.seed, step, slot])
             store, index, view = self.store.drawn(rng, recipe.close)
+            rig = store.rig
             result.pictures.append((index, view))
             if slot not in own:
                 continue
             noise, share, frame = noise_of(self.seed, step, slot), own[slot], store[index]
             window = self.window(frame, view)
-            pixels = draw_pixels(store.rig, view, index, recipe.rays // recipe.frames, rng, window)
+            pixels = draw_pixels(rig, view, index, recipe.rays // recipe.frames, rng, window)
             pixels = replace(pixels, share=share)
             field, terms = self.field(frame, noise)
-            camera = frame.camera(store.rig.views[view].camera)
+            camera = frame.camera(rig.views[view].camera)
             losses, samples = self.render_losses(field, frame, camera, pixels, gamma, noise)
             evaluated, met = evaluated + samples, met + int((pixels.own.matte > 0.5).sum())
             if recipe.outline:
-                edge = draw_outline(store.rig, view, index, recipe.outline // recipe.frames, rng, window)
+                edge = draw_outline(rig, view, index, recipe.outline // recipe.frames, rng, window)
                 losses["silhouette"], queried = self.outline_loss(field, frame, camera, pixels.joined(edge))
                 result.silhouette_rays += queried
             found[slot] = losses | {name: of_share(value, share.size) for name, value in terms.items()}

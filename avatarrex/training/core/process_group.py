@@ -150,6 +150,11 @@ def process_group(device: str) -> Iterator[tuple[ProcessGroup, str]]:
         dist.destroy_process_group()
 
 
+def leads() -> bool:
+    """Whether torchrun calls this process the first; also without a group, before it is there and after it broke."""
+    return os.environ.get("RANK", "0") == "0"
+
+
 def restarted() -> bool:
     """Whether torchrun has started this training again, after one of its processes had ended."""
     return int(os.environ.get("TORCHELASTIC_RESTART_COUNT", "0")) > 0
