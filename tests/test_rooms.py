@@ -45,6 +45,7 @@ ROOMS = (
     ("avatarrex_studio.panels",),
     ("avatarrex_studio.window",),
     ("avatarrex_studio.cli",),
+    ("avatarrex_studio.__main__",),
 )
 """From the bottom up. Rooms side by side may import each other as long as no files import each other in a circle."""
 FLOOR = {room: floor for floor, rooms in enumerate(ROOMS) for room in rooms}

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import NoReturn
 
-from avatarrex_studio.cli import PROGRAM
+from avatarrex_studio.cli import PROGRAM, submit
 from avatarrex_studio.engine.pages import keep_pages
 
 from avatarrex.errors import InputError
@@ -48,6 +48,7 @@ examples:
   avatarrex-studio render out.png --pose wave --expression smile
   avatarrex-studio render walk.mp4 --motion walk.bvh --frames 0:240:2 --size 640x480
   avatarrex-studio render out.png --set body.left_elbow=0,0,45deg --set face.jawOpen=0.6 --aov depth,normal
+  avatarrex-studio train {c} --out runs/{c} --over c=anna,ben --submit slurm   jobs of their own (docs/scale.md)
 """
 SIGNED = ("--frame", "--frames", "--held-out-frames", "--size", "--camera", "--up", "--forward")
 """Options whose value may start with a minus."""
@@ -57,6 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     words = sys.argv[1:] if argv is None else argv
     try:
+        if submit.wanted(words):
+            return submit.run(words, parse)
         arguments = parse(words)
         keep_pages()
         code: int = arguments.run(arguments)

@@ -10,6 +10,7 @@ from avatarrex_studio.cli import motion_options, options
 
 from avatarrex.errors import InputError, plain
 from avatarrex.files.gate import check_writable
+from avatarrex.signals.contacts import contact_report
 from avatarrex.signals.ground import lowest
 from avatarrex.signals.imported import ImportedMotion
 from avatarrex.signals.own_motions import MOTIONS
@@ -69,9 +70,14 @@ def table(path: str, imported: ImportedMotion) -> list[str]:
         lines += [
             f"  {part:{first}}{median:6.1f} {largest:6.1f}" for part, (median, largest) in imported.errors.items()
         ]
-    low = lowest(*(np.stack(rows) for rows in zip(*((f.full_pose(), f.translation) for f in imported.sequence))))
+    pose, places = (np.stack(rows) for rows in zip(*((f.full_pose(), f.translation) for f in imported.sequence)))
+    low = lowest(pose, places)
     heights = ", ".join(f"{100 * height:.1f}" for height in np.percentile(low, (5, 50, 95)))
     lines += ["", f"  {'over the floor':{first}}lowest point, cm: {heights} (5 %, median, 95 % of the frames)"]
+    for side, foot in contact_report(pose, places, imported.sequence.fps).items():
+        slide = f"slides {100 * foot.slide:.1f} on average, {100 * foot.farthest:.1f} at most"
+        words = f"{foot.spans} contacts; {slide}; sinks {100 * foot.sink:.1f} at most"
+        lines.append(f"  {side + ' foot':{first}}stands, cm: {words}")
     if imported.skeleton:
         lines += ["", f"  {'joint':{first}}in the file"]
         lines += [f"  {ours:{first}}{theirs}" for ours, theirs in _body(imported.skeleton.mapped).items()]

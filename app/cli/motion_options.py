@@ -11,7 +11,10 @@ from avatarrex.files.json_text import read_json
 from avatarrex.signals.import_options import AXES, FLOORS, RESTS, SHORT, ImportOptions
 from avatarrex.signals.own_motions import MOTIONS
 
-KINDS = f".bvh, .amc, .fbx, .npz and .npy (SMPL, SMPL-X, AMASS), .csv (Live Link Face), .wav (the mouth), .json; or {', '.join(MOTIONS)}"
+KINDS = (
+    ".bvh, .amc, .fbx, .npz and .npy (SMPL, SMPL-X, AMASS, MANO, Faceverse, hand landmarks), .pkl (MANO), .csv (Live Link Face), "
+    f".wav (the mouth), .json; or {', '.join(MOTIONS)}"
+)
 """What `--motion` takes."""
 
 
@@ -28,6 +31,9 @@ def add_import(verb: argparse.ArgumentParser) -> None:
     add("--rest", metavar="R", help=f"{' or '.join(RESTS)}: the rest pose is a person's, or a bundle of bones")
     add("--floor", metavar="F", help=f"{', '.join(FLOORS)}: what is put on the floor")
     add("--lock-feet", action="store_true", help="feet that stand neither slide nor sink")
+    add("--side", metavar="SIDE", help="left or right, where a file of one hand does not say which")
+    add("--hand-mean", metavar="M", help="flat, or the model file (SMPLX_*.npz, MANO_*.pkl) of the mean hand and PCA")
+    add("--expressions", metavar="FILE.csv", help="the 52 coefficients by another face's (docs/signals.md)")
     add("--map", metavar="FILE.json", help='joints: {"left_knee": "shin_L", …}; an empty name leaves ours at rest')
 
 
@@ -35,7 +41,7 @@ def import_options(arguments: argparse.Namespace) -> ImportOptions:
     """Of the options of `add_import`, checked."""
     given = {
         name: getattr(arguments, name)
-        for name in ("up", "forward", "unit", "rest", "floor")
+        for name in ("up", "forward", "unit", "rest", "floor", "side", "hand_mean", "expressions")
         if getattr(arguments, name)
     }
     if arguments.fps is not None:
@@ -55,8 +61,8 @@ def import_options(arguments: argparse.Namespace) -> ImportOptions:
 
 def refuse_without_motion(arguments: argparse.Namespace) -> None:
     """Refuse options of `add_import` where no motion is given."""
-    for name in ("up", "forward", "unit", "fps", "rest", "floor", "map"):
+    for name in ("up", "forward", "unit", "fps", "rest", "floor", "map", "side", "hand_mean", "expressions"):
         if getattr(arguments, name) is not None:
-            raise InputError(f"--{name}", "", "--motion FILE with it", "no motion")
+            raise InputError(f"--{name.replace('_', '-')}", "", "--motion FILE with it", "no motion")
     if arguments.lock_feet:
         raise InputError("--lock-feet", "", "--motion FILE with it", "no motion")

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from avatarrex_studio.cli import options, submit
 from avatarrex_studio.cli.open import no_display
 from avatarrex_studio.jobs.run_view import RunView, duration
 from avatarrex_studio.jobs.runs import Runs
+from avatarrex_studio.jobs.submitted import Job, dead, jobs_below, view_of
 
-from avatarrex.errors import InputError
+from avatarrex.errors import InputError, plain
 
 SECONDS = 1.0
 """Between two drawings of a live table."""
@@ -28,10 +31,14 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("folder", nargs="?", default="runs", help="a run, or a folder of runs (runs)")
     verb.add_argument("--text", action="store_true", help="a live table in the terminal; needs no display")
     verb.add_argument("--once", action="store_true", help="print the table once and end")
+    again = "submit the jobs below the folder again that died or failed: local or slurm"
+    verb.add_argument("--requeue", metavar="WHERE", help=again)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Watch until the window is closed or Ctrl+C, or print the table once. Raises `InputError`."""
+    if arguments.requeue:
+        return requeue(Path(arguments.folder), options.one_of("--requeue", arguments.requeue, submit.WHERE))
     if arguments.text or arguments.once:
         return show(arguments.folder, arguments.once)
     if no_display(f"runs {arguments.folder} --text"):
@@ -51,8 +58,9 @@ def show(folder: str | Path, once: bool = False) -> int:
         while runs.poll():
             pass
         width = shutil.get_terminal_size((140, 40)).columns
-        lines = table(runs.views, width if terminal else None, colour=terminal)
-        if not runs.views:
+        views = [*runs.views, *job_views(folder, runs.views)]
+        lines = table(views, width if terminal else None, colour=terminal)
+        if not views:
             lines = [f"no runs below {folder}"]
         if terminal and not once:
             print("\x1b[H\x1b[2J", end="")
@@ -60,6 +68,32 @@ def show(folder: str | Path, once: bool = False) -> int:
         if once:
             return 0
         time.sleep(SECONDS if terminal else 10 * SECONDS)
+
+
+def job_views(folder: Path, runs: Sequence[RunView]) -> list[RunView]:
+    """Rows of the jobs that were submitted; of a training that its run's row tells all of, none."""
+    known = {run.path.absolute(): run.state for run in runs}
+    found = []
+    for path in jobs_below(folder):
+        job = Job.read(path)
+        if job is None:
+            continue
+        view = view_of(job, plain(os.path.relpath(path, folder)))
+        if job.run is None or known.get(job.run.absolute()) != view.state:
+            found.append(view)
+    return found
+
+
+def requeue(folder: Path, where: str) -> int:
+    """Submit again what has died or failed; a training goes on from its last checkpoint. Raises `InputError`."""
+    jobs = [job for job in map(Job.read, jobs_below(folder)) if job is not None]
+    some = [job for job in jobs if job.state in ("failed", "stopped") or dead(job)]
+    for job in some:
+        submit.again(job, where)
+        print(f"{job.path.name}: submitted; {job.log}")
+    if not some:
+        print(f"no jobs below {folder} that died or failed")
+    return 0
 
 
 def table(views: Sequence[RunView], width: int | None = None, colour: bool = False) -> list[str]:

@@ -20,6 +20,7 @@ from avatarrex.training.recipe import RECIPES, Recipe, from_scratch
 if TYPE_CHECKING:
     from avatarrex.avatar import Avatar
     from avatarrex.capture.readers.rigs import Capture, Rig
+    from avatarrex.training.core.process_group import ProcessGroup
     from avatarrex.training.runs.folder import Run
 
 log = logging.getLogger(__name__)
@@ -28,7 +29,7 @@ STOPPED = 130
 LATER = ("splits", "capture_key")
 """What the `run.json` of older versions may lack."""
 WITHOUT = 1
-"""Exit status of a training whose surface could not be made."""
+"""Exit status of a training whose surface could not be made, and of a process that lost the others."""
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -72,40 +73,78 @@ def run(arguments: argparse.Namespace) -> int:
             raise InputError("--from-scratch", "", "no avatar to go on from with it", f"--start {arguments.start}")
         recipe = from_scratch(recipe)
     recipe = replace(recipe, mixed=arguments.mixed)
-    seed = options.whole("--seed", arguments.seed, 0)
-    chosen = options.some_of("--parts", arguments.parts, recipe.steps()) if arguments.parts else None
+    options.whole("--seed", arguments.seed, 0)
+    if arguments.parts:
+        options.some_of("--parts", arguments.parts, recipe.steps())
     output_folder(arguments.out, "run.json")
+    from avatarrex.training.core.process_group import PeerLost, leads, process_group
+
+    try:
+        with process_group(arguments.device) as (group, device):
+            return _train(arguments, recipe, group, device)
+    except PeerLost as error:
+        if not leads():
+            return WITHOUT  # the one that leads says it, or why it ended itself
+        raise InputError(arguments.out, "", "all processes of the training", str(error)) from None
+
+
+def _train(arguments: argparse.Namespace, recipe: Recipe, group: ProcessGroup, device: str) -> int:
+    """Train as one of the group's processes; of several the first alone writes."""
     from avatarrex.avatar_file import load_avatar
     from avatarrex.capture.readers.rigs import open_capture
     from avatarrex.fields.placement import device_named
     from avatarrex.training.core.trainer import Trainer
-    from avatarrex.training.runs.folder import check_free
 
-    check_free(Path(arguments.out), arguments.resume)
-    device = str(device_named(arguments.device))
+    _check_free(arguments, group)
+    device = str(device_named(device))
     start = load_avatar(arguments.start) if arguments.start else None
     capture = open_capture(arguments.capture)
     for note in capture.notes:
         print(note)
     capture = with_person(capture, arguments.person)
+    chosen = options.some_of("--parts", arguments.parts, recipe.steps()) if arguments.parts else None
     parts = tuple(part for part in recipe.steps() if part in (chosen or capture.rigs))
     capture = split_as_wanted(capture, arguments)
     require_pictures(capture, parts)
     capture = _fitted(capture, start, arguments)
-    trained = _open_run(arguments, _config(arguments, capture, recipe, parts, seed))
+    trained = _joined_run(arguments, _config(arguments, capture, recipe, parts), group)
     with trained:
         recipe = kept_recipe(trained.path, trained.config, arguments.mixed, arguments.from_scratch)
-        trainer = Trainer(capture, recipe, trained, start, str(device))
+        trainer = Trainer(capture, recipe, trained, start, device, group)
         print(trainer.perceptual.note)
         finished = trainer.train()
         if not finished:
             trained.close("stopped")
-        elif arguments.no_surface:
+        elif arguments.no_surface or not group.leads:
             trained.close("finished")
         else:
             return _with_surface(trained, device)
     print(f"{trained.path}: " + ("finished" if finished else "stopped; --resume goes on"))
     return 0 if finished else STOPPED
+
+
+def _check_free(arguments: argparse.Namespace, group: ProcessGroup) -> None:
+    """Refuse a folder in which another training is; one that torchrun starts again goes on with its own."""
+    from avatarrex.training.core.process_group import restarted
+    from avatarrex.training.runs.folder import check_free
+
+    begun = group.any(group.leads and restarted() and (Path(arguments.out) / "run.json").exists())
+    arguments.resume = arguments.resume or begun
+    if group.leads:
+        check_free(Path(arguments.out), arguments.resume)
+    group.wait()
+
+
+def _joined_run(arguments: argparse.Namespace, config: dict[str, Any], group: ProcessGroup) -> Run:
+    """The run, opened by the process that leads; the others follow once it is there."""
+    from avatarrex.training.runs.follower import Follower
+
+    if group.leads:
+        run = _open_run(arguments, config)
+        group.wait()
+        return run
+    group.wait()
+    return Follower(arguments.out)
 
 
 def _with_surface(trained: Run, device: str) -> int:
@@ -240,9 +279,7 @@ def kept_recipe(path: Path, config: Mapping[str, Any], mixed: bool, scratch: boo
     return recipe
 
 
-def _config(
-    arguments: argparse.Namespace, capture: Capture, recipe: Recipe, parts: tuple[str, ...], seed: int
-) -> dict[str, Any]:
+def _config(arguments: argparse.Namespace, capture: Capture, recipe: Recipe, parts: tuple[str, ...]) -> dict[str, Any]:
     """What `run.json` records of a training."""
     from avatarrex.capture.readers.splits import splits_of
 
@@ -250,7 +287,7 @@ def _config(
         "part": ",".join(parts),
         "preset": recipe.name,
         "capture": arguments.capture,
-        "seed": seed,
+        "seed": int(arguments.seed),
         "command": _command(arguments),
         "start": arguments.start,
         "person": arguments.person,

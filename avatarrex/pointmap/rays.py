@@ -75,7 +75,7 @@ class Rays:
         """Points at t."""
         return self.origin + t[:, None] * self.direction
 
-    def __getitem__(self, rows: Tensor) -> Rays:
+    def __getitem__(self, rows: Tensor | slice) -> Rays:
         return Rays(self.origin[rows], self.direction[rows], self.camera[rows])
 
 

@@ -6,6 +6,7 @@ in and out; thigh and shin turn within their plane to reach it, and the foot kee
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -50,6 +51,38 @@ def contacts(ankle: np.ndarray, sole: np.ndarray, fps: float) -> list[slice]:
     stands = np.concatenate([[False], (sole < LOW) & (speed < SLOW), [False]])
     edges = np.flatnonzero(np.diff(stands.astype(int))).reshape(-1, 2)
     return [slice(int(a), int(b)) for a, b in edges if b - a >= max(SHORTEST * fps, 1)]
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """How well one foot stands."""
+
+    spans: int
+    """Contacts."""
+    slide: float
+    """Metres: the farthest of the ankle from the middle of its contact, the mean over contacts."""
+    farthest: float
+    """The same, the largest."""
+    sink: float
+    """Metres that the sole is below the floor while it stands, at most."""
+
+
+def contact_report(pose: np.ndarray, translation: np.ndarray, fps: float) -> dict[str, Contacts]:
+    """By side, of (t, 55, 3) rotation vectors and (t, 3) places; a side that never stands is left out."""
+    height, joints = heights(pose, translation), low_points().joint
+    _, places = rest_skeleton().posed(pose)
+    found = {}
+    for side in ("left", "right"):
+        ankle, foot = (JOINT_NAMES.index(f"{side}_{part}") for part in ("ankle", "foot"))
+        sole = height[:, (joints == ankle) | (joints == foot)].min(1)
+        world = places[:, ankle] + translation
+        spans = contacts(world, sole, fps)
+        if spans:
+            across = [(world[span] - np.median(world[span], axis=0))[:, [0, 2]] for span in spans]
+            away = [float(np.linalg.norm(offset, axis=1).max()) for offset in across]
+            sink = max(0.0, -min(float(sole[span].min()) for span in spans))
+            found[side] = Contacts(len(spans), float(np.mean(away)), max(away), sink)
+    return found
 
 
 def _shift(ankle: np.ndarray, sole: np.ndarray, fps: float) -> np.ndarray:

@@ -22,6 +22,7 @@ RESTS = ("pose", "bones")
 """The rest pose is a person's (T, A, arms down), or a bundle of bones that tells no more than their directions."""
 FLOORS = ("contacts", "each", "lowest", "file")
 """What is put on the floor: feet that stand, every frame, the lowest frame, nothing (heights as in the file)."""
+SIDES = ("left", "right")
 MOST_JOINTS = 200
 """Entries of a joint map."""
 
@@ -46,9 +47,15 @@ class ImportOptions:
     """One of `FLOORS`."""
     lock_feet: bool = False
     """Whether feet that stand are kept where they stand."""
+    side: str = ""
+    """Which hand a file of one hand has: one of `SIDES`."""
+    hand_mean: str = ""
+    """`flat`, or the model file whose mean hand and components the file's fingers are given by."""
+    expressions: str = ""
+    """A file with the 52 coefficients of each coefficient of another face (expression_map.py)."""
 
     def __post_init__(self) -> None:
-        for name, allowed in (("up", AXES), ("forward", AXES), ("rest", RESTS), ("floor", FLOORS)):
+        for name, allowed in (("up", AXES), ("forward", AXES), ("rest", RESTS), ("floor", FLOORS), ("side", SIDES)):
             _check(getattr(self, name) in ("", *allowed), name, "one of " + ", ".join(allowed), getattr(self, name))
         across = not (self.up and self.forward) or self.up[1] != self.forward[1]
         _check(across, "forward", f"an axis across up ({self.up})", self.forward)
@@ -91,6 +98,7 @@ class ImportOptions:
         if not isinstance(joints, dict):
             raise InputError(source, "joints", "an object of our joint's name and the file's", type(joints).__name__)
         for name, kind, words in (*((name, str, "a text") for name in names[:3]), ("rest", str, "a text"), ("floor", str, "a text"),
+                                  ("side", str, "a text"), ("hand_mean", str, "a text"), ("expressions", str, "a text"),
                                   ("lock_feet", bool, "true or false"), ("fps", int | float | None, "a number")):  # fmt: skip
             if name in data and (not isinstance(data[name], kind) or (name == "fps" and isinstance(data[name], bool))):
                 raise InputError(source, name, words, data[name])

@@ -14,9 +14,11 @@ from avatarrex.signals.asf import read_amc
 from avatarrex.signals.bvh import read_bvh
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.fbx import SECONDS, read_fbx
+from avatarrex.signals.hand_landmarks import is_landmarks, landmark_motion, tracks_of
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.imported import Guess, ImportedMotion
 from avatarrex.signals.livelink import read_livelink
+from avatarrex.signals.mano import read_mano
 from avatarrex.signals.own_motions import MOTIONS, resolved
 from avatarrex.signals.sequence import SignalSequence, check_frames, check_rate
 from avatarrex.signals.smplx_npz import read_smplx, read_vectors
@@ -24,7 +26,7 @@ from avatarrex.signals.speech import read_speech
 
 FORMAT, VERSION = "avatarrex-signals", 1
 READERS: dict[str, Callable[[Path, ImportOptions], ImportedMotion]] = {
-    ".bvh": read_bvh, ".amc": read_amc, ".fbx": read_fbx, ".npz": read_smplx, ".npy": read_vectors, ".csv": read_livelink,
+    ".bvh": read_bvh, ".amc": read_amc, ".fbx": read_fbx, ".npz": read_smplx, ".npy": read_vectors, ".pkl": read_mano, ".csv": read_livelink,
     ".wav": read_speech,
     ".json": lambda path, options: _of_json(path, options),
 }  # fmt: skip
@@ -77,7 +79,10 @@ def _with_unused(read: ImportedMotion, options: ImportOptions) -> ImportedMotion
 
 
 def _of_json(path: Path, options: ImportOptions) -> ImportedMotion:
-    """Our own file, as it is, at the rate that was chosen."""
+    """Our own file, as it is, at the rate that was chosen; or tracks of hand landmarks."""
+    data = read_json_file(path)
+    if is_landmarks(data):
+        return landmark_motion(path, *tracks_of(path, data), options)
     sequence = read_json(path)
     if options.fps is not None:
         sequence = replace(sequence, fps=options.fps)

@@ -16,9 +16,14 @@ from scipy.spatial.transform import Rotation
 from avatarrex.errors import InputError
 from avatarrex.files.arrays import read_array, read_arrays
 from avatarrex.files.assets import require
+from avatarrex.signals import mano
 from avatarrex.signals.contacts import locked
 from avatarrex.signals.driving import LARGEST
+from avatarrex.signals.expression_map import read_expression_map
+from avatarrex.signals.faceverse import LAYOUTS, faceverse_motion
 from avatarrex.signals.ground import WORDS, grounded
+from avatarrex.signals.hand_landmarks import is_track, landmark_motion
+from avatarrex.signals.hand_rotations import FLAGS, hands_of
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.imported import Guess, ImportedMotion, feet
 from avatarrex.signals.joints import JOINT_ROWS
@@ -41,7 +46,7 @@ ROWS = {
     "pose_jaw": JOINT_ROWS["jaw_pose"], "pose_eye": JOINT_ROWS["eye_pose"],
 }  # fmt: skip
 """Rows of the 55 rotation vectors by the key of a file by parts."""
-KEYS = (*POSES, *PATHS, "arkit52", "expression", *RATE_KEYS, *ROWS, *SAME)
+KEYS = tuple(dict.fromkeys((*POSES, *PATHS, "arkit52", "expression", *RATE_KEYS, *ROWS, *SAME, *FLAGS, *mano.KEYS)))
 LARGEST_BYTES = 2 * 8 * MOST_FRAMES * 165
 """Of a file's arrays: twice what the longest motion's poses take in double precision."""
 WIDTHS = {
@@ -60,6 +65,9 @@ VECTORS: dict[int, tuple[str, dict[str, slice]]] = {
 def read_smplx(path: Path, options: ImportOptions) -> ImportedMotion:
     """Read a motion of any layout of arrays. Raises `InputError` naming the key."""
     arrays = read_arrays(path, KEYS, LARGEST_BYTES)
+    if mano.is_hand(arrays):
+        return mano.hand_motion(path, arrays, options)
+    arrays = {key: value for key, value in arrays.items() if key not in mano.HAND_ONLY}
     for other, name in SAME.items():
         if other in arrays:
             arrays.setdefault(name, arrays.pop(other))
@@ -69,6 +77,12 @@ def read_smplx(path: Path, options: ImportOptions) -> ImportedMotion:
 def read_vectors(path: Path, options: ImportOptions) -> ImportedMotion:
     """Read vectors of one frame a row. Raises `InputError`."""
     vectors = read_array(path, LARGEST_BYTES)
+    if is_track(vectors):
+        return landmark_motion(path, {"": vectors}, None, options)
+    if vectors.dtype.kind in "fiu" and vectors.ndim == 2 and vectors.shape[1] in LAYOUTS:
+        return faceverse_motion(path, vectors, options)
+    if vectors.dtype.kind in "fiu" and vectors.ndim == 2 and vectors.shape[1] == mano.WIDEST:
+        return mano.hand_motion(path, {"poses": vectors}, options)
     known = {
         **{width: name for width, (name, _) in WIDTHS.items()},
         **{width: name for width, (name, _) in VECTORS.items()},
@@ -83,6 +97,7 @@ def read_vectors(path: Path, options: ImportOptions) -> ImportedMotion:
 
 def _imported(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions, kind: str) -> ImportedMotion:
     """A motion of arrays by `KEYS`."""
+    flags = {key: arrays.pop(key) for key in FLAGS if key in arrays}
     for key, value in arrays.items():
         check_frames(len(np.atleast_1d(value)), path, key)
         if value.dtype.kind not in "fiu":
@@ -91,13 +106,14 @@ def _imported(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions,
     check_magnitudes(arrays, path)
     rate, fps = _rate(arrays, path, options)
     poses = next((key for key in POSES if key in arrays), None)
-    notes, warnings = _hands(arrays)
+    hands, warnings = hands_of(arrays, flags, path, options)
+    notes = list[str]()
     full, model = _poses(arrays, path, poses) if poses else (_by_parts(arrays, path), "SMPL-X by parts")
     walked = next((key for key in PATHS if key in arrays), None)
     translation = np.zeros((len(full), 3))
     if walked:
         translation = require(arrays, path, walked, (len(full), 3)).astype(np.float64) * (options.metres or 1.0)
-    guesses = [Guess("file", f"{kind}, {model}", f"{len(full)} frames; path: {walked or 'none'}"), rate]
+    guesses = [Guess("file", f"{kind}, {model}", f"{len(full)} frames; path: {walked or 'none'}"), rate, hands]
     if walked:
         guesses += [Guess("unit", options.unit or "metres", "chosen" if options.unit else "", "unit")]
     expression = None
@@ -105,8 +121,13 @@ def _imported(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions,
         expression = np.clip(require(arrays, path, "arkit52", (len(full), 52)).astype(np.float64), 0, 1)
         notes.append("a capture in our layout: axes and floor as stored")
     else:
-        if "expression" in arrays:
-            notes.append("the file's expression coefficients belong to another face: not applied")
+        if "expression" in arrays and options.expressions:
+            expression, guess = _mapped(arrays, path, len(full), options)
+            guesses.append(guess)
+        elif "expression" in arrays:
+            notes.append(
+                "the file's expression coefficients belong to another face: not applied (--expressions FILE.csv would)"
+            )
         world, axes = pelvis_axes(path, full[:, 0], options)
         translation, floor = _placed(full, translation, world, options, fps)
         guesses += [*axes, floor, feet(options)]
@@ -140,16 +161,12 @@ def _rate(arrays: dict[str, np.ndarray], path: Path, options: ImportOptions) -> 
     return Guess("rate", f"{fps:g} frames a second", why, "fps"), fps
 
 
-def _hands(arrays: dict[str, np.ndarray]) -> tuple[list[str], list[str]]:
-    """A note on what the hands are and a warning where they cannot be read: those arrays are taken out."""
-    notes, warnings = ["hands: full axis-angle as stored (flat_hand_mean=True)"], []
-    for key in ("pose_hand", "left_hand_pose", "right_hand_pose"):
-        value = arrays.get(key)
-        if value is not None and value.ndim == 2 and 0 < value.shape[1] < 3 * (ROWS[key].stop - ROWS[key].start):
-            del arrays[key]
-            remedy = "write the file with full axis-angle (PCA off)"
-            warnings.append(f"{key}: {value.shape[1]} PCA coefficients of another hand, not read: {remedy}")
-    return notes, warnings
+def _mapped(arrays: dict[str, np.ndarray], path: Path, count: int, options: ImportOptions) -> tuple[np.ndarray, Guess]:
+    """(t, 52) of the file's own coefficients, by the table that was chosen."""
+    values = require(arrays, path, "expression", (count, None)).astype(np.float64)
+    table = read_expression_map(options.expressions, values.shape[1])
+    how = f"by {table.rows} rows of {Path(options.expressions).name}"
+    return table(values), Guess("expression", how, "chosen", "expressions")
 
 
 def _poses(arrays: dict[str, np.ndarray], path: Path, key: str) -> tuple[np.ndarray, str]:

@@ -295,7 +295,7 @@ def test_missing_and_unknown_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.bvh: expected a motion file, found nothing there"):
         read_motion(tmp_path / "none.bvh")
     with pytest.raises(
-        InputError, match=r"expected a motion file: .bvh, .amc, .fbx, .npz, .npy, .csv, .wav, .json, found .c3d"
+        InputError, match=r"expected a motion file: .bvh, .amc, .fbx, .npz, .npy, .pkl, .csv, .wav, .json, found .c3d"
     ):
         read_motion(tmp_path / "walk.c3d")
 

@@ -101,7 +101,7 @@ def test_the_outline_finds_the_radius(stale):
 
     def loss(radius: float) -> float:
         found = closest(Ball(torch.tensor(radius)), volume, CAMERA, batch)
-        return float(silhouette_loss(found.distance, found.width, found.matte, torch.ones(len(matte))))
+        return float(silhouette_loss(found.distance, found.width, found.matte, torch.ones(len(matte))).value)
 
     tried = RADIUS + torch.linspace(-0.008, 0.008, 161)
     assert abs(float(tried[int(np.argmin([loss(float(radius)) for radius in tried]))]) - RADIUS) <= 7e-4

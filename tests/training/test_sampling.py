@@ -114,8 +114,8 @@ def test_the_losses_are_least_at_the_true_surface(stale):
         sdf = torch.where(samples.used, sdf, 1.0).gather(1, torch.arange(sdf.shape[1]).minimum(last))
         weight, opacity = render_weights(sdf, samples.t, GAMMA)
         seen = (weight[..., None] * colour(point)).sum(1)
-        silhouette = silhouette_loss(distance(rays.at(t)) - radius, width, matte, one)
-        return float(rgb_loss(seen, truth, one) + mask_loss(opacity, matte, one) + 2 * silhouette)
+        silhouette = silhouette_loss(distance(rays.at(t)) - radius, width, matte, one).value
+        return float(rgb_loss(seen, truth, one).value + mask_loss(opacity, matte, one).value + 2 * silhouette)
 
     tried = torch.linspace(-0.004, 0.004, 81)
     found = tried[int(np.argmin([loss(RADIUS + float(change)) for change in tried]))]

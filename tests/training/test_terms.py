@@ -41,7 +41,7 @@ ALONE = {
 def test_colours_are_pulled_to_the_truth_by_their_error():
     colour = torch.tensor([[0.2, 0.5, 0.9], [0.4, 0.4, 0.4]], requires_grad=True)
     truth, weight = torch.tensor([[0.5, 0.5, 0.5], [0.1, 0.4, 0.4]]), torch.tensor([1.0, 3.0])
-    loss = rgb_loss(colour, truth, weight)
+    loss = rgb_loss(colour, truth, weight).value
     assert float(loss.detach()) == pytest.approx((0.25 / 3 + 3 * 0.09 / 3) / 4)
     (slope,) = torch.autograd.grad(loss, colour)
     torch.testing.assert_close(slope, 2 * (colour - truth).detach() * weight[:, None] / (3 * 4))
@@ -49,7 +49,7 @@ def test_colours_are_pulled_to_the_truth_by_their_error():
 
 def test_opacity_is_pulled_to_the_matte_by_one_share_a_ray():
     opacity = torch.tensor([0.2, 0.9, 0.6], requires_grad=True)
-    loss = mask_loss(opacity, torch.tensor([1.0, 0.0, 1.0]), torch.tensor([1.0, 1.0, 2.0]))
+    loss = mask_loss(opacity, torch.tensor([1.0, 0.0, 1.0]), torch.tensor([1.0, 1.0, 2.0])).value
     assert float(loss.detach()) == pytest.approx((0.8 + 0.9 + 2 * 0.4) / 4)
     (slope,) = torch.autograd.grad(loss, opacity)
     torch.testing.assert_close(slope, torch.tensor([-0.25, 0.25, -0.5]))
@@ -59,7 +59,7 @@ def test_a_silhouette_is_pushed_by_what_it_lacks():
     """Outside where the person is: inwards; on the person where the background is: outwards; half way on the edge."""
     lowest = torch.tensor([0.002, -0.002, -0.001], requires_grad=True)
     matte, width = torch.tensor([1.0, 0.0, 0.5]), torch.full((3,), 0.001)
-    loss = silhouette_loss(lowest, width, matte, torch.ones(3))
+    loss = silhouette_loss(lowest, width, matte, torch.ones(3)).value
     assert float(loss.detach()) == pytest.approx((0.0025 + 0.0025 + 0.001) / 3 / NEARBY)
     (slope,) = torch.autograd.grad(loss, lowest)
     torch.testing.assert_close(slope, torch.tensor([1.0, -1.0, -1.0]) / (3 * NEARBY))
@@ -88,7 +88,7 @@ class Scaled:
 def test_slopes_are_pulled_to_one(factor):
     scale = torch.tensor(factor, requires_grad=True)
     points = torch.randn(200, 3, generator=torch.Generator().manual_seed(0))
-    loss = eikonal_loss(Scaled(scale), points)
+    loss = eikonal_loss(Scaled(scale), points).value
     assert float(loss.detach()) == pytest.approx((factor - 1) ** 2, abs=1e-6)
     (slope,) = torch.autograd.grad(loss, scale)
     assert float(slope) == pytest.approx(2 * (factor - 1), abs=1e-5)

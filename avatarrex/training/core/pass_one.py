@@ -2,6 +2,7 @@
 
 A step draws frames, one view and some pixels of each, places samples on their rays (sampling.py), evaluates the
 trained part's distances and, where a sample's share is visible, its colours, and compares the rendered rays with the pictures.
+Where several processes train, each draws the whole batch and evaluates its share of the rays.
 
 Letters: r rays, s samples, p points. Root frame, metres.
 """
@@ -9,7 +10,7 @@ Letters: r rays, s samples, p points. Root frame, metres.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -20,12 +21,21 @@ from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
 from avatarrex.fields.code import embedding_loss, kl_loss, node_loss, sample_latent
 from avatarrex.parts.face import face_state
-from avatarrex.pointmap.rays import RayPlane
+from avatarrex.pointmap.rays import RayPlane, Rays
 from avatarrex.training.core.frames import FrameStore, TrainingFrame
-from avatarrex.training.core.losses import eikonal_loss, mask_loss, rgb_loss, silhouette_loss
+from avatarrex.training.core.losses import (
+    Mean,
+    batch_means,
+    eikonal_loss,
+    mask_loss,
+    of_share,
+    rgb_loss,
+    silhouette_loss,
+)
 from avatarrex.training.core.outline import closest
 from avatarrex.training.core.pixels import Box, PixelBatch, draw_outline, draw_pixels
-from avatarrex.training.core.sampling import Walk, draw, noise_of
+from avatarrex.training.core.process_group import ALONE, ProcessGroup
+from avatarrex.training.core.sampling import RaySamples, Walk, draw, noise_of
 from avatarrex.training.core.trained_field import FACE, TrainedBody, TrainedFace, TrainedField, face_alone
 from avatarrex.training.core.volume_rendering import render_weights
 from avatarrex.training.recipe import PassOne
@@ -41,7 +51,7 @@ class StepResult:
     """What one step found."""
 
     terms: dict[str, Tensor]
-    """Without their weights."""
+    """Without their weights; this process's part, where several train."""
     samples_per_ray: float = 0.0
     """Samples evaluated for each rendered ray that meets the person."""
     pictures: list[tuple[int, int]] = field(default_factory=list)
@@ -52,6 +62,9 @@ class StepResult:
 
 class VolumePass(ABC):
     """Pass I of one part."""
+
+    group: ProcessGroup = ALONE
+    """That trains it."""
 
     def __init__(self, avatar: Avatar, store: FrameStore, recipe: PassOne, seed: int) -> None:
         self.avatar, self.store, self.recipe, self.seed = avatar, store, recipe, seed
@@ -78,28 +91,30 @@ class VolumePass(ABC):
 
     def step(self, step: int, gamma: float) -> StepResult:
         """Mean of the terms over a batch of frames; the same for the same step and weights."""
-        recipe = self.recipe
-        rng = np.random.default_rng([self.seed, step])
-        result = StepResult({})
+        recipe, result = self.recipe, StepResult({})
+        own, found = {share.unit: share for share in self.group.shares(recipe.frames)}, {}
         evaluated = met = 0
         for slot in range(recipe.frames):
+            rng = np.random.default_rng([self.seed, step, slot])
             store, index, view = self.store.drawn(rng, recipe.close)
             rig = store.rig
             result.pictures.append((index, view))
-            noise = noise_of(self.seed, step, slot)
-            frame = store[index]
+            if slot not in own:
+                continue
+            noise, share, frame = noise_of(self.seed, step, slot), own[slot], store[index]
             window = self.window(frame, view)
             pixels = draw_pixels(rig, view, index, recipe.rays // recipe.frames, rng, window)
+            pixels = replace(pixels, share=share)
             field, terms = self.field(frame, noise)
             camera = frame.camera(rig.views[view].camera)
             losses, samples = self.render_losses(field, frame, camera, pixels, gamma, noise)
-            evaluated, met = evaluated + samples, met + int((pixels.matte > 0.5).sum())
+            evaluated, met = evaluated + samples, met + int((pixels.own.matte > 0.5).sum())
             if recipe.outline:
                 edge = draw_outline(rig, view, index, recipe.outline // recipe.frames, rng, window)
                 losses["silhouette"], queried = self.outline_loss(field, frame, camera, pixels.joined(edge))
                 result.silhouette_rays += queried
-            for name, value in (losses | terms).items():
-                result.terms[name] = result.terms.get(name, torch.zeros(())) + value / recipe.frames
+            found[slot] = losses | {name: of_share(value, share.size) for name, value in terms.items()}
+        result.terms = batch_means(found, recipe.frames, self.group)
         result.samples_per_ray = evaluated / max(met, 1)
         return result
 
@@ -111,13 +126,19 @@ class VolumePass(ABC):
         pixels: PixelBatch,
         gamma: float,
         noise: torch.Generator,
-    ) -> tuple[dict[str, Tensor], int]:
-        """Colour, mask and eikonal terms of one view (`camera` in the root frame), and how many samples were evaluated."""
+    ) -> tuple[dict[str, Mean], int]:
+        """Colour, mask and eikonal terms of one view (`camera` in the root frame), and how many samples were evaluated.
+
+        Samples are drawn on all rays, so that noise and points of the eikonal term are the same in every process.
+        """
         recipe, volume = self.recipe, frame.volume.sdf
         rays = RayPlane.of(camera, volume.middle).rays(pixels.place)
         drawn = draw(Walk(volume, rays), recipe.sampling, recipe.samples, gamma, noise)
+        eikonal = _eikonal_points(field, _positions(rays, drawn), noise)[pixels.share.rows(EIKONAL_POINTS)]
+        rows, pixels = pixels.share.rows(len(pixels.place)), pixels.own
+        rays, drawn = rays[rows], RaySamples(drawn.t[rows], drawn.used[rows])
         ray, slot = torch.nonzero(drawn.used, as_tuple=True)
-        position = rays.origin[ray] + drawn.t[ray, slot, None] * rays.direction[ray]
+        position = _positions(rays, drawn)
         composed = field.composed(position)
         sdf = torch.full_like(drawn.t, 1.0).index_put((ray, slot), composed.sdf)
         # Unused slots repeat the last sample: with its distance they weigh nothing, and their gradient is none.
@@ -138,15 +159,15 @@ class VolumePass(ABC):
         terms = {
             "rgb": rgb_loss(colour, pixels.colour, counted),
             "mask": mask_loss(opacity, pixels.matte, counted),
-            "eikonal": eikonal_loss(field, _eikonal_points(field, position.detach(), noise)),
+            "eikonal": eikonal_loss(field, eikonal),
         }
         return terms, len(position)
 
     def outline_loss(
         self, field: TrainedField, frame: TrainingFrame, camera: Camera, pixels: PixelBatch
-    ) -> tuple[Tensor, int]:
+    ) -> tuple[Mean, int]:
         """The silhouette term of one view (`camera` in the root frame), and how many rays were queried for it."""
-        found = closest(field, frame.volume.sdf, camera, pixels)
+        found = closest(field, frame.volume.sdf, camera, pixels.own)
         term = silhouette_loss(found.distance, found.width, found.matte, self.ray_weight(found.part_weight))
         return term, int((~found.distance.isnan()).sum())
 
@@ -215,6 +236,12 @@ def face_window(avatar: Avatar, frame: TrainingFrame, camera: Camera) -> Box | N
     x0, y0 = max(int(low[0]), 0), max(int(low[1]), 0)
     x1, y1 = min(int(high[0]), camera.width), min(int(high[1]), camera.height)
     return (x0, y0, x1, y1) if x1 - x0 > 3 and y1 - y0 > 3 else None
+
+
+def _positions(rays: Rays, drawn: RaySamples) -> Float[Tensor, "p 3"]:
+    """Of the samples that are used, ray by ray."""
+    ray, slot = torch.nonzero(drawn.used, as_tuple=True)
+    return rays.origin[ray] + drawn.t[ray, slot, None] * rays.direction[ray]
 
 
 def _eikonal_points(

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from avatarrex.capture.readers.rigs import Rig
 from avatarrex.errors import InputError
+from avatarrex.training.core.process_group import WHOLE, Share
 
 FOREGROUND, RIM_SHARE = 0.65, 0.2
 """Shares of the rays on the person and just beside it; the others are drawn from the box around it."""
@@ -37,11 +38,21 @@ class PixelBatch:
     """(x, y), centres at +0.5."""
     colour: Float[Tensor, "r 3"]
     matte: Float[Tensor, " r"]
+    share: Share = WHOLE
+    """Of them that this process evaluates."""
 
     def joined(self, other: PixelBatch) -> PixelBatch:
         """Both, of the same picture."""
-        pairs = zip(vars(self).values(), vars(other).values())
-        return PixelBatch(*(torch.cat(pair) for pair in pairs))
+        place, colour, matte = (
+            torch.cat([getattr(self, name), getattr(other, name)]) for name in ("place", "colour", "matte")
+        )
+        return PixelBatch(place, colour, matte, self.share)
+
+    @property
+    def own(self) -> PixelBatch:
+        """This process's share alone."""
+        rows = self.share.rows(len(self.place))
+        return PixelBatch(self.place[rows], self.colour[rows], self.matte[rows])
 
 
 def pictures(rig: Rig, frames: Iterable[int], views: Sequence[int]) -> list[tuple[int, int]]:

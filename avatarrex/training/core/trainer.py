@@ -32,6 +32,7 @@ from avatarrex.training.core.exposure import exposed_as
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.held_out import HeldOut
 from avatarrex.training.core.mixed import in_bfloat16
+from avatarrex.training.core.process_group import ALONE, ProcessGroup
 from avatarrex.training.core.projection import start_from_pictures
 from avatarrex.training.core.stage import Stage, stages
 from avatarrex.training.core.warm_start import clear_space, warm_start
@@ -49,16 +50,24 @@ class Trainer:
     """A training at work."""
 
     def __init__(
-        self, capture: Capture, recipe: Recipe, run: Run, start: Avatar | None = None, device: str = "cpu"
+        self,
+        capture: Capture,
+        recipe: Recipe,
+        run: Run,
+        start: Avatar | None = None,
+        device: str = "cpu",
+        group: ProcessGroup = ALONE,
     ) -> None:
         """The run's configuration has the seed, and the parts to train; the networks run on `device`.
+
+        Each process of `group` has a trainer of its own; that of one that does not lead has a run that only follows.
 
         Of the capture only what is not held out is kept (capture/readers/splits.py): nothing here can read the test's.
         `start`: an avatar to go on from, in place of the warm start; of the recipe's networks and the capture's body.
         """
         self.capture, self.validation = sealed(capture, "train"), sealed(capture, "validation")
         self.splits = splits_of(capture)
-        self.recipe, self.run, self.device = recipe, run, device
+        self.recipe, self.run, self.device, self.group = recipe, run, device, group
         self.seed, self.parts = int(run.config["seed"]), tuple(run.config["part"].split(","))
         for part in self.parts:
             if part not in capture.rigs:
@@ -125,6 +134,7 @@ class Trainer:
         rig = self.capture.rigs[stage.part]
         if state is None and number == 0:
             self._warm_start()
+            self.group.agree(self.avatar.modules().values())
         if state is None and stage.part == "body":
             self._clamp_codes(rig, stage.recipe)
         unseen = self.hidden | {"left_hand", "right_hand"} if stage.part == "face" else self.hidden
@@ -136,8 +146,11 @@ class Trainer:
         if state is None and stage.recipe.texel:
             slides = isinstance(stage.recipe, PassTwo) and stage.recipe.slides
             start_from_pictures(self.avatar, stage.part, store, stage.recipe.texel, slides)
+        self.group.agree(self.avatar.modules().values())
         kept = self.avatar.tone.parameters() if self.keeps_tone else ()
-        work = Work(stage, pass_of(stage, self.avatar, store, self.perceptual, self.seed), state, kept)
+        losses = pass_of(stage, self.avatar, store, self.perceptual, self.seed)
+        losses.group = self.group
+        work = Work(stage, losses, state, kept)
         self.run.stage(stage.part, stage.name, stage.end)
         if state is None:
             self._save(number, work.step, work)
@@ -177,13 +190,14 @@ class Trainer:
         label = f"{stage.part}: pass {stage.name}"
         with tqdm(total=stage.recipe.steps, initial=work.step - stage.begin, desc=label) as bar:
             while work.step < stage.end:
-                result, total = work.evaluate()
+                result, own = work.evaluate()
+                total = work.total(result)
                 if not torch.isfinite(total):
                     raise work.diverged(result, self.run.path, self.seed)
-                work.descend(total)
+                work.descend(own)
                 if work.step % REPORT == 0:
                     speed = (work.step + 1 - begun_at) / max(time.monotonic() - began, 1e-6)
-                    self.run.scalars(work.step, work.figures(result, float(total.detach()), speed))
+                    self.run.scalars(work.step, work.figures(result, float(total), speed))
                 work.step += 1
                 bar.update()
                 stopping = self._stopping()
@@ -195,7 +209,7 @@ class Trainer:
                     if isinstance(stage.recipe, PassOne):
                         work.losses.store.renew(work.step)
                     measured = last or work.step % self.recipe.evaluate == 0
-                    score = held_out.measure(work.step) if measured else None
+                    score = held_out.measure(work.step) if measured and self.group.leads else None
                     self._save(number + last, work.step, None if last else work, score)
                 if stopping:
                     if not due:
@@ -204,12 +218,12 @@ class Trainer:
         return True
 
     def _stopping(self) -> bool:
-        """Whether a viewer or Ctrl+C requested a stop; a pause is waited for."""
-        while not self.interrupted and (wish := self.run.control()) != "run":
-            if wish == "stop":
-                return True
+        """Whether a viewer or Ctrl+C requested a stop, of any process; a pause is waited for."""
+        wish = self.run.control()
+        while wish == "pause" and not self.interrupted:
             time.sleep(0.2)
-        return self.interrupted
+            wish = self.run.control()
+        return self.group.any(self.interrupted or wish == "stop")
 
     def _save(self, stage: int, step: int, work: Work | None, score: float | None = None) -> None:
         """A checkpoint to go on from with the stage of that number, in the midst of `work` or at its beginning."""

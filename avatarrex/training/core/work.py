@@ -6,6 +6,7 @@ import json
 import math
 import resource
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -60,12 +61,18 @@ class Work:
                 losses.frame_codes.data.copy_(state["frame_codes"])
 
     def evaluate(self) -> tuple[StepResult, Tensor]:
-        """The step's terms and their weighted sum."""
+        """The step's terms, of all processes, and the weighted sum of what this one has of them, which is differentiable."""
         result = self.losses.step(self.step, self.stage.gamma(self.step))
-        return result, weighted(result.terms, self.stage.recipe.weights)
+        own = weighted(result.terms, self.stage.recipe.weights)
+        whole = self.losses.group.sum(torch.stack(list(result.terms.values())))
+        return replace(result, terms=dict(zip(result.terms, whole))), own
+
+    def total(self, result: StepResult) -> Tensor:
+        """The weighted sum of a step's terms."""
+        return weighted(result.terms, self.stage.recipe.weights)
 
     def descend(self, total: Tensor) -> None:
-        """Change the parameters along the gradient of `total`."""
+        """Change the parameters along the gradient of `total`, summed over the processes."""
         geometry, texels, others = self.stage.rates(self.step)
         rates = {self.optimiser: (geometry, others)} | ({self.texels: (texels,)} if self.texels else {})
         for optimiser, some in rates.items():
@@ -74,8 +81,9 @@ class Work:
             optimiser.zero_grad(set_to_none=True)
         if total.requires_grad:  # else nothing of the part is seen in the patch: nothing to learn
             torch.autograd.backward(total)
-            for optimiser in rates:
-                optimiser.step()
+        self.losses.group.add_gradients(self.parameters)
+        for optimiser in rates:
+            optimiser.step()
 
     def state(self) -> dict[str, Any]:
         """What a checkpoint within the stage stores besides the avatar."""
@@ -103,7 +111,8 @@ class Work:
         terms = {term: float(value.detach()) for term, value in result.terms.items()}
         content = {"part": part, "pass": name, "step": self.step, "seed": seed, "terms": terms}
         content["pictures"] = [list(pair) for pair in result.pictures]
-        path.write_text(json.dumps(content, indent=2) + "\n")
+        if self.losses.group.leads:
+            path.write_text(json.dumps(content, indent=2) + "\n")
         bad = ", ".join(term for term, value in terms.items() if not math.isfinite(value))
         return Diverged(
             f"{part}, pass {name}, step {self.step}: {bad or 'the total'} is not finite; the batch is described in"

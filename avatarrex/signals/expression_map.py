@@ -1,0 +1,72 @@
+"""A table from another face's coefficients to the 52: ψ = M c + b, clipped to 0 … 1 (docs/signals.md).
+
+A CSV file that a person edits: a head `name,0,1,…` with one column for each of the other face's coefficients and, where there is
+one, a column `bias`; a row for each of the 52 that follows them, by its name. Those without a row stay at rest.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from avatarrex.errors import InputError
+from avatarrex.files.gate import read_lines
+from avatarrex.signals.joints import EXPRESSION_NAMES
+
+LARGEST = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class ExpressionMap:
+    """M and b."""
+
+    matrix: np.ndarray
+    """(52, k)."""
+    bias: np.ndarray
+    """(52,)."""
+    rows: int
+    """Of the 52 that the file has."""
+
+    def __call__(self, coefficients: np.ndarray) -> np.ndarray:
+        """(t, 52) of (t, k)."""
+        return np.asarray(np.clip(coefficients @ self.matrix.T + self.bias, 0, 1))
+
+
+def read_expression_map(path: str | Path, width: int) -> ExpressionMap:
+    """The table of `width` coefficients in a file. Raises `InputError` naming row and column."""
+    rows = [row for row in csv.reader(read_lines(path, "a CSV file")) if row]
+    head = [word.strip() for word in rows[0]] if rows else []
+    columns = [str(number) for number in range(width)]
+    if head[:1] != ["name"] or sorted(head[1:]) not in (sorted(columns), sorted([*columns, "bias"])):
+        found = f"{len(head) - 1} columns" if head[:1] == ["name"] else ",".join(head)[:60] or "an empty file"
+        raise InputError(path, "line 1", f"name,0,…,{width - 1} with or without bias", found)
+    matrix, bias, seen = np.zeros((52, width)), np.zeros(52), set[str]()
+    for number, row in enumerate(rows[1:], 2):
+        name = row[0].strip()
+        if name not in EXPRESSION_NAMES or name in seen:
+            raise InputError(path, f"row {number}", "one of the 52 names, each once", name)
+        if len(row) != len(head):
+            raise InputError(path, name, f"{len(head) - 1} numbers", len(row) - 1)
+        seen.add(name)
+        for column, word in zip(head[1:], row[1:]):
+            value, ours = _number(path, f"{name}: {column}", word), EXPRESSION_NAMES.index(name)
+            if column == "bias":
+                bias[ours] = value
+            else:
+                matrix[ours, int(column)] = value
+    if not matrix.any():
+        raise InputError(path, "", "at least one number that is not 0", "none")
+    return ExpressionMap(matrix, bias, len(seen))
+
+
+def _number(path: str | Path, place: str, word: str) -> float:
+    try:
+        value = float(word or 0)
+    except ValueError:
+        value = np.nan
+    if not abs(value) <= LARGEST:
+        raise InputError(path, place, f"a number up to {LARGEST:g}", word)
+    return value
