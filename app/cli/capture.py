@@ -40,6 +40,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     sheets = "contact sheets with the template drawn over the images, and check.json"
     check.add_argument("--out", metavar="DIR", help=sheets)
     check.add_argument("--surface", action="store_true", help="fit the template's skin to the mattes first (a minute)")
+    options.add_person(check, "default")
     check.add_argument("--rig", choices=("body", "face"), help="one rig alone")
     check.add_argument("--frames", default="4", metavar="N", help="how many frames to compare (4)")
     what = "a capture with its tracking refined by its own mattes and keypoints"
@@ -98,7 +99,7 @@ def _check(arguments: argparse.Namespace) -> int:
     out = None if arguments.out is None else output_folder(arguments.out, "check.json")
     from avatarrex_studio.cli.capture_check import check
 
-    return check(arguments.capture, arguments.rig, count, arguments.surface, out)
+    return check(arguments.capture, arguments.person, arguments.rig, count, arguments.surface, out)
 
 
 def _refine(arguments: argparse.Namespace) -> int:

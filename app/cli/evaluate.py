@@ -83,7 +83,8 @@ def _evaluate(
 
     weights = (arguments.vgg, arguments.lpips, arguments.inception)
     networks = measures.Networks.load(*(Path(path) if path else None for path in weights))
-    avatar, capture = load_avatar(arguments.avatar, arguments.device), open_capture(arguments.capture)
+    avatar = load_avatar(arguments.avatar, arguments.device)
+    capture = open_capture(arguments.capture, template=avatar.person.name)
     capture, own = as_trained(avatar, arguments.avatar, with_validation(capture))
     name = arguments.rig or ("body" if "body" in capture.rigs else next(iter(capture.rigs)))
     rig = capture.rigs[options.one_of("--rig", name, capture.rigs)]
@@ -135,7 +136,7 @@ def _person_fitted(avatar: Avatar, capture: Capture, own: bool) -> Person:
     """Whom a training on this capture poses: the avatar's body where that was it, else the person with its skin fitted."""
     from avatarrex.capture.fit.surface_fit import fit_surface
 
-    if own or capture.person.fit is None or capture.person.hash == avatar.person.hash:
+    if own or capture.person.packaged or capture.person.hash == avatar.person.hash:
         return avatar.person if own else capture.person
     print("person: fitting the template's skin to the mattes", file=sys.stderr)
     return fit_surface(capture)
