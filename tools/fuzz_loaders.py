@@ -4,9 +4,9 @@
 
 Takes the sound samples of tests/files/samples.py and breaks one file of each: bytes, texts and numbers, members of zips with their checksums
 made anew, headers of arrays, objects of pickles, planted code, control characters. Workers read them; a seed repeats the files. Wrong is:
-planted code that ran, anything but an `InputError`, 20 s of a processor, 1 GiB above an idle process, a refusal of several lines or with control
-characters, and such characters in what would be printed. What is wrong is listed, its files are kept in FOLDER. Exit code 1 then. `--seconds` are the
-processor's, without the making of the samples.
+planted code that ran, anything but an `InputError`, 20 s of a processor, 1 GiB above an idle process, a refusal of several lines or with
+control characters, and such characters in what would be printed. What is wrong is listed, its files are kept in FOLDER. Exit code 1 then.
+`--seconds` are the processor's, without the making of the samples.
 """
 
 from __future__ import annotations
@@ -49,7 +49,10 @@ NUMBERS = (
     b"nan", b"inf", b"-1", b"1e999", b"1" + b"0" * 400, b"0", b"99999999999", b"-0.0", b"true", b"null", b'""', b"[]", b"{}", b'"\x1b[2J"',
     b"1e38", b"2147483648", b"18446744073709551616", b"0x10", b"[[[[]]]]", b"1e-320",
 )  # fmt: skip
-WORDS = (b"\x1b]0;owned\x07", b"\x00", b"\r\n", b"\xff\xfe", b"../" * 8, b"\xe2\x80\xae", b"A" * 5000, b"%s%n", b"!!python/object/apply:os.system", b"\x9b31m")
+WORDS = (
+    b"\x1b]0;owned\x07", b"\x00", b"\r\n", b"\xff\xfe", b"../" * 8, b"\xe2\x80\xae", b"A" * 5000,
+    b"%s%n", b"!!python/object/apply:os.system", b"\x9b31m",
+)  # fmt: skip
 WHOLES = (0, 1, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 0x80000000)
 DESCRIPTIONS = ("<f8", "|O", "<U9", "<M8[s]", "|V8", ">f4", "<c16", "[('a', '<f8')]")
 SHAPES = ("()", "(0,)", "(3, 3)", "(1000000000, 1000)", "(-1, 4)", "(2, 0, 9)", "(4, 165, 1, 1)", "(True,)")
@@ -132,7 +135,8 @@ def planted(content: bytes, rng: random.Random) -> bytes:
     code = rng.choice((
         pickle.dumps(_Planted(), protocol), pickle.dumps({"v_template": _Planted(), "f": [_Planted()]}, protocol),
         b"cos\nsystem\n(S'touch CANARY'\ntR.", b"(S'touch CANARY'\nios\nsystem\n.", b"c__builtin__\neval\n(S'open(\"CANARY\",\"w\")'\ntR.",
-        b"cnumpy.core.multiarray\n_reconstruct\n(cos\nsystem\n(S'touch CANARY'\ntRt.", b"\x80\x04\x8c\x02os\x8c\x06system\x93\x8c\x0ctouch CANARY\x85R.",
+        b"cnumpy.core.multiarray\n_reconstruct\n(cos\nsystem\n(S'touch CANARY'\ntRt.",
+        b"\x80\x04\x8c\x02os\x8c\x06system\x93\x8c\x0ctouch CANARY\x85R.",
     ))  # fmt: skip
     array = b"{'descr': '|O', 'fortran_order': False, 'shape': (), }\n"
     start = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(array)) + array
@@ -155,7 +159,8 @@ def packed(content: bytes, rng: random.Random) -> bytes:
         else:
             members[k] = (name, change(data or b"x", rng))
         stream = io.BytesIO()
-        with warnings.catch_warnings(action="ignore"), zipfile.ZipFile(stream, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as made:
+        method = rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))
+        with warnings.catch_warnings(action="ignore"), zipfile.ZipFile(stream, "w", method) as made:
             for name, data in members:
                 made.writestr(name, data)
         return stream.getvalue()
@@ -264,7 +269,14 @@ def work(seed: int, first: int, kind: str, folder: Path) -> None:
         os.chdir(folder)
         if not wrong:
             shutil.rmtree(place)
-        said = {"number": number, "kind": sample.kind, "wrong": wrong, "refused": refused, "seconds": seconds, "mib": mib}
+        said = {
+            "number": number,
+            "kind": sample.kind,
+            "wrong": wrong,
+            "refused": refused,
+            "seconds": seconds,
+            "mib": mib,
+        }
         print(json.dumps({"found": said}), flush=True)
 
 
@@ -310,7 +322,9 @@ def fuzzed(seed: int, kind: str, folder: Path, first: int = 0) -> Iterator[Found
             raise RuntimeError(f"the worker has failed at file {first}")
         if begun is not None:
             first = begun["number"] + 1
-            yield Found(begun["number"], begun["kind"], f"the reader ended or stood still ({worker.returncode})", False, 0, 0)
+            yield Found(
+                begun["number"], begun["kind"], f"the reader ended or stood still ({worker.returncode})", False, 0, 0
+            )
 
 
 def main() -> int:
@@ -345,7 +359,8 @@ def report(options: argparse.Namespace, folder: Path) -> int:
         longest, most = max(longest, found.seconds), max(most, found.mib)
         if found.wrong:
             wrong.append(found)
-            print(f"--- {found.kind}: --seed {options.seed} --first {found.number} --files 1\n{found.wrong.strip()}")
+            again = f"--seed {options.seed} --first {found.number} --files 1"
+            print(f"--- {found.kind}: {again}\n{found.wrong.strip()}", flush=True)
         if spent >= options.seconds or kinds.total() >= options.files:
             break
     print(", ".join(f"{kind} {count}" for kind, count in sorted(kinds.items())))

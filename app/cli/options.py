@@ -37,7 +37,9 @@ def add_device(verb: argparse.ArgumentParser) -> None:
 
 def add_person(verb: argparse.ArgumentParser, default: str | None, otherwise: str = "") -> None:
     """`--person`, the template; `default` without the option."""
-    words = f"template: {', or '.join(PERSONS)} for SMPL-X, MANO, Faceverse of the models folder ({default or otherwise})"
+    words = (
+        f"template: {', or '.join(PERSONS)} for SMPL-X, MANO, Faceverse of the models folder ({default or otherwise})"
+    )
     verb.add_argument("--person", default=default, choices=PERSONS, metavar="P", help=words)
 
 

@@ -81,6 +81,8 @@ def _described(head: io.BytesIO, place: str, name: str) -> tuple[tuple[int, ...]
         raise InputError(place, name, PLAIN, "other bytes")
     try:
         shape, fortran, dtype = _HEADERS[npy.read_magic(head)](head)
+        if any(type(length) is not int for length in shape):  # NumPy takes True for one
+            raise ValueError("a shape of other numbers than sides")
         if any(length > LONGEST_SIDE for length in shape):
             raise ValueError("a side of more numbers than any file has")
     except _BROKEN_HEADER as error:

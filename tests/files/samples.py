@@ -11,16 +11,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import bad_files
+import filmed
+import foreign
+import numpy as np
+import official_files
 from avatarrex_studio.cli.inspect import describe
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.preferences import read_preferences
-import filmed
-import foreign
 from PIL import Image
 from python2_pickles import python2_pickle
-import official_files
 
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
@@ -34,7 +34,6 @@ from avatarrex.files.assets import DATA
 from avatarrex.files.images import read_pixels
 from avatarrex.files.sound import read_sound
 from avatarrex.signals.joints import EXPRESSION_NAMES
-from avatarrex.signals.read import read_motion
 from avatarrex.templates.official.correspondence import read_hand_ids, read_head_ids
 from avatarrex.templates.official.expression_matrix import read_matrix
 from avatarrex.templates.official.faceverse import read_faceverse, read_fifty_two
@@ -125,12 +124,23 @@ def captures() -> list[Sample]:
         Sample("capture", own, capture_told),
         Sample("capture zip", {"c.zip": (BEFORE / "capture.zip").read_bytes()}, capture_told, "c.zip"),
     ]
-    for name, one in (("avatarrex", scene), ("thuman", scene), ("zju", scene), ("actorshq", scene), ("imavatar", heads), ("nerface", heads)):
+    for name, one in (
+        ("avatarrex", scene),
+        ("thuman", scene),
+        ("zju", scene),
+        ("actorshq", scene),
+        ("imavatar", heads),
+        ("nerface", heads),
+    ):
         files = written(lambda out, name=name, one=one: getattr(foreign, f"written_{name}")(one, out))
         found.append(Sample(name, files, lambda folder: read_source(Archive(folder))))
     rig = {"a": Camera.orbit(0, 0, 3, 40, (0, 1, 0), 64, 48), "b": Camera.orbit(90, 0, 3, 40, (0, 1, 0), 64, 48)}
     lenses = tuple(Lens(name, camera, np.zeros(5)) for name, camera in rig.items())
-    person = {"pose_keypoints_2d": [1.0] * 3 * len(BODY_25), "hand_left_keypoints_2d": [], "hand_right_keypoints_2d": []}
+    person = {
+        "pose_keypoints_2d": [1.0] * 3 * len(BODY_25),
+        "hand_left_keypoints_2d": [],
+        "hand_right_keypoints_2d": [],
+    }
     openpose = repr({"version": 1.3, "people": [person]}).replace("'", '"').encode()
     points = {f"{name}/{k:012d}_keypoints.json": openpose for name in rig for k in range(2)}
     found.append(Sample("keypoints", points, lambda folder: read_detections(folder, lenses)))
@@ -186,7 +196,11 @@ def written(write: Callable[[Path], object]) -> dict[str, bytes]:
     """What a function writes into a folder."""
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder))
-        return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(Path(folder).rglob("*")) if path.is_file()}
+        return {
+            str(path.relative_to(folder)): path.read_bytes()
+            for path in sorted(Path(folder).rglob("*"))
+            if path.is_file()
+        }
 
 
 def npz(arrays: dict[str, np.ndarray]) -> bytes:

@@ -39,7 +39,9 @@ def read_matrix(path: str | Path, coefficients: int | None = None) -> np.ndarray
         wrong = next((name for name in names if name not in EXPRESSION_NAMES), f"{len(set(names))} names")
         raise InputError(path, "line 1", "the 52 names, each once", wrong)
     if len(rows) - 1 != (coefficients or max(1, len(rows) - 1)):
-        raise InputError(path, "", f"{coefficients or 'some'} lines of numbers, one a coefficient of the face", len(rows) - 1)
+        raise InputError(
+            path, "", f"{coefficients or 'some'} lines of numbers, one a coefficient of the face", len(rows) - 1
+        )
     values = np.array([_numbers(row, k, path) for k, row in enumerate(rows[1:], 2)])
     return values[:, [names.index(name) for name in EXPRESSION_NAMES]]
 

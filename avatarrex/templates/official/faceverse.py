@@ -19,9 +19,9 @@ from avatarrex.errors import InputError
 from avatarrex.files.arrays import read_array
 from avatarrex.files.gate import what_is
 from avatarrex.signals.joints import EXPRESSION_NAMES
-from avatarrex.templates.official import expression_matrix
 from avatarrex.templates.model import TemplateModel
 from avatarrex.templates.model_arrays import LARGEST_NUMBER
+from avatarrex.templates.official import expression_matrix
 from avatarrex.templates.official.model_file import read_dict
 
 VERSIONS = {(150, 74): 1, (150, 52): 2, (150, 171): 3, (156, 177): 4}

@@ -66,7 +66,7 @@ class PersonModels:
 
     def pelvis(self, shape: np.ndarray) -> np.ndarray:
         """J_0 (3,), metres, of a shape (10,), as the file has it."""
-        return self.j0 + self.j0_dirs @ shape
+        return np.asarray(self.j0 + self.j0_dirs @ shape)
 
 
 def read_models(folder: str | Path) -> PersonModels:
@@ -85,8 +85,8 @@ def read_models(folder: str | Path) -> PersonModels:
         read = read_faceverse(found["faceverse"])
         face = face_of(read, body, file)
         digest.update(read.model.v_template.numpy().tobytes() + read.model.expression_dirs.numpy().tobytes())
-    pelvis = file.model.joint_template[0], file.model.joint_shapedirs[0, :, :SHAPES]
-    return PersonModels(body, *(value.double().numpy() for value in pelvis), hands, face, digest.hexdigest()[:16])
+    j0, j0_dirs = file.model.joint_template[0].double(), file.model.joint_shapedirs[0, :, :SHAPES].double()
+    return PersonModels(body, j0.numpy(), j0_dirs.numpy(), hands, face, digest.hexdigest()[:16])
 
 
 def driven_body(file: SmplxFile) -> TemplateModel:
@@ -150,7 +150,9 @@ def carried_face(face: FaceTemplate, old: TemplateModel, new: TemplateModel) -> 
     """A face on `old`, taken along by the nearest skin as `new`, the same body in another size, has moved; its ω painted there."""
     if new is old:
         return face
-    near = torch.from_numpy(cKDTree(old.v_template.numpy()).query((face.v_template + old.joint_template[HEAD]).numpy())[1])
+    near = torch.from_numpy(
+        cKDTree(old.v_template.numpy()).query((face.v_template + old.joint_template[HEAD]).numpy())[1]
+    )
     joints = new.joint_template - old.joint_template
     model = replace(
         face.model,
