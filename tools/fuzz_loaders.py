@@ -43,7 +43,7 @@ LONGEST, STUCK = 20.0, 120.0
 """Seconds of a processor, and by the clock, for one file."""
 MOST = 2**30
 """Bytes above an idle process."""
-WORKER_FILES = 150
+WORKER_FILES = 1000
 """Files that one worker reads."""
 NUMBERS = (
     b"nan", b"inf", b"-1", b"1e999", b"1" + b"0" * 400, b"0", b"99999999999", b"-0.0", b"true", b"null", b'""', b"[]", b"{}", b'"\x1b[2J"',

@@ -256,6 +256,31 @@ def test_a_broken_header_is_refused_in_one_line(tmp_path: Path, header: bytes) -
         assert "\n" not in str(caught.value)
 
 
+def test_letters_that_unicode_does_not_have_are_refused(tmp_path: Path) -> None:
+    """Python itself fails on such a text, wherever it is looked at first; either byte order."""
+    for kind in ("<U3", ">U3"):
+        texts = np.array(["abc", "d"], dtype=kind)
+        np.save(tmp_path / "a.npy", texts)
+        assert read_array(tmp_path / "a.npy").tolist() == ["abc", "d"]
+        content = (tmp_path / "a.npy").read_bytes()
+        (tmp_path / "a.npy").write_bytes(content[:-12] + b"\x7f" * 12)
+        np.savez(tmp_path / "a.npz", a=texts)
+        broken = pickle.dumps(np.array(["abc", "d"], dtype=kind), 2)
+        letter = np.array(["d"], dtype=kind[0] + "U1").tobytes()
+        broken = broken.replace(letter, "\x7f".encode() * 4) if letter in broken else broken.replace(b"d\0\0\0", b"\x7f" * 4)
+        for read in (lambda: read_array(tmp_path / "a.npy"), lambda: read_pickle(broken, "a model")):
+            with pytest.raises(InputError, match="a letter that Unicode does not have"):
+                read()
+
+
+def test_lengths_are_whole_numbers(tmp_path: Path) -> None:
+    """NumPy takes True for a length in a header, and then fails."""
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (True,), }\n"
+    (tmp_path / "a.npy").write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(8))
+    with pytest.raises(InputError, match="a shape of other numbers than sides"):
+        read_array(tmp_path / "a.npy")
+
+
 def test_bytes_that_many_arrays_share_are_counted_each() -> None:
     """A text of 4 MB that 100 arrays are made of would be 400 MB."""
     block = b"T" + struct.pack("<I", 2**22) + bytes(2**22)
