@@ -134,7 +134,8 @@ def planted(content: bytes, rng: random.Random) -> bytes:
     protocol = rng.choice((0, 2, 4))
     code = rng.choice((
         pickle.dumps(_Planted(), protocol), pickle.dumps({"v_template": _Planted(), "f": [_Planted()]}, protocol),
-        b"cos\nsystem\n(S'touch CANARY'\ntR.", b"(S'touch CANARY'\nios\nsystem\n.", b"c__builtin__\neval\n(S'open(\"CANARY\",\"w\")'\ntR.",
+        b"cos\nsystem\n(S'touch CANARY'\ntR.", b"(S'touch CANARY'\nios\nsystem\n.",
+        b"c__builtin__\neval\n(S'__import__(\"os\").system(\"touch CANARY\")'\ntR.",
         b"cnumpy.core.multiarray\n_reconstruct\n(cos\nsystem\n(S'touch CANARY'\ntRt.",
         b"\x80\x04\x8c\x02os\x8c\x06system\x93\x8c\x0ctouch CANARY\x85R.",
     ))  # fmt: skip

@@ -19,6 +19,7 @@ from person_files import J0, LANDMARKS, person_faceverse, person_smplx, remeshed
 from scipy.spatial import cKDTree
 
 from avatarrex.avatar import Avatar
+from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.counters import Counters
@@ -26,8 +27,10 @@ from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.library import named_pose
+from avatarrex.templates.counterpart import counterpart
 from avatarrex.templates.official.expression_matrix import FILE, read_matrix, write_matrix
-from avatarrex.templates.person import Person, load_person, resize_person
+from avatarrex.templates.parts import PART_JOINT, PARTS
+from avatarrex.templates.person import Person, _load, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
 from avatarrex.templates.posed import pose_person
 from avatarrex.training.core.warm_start import load_prior
@@ -171,6 +174,52 @@ def test_a_capture_of_smplx_says_its_size_and_place(folder: Path, person: Person
     default = open_capture(made)
     assert not default.sized
     assert any("betas belong to the SMPL-X model" in note for note in default.notes)
+
+
+def test_what_is_drawn_of_the_body_follows_the_parts(person: Person) -> None:
+    """Cut parts have the body's own vertices; on Faceverse's mesh these are found, and open the mouth as the default's do."""
+    for one in (load_person(), person):
+        for name in ("left_hand", "right_hand", "face"):
+            part, joint = one.part(name), one.body.joint_template[PART_JOINT[name]]
+            rows = torch.nonzero(one.blend_weight[:, PARTS.index(name)] > 0)[:, 0]
+            places = counterpart(one, name).posed(part.model.v_template, rows)
+            assert (places - (one.body.v_template[rows] - joint)).abs().max() < 1e-5
+    jaw = Signals.rest().replace(expression=np.eye(52)[EXPRESSION_NAMES.index("jawOpen")])
+    moved = []
+    for one in (load_person(), person):
+        rows = torch.nonzero(one.blend_weight[:, 2] > 0.5)[:, 0]
+        posed = [pose_person(one, signals, Counters(), None).parts["face"] for signals in (Signals.rest(), jaw)]
+        moved.append([counterpart(one, "face").posed(vertices.float(), rows).double() for vertices in posed])
+    near = cKDTree(moved[0][0].numpy()).query(moved[1][0].numpy())
+    close = near[0] < 0.004
+    away = (moved[1][1] - moved[1][0]) - (moved[0][1] - moved[0][0])[near[1]]
+    assert close.mean() > 0.5
+    assert (moved[0][1] - moved[0][0]).norm(dim=1).max() > 0.02
+    assert float(away[torch.from_numpy(close)].norm(dim=1).quantile(0.95)) < 0.004
+
+
+def test_an_avatar_on_it_is_read_with_the_same_files_alone(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, tmp_path: Path
+) -> None:
+    """Its size included; another folder is refused, and so is none, each in a line that says what is needed."""
+    _load.cache_clear()
+    monkeypatch.setenv("AVATARREX_MODELS", str(folder))
+    fitted = resize_person(load_person("models"), PersonFit(0.5 * np.eye(10)[0], np.zeros((55, 3))))
+    save_avatar(Avatar.create(fitted, "compact"), tmp_path / "a.avatar")
+    found = load_avatar(tmp_path / "a.avatar").person
+    assert (found.name, found.hash) == ("models", fitted.hash)
+    assert torch.equal(found.face.v_template, fitted.face.v_template)
+    others = tmp_path / "others"
+    others.mkdir()
+    for file in ("SMPLX_NEUTRAL.npz", "MANO_LEFT.pkl", "MANO_RIGHT.pkl", "MANO_SMPLX_vertex_ids.pkl"):
+        (others / file).symlink_to(folder / file)
+    for models, said in (
+        (others, "person_hash: expected the template it was made on"),
+        (tmp_path / "none", "SMPLX_NEUTRAL.npz: expected the"),
+    ):
+        monkeypatch.setenv("AVATARREX_MODELS", str(models))
+        with pytest.raises(InputError, match=said):
+            load_avatar(tmp_path / "a.avatar")
 
 
 def test_the_person_of_a_training_is_the_starts() -> None:
