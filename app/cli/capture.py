@@ -37,8 +37,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     what = "how well a capture's pictures, cameras and parameters fit"
     check = acts.add_parser("check", help=what, allow_abbrev=False)
     check.add_argument("capture", help="a folder or .zip")
-    sheets = "contact sheets with the template drawn over the images, and check.json"
-    check.add_argument("--out", metavar="DIR", help=sheets)
+    check.add_argument("--out", metavar="DIR", help="contact sheets with the template over the images, and check.json")
     check.add_argument("--surface", action="store_true", help="fit the template's skin to the mattes first (a minute)")
     options.add_person(check, "default")
     check.add_argument("--rig", choices=("body", "face"), help="one rig alone")
@@ -54,6 +53,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     imported = acts.add_parser("import", help=what, allow_abbrev=False)
     imported.add_argument("source", help="a folder or .zip")
     imported.add_argument("out", help="a new folder, or one to go on with")
+    what = "a capture from videos, a calibration and keypoint files; goes on where it stopped"
     what = "a capture from videos, a calibration and keypoint files; goes on where it stopped"
     prepare = acts.add_parser("prepare", help=what, allow_abbrev=False)
     prepare.add_argument(

@@ -143,7 +143,7 @@ def split_as_wanted(capture: Capture, arguments: argparse.Namespace) -> Capture:
 
 
 def template(named: str | None, start: Avatar | None) -> str:
-    """The person to train on: the one that was asked for, or the start's. Raises `InputError` where these are two."""
+    """The person to train on: the one that was named, or the start's. Raises `InputError` where these are two."""
     own = "default" if start is None else start.person.name
     if start is not None and named not in (None, own):
         raise InputError("--person", "", f"{own}, which the avatar to go on from has", named)

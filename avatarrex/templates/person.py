@@ -104,7 +104,7 @@ def load_person(source: str | Path = "default") -> Person:
 @lru_cache(maxsize=4)
 @torch.inference_mode(False)
 def _load(name: str, path: Path) -> Person:
-    if what_is(path) == "a folder":
+    if name == "models" or what_is(path) == "a folder":
         found = read_models(path)
         person = _whole(found.body, found.parts, name, found.hash)
         return replace(person, shape_key=SMPLX_SHAPE, pelvis=found.pelvis)

@@ -106,7 +106,7 @@ class Capture:
     path: Path
     rigs: dict[str, Rig]
     person: Person
-    """Of the template that was asked for, resized where the files say the captured body's joints."""
+    """Of the template that was named, resized where the files say the captured body's joints."""
     ground_truth: dict[str, RigTruth]
     """Exact meshes by rig, where the capture has them."""
     notes: tuple[str, ...]
