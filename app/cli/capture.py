@@ -29,8 +29,8 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     make.add_argument("--garment", default="printed", metavar="G", help="printed or loose (printed)")
     make.add_argument("--subject", default="default", metavar="P", help="default, or other: not the template (default)")
     make.add_argument("--expressions", metavar="E", help="template or own shapes (the subject's)")
-    conditions = "all, or some of light,exposure,lens,noise,mattes,texture (none)"
-    make.add_argument("--conditions", default="none", metavar="LIST", help=conditions)
+    what = "all, or some of light,exposure,lens,noise,mattes,texture (none)"
+    make.add_argument("--conditions", default="none", metavar="LIST", help=what)
     noise = "2 degrees a joint, 1 cm, 0.1 of the coefficients, times F (1; without the option exact)"
     make.add_argument("--tracking-noise", nargs="?", const="1", default="0", metavar="F", help=noise)
     make.add_argument("--format", default="folder", metavar="F", help="folder or zip (folder)")
@@ -48,7 +48,6 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     refine.add_argument("out", help="a new folder, or one to go on with")
     every = "refine the poses of frames that are kept from training, too (by the training's cameras and shape)"
     refine.add_argument("--every-frame", action="store_true", help=every)
-
     what = "a capture of another layout (AvatarReX, THuman4.0, ZJU-MoCap, ActorsHQ, IMAvatar, NeRFace) written in ours"
     imported = acts.add_parser("import", help=what, allow_abbrev=False)
     imported.add_argument("source", help="a folder or .zip")
