@@ -29,17 +29,17 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     make.add_argument("--garment", default="printed", metavar="G", help="printed or loose (printed)")
     make.add_argument("--subject", default="default", metavar="P", help="default, or other: not the template (default)")
     make.add_argument("--expressions", metavar="E", help="template or own shapes (the subject's)")
-    conditions = "all, or some of light,exposure,lens,noise,mattes,texture (none)"
-    make.add_argument("--conditions", default="none", metavar="LIST", help=conditions)
+    what = "all, or some of light,exposure,lens,noise,mattes,texture (none)"
+    make.add_argument("--conditions", default="none", metavar="LIST", help=what)
     noise = "2 degrees a joint, 1 cm, 0.1 of the coefficients, times F (1; without the option exact)"
     make.add_argument("--tracking-noise", nargs="?", const="1", default="0", metavar="F", help=noise)
     make.add_argument("--format", default="folder", metavar="F", help="folder or zip (folder)")
     what = "how well a capture's pictures, cameras and parameters fit"
     check = acts.add_parser("check", help=what, allow_abbrev=False)
     check.add_argument("capture", help="a folder or .zip")
-    sheets = "contact sheets with the template drawn over the images, and check.json"
-    check.add_argument("--out", metavar="DIR", help=sheets)
+    check.add_argument("--out", metavar="DIR", help="contact sheets with the template over the images, and check.json")
     check.add_argument("--surface", action="store_true", help="fit the template's skin to the mattes first (a minute)")
+    options.add_person(check, "default")
     check.add_argument("--rig", choices=("body", "face"), help="one rig alone")
     check.add_argument("--frames", default="4", metavar="N", help="how many frames to compare (4)")
     what = "a capture with its tracking refined by its own mattes and keypoints"
@@ -48,11 +48,11 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     refine.add_argument("out", help="a new folder, or one to go on with")
     every = "refine the poses of frames that are kept from training, too (by the training's cameras and shape)"
     refine.add_argument("--every-frame", action="store_true", help=every)
-
     what = "a capture of another layout (AvatarReX, THuman4.0, ZJU-MoCap, ActorsHQ, IMAvatar, NeRFace) written in ours"
     imported = acts.add_parser("import", help=what, allow_abbrev=False)
     imported.add_argument("source", help="a folder or .zip")
     imported.add_argument("out", help="a new folder, or one to go on with")
+    what = "a capture from videos, a calibration and keypoint files; goes on where it stopped"
     what = "a capture from videos, a calibration and keypoint files; goes on where it stopped"
     prepare = acts.add_parser("prepare", help=what, allow_abbrev=False)
     prepare.add_argument(
@@ -98,7 +98,7 @@ def _check(arguments: argparse.Namespace) -> int:
     out = None if arguments.out is None else output_folder(arguments.out, "check.json")
     from avatarrex_studio.cli.capture_check import check
 
-    return check(arguments.capture, arguments.rig, count, arguments.surface, out)
+    return check(arguments.capture, arguments.person, arguments.rig, count, arguments.surface, out)
 
 
 def _refine(arguments: argparse.Namespace) -> int:

@@ -28,12 +28,12 @@ UNUSABLE = 1
 """Exit status where the capture cannot be trained on."""
 
 
-def check(path: str, rig: str | None, count: int, surface: bool, out: Path | None) -> int:
-    """Check `count` frames of one rig or all, print table and verdict, write into `out`. Raises `InputError`.
+def check(path: str, template: str, rig: str | None, count: int, surface: bool, out: Path | None) -> int:
+    """Check `count` frames of one rig or all with a person's template, print table and verdict, write into `out`. Raises `InputError`.
 
     Returns `UNUSABLE` where the capture is that.
     """
-    capture = with_validation(open_capture(path))
+    capture = with_validation(open_capture(path, template=template))
     rigs = (one_of("--rig", rig, capture.rigs),) if rig else tuple(capture.rigs)
     capture, report, verdict = judge(capture, rigs, count, exact=True)
     if surface and verdict.state != "unusable":

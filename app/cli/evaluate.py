@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from avatarrex.capture.readers.rigs import Capture, Rig
     from avatarrex.templates.person import Person
 
+OTHER_BODY = "avatar: made on another body than the capture's; it is posed on its own"
 SHEET = 8
 """Pictures on a contact sheet."""
 
@@ -83,8 +84,9 @@ def _evaluate(
 
     weights = (arguments.vgg, arguments.lpips, arguments.inception)
     networks = measures.Networks.load(*(Path(path) if path else None for path in weights))
-    avatar, capture = load_avatar(arguments.avatar, arguments.device), open_capture(arguments.capture)
-    capture, own = as_trained(avatar, arguments.avatar, with_validation(capture))
+    avatar = load_avatar(arguments.avatar, arguments.device)
+    whole = with_validation(open_capture(arguments.capture, template=avatar.person.name))
+    capture, own = as_trained(avatar, arguments.avatar, whole)
     name = arguments.rig or ("body" if "body" in capture.rigs else next(iter(capture.rigs)))
     rig = capture.rigs[options.one_of("--rig", name, capture.rigs)]
     rig = choice.held_out(rig, arguments.held_out_frames, arguments.held_out_views)
@@ -95,8 +97,7 @@ def _evaluate(
         rig, exposed = _exposed(capture, name, arguments.exposed_as)
     frames = _frames(arguments.frames, rig.held_out_frames, rig.frames) if arguments.frames else None
     views = choice.cameras(rig, arguments.views, "--views") if arguments.views else None
-    other = not own and avatar.person.hash != capture.person.hash
-    notes = ("avatar: made on another body than the capture's; it is posed on its own",) if other else ()
+    notes = () if own or avatar.person.hash == capture.person.hash else (OTHER_BODY,)
     for note in (*capture.notes, *notes):
         print(note, file=sys.stderr)
     start = time.perf_counter()
@@ -135,7 +136,7 @@ def _person_fitted(avatar: Avatar, capture: Capture, own: bool) -> Person:
     """Whom a training on this capture poses: the avatar's body where that was it, else the person with its skin fitted."""
     from avatarrex.capture.fit.surface_fit import fit_surface
 
-    if own or capture.person.fit is None or capture.person.hash == avatar.person.hash:
+    if own or capture.person.packaged or capture.person.hash == avatar.person.hash:
         return avatar.person if own else capture.person
     print("person: fitting the template's skin to the mattes", file=sys.stderr)
     return fit_surface(capture)

@@ -1,4 +1,4 @@
-"""`avatarrex-studio models list|add|check`: the body, hand and face models that a user brings, in one folder."""
+"""`avatarrex-studio models list|add|check|matrix`: the body, hand and face models that a user brings, in one folder."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     check = acts.add_parser(
         "check", help="read every file of the folder, and those that belong together", allow_abbrev=False
     )
-    for act in (listed, add, check):
+    what = "write the table by which Faceverse's unnamed coefficients follow the 52 names, to be edited"
+    matrix = acts.add_parser("matrix", help=what, allow_abbrev=False)
+    for act in (listed, add, check, matrix):
         act.add_argument("--folder", metavar="DIR", help="instead of the user's models folder (AVATARREX_MODELS)")
 
 
@@ -32,6 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(folder, "", "a folder of models", what_is(folder))
     if arguments.act == "add":
         return _add(arguments.files, folder)
+    if arguments.act == "matrix":
+        return _matrix(folder)
     return _list(folder) if arguments.act == "list" else _check(folder)
 
 
@@ -57,6 +61,27 @@ def _add(files: list[str], folder: Path) -> int:
         with written(target) as temporary:
             shutil.copyfile(path, temporary)
         print(plain(f"{target}: {said}"))
+    return 0
+
+
+def _matrix(folder: Path) -> int:
+    from avatarrex.templates.official.expression_matrix import FILE, guessed, write_matrix
+    from avatarrex.templates.official.faceverse import read_faceverse
+    from avatarrex.templates.official.known_models import KNOWN
+    from avatarrex.templates.person import load_person
+
+    target = folder / FILE
+    if what_is(target) != "nothing there":
+        raise InputError(target, "", "nothing there: edit it, or move it away", what_is(target))
+    path = next(model for model in KNOWN if model.name == "faceverse").find(folder)
+    if path is None:
+        raise InputError(folder, "Faceverse", "a file of version 1, 3 or 4 (`models list`)", "nothing there")
+    face = read_faceverse(path).model
+    if face.expression_names:
+        raise InputError(path, "exp_name_list", "coefficients without names", "the 52 by their names")
+    matrix = guessed(face, load_person().face.model)
+    write_matrix(target, matrix)
+    print(plain(f"{target}: {len(matrix)} coefficients by the 52 names, guessed from the default face; to be edited"))
     return 0
 
 

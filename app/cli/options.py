@@ -19,6 +19,8 @@ from avatarrex.stage.stage import COLOUR, PICTURE, Stage
 
 STAGE = ("floor", "height", "azimuth", "elevation", "softness", "shadow", "exposure", "top", "bottom", "picture")
 """Keys of `--stage`."""
+PERSONS = ("default", "models")
+"""Templates by name."""
 
 
 def add_device(verb: argparse.ArgumentParser) -> None:
@@ -31,6 +33,14 @@ def add_device(verb: argparse.ArgumentParser) -> None:
 
     where = "where the networks run: cpu, cuda, cuda:1, mps, xpu … (cpu)"
     verb.add_argument("--device", default="cpu", type=device, metavar="D", help=where)
+
+
+def add_person(verb: argparse.ArgumentParser, default: str | None, otherwise: str = "") -> None:
+    """`--person`, the template; `default` without the option."""
+    words = (
+        f"template: {', or '.join(PERSONS)} for SMPL-X, MANO, Faceverse of the models folder ({default or otherwise})"
+    )
+    verb.add_argument("--person", default=default, choices=PERSONS, metavar="P", help=words)
 
 
 def add_levels(verb: argparse.ArgumentParser) -> None:

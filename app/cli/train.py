@@ -49,12 +49,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
         help="frames kept for the training's own figures, instead of some by rule",
     )
     add("--start", metavar="AVATAR", help="an avatar to go on from (with --recipe refine), in place of the template")
-    add(
-        "--person",
-        default="default",
-        metavar="P",
-        help="template: default, or models for SMPL-X, MANO, Faceverse of the models folder",
-    )
+    options.add_person(verb, None, "default, or with --start as there")
     add("--from-scratch", action="store_true", help="from nothing: neither the packaged prior nor the template's shape")
     add("--no-surface", action="store_true", help="end without distilling the avatar's surface, which level live draws")
     add("--force", action="store_true", help="train though the capture is unusable by `capture check`")
@@ -66,7 +61,6 @@ def add_options(verb: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Train, or go on with a training. Raises `InputError` before any work for a wrong option."""
-    options.one_of("--person", arguments.person, ("default", "models"))
     recipe = RECIPES[options.one_of("--recipe", arguments.recipe, RECIPES)]
     if arguments.from_scratch:
         if arguments.start:
@@ -98,10 +92,10 @@ def _train(arguments: argparse.Namespace, recipe: Recipe, group: ProcessGroup, d
     _check_free(arguments, group)
     device = str(device_named(device))
     start = load_avatar(arguments.start) if arguments.start else None
-    capture = open_capture(arguments.capture)
+    arguments.person = template(arguments.person, start)
+    capture = open_capture(arguments.capture, template=arguments.person)
     for note in capture.notes:
         print(note)
-    capture = with_person(capture, arguments.person)
     chosen = options.some_of("--parts", arguments.parts, recipe.steps()) if arguments.parts else None
     parts = tuple(part for part in recipe.steps() if part in (chosen or capture.rigs))
     capture = split_as_wanted(capture, arguments)
@@ -187,23 +181,12 @@ def split_as_wanted(capture: Capture, arguments: argparse.Namespace) -> Capture:
     return with_validation(capture, named)
 
 
-def with_person(capture: Capture, name: str) -> Capture:
-    """The capture with another template, whose size is still to be fitted. Raises `InputError` for one that has no size to fit.
-
-    What a capture says of its size is said of the default person: T-pose joints are fitted to it, shapes are in its directions.
-    """
-    from avatarrex.templates.person import load_person
-
-    if name == "default":
-        return capture
-    if capture.sized:
-        expected = "default for a capture that says how large the person is"
-        raise InputError("--person", "", expected, name)
-    person = load_person(name)
-    if not person.cut:
-        expected = "default, or a body alone: the size of several models cannot be fitted yet"
-        raise InputError("--person", "", expected, f"{name} with hands or a face of their own")
-    return replace(capture, person=person)
+def template(named: str | None, start: Avatar | None) -> str:
+    """The person to train on: the one that was named, or the start's. Raises `InputError` where these are two."""
+    own = "default" if start is None else start.person.name
+    if start is not None and named not in (None, own):
+        raise InputError("--person", "", f"{own}, which the avatar to go on from has", named)
+    return named or own
 
 
 def require_pictures(capture: Capture, parts: Iterable[str]) -> None:
@@ -245,7 +228,7 @@ def _fitted(capture: Capture, start: Avatar | None, arguments: argparse.Namespac
         expected = "a capture that can be trained on (`capture check` shows it; --force trains anyway)"
         worst = next(reason for reason in verdict.reasons if reason.state == "unusable")
         raise InputError(arguments.capture, worst.where, expected, worst.what)
-    if start is not None or capture.person.fit is None:
+    if start is not None or capture.person.packaged:
         return capture
     print("person: fitting the template's skin to the mattes")
     return replace(capture, person=fit_surface(sealed(capture, "train")))
@@ -261,8 +244,9 @@ def _with_body(capture: Capture, start: Avatar, source: str) -> Capture:
             expected = "one trained on this capture, whose files do not say how large the person is"
             raise InputError("--start", "", expected, source)
         return trained.placed(capture, start.person)
-    if (capture.person.fit is None) != (start.person.fit is None):
-        raise InputError("--start", "body", capture.person.name, start.person.name)
+    if capture.person.packaged != start.person.packaged:
+        whose = {True: "the studio's own", False: "one fitted to a capture"}
+        raise InputError("--start", "body", whose[capture.person.packaged], whose[start.person.packaged])
     return replace(capture, person=start.person)
 
 

@@ -84,7 +84,9 @@ class Trial:
     def draw(self, out: Path) -> dict[str, Any]:
         """Write `page_01.png` … into `out`; returns the key. Raises `InputError`."""
         avatar = load_avatar(self.avatar)
-        capture, own = as_trained(avatar, self.avatar, with_validation(open_capture(self.capture)))
+        capture, own = as_trained(
+            avatar, self.avatar, with_validation(open_capture(self.capture, template=avatar.person.name))
+        )
         if self.exposure:
             capture = one_exposure(capture, self.exposure, avatar.person if own else capture.person)
         views = chosen_views(capture, self.seed, self.count)

@@ -43,7 +43,9 @@ def run(order: SheetOrder) -> dict[str, Any]:
         if order.truth in TRUTHS.values():
             artists.insert(0, _truth_artist(order.truth))
         else:
-            captured, own = as_trained(avatar, order.avatar, with_validation(open_capture(order.truth)))
+            captured, own = as_trained(
+                avatar, order.avatar, with_validation(open_capture(order.truth, template=avatar.person.name))
+            )
             fitted = avatar.person if own else captured.person
     among = list(artists)
     if order.other:

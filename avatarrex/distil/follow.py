@@ -27,6 +27,7 @@ from avatarrex.fields.light import Light
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.ops.skinning import joint_transforms, skin, skinning_matrices
 from avatarrex.signals.driving import Signals
+from avatarrex.templates.counterpart import counterpart
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import Person
@@ -152,10 +153,6 @@ def _material(exact: ExactPose, residual: Float[Tensor, "n 3"], position: Float[
 
 def _on_template(avatar: Avatar, exact: ExactPose, name: str, vertex: Int[Tensor, " p"]) -> Float[Tensor, "p 3"]:
     """The part's own posed mesh at these vertices of the body template."""
-    ids = avatar.person.part(name).body_vertex_ids
-    index = torch.full((len(avatar.person.body.v_template),), -1)
-    known = ids >= 0
-    index[ids[known]] = torch.nonzero(known)[:, 0]
-    local = exact.posed.parts[name][index[vertex]]
+    local = counterpart(avatar.person, name).posed(exact.posed.parts[name], vertex)
     place = torch.as_tensor(exact.posed.root_from_part(name), dtype=torch.float32)
     return local @ place[:3, :3].T + place[:3, 3]

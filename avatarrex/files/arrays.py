@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import sys
 import tokenize
 import zipfile
 from collections.abc import Iterable
@@ -48,6 +49,7 @@ def read_arrays(
                     raise InputError(place, name, f"{PLAIN} of shape {shape}", f"{info.file_size - start} bytes")
                 content = unpack(archive, info.filename, largest, place, name)
                 arrays[name] = _array(content, shape, fortran, dtype, start)
+                check_letters(arrays[name])
     return arrays
 
 
@@ -57,7 +59,19 @@ def read_array(path: str | Path, largest: int = UNPACKED_BYTES) -> np.ndarray:
     shape, fortran, dtype, start = _described(io.BytesIO(content[:HEADER]), str(path), "")
     if start + math.prod(shape) * dtype.itemsize > len(content):
         raise InputError(path, "", f"{PLAIN} of shape {shape}", f"{len(content) - start} bytes")
-    return _array(bytearray(content), shape, fortran, dtype, start)
+    array = _array(bytearray(content), shape, fortran, dtype, start)
+    with refusing(path, "", PLAIN):
+        check_letters(array)
+    return array
+
+
+def check_letters(array: np.ndarray) -> None:
+    """Raise `ValueError` for texts with a letter that Unicode does not have: Python fails on those."""
+    if array.dtype.kind != "U" or not array.size:
+        return
+    letters = np.ascontiguousarray(array).reshape(-1).view(np.dtype(np.uint32).newbyteorder(array.dtype.byteorder))
+    if letters.max(initial=0) > sys.maxunicode:
+        raise ValueError("a letter that Unicode does not have")
 
 
 def _opened(source: str | Path | bytes, place: str) -> zipfile.ZipFile:
@@ -81,11 +95,13 @@ def _described(head: io.BytesIO, place: str, name: str) -> tuple[tuple[int, ...]
         raise InputError(place, name, PLAIN, "other bytes")
     try:
         shape, fortran, dtype = _HEADERS[npy.read_magic(head)](head)
+        if any(type(length) is not int for length in shape):  # NumPy takes True for one
+            raise ValueError("a shape of other numbers than sides")
         if any(length > LONGEST_SIDE for length in shape):
             raise ValueError("a side of more numbers than any file has")
     except _BROKEN_HEADER as error:
         raise InputError(place, name, PLAIN, error) from None
-    if dtype.hasobject or not dtype.itemsize or any(length < 0 for length in shape):
+    if dtype.hasobject or dtype.names or not dtype.itemsize or any(length < 0 for length in shape):
         raise InputError(place, name, PLAIN, f"shape {shape} of {dtype}")
     return shape, fortran, dtype, head.tell()
 

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csc_array, csr_array
 
 from avatarrex.errors import InputError
+from avatarrex.files.arrays import check_letters
 from avatarrex.files.gate import check_bytes
 
 NAMES = "numbers, texts, lists, dicts, NumPy arrays, SciPy csc and csr matrices, chumpy Ch and Select"
@@ -263,7 +264,9 @@ def array(content: Any, kind: Any, shape: Any, order: str, budget: Budget) -> np
     data = content.encode("latin-1") if isinstance(content, str) else content
     if size * kind.numpy.itemsize != len(data):
         raise ValueError(f"{len(data)} bytes for shape {tuple(shape)} of {kind.code}")
-    return np.frombuffer(data, kind.numpy).reshape(shape, order="F" if order == "F" else "C")
+    made = np.frombuffer(data, kind.numpy).reshape(shape, order="F" if order == "F" else "C")
+    check_letters(made)
+    return made
 
 
 def text(value: Any) -> str:

@@ -1,17 +1,19 @@
 """A person's templates together: body, both hands, face, and the painted weights that compose them.
 
 The packaged person, one from an `.npz` in its layout, or a folder of models as they are published (docs/formats.md). A `PersonFit` gives
-a person of the first two kinds another body's size.
+it another body's size: what lies on the body is made once more on the one of that size.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -24,9 +26,24 @@ from avatarrex.templates.hand import HandTemplate, cut_hand
 from avatarrex.templates.model import TemplateModel
 from avatarrex.templates.model_arrays import hash_arrays, read_model, real
 from avatarrex.templates.official.known_models import models_folder
-from avatarrex.templates.official.parts import read_parts
+from avatarrex.templates.official.parts import read_models
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person_fit import PersonFit
+
+Parts = tuple[HandTemplate, HandTemplate, FaceTemplate]
+"""Left hand, right hand and face."""
+OWN_SHAPE, SMPLX_SHAPE = "shape10", "betas"
+"""What a capture calls the shape of the packaged person, and of SMPL-X."""
+
+
+def cut_parts(body: TemplateModel) -> Parts:
+    """Hands and face that are cut out of a body."""
+    return cut_hand(body, "left"), cut_hand(body, "right"), cut_face(body)
+
+
+def at_the_origin(_: np.ndarray) -> np.ndarray:
+    """J_0 of a person whose files have it there, whatever the shape."""
+    return np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +61,17 @@ class Person:
     """SHA-256 of the arrays that pose it (and of its fit), first 16 hex digits."""
     fit: PersonFit | None = None
     """What made it another size than the one called `name`."""
-    cut: bool = True
-    """Whether hands and face are cut out of the body; those of other models are not, and keep their size."""
+    make_parts: Callable[[TemplateModel], Parts] = cut_parts
+    """Hands and face on this body in any size."""
+    shape_key: str = OWN_SHAPE
+    """What a capture calls the shape in this person's directions."""
+    pelvis: Callable[[np.ndarray], np.ndarray] = at_the_origin
+    """Where its files have J_0 (3,) with a shape (10,), metres; here it is the origin."""
+
+    @property
+    def packaged(self) -> bool:
+        """Whether it is the studio's own, in its own skin."""
+        return self.name == "default" and self.fit is None
 
     def part(self, name: str) -> HandTemplate | FaceTemplate:
         """The template of one of `PARTS`."""
@@ -78,15 +104,15 @@ def load_person(source: str | Path = "default") -> Person:
 @lru_cache(maxsize=4)
 @torch.inference_mode(False)
 def _load(name: str, path: Path) -> Person:
-    if what_is(path) == "a folder":
-        found = read_parts(path)
-        person = _whole(found.body, (found.left_hand, found.right_hand, found.face), name, found.hash)
-        return replace(person, cut=found.cut)
+    if name == "models" or what_is(path) == "a folder":
+        found = read_models(path)
+        person = _whole(found.body, found.parts, name, found.hash)
+        return replace(person, shape_key=SMPLX_SHAPE, pelvis=found.pelvis)
     arrays = read_npz(path, "person")
     body = read_model(arrays, path)
     if len(body.parents) != 55:
         raise InputError(path, "weights", "55 joints in SMPL-X order", len(body.parents))
-    return _cut(body, name, hash_arrays(arrays))
+    return _whole(body, cut_parts, name, hash_arrays(arrays))
 
 
 def resize_person(person: Person, fit: PersonFit) -> Person:
@@ -96,23 +122,16 @@ def resize_person(person: Person, fit: PersonFit) -> Person:
     """
     if person.fit is not None:
         raise InputError("person", "fit", "a person of the original size", "one that is resized")
-    if not person.cut:
-        raise InputError(
-            person.name, "fit", "a person cut out of one body", "one of several models: its size is its shape's"
-        )
     vertices, joints = fit.moved(person.body.double())
     resized = replace(person.body, v_template=real(vertices), joint_template=real(joints))
     digest = hashlib.sha256((person.hash + json.dumps(fit.to_json())).encode())
-    return replace(_cut(resized, person.name, digest.hexdigest()[:16]), fit=fit)
+    whole = _whole(resized, person.make_parts, person.name, digest.hexdigest()[:16])
+    return replace(whole, fit=fit, shape_key=person.shape_key, pelvis=person.pelvis)
 
 
-def _cut(body: TemplateModel, name: str, hash: str) -> Person:
-    """The person of a body: hands and face are cut out of it."""
-    return _whole(body, (cut_hand(body, "left"), cut_hand(body, "right"), cut_face(body)), name, hash)
-
-
-def _whole(body: TemplateModel, parts: tuple[HandTemplate, HandTemplate, FaceTemplate], name: str, hash: str) -> Person:
+def _whole(body: TemplateModel, make_parts: Callable[[TemplateModel], Parts], name: str, hash: str) -> Person:
     """The person of a body and its parts, whose ω are painted on the body, too."""
+    parts = make_parts(body)
     painted = body.v_template.new_zeros(len(body.v_template), len(PARTS))
     every: tuple[HandTemplate | FaceTemplate, ...] = parts
     for column, part in enumerate(every):
@@ -120,4 +139,4 @@ def _whole(body: TemplateModel, parts: tuple[HandTemplate, HandTemplate, FaceTem
         painted[part.body_vertex_ids[on_body], column] = part.blend_weight[on_body]
     if (parts[2].body_vertex_ids < 0).all():  # a face with a mesh of its own
         painted[:, 2] = paint_face(body)
-    return Person(body, *parts, painted, name, hash)
+    return Person(body, *parts, painted, name, hash, make_parts=make_parts)

@@ -46,7 +46,7 @@ def package(run: Path, figures: Path, target: Path, name: str, cost: str) -> Non
     if source is None:
         raise InputError(run, "checkpoints", "a checkpoint with an avatar", "none")
     avatar, found = load_avatar(source), _checked(figures, source, about["config"])
-    if avatar.person.fit is not None:
+    if not avatar.person.packaged:
         raise InputError(source, "avatar.json: person_fit", "the studio's own person", avatar.person.name)
     avatar.meta |= {"name": name, "cost": cost, "held_out": found, **TERMS}
     save_avatar(avatar, target)

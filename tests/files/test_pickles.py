@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import collections
+import io
 import os
 import pickle
 import struct
 import tracemalloc
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ import scipy.sparse
 from python2_pickles import chumpy, python2_pickle, selected, write_object_array, write_python2
 
 from avatarrex.errors import InputError
-from avatarrex.files.arrays import read_array
+from avatarrex.files.arrays import read_array, read_arrays
 from avatarrex.files.pickles import read_pickle
 
 RNG = np.random.default_rng(0)
@@ -254,6 +256,45 @@ def test_a_broken_header_is_refused_in_one_line(tmp_path: Path, header: bytes) -
         with pytest.raises(InputError) as caught:
             read(tmp_path / "a.npy")
         assert "\n" not in str(caught.value)
+
+
+def test_letters_that_unicode_does_not_have_are_refused(tmp_path: Path) -> None:
+    """Python itself fails on such a text, wherever it is looked at first; either byte order."""
+    for kind in ("<U3", ">U3"):
+        texts = np.array(["abc", "d"], dtype=kind)
+        np.save(tmp_path / "a.npy", texts)
+        assert read_array(tmp_path / "a.npy").tolist() == ["abc", "d"]
+        content = (tmp_path / "a.npy").read_bytes()
+        (tmp_path / "a.npy").write_bytes(content[:-12] + b"\x7f" * 12)
+        np.savez(tmp_path / "a.npz", a=texts)
+        with pytest.raises(InputError, match="a letter that Unicode does not have"):
+            read_array(tmp_path / "a.npy")
+        pickled = pickle.dumps(texts, 4)
+        assert read_pickle(pickled, "a model").tolist() == ["abc", "d"]
+        with pytest.raises(InputError, match="a letter that Unicode does not have"):
+            read_pickle(pickled.replace(texts.tobytes(), b"\x7f" * 24), "a model")
+        np.savez(tmp_path / "a.npz", a=texts)
+        stored = (tmp_path / "a.npz").read_bytes()
+        (tmp_path / "a.npz").write_bytes(rezipped(stored, texts.tobytes(), b"\x7f" * 24))
+        with pytest.raises(InputError, match="a letter that Unicode does not have"):
+            read_arrays(tmp_path / "a.npz")
+
+
+def rezipped(content: bytes, old: bytes, new: bytes) -> bytes:
+    """A zip with bytes of its members replaced, and their checksums made anew."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(content)) as source, zipfile.ZipFile(stream, "w") as target:
+        for name in source.namelist():
+            target.writestr(name, source.read(name).replace(old, new))
+    return stream.getvalue()
+
+
+def test_lengths_are_whole_numbers(tmp_path: Path) -> None:
+    """NumPy takes True for a length in a header, and then fails."""
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (True,), }\n"
+    (tmp_path / "a.npy").write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(8))
+    with pytest.raises(InputError, match="a shape of other numbers than sides"):
+        read_array(tmp_path / "a.npy")
 
 
 def test_bytes_that_many_arrays_share_are_counted_each() -> None:

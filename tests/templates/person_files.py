@@ -27,6 +27,8 @@ LANDMARKS = {27: (0, 0.0, 0.012), 30: (0, -0.045, 0.03), 36: (-0.046, 0, 0), 39:
              45: (0.046, 0, 0), 48: (-0.026, -0.075, 0.012), 54: (0.026, -0.075, 0.012), 8: (0, -0.12, 0.01), 0: (-0.075, -0.03, -0.06),
              16: (0.075, -0.03, -0.06)}  # fmt: skip
 """Of iBUG's 68, about where they are: metres from between the eyes."""
+J0 = np.array([0.003, -0.351, 0.012])
+"""Where the file has its pelvis, as SMPL-X's does."""
 
 
 def open_edges(faces: np.ndarray) -> list[tuple[int, int]]:
@@ -134,7 +136,7 @@ def person_smplx() -> dict[str, np.ndarray]:
     parents = np.array(PARENTS, dtype=np.int64)
     parents[0] = 2**32 - 1
     taken = {
-        "v_template": points, "f": faces.astype(np.uint32), "shapedirs": of(directions), "posedirs": posedirs,
+        "v_template": points + J0, "f": faces.astype(np.uint32), "shapedirs": of(directions), "posedirs": posedirs,
         "weights": of(arrays["weights"]), "kintree_table": np.stack([parents, np.arange(55)]),
         "J_regressor": nearby(points, arrays["J_template"].astype(np.float64)),
         **{f"hands_components{s}": np.eye(45) for s in "lr"}, **{f"hands_mean{s}": np.zeros(45) for s in "lr"},

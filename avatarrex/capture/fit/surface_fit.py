@@ -46,7 +46,7 @@ def fit_capture(capture: Capture) -> Capture:
     Raises `InputError` for a picture that cannot be decoded, and for somebody who is not as tall as people are.
     """
     sized = capture if capture.sized else fit_size(capture)
-    return sized if sized.person.fit is None else replace(sized, person=fit_surface(sized))
+    return sized if sized.person.packaged else replace(sized, person=fit_surface(sized))
 
 
 def fit_surface(

@@ -1,8 +1,8 @@
 """What the captured person did: `smpl_params.npz` of a rig in our joints and coefficients. Letters: t frames.
 
 SMPL-X order, rotation vectors, radians, metres; full axis-angle hands (no PCA), flat at zero unless the file says
-otherwise; a hand without parameters is relaxed. `arkit52` (t, 52) with `arkit_names` are the expression, by name; `shape10`
-(10,) is this project's own β. `betas` and `expression` (t, 10) belong to the SMPL-X model and are not applied to another person.
+otherwise; a hand without parameters is relaxed. `arkit52` (t, 52) with `arkit_names` are the expression, by name. `shape10` (10,) is the
+default person's β, `betas` are SMPL-X's: each is applied to that person alone. `expression` (t, 10), SMPL-X's, is not applied.
 """
 
 from __future__ import annotations
@@ -38,16 +38,15 @@ class Parameters:
     """(t, 3): the pelvis is at J_0 + translation."""
     expression: np.ndarray
     """(t, 52) in our order."""
-    shape: np.ndarray | None
-    """(10,) where the person is this project's own."""
+    shapes: dict[str, np.ndarray]
+    """β (10,) by whose directions it is in, as the file calls it (`SHAPES`)."""
     joints: np.ndarray | None
     """(55, 3) of the T-pose, where the file has them."""
     fps: float
     notes: tuple[str, ...]
 
-    def signals(self, shift: np.ndarray, scale: float, name: str) -> SignalSequence:
-        """Our signals: translations times `scale`, plus `shift` (3,) where J_0 is elsewhere than our person's."""
-        shape = np.zeros(10) if self.shape is None else self.shape
+    def signals(self, shape: np.ndarray, shift: np.ndarray, scale: float, name: str) -> SignalSequence:
+        """Our signals, of a shape (10,): translations times `scale`, plus `shift` (3,) where J_0 is elsewhere than our person's."""
         frames = (
             Signals.from_full_pose(pose, translation=translation * scale + shift, expression=expression, shape=shape)
             for pose, translation, expression in zip(self.pose, self.translation, self.expression)
@@ -65,13 +64,26 @@ def read_parameters(arrays: dict[str, np.ndarray], source: str) -> Parameters:
     pose = _pose(arrays, source, notes)
     count = len(pose)
     expression = _expression(arrays, source, count, notes)
-    shape = require(arrays, source, "shape10", (10,)).astype(np.float64) if "shape10" in arrays else None
+    shapes = _shapes(arrays, source, notes)
     joints = require(arrays, source, "tpose_joints", (55, 3)) if "tpose_joints" in arrays else None
-    if shape is None and np.any(arrays.get("betas", 0)):
-        notes.append("betas belong to the SMPL-X model: not applied")
     rate = check_rate(arrays.get("fps", 30.0), source)
     translation = rows(arrays, source, "transl", count, 3).astype(np.float64)
-    return Parameters(pose, translation, expression, shape, joints, rate, tuple(notes))
+    return Parameters(pose, translation, expression, shapes, joints, rate, tuple(notes))
+
+
+def _shapes(arrays: dict[str, np.ndarray], source: str, notes: list[str]) -> dict[str, np.ndarray]:
+    """By name. `betas` beside what says the size of another person are not this person's."""
+    if "shape10" in arrays:
+        return {"shape10": require(arrays, source, "shape10", (10,)).astype(np.float64)}
+    if "betas" not in arrays or "tpose_joints" in arrays:
+        return {}
+    betas = np.atleast_2d(arrays["betas"]).astype(np.float64)
+    if betas.ndim != 2 or not betas.size:
+        raise InputError(source, "betas", "shape (coefficients) or (frames, coefficients)", arrays["betas"].shape)
+    if np.ptp(betas, axis=0).max() > 0:
+        notes.append("betas: another body in each frame: their median")
+    shape = np.median(betas, axis=0)[:10]
+    return {"betas": np.pad(shape, (0, 10 - len(shape)))}
 
 
 def _pose(arrays: dict[str, np.ndarray], source: str, notes: list[str]) -> np.ndarray:

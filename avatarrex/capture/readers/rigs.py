@@ -30,7 +30,7 @@ from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES, Parameters
 from avatarrex.capture.readers.units import metres
 from avatarrex.errors import InputError, plain
 from avatarrex.signals.sequence import SignalSequence
-from avatarrex.templates.person import Person, load_person
+from avatarrex.templates.person import OWN_SHAPE, SMPLX_SHAPE, Person, load_person
 
 SMPLX_PELVIS = np.array([0.0031, -0.3514, 0.0120])
 """J_0 of the neutral SMPL-X template, metres, to 0.1 mm: where a capture's pelvis is at transl = 0 when it does not say."""
@@ -106,7 +106,7 @@ class Capture:
     path: Path
     rigs: dict[str, Rig]
     person: Person
-    """The default person, or one resized to the captured body."""
+    """Of the template that was named, resized where the files say the captured body's joints."""
     ground_truth: dict[str, RigTruth]
     """Exact meshes by rig, where the capture has them."""
     notes: tuple[str, ...]
@@ -118,7 +118,7 @@ class Capture:
     key: str = ""
     """SHA-256 of calibration and parameters, first 16 hex digits: the same for folder and zip, whatever it is called."""
     sized: bool = True
-    """Whether the file says how large the person is; if not, `person` is the default one until `fit_size`."""
+    """Whether the file says how large the person is; if not, `person` is the template until `fit_size`."""
 
     def moved(self, offset: np.ndarray) -> Capture:
         """The same with its pelvis, in every frame, `offset` (3,) metres from there."""
@@ -129,10 +129,10 @@ class Capture:
         return replace(self, rigs=rigs, pelvis=self.pelvis + offset)
 
 
-def open_capture(path: str | Path, memory_mb: float = 1024) -> Capture:
+def open_capture(path: str | Path, memory_mb: float = 1024, template: str = "default") -> Capture:
     """Open a capture, a folder or a zip; decoded pictures stay in memory up to `memory_mb`.
 
-    Raises `InputError` naming file, key, what was expected and what was found.
+    `template` is the person it is of (`load_person`). Raises `InputError` naming file, key, what was expected and what was found.
     """
     archive = Archive(path)
     root, rig_files = find_rigs(archive)
@@ -143,20 +143,20 @@ def open_capture(path: str | Path, memory_mb: float = 1024) -> Capture:
     notes = ["capture.json: the capture is not complete"] if manifest.get("complete") is False else []
     if "face" not in rig_files:
         notes.append("face: no rig of its own: the head is learned from the body's cameras")
-    person, pelvis, scale, sized = _person(rig_files, parameters, notes)
+    person, place = _person(load_person(template), rig_files, parameters, notes)
     cache = ByteCache(int(memory_mb * 2**20))
     rigs, truths = {}, {}
     for name, files in rig_files.items():
-        rig, truth = _rig(name, files, parameters[name], pelvis, manifest, cache, notes)
+        rig, truth = _rig(name, files, parameters[name], place, manifest, cache, notes)
         rigs[name] = rig
         if truth is not None:
-            truth.scale = scale
+            truth.scale = place.scale
             truths[name] = truth
     made_on = (manifest.get("provenance") or {}).get("person_hash", person.hash)
-    if sized and person.fit is None and made_on != person.hash:
+    if place.sized and person.packaged and made_on != person.hash:
         notes.append(f"capture.json: made on another version of the person ({made_on}), not this one ({person.hash})")
     said = tuple(map(plain, notes))
-    return Capture(archive.path, rigs, person, truths, said, manifest, pelvis, _key(rig_files), sized)
+    return Capture(archive.path, rigs, person, truths, said, manifest, place.pelvis, _key(rig_files), place.sized)
 
 
 def _key(rigs: dict[str, RigFiles]) -> str:
@@ -172,18 +172,28 @@ def _parameters(files: RigFiles) -> Parameters:
     return read_parameters(archive.arrays(files.parameters, KEYS, LARGEST_BYTES), archive.place(files.parameters))
 
 
-def _person(
-    files: dict[str, RigFiles], parameters: dict[str, Parameters], notes: list[str]
-) -> tuple[Person, np.ndarray, float, bool]:
-    """The person, J_0 as the capture places it, the factor of its lengths to metres, and whether its size is known.
+@dataclass(frozen=True)
+class _Place:
+    """How a capture's files place and size the person."""
 
-    Ours has its J_0 at the origin, whatever its size.
-    """
-    person = load_person("default")
+    pelvis: np.ndarray
+    """J_0 (3,), metres."""
+    shape: np.ndarray
+    """β (10,) of every frame."""
+    scale: float = 1.0
+    """Metres of the unit of T-pose joints and meshes."""
+    sized: bool = True
+
+
+def _person(
+    person: Person, files: dict[str, RigFiles], parameters: dict[str, Parameters], notes: list[str]
+) -> tuple[Person, _Place]:
+    """`person` as the capture has it, and where. A shape in another person's directions does not say the size of this one."""
+    flat = np.zeros(10)
     for name, values in parameters.items():
         source = files[name].archive.place(files[name].parameters)
-        if values.shape is not None:
-            return person, np.zeros(3), 1.0, True
+        if (shape := values.shapes.get(person.shape_key)) is not None:
+            return person, _Place(person.pelvis(shape), shape)
         joints = values.joints
         if joints is None and files[name].ground_truth:
             truth = RigTruth(files[name])
@@ -197,11 +207,14 @@ def _person(
         person = fit_person(person, joints, source)
         check_height(person, source)
         notes.append("person: size fitted to the capture's T-pose joints")
-        return person, joints[0], scale, True
+        return person, _Place(joints[0], flat, scale)
+    others = {key for values in parameters.values() for key in values.shapes}
+    if SMPLX_SHAPE in others:
+        notes.append("betas belong to the SMPL-X model (--person models): not applied")
     notes.append(
-        "person: the capture does not say its size (no shape10, no tpose_joints): it has to be fitted to the mattes"
+        f"person: the capture does not say its size (no {person.shape_key}, no tpose_joints): it has to be fitted to the mattes"
     )
-    return person, SMPLX_PELVIS, 1.0, False
+    return person, _Place(np.zeros(3) if OWN_SHAPE in others else SMPLX_PELVIS, flat, sized=False)
 
 
 def joint_unit(joints: np.ndarray) -> float:
@@ -213,7 +226,7 @@ def _rig(
     name: str,
     files: RigFiles,
     values: Parameters,
-    shift: np.ndarray,
+    where: _Place,
     manifest: dict[str, Any],
     cache: ByteCache,
     notes: list[str],
@@ -224,7 +237,7 @@ def _rig(
     lenses = read_calibration(archive.text(files.calibration), place)
     calibrated = tuple(lens.name for lens in lenses)
     lenses, images, mattes = with_pictures(name, files, lenses, count, notes)
-    lenses, scale = metres(lenses, values.translation, shift, place, f"{name}: ", notes)
+    lenses, scale = metres(lenses, values.translation, where.pelvis, place, f"{name}: ", notes)
     listed = files.listed_missing(tuple(lens.name for lens in lenses))
     missing = missing_pictures(name, images, mattes, listed, count, notes)
     bent = [lens.name for lens in lenses if lens.distorts]
@@ -236,7 +249,7 @@ def _rig(
         if first is not None:
             pictures.check_size(view, first)
     views = tuple(View(lens.name, lens.camera) for lens in lenses)
-    signals = values.signals(shift, scale, archive.path.name)
+    signals = values.signals(where.shape, where.pelvis, scale, archive.path.name)
     notes.extend(f"{name}: {note}" for note in values.notes)
     keypoints = read_keypoints(files, lenses, calibrated, count)
     rig = Rig(name, views, signals, missing, frozenset(), frozenset(), pictures, keypoints)

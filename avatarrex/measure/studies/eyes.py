@@ -94,7 +94,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Measure and print. Raises `InputError` for a capture without a face rig or held-out frames."""
     avatar = load_avatar(options.avatar)
-    capture, own = as_trained(avatar, options.avatar, with_validation(open_capture(options.capture)))
+    capture, own = as_trained(
+        avatar, options.avatar, with_validation(open_capture(options.capture, template=avatar.person.name))
+    )
     check("face" in capture.rigs, options.capture, "", "a face rig", ", ".join(capture.rigs))
     rig = capture.rigs["face"]
     pairs = [(v, f) for f in sorted(rig.held_out_frames) for v in range(len(rig.views)) if rig.available(v, f)]

@@ -21,6 +21,7 @@ from avatarrex.files.gate import what_is
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.templates.model import TemplateModel
 from avatarrex.templates.model_arrays import LARGEST_NUMBER
+from avatarrex.templates.official import expression_matrix
 from avatarrex.templates.official.model_file import read_dict
 
 VERSIONS = {(150, 74): 1, (150, 52): 2, (150, 171): 3, (156, 177): 4}
@@ -72,6 +73,8 @@ def read_faceverse(path: str | Path) -> FaceverseFile:
     factor = UNITS[unit] * np.array(signs)
     mean, shape, expression = mean * factor, shape * factor[:, None], expression * factor[:, None]
     named = _named(fields, path, expression)
+    if not named[1] and what_is(table := Path(path).with_name(expression_matrix.FILE)) == "a file":
+        named = expression @ expression_matrix.read_matrix(table, expression.shape[2]), EXPRESSION_NAMES
     model = _model(mean, _faces(fields, path, mean), shape, named, _eyes(fields, path, mean))
     return FaceverseFile(model, version, unit, signs, landmarks)
 

@@ -55,7 +55,7 @@ KNOWN: tuple[KnownModel, ...] = (
         "faceverse", "Faceverse face",
         ("faceverse_simple_v2.npy", "faceverse_v2.npy", "faceverse_v3.npy", "faceverse_v3_6_s.npy",
          "faceverse_v3_1.npy", "faceverse_v4_2.npy", "faceverse_v4.npy", "faceverse_v1.npy"),
-        f"{FACEVERSE_SITE}, README (version 3: exBase_52.npy beside it)", "the default person's face, which has the same 52 expressions",
+        f"{FACEVERSE_SITE}, README (version 3: exBase_52.npy beside it)", "the face is cut out of SMPL-X, and expressions do not move it",
     ),
     KnownModel(
         "flame", "FLAME head", ("generic_model.pkl", "flame2023.pkl", "flame2023_no_jaw.pkl", "FLAME_NEUTRAL.pkl"),
@@ -67,7 +67,7 @@ KNOWN: tuple[KnownModel, ...] = (
     ),
 )  # fmt: skip
 """In the order of the list."""
-BESIDE = ("exBase_52.npy",)
+BESIDE = ("exBase_52.npy", "faceverse_expressions.csv")
 """Files that belong to another one and are added beside it."""
 
 

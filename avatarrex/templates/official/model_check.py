@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.official import expression_matrix
 from avatarrex.templates.official.correspondence import hand_ids, head_ids, read_hand_ids, read_head_ids
 from avatarrex.templates.official.faceverse import read_faceverse, read_fifty_two
 from avatarrex.templates.official.flame import read_flame
@@ -92,6 +93,8 @@ def _head_ids(path: Path) -> str:
 
 
 def _told_beside(path: Path) -> str:
+    if path.name.lower() == expression_matrix.FILE:
+        return f"52 expressions by {expression_matrix.read_matrix(path).shape[0]} coefficients of Faceverse"
     return f"52 expressions of Faceverse 3, {len(read_fifty_two(path))} vertices"
 
 

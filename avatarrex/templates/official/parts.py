@@ -23,6 +23,7 @@ from avatarrex.templates.albedo import paint_albedo
 from avatarrex.templates.face import HEAD, JAW, LEFT_EYE, RIGHT_EYE, FaceTemplate, cut_face, paint_face
 from avatarrex.templates.hand import HandTemplate, cut_hand, paint_hand
 from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.official import expression_matrix
 from avatarrex.templates.official.correspondence import HAND_JOINTS, hand_ids
 from avatarrex.templates.official.faceverse import FaceverseFile, read_faceverse
 from avatarrex.templates.official.known_models import KNOWN
@@ -40,19 +41,35 @@ FIRST_INNER = 17
 
 
 @dataclass(frozen=True, eq=False)
-class PersonParts:
-    """What makes a person."""
+class PersonModels:
+    """What makes a person: a body, and what lies on it, whatever its size."""
 
     body: TemplateModel
-    left_hand: HandTemplate
-    right_hand: HandTemplate
-    face: FaceTemplate
+    """Its J_0 is the origin, as the default person's."""
+    j0: np.ndarray
+    """(3,) metres: where the file has its pelvis."""
+    j0_dirs: np.ndarray
+    """(3, 10): how that follows the shape."""
+    hands: dict[str, tuple[ManoFile, np.ndarray]]
+    """By side: MANO's hand and its vertices on the body. Both or none."""
+    face: FaceTemplate | None
+    """Faceverse's, on `body`."""
     hash: str
-    cut: bool
-    """Whether hands and face are cut out of the body."""
+
+    def parts(self, body: TemplateModel) -> tuple[HandTemplate, HandTemplate, FaceTemplate]:
+        """Left hand, right hand and face on `body`, which is `self.body` in some size."""
+        left, right = (
+            hand_of(*self.hands[side], body) if side in self.hands else cut_hand(body, side)
+            for side in ("left", "right")
+        )
+        return left, right, cut_face(body) if self.face is None else carried_face(self.face, self.body, body)
+
+    def pelvis(self, shape: np.ndarray) -> np.ndarray:
+        """J_0 (3,), metres, of a shape (10,), as the file has it."""
+        return np.asarray(self.j0 + self.j0_dirs @ shape)
 
 
-def read_parts(folder: str | Path) -> PersonParts:
+def read_models(folder: str | Path) -> PersonModels:
     """From a models folder. Raises `InputError`."""
     found = {model.name: path for model in KNOWN if (path := model.find(Path(folder)))}
     if "smplx" not in found:
@@ -62,31 +79,33 @@ def read_parts(folder: str | Path) -> PersonParts:
     hands, face = {}, None
     if {"mano_left", "mano_right"} <= set(found):
         for side, mano in read_hands(found["mano_left"], found["mano_right"]).items():
-            hands[side] = hand_of(mano, body, hand_ids(mano.model, body, side, found.get("hand_ids")))
+            hands[side] = (mano, hand_ids(mano.model, body, side, found.get("hand_ids")))
             digest.update(mano.hash.encode())
     if "faceverse" in found:
         read = read_faceverse(found["faceverse"])
         face = face_of(read, body, file)
         digest.update(read.model.v_template.numpy().tobytes() + read.model.expression_dirs.numpy().tobytes())
-    left, right = (hands.get(side) or cut_hand(body, side) for side in ("left", "right"))
-    cut = not hands and face is None
-    return PersonParts(body, left, right, face or cut_face(body), digest.hexdigest()[:16], cut)
+    j0, j0_dirs = file.model.joint_template[0].double(), file.model.joint_shapedirs[0, :, :SHAPES].double()
+    return PersonModels(body, j0.numpy(), j0_dirs.numpy(), hands, face, digest.hexdigest()[:16])
 
 
 def driven_body(file: SmplxFile) -> TemplateModel:
-    """SMPL-X as the signals drive it: ten shapes, and 52 expressions that move nothing, since the face is a part of its own."""
+    """SMPL-X as the signals drive it: J_0 at the origin, ten shapes, and 52 expressions that move nothing, since the face is a
+    part of its own."""
     model = file.model
     return replace(
         model,
-        shapedirs=model.shapedirs[..., :SHAPES],
-        joint_shapedirs=model.joint_shapedirs[..., :SHAPES],
+        v_template=model.v_template - model.joint_template[0],
+        joint_template=model.joint_template - model.joint_template[0],
+        shapedirs=(model.shapedirs - model.joint_shapedirs[0])[..., :SHAPES],
+        joint_shapedirs=(model.joint_shapedirs - model.joint_shapedirs[0])[..., :SHAPES],
         expression_dirs=torch.zeros(len(model.v_template), 3, len(EXPRESSION_NAMES)),
         expression_names=EXPRESSION_NAMES,
         joint_expression_dirs=None,
     )
 
 
-def hand_of(mano: ManoFile, body: TemplateModel, ids: np.ndarray) -> HandTemplate:
+def hand_of(mano: ManoFile, ids: np.ndarray, body: TemplateModel) -> HandTemplate:
     """MANO's hand on SMPL-X's vertices `ids`, in the wrist's frame."""
     rows, rim = torch.from_numpy(ids), mano.model.faces[mano.model.faces[:, 1] == VERTICES, 0]
 
@@ -104,9 +123,8 @@ def face_of(face: FaceverseFile, body: TemplateModel, file: SmplxFile) -> FaceTe
     """Faceverse's face on SMPL-X's head, in the head's frame. Raises `InputError` where it has not the 52 named expressions."""
     own = face.model
     if own.expression_names != EXPRESSION_NAMES:
-        raise InputError(
-            "Faceverse", "exp_name_list", "the 52 expressions by their names", f"{own.expression_dirs.shape[2]} others"
-        )
+        expected = f"52 expressions by their names, or {expression_matrix.FILE} (`avatarrex-studio models matrix` writes one to edit)"
+        raise InputError("Faceverse", "exp_name_list", expected, f"{own.expression_dirs.shape[2]} without names")
     turn, size, here, there = _placing(face, body, file)
     head = body.joint_template[HEAD].double().numpy()
     places = (own.v_template.double().numpy() - here) @ turn.T * size + there
@@ -126,6 +144,22 @@ def face_of(face: FaceverseFile, body: TemplateModel, file: SmplxFile) -> FaceTe
     )
     albedo = paint_albedo(model.v_template, model.joint_template[2:], model.groups)
     return FaceTemplate(model, paint_face(body)[near], albedo, torch.full((len(near),), -1))
+
+
+def carried_face(face: FaceTemplate, old: TemplateModel, new: TemplateModel) -> FaceTemplate:
+    """A face on `old`, taken along by the nearest skin as `new`, the same body in another size, has moved; its ω painted there."""
+    if new is old:
+        return face
+    near = torch.from_numpy(
+        cKDTree(old.v_template.numpy()).query((face.v_template + old.joint_template[HEAD]).numpy())[1]
+    )
+    joints = new.joint_template - old.joint_template
+    model = replace(
+        face.model,
+        v_template=face.v_template + (new.v_template - old.v_template)[near] - joints[HEAD],
+        joint_template=face.model.joint_template + joints[FACE_JOINTS] - joints[HEAD],
+    )
+    return replace(face, model=model, blend_weight=paint_face(new)[near])
 
 
 def _placing(

@@ -55,7 +55,11 @@ def light(capture: Capture) -> str:
 def of_the_template(capture: Capture) -> dict[str, str]:
     """By part what of its geometry the training did not learn."""
     fit = capture.person.fit
-    same = _drawn(capture) and _variation(capture).get("subject", "default") == "default"
+    same = (
+        capture.person.name == "default"
+        and _drawn(capture)
+        and _variation(capture).get("subject", "default") == "default"
+    )
     own = "the template, which is the drawn person's own" if same else "the template"
     skin = "" if fit is None or fit.surface is None else ", its skin fitted to the mattes"
     return {

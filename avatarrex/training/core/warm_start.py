@@ -1,8 +1,8 @@
 """Warm start: the geometry of body and face is fitted to a guess at the template's signed distance before pass I.
 
 Not in the paper, which starts from scratch: supervised distances take seconds where volume rendering takes hours to find
-the rough shape. Where the packaged prior (prior.py) has the shape of the avatar's networks and template, the fit goes on
-from there.
+the rough shape. Where the packaged prior (prior.py) has the shape of the avatar's networks, the fit goes on from there: on another
+template each of its nodes lies on the vertex nearest to where it lay, once the default person has that template's joints.
 """
 
 from __future__ import annotations
@@ -12,14 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 from torch import Tensor, nn
 from tqdm import tqdm
 
 from avatarrex.avatar import Avatar
+from avatarrex.capture.fit.person_fit import fit_person
 from avatarrex.fields.body import SDF_UNIT
 from avatarrex.files.assets import DATA
 from avatarrex.files.tensors import read_safetensors
 from avatarrex.signals.driving import Signals
+from avatarrex.templates.person import Person, load_person
 from avatarrex.training.core.losses import distance_loss
 from avatarrex.training.core.supervision import Draw, supervision
 
@@ -61,16 +64,28 @@ def read_prior(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
 
 
 def prior_of(avatar: Avatar, part: str) -> dict[str, Tensor] | None:
-    """A part of the packaged prior by `module.name`; None where the avatar's networks or template are others."""
+    """A part of the packaged prior by `module.name`, its nodes on the avatar's template; None where the networks are others."""
     own = known_state(avatar.modules()[module_of(part)].state_dict(), part)
     tensors, about = read_prior(PRIOR)
     prior = {name: tensors[name] for name in own if name in tensors}
-    same = {name: value.shape for name, value in own.items()} == {name: value.shape for name, value in prior.items()}
-    return prior if same and int(about["vertices"]) == len(avatar.person.body.v_template) else None
+    if {name: value.shape for name, value in own.items()} != {name: value.shape for name, value in prior.items()}:
+        return None
+    if part == "body" and int(about["vertices"]) != len(avatar.person.body.v_template):
+        prior["body.node_vertex"] = carried_nodes(prior["body.node_vertex"], avatar.person)
+        prior["body.anchor_vertex"] = own["body.anchor_vertex"]  # they carry no weights
+    return prior
+
+
+def carried_nodes(vertex: Tensor, person: Person) -> Tensor:
+    """Vertices (n,) of the default person on another's body: nearest to where they are once it has that one's joints."""
+    joints = person.body.joint_template.double().numpy()
+    default = fit_person(load_person("default"), joints - joints[0], person.name).body.v_template
+    moved = default.numpy()[vertex.numpy()] + joints[0]
+    return torch.from_numpy(cKDTree(person.body.v_template.numpy()).query(moved)[1])
 
 
 def load_prior(avatar: Avatar, part: str) -> bool:
-    """Take a part of the packaged prior; False, and nothing changed, where it is of other networks or another template."""
+    """Take a part of the packaged prior; False, and nothing changed, where it is of other networks."""
     prior = prior_of(avatar, part)
     if prior is None:
         return False

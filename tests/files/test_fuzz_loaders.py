@@ -1,0 +1,103 @@
+"""The fuzzer over every loader: a short time of it, and that it finds what is wrong."""
+
+from __future__ import annotations
+
+import importlib.util
+import pickle
+import random
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from avatarrex.errors import InputError
+
+PLACE = Path(__file__).parents[2] / "tools" / "fuzz_loaders.py"
+
+
+@pytest.fixture(scope="module")
+def tool():
+    before = list(sys.path)
+    spec = importlib.util.spec_from_file_location("fuzz_loaders", PLACE)
+    module = sys.modules["fuzz_loaders"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    sys.path[:] = before
+    yield module
+    del sys.modules["fuzz_loaders"]
+
+
+@pytest.mark.slow
+def test_every_loader_refuses_in_a_line_what_is_broken() -> None:
+    """40 s of a processor, always the same files."""
+    done = subprocess.run(
+        [sys.executable, str(PLACE), "--seconds", "40", "--seed", "7"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert " 0 read wrongly" in done.stdout
+
+
+def unplain(_: Path) -> None:
+    error = InputError("a", "", "b", "c")
+    error.args = ("two\nlines",)
+    raise error
+
+
+WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
+    "another error": (lambda path: {}[str(path)], "KeyError"),
+    "a refusal of two lines": (unplain, "a refusal that is no plain line"),
+    "control characters printed": (lambda path: print("\x1b[2J"), "control characters are shown"),
+    "control characters told": (lambda path: ["a\x9b31m"], "control characters are shown"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_it_sees_what_is_wrong(tool, what: str, tmp_path: Path) -> None:
+    read, said = WRONG[what]
+    assert said in tool.judged(read, tmp_path)[0]
+
+
+def test_it_sees_what_takes_long(tool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def endless(_: Path) -> None:
+        while True:
+            try:
+                time.sleep(0)
+            except Exception:
+                continue
+
+    monkeypatch.setattr(tool, "LONGEST", 0.2)
+    handler = tool.signal.signal(tool.signal.SIGPROF, tool.too_long)
+    assert tool.judged(endless, tmp_path)[0].startswith("too long")
+    tool.signal.signal(tool.signal.SIGPROF, handler)
+
+
+def test_it_plants_code_that_runs_where_it_is_called(tool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """What it plants is live: `pickle` runs it."""
+    monkeypatch.chdir(tmp_path)
+    assert not tool.canaries(tmp_path)
+    ran = 0
+    for seed in range(20):
+        content = tool.planted(b"", random.Random(seed))
+        content = content[content.index(b"\n") + 1 :] if content.startswith(b"\x93NUMPY") else content
+        with tool.contextlib.suppress(Exception):
+            pickle.loads(content)
+        ran += tool.canaries(tmp_path)
+        (tmp_path / "CANARY").unlink(missing_ok=True)
+    assert ran > 10
+
+
+def test_sound_refusals_and_readings_are_right(tool, tmp_path: Path) -> None:
+    def refused(path: Path) -> None:
+        raise InputError(path, "x", "a\x1b[2J", "b\n")
+
+    assert tool.judged(refused, tmp_path) == ("", True)
+    assert tool.judged(lambda path: ["a note"], tmp_path) == ("", False)
+
+
+def test_a_seed_repeats_the_files(tool) -> None:
+    files = {"a.json": b'{"a": [1, 2.5, "x"]}', "b.npy": b"\x93NUMPY\x01\x00\x10\x00{'descr': '<f8'}" + bytes(64)}
+    made = [[tool.broken(files, random.Random(f"{seed} 0")) for seed in range(50)] for _ in range(2)]
+    assert made[0] == made[1]
+    assert sum(one != files for one in made[0]) > 45
