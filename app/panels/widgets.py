@@ -53,12 +53,15 @@ def slider(
 def _bar(width: float, value: float, rest: float, low: float, high: float) -> None:
     """The ground of a slider: all are shares of its width; what cannot be reached is darker."""
     draw, place, height = imgui.get_window_draw_list(), imgui.get_cursor_screen_pos(), imgui.get_frame_height()
+    if not imgui.is_rect_visible((width, height)):
+        return
 
     def fill(start: float, end: float, colour: int, rounding: float = 4.0) -> None:
         left, right = (place.x + width * min(max(x, 0.0), 1.0) for x in sorted((start, end)))
         draw.add_rect_filled((left, place.y), (right, place.y + height), colour, rounding)
 
-    fill(0, 1, theme.colour(theme.UNREACHED))
+    if low > 0 or high < 1:
+        fill(0, 1, theme.colour(theme.UNREACHED))
     fill(low, high, theme.colour(theme.FRAME))
     if value != rest or rest == high:
         fill(low if rest == high else rest, value, theme.colour(theme.ACCENT, 0.42), 2.0)
