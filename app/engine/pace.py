@@ -7,12 +7,16 @@ movement begins. Times in seconds.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from statistics import median
 from typing import NamedTuple
 
-RATE, QUICK = 30.0, 50.0
-"""Pictures a second that are wanted, and with which there is room for finer ones."""
+RATE, QUICK = 30.0, 45.0
+"""Pictures a second that are wanted, and with which there is room for finer ones. The step with most more work (one sample to four where
+a picture fills the screen) takes 1.6 times as long: after it there are 28 still."""
+LATE = 1.05
+"""Times what a frame may take, before it is slow: a screen of 30 Hz is not."""
 FEW, MANY, MOST = 4, 30, 600
 """Frames that make pictures coarser; and finer, after the first time that they became coarser, twice as many after each further one, at most:
 what is too slow when it is finer does not flicker."""
@@ -43,6 +47,8 @@ class Pace:
     def __init__(self) -> None:
         self.detail = FINEST
         """Of the next picture while something moves."""
+        self.limit = math.inf
+        """Frames a second that the interface draws at most; to wait for the next is not slow."""
         self._began: float | None = None
         """The last frame, where a moving picture was drawn in it."""
         self._took: deque[float] = deque(maxlen=FEW)
@@ -61,8 +67,8 @@ class Pace:
     def _take(self, seconds: float) -> None:
         """What a frame took with a picture in it."""
         self._took.append(seconds)
-        self._quick = self._quick + 1 if seconds < 1 / QUICK else 0
-        if len(self._took) == FEW and median(self._took) > 1 / RATE and self.detail != DETAILS[-1]:
+        self._quick = self._quick + 1 if seconds < max(1 / QUICK, LATE / self.limit) else 0
+        if len(self._took) == FEW and median(self._took) > LATE / min(RATE, self.limit) and self.detail != DETAILS[-1]:
             self._wanted = min(2 * self._wanted, MOST)
             self._change(1)
         elif self._quick >= self._wanted and self.detail != FINEST:

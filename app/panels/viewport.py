@@ -99,7 +99,7 @@ class ViewportPanel:
         scale = imgui.get_io().display_framebuffer_scale
         self.size = (max(16, int(room.x * scale.x)), max(16, int(room.y * scale.y)))
         imgui.invisible_button("picture", room, _BUTTONS)
-        low, high = _fit(origin, room, picture)
+        low, high = fit_picture(origin, room, picture)
         canvas = imgui.get_window_draw_list()
         red, green, blue, alpha = studio.state.background
         corner = origin + room
@@ -307,11 +307,12 @@ def _on_screen(projection: Projection, figure: Figure, selected: str | None) -> 
     return {name: (float(x), float(y)) for name, (x, y) in zip(found, seen) if np.isfinite(x)}
 
 
-def _fit(origin: imgui.ImVec2, room: imgui.ImVec2, picture: Shown | None) -> tuple[imgui.ImVec2, imgui.ImVec2]:
-    """Corners of the largest rectangle of the picture's shape in the room; the room where they nearly agree."""
+def fit_picture(origin: imgui.ImVec2, room: imgui.ImVec2, picture: Shown | None) -> tuple[imgui.ImVec2, imgui.ImVec2]:
+    """Corners of the largest rectangle of the picture's shape in the room; the room where they agree within the picture's pixels."""
     shape = picture.width / picture.height if picture else room.x / room.y
     width, height = (room.x, room.x / shape) if shape > room.x / room.y else (room.y * shape, room.y)
-    if abs(width - room.x) < 3 and abs(height - room.y) < 3:
+    near = max(3.0, max(room.x, room.y) / min(picture.width, picture.height)) if picture else 3.0
+    if abs(width - room.x) < near and abs(height - room.y) < near:
         width, height = room.x, room.y
     size = imgui.ImVec2(width, height)
     low = origin + (room - size) / 2

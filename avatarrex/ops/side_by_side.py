@@ -44,7 +44,7 @@ class SideBySide:
 
     def run(self) -> None:
         """Do all of it: one after the other where there is one piece, or loops have one thread."""
-        threads = native.threads()
+        threads, of_torch = native.threads(), torch.get_num_threads()
         workers = min(threads, len(self._waiting))
         if workers < 2:
             self.run_in_turn()
@@ -54,6 +54,7 @@ class SideBySide:
         for helper in helping:
             if not helper.cancel():  # one that has not begun may wait for this thread
                 helper.result()
+        torch.set_num_threads(of_torch)  # a thread that begins later takes what was set last, by whomever
 
     def _beside(self, threads: int) -> None:
         with native.loops_on(threads):

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 from avatarrex_studio.engine.pace import DETAILS, FEW, FINEST, MANY, Pace, finer
 from avatarrex_studio.engine.pictures import REST
+from avatarrex_studio.panels.viewport import Shown, fit_picture
 from avatarrex_studio.session.commands import OrbitBy
 from ball_studio import FakeLive, ball_studio
+from imgui_bundle import imgui
 
 VIEWPORT = (80, 60)
 
@@ -74,6 +76,36 @@ def test_what_is_too_slow_when_it_is_finer_does_not_flicker(coarse):
         if pace.detail != seen[-1]:
             seen.append(pace.detail)
     assert len(seen) <= (20 if coarse < 0.02 else 2)
+
+
+@pytest.mark.parametrize("limit", [10.0, 24.0, 30.0, 50.0])
+def test_to_wait_for_a_limit_of_the_rate_is_not_slow(limit):
+    """Nor is a screen of 30 Hz; what was coarse before gets finer with it, too."""
+    pace = Pace()
+    pace.limit = limit
+    frames(pace, 1.002 / limit, 200)
+    assert pace.detail == FINEST
+    screen = Pace()
+    frames(screen, 1 / 30 + 1e-4, 200)
+    assert screen.detail == FINEST
+    frames(pace, 2.0 / min(limit, 30), FEW)
+    assert pace.detail == DETAILS[1], "twice as long is slow"
+    frames(pace, 1.002 / limit, 200)
+    assert pace.detail == FINEST
+
+
+@pytest.mark.parametrize("room", [(1558, 242), (2598, 306), (605, 542), (1280, 800)])
+@pytest.mark.parametrize("detail", DETAILS)
+def test_the_picture_fills_its_room_however_finely_it_is_drawn(room, detail):
+    """Its sides are whole pixels: that makes no border that comes and goes."""
+    origin, size = imgui.ImVec2(7, 9), imgui.ImVec2(*room)
+    low, high = fit_picture(origin, size, Shown(1, *detail.size(room)))
+    assert (low.x, low.y, high.x, high.y) == (7, 9, 7 + room[0], 9 + room[1])
+
+
+def test_a_picture_of_another_shape_keeps_it():
+    low, high = fit_picture(imgui.ImVec2(0, 0), imgui.ImVec2(400, 300), Shown(1, 300, 300))
+    assert (low.x, low.y, high.x, high.y) == (50, 0, 350, 300)
 
 
 def test_the_raster_is_a_share_of_the_full_one():

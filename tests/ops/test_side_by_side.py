@@ -1,10 +1,12 @@
 """Work side by side: every result at its place, shared threads, errors and settings kept."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import torch
 
+from avatarrex.ops import side_by_side
 from avatarrex.ops.native import threads as native_threads
 from avatarrex.ops.native import torch_on_one_thread
 from avatarrex.ops.side_by_side import SideBySide
@@ -104,5 +106,22 @@ def test_pieces_have_pieces_of_their_own() -> None:
             found = [work.add(several) for _ in range(4)]
             work.run()
             assert [future.result() for future in found] == [[0, 1, 2, 3]] * 4
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_threads_that_begin_later_have_as_many_as_before() -> None:
+    """A helper that begins while the leader has set one takes that for what was there before."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    try:
+        for _ in range(20):
+            side_by_side._pool.cache_clear()  # its threads begin with this work
+            work = SideBySide()
+            found = [work.add(torch.get_num_threads) for _ in range(3)]
+            work.run()
+            assert [future.result() for future in found] == [1, 1, 1]
+            with ThreadPoolExecutor(1) as later:
+                assert later.submit(torch.get_num_threads).result() == 3
     finally:
         torch.set_num_threads(before)
