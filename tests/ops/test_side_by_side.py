@@ -1,6 +1,7 @@
 """Work side by side: every result at its place, shared threads, errors and settings kept."""
 
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -115,12 +116,12 @@ def test_threads_that_begin_later_have_as_many_as_before() -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(3)
     try:
-        for _ in range(20):
+        for turn in range(20):
             side_by_side._pool.cache_clear()  # its threads begin with this work
             work = SideBySide()
-            found = [work.add(torch.get_num_threads) for _ in range(3)]
+            for k in range(3):
+                work.add(time.sleep, 0.004 * ((k + turn) % 3))
             work.run()
-            assert [future.result() for future in found] == [1, 1, 1]
             with ThreadPoolExecutor(1) as later:
                 assert later.submit(torch.get_num_threads).result() == 3
     finally:
