@@ -16,9 +16,9 @@ from typing import Protocol, runtime_checkable
 
 import moderngl
 import numpy as np
+from avatarrex_studio.engine.adaptive_detail import FINEST, AdaptiveDetail, Detail, finer
 from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.framing import Outline, framed
-from avatarrex_studio.engine.pace import FINEST, Detail, Pace, finer
 from avatarrex_studio.engine.pictures import Pictures, Subject
 from avatarrex_studio.engine.request import Exact, Seen
 from avatarrex_studio.live.listening import Listening
@@ -112,7 +112,7 @@ class Studio:
         """What moves the avatar until somebody does something."""
         self.surface: Drawn | None = None
         """The surface of the present state; None where the avatar has none."""
-        self.pace = Pace()
+        self.adaptive = AdaptiveDetail()
         self._detail = FINEST
         """Of the surface."""
         self.weight = 0.0
@@ -186,7 +186,7 @@ class Studio:
         size = self.state.size.pixels(viewport)
         shown = self._greeted(now)
         self._see_avatars(now)
-        self.pace.begin(now)
+        self.adaptive.begin(now)
         drawn = self._draw(now, size, shown)
         moves = self.playback.playing or shown is not self.state
         new = self.pictures.tick(now, self.state, size, self.surface is not None, moves)
@@ -231,7 +231,7 @@ class Studio:
         self._read = {name: avatar for name, avatar in (self._read | read).items() if name in names}
 
     def _draw(self, now: float, size: tuple[int, int], shown: StudioState) -> bool:
-        """Draw the surface where what it shows has changed, and more finely where that has come to rest; whether it was drawn."""
+        """Draw the surface where what it shows has changed, and more finely where that has stopped; whether it was drawn."""
         subject, avatars = Subject.of(shown, size), self.avatars.all_ready(own.avatar for own in shown.figures)
         if self.live is None or not any(avatars) or _same(avatars, self._faulty):
             self.surface = self._drawn = None
@@ -253,8 +253,8 @@ class Studio:
         """How finely what has changed is drawn: a first picture, and the gentle motion of a greeting, as finely as can be."""
         if self.surface is None or shown is not self.state:
             return FINEST
-        self.pace.drawn(now)
-        return self.pace.detail
+        self.adaptive.drawn(now)
+        return self.adaptive.detail
 
     def seen(self, x: float, y: float) -> Seen | None:
         """What the picture shows at a place, shares of its width and height; None for the background."""

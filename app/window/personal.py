@@ -48,7 +48,7 @@ class Personal:
         self._viewport.preset = self._palette.preset = self.tour.preset = now.mouse
         self.scale.preferred = now.scale
         hello_imgui.get_runner_params().fps_idling.fps_max = now.fps
-        self._studio.pace.limit = now.fps
+        self._studio.adaptive.limit = now.fps
         self._applied = now
 
     def draw(self) -> None:

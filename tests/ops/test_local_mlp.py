@@ -57,7 +57,7 @@ def test_compiled_loops_follow_the_reference(counts, activation, monkeypatch):
     found = []
     for threads in (1, 2, 3):
         monkeypatch.setattr(torch, "get_num_threads", lambda threads=threads: threads)
-        monkeypatch.setattr("avatarrex.ops.local_mlp.FEW_CHUNKS", 0)
+        monkeypatch.setattr("avatarrex.ops.local_mlp.FEW_CHUNKS", 1)
         found.append(local_mlp(blocks, offsets, weights, biases, activation, "native"))
     want = local_mlp(exact[0], offsets, *exact[1:], activation, "reference")
     torch.testing.assert_close(found[0].double(), want, atol=1e-5, rtol=1e-5)

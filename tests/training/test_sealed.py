@@ -125,7 +125,7 @@ def test_no_path_of_a_training_reads_what_is_not_in_its_split(capture, tmp_path,
     the training's own figures and pictures."""
     guard, seen = Guard(), set()
     real, measure = open_capture, HeldOut.measure
-    monkeypatch.setattr(rigs, "open_capture", lambda path: guarded(real(path), guard, seen))
+    monkeypatch.setattr(rigs, "open_capture", lambda path, **options: guarded(real(path, **options), guard, seen))
     monkeypatch.setitem(train.RECIPES, "smoke", replace(tiny_recipe.TINY, name="smoke"))
     measured = []
 

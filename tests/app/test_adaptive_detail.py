@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from avatarrex_studio.engine.pace import DETAILS, FEW, FINEST, MANY, Pace, finer
+from avatarrex_studio.engine.adaptive_detail import DETAILS, FEW, FINEST, MANY, AdaptiveDetail, finer
 from avatarrex_studio.engine.pictures import REST
 from avatarrex_studio.panels.viewport import Shown, fit_picture
 from avatarrex_studio.session.commands import OrbitBy
@@ -13,85 +13,85 @@ from imgui_bundle import imgui
 VIEWPORT = (80, 60)
 
 
-def frames(pace, seconds, number, now=0.0):
+def frames(adaptive, seconds, number, now=0.0):
     """So many frames with a moving picture in each; when the last one has ended."""
     for _ in range(number):
-        pace.begin(now)
-        pace.drawn(now)
+        adaptive.begin(now)
+        adaptive.drawn(now)
         now += seconds
-    pace.begin(now)
+    adaptive.begin(now)
     return now
 
 
 def test_slow_frames_make_pictures_coarser_step_by_step():
-    pace = Pace()
-    frames(pace, 0.045, FEW - 1)
-    assert pace.detail == FINEST, "too few to tell"
-    frames(pace, 0.045, 1)
-    assert pace.detail == DETAILS[1]
-    frames(pace, 0.045, 10 * FEW)
-    assert pace.detail == DETAILS[-1]
+    adaptive = AdaptiveDetail()
+    frames(adaptive, 0.045, FEW - 1)
+    assert adaptive.detail == FINEST, "too few to tell"
+    frames(adaptive, 0.045, 1)
+    assert adaptive.detail == DETAILS[1]
+    frames(adaptive, 0.045, 10 * FEW)
+    assert adaptive.detail == DETAILS[-1]
 
 
 def test_one_slow_frame_among_quick_ones_and_what_is_quick_enough_change_nothing():
-    pace = Pace()
+    adaptive = AdaptiveDetail()
     for _ in range(10):
-        frames(pace, 0.016, FEW - 1)
-        frames(pace, 0.3, 1)
-    frames(pace, 0.03, 200)
-    assert pace.detail == FINEST
+        frames(adaptive, 0.016, FEW - 1)
+        frames(adaptive, 0.3, 1)
+    frames(adaptive, 0.03, 200)
+    assert adaptive.detail == FINEST
 
 
 def test_frames_without_a_picture_do_not_count():
     """A motion of ten frames a second on a quick machine: long between pictures, and no frame is slow."""
-    pace, now = Pace(), 0.0
+    adaptive, now = AdaptiveDetail(), 0.0
     for k in range(300):
-        pace.begin(now)
+        adaptive.begin(now)
         if k % 6 == 0:
-            pace.drawn(now)
+            adaptive.drawn(now)
         now += 1 / 60
-    assert pace.detail == FINEST
+    assert adaptive.detail == FINEST
 
 
 def test_many_quick_frames_make_it_finer_and_each_fall_makes_that_rarer():
-    pace = Pace()
-    frames(pace, 0.045, FEW)
-    frames(pace, 0.018, MANY - 1)
-    assert pace.detail == DETAILS[1]
-    frames(pace, 0.018, 1)
-    assert pace.detail == FINEST
-    frames(pace, 0.045, FEW)
-    frames(pace, 0.018, 2 * MANY - 1)
-    assert pace.detail == DETAILS[1]
-    frames(pace, 0.018, 1)
-    assert pace.detail == FINEST
+    adaptive = AdaptiveDetail()
+    frames(adaptive, 0.045, FEW)
+    frames(adaptive, 0.018, MANY - 1)
+    assert adaptive.detail == DETAILS[1]
+    frames(adaptive, 0.018, 1)
+    assert adaptive.detail == FINEST
+    frames(adaptive, 0.045, FEW)
+    frames(adaptive, 0.018, 2 * MANY - 1)
+    assert adaptive.detail == DETAILS[1]
+    frames(adaptive, 0.018, 1)
+    assert adaptive.detail == FINEST
 
 
 @pytest.mark.parametrize("coarse", [0.019, 0.025])
 def test_what_is_too_slow_when_it_is_finer_does_not_flicker(coarse):
     """A minute in which the finest takes 45 ms and all others less: ever fewer changes."""
-    pace, now, seen = Pace(), 0.0, [FINEST]
+    adaptive, now, seen = AdaptiveDetail(), 0.0, [FINEST]
     while now < 60:
-        now = frames(pace, 0.045 if pace.detail == FINEST else coarse, 1, now)
-        if pace.detail != seen[-1]:
-            seen.append(pace.detail)
+        now = frames(adaptive, 0.045 if adaptive.detail == FINEST else coarse, 1, now)
+        if adaptive.detail != seen[-1]:
+            seen.append(adaptive.detail)
     assert len(seen) <= (20 if coarse < 0.02 else 2)
 
 
 @pytest.mark.parametrize("limit", [10.0, 24.0, 30.0, 50.0])
 def test_to_wait_for_a_limit_of_the_rate_is_not_slow(limit):
     """Nor is a screen of 30 Hz; what was coarse before gets finer with it, too."""
-    pace = Pace()
-    pace.limit = limit
-    frames(pace, 1.002 / limit, 200)
-    assert pace.detail == FINEST
-    screen = Pace()
+    adaptive = AdaptiveDetail()
+    adaptive.limit = limit
+    frames(adaptive, 1.002 / limit, 200)
+    assert adaptive.detail == FINEST
+    screen = AdaptiveDetail()
     frames(screen, 1 / 30 + 1e-4, 200)
     assert screen.detail == FINEST
-    frames(pace, 2.0 / min(limit, 30), FEW)
-    assert pace.detail == DETAILS[1], "twice as long is slow"
-    frames(pace, 1.002 / limit, 200)
-    assert pace.detail == FINEST
+    frames(adaptive, 2.0 / min(limit, 30), FEW)
+    assert adaptive.detail == DETAILS[1], "twice as long is slow"
+    frames(adaptive, 1.002 / limit, 200)
+    assert adaptive.detail == FINEST
 
 
 @pytest.mark.parametrize("room", [(1558, 242), (2598, 306), (605, 542), (1280, 800)])

@@ -41,7 +41,7 @@ DETAILS = Detail(4, 1.0), Detail(2, 1.0), Detail(1, 1.0), Detail(1, 0.75)
 FINEST = DETAILS[0]
 
 
-class Pace:
+class AdaptiveDetail:
     """The detail of moving pictures, by what the frames took in which they were drawn."""
 
     def __init__(self) -> None:
@@ -81,5 +81,5 @@ class Pace:
 
 
 def finer(detail: Detail) -> Detail:
-    """The next finer one, for what has come to rest; the finest itself."""
+    """The next finer one, for what has stopped; the finest itself."""
     return DETAILS[max(DETAILS.index(detail) - 1, 0)]
