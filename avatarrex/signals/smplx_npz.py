@@ -124,9 +124,7 @@ def _imported(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions,
             expression, guess = _mapped(arrays, path, len(full), options)
             guesses.append(guess)
         elif "expression" in arrays:
-            notes.append(
-                "the file's expression coefficients belong to another face: not applied (--expressions FILE.csv would)"
-            )
+            guesses.append(Guess("expression", "not applied", "coefficients of another face", "expressions"))
         world, axes = pelvis_axes(path, full[:, 0], options)
         translation, floor = _placed(full, translation, world, options, fps)
         guesses += [*axes, floor, feet(options)]
