@@ -80,7 +80,7 @@ def convention_of(
 ) -> Convention:
     """Of a motion file with `flags` (by `FLAGS`) and these hands: what was chosen, else what the file says. Raises `InputError`.
 
-    A model that is named gives mean and components; whether the mean is to be added the file's own flag says, else its name does.
+    A model that is named gives mean and components; whether the mean is to be added the file's own flag says; without one it is.
     """
     if options.hand_mean == "flat":
         return Convention(True, "chosen", _sided(flags, hands), path, False)
