@@ -78,7 +78,7 @@ def numbers(value: np.ndarray, source: str | Path, key: str, largest: float) -> 
     """`value` as float64, checked: integers or floats, finite, at most `largest` in magnitude; differences of it cannot wrap."""
     if value.dtype.kind not in "fiu":
         raise InputError(source, key, "numbers", value.dtype)
-    with np.errstate(over="ignore"):  # of wider floats: infinite then
+    with np.errstate(over="ignore"):  # wider floats may be infinite then
         array = value.astype(np.float64)
     if not np.abs(array).max(initial=0) <= largest:  # also true of NaN
         raise InputError(source, key, f"finite numbers up to {largest:g}", f"{np.abs(array).max():g}")

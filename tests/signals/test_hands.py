@@ -318,6 +318,17 @@ def test_hands_that_are_none(tmp_path, arrays, line):
     assert "\n" not in str(caught.value)
 
 
+def test_numbers_wider_than_double_precision(tmp_path):
+    path = tmp_path / "wide.npz"
+    for arrays, line in (
+        ({"poses": np.full((2, 48), np.longdouble("1e4000")), **HANDED}, "poses: expected finite numbers up to 1000"),
+        ({"poses": np.full((2, 165), np.longdouble("1e4000"))}, "poses: expected numbers of at most 64 bits"),
+    ):
+        np.savez(path, **arrays)
+        with pytest.raises(InputError, match=line):
+            import_motion(path)
+
+
 def test_flags_of_a_body_that_are_none(tmp_path):
     body = {"body_pose": np.zeros((2, 63)), "left_hand_pose": np.zeros((2, 45)), "right_hand_pose": np.zeros((2, 45))}
     for value in (np.zeros(0), "False", np.array([True, False])):
