@@ -289,15 +289,18 @@ def test_how_hands_and_a_face_are_read_is_changed_in_the_window(display, tmp_pat
                 test.yield_(4)
             return studio.state.timeline.motion.options
 
-        studio.open_motion(str(tmp_path / "hand.npz"))
-        reading.open()
-        test.yield_(4)
+        def opened(name: str) -> None:
+            studio.open_motion(str(tmp_path / name))
+            test.yield_(2)
+            reading.open()
+            test.yield_(4)
+
+        opened("hand.npz")
         test.set_ref("//How the motion was read")
         seen["side"] = picks("side", "right")
         seen["flat"] = picks("hand_mean", "flat")
         seen["guessed"] = picks("hand_mean", "guessed")
-        studio.open_motion(str(tmp_path / "body.npz"))
-        test.yield_(4)
+        opened("body.npz")
         seen["model"] = picks("hand_mean", "a file…", "MANO_LEFT.npz")
         seen["table"] = picks("expressions", "a file…", "table.csv")
         seen["signals"] = studio.state.signals
