@@ -16,8 +16,8 @@ from avatarrex.signals.imported import ImportedMotion
 from avatarrex.signals.own_motions import MOTIONS
 from avatarrex.signals.read import import_motion
 
-NAME = 16
-"""Letters of the first column: `right_shoulder` and a space."""
+NAME, OPTION = 16, 15
+"""Letters of two columns: `right_shoulder` and a space, `--expressions` and two."""
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -64,7 +64,7 @@ def table(path: str, imported: ImportedMotion) -> list[str]:
     lines += [f"  {'':{first}}{'taken as':{second}}change by"]
     for guess in imported.guesses:
         option = {"joints": "--map", "": ""}.get(guess.option, f"--{guess.option.replace('_', '-')}")
-        lines.append(f"  {guess.what:{first}}{guess.value:{second}}{option:12}{guess.why}".rstrip())
+        lines.append(f"  {guess.what:{first}}{guess.value:{second}}{option:{OPTION}}{guess.why}".rstrip())
     if imported.errors:
         lines += ["", f"  {'directions':{first}}off from the file's own forward kinematics, degrees: median, largest"]
         lines += [

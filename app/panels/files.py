@@ -36,6 +36,8 @@ CHOICES: dict[str, Choice] = {
     **{kind: Choice(kind, endings) for kind, endings in EXPORTED.items()},
     "any": Choice("All that can be opened", (".avatar", *READERS, ".zip"), True),
     "motion": Choice("Motions", tuple(READERS)),
+    "hand model": Choice("Hand models", (".npz", ".pkl")),
+    "table": Choice("Tables", (".csv",)),
     "session": Choice("Sessions", (".json",)),
     "picture": Choice("Pictures", (".png", ".jpg", ".jpeg")),
     "capture": Choice("Captures", (".zip",), True),

@@ -11,11 +11,12 @@ from typing import Any
 
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import theme, widgets
+from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.session.actions import words
 from avatarrex_studio.session.motion import Motion
 from imgui_bundle import imgui
 
-from avatarrex.signals.import_options import AXES, FLOORS, RESTS, UNITS, ImportOptions
+from avatarrex.signals.import_options import AXES, FLOORS, RESTS, SIDES, UNITS, ImportOptions
 from avatarrex.signals.imported import Guess, ImportedMotion
 from avatarrex.signals.joints import JOINT_NAMES
 
@@ -25,8 +26,16 @@ NARROWEST, NARROW = 250.0, 400.0
 """Points: its least width, and the one under which the reason of a guess stands below its value."""
 GUESS, NONE = "guessed", "none (at rest)"
 """Entries of the lists beside the values."""
-CHOICES = {"up": AXES, "forward": AXES, "unit": tuple(UNITS), "rest": RESTS, "floor": FLOORS}
+CHOICES = {"up": AXES, "forward": AXES, "unit": tuple(UNITS), "rest": RESTS, "floor": FLOORS, "side": SIDES, "hand_mean": ("flat",),
+           "expressions": ()}  # fmt: skip
 """What each field of the options may be."""
+A_FILE = "a file…"
+"""The entry of what else may be a file."""
+FILES = {
+    "hand_mean": ("hand model", "Open a model with the mean hand"),
+    "expressions": ("table", "Open a table of expressions"),
+}
+"""Fields that may name a file: its kind, and the title of the dialog."""
 COLUMNS = (88.0, 150.0)
 """Points of what was decided and of its value."""
 LABEL = 130.0
@@ -39,6 +48,9 @@ class MotionImport:
 
     def __init__(self) -> None:
         self.shown = self._focused = False
+        self.files = FileDialog()
+        self._picked: ImportOptions | None = None
+        """With a file that was chosen, until it is read."""
         self._right = 0.0
         """Where the picture ended when it was drawn last."""
         self._seen: str | None = None
@@ -73,7 +85,10 @@ class MotionImport:
         opened, shown = imgui.begin("How the motion was read", True, imgui.WindowFlags_.no_docking)
         self.shown, self._focused = bool(shown), imgui.is_window_focused(imgui.FocusedFlags_.child_windows)
         chosen = self._content(motion) if opened else None
+        self.files.draw()
+        self._focused = self._focused and not self.files.is_open
         imgui.end()
+        chosen, self._picked = self._picked or chosen, None
         if chosen is not None:
             studio.open_motion(motion.path, chosen)
 
@@ -117,13 +132,37 @@ class MotionImport:
             imgui.align_text_to_frame_padding()
             widgets.caption(guess.what.capitalize())
             imgui.table_next_column()
-            chosen = _value(guess, imported) or chosen
+            chosen = self._value(guess, imported) or chosen
             if not narrow:
                 imgui.table_next_column()
                 imgui.align_text_to_frame_padding()
             widgets.paragraph(guess.why)
         imgui.end_table()
         return chosen
+
+    def _value(self, guess: Guess, imported: ImportedMotion) -> ImportOptions | None:
+        """A guess as a list to choose from, a number, a box to tick, or its words; the options after a change."""
+        options = imported.options
+        widgets.fill()
+        if guess.option in CHOICES:
+            picked = _choice(guess, options)
+            if picked == A_FILE:
+                kind, title = FILES[guess.option]
+                self.files.open(kind, title, lambda path: self._take(_with(options, guess.option, path)))
+            return None if picked in (None, A_FILE) else _with(options, guess.option, "" if picked == GUESS else picked)
+        if guess.option == "fps":
+            rate, enter = imported.sequence.fps, imgui.InputTextFlags_.enter_returns_true
+            changed, typed = imgui.input_double("##fps", rate, 0, 0, "%.12g a second", enter)
+            return replace(options, fps=typed) if changed and 0 < typed <= 1000 else None
+        if guess.option == "lock_feet":
+            changed, locked = imgui.checkbox("Stay where they stand##lock_feet", options.lock_feet)
+            return replace(options, lock_feet=locked) if changed else None
+        imgui.align_text_to_frame_padding()
+        widgets.paragraph(guess.value, theme.TEXT)
+        return None
+
+    def _take(self, options: ImportOptions) -> None:
+        self._picked = options
 
     def _joints(self, motion: Motion) -> ImportOptions | None:
         """The file's joint of each of ours, but the fingers'."""
@@ -152,26 +191,20 @@ def without_options(text: str) -> str:
     return OPTIONS.sub("", text)
 
 
-def _value(guess: Guess, imported: ImportedMotion) -> ImportOptions | None:
-    """A guess as a list to choose from, a number, a box to tick, or its words; the options after a change."""
-    options = imported.options
-    widgets.fill()
-    if guess.option in CHOICES:
-        allowed = [name for name in CHOICES[guess.option] if guess.option != "forward" or name[1] != options.up[1:]]
-        picked = widgets.choice(f"##{guess.option}", (GUESS, *allowed), guess.value, getattr(options, guess.option))
-        if picked is None:
-            return None
-        said: dict[str, Any] = {guess.option: "" if picked == GUESS else picked}
-        if guess.option == "up" and options.forward[1:] == picked[1:]:
-            said["forward"] = ""
-        return replace(options, **said)
-    if guess.option == "fps":
-        rate, enter = imported.sequence.fps, imgui.InputTextFlags_.enter_returns_true
-        changed, typed = imgui.input_double("##fps", rate, 0, 0, "%.12g a second", enter)
-        return replace(options, fps=typed) if changed and 0 < typed <= 1000 else None
-    if guess.option == "lock_feet":
-        changed, locked = imgui.checkbox("Stay where they stand##lock_feet", options.lock_feet)
-        return replace(options, lock_feet=locked) if changed else None
-    imgui.align_text_to_frame_padding()
-    widgets.paragraph(guess.value, theme.TEXT)
-    return None
+def _choice(guess: Guess, options: ImportOptions) -> str | None:
+    """A list of what a field may be; what was picked."""
+    allowed = [name for name in CHOICES[guess.option] if guess.option != "forward" or name[1] != options.up[1:]]
+    files = (A_FILE,) if guess.option in FILES else ()
+    picked = widgets.choice(
+        f"##{guess.option}", (GUESS, *allowed, *files), guess.value, getattr(options, guess.option) or GUESS
+    )
+    widgets.tooltip(guess.value)
+    return picked
+
+
+def _with(options: ImportOptions, field: str, value: str) -> ImportOptions:
+    """The options after a choice; an axis forward that is up now is guessed."""
+    said: dict[str, Any] = {field: value}
+    if field == "up" and options.forward[1:] == value[1:]:
+        said["forward"] = ""
+    return replace(options, **said)

@@ -72,3 +72,14 @@ def require(arrays: dict[str, np.ndarray], source: str | Path, key: str, shape: 
     if value.dtype.kind == "f" and not np.isfinite(value).all():
         raise InputError(source, key, "finite numbers", f"{int((~np.isfinite(value)).sum())} NaN or Inf")
     return value
+
+
+def numbers(value: np.ndarray, source: str | Path, key: str, largest: float) -> np.ndarray:
+    """`value` as float64, checked: integers or floats, finite, at most `largest` in magnitude; differences of it cannot wrap."""
+    if value.dtype.kind not in "fiu":
+        raise InputError(source, key, "numbers", value.dtype)
+    with np.errstate(over="ignore"):  # wider floats may be infinite then
+        array = value.astype(np.float64)
+    if not np.abs(array).max(initial=0) <= largest:  # also true of NaN
+        raise InputError(source, key, f"finite numbers up to {largest:g}", f"{np.abs(array).max():g}")
+    return array

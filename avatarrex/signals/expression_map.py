@@ -17,6 +17,7 @@ from avatarrex.files.gate import read_lines
 from avatarrex.signals.joints import EXPRESSION_NAMES
 
 LARGEST = 1e6
+"""Of a coefficient and of a number of the table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,23 +32,27 @@ class ExpressionMap:
     """Of the 52 that the file has."""
 
     def __call__(self, coefficients: np.ndarray) -> np.ndarray:
-        """(t, 52) of (t, k)."""
+        """(t, 52) of (t, k), numbers up to `LARGEST`."""
         return np.asarray(np.clip(coefficients @ self.matrix.T + self.bias, 0, 1))
 
 
 def read_expression_map(path: str | Path, width: int) -> ExpressionMap:
-    """The table of `width` coefficients in a file. Raises `InputError` naming row and column."""
-    rows = [row for row in csv.reader(read_lines(path, "a CSV file")) if row]
-    head = [word.strip() for word in rows[0]] if rows else []
+    """The table of `width` coefficients in a file. Raises `InputError` naming line or row and column."""
+    reader = csv.reader(read_lines(path, "a CSV file"))
+    try:
+        rows = [(reader.line_num, row) for row in reader if row]
+    except csv.Error as error:
+        raise InputError(path, f"line {reader.line_num}", "a readable CSV file", error) from None
+    head = [word.strip() for word in rows[0][1]] if rows else []
     columns = [str(number) for number in range(width)]
     if head[:1] != ["name"] or sorted(head[1:]) not in (sorted(columns), sorted([*columns, "bias"])):
         found = f"{len(head) - 1} columns" if head[:1] == ["name"] else ",".join(head)[:60] or "an empty file"
         raise InputError(path, "line 1", f"name,0,…,{width - 1} with or without bias", found)
     matrix, bias, seen = np.zeros((52, width)), np.zeros(52), set[str]()
-    for number, row in enumerate(rows[1:], 2):
+    for number, row in rows[1:]:
         name = row[0].strip()
         if name not in EXPRESSION_NAMES or name in seen:
-            raise InputError(path, f"row {number}", "one of the 52 names, each once", name)
+            raise InputError(path, f"line {number}", "one of the 52 names, each once", name)
         if len(row) != len(head):
             raise InputError(path, name, f"{len(head) - 1} numbers", len(row) - 1)
         seen.add(name)

@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from avatarrex.errors import InputError
-from avatarrex.signals.expression_map import read_expression_map
+from avatarrex.files.assets import numbers
+from avatarrex.signals.expression_map import LARGEST, read_expression_map
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.imported import Guess, ImportedMotion
 from avatarrex.signals.sequence import SignalSequence, check_frames, stack
@@ -32,10 +33,11 @@ BEYOND, MOST_BEYOND = 0.2, 0.05
 def faceverse_motion(path: Path, vectors: np.ndarray, options: ImportOptions) -> ImportedMotion:
     """The motion of (t, n) vectors of `LAYOUTS`. Raises `InputError`."""
     check_frames(len(vectors), path, "frames")
-    if not len(vectors) or not np.isfinite(vectors).all():
-        raise InputError(path, "", "finite numbers of at least one frame", vectors.shape)
+    if not len(vectors):
+        raise InputError(path, "", "at least one frame", vectors.shape)
     version, columns = LAYOUTS[vectors.shape[1]]
-    expression, how, warnings = _expression(path, version, vectors[:, columns].astype(np.float64), options)
+    values = numbers(vectors, path, "", LARGEST)[:, columns]
+    expression, how, warnings = _expression(path, version, values, options)
     why = "chosen" if options.expressions else "a file of coefficients has no names"
     fps = options.fps or 30.0
     guesses = (

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
+from avatarrex.files.assets import numbers
 from avatarrex.signals.direction import smallest_turn, unit
 from avatarrex.signals.import_options import SIDES, ImportOptions
 from avatarrex.signals.imported import Guess, ImportedMotion
@@ -33,6 +34,8 @@ BACKWARDS = -15.0
 """Degrees of a mean bend of the fingers below which the track is of the other hand, or of a mirrored picture."""
 SMALLEST = 1e-9
 """Squared length of a palm, in whatever unit."""
+LARGEST = 1e9
+"""Of a coordinate, in whatever unit: what is larger is no place of a hand."""
 
 
 def is_track(value: np.ndarray) -> bool:
@@ -43,24 +46,25 @@ def is_track(value: np.ndarray) -> bool:
 def landmark_motion(
     path: Path, tracks: dict[str, np.ndarray], fps: float | None, options: ImportOptions
 ) -> ImportedMotion:
-    """The motion of (t, 21, 3) tracks by side; one without a side is under ''. Raises `InputError`."""
-    if "" in tracks:
-        if not options.side:
-            raise InputError(path, "side", "left or right in the file, or --side left|right", "nothing")
-        tracks = {options.side: tracks[""]}
+    """The motion of (t, 21, 3) tracks by side; one without a side is under ''. A side that is chosen is the only track's, whatever the
+    file says. Raises `InputError`."""
+    chosen = options.side if len(tracks) == 1 else ""
+    if "" in tracks and not chosen:
+        raise InputError(path, "side", "left or right in the file, or --side left|right", "nothing")
+    if chosen:
+        tracks = {chosen: next(iter(tracks.values()))}
     count = len(next(iter(tracks.values())))
     check_frames(count, path, "landmarks")
     pose, warnings = np.zeros((count, 55, 3)), []
     for side, track in tracks.items():
-        _check(path, side, track, count)
-        pose[:, JOINT_ROWS[f"{side}_hand_pose"]] = hand_pose(track, side)
+        pose[:, JOINT_ROWS[f"{side}_hand_pose"]] = hand_pose(_checked(path, side, track, count), side)
         if (bend := mean_bend(pose, side)) < BACKWARDS:
             how = "the other hand (--side), or a mirrored picture"
             warnings.append(f"the {side} hand's fingers bend backwards by {-bend:.0f}°: {how}")
     rate = options.fps or fps or 30.0
     guesses = (
         Guess("file", f"hand landmarks, {' and '.join(tracks)}", f"{count} frames"),
-        Guess("hand", " and ".join(tracks), "chosen" if options.side else "the file", "side"),
+        Guess("hand", " and ".join(tracks), "chosen" if chosen else "the file", "side" if len(tracks) == 1 else ""),
         Guess("rate", f"{rate:g} frames a second", "chosen" if options.fps else "" if fps else "taken", "fps"),
     )
     notes = (*map(str, guesses), *(f"warning: {text}" for text in warnings))
@@ -140,16 +144,16 @@ def _palm_turn(track: np.ndarray, rest: np.ndarray) -> np.ndarray:
     return np.asarray(u @ vt)
 
 
-def _check(path: Path, side: str, track: np.ndarray, count: int) -> None:
-    """Raise `InputError` for what is no track of a hand."""
+def _checked(path: Path, side: str, track: np.ndarray, count: int) -> np.ndarray:
+    """The track in double precision. Raises `InputError` for what is no track of a hand."""
     if not is_track(track) or len(track) != count or not count:
         raise InputError(path, side, f"shape ({count or 'frames'}, {LANDMARKS}, 3)", track.shape)
-    if track.dtype.kind not in "fiu" or not np.isfinite(track).all():
-        raise InputError(path, side, "finite numbers", track.dtype)
+    track = numbers(track, path, side, LARGEST)
     size = np.square(track[:, 9] - track[:, 0]).sum(-1)
     if (size < SMALLEST).any():
         frame = int(np.argmin(size))
         raise InputError(path, side, "a palm with a length in every frame", f"none in frame {frame}")
+    return track
 
 
 def _array(path: Path, name: str, frames: Any) -> np.ndarray:

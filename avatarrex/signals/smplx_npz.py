@@ -15,10 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
 from avatarrex.files.arrays import read_array, read_arrays
-from avatarrex.files.assets import require
+from avatarrex.files.assets import numbers, require
 from avatarrex.signals import mano
 from avatarrex.signals.contacts import locked
 from avatarrex.signals.driving import LARGEST
+from avatarrex.signals.expression_map import LARGEST as LARGEST_COEFFICIENT
 from avatarrex.signals.expression_map import read_expression_map
 from avatarrex.signals.faceverse import LAYOUTS, faceverse_motion
 from avatarrex.signals.ground import WORDS, grounded
@@ -27,13 +28,11 @@ from avatarrex.signals.hand_rotations import FLAGS, hands_of
 from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.imported import Guess, ImportedMotion, feet
 from avatarrex.signals.joints import JOINT_ROWS
-from avatarrex.signals.sequence import MOST_FRAMES, SignalSequence, check_frames, check_rate, stack
+from avatarrex.signals.motion_keys import POSES, RATE_KEYS, rate_of
+from avatarrex.signals.sequence import MOST_FRAMES, SignalSequence, check_frames, stack
 from avatarrex.signals.suspicion import suspicions
 from avatarrex.signals.world_axes import pelvis_axes
 
-RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framerate")
-POSES = ("poses", "fullpose", "pose_world", "smpl_poses", "smpl_thetas", "pose")
-"""All joints in one array: AMASS and BEAT2, GRAB, WHAM in the world, AIST++, ROMP, WHAM in a camera's frame."""
 PATHS = ("trans", "transl", "trans_world", "smpl_trans", "cam_trans", "translation")
 """The path in metres, a world's before a camera's."""
 SAME = {
@@ -100,12 +99,12 @@ def _imported(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions,
     flags = {key: arrays.pop(key) for key in FLAGS if key in arrays}
     for key, value in arrays.items():
         check_frames(len(np.atleast_1d(value)), path, key)
-        if value.dtype.kind not in "fiu":
-            raise InputError(path, key, "numbers", value.dtype)
+        if value.dtype.kind not in "fiu" or value.dtype.itemsize > 8:
+            raise InputError(path, key, "numbers of at most 64 bits", value.dtype)
+    poses = next((key for key in POSES if key in arrays), None)
     arrays = {key: _axis_angle(key, value) for key, value in arrays.items()}
     check_magnitudes(arrays, path)
-    rate, fps = _rate(arrays, path, options)
-    poses = next((key for key in POSES if key in arrays), None)
+    rate, fps = rate_of(arrays, path, options)
     hands, warnings = hands_of(arrays, flags, path, options)
     notes = list[str]()
     full, model = _poses(arrays, path, poses) if poses else (_by_parts(arrays, path), "SMPL-X by parts")
@@ -125,9 +124,7 @@ def _imported(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions,
             expression, guess = _mapped(arrays, path, len(full), options)
             guesses.append(guess)
         elif "expression" in arrays:
-            notes.append(
-                "the file's expression coefficients belong to another face: not applied (--expressions FILE.csv would)"
-            )
+            guesses.append(Guess("expression", "not applied", "coefficients of another face", "expressions"))
         world, axes = pelvis_axes(path, full[:, 0], options)
         translation, floor = _placed(full, translation, world, options, fps)
         guesses += [*axes, floor, feet(options)]
@@ -140,10 +137,18 @@ def _imported(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions,
 
 
 def _axis_angle(key: str, value: np.ndarray) -> np.ndarray:
-    """Rotation matrices (t, k, 3, 3), or (t, 3, 3) of a part of one joint, as (t, 3 k) rotation vectors; else the value itself."""
+    """Rotation matrices (t, k, 3, 3), or (t, 3, 3) of a part of one joint, as rotation vectors; those, (t, k, 3), as (t, 3 k); else the
+    value itself."""
     rows = ROWS.get(key)
     single = rows is not None and rows.stop - rows.start == 1
     matrices = value.ndim == 4 or (single and value.ndim == 3)
+    if (
+        value.ndim == 3
+        and value.shape[2] == 3
+        and (rows is not None or key in POSES)
+        and not (single and value.shape[1] == 3)
+    ):
+        return value.reshape(len(value), 3 * value.shape[1])
     if not matrices or value.shape[-2:] != (3, 3) or not np.isfinite(value).all():
         return value
     flat = value.reshape(-1, 3, 3).astype(np.float64)
@@ -152,18 +157,9 @@ def _axis_angle(key: str, value: np.ndarray) -> np.ndarray:
     return np.asarray(Rotation.from_matrix(flat).as_rotvec().reshape(len(value), -1))
 
 
-def _rate(arrays: dict[str, np.ndarray], path: Path, options: ImportOptions) -> tuple[Guess, float]:
-    key = next((key for key in RATE_KEYS if key in arrays), None)
-    fps = check_rate(arrays[key], path, key) if key else 30.0
-    why = key or "no frame rate in the file: taken as 30 a second"
-    if options.fps is not None:
-        fps, why = options.fps, "chosen"
-    return Guess("rate", f"{fps:g} frames a second", why, "fps"), fps
-
-
 def _mapped(arrays: dict[str, np.ndarray], path: Path, count: int, options: ImportOptions) -> tuple[np.ndarray, Guess]:
     """(t, 52) of the file's own coefficients, by the table that was chosen."""
-    values = require(arrays, path, "expression", (count, None)).astype(np.float64)
+    values = numbers(require(arrays, path, "expression", (count, None)), path, "expression", LARGEST_COEFFICIENT)
     table = read_expression_map(options.expressions, values.shape[1])
     how = f"by {table.rows} rows of {Path(options.expressions).name}"
     return table(values), Guess("expression", how, "chosen", "expressions")
@@ -171,10 +167,7 @@ def _mapped(arrays: dict[str, np.ndarray], path: Path, count: int, options: Impo
 
 def _poses(arrays: dict[str, np.ndarray], path: Path, key: str) -> tuple[np.ndarray, str]:
     """(t, 55, 3) of an array of all joints, and the model."""
-    poses = arrays[key]
-    if poses.ndim == 3 and poses.shape[2] == 3:
-        poses = poses.reshape(len(poses), -1)
-    poses = require({**arrays, key: poses}, path, key, (None, None)).astype(np.float64)
+    poses = require(arrays, path, key, (None, None)).astype(np.float64)
     if poses.shape[1] not in WIDTHS or not len(poses):
         expected = " or ".join(f"(any, {width}) {model}" for width, (model, _) in WIDTHS.items())
         raise InputError(path, key, f"shape {expected}", poses.shape)
@@ -191,9 +184,8 @@ def _by_parts(arrays: dict[str, np.ndarray], path: Path) -> np.ndarray:
         found = f"only {', '.join(sorted(arrays)[:12])}" if arrays else "none of a motion's keys"
         raise InputError(path, "poses", "poses, pose_body or body_pose", found)
     value = arrays[body]
-    wide = value.reshape(len(value), -1) if value.ndim == 3 and value.shape[2] == 3 else value
-    if wide.ndim == 2 and wide.shape[1] == 69:  # SMPL's 23 joints: the last two are its hands
-        arrays = {**arrays, body: wide[:, :63]}
+    if value.ndim == 2 and value.shape[1] == 69:  # SMPL's 23 joints: the last two are its hands
+        arrays = {**arrays, body: value[:, :63]}
     return joint_rotations(arrays, path, body)
 
 

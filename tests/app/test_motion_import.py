@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -152,6 +153,17 @@ def test_the_table_and_the_picture(odd: Path, tmp_path: Path, capsys) -> None:
     assert orange.sum() > 100
 
 
+def test_the_table_keeps_its_columns_apart(tmp_path: Path, capsys) -> None:
+    np.savez(tmp_path / "body.npz", body_pose=np.zeros((2, 63)), expression=np.ones((2, 2)))
+    (tmp_path / "table.csv").write_text("name,0,1\njawOpen,0.5,0\n")
+    for words, line in (
+        ([], "expression +not applied +--expressions +coefficients of another face"),
+        (["--expressions", str(tmp_path / "table.csv")], "expression +by 1 rows of table.csv +--expressions +chosen"),
+    ):
+        assert main(["motion", "check", str(tmp_path / "body.npz"), *words]) == 0
+        assert re.search(line, capsys.readouterr().out)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -247,6 +259,62 @@ def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) ->
     assert again.signals == seen["signals"]
     assert again.timeline.motion is not None
     assert again.timeline.motion.options == ImportOptions(up="+Z")
+
+
+@pytest.mark.window
+def test_how_hands_and_a_face_are_read_is_changed_in_the_window(display, tmp_path: Path) -> None:
+    """A side and the flat hand from lists, a model and a table as files."""
+    seen = {}
+    mean = np.full(45, 0.1)
+    np.savez(tmp_path / "hand.npz", poses=np.zeros((2, 48)), side="left", flat_hand_mean=False, hands_mean=mean)
+    np.savez(tmp_path / "body.npz", body_pose=np.zeros((2, 63)), left_hand_pose=np.zeros((2, 45)),
+             expression=np.ones((2, 2)))  # fmt: skip
+    np.savez(tmp_path / "MANO_LEFT.npz", hands_mean=mean)
+    (tmp_path / "table.csv").write_text("name,0,1\njawOpen,0.5,0\n")
+
+    def scenario(test, window):
+        rest(test, window)
+        studio, reading = window.studio, window.timeline.reading
+
+        def picks(field: str, *entry: str) -> ImportOptions:
+            test.item_click(f"guesses/##{field}")
+            test.yield_(2)
+            test.item_click(f"//$FOCUSED/{entry[0]}")
+            test.yield_(4)
+            for name in entry[1:]:
+                seen[f"title of {name}"] = reading.files._title
+                reading.files.name = str(tmp_path / name)
+                test.yield_(2)
+                test.item_click("**/###answer")
+                test.yield_(4)
+            return studio.state.timeline.motion.options
+
+        def opened(name: str) -> None:
+            studio.open_motion(str(tmp_path / name))
+            test.yield_(2)
+            reading.open()
+            test.yield_(4)
+
+        opened("hand.npz")
+        test.set_ref("//How the motion was read")
+        seen["side"] = picks("side", "right")
+        seen["flat"] = picks("hand_mean", "flat")
+        seen["guessed"] = picks("hand_mean", "guessed")
+        opened("body.npz")
+        seen["model"] = picks("hand_mean", "a file…", "MANO_LEFT.npz")
+        seen["table"] = picks("expressions", "a file…", "table.csv")
+        seen["signals"] = studio.state.signals
+
+    drive(ball_engine, scenario)
+    assert seen["side"] == ImportOptions(side="right")
+    assert seen["flat"] == ImportOptions(side="right", hand_mean="flat")
+    assert seen["guessed"] == ImportOptions(side="right")
+    model = ImportOptions(hand_mean=str(tmp_path / "MANO_LEFT.npz"))
+    assert seen["model"] == model
+    assert seen["table"] == replace(model, expressions=str(tmp_path / "table.csv"))
+    np.testing.assert_allclose(seen["signals"].left_hand_pose.ravel(), mean)
+    assert seen["signals"].expression.max() == pytest.approx(0.5)
+    assert seen["title of table.csv"] == "Open a table of expressions"
 
 
 def test_the_window_does_not_name_options_of_the_command_line():

@@ -54,15 +54,29 @@ def test_expressions_of_a_body_by_a_table(tmp_path):
 @pytest.mark.parametrize(
     ("rows", "line"),
     [
-        (["jawopen,1,0,0,0"], "row 2: expected one of the 52 names, each once, found jawopen"),
+        (["jawopen,1,0,0,0"], "line 2: expected one of the 52 names, each once, found jawopen"),
         (["jawOpen,1,0"], "jawOpen: expected 4 numbers, found 2"),
         (["jawOpen,1,x,0,0"], "jawOpen: 1: expected a number up to 1e+06, found x"),
         (["jawOpen,0,0,0,0"], "expected at least one number that is not 0, found none"),
-        (["jawOpen,1,0,0,0", "jawOpen,1,0,0,0"], "row 3: expected one of the 52 names, each once, found jawOpen"),
+        (["jawOpen,1,0,0,0", "", "", "jawOpen,1,0,0,0"], "line 5: expected one of the 52 names, each once, found jawOpen"),
+        (["jawOpen," + "1" * 200_000 + ",0,0,0"], "line 2: expected a readable CSV file, found field larger than field limit"),
     ],
-)
+)  # fmt: skip
 def test_tables_that_are_refused(tmp_path, rows, line):
     np.savez(tmp_path / "body.npz", body_pose=np.zeros((2, 63)), expression=np.zeros((2, 3)))
     with pytest.raises(InputError) as caught:
         import_motion(tmp_path / "body.npz", ImportOptions(expressions=table(tmp_path / "map.csv", 3, rows)))
     assert line in str(caught.value)
+
+
+def test_coefficients_that_no_face_has(tmp_path):
+    """They would overflow: refused by name."""
+    options = ImportOptions(expressions=table(tmp_path / "map.csv", 3, ["jawOpen,1,1,1,0"]))
+    np.savez(tmp_path / "body.npz", body_pose=np.zeros((2, 63)), expression=np.full((2, 3), 1.7e308))
+    with pytest.raises(
+        InputError, match=r"body.npz: expression: expected finite numbers up to 1e\+06, found 1.7e\+308"
+    ):
+        import_motion(tmp_path / "body.npz", options)
+    np.save(tmp_path / "face.npy", np.full((2, 508), -1.7e308))
+    with pytest.raises(InputError, match=r"face.npy: expected finite numbers up to 1e\+06"):
+        import_motion(tmp_path / "face.npy", options)

@@ -18,6 +18,7 @@ from avatarrex.signals.sequence import SignalSequence
 
 CHOSEN = {
     "up": "+Z", "forward": "+X", "unit": "cm", "fps": 24.0, "joints": (("head", ""),), "rest": "pose", "floor": "each", "lock_feet": True,
+    "side": "left", "hand_mean": "flat", "expressions": "map.csv",
 }  # fmt: skip
 """Every option of `ImportOptions`."""
 
@@ -28,7 +29,7 @@ def bvh(folder: Path) -> Path:
 
 
 def smpl(folder: Path, **more: np.ndarray) -> Path:
-    np.savez(folder / "m.npz", poses=np.zeros((3, 165)), **more)
+    np.savez(folder / "m.npz", **{"poses": np.zeros((3, 165)), **more})
     return folder / "m.npz"
 
 
@@ -42,15 +43,18 @@ def json(folder: Path) -> Path:
     return folder / "m.json"
 
 
+OTHERS = {"side", "hand_mean", "expressions"}
+"""Of hands and faces of other makers."""
 FILES: dict[str, tuple[Callable[[Path], str | Path], set[str]]] = {
     # what makes it, what of the options it cannot use
-    "bvh": (bvh, set()),
-    "amc": (lambda folder: write_asf(folder, "07", steps()), set()),
-    "smpl": (lambda folder: smpl(folder, trans=np.zeros((3, 3))), {"joints", "rest"}),
-    "smpl without a path": (smpl, {"unit", "joints", "rest"}),
+    "bvh": (bvh, OTHERS),
+    "amc": (lambda folder: write_asf(folder, "07", steps()), OTHERS),
+    "smpl": (lambda folder: smpl(folder, trans=np.zeros((3, 3))), {"joints", "rest", "side", "expressions"}),
+    "smpl without hands": (lambda folder: smpl(folder, poses=np.zeros((3, 72))), {"unit", "joints", "rest", *OTHERS}),
+    "smpl without a path": (smpl, {"unit", "joints", "rest", "side", "expressions"}),
     "csv": (csv, set(CHOSEN) - {"fps"}),
     "json": (json, set(CHOSEN) - {"fps"}),
-    **{name: (lambda folder, name=name: name, set(CHOSEN) - {"fps", "unit"}) for name in MOTIONS},
+    **{name: (lambda folder, name=name: name, set(CHOSEN) - {"fps", "unit", "hand_mean"}) for name in MOTIONS},
 }
 
 
