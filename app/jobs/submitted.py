@@ -33,7 +33,7 @@ FORMAT = 1
 TRIES = 5
 """Beginnings of a verb that is killed."""
 SECONDS = 1.0
-"""Between two looks at a child, or for a free place."""
+"""Between two looks for a free place."""
 STOPPED = 130
 STATES = ("queued", "running", "finished", "stopped", "failed")
 SAVING_SECONDS = 120.0
@@ -142,9 +142,7 @@ class Job:
             )  # fmt: skip
             _CHILDREN[self.folder] = child
             try:
-                while (code := child.poll()) is None:  # `wait` has a lock meanwhile, for which `checkpoint` would wait
-                    time.sleep(SECONDS)
-                return code
+                return child.wait()
             finally:
                 child.poll()  # reaps one that `checkpoint` has ended
                 del _CHILDREN[self.folder]
@@ -165,7 +163,7 @@ def _die_with_parent() -> None:
 
 
 def _stop(child: subprocess.Popen[bytes]) -> None:
-    """End a child as Ctrl+C does, in a handler of signals: without its lock, which the interrupted code may have."""
+    """End a child as Ctrl+C does, in a handler of signals: without its lock, which the interrupted `child.wait` has."""
     until = time.monotonic() + 0.75 * SAVING_SECONDS
     with suppress(ProcessLookupError, ChildProcessError):
         os.kill(child.pid, signal.SIGINT)

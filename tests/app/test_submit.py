@@ -146,4 +146,4 @@ def test_a_job_of_submitit(tmp_path):
     while (view := job_views(tmp_path, ())[0]).state in ("queued", "running") and time.monotonic() < until:
         time.sleep(0.1)
     assert view.state == "failed"
-    assert "--pose" in view.note
+    assert "error: pose: " in view.note
