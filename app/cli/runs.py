@@ -12,9 +12,10 @@ from pathlib import Path
 
 from avatarrex_studio.cli import options, submit
 from avatarrex_studio.cli.open import no_display
+from avatarrex_studio.jobs.job_queue import dead, jobs_below, view_of
 from avatarrex_studio.jobs.run_view import RunView, duration
 from avatarrex_studio.jobs.runs import Runs
-from avatarrex_studio.jobs.submitted import Job, dead, jobs_below, view_of
+from avatarrex_studio.jobs.submitted import Job
 
 from avatarrex.errors import InputError, plain
 
@@ -79,7 +80,7 @@ def job_views(folder: Path, runs: Sequence[RunView]) -> list[RunView]:
         if job is None:
             continue
         view = view_of(job, plain(os.path.relpath(path, folder)))
-        if job.run is None or known.get(job.run.absolute()) != view.state:
+        if job.run is None or known.get(job.run) != view.state:
             found.append(view)
     return found
 
@@ -88,8 +89,8 @@ def requeue(folder: Path, where: str) -> int:
     """Submit again what has died or failed; a training goes on from its last checkpoint. Raises `InputError`."""
     jobs = [job for job in map(Job.read, jobs_below(folder)) if job is not None]
     some = [job for job in jobs if job.state in ("failed", "stopped") or dead(job)]
+    submit.again(some, where)
     for job in some:
-        submit.again(job, where)
         print(f"{job.path.name}: submitted; {job.log}")
     if not some:
         print(f"no jobs below {folder} that died or failed")

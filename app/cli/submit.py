@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import fcntl
 import itertools
+import json
 import os
 import re
+import shutil
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from avatarrex_studio.cli import options
-from avatarrex_studio.jobs.submitted import Job, submit
+from avatarrex_studio.jobs.job_queue import GENERAL, JobQueue
+from avatarrex_studio.jobs.submitted import Job, option_value
 
 from avatarrex.errors import InputError
 from avatarrex.files.gate import check_writable
@@ -19,10 +24,10 @@ from avatarrex.files.gate import check_writable
 LONG = ("train", "evaluate", "distil", "render", "sheet", "judge", "export", "capture", "bench", "stress")
 """Verbs that can be submitted."""
 WHERE = ("local", "slurm")
-LOCAL_MINUTES, SLURM_MINUTES = 60 * 24 * 365, 60 * 24
-"""Limits of time unless `--slurm timeout_min=…` says otherwise: none, and a day."""
-SAVING_SECONDS = 120
-"""Between the signal that a machine is taken away and its end: a training saves in it."""
+NO_NAME = re.compile(r"[^\w.-]+")
+"""What a folder's name has none of."""
+ONE_PROCESS = ("nodes", "tasks_per_node", "ntasks_per_node", "ntasks")
+"""Options that submitit would start the same job several times with."""
 
 
 def wanted(words: Sequence[str]) -> bool:
@@ -41,13 +46,20 @@ def run(words: Sequence[str], check: Callable[[Sequence[str]], object]) -> int:
         check(line)
     if len(set(lines)) < len(lines):
         raise InputError("--over", "", "a command line of its own for each value", " ".join(given.over))
-    at_once = options.whole("--at-once", given.at_once, 1) if given.submit == "local" else 0
+    at_once = options.whole("--at-once", given.at_once, 1)
+    slurm = _slurm(given)
     folder = Path(given.jobs).absolute()
     check_writable(folder / "job")
-    parameters = _parameters(given)
+    queue = JobQueue(given.submit, folder, slurm)
     folder.mkdir(parents=True, exist_ok=True)
-    jobs = [_new(folder, line, at_once) for line in lines]
-    submit(jobs, given.submit, folder, parameters)
+    shared = Job("", (), os.getcwd(), given.submit, at_once, slurm)
+    jobs = _new([replace(shared, words=line) for line in lines], folder)
+    try:
+        queue.submit(jobs)
+    except InputError:
+        for job in jobs:
+            shutil.rmtree(job.path)
+        raise
     for job in jobs:
         print(f"{job.path.name}: submitted; {job.log}")
     shown = folder.parent if folder.name == "jobs" else folder
@@ -75,36 +87,53 @@ def expanded(words: Sequence[str], over: Sequence[str]) -> list[list[str]]:
     return lines
 
 
-def again(job: Job, where: str) -> None:
-    """Submit a job once more, which is at work nowhere. Raises `InputError`."""
-    minutes = LOCAL_MINUTES if where == "local" else SLURM_MINUTES
-    submit([job.written(state="queued", tries=0)], where, job.path.parent, {"timeout_min": minutes})
+def again(jobs: Sequence[Job], where: str) -> None:
+    """Submit jobs once more that are at work nowhere, as they were submitted before. Raises `InputError`."""
+    alike: dict[str, list[Job]] = {}
+    for job in jobs:
+        alike.setdefault(json.dumps([str(job.path.parent), job.slurm], sort_keys=True), []).append(job)
+    for some in alike.values():
+        queue = JobQueue(where, some[0].path.parent, some[0].slurm)
+        try:
+            queue.submit([job.written(state="queued", where=where, tries=0, code=None) for job in some])
+        except InputError as error:
+            for job in some:
+                with open(job.log, "a", encoding="utf-8") as log:
+                    log.write(f"{error}\n")
+                job.written(state="failed", where=where)
+            raise
 
 
-def _new(folder: Path, words: tuple[str, ...], at_once: int) -> Job:
-    """A job with a folder of its own, numbered."""
-    target = next((words[k + 1] for k, word in enumerate(words[:-1]) if word in ("--out", "--json")), words[1])
-    name = re.sub(r"[^\w.-]+", "_", "-".join([words[0], Path(target).stem]))[:60]
-    number = 1 + max((int(path.name[:4]) for path in folder.glob("[0-9][0-9][0-9][0-9]-*")), default=0)
-    path = folder / f"{number:04}-{name}"
-    path.mkdir()
-    return Job(str(path), words, at_once).written()
+def _new(jobs: Sequence[Job], folder: Path) -> list[Job]:
+    """With folders of their own, numbered; one process at a time gives out numbers."""
+    made = []
+    with open(folder / ".numbers", "w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        numbers = [int(found[0]) for path in folder.iterdir() if (found := re.match(r"\d+(?=-)", path.name))]
+        for number, job in enumerate(jobs, 1 + max(numbers, default=0)):
+            first = job.words[1] if len(job.words) > 1 else ""
+            target = option_value(job.words, "--out") or option_value(job.words, "--json") or first
+            name = "-".join(filter(None, (job.words[0], Path(target).stem)))
+            path = folder / f"{number:04}-{NO_NAME.sub('_', name)[:60]}"
+            path.mkdir()
+            made.append(replace(job, folder=str(path)).written())
+    return made
 
 
-def _parameters(given: argparse.Namespace) -> dict[str, Any]:
-    """Of submitit's executor: `timeout_min=600,gpus_per_node=1`; `partition=a` is `slurm_partition`."""
-    local = given.submit == "local"
-    found: dict[str, Any] = {"timeout_min": LOCAL_MINUTES if local else SLURM_MINUTES}
-    if not local:
-        found["slurm_signal_delay_s"] = SAVING_SECONDS
-    if given.slurm and local:
+def _slurm(given: argparse.Namespace) -> dict[str, int | str]:
+    """Options of SLURM by name, `timeout_min=600,partition=a`. Raises `InputError`."""
+    if given.slurm and given.submit == "local":
         raise InputError("--slurm", "", "--submit slurm with it", "--submit local")
-    general = ("timeout_min", "nodes", "tasks_per_node", "cpus_per_task", "gpus_per_node", "mem_gb")
+    found: dict[str, int | str] = {}
     for entry in given.slurm.split(",") if given.slurm else ():
         name, equals, value = entry.partition("=")
         if not (name and equals and value):
             raise InputError("--slurm", "", "NAME=VALUE,…", given.slurm)
-        found[name if name in general else f"slurm_{name}"] = int(value) if value.isdecimal() else value
+        if name in ONE_PROCESS:
+            raise InputError("--slurm", name, "nothing: a job is one process", value)
+        if name in GENERAL and not value.isdecimal():
+            raise InputError("--slurm", name, "a whole number", value)
+        found[name] = int(value) if value.isdecimal() else value
     return found
 
 

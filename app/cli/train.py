@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,10 @@ LATER = ("splits", "capture_key")
 """What the `run.json` of older versions may lack."""
 WITHOUT = 1
 """Exit status of a training whose surface could not be made, and of a process that lost the others."""
+REFUSED = 2
+"""Exit status of wrong input (main.py)."""
+OPENED, ENDED = "run opened", "run ended"
+"""What a training notes for the processes that torchrun starts again: that the run is its own; its exit status."""
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -75,11 +79,31 @@ def run(arguments: argparse.Namespace) -> int:
 
     try:
         with process_group(arguments.device) as (group, device):
-            return _train(arguments, recipe, group, device)
+            return _once(group, lambda: _train(arguments, recipe, group, device))
     except PeerLost as error:
         if not leads():
             return WITHOUT  # the one that leads says it, or why it ended itself
         raise InputError(arguments.out, "", "all processes of the training", str(error)) from None
+
+
+def _once(group: ProcessGroup, train: Callable[[], int]) -> int:
+    """Train; torchrun starts all again after whatever is not 0: what is no death ends again at once, and a stop is 0."""
+    from avatarrex.training.core.process_group import under_torchrun
+    from avatarrex.training.core.work import Diverged
+
+    before = group.noted(ENDED)
+    if before is not None:
+        return int(before)
+    try:
+        code = train()
+    except (InputError, Diverged) as error:
+        group.note(ENDED, str(REFUSED if isinstance(error, InputError) else WITHOUT))
+        raise
+    if code == STOPPED and under_torchrun():
+        return 0
+    if code:
+        group.note(ENDED, str(code))
+    return code
 
 
 def _train(arguments: argparse.Namespace, recipe: Recipe, group: ProcessGroup, device: str) -> int:
@@ -119,11 +143,9 @@ def _train(arguments: argparse.Namespace, recipe: Recipe, group: ProcessGroup, d
 
 def _check_free(arguments: argparse.Namespace, group: ProcessGroup) -> None:
     """Refuse a folder in which another training is; one that torchrun starts again goes on with its own."""
-    from avatarrex.training.core.process_group import restarted
     from avatarrex.training.runs.folder import check_free
 
-    begun = group.any(group.leads and restarted() and (Path(arguments.out) / "run.json").exists())
-    arguments.resume = arguments.resume or begun
+    arguments.resume = arguments.resume or group.noted(OPENED) is not None
     if group.leads:
         check_free(Path(arguments.out), arguments.resume)
     group.wait()
@@ -135,6 +157,7 @@ def _joined_run(arguments: argparse.Namespace, config: dict[str, Any], group: Pr
 
     if group.leads:
         run = _open_run(arguments, config)
+        group.note(OPENED, "yes")
         group.wait()
         return run
     group.wait()

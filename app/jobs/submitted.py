@@ -4,38 +4,43 @@
                       heartbeat.json  that it lives, as in a run folder
                       log             what the verb prints
 
-submitit calls the function in a process of its own on this machine, or on one of a SLURM cluster; the verb runs in a child
-of that. A child that is killed begins again, up to `TRIES` times: a training goes on from its last checkpoint.
+submitit calls the function in a process of its own on this machine, or on one of a SLURM cluster (job_queue.py); the verb
+runs in a child of that, and dies with it. A child that is killed begins again, up to `TRIES` times: a training goes on from
+its last checkpoint.
 """
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import os
 import signal
 import socket
 import subprocess
+import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from avatarrex_studio.jobs.run_view import RunView
-from avatarrex_studio.jobs.training_process import COMMAND, last_words
+from avatarrex_studio.jobs.training_process import COMMAND
 
-from avatarrex.errors import InputError, plain
-from avatarrex.files.gate import what_is
 from avatarrex.training.runs.control import Heart, Heartbeat, read_json, write_json
 
 FORMAT = 1
 TRIES = 5
 """Beginnings of a verb that is killed."""
 SECONDS = 1.0
-"""Between two looks at a child, or for a free place."""
+"""Between two looks for a free place."""
 STOPPED = 130
 STATES = ("queued", "running", "finished", "stopped", "failed")
+SAVING_SECONDS = 120.0
+"""Between the signal that a machine is taken away and its end: a training saves in it."""
+DIES_WITH_PARENT = 1
+"""Of `prctl`: PR_SET_PDEATHSIG."""
+_C = ctypes.CDLL(None)
 
 
 @dataclass(frozen=True)
@@ -44,8 +49,15 @@ class Job:
 
     folder: str
     words: tuple[str, ...]
+    cwd: str = field(default_factory=os.getcwd)
+    """Where the command line was typed: relative paths in it start there."""
+    where: str = "local"
     at_once: int = 0
-    """Jobs of the folder's neighbours that run at a time on this machine; 0: all."""
+    """Jobs of the folder's neighbours that run at a time on this machine, where it is `local`; 0: all."""
+    slurm: dict[str, int | str] = field(default_factory=dict)
+    """Options of SLURM by name, as typed."""
+    owns: bool = False
+    """Whether the run folder of a training had no run when the job began: the one in it by now is its own."""
     tries: int = 0
     state: str = "queued"
     code: int | None = None
@@ -65,7 +77,7 @@ class Job:
     @property
     def run(self) -> Path | None:
         """The run folder of a training."""
-        return Path(_value(self.words, "--out")) if self.words[0] == "train" else None
+        return Path(self.cwd, option_value(self.words, "--out")) if self.words[0] == "train" else None
 
     @classmethod
     def read(cls, path: Path) -> Job | None:
@@ -76,8 +88,8 @@ class Job:
         words = data.get("words")
         if not isinstance(words, list) or not words or not all(isinstance(word, str) for word in words):
             return None
-        numbers = {name: data[name] for name in ("at_once", "tries", "code") if isinstance(data.get(name), int)}
-        return cls(str(path), tuple(words), state=data["state"], **numbers)
+        known = {name: data[name] for name, kind in KINDS.items() if isinstance(data.get(name), kind)}
+        return cls(str(path), tuple(words), **known)
 
     def written(self, **changes: Any) -> Job:
         """With changes, as its folder has them. Raises `InputError`."""
@@ -91,7 +103,7 @@ class Job:
         heart.beat()
         heart.start()
         try:
-            with place(self.path.parent, self.at_once):
+            with place(self.path.parent, self.at_once if self.where == "local" else 0):
                 return self._repeated()
         finally:
             heart.stop()
@@ -102,38 +114,63 @@ class Job:
 
         child = _CHILDREN.get(self.folder)
         if child is not None:
-            child.send_signal(signal.SIGINT)
-            child.wait()
-        return DelayedSubmission(self.written(state="queued"))
+            _stop(child)
+        return DelayedSubmission(self._as_kept().written(state="queued", tries=0))
+
+    def _as_kept(self) -> Job:
+        """What the folder says by now: it is this job that submitit has, as it was submitted."""
+        return Job.read(self.path) or self
 
     def _repeated(self) -> int:
-        job = self
+        job = self._as_kept()
         while True:
-            job = job.written(state="running", tries=job.tries + 1, code=None)
-            code = job._once()
+            begun = job.run is not None and (job.run / "run.json").exists()
+            job = job.written(state="running", tries=job.tries + 1, code=None, owns=job.owns or not begun)
+            code = job._once(resume=job.owns and begun)
             if code >= 0 or job.tries >= TRIES:
                 break
         state = {0: "finished", STOPPED: "stopped"}.get(code, "failed")
         job.written(state=state, code=code)
         return code
 
-    def _once(self) -> int:
-        words = [*self.words]
-        if self.run and "--resume" not in words and (self.run / "run.json").exists():
-            words.append("--resume")
+    def _once(self, resume: bool) -> int:
+        words = [*self.words, *(["--resume"] if resume and "--resume" not in self.words else [])]
         with open(self.log, "ab") as output:
             child = subprocess.Popen(
-                [*COMMAND, *words], stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
-            )
+                [*COMMAND, *words], stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, cwd=self.cwd,
+                preexec_fn=_die_with_parent,
+            )  # fmt: skip
             _CHILDREN[self.folder] = child
             try:
                 return child.wait()
             finally:
+                child.poll()  # reaps one that `checkpoint` has ended
                 del _CHILDREN[self.folder]
 
 
+KINDS = {
+    "cwd": str, "where": str, "at_once": int, "slurm": dict, "owns": bool, "tries": int, "state": str, "code": int,
+}  # fmt: skip
+"""Of the fields in job.json that may be missing."""
 _CHILDREN: dict[str, subprocess.Popen[bytes]] = {}
 """By the job's folder: what `checkpoint`, which submitit calls in a handler of signals, has to stop."""
+
+
+def _die_with_parent() -> None:
+    """In a child: a job that is killed leaves nobody at work in its output, who would meet the one that is submitted after it."""
+    if sys.platform == "linux":
+        _C.prctl(DIES_WITH_PARENT, signal.SIGKILL)
+
+
+def _stop(child: subprocess.Popen[bytes]) -> None:
+    """End a child as Ctrl+C does, in a handler of signals: without its lock, which the interrupted `child.wait` has."""
+    until = time.monotonic() + 0.75 * SAVING_SECONDS
+    with suppress(ProcessLookupError, ChildProcessError):
+        os.kill(child.pid, signal.SIGINT)
+        while os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+            if time.monotonic() > until:
+                os.kill(child.pid, signal.SIGKILL)
+            time.sleep(0.05)
 
 
 @contextmanager
@@ -154,50 +191,7 @@ def place(folder: Path, count: int) -> Iterator[None]:
         time.sleep(SECONDS)
 
 
-def submit(jobs: list[Job], where: str, folder: Path, parameters: dict[str, Any]) -> list[str]:
-    """Give jobs to submitit, on SLURM as one array; their numbers there. Raises `InputError`."""
-    try:
-        from submitit import AutoExecutor
-    except ImportError:
-        raise InputError(
-            "--submit", "", "the 'cluster' extra: pip install 'avatarrex-studio[cluster]'", "no submitit"
-        ) from None
-    try:
-        executor = AutoExecutor(folder / "submitit", cluster=where)
-        executor.update_parameters(name="avatarrex", **parameters)
-        with executor.batch():
-            submitted = [executor.submit(job) for job in jobs]
-    except (RuntimeError, ValueError, TypeError, NameError, OSError) as error:
-        raise InputError("--submit", where, "a queue that takes jobs", str(error) or type(error).__name__) from None
-    return [str(entry.job_id) for entry in submitted]
-
-
-def jobs_below(folder: Path) -> list[Path]:
-    """Folders of jobs: `folder` itself, those in it, and those of a `jobs` folder in or below it, by name."""
-    found = {file.parent for pattern in ("job.json", "*/job.json", "jobs/*/job.json", "*/jobs/*/job.json")
-             for file in folder.glob(pattern) if what_is(file) == "a file"}  # fmt: skip
-    return sorted(found)
-
-
-def dead(job: Job) -> bool:
-    """Whether it is at work or queued by its own word, and nobody works on it."""
-    beat = Heartbeat.read(job.path)
-    return job.state in ("queued", "running") and beat is not None and not beat.alive()
-
-
-def view_of(job: Job, name: str) -> RunView:
-    """As a row of the table of runs; a failure names its log and the last line in it."""
-    state = "dead" if dead(job) else job.state
-    note = ""
-    if state in ("failed", "dead"):
-        said = last_words(job.log) or ("no output" if job.code is None else f"exit code {job.code}")
-        note = plain(f"{job.log}: {said}")
-    elif job.tries > 1:
-        note = f"begun {job.tries} times"
-    return RunView(job.path, name, state, note, part=plain(job.words[0]))
-
-
-def _value(words: tuple[str, ...], option: str) -> str:
+def option_value(words: Sequence[str], option: str) -> str:
     """Of an option on a command line; empty where it is not there."""
     for number, word in enumerate(words):
         if word.startswith(option + "="):

@@ -30,6 +30,8 @@ from avatarrex.training.runs.events import EventReader, event_files
 from avatarrex.training.runs.folder import read_about
 
 TESTS = Path(__file__).parents[1]
+SECONDS = 600.0
+"""For a training that takes one minute: its processes wait for each other for days."""
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +45,13 @@ def torchrun(*words, restarts: int) -> None:
     command += ["--max-restarts", str(restarts), str(TESTS / "training" / "together.py"), *map(str, words)]
     paths = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])
     one_thread = {"PYTHONPATH": paths, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
-    done = subprocess.run(command, env=os.environ | one_thread, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    with subprocess.Popen(command, env=os.environ | one_thread, stderr=subprocess.PIPE, text=True) as agent:
+        try:
+            _, said = agent.communicate(timeout=SECONDS)
+        except subprocess.TimeoutExpired:
+            agent.terminate()  # torchrun ends its processes; killed, it would leave them
+            raise
+    assert agent.returncode == 0, said
 
 
 def test_two_processes_train_as_one_and_a_killed_one_loses_nothing(folder, tmp_path):
@@ -133,7 +140,8 @@ def test_gradients_of_shares_add_up(learner, part, number):
     parts: dict[int, tuple[dict[str, torch.Tensor], list[torch.Tensor]]] = {}
     board = ([], threading.Barrier(3))
     ranks = [
-        threading.Thread(target=lambda r=rank: parts.update({r: found(Threaded(r, 3, board))})) for rank in range(3)
+        threading.Thread(target=lambda r=rank: parts.update({r: found(Threaded(r, 3, board=board))}))
+        for rank in range(3)
     ]
     for thread in ranks:
         thread.start()

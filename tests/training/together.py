@@ -12,11 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import tiny_recipe
+from avatarrex_studio.cli.train import OPENED
 
 import avatarrex.training.core.held_out as held_out
 import avatarrex.training.core.trainer as train_module
 from avatarrex.capture.readers.rigs import open_capture
-from avatarrex.training.core.process_group import ALONE, ProcessGroup, process_group, restarted
+from avatarrex.training.core.process_group import ALONE, ProcessGroup, process_group
 from avatarrex.training.core.trainer import Trainer
 from avatarrex.training.core.work import Work
 from avatarrex.training.runs.folder import Run
@@ -40,7 +41,8 @@ def train(capture: Path, folder: Path, group: ProcessGroup = ALONE) -> None:
     config = {"part": "body", "preset": "tiny", "capture": str(capture), "seed": 0, "steps": RECIPE.steps()}
     run: Run | None = None
     if group.leads:
-        run = Run.open(folder) if restarted() else Run.create(folder, config)
+        run = Run.open(folder) if group.noted(OPENED) else Run.create(folder, config)
+        group.note(OPENED, "yes")
     group.wait()
     with run or Follower(folder) as followed:
         assert Trainer(open_capture(capture), RECIPE, followed, group=group).train()
@@ -60,7 +62,7 @@ def dying() -> None:
 
 if __name__ == "__main__":
     with process_group("cpu") as (others, _):
-        if not restarted():
+        if not others.noted(OPENED):
             if others.leads:
                 train(Path(sys.argv[1]), Path(sys.argv[2]) / "one")
             else:

@@ -17,13 +17,15 @@ from fractions import Fraction
 import torch
 import torch.distributed as dist
 from torch import Tensor, nn
-from torch.distributed.distributed_c10d import PrefixStore
+from torch.distributed.distributed_c10d import PrefixStore, Store
 from torch.distributed.rendezvous import rendezvous
 
 from avatarrex.errors import InputError
 
 PATIENCE = timedelta(days=7)
 """For the others: a training may be paused. A process that has died is noticed at once, by its closed connection."""
+STARTING = timedelta(minutes=10)
+"""For the others to start: one that never does closes no connection."""
 
 
 class PeerLost(RuntimeError):
@@ -58,6 +60,8 @@ class ProcessGroup:
 
     rank: int = 0
     size: int = 1
+    kept: Store | None = None
+    """Of torchrun, which keeps it while it starts its processes again."""
 
     @property
     def leads(self) -> bool:
@@ -115,6 +119,17 @@ class ProcessGroup:
         """Until every process is here."""
         self.any(False)
 
+    def note(self, name: str, value: str) -> None:
+        """Say something to the processes that torchrun starts again after these."""
+        if self.kept is not None:
+            self.kept.set(name, value)
+
+    def noted(self, name: str) -> str | None:
+        """What a process of the same torchrun said, in this start or one before; None where none did."""
+        if self.kept is None or not self.kept.check([name]):
+            return None
+        return bytes(self.kept.get(name)).decode()
+
 
 ALONE = ProcessGroup()
 
@@ -123,7 +138,8 @@ ALONE = ProcessGroup()
 def process_group(device: str) -> Iterator[tuple[ProcessGroup, str]]:
     """The group that torchrun has started this process in, and where its networks run: `cuda` is a GPU for each process of a machine.
 
-    A process that does not lead prints nothing. Raises `InputError` for a device that processes cannot share.
+    A process that does not lead prints nothing. Raises `InputError` for a device that processes cannot share, and
+    `PeerLost` where the others do not start.
     """
     if not dist.is_torchelastic_launched():
         yield ALONE, device
@@ -137,12 +153,10 @@ def process_group(device: str) -> Iterator[tuple[ProcessGroup, str]]:
         if int(os.environ["LOCAL_RANK"]) >= torch.cuda.device_count():
             found = f"{torch.cuda.device_count()} for {os.environ['LOCAL_WORLD_SIZE']} processes"
             raise InputError("--device", "", "a GPU for each process", found)
-    store, rank, size = next(rendezvous("env://", timeout=PATIENCE))
-    # After a restart torchrun's store still has the addresses of the processes that are gone.
-    own = PrefixStore(f"start_{os.environ['TORCHELASTIC_RESTART_COUNT']}", store)
+    kept, started, rank, size = _started()
     backends = "cpu:gloo,cuda:nccl" if kind == "cuda" else "gloo"
-    dist.init_process_group(backends, store=own, rank=rank, world_size=size, timeout=PATIENCE)
-    group = ProcessGroup(rank, size)
+    dist.init_process_group(backends, store=started, rank=rank, world_size=size, timeout=PATIENCE)
+    group = ProcessGroup(rank, size, kept)
     try:
         with contextlib.nullcontext() if group.leads else _silent():
             yield group, device
@@ -155,9 +169,25 @@ def leads() -> bool:
     return os.environ.get("RANK", "0") == "0"
 
 
-def restarted() -> bool:
-    """Whether torchrun has started this training again, after one of its processes had ended."""
-    return int(os.environ.get("TORCHELASTIC_RESTART_COUNT", "0")) > 0
+def under_torchrun() -> bool:
+    """Whether torchrun started this process: it starts all again where one ends with another exit code than 0."""
+    return dist.is_torchelastic_launched()
+
+
+def _started() -> tuple[Store, Store, int, int]:
+    """What torchrun keeps, that of it for this start alone, rank and size, once all processes are here. Raises `PeerLost`."""
+    try:
+        kept, rank, size = next(rendezvous("env://", timeout=STARTING))
+        # After a restart torchrun's store still has the addresses of the processes that are gone.
+        start = PrefixStore(f"start_{os.environ['TORCHELASTIC_RESTART_COUNT']}", kept)
+        start.set(f"here_{rank}", "")
+        start.wait([f"here_{other}" for other in range(size)], STARTING)
+    except RuntimeError as error:
+        found = f"another process of this training has not started within {STARTING.total_seconds() / 60:.0f} min"
+        raise PeerLost(found) from error
+    for store in (kept, start):
+        store.set_timeout(PATIENCE)
+    return kept, start, rank, size
 
 
 @contextlib.contextmanager
