@@ -7,13 +7,14 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import tiny_recipe
 import torch
 from avatarrex_studio.cli.main import main, parse
-from avatarrex_studio.cli.train import kept_recipe, split_as_wanted, trained_on
+from avatarrex_studio.cli.train import _open_run, kept_recipe, split_as_wanted, trained_on
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
 import avatarrex.training.core.trainer as train_module
@@ -24,6 +25,7 @@ from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
+from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
 from avatarrex.training.core import work
 from avatarrex.training.core.stage import Stage
@@ -433,3 +435,19 @@ def test_a_run_with_other_options_than_it_began_with_is_left_as_it_is(capture, w
     assert main(["train", str(capture), "--recipe", "quick", "--out", str(whole), "--resume"]) == 2
     assert "run.json: preset: expected quick, as requested, found tiny" in capsys.readouterr().err
     assert (whole / "run.json").read_bytes() == before
+
+
+def test_a_run_goes_on_with_the_person_it_began_with(whole, tmp_path):
+    """Not with other files under the same name; one that began before this was written down goes on."""
+    config = read_about(whole)["config"]
+    assert config["person_hash"] == load_person().hash
+    wanted = SimpleNamespace(out=str(tmp_path / "run"), resume=True, mixed=False, from_scratch=False)
+    shutil.copytree(whole, wanted.out)
+    with pytest.raises(
+        InputError, match=f"run.json: person_hash: expected 0123, as requested, found {load_person().hash}"
+    ):
+        _open_run(wanted, {**config, "person_hash": "0123"})
+    about = json.loads((tmp_path / "run" / "run.json").read_text())
+    del about["config"]["person_hash"]
+    (tmp_path / "run" / "run.json").write_text(json.dumps(about))
+    _open_run(wanted, {**config, "person_hash": "0123"}).close("stopped")
