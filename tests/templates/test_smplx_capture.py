@@ -87,7 +87,7 @@ def test_shapes_that_are_odd_are_said(folder: Path, made: Path) -> None:
     assert "betas" not in notes()
     assert "betas" not in notes(betas=np.pad(betas, ((0, 0), (0, 6))), gender=np.array("neutral"))
     longer = np.pad(betas, ((0, 0), (0, 6)), constant_values=0.1)
-    assert "body: betas: the first 10 of 16 are used" in notes(betas=longer)
+    assert "body: betas: 6 beyond the tenth are left out" in notes(betas=longer)
     said = notes(betas=betas, gender=np.array(b"FEMALE"))
     assert "body: betas are the female model's, but the person is the neutral one: another size" in said
     changed(made / "face" / "smpl_params.npz", betas=betas + 0.2)

@@ -104,7 +104,7 @@ def _shapes(arrays: dict[str, np.ndarray], source: str, notes: list[str]) -> dic
         notes.append("betas: another body in each frame: their median")
     shape = np.median(betas, axis=0)
     if shape[SHAPES:].any():
-        notes.append(f"betas: the first {SHAPES} of {len(shape)} are used")
+        notes.append(f"betas: {len(shape) - SHAPES} beyond the tenth are left out")
     return {"betas": np.pad(shape[:SHAPES], (0, max(0, SHAPES - len(shape))))}
 
 
