@@ -7,14 +7,13 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import tiny_recipe
 import torch
 from avatarrex_studio.cli.main import main, parse
-from avatarrex_studio.cli.train import _open_run, kept_recipe, split_as_wanted, trained_on
+from avatarrex_studio.cli.train import _config, _open_run, kept_recipe, split_as_wanted, trained_on
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
 import avatarrex.training.core.trainer as train_module
@@ -437,17 +436,21 @@ def test_a_run_with_other_options_than_it_began_with_is_left_as_it_is(capture, w
     assert (whole / "run.json").read_bytes() == before
 
 
-def test_a_run_goes_on_with_the_person_it_began_with(whole, tmp_path):
+def test_a_run_goes_on_with_the_person_it_began_with(capture, tmp_path):
     """Not with other files under the same name; one that began before this was written down goes on."""
-    config = read_about(whole)["config"]
+    path = tmp_path / "run"
+    arguments = parse(["train", str(capture), "--out", str(path), "--resume"])
+    arguments.person = "default"
+    config = _config(arguments, open_capture(capture), TINY, ("body",))
     assert config["person_hash"] == load_person().hash
-    wanted = SimpleNamespace(out=str(tmp_path / "run"), resume=True, mixed=False, from_scratch=False)
-    shutil.copytree(whole, wanted.out)
+    Run.create(path, config).close("stopped")
+    _open_run(arguments, config).close("stopped")
+    other = {**config, "person_hash": "0123"}
     with pytest.raises(
         InputError, match=f"run.json: person_hash: expected 0123, as requested, found {load_person().hash}"
     ):
-        _open_run(wanted, {**config, "person_hash": "0123"})
-    about = json.loads((tmp_path / "run" / "run.json").read_text())
+        _open_run(arguments, other)
+    about = json.loads((path / "run.json").read_text())
     del about["config"]["person_hash"]
-    (tmp_path / "run" / "run.json").write_text(json.dumps(about))
-    _open_run(wanted, {**config, "person_hash": "0123"}).close("stopped")
+    (path / "run.json").write_text(json.dumps(about))
+    _open_run(arguments, other).close("stopped")
