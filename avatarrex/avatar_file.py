@@ -29,6 +29,7 @@ from avatarrex.fields.slide import JOINTS
 from avatarrex.files.assets import DATA
 from avatarrex.files.gate import decode, read_bytes, what_is, written
 from avatarrex.files.json_text import SMALL, parse_json
+from avatarrex.files.stamp import Stamp, stamp
 from avatarrex.files.zips import open_zip, refusing, unpack
 from avatarrex.parts.known_expressions import KnownExpressions
 from avatarrex.surface import surface_file
@@ -94,18 +95,9 @@ def avatar_path(source: str | Path) -> Path:
     return DATA / "default.avatar" if str(source) == "default" else Path(source)
 
 
-Stamp = tuple[tuple[Path, int, int], ...]
-"""An avatar's files, when they were changed last (ns) and their bytes."""
-
-
 def avatar_stamp(source: str | Path) -> Stamp:
     """What tells whether an avatar has changed since it was read, without reading it; empty where nothing is there."""
-    path = avatar_path(source)
-    try:
-        files = sorted(path.iterdir()) if path.is_dir() else [path]
-        return tuple((file, found.st_mtime_ns, found.st_size) for file in files for found in [file.stat()])
-    except (OSError, ValueError):  # ValueError: a name that can be none of a file
-        return ()
+    return stamp(avatar_path(source))
 
 
 def save_avatar(avatar: Avatar, path: str | Path, half: bool = True) -> None:

@@ -48,11 +48,11 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     refine.add_argument("out", help="a new folder, or one to go on with")
     every = "refine the poses of frames that are kept from training, too (by the training's cameras and shape)"
     refine.add_argument("--every-frame", action="store_true", help=every)
+
     what = "a capture of another layout (AvatarReX, THuman4.0, ZJU-MoCap, ActorsHQ, IMAvatar, NeRFace) written in ours"
     imported = acts.add_parser("import", help=what, allow_abbrev=False)
     imported.add_argument("source", help="a folder or .zip")
     imported.add_argument("out", help="a new folder, or one to go on with")
-    what = "a capture from videos, a calibration and keypoint files; goes on where it stopped"
     what = "a capture from videos, a calibration and keypoint files; goes on where it stopped"
     prepare = acts.add_parser("prepare", help=what, allow_abbrev=False)
     prepare.add_argument(

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 STOPPED = 130
 """Exit status of a run that was stopped before its end."""
-LATER = ("splits", "capture_key")
+LATER = ("splits", "capture_key", "person_hash")
 """What the `run.json` of older versions may lack."""
 WITHOUT = 1
 """Exit status of a training whose surface could not be made, and of a process that lost the others."""
@@ -289,6 +289,7 @@ def kept_recipe(path: Path, config: Mapping[str, Any], mixed: bool, scratch: boo
 def _config(arguments: argparse.Namespace, capture: Capture, recipe: Recipe, parts: tuple[str, ...]) -> dict[str, Any]:
     """What `run.json` records of a training."""
     from avatarrex.capture.readers.splits import splits_of
+    from avatarrex.templates.person import load_person
 
     return {
         "part": ",".join(parts),
@@ -298,6 +299,7 @@ def _config(arguments: argparse.Namespace, capture: Capture, recipe: Recipe, par
         "command": _command(arguments),
         "start": arguments.start,
         "person": arguments.person,
+        "person_hash": load_person(arguments.person).hash,
         "steps": {part: steps for part, steps in recipe.steps().items() if part in parts},
         "recipe": recipe.to_json(),
         "capture_key": capture.key,
@@ -327,7 +329,7 @@ def _open_run(arguments: argparse.Namespace, config: dict[str, Any]) -> Run:
     if not arguments.resume:
         return Run.create(arguments.out, config)
     begun = read_about(Path(arguments.out))["config"]
-    for key in ("part", "preset", "seed", "start", "person", "capture_key", "held_out", "splits"):
+    for key in ("part", "preset", "seed", "start", "person", "person_hash", "capture_key", "held_out", "splits"):
         if begun.get(key, {"person": "default"}.get(key, config[key] if key in LATER else None)) != config[key]:
             raise InputError(arguments.out, f"run.json: {key}", f"{config[key]}, as requested", begun.get(key))
     kept_recipe(Path(arguments.out), begun, arguments.mixed, arguments.from_scratch)

@@ -14,7 +14,8 @@ from weakref import WeakKeyDictionary
 from avatarrex_studio.session.notice import refusals_logged
 
 from avatarrex.avatar import Avatar
-from avatarrex.avatar_file import Stamp, avatar_stamp, load_avatar
+from avatarrex.avatar_file import avatar_stamp, load_avatar
+from avatarrex.files.stamp import Stamp
 
 EVERY = 1.0
 """Seconds between two looks at the files of open avatars; what was written between them may not be whole yet."""

@@ -18,9 +18,10 @@ from avatarrex_studio.session.state import AUTO, StudioState
 
 from avatarrex import levels
 from avatarrex.avatar import Avatar
-from avatarrex.avatar_file import Stamp, avatar_stamp, load_avatar
+from avatarrex.avatar_file import avatar_stamp, load_avatar
 from avatarrex.camera import Camera
 from avatarrex.errors import InputError
+from avatarrex.files.stamp import Stamp
 from avatarrex.frame import Frame
 from avatarrex.pipeline import render_frame
 from avatarrex.settings import RenderSettings

@@ -8,8 +8,9 @@ from typing import Protocol, runtime_checkable
 from avatarrex_studio.session.notice import refusals_logged
 
 from avatarrex.avatar import Avatar
-from avatarrex.avatar_file import Stamp, avatar_stamp
+from avatarrex.avatar_file import avatar_stamp
 from avatarrex.files.assets import DATA
+from avatarrex.files.stamp import Stamp
 
 
 @runtime_checkable

@@ -7,7 +7,7 @@ becomes joint directions.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -27,10 +27,10 @@ LARGEST_NUMBER = 1e4
 """Of a template's numbers: metres, weights and directions of a person are all far below."""
 
 
-def hash_arrays(arrays: Mapping[str, np.ndarray]) -> str:
-    """First 16 hex digits of SHA-256 over names, types, shapes and bytes of the arrays that pose a template."""
+def hash_arrays(arrays: Mapping[str, np.ndarray], keys: Iterable[str] = POSING) -> str:
+    """First 16 hex digits of SHA-256 over names, types, shapes and bytes of the arrays `keys`, those that pose a template."""
     digest = hashlib.sha256()
-    for key in POSING:
+    for key in keys:
         if key in arrays:
             value = arrays[key]
             little = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))

@@ -21,6 +21,7 @@ from torch import Tensor
 from avatarrex.errors import InputError
 from avatarrex.files.assets import DATA, read_npz
 from avatarrex.files.gate import what_is
+from avatarrex.files.stamp import Stamp, stamp
 from avatarrex.templates.face import FaceTemplate, cut_face, paint_face
 from avatarrex.templates.hand import HandTemplate, cut_hand
 from avatarrex.templates.model import TemplateModel
@@ -67,6 +68,8 @@ class Person:
     """What a capture calls the shape in this person's directions."""
     pelvis: Callable[[np.ndarray], np.ndarray] = at_the_origin
     """Where its files have J_0 (3,) with a shape (10,), metres; here it is the origin."""
+    sex: str = ""
+    """`neutral`, `male` or `female`, of the published model that it is; empty for others."""
 
     @property
     def packaged(self) -> bool:
@@ -93,21 +96,22 @@ class Person:
 
 def load_person(source: str | Path = "default") -> Person:
     """The packaged person ("default"), one from an `.npz` in the same layout, or one of SMPL-X, MANO and Faceverse files: of the user's
-    models folder ("models") or another folder; read once.
+    models folder ("models") or another folder; read once, and again where files have changed.
 
     Raises `InputError`.
     """
     known = {"default": lambda: DATA / "person.npz", "models": models_folder}
-    return _load(str(source), known.get(str(source), lambda: Path(source))())
+    path = known.get(str(source), lambda: Path(source))()
+    return _load(str(source), path, stamp(path))
 
 
 @lru_cache(maxsize=4)
 @torch.inference_mode(False)
-def _load(name: str, path: Path) -> Person:
+def _load(name: str, path: Path, _: Stamp) -> Person:
     if name == "models" or what_is(path) == "a folder":
         found = read_models(path)
         person = _whole(found.body, found.parts, name, found.hash)
-        return replace(person, shape_key=SMPLX_SHAPE, pelvis=found.pelvis)
+        return replace(person, shape_key=SMPLX_SHAPE, pelvis=found.pelvis, sex=found.sex)
     arrays = read_npz(path, "person")
     body = read_model(arrays, path)
     if len(body.parents) != 55:
@@ -126,7 +130,7 @@ def resize_person(person: Person, fit: PersonFit) -> Person:
     resized = replace(person.body, v_template=real(vertices), joint_template=real(joints))
     digest = hashlib.sha256((person.hash + json.dumps(fit.to_json())).encode())
     whole = _whole(resized, person.make_parts, person.name, digest.hexdigest()[:16])
-    return replace(whole, fit=fit, shape_key=person.shape_key, pelvis=person.pelvis)
+    return replace(whole, fit=fit, shape_key=person.shape_key, pelvis=person.pelvis, sex=person.sex)
 
 
 def _whole(body: TemplateModel, make_parts: Callable[[TemplateModel], Parts], name: str, hash: str) -> Person:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+import json
 import shutil
 import tempfile
 import wave
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import bad_files
@@ -19,6 +21,7 @@ import official_files
 from avatarrex_studio.cli.inspect import describe
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.preferences import read_preferences
+from person_files import write_person
 from PIL import Image
 from python2_pickles import python2_pickle
 
@@ -33,7 +36,11 @@ from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.files.assets import DATA
 from avatarrex.files.images import read_pixels
 from avatarrex.files.sound import read_sound
+from avatarrex.signals.expression_map import read_expression_map
+from avatarrex.signals.hand_landmarks import rest_landmarks
+from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.joints import EXPRESSION_NAMES
+from avatarrex.signals.read import import_motion
 from avatarrex.templates.official.correspondence import read_hand_ids, read_head_ids
 from avatarrex.templates.official.expression_matrix import read_matrix
 from avatarrex.templates.official.faceverse import read_faceverse, read_fifty_two
@@ -81,7 +88,29 @@ def motions() -> list[Sample]:
         ("speech", {"m.wav": wav()}),
         *([("own motion", {"m.json": ours.read_bytes()})] if ours else []),
     ]
-    return [Sample(kind, files, told, next(iter(files))) for kind, files in found]
+    return [*(Sample(kind, files, told, next(iter(files))) for kind, files in found), *hands_and_faces()]
+
+
+def hands_and_faces() -> list[Sample]:
+    """Motions that need to be told what they are of, and tables of expressions."""
+    fingers = {
+        "poses": np.linspace(-0.2, 0.2, 4 * 48).reshape(4, 48),
+        "is_right": np.array(True),
+        "fps": np.array(30.0),
+    }
+    track = np.repeat(rest_landmarks("left")[None], 4, 0).round(4)
+    landmarks = {"landmarks": track.tolist(), "hand": "left", "fps": 30}
+    table = "name,0,1,2,bias\njawOpen,0.5,0,0,0\nmouthSmileLeft,0,-0.25,0,0.1\n"
+    hand = partial(motion_told, ImportOptions(side="left", hand_mean="flat"))
+    return [
+        Sample("mano motion", {"m.npz": npz(fingers)}, partial(motion_told, ImportOptions(hand_mean="flat")), "m.npz"),
+        Sample("mano pickle", {"m.pkl": python2_pickle({"pose": fingers["poses"], "fps": 30})}, hand, "m.pkl"),
+        Sample("hand landmarks", {"m.json": json.dumps(landmarks).encode()}, told, "m.json"),
+        Sample("hand track", {"m.npy": npy(track)}, hand, "m.npy"),
+        Sample("faceverse motion", {"m.npy": npy(np.full((4, 490), 0.1))}, told, "m.npy"),
+        Sample("talkshow", {"m.npy": npy(np.zeros((4, 265)))}, told, "m.npy"),
+        Sample("expression map", {"m.csv": table.encode()}, lambda path: read_expression_map(path, 3), "m.csv"),
+    ]
 
 
 BONES = ":bonedata\nbegin\nid 1\nname a\ndirection 0 1 0\nlength 1\naxis 0 0 0 XYZ\ndof rx\nend\n:hierarchy\nbegin\nroot a\nend\n"
@@ -101,12 +130,16 @@ def models() -> list[Sample]:
         flame = official_files.write_chumpy(Path(folder) / "f.pkl", fields).read_bytes()
         verse = official_files.write_faceverse(Path(folder) / "f.npy", face).read_bytes()
         smplx = official_files.write_smplx(Path(folder) / "s.npz", small).read_bytes()
+        pickled = official_files.write_smplx(Path(folder) / "s.pkl", small).read_bytes()
+    whole = written(lambda out: write_person(out / "models"))
     return [
         Sample("mano", {"MANO_LEFT.pkl": mano}, lambda path: read_hand(path, "left"), "MANO_LEFT.pkl"),
         Sample("mano, protocol 0", {"MANO_RIGHT.pkl": old}, lambda path: read_hand(path, "right"), "MANO_RIGHT.pkl", 2),
         Sample("flame", {"generic_model.pkl": flame}, read_flame, "generic_model.pkl", 1),
         Sample("faceverse", {"faceverse_v1.npy": verse}, read_faceverse, "faceverse_v1.npy"),
         Sample("smplx", {"SMPLX_NEUTRAL.npz": smplx}, read_smplx, "SMPLX_NEUTRAL.npz", 1),
+        Sample("smplx pickle", {"SMPLX_NEUTRAL.pkl": pickled}, read_smplx, "SMPLX_NEUTRAL.pkl", 1),
+        Sample("models", whole, load_person, "models", 1),
         Sample("hand ids", {"ids.pkl": python2_pickle(hands)}, read_hand_ids, "ids.pkl"),
         Sample("head ids", {"ids.npy": npy(np.arange(5023))}, read_head_ids, "ids.npy"),
         Sample("fifty-two", {"exBase_52.npy": npy(np.zeros((30, 52)))}, read_fifty_two, "exBase_52.npy"),
@@ -178,6 +211,12 @@ def pictures() -> list[Sample]:
 def told(path: Path) -> list[str]:
     """`inspect`."""
     return describe(str(path))
+
+
+def motion_told(options: ImportOptions, path: Path) -> tuple[str, ...]:
+    """What is said of a motion that is read with options."""
+    read = import_motion(path, options)
+    return (*read.sequence.notes, *read.warnings)
 
 
 def capture_told(path: Path) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import pickle
 import random
@@ -15,12 +16,15 @@ import pytest
 
 from avatarrex.errors import InputError
 
+FILES = 600
+"""Some 40 s of a processor."""
 PLACE = Path(__file__).parents[2] / "tools" / "fuzz_loaders.py"
 
 
 @pytest.fixture(scope="module")
 def tool():
     before = list(sys.path)
+    sys.path.insert(0, str(PLACE.parent))
     spec = importlib.util.spec_from_file_location("fuzz_loaders", PLACE)
     module = sys.modules["fuzz_loaders"] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -31,12 +35,34 @@ def tool():
 
 @pytest.mark.slow
 def test_every_loader_refuses_in_a_line_what_is_broken() -> None:
-    """40 s of a processor, always the same files."""
-    done = subprocess.run(
-        [sys.executable, str(PLACE), "--seconds", "40", "--seed", "7"], capture_output=True, text=True
-    )
+    """Always the same files, as many on every machine."""
+    words = ["--files", str(FILES), "--seconds", "900", "--seed", "7"]
+    done = subprocess.run([sys.executable, str(PLACE), *words], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
+    assert f"{FILES} files" in done.stdout
     assert " 0 read wrongly" in done.stdout
+
+
+def test_a_worker_that_ends_before_its_first_file_ends_the_fuzzer(
+    tool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """By itself, or killed: it would be started again for ever."""
+    for words in (["true"], ["sh", "-c", "kill -9 $$"]):
+        monkeypatch.setattr(tool.subprocess, "Popen", started(words))
+        with pytest.raises(RuntimeError, match="the worker has failed at file 5"):
+            list(tool.fuzzed(0, "", tmp_path, 5))
+
+
+def started(words: list[str]) -> Callable[..., subprocess.Popen]:
+    """`Popen`, but of other words, and not more often than a driver that ends does."""
+    times, popen = [0], subprocess.Popen
+
+    def start(_: list[str], **others: object) -> subprocess.Popen:
+        times[0] += 1
+        assert times[0] < 5
+        return popen(words, **others)
+
+    return start
 
 
 def unplain(_: Path) -> None:
@@ -79,9 +105,9 @@ def test_it_plants_code_that_runs_where_it_is_called(tool, monkeypatch: pytest.M
     assert not tool.canaries(tmp_path)
     ran = 0
     for seed in range(20):
-        content = tool.planted(b"", random.Random(seed))
+        content = sys.modules["fuzz_bytes"].planted(b"", random.Random(seed))
         content = content[content.index(b"\n") + 1 :] if content.startswith(b"\x93NUMPY") else content
-        with tool.contextlib.suppress(Exception):
+        with contextlib.suppress(Exception):
             pickle.loads(content)
         ran += tool.canaries(tmp_path)
         (tmp_path / "CANARY").unlink(missing_ok=True)

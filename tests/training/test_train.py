@@ -13,7 +13,7 @@ import pytest
 import tiny_recipe
 import torch
 from avatarrex_studio.cli.main import main, parse
-from avatarrex_studio.cli.train import kept_recipe, split_as_wanted, trained_on
+from avatarrex_studio.cli.train import _config, _open_run, kept_recipe, split_as_wanted, trained_on
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
 import avatarrex.training.core.trainer as train_module
@@ -24,6 +24,7 @@ from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
+from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
 from avatarrex.training.core import work
 from avatarrex.training.core.stage import Stage
@@ -433,3 +434,23 @@ def test_a_run_with_other_options_than_it_began_with_is_left_as_it_is(capture, w
     assert main(["train", str(capture), "--recipe", "quick", "--out", str(whole), "--resume"]) == 2
     assert "run.json: preset: expected quick, as requested, found tiny" in capsys.readouterr().err
     assert (whole / "run.json").read_bytes() == before
+
+
+def test_a_run_goes_on_with_the_person_it_began_with(capture, tmp_path):
+    """Not with other files under the same name; one that began before this was written down goes on."""
+    path = tmp_path / "run"
+    arguments = parse(["train", str(capture), "--out", str(path), "--resume"])
+    arguments.person = "default"
+    config = _config(arguments, open_capture(capture), TINY, ("body",))
+    assert config["person_hash"] == load_person().hash
+    Run.create(path, config).close("stopped")
+    _open_run(arguments, config).close("stopped")
+    other = {**config, "person_hash": "0123"}
+    with pytest.raises(
+        InputError, match=f"run.json: person_hash: expected 0123, as requested, found {load_person().hash}"
+    ):
+        _open_run(arguments, other)
+    about = json.loads((path / "run.json").read_text())
+    del about["config"]["person_hash"]
+    (path / "run.json").write_text(json.dumps(about))
+    _open_run(arguments, other).close("stopped")

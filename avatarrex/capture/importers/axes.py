@@ -33,17 +33,18 @@ def up_axis(orient: np.ndarray) -> str:
 
 def upright(
     lenses: tuple[Lens, ...], orient: np.ndarray, pelvis: np.ndarray, notes: list[str]
-) -> tuple[tuple[Lens, ...], np.ndarray, np.ndarray]:
-    """Cameras, rotations (t, 3) and places (t, 3) of the pelvis in a world with +Y up; a change is said in `notes`."""
+) -> tuple[tuple[Lens, ...], np.ndarray, np.ndarray, Rotation]:
+    """Cameras, rotations (t, 3) and places (t, 3) of the pelvis in a world with +Y up, and its turn; a change is said in `notes`."""
     axis = up_axis(orient)
     if axis == "+Y":
-        return lenses, orient, pelvis
+        return lenses, orient, pelvis, Rotation.identity()
     turn = TURNS[axis]
     notes.append(f"axes: the person stands along {axis} of the file's world, turned to +Y up")
     return (
         tuple(turned(lens, turn) for lens in lenses),
         (turn * Rotation.from_rotvec(orient)).as_rotvec(),
         turn.apply(pelvis),
+        turn,
     )
 
 

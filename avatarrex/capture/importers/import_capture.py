@@ -124,8 +124,10 @@ def in_our_world(source: Source, reading: Reading) -> Source:
     rest = rest_pelvis(values)
     lenses, scale = metres(lenses, values["transl"], rest, reading.place(), "", reading.notes)
     pelvis = values["transl"] * scale + rest
-    lenses, orient, pelvis = upright(lenses, values["global_orient"], pelvis, reading.notes)
+    lenses, orient, pelvis, turn = upright(lenses, values["global_orient"], pelvis, reading.notes)
     changed = {**values, "global_orient": orient, "transl": pelvis - rest}
+    if turn.magnitude():  # for a person whose pelvis at rest is not at `rest`
+        changed["world_turn"] = turn.as_rotvec()
     return replace(_viewed(source, lenses), parameters=changed)
 
 

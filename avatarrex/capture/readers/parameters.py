@@ -3,6 +3,7 @@
 SMPL-X order, rotation vectors, radians, metres; full axis-angle hands (no PCA), flat at zero unless the file says
 otherwise; a hand without parameters is relaxed. `arkit52` (t, 52) with `arkit_names` are the expression, by name. `shape10` (10,) is the
 default person's β, `betas` are SMPL-X's: each is applied to that person alone. `expression` (t, 10), SMPL-X's, is not applied.
+`world_turn` (3,) is the rotation vector by which an import has turned the world about where neutral SMPL-X has its pelvis.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from avatarrex.errors import InputError
 from avatarrex.files.assets import require
@@ -21,9 +23,13 @@ from avatarrex.signals.smplx_npz import check_magnitudes, joint_rotations, rows
 
 OTHERS = (
     "transl", "betas", "expression", "arkit52", "arkit_names", "shape10", "tpose_joints", "flat_hand_mean",
-    "hands_meanl", "hands_meanr", "fps",
+    "hands_meanl", "hands_meanr", "fps", "gender", "world_turn",
 )  # fmt: skip
 KEYS = (*JOINT_ROWS, *OTHERS)
+TEXTS = ("arkit_names", "gender")
+SEXES = ("neutral", "male", "female")
+SHAPES = 10
+"""Coefficients of a shape that are used."""
 LARGEST_BYTES = 2 * 8 * MOST_FRAMES * (55 * 3 + 52)
 """Of the arrays: twice what the longest capture's pose and expression take in double precision."""
 
@@ -39,10 +45,14 @@ class Parameters:
     expression: np.ndarray
     """(t, 52) in our order."""
     shapes: dict[str, np.ndarray]
-    """β (10,) by whose directions it is in, as the file calls it (`SHAPES`)."""
+    """β (10,) by whose directions it is in, as the file calls it."""
     joints: np.ndarray | None
     """(55, 3) of the T-pose, where the file has them."""
     fps: float
+    sex: str
+    """Of the model that `betas` are of, one of `SEXES`; empty where the file does not say."""
+    turn: np.ndarray
+    """(3, 3): `world_turn`."""
     notes: tuple[str, ...]
 
     def signals(self, shape: np.ndarray, shift: np.ndarray, scale: float, name: str) -> SignalSequence:
@@ -57,9 +67,9 @@ class Parameters:
 def read_parameters(arrays: dict[str, np.ndarray], source: str) -> Parameters:
     """Check and convert a rig's arrays (those of `KEYS` it has). Raises `InputError` naming the key."""
     for key, value in arrays.items():
-        if value.dtype.kind not in ("US" if key == "arkit_names" else "fiub"):
-            raise InputError(source, key, "text" if key == "arkit_names" else "numbers", value.dtype)
-    check_magnitudes({key: value for key, value in arrays.items() if key != "arkit_names"}, source)
+        if value.dtype.kind not in ("US" if key in TEXTS else "fiub"):
+            raise InputError(source, key, "text" if key in TEXTS else "numbers", value.dtype)
+    check_magnitudes({key: value for key, value in arrays.items() if key not in TEXTS}, source)
     notes: list[str] = []
     pose = _pose(arrays, source, notes)
     count = len(pose)
@@ -68,7 +78,17 @@ def read_parameters(arrays: dict[str, np.ndarray], source: str) -> Parameters:
     joints = require(arrays, source, "tpose_joints", (55, 3)) if "tpose_joints" in arrays else None
     rate = check_rate(arrays.get("fps", 30.0), source)
     translation = rows(arrays, source, "transl", count, 3).astype(np.float64)
-    return Parameters(pose, translation, expression, shapes, joints, rate, tuple(notes))
+    turn = require(arrays, source, "world_turn", (3,)) if "world_turn" in arrays else np.zeros(3)
+    return Parameters(
+        pose, translation, expression, shapes, joints, rate, _sex(arrays), Rotation.from_rotvec(turn).as_matrix(), tuple(notes)
+    )  # fmt: skip
+
+
+def _sex(arrays: dict[str, np.ndarray]) -> str:
+    """By the first letter of `gender`."""
+    words = np.ravel(arrays.get("gender", "")).astype(str)
+    word = words[0].strip().lower() if len(words) else ""
+    return next((sex for sex in SEXES if word and sex[0] == word[0]), "")
 
 
 def _shapes(arrays: dict[str, np.ndarray], source: str, notes: list[str]) -> dict[str, np.ndarray]:
@@ -82,8 +102,10 @@ def _shapes(arrays: dict[str, np.ndarray], source: str, notes: list[str]) -> dic
         raise InputError(source, "betas", "shape (coefficients) or (frames, coefficients)", arrays["betas"].shape)
     if np.ptp(betas, axis=0).max() > 0:
         notes.append("betas: another body in each frame: their median")
-    shape = np.median(betas, axis=0)[:10]
-    return {"betas": np.pad(shape, (0, 10 - len(shape)))}
+    shape = np.median(betas, axis=0)
+    if shape[SHAPES:].any():
+        notes.append(f"betas: {len(shape) - SHAPES} beyond the tenth are left out")
+    return {"betas": np.pad(shape[:SHAPES], (0, max(0, SHAPES - len(shape))))}
 
 
 def _pose(arrays: dict[str, np.ndarray], source: str, notes: list[str]) -> np.ndarray:

@@ -29,11 +29,15 @@ from avatarrex.capture.readers.manifest import held_out, read_manifest
 from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES, Parameters, read_parameters
 from avatarrex.capture.readers.units import metres
 from avatarrex.errors import InputError, plain
+from avatarrex.signals.driving import LARGEST
 from avatarrex.signals.sequence import SignalSequence
-from avatarrex.templates.person import OWN_SHAPE, SMPLX_SHAPE, Person, load_person
+from avatarrex.templates.person import OWN_SHAPE, SMPLX_SHAPE, Person, load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit
 
 SMPLX_PELVIS = np.array([0.0031, -0.3514, 0.0120])
 """J_0 of the neutral SMPL-X template, metres, to 0.1 mm: where a capture's pelvis is at transl = 0 when it does not say."""
+SAME_SHAPE = 1e-4
+"""Of β: coefficients that differ by no more are one body's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +110,7 @@ class Capture:
     path: Path
     rigs: dict[str, Rig]
     person: Person
-    """Of the template that was named, resized where the files say the captured body's joints."""
+    """Of the template that was named, resized where the files say the captured body's joints, or `betas` that are its shape."""
     ground_truth: dict[str, RigTruth]
     """Exact meshes by rig, where the capture has them."""
     notes: tuple[str, ...]
@@ -192,8 +196,8 @@ def _person(
     flat = np.zeros(10)
     for name, values in parameters.items():
         source = files[name].archive.place(files[name].parameters)
-        if (shape := values.shapes.get(person.shape_key)) is not None:
-            return person, _Place(person.pelvis(shape), shape)
+        if person.shape_key in values.shapes:
+            return _by_shape(person, name, source, parameters, notes)
         joints = values.joints
         if joints is None and files[name].ground_truth:
             truth = RigTruth(files[name])
@@ -215,6 +219,28 @@ def _person(
         f"person: the capture does not say its size (no {person.shape_key}, no tpose_joints): it has to be fitted to the mattes"
     )
     return person, _Place(np.zeros(3) if OWN_SHAPE in others else SMPLX_PELVIS, flat, sized=False)
+
+
+def _by_shape(
+    person: Person, rig: str, source: str, parameters: dict[str, Parameters], notes: list[str]
+) -> tuple[Person, _Place]:
+    """`person` in the shape that `rig` says. The default one follows its signals' shape; another is made in that size once and for all."""
+    key, values = person.shape_key, parameters[rig]
+    shape = values.shapes[key]
+    if (largest := float(np.abs(shape).max())) > LARGEST["shape"]:
+        raise InputError(source, key, f"numbers up to ±{LARGEST['shape']:g}", f"{largest:g}")
+    for name, other in parameters.items():
+        if not np.allclose(other.shapes.get(key, shape), shape, rtol=0, atol=SAME_SHAPE):
+            notes.append(f"{name}: {key} of another body than the {rig} rig's, which are taken for both")
+    pelvis = person.pelvis(shape)
+    if key == OWN_SHAPE:
+        return person, _Place(pelvis, shape)
+    if person.sex and person.sex != (values.sex or "neutral"):
+        said = f"the {values.sex} model's" if values.sex else "the neutral model's, as the file says no other"
+        notes.append(f"{rig}: {key} are {said}, but the person is the {person.sex} one: another size")
+    person = resize_person(person, PersonFit(shape, np.zeros((55, 3))))
+    check_height(person, source)
+    return person, _Place(SMPLX_PELVIS + values.turn @ (pelvis - SMPLX_PELVIS), np.zeros(10))
 
 
 def joint_unit(joints: np.ndarray) -> float:

@@ -33,7 +33,11 @@ RIDGE = 1e-3
 
 def read_matrix(path: str | Path, coefficients: int | None = None) -> np.ndarray:
     """(c, 52), columns in our order, of so many coefficients where it is said. Raises `InputError` naming the line."""
-    rows = [row for row in csv.reader(read_text(path, "a table of numbers").splitlines()) if any(map(str.strip, row))]
+    text = read_text(path, "a table of numbers")
+    try:
+        rows = [row for row in csv.reader(text.splitlines()) if any(map(str.strip, row))]
+    except csv.Error as error:
+        raise InputError(path, "", "a readable CSV file", error) from None
     names = [name.strip() for name in rows[0]] if rows else []
     if sorted(names) != sorted(EXPRESSION_NAMES):
         wrong = next((name for name in names if name not in EXPRESSION_NAMES), f"{len(set(names))} names")

@@ -20,7 +20,7 @@ from avatarrex.files.arrays import read_array
 from avatarrex.files.gate import what_is
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.templates.model import TemplateModel
-from avatarrex.templates.model_arrays import LARGEST_NUMBER
+from avatarrex.templates.model_arrays import LARGEST_NUMBER, hash_arrays
 from avatarrex.templates.official import expression_matrix
 from avatarrex.templates.official.model_file import read_dict
 
@@ -33,11 +33,12 @@ LARGEST = LARGEST_NUMBER / min(UNITS.values())
 """Of a file's numbers, whatever its unit."""
 WIDTH = (0.09, 0.21)
 """Metres between the outermost landmarks of a face, before the ears."""
-LANDMARKS: dict[str, tuple[int, int, int, int, int]] = {
-    "keypoints_68": (8, 27, 30, 0, 16), "keypoints": (8, 27, 30, 0, 16), "keypoints_mediapipe": (152, 168, 1, 234, 454),
-    "mediapipe_keypoints": (152, 168, 1, 234, 454),
-}  # fmt: skip
-"""Lists of vertices, the first that a file has; of each chin, bridge and tip of the nose, the person's right and left side."""
+LANDMARKS = ("keypoints_68", "keypoints", "keypoints_mediapipe", "mediapipe_keypoints")
+"""Lists of vertices: the first that a file has counts."""
+MEDIAPIPE = 468
+"""Landmarks of MediaPipe's list (478 with the irises): one so long is MediaPipe's whatever it is called, another is iBUG's 68."""
+AXES = {False: (8, 27, 30, 0, 16), True: (152, 168, 1, 234, 454)}
+"""Chin, bridge and tip of the nose, the person's right and left side: on iBUG's list, and (True) on MediaPipe's."""
 JOINTS = ("head", "jaw", "left_eye", "right_eye")
 _OWN = {name.lower(): name for name in EXPRESSION_NAMES}
 
@@ -54,6 +55,10 @@ class FaceverseFile:
     """Signs of x, y, z that make the file's axes ours."""
     landmarks: np.ndarray
     """Vertices of the file's list of landmarks."""
+    mediapipe: bool
+    """Whether the list is MediaPipe's; else it is iBUG's."""
+    hash: str
+    """Of all of it that decides where the face is and how it moves."""
 
 
 def read_faceverse(path: str | Path) -> FaceverseFile:
@@ -68,15 +73,18 @@ def read_faceverse(path: str | Path) -> FaceverseFile:
     version = 3 if len(mean) == V3_VERTICES else VERSIONS[counts]
     if counts == (150, 171):
         expression = _fifty_two(fields, path, len(mean), expression)
-    landmarks, places = _landmarks(fields, path, len(mean))
-    unit, signs = _unit_and_signs(mean[places], path)
+    landmarks, mediapipe = _landmarks(fields, path, len(mean))
+    unit, signs = _unit_and_signs(mean[landmarks[list(AXES[mediapipe])]], path)
     factor = UNITS[unit] * np.array(signs)
     mean, shape, expression = mean * factor, shape * factor[:, None], expression * factor[:, None]
     named = _named(fields, path, expression)
+    faces, eyes = _faces(fields, path, mean), _eyes(fields, path, mean)
+    read = {"mean": mean, "expression": named[0], "faces": faces, "landmarks": landmarks, **eyes}
     if not named[1] and what_is(table := Path(path).with_name(expression_matrix.FILE)) == "a file":
-        named = expression @ expression_matrix.read_matrix(table, expression.shape[2]), EXPRESSION_NAMES
-    model = _model(mean, _faces(fields, path, mean), shape, named, _eyes(fields, path, mean))
-    return FaceverseFile(model, version, unit, signs, landmarks)
+        read["table"] = expression_matrix.read_matrix(table, expression.shape[2])
+        named = expression @ read["table"], EXPRESSION_NAMES
+    model = _model(mean, faces, shape, named, eyes)
+    return FaceverseFile(model, version, unit, signs, landmarks, mediapipe, hash_arrays(read, read))
 
 
 def read_fifty_two(path: str | Path) -> np.ndarray:
@@ -139,16 +147,17 @@ def _fifty_two(fields: dict[Any, Any], path: str | Path, vertices: int, others: 
     return _directions(fields, path, "exBase_52", vertices) if "exBase_52" in fields else others
 
 
-def _landmarks(fields: dict[Any, Any], path: str | Path, vertices: int) -> tuple[np.ndarray, np.ndarray]:
-    """A file's landmarks, and those that tell the axes."""
-    for key, places in LANDMARKS.items():
+def _landmarks(fields: dict[Any, Any], path: str | Path, vertices: int) -> tuple[np.ndarray, bool]:
+    """A file's landmarks, and whether they are MediaPipe's."""
+    for key in LANDMARKS:
         ids = _whole_numbers(fields, path, key)
-        if len(ids) <= max(places):
+        mediapipe = len(ids) >= MEDIAPIPE
+        if len(ids) <= max(AXES[mediapipe]) or ("mediapipe" in key and not mediapipe):
             continue
         if ids.min() < 0 or ids.max() >= vertices:
             raise InputError(path, key, f"vertices from 0 to {vertices - 1}", f"{ids.min()} to {ids.max()}")
-        return ids, ids[list(places)]
-    raise InputError(path, "keypoints", "68 or 478 landmarks (one of " + ", ".join(LANDMARKS) + ")", "none")
+        return ids, mediapipe
+    raise InputError(path, "keypoints", "68, 468 or 478 landmarks (one of " + ", ".join(LANDMARKS) + ")", "none")
 
 
 def _unit_and_signs(points: np.ndarray, path: str | Path) -> tuple[str, tuple[int, int, int]]:

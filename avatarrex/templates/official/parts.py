@@ -34,10 +34,10 @@ from avatarrex.templates.submodel import submodel
 SHAPES = 10
 """Coefficients β of the signals."""
 FACE_JOINTS = [HEAD, JAW, LEFT_EYE, RIGHT_EYE]
-COMMON = {68: (27, 30, 36, 39, 42, 45, 48, 54), 478: (168, 1, 33, 133, 362, 263, 61, 291)}
-"""Landmarks that both lists have: bridge and tip of the nose, corners of eyes and mouth; by the length of Faceverse's list."""
-FIRST_INNER = 17
-"""SMPL-X has iBUG's landmarks from this one on."""
+COMMON = {False: (27, 30, 36, 39, 42, 45, 48, 54), True: (168, 1, 33, 133, 362, 263, 61, 291)}
+"""Landmarks that both lists have, bridge and tip of the nose, corners of eyes and mouth: on iBUG's, and (True) on MediaPipe's."""
+IBUG, FIRST_INNER = 68, 17
+"""Landmarks of iBUG's list; SMPL-X has them from this one on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,10 @@ class PersonModels:
     """By side: MANO's hand and its vertices on the body. Both or none."""
     face: FaceTemplate | None
     """Faceverse's, on `body`."""
+    sex: str
+    """`neutral`, `male` or `female`: of the body."""
     hash: str
+    """Of what the files hold, not of what was made of it: its last bits are another machine's to round."""
 
     def parts(self, body: TemplateModel) -> tuple[HandTemplate, HandTemplate, FaceTemplate]:
         """Left hand, right hand and face on `body`, which is `self.body` in some size."""
@@ -79,14 +82,16 @@ def read_models(folder: str | Path) -> PersonModels:
     hands, face = {}, None
     if {"mano_left", "mano_right"} <= set(found):
         for side, mano in read_hands(found["mano_left"], found["mano_right"]).items():
-            hands[side] = (mano, hand_ids(mano.model, body, side, found.get("hand_ids")))
-            digest.update(mano.hash.encode())
+            ids = hand_ids(mano.model, body, side, found.get("hand_ids"))
+            hands[side] = (mano, ids)
+            digest.update(mano.hash.encode() + ids.tobytes())
     if "faceverse" in found:
         read = read_faceverse(found["faceverse"])
         face = face_of(read, body, file)
-        digest.update(read.model.v_template.numpy().tobytes() + read.model.expression_dirs.numpy().tobytes())
+        digest.update(read.hash.encode() + file.landmark_faces.tobytes() + file.landmark_weights.tobytes())
     j0, j0_dirs = file.model.joint_template[0].double(), file.model.joint_shapedirs[0, :, :SHAPES].double()
-    return PersonModels(body, j0.numpy(), j0_dirs.numpy(), hands, face, digest.hexdigest()[:16])
+    sex = found["smplx"].stem.rpartition("_")[2].lower()
+    return PersonModels(body, j0.numpy(), j0_dirs.numpy(), hands, face, sex, digest.hexdigest()[:16])
 
 
 def driven_body(file: SmplxFile) -> TemplateModel:
@@ -97,8 +102,8 @@ def driven_body(file: SmplxFile) -> TemplateModel:
         model,
         v_template=model.v_template - model.joint_template[0],
         joint_template=model.joint_template - model.joint_template[0],
-        shapedirs=(model.shapedirs - model.joint_shapedirs[0])[..., :SHAPES],
-        joint_shapedirs=(model.joint_shapedirs - model.joint_shapedirs[0])[..., :SHAPES],
+        shapedirs=model.shapedirs[..., :SHAPES] - model.joint_shapedirs[0, :, :SHAPES],
+        joint_shapedirs=model.joint_shapedirs[..., :SHAPES] - model.joint_shapedirs[0, :, :SHAPES],
         expression_dirs=torch.zeros(len(model.v_template), 3, len(EXPRESSION_NAMES)),
         expression_names=EXPRESSION_NAMES,
         joint_expression_dirs=None,
@@ -166,15 +171,14 @@ def _placing(
     face: FaceverseFile, body: TemplateModel, file: SmplxFile
 ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
     """Turn (3, 3), size, and the middles of the landmarks here and there: x ↦ size · turn (x − here) + there."""
-    count = 478 if len(face.landmarks) == 478 else 68
     if len(file.landmark_faces) < 51:
         raise InputError("SMPL-X", "lmk_faces_idx", "51 landmarks of the face", len(file.landmark_faces))
-    if len(face.landmarks) < count:
-        raise InputError("Faceverse", "keypoints", "68 or 478 landmarks", len(face.landmarks))
-    rows = np.array(COMMON[68]) - FIRST_INNER
+    if len(face.landmarks) < IBUG:
+        raise InputError("Faceverse", "keypoints", f"{IBUG}, 468 or 478 landmarks", len(face.landmarks))
+    rows = np.array(COMMON[False]) - FIRST_INNER
     corners = body.v_template.double().numpy()[body.faces.numpy()[file.landmark_faces[rows]]]
     theirs = np.einsum("lkc,lk->lc", corners, file.landmark_weights[rows])
-    own = face.model.v_template.double().numpy()[face.landmarks[list(COMMON[count])]]
+    own = face.model.v_template.double().numpy()[face.landmarks[list(COMMON[face.mediapipe])]]
     here, there = own.mean(0), theirs.mean(0)
     turn, _ = Rotation.align_vectors(theirs - there, own - here)
     size = np.linalg.norm(theirs - there) / np.linalg.norm(own - here)
