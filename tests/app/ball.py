@@ -30,12 +30,14 @@ class BallMap:
     depth: torch.Tensor
     hit: torch.Tensor
     coverage: torch.Tensor
+    part_weight: torch.Tensor
+    steps: torch.Tensor
 
 
 class BallFrame(DeferredFrame):
     """What the studio reads of a frame, and no more."""
 
-    image = pointmap = volume = None
+    image = pointmap = volume = view = signals = None
     """Values of its own in place of `DeferredFrame`'s properties."""
 
     def __init__(self, **values):
@@ -58,7 +60,8 @@ def render_ball(avatar, signals, camera, settings, previous=None, between=None):
     image = torch.cat([shade[..., None] * tint, hit[..., None].float()], -1)
     normal = torch.stack([x * 0, x * 0, x * 0 + 1], -1) * hit[..., None]
     depth = distance * hit
-    ball = BallMap(normal * 0.5, normal, depth.float(), hit, hit.float())
+    covered = hit.float()
+    ball = BallMap(normal * 0.5, normal, depth.float(), hit, covered, 0.2 * normal, 20 * covered)
     moved = previous is None or not np.array_equal(previous.key[0], signals.full_pose())
     counters = {**dict.fromkeys(NAMES, 0), "rays": width * height, "voxels_evaluated": 100 * moved}
     ms = {"templates": 1.0, "volume": 2.0, "pointmap": 1e-2 * width * height, "shading": 1.0}
@@ -66,6 +69,8 @@ def render_ball(avatar, signals, camera, settings, previous=None, between=None):
         image=image,
         pointmap=ball,
         camera=camera,
+        view=camera,
+        signals=signals,
         world_from_root=np.eye(4),
         key=(signals.full_pose(),),
         ms={**ms, "total": sum(ms.values())},
@@ -81,4 +86,6 @@ def ball_engine(render=render_ball, settings=None, device="cpu", between=None):
     avatar = object.__new__(Avatar)
     avatar.meta = {}
     avatar.person = load_person("default")
+    avatar.body = torch.nn.Module()
+    avatar.body.node_rest = avatar.person.body.v_template[::100]
     return Engine(avatar=avatar, render=render, settings=settings, device=device, between=between)
