@@ -16,9 +16,10 @@ from pathlib import Path
 import pytest
 from avatarrex_studio.jobs import submitted
 from avatarrex_studio.jobs.submitted import Job
+from avatarrex_studio.jobs.training_process import INTERRUPTIBLE
 
 SAVES = """
-import signal, sys, time
+import sys, time
 from pathlib import Path
 try:
     Path("ready").touch()
@@ -59,7 +60,7 @@ def job(folder: Path, *words: str) -> Job:
 
 
 def program(monkeypatch, text: str) -> None:
-    monkeypatch.setattr(submitted, "COMMAND", (sys.executable, "-c", text))
+    monkeypatch.setattr(submitted, "COMMAND", (sys.executable, "-c", INTERRUPTIBLE + text))
     monkeypatch.setattr(submitted, "SECONDS", 0.02)
 
 

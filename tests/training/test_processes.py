@@ -30,7 +30,7 @@ from avatarrex.training.runs.events import EventReader, event_files
 from avatarrex.training.runs.folder import read_about
 
 TESTS = Path(__file__).parents[1]
-SECONDS = 600.0
+SECONDS = 900.0
 """For a training that takes one minute: its processes wait for each other for days."""
 
 
