@@ -16,8 +16,8 @@ import pytest
 
 from avatarrex.errors import InputError
 
-FILES = 600
-"""Some 40 s of a processor."""
+FILES = 1000
+"""Some 20 s of a processor with the making of the samples."""
 PLACE = Path(__file__).parents[2] / "tools" / "fuzz_loaders.py"
 
 
