@@ -100,7 +100,8 @@ def _imported(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions,
     for key, value in arrays.items():
         check_frames(len(np.atleast_1d(value)), path, key)
         if value.dtype.kind not in "fiu" or value.dtype.itemsize > 8:
-            raise InputError(path, key, "numbers of at most 64 bits", value.dtype)
+            wanted = "numbers of at most 64 bits" if value.dtype.kind in "fiu" else "numbers"
+            raise InputError(path, key, wanted, value.dtype)
     poses = next((key for key in POSES if key in arrays), None)
     arrays = {key: _axis_angle(key, value) for key, value in arrays.items()}
     check_magnitudes(arrays, path)

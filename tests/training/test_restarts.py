@@ -64,7 +64,7 @@ def test_its_own_run_is_gone_on_with(tmp_path, start, monkeypatch):
         found.append(arguments.resume)
         config = {"part": "body", "preset": "tiny", "seed": 0, "capture_key": "a", "held_out": {}, "splits": {}}
         monkeypatch.setattr(train, "kept_recipe", lambda *_: None)
-        run = train._joined_run(arguments, {**config, "start": None, "person": "default"}, group)
+        run = train._joined_run(arguments, {**config, "start": None, "person": "default", "person_hash": "0"}, group)
         run.close("failed")
         raise PeerLost
 

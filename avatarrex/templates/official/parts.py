@@ -57,7 +57,7 @@ class PersonModels:
     sex: str
     """`neutral`, `male` or `female`: of the body."""
     hash: str
-    """Of what the files hold, not of what was made of it: its last bits are another machine's to round."""
+    """Of what the files contain, not of what was made of it: its last bits are another machine's to round."""
 
     def parts(self, body: TemplateModel) -> tuple[HandTemplate, HandTemplate, FaceTemplate]:
         """Left hand, right hand and face on `body`, which is `self.body` in some size."""
