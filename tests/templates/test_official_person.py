@@ -16,7 +16,7 @@ from capture.smplx_capture import in_smplx
 from capture.tiny_capture import TinyCapture
 from official import evaluate
 from official_files import write_faceverse, write_smplx
-from person_files import J0, LANDMARKS, person_faceverse, person_smplx, remeshed, write_person
+from person_files import J0, LANDMARKS, person_faceverse, person_smplx, remeshed
 from python2_pickles import write_python2
 from scipy.spatial import cKDTree
 
@@ -39,16 +39,6 @@ from avatarrex.templates.person import Person, _load, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
 from avatarrex.templates.posed import pose_person
 from avatarrex.training.core.warm_start import load_prior
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_person(tmp_path_factory.mktemp("person") / "models")
-
-
-@pytest.fixture(scope="module")
-def person(folder: Path) -> Person:
-    return load_person(folder)
 
 
 def world(person: Person, part: str, signals: Signals) -> np.ndarray:

@@ -9,7 +9,6 @@ import pytest
 from avatarrex_studio.cli.train import _with_body
 from capture.smplx_capture import in_smplx
 from capture.tiny_capture import TinyCapture
-from person_files import write_person
 from scipy.spatial.transform import Rotation
 
 from avatarrex.avatar import Avatar
@@ -30,16 +29,6 @@ from avatarrex.templates.posed import pose_person
 
 SHAPE = TinyCapture.make(()).signals[0].shape
 STANDING = {"global_orient": np.zeros(3), "body_pose": np.zeros((21, 3))}
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_person(tmp_path_factory.mktemp("person") / "models")
-
-
-@pytest.fixture(scope="module")
-def person(folder: Path) -> Person:
-    return load_person(folder)
 
 
 @pytest.fixture
