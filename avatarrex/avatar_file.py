@@ -51,6 +51,8 @@ FILES = {"avatar.json": SMALL, "weights.safetensors": 2**30}
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
 SLIDE = "body.slide.share"
 """What an avatar whose cloth slides has."""
+RELIEF = "body.relief"
+"""What an avatar whose surface was registered to pictures has."""
 SURFACE = surface_file.FILE
 WHOLE = "an avatar folder or a whole .avatar file"
 LARGEST_WEIGHT = float(torch.finfo(torch.half).max)
@@ -240,7 +242,7 @@ def _texels_in(state: dict[str, Tensor]) -> list[str]:
 
 
 def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
-    """Give the fields static detail, slide and outgrowth, whose tensors are in `state`, after checking what these must be."""
+    """Give the fields static detail, slide, relief and outgrowth, whose tensors are in `state`, after checking what these must be."""
     for part, faces in zip(DETAILED, (len(avatar.person.body.faces), len(avatar.person.face.faces))):
         name = f"{part}.detail.edge"
         if name in state and (state[name].dtype, tuple(state[name].shape)) != (torch.uint8, (faces,)):
@@ -256,9 +258,10 @@ def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     distance = state.get("body.outgrowth.distance")
     if distance is not None and not (distance <= 0).any():
         raise InputError(path, "weights.safetensors: body.outgrowth.distance", "somewhere inside", "positive numbers")
-    slides = (len(avatar.body.node_vertex), JOINTS)
-    if SLIDE in state and tuple(state[SLIDE].shape) != slides:
-        raise InputError(path, f"weights.safetensors: {SLIDE}", f"numbers {slides}", tuple(state[SLIDE].shape))
+    shapes = {SLIDE: (len(avatar.body.node_vertex), JOINTS), RELIEF: (len(avatar.body.anchor_vertex),)}
+    for name, shape in shapes.items():
+        if name in state and tuple(state[name].shape) != shape:
+            raise InputError(path, f"weights.safetensors: {name}", f"numbers {shape}", tuple(state[name].shape))
     avatar.body.expect({name.removeprefix("body."): value for name, value in state.items()})
     avatar.face.expect({name.removeprefix("face."): value for name, value in state.items()})
 

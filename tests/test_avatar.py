@@ -71,13 +71,14 @@ def test_broken_files_are_refused(tmp_path: Path) -> None:
 
 
 def _with_extras() -> Avatar:
-    """The packaged avatar with texels, 2 cm apart, that slide, and a ball on its head."""
+    """The packaged avatar with texels, 2 cm apart, that slide, a relief and a ball on its head."""
     avatar = load_avatar("default")
     body = avatar.body
     body.add_detail(0.02)
     assert body.detail is not None
     body.detail.texel.data.copy_(torch.randn(body.detail.texel.shape, generator=torch.Generator().manual_seed(0)))
     body.add_slide(0.1 * torch.randn(len(body.node_vertex), JOINTS, generator=torch.Generator().manual_seed(1)))
+    body.raise_surface(0.01 * torch.rand(len(body.sample_rest), generator=torch.Generator().manual_seed(2)))
     first = (body.template.v_template[body.template.v_template[:, 1].argmax()] / VOXEL).round().long() - 10
     place = torch.stack(torch.meshgrid(*[torch.arange(21)] * 3, indexing="ij"), -1)
     body.outgrowth = Outgrowth(first, (place - 10.0).norm(dim=-1) * VOXEL - 0.04)
@@ -85,7 +86,7 @@ def _with_extras() -> Avatar:
     return avatar
 
 
-def test_texels_slide_and_outgrowth_are_kept(tmp_path: Path) -> None:
+def test_texels_slide_relief_and_outgrowth_are_kept(tmp_path: Path) -> None:
     avatar = _with_extras()
     for path in (tmp_path / "a.avatar", tmp_path / "b.avatar"):
         save_avatar(avatar, path)
@@ -96,6 +97,7 @@ def test_texels_slide_and_outgrowth_are_kept(tmp_path: Path) -> None:
         assert float(albedo.abs().max()) < 0.51 / 255
         assert torch.equal(found["body.detail.edge"], wanted["body.detail.edge"])
         assert torch.equal(found["body.slide.share"], wanted["body.slide.share"].half().float())
+        assert torch.equal(found["body.relief"], wanted["body.relief"].half().float())
         assert again.body.slide is not None
         assert torch.equal(again.body.slide.reach, avatar.body.slide.reach)
         assert torch.equal(found["body.outgrowth.distance"], wanted["body.outgrowth.distance"].half().float())
@@ -110,11 +112,12 @@ def test_texels_slide_and_outgrowth_are_kept(tmp_path: Path) -> None:
         ("body.detail.texel", torch.zeros(5, 3), "bytes"),
         ("body.detail.texel", torch.zeros(5, 3, dtype=torch.uint8), r"body.detail.texel: expected \("),
         ("body.slide.share", torch.zeros(5, 22), "slide.share: expected numbers"),
+        ("body.relief", torch.zeros(5), "body.relief: expected numbers"),
         ("body.outgrowth.distance", torch.zeros(4), "3 dimensions"),
         ("body.outgrowth.distance", torch.ones(4, 4, 4), "somewhere inside"),
     ],
 )
-def test_broken_texels_slides_and_outgrowths_are_refused(
+def test_broken_texels_slides_reliefs_and_outgrowths_are_refused(
     tmp_path: Path, name: str, value: torch.Tensor, message: str
 ) -> None:
     save_avatar(_with_extras(), tmp_path / "good.avatar")

@@ -108,6 +108,9 @@ class BodyField(nn.Module):
     sample_weights: Tensor
     sample_owner: Tensor
     sample_normal: Tensor
+    sample_anchor: Tensor
+    relief: Tensor | None
+    """Metres that the surface stands off where the networks have it along the normal at rest, of each anchor, in every pose."""
     clothing_offset: Tensor
     """(v,) metres that the surface stands off each template vertex at rest (`measure_clothing_offset`); zero until measured."""
 
@@ -125,6 +128,7 @@ class BodyField(nn.Module):
         widths = preset.body
         self.widths, self.local_frame, self.template = widths, local_frame, model
         self.slide: Slide | None = None
+        self.register_buffer("relief", None)
         self.register_buffer("node_vertex", farthest_points(model.v_template, widths.nodes, seed))
         self.register_buffer("anchor_vertex", anchors(model, widths.anchors, seed))
         self.register_buffer("clothing_offset", torch.zeros(len(model.v_template)))
@@ -161,7 +165,8 @@ class BodyField(nn.Module):
         like = self.clothing_offset
         normal = node_normals(model, vertex)
         sampled = self.anchor_vertex.cpu()
-        sampled = sampled[~self.replaced.cpu()[sampled]]
+        kept = torch.nonzero(~self.replaced.cpu()[sampled])[:, 0]
+        sampled = sampled[kept]
         rest = model.v_template
         derived = {
             "node_rest": rest[vertex],
@@ -174,6 +179,7 @@ class BodyField(nn.Module):
         for name, value in derived.items():
             self.register_buffer(name, value.to(like), persistent=False)
         self.register_buffer("sample_vertex", sampled.to(like.device), persistent=False)
+        self.register_buffer("sample_anchor", kept.to(like.device), persistent=False)
         owner = torch.cdist(rest[sampled], rest[vertex]).argmin(1)
         self.register_buffer("sample_owner", owner.to(like.device), persistent=False)
         labels = part_labels(model.joint_names, model.weights[vertex])
@@ -227,19 +233,27 @@ class BodyField(nn.Module):
         self.slide = Slide(share)
         self._lay_slide()
 
+    def raise_surface(self, height: Float[Tensor, " a"]) -> None:
+        """Let the surface stand so many metres higher at each sample, along the skin's normal at rest."""
+        if self.relief is None:
+            self.relief = self.clothing_offset.new_zeros(len(self.anchor_vertex))
+        self.relief[self.sample_anchor] += height.to(self.relief)
+
     def _lay_slide(self) -> None:
         if self.slide is not None:
             self.slide.lay(self.template.v_template[self.node_vertex.cpu()].to(self.sample_rest), self.sample_rest)
 
     def expect(self, state: Mapping[str, Tensor]) -> None:
         """Have the static detail, the slide and the outgrowth that a state to be loaded has, by its tensors' shapes, or none."""
-        self.detail = self.slide = self.outgrowth = None
+        self.detail = self.slide = self.outgrowth = self.relief = None
         if "detail.edge" in state:
             self.detail = DetailTexture(state["detail.edge"].clone())
             flat = membrane(self.template.v_template, self.template.faces)
             self.detail.requires_grad_(False).lay(flat, self.template.faces)
         if "slide.share" in state:
             self.add_slide(state["slide.share"].float())
+        if "relief" in state:
+            self.relief = state["relief"].float()
         if {"outgrowth.first", "outgrowth.distance"} <= set(state):
             self.outgrowth = Outgrowth(state["outgrowth.first"].clone(), state["outgrowth.distance"].float())
             self.outgrowth.lay(self.template.v_template)
@@ -266,13 +280,20 @@ class BodyField(nn.Module):
             self.sample_rest,
             posed.vertices[vertex] + outward * self.clothing_offset[vertex, None],
             outward,
-            invert_affine(onto),
+            self._raised(invert_affine(onto)),
             self.sample_owner,
             ANCHOR_SIGMA * (2048 / len(vertex)) ** 0.5,
         )
         samples = self.slid(samples, posed.skinning)
         cover = covering_radius(posed.vertices.detach(), position.detach()) + CLOTH
         return BodyFrame(code, position, node_rest, node_from_rest, samples, cover)
+
+    def _raised(self, rest_from_posed: Float[Tensor, "a 3 4"]) -> Float[Tensor, "a 3 4"]:
+        """With the relief: what stands δ higher is looked up δ further in."""
+        if self.relief is None:
+            return rest_from_posed
+        offset = rest_from_posed[:, :, 3] - self.relief[self.sample_anchor, None] * self.sample_normal
+        return torch.cat([rest_from_posed[:, :, :3], offset[:, :, None]], -1)
 
     def slid(self, samples: Samples, skinning: Float[Tensor, "k 4 4"]) -> Samples:
         """All `samples` of a pose with its slide."""

@@ -107,6 +107,8 @@ class PassTwo:
     """Of the learning rate, for the texels (core/texel_descent.py)."""
     slides: bool = False
     """Whether the texels are first registered to the pictures: cloth slides over the skin (fields/slide.py; ours)."""
+    rises: bool = False
+    """Whether the surface is registered with them: it stands off where pass I left it (`BodyField.raise_surface`; ours)."""
     view_dropout: float = 0.0
     """Share of the patches that are shaded as if seen along a random direction: colours from where no camera looked are then
     those of all cameras (ours)."""
@@ -183,7 +185,7 @@ PAPER = Recipe(
 """Line by line against the paper: tests/training/test_paper.py."""
 _PLUS_ONE: dict[str, Any] = {"sampling": "near", "quadrature": "interval", "weights": LossWeights()}
 _PLUS_TWO = replace(_PAPER_TWO, clamped=True, weights=LossWeights())
-_DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 4.0, "slides": True, "view_dropout": 0.5}
+_DETAIL: dict[str, Any] = {"texel": 0.002, "texel_rate": 4.0, "slides": True, "rises": True, "view_dropout": 0.5}
 """Of the body: what its pictures show at once, and no colours of their own for cameras that were not there."""
 PAPER_PLUS = replace(
     PAPER, name="paper+", about="the paper's schedule and networks with our warm start, samples and regularisers, for a GPU",

@@ -89,6 +89,7 @@ LINES = (
     Line("the paper has no static texels", 1, "texel", 0.0, 0.0),
     Line("the paper has no static texels", 1, "texel_rate", 1.0, 1.0),
     Line("the paper has nothing that slides on the skin", 1, "slides", False, False),
+    Line("the paper's surface is what pass I finds", 1, "rises", False, False),
     Line("sec. 3.1: colours see the true view", 1, "view_dropout", 0.0, 0.0),
     Line(TABLE["iterations"] + ", pass II", 1, "steps", 100_000, 100_000),
 )
@@ -184,7 +185,7 @@ def test_weights_of_other_recipes_are_the_papers_but_for_ours(name: str) -> None
 def test_the_plus_is_ours_and_nothing_else() -> None:
     """`paper+`: warm start from what is known, samples about the surface, exact pieces, codes clamped, tone kept near one; of the
     body what stands off it, and its texels."""
-    detail = {"texel": 0.002, "texel_rate": 4.0, "slides": True, "view_dropout": 0.5}
+    detail = {"texel": 0.002, "texel_rate": 4.0, "slides": True, "rises": True, "view_dropout": 0.5}
     for part, warm, own_one, own_two in (("face", 2000, {}, {}), ("body", 4000, {"carved": True}, detail)):
         (one, two), (plus_one, plus_two) = getattr(PAPER, part), getattr(PAPER_PLUS, part)
         other = {"warm_steps": warm, "sampling": "near", "quadrature": "interval", "weights": LossWeights()}

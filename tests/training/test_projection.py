@@ -30,7 +30,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> FrameStore:
     avatar.measure_clothing_offset()
     store = FrameStore(avatar, rig, "body", HIDDEN, True)
     store.renew(0)
-    start_from_pictures(avatar, "body", store, 0.01, True)
+    start_from_pictures(avatar, "body", store, 0.01, slides=True, rises=True)
     return store
 
 
@@ -51,14 +51,18 @@ def test_the_pattern_is_where_it_is(painted: Avatar) -> None:
     assert np.median(off[chest]) < 0.06
 
 
-def test_frames_slide_whether_they_were_posed_before_or_are_now(store: FrameStore) -> None:
+def test_frames_have_slide_and_relief(store: FrameStore) -> None:
     anew = FrameStore(store.avatar, store.rig, "body", HIDDEN, True)
     anew.renew(0)
-    before, now = (one[0].volume.body_frame.samples.slide for one in (store, anew))
-    assert before is not None
-    assert now is not None
-    assert now.norm(dim=1).mean() > 1e-4
-    assert torch.equal(before, now)
+    before, now = (one[0].volume.body_frame.samples for one in (store, anew))
+    relief = store.avatar.body.relief
+    assert before.slide is not None
+    assert now.slide is not None
+    assert relief is not None
+    assert now.slide.norm(dim=1).mean() > 1e-4
+    assert relief.abs().mean() > 1e-4
+    assert torch.equal(before.slide, now.slide)
+    assert torch.equal(before.rest_from_posed, now.rest_from_posed)
 
 
 def test_the_networks_begin_at_nothing(painted: Avatar) -> None:

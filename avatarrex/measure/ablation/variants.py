@@ -76,6 +76,7 @@ VARIANTS = {
         Variant("plain", "pass I alone, no feature patches (the paper's baseline)", ("body",), "no-patches", passes=1),
         Variant("no-detail", "both passes, no static texels, colours that see the true view alone", ("body",), two=NO_DETAIL),
         Variant("no-slide", "both passes, static texels that stay on the skin", ("body",), two={"slides": False}),
+        Variant("no-relief", "both passes, the surface as pass I leaves it", ("body",), two={"rises": False}),
         Variant("no-outgrowth", "both passes, nothing stands off the template by more than cloth", ("body",), one={"carved": False}),
         Variant("no-perceptual", "both passes, squared error alone", two={"weights": LossWeights(perceptual=0.0)}),
         Variant(
@@ -104,6 +105,7 @@ QUESTIONS = (
     ("pass II against as many steps of pass I", "full", "no-pass-two"),
     ("static texels and view dropout", "full", "no-detail"),
     ("sliding texels", "full", "no-slide"),
+    ("relief", "full", "no-relief"),
     ("outgrowths", "full", "no-outgrowth"),
     ("perceptual term", "full", "no-perceptual"),
     ("separate networks against one", "plain", "one-network"),

@@ -74,17 +74,6 @@ class FrameStore:
         if self.close is not None:
             self.close.renew(age)
 
-    def slid(self) -> None:
-        """The body's slide has changed: the frames have it, too."""
-        self._copy = replace(self._copy, body=self.avatar.frozen_copy().body)
-        for index, frame in self._frames.items():
-            own, posed = frame.volume.body.frame, frame.posed.body
-            own = replace(own, samples=self.avatar.body.slid(own.samples, posed.skinning))
-            volume = replace(frame.volume, body=replace(frame.volume.body, frame=own))
-            self._frames[index] = replace(frame, volume=volume)
-        if self.close is not None:
-            self.close.slid()
-
     @cached_property
     def pairs(self) -> list[tuple[int, int]]:
         """(frame, view) to learn from."""

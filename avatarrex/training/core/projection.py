@@ -12,6 +12,7 @@ Letters: p pixels, k texels around one, t texels. Root frame, metres; sRGB in [0
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,8 +62,11 @@ class Projected:
 
 
 @torch.no_grad()
-def start_from_pictures(avatar: Avatar, part: str, store: FrameStore, spacing: float, slides: bool = False) -> None:
-    """Lay texels on `body` or `face`, paint them, and let the networks begin at nothing; those of the body `slides` or not.
+def start_from_pictures(
+    avatar: Avatar, part: str, store: FrameStore, spacing: float, slides: bool = False, rises: bool = False
+) -> None:
+    """Lay texels on `body` or `face`, paint them, and let the networks begin at nothing; those of a body that `slides` are registered
+    to the pictures before, and with them, where it `rises`, its surface.
 
     Raises `InputError` where no picture shows it.
     """
@@ -74,16 +78,15 @@ def start_from_pictures(avatar: Avatar, part: str, store: FrameStore, spacing: f
     assert field.detail is not None
     stores = [store] if store.close is None else [store, store.close]
     chosen = [(one, one.pairs[k]) for one in stores for k in _spread(len(one.pairs), PICTURES // len(stores))]
-    sightings = [sight(one, part, *pair) for one, pair in chosen]
     detail, where = field.detail, f"{store.rig.name} rig"
 
-    def painted(rounds: int) -> None:
+    def painted(sightings: Sequence[Sighting], rounds: int = 0) -> None:
         paint(detail, [project(avatar, one, part) for one in sightings], where, rounds)
 
     if part == "body" and slides:
-        register(avatar, sightings, lambda: painted(0))
-        store.slid()
-    painted(ROUNDS)
+        register(avatar, [sight(one, part, *pair) for one, pair in chosen], painted, rises)
+        store.renew(store.age + 1)
+    painted([sight(one, part, *pair) for one, pair in chosen], ROUNDS)
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
     for parameter in last.parameters():
         parameter.zero_()
@@ -114,13 +117,15 @@ def sight(store: FrameStore, part: str, index: int, view: int) -> Sighting:
     camera = frame.camera(rig.views[view].camera)
     seen = raycast(frame.volume.sdf, camera, antialias=True)
     eye = torch.as_tensor(camera.centre).to(seen.position)
-    facing = -(torch.nn.functional.normalize(seen.position - eye, dim=-1) * seen.normal).sum(-1)
+    gaze = torch.nn.functional.normalize(seen.position - eye, dim=-1)
+    facing = -(gaze * seen.normal).sum(-1)
     matte = torch.from_numpy(rig.matte(view, index) / np.float32(255))
     own = seen.part_weight[..., FACE] > 0 if part == "face" else seen.part_weight.sum(-1) < ALONE
     counts = (seen.coverage >= 1) & own & (facing > FACING) & (matte >= OPAQUE)
     position, picture = seen.position[counts], torch.from_numpy(rig.image(view, index) / np.float32(255))
     samples, states = frame.volume.body_frame.samples, frame.volume.states
-    return Sighting(frame.posed, samples, states, position, picture[counts], facing[counts].square())
+    parallax = -gaze[counts] / facing[counts, None]
+    return Sighting(frame.posed, samples, states, position, picture[counts], facing[counts].square(), parallax)
 
 
 def project(avatar: Avatar, sighting: Sighting, part: str) -> Projected:

@@ -1,13 +1,14 @@
-"""How what is painted slides, from the training pictures: pictures and texels are registered to each other. Ours.
+"""Where the body's surface is, and how what is painted slides on it: training pictures and texels are registered to each other. Ours.
 
-    min_s Σ_p ω_p |c_p − t(p̄_p + Δ_p(s))|² + μ Σ_p ω_p |Δ_p(s)|²
+    min_{s, δ} Σ_p ω_p |c_p − t(p̄_p + Δ_p(s) + δ_p q_p)|² + Σ_p ω_p (μ |Δ_p(s)|² + ν δ_p²) + λ Σ_ab (δ_a − δ_b)²
 
-over the pixels p of the pictures; t the texels, painted from all pictures with the slide of the round before; Δ is linear in s
-(fields/slide.py). Each round is a step of Gauss and Newton, by conjugate gradients, from finer slopes than the last: texels that are
-painted from pictures that disagree are blurred, and show the coarse shift first. ω falls with the difference (Geman–McClure), so that
-shadows and what passes over the surface do not count.
+over the pixels p of the pictures; t the texels, painted from all pictures with what the round before found; Δ is linear in s
+(fields/slide.py). δ is the relief (`BodyField.raise_surface`): a pixel's ray meets a surface that stands δ_p higher δ_p q_p further along the
+skin. This parallax differs from camera to camera, a slide does not. Each round is a step of Gauss and Newton, by conjugate gradients,
+from finer slopes than the last: texels that are painted from pictures that disagree are blurred, and show the coarse shift first. ω falls
+with the difference (Geman–McClure), so that shadows and what passes over the surface do not count.
 
-Letters: p pixels, a samples, n nodes, j joints.
+Letters: p pixels, a b samples, n nodes, j joints.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
-from scipy.sparse import csr_matrix, vstack
+from scipy.sparse import csr_matrix, diags, vstack
 from scipy.sparse.linalg import LinearOperator, cg
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
@@ -25,102 +27,150 @@ from avatarrex.fields.local_frame import Neighbours
 from avatarrex.fields.slide import Slide, carriers, slide_basis
 from avatarrex.training.core.sighting import Sighting
 
-SLOPES = (0.008, 0.008, 0.005, 0.003, 0.002)
+SLOPES = (0.008, 0.008, 0.008, 0.005, 0.005, 0.003, 0.003, 0.002, 0.002)
 """Metres between which the texels' slopes are taken, round by round."""
 PIXELS = 250_000
 """Of all pictures, drawn by chance."""
 STRAY = 0.1
 """Difference in sRGB at which a pixel's weight has fallen to a quarter."""
-STILL = 3.0
-"""μ: sRGB per metre, squared."""
+STILL, LEVEL = 3.0, 0.3
+"""μ and ν: sRGB per metre, squared."""
+SMOOTH = 3.0
+"""λ for each pixel that a sample has: sRGB per metre, squared."""
+BESIDE = 6
+"""Neighbours of a sample that rise as it does."""
+RISE = 0.1
+"""Metres of relief that conjugate gradients take as they take a share of 1."""
 STEPS = 40
 """Of conjugate gradients in a round."""
 
 
 @torch.no_grad()
-def register(avatar: Avatar, sightings: Sequence[Sighting], paint: Callable[[], None], seed: int = 0) -> None:
-    """Let the body's slide be that with which the pictures agree; `paint` makes the texels anew, with what has been found."""
+def register(
+    avatar: Avatar,
+    sightings: Sequence[Sighting],
+    paint: Callable[[Sequence[Sighting]], None],
+    rises: bool,
+    seed: int = 0,
+) -> None:
+    """Let the body's slide, and where it `rises` its relief, be those with which the pictures agree.
+
+    `paint` makes the texels anew, with the slide that has been found, from the sightings that it is given: they lie where the relief is.
+    """
     body = avatar.body
     body.add_slide(Slide.none(len(body.node_vertex)).share)
     assert body.slide is not None
-    joints = avatar.person.body.joint_template
-    mask = carriers(avatar.person.body.v_template[body.node_vertex], joints).numpy()
-    pixels = _Pixels(avatar, sightings, np.random.default_rng(seed))
+    pixels = _Pixels(avatar, sightings, rises, np.random.default_rng(seed))
+    height = torch.zeros(len(body.sample_rest))
     for slope in SLOPES:
-        paint()
-        share = body.slide.share.cpu().numpy() + mask * pixels.step(avatar, slope, mask)
-        body.slide.share.copy_(torch.from_numpy(share))
+        paint(sightings)
+        share, rise = pixels.step(avatar, sightings, height.numpy(), slope)
+        body.slide.share.add_(share)
+        height += rise
+        sightings = [one.raised(one.beside.mean(rise[:, None])[:, 0]) for one in sightings]
+    if rises:
+        body.raise_surface(height)
 
 
 class _Pixels:
-    """Some of the pictures' pixels, with what moves them."""
+    """Some of the sightings' pixels, with what moves them: the slide's joints along `basis`, the relief along `parallax`, metres at rest."""
 
-    def __init__(self, avatar: Avatar, sightings: Sequence[Sighting], rng: np.random.Generator) -> None:
+    def __init__(self, avatar: Avatar, sightings: Sequence[Sighting], rises: bool, rng: np.random.Generator) -> None:
         body = avatar.body
         assert body.slide is not None
+        self.mask = carriers(body.node_rest, avatar.person.body.joint_template).cpu().numpy()
         count = max(PIXELS // len(sightings), 1)
+        self.rows = [torch.from_numpy(rng.permutation(len(one.position))[:count]) for one in sightings]
+        basis, parallax, carried = zip(*(_moves(*both) for both in zip(sightings, self.rows)))
         near = body.slide.reach.cpu().numpy()
-        nodes = csr_matrix(np.where(near > 1e-3, near, 0))
-        self.parts, reach, basis = [], [], []
-        for one in sightings:
-            rows = torch.from_numpy(rng.permutation(len(one.position))[:count])
-            samples = one.samples
-            moves = slide_basis(samples.rest_from_posed, one.posed.body.skinning, samples.rest)
-            carried = _matrix(one.beside.rows(rows), len(samples.rest))
-            self.parts.append((one, rows))
-            reach.append(carried @ nodes)
-            basis.append((carried @ moves.flatten(1).numpy()).reshape(-1, *moves.shape[1:]))
-        self.reach = vstack(reach).tocsr()
-        self.basis = np.concatenate(basis)
+        samples, total = body.sample_rest.cpu().numpy(), vstack(carried).tocsr()
+        self.reach = (total @ csr_matrix(np.where(near > 1e-3, near, 0))).tocsr()
+        self.basis, self.parallax = np.concatenate(basis), np.concatenate(parallax)
+        self.carried = total if rises else csr_matrix(total.shape, dtype=total.dtype)
+        self.uneven = SMOOTH * rises * len(self.parallax) / len(samples) * _differences(samples)
 
-    def step(self, avatar: Avatar, slope: float, mask: np.ndarray) -> np.ndarray:
-        """What to add to s."""
-        residual, jacobian = (
-            np.concatenate(each) for each in zip(*(self._seen(avatar, *one, slope) for one in self.parts))
+    def step(
+        self, avatar: Avatar, sightings: Sequence[Sighting], height: np.ndarray, slope: float
+    ) -> tuple[Tensor, Tensor]:
+        """What to add to s (n, j) and to δ (a,)."""
+        residual, jacobian, weight = (
+            np.concatenate(each) for each in zip(*(_seen(avatar, *both, slope) for both in zip(sightings, self.rows)))
         )
-        weight = residual[:, -1] / (1 + np.square(residual[:, :3]).mean(1) / STRAY**2) ** 2
-        normal = weight[:, None, None] * (jacobian.transpose(0, 2, 1) @ jacobian + STILL * np.eye(3, dtype=np.float32))
+        weight = weight / (1 + np.square(residual).mean(1) / STRAY**2) ** 2
+        curved = weight[:, None, None] * (jacobian.transpose(0, 2, 1) @ jacobian)
         assert avatar.body.slide is not None
-        now = self.moved(avatar.body.slide.share.cpu().numpy())
-        target = np.einsum("pck,pc->pk", jacobian, residual[:, :3]) - STILL * now
-        right = (mask * self.gathered(weight[:, None] * target)).ravel()
+        now = avatar.body.slide.share.cpu().numpy(), height
+        pull = weight[:, None] * np.einsum("pck,pc->pk", jacobian, residual)
+        right = _joined(*self._gathered(pull)) - _joined(*self._penalty(weight, *now))
 
         def product(values: np.ndarray) -> np.ndarray:
-            moved = self.moved(values.reshape(mask.shape) * mask)
-            pulled = mask * self.gathered(np.einsum("pkc,pc->pk", normal, moved))
-            found: np.ndarray = pulled.ravel() + 1e-3 * values.ravel()
+            share, rise = self._split(values)
+            moved = self._slid(share) + (self.carried @ rise)[:, None] * self.parallax
+            pulled = self._gathered(np.einsum("pkc,pc->pk", curved, moved))
+            found: np.ndarray = (
+                _joined(*pulled) + _joined(*self._penalty(weight, share, rise)) + np.float32(1e-3) * values
+            )
             return found
 
-        system = LinearOperator((mask.size, mask.size), matvec=product, dtype=np.float32)
-        found: np.ndarray = cg(system, right, rtol=1e-3, maxiter=STEPS)[0].reshape(mask.shape).astype(np.float32)
-        return found
+        system = LinearOperator((right.size, right.size), matvec=product, dtype=np.float32)
+        share, rise = self._split(cg(system, right, rtol=1e-3, maxiter=STEPS)[0].astype(np.float32))
+        return torch.from_numpy(share), torch.from_numpy(rise)
 
-    def moved(self, share: np.ndarray) -> np.ndarray:
+    def _split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """s and δ of what conjugate gradients take."""
+        share = values[: self.mask.size].reshape(self.mask.shape) * self.mask
+        return share, RISE * values[self.mask.size :]
+
+    def _slid(self, share: np.ndarray) -> np.ndarray:
         """Δ (p, 3)."""
         found: np.ndarray = np.einsum("pj,pjc->pc", self.reach @ share, self.basis)
         return found
 
-    def gathered(self, pull: np.ndarray) -> np.ndarray:
-        """`moved` transposed: (p, 3) onto (n, j)."""
-        found: np.ndarray = self.reach.T @ np.einsum("pjc,pc->pj", self.basis, pull)
+    def _gathered(self, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What moves the pixels, transposed: (p, 3) onto s and δ."""
+        along = self.carried.T @ np.einsum("pk,pk->p", pull, self.parallax)
+        return self._of_nodes(pull), along
+
+    def _of_nodes(self, pull: np.ndarray) -> np.ndarray:
+        """`_slid` transposed."""
+        found: np.ndarray = self.mask * (self.reach.T @ np.einsum("pjc,pc->pj", self.basis, pull))
         return found
 
-    @staticmethod
-    def _seen(avatar: Avatar, one: Sighting, rows: Tensor, slope: float) -> tuple[np.ndarray, np.ndarray]:
-        """(p, 4) c − t and weights, (p, 3, 3) slopes of t's channels."""
-        detail = avatar.body.detail
-        assert detail is not None
-        samples, beside = one.slid(avatar), one.beside.rows(rows)
-        rest = samples.painted_position(one.position[rows], beside)
-        albedo = (one.colour[rows] / avatar.light(samples.facing(beside))).clamp(0, 1)
+    def _penalty(self, weight: np.ndarray, share: np.ndarray, rise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Half the slope of what s and δ cost."""
+        slid, up = STILL * weight[:, None] * self._slid(share), LEVEL * weight * (self.carried @ rise)
+        return self._of_nodes(slid), self.carried.T @ up + self.uneven @ rise
 
-        def texel(offset: Tensor) -> Tensor:
-            return torch.sigmoid(detail(detail.places(rest + offset)))
 
-        steps = slope * torch.eye(3)
-        jacobian = torch.stack([(texel(step) - texel(-step)) / (2 * slope) for step in steps], -1)
-        residual = albedo - texel(torch.zeros(3))
-        return torch.cat([residual, one.weight[rows, None]], 1).numpy(), jacobian.numpy()
+def _moves(one: Sighting, rows: Tensor) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
+    """Of a sighting's `rows`: (p, j, 3) the slide's basis, (p, 3) q, (p, a) the samples that carry them."""
+    samples, beside = one.samples, one.beside.rows(rows)
+    moves = slide_basis(samples.rest_from_posed, one.posed.body.skinning, samples.rest)
+    carried = _matrix(beside, len(samples.rest))
+    linear = beside.mean(samples.rest_from_posed[:, :, :3].flatten(1)).unflatten(1, (3, 3))
+    basis = (carried @ moves.flatten(1).numpy()).reshape(-1, *moves.shape[1:])
+    return basis, (linear @ one.parallax[rows, :, None])[..., 0].numpy(), carried
+
+
+def _seen(avatar: Avatar, one: Sighting, rows: Tensor, slope: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(p, 3) c − t, (p, 3, 3) slopes of t's channels, (p,) weights."""
+    detail = avatar.body.detail
+    assert detail is not None
+    samples, beside = one.slid(avatar), one.beside.rows(rows)
+    rest = samples.painted_position(one.position[rows], beside)
+    albedo = (one.colour[rows] / avatar.light(samples.facing(beside))).clamp(0, 1)
+
+    def texel(offset: Tensor) -> Tensor:
+        return torch.sigmoid(detail(detail.places(rest + offset)))
+
+    steps = slope * torch.eye(3)
+    jacobian = torch.stack([(texel(step) - texel(-step)) / (2 * slope) for step in steps], -1)
+    return (albedo - texel(torch.zeros(3))).numpy(), jacobian.numpy(), one.weight[rows].numpy()
+
+
+def _joined(share: np.ndarray, rise: np.ndarray) -> np.ndarray:
+    """Slopes of s and δ as conjugate gradients take them."""
+    return np.concatenate([share.ravel(), RISE * rise]).astype(np.float32)
 
 
 def _matrix(beside: Neighbours, samples: int) -> csr_matrix:
@@ -128,3 +178,12 @@ def _matrix(beside: Neighbours, samples: int) -> csr_matrix:
     index, weight = beside.index.numpy(), beside.weight.numpy()
     starts = np.arange(0, index.size + 1, index.shape[1])
     return csr_matrix((weight.ravel(), index.ravel(), starts), shape=(len(index), samples))
+
+
+def _differences(samples: np.ndarray) -> csr_matrix:
+    """(a, a) whose form is Σ (δ_a − δ_b)² over pairs of samples that are near each other at rest."""
+    near = cKDTree(samples).query(samples, BESIDE + 1)[1][:, 1:]
+    row = np.repeat(np.arange(len(samples)), BESIDE)
+    beside = csr_matrix((np.full(row.size, 0.5, np.float32), (row, near.ravel())), shape=(len(samples),) * 2)
+    beside = beside + beside.T
+    return (diags(np.asarray(beside.sum(1)).ravel()) - beside).tocsr()

@@ -6,7 +6,7 @@ Letters: p pixels. Root frame, metres; sRGB in [0, 1].
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from jaxtyping import Float
@@ -31,6 +31,12 @@ class Sighting:
     colour: Float[Tensor, "p 3"]
     weight: Float[Tensor, " p"]
     """The squared cosine at which they are seen."""
+    parallax: Float[Tensor, "p 3"]
+    """How far the same rays meet a surface that stands a metre higher: to the eye, 1 over the cosine long."""
+
+    def raised(self, height: Float[Tensor, " p"]) -> Sighting:
+        """On a surface that stands so much higher."""
+        return replace(self, position=self.position + height[:, None] * self.parallax)
 
     @cached_property
     def beside(self) -> Neighbours:

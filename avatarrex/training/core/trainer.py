@@ -144,8 +144,9 @@ class Trainer:
             store.close = FrameStore(self.avatar, close, "body", unseen, stage.name == "II")
         store.renew(stage.begin if state is None else int(state["step"]))
         if state is None and stage.recipe.texel:
-            slides = isinstance(stage.recipe, PassTwo) and stage.recipe.slides
-            start_from_pictures(self.avatar, stage.part, store, stage.recipe.texel, slides)
+            two = stage.recipe if isinstance(stage.recipe, PassTwo) else None
+            moves = (False, False) if two is None else (two.slides, two.rises)
+            start_from_pictures(self.avatar, stage.part, store, stage.recipe.texel, *moves)
         self.group.agree(self.avatar.modules().values())
         kept = self.avatar.tone.parameters() if self.keeps_tone else ()
         losses = pass_of(stage, self.avatar, store, self.perceptual, self.seed)
