@@ -64,16 +64,17 @@ def interpolate(
     image: Float32[Tensor, "h w 4"],
     wanted: Bool[Tensor, "h w"],
     pointmap: PointMap,
-    side: Int[Tensor, "h w"],
+    side: Int[Tensor, "h w"] | None,
     tolerance: float,
     impl: str = "auto",
 ) -> Bool[Tensor, "h w"]:
     """Put into `image` the colours of `wanted` pixels that are within `tolerance` (sRGB), and say which those are.
 
     `image`: premultiplied; every covered pixel of an even row and column has its colour, and none of them is wanted. `side`: the limb
-    that each is on. `impl`: `auto`, `reference`.
+    that each is on; None: no limb touches another. `impl`: `auto`, `reference`.
     """
     whole = pointmap.hit & (pointmap.coverage == 1)
+    side = torch.zeros_like(wanted, dtype=torch.int64) if side is None else side
     images = pointmap.position, pointmap.normal, pointmap.part_weight, side, whole
     sheets, told = Sheets(*(values.contiguous().numpy() for values in images)), torch.zeros_like(wanted)
     arrays = sheets, wanted.numpy(), np.float32(tolerance), image.numpy(), told.numpy()
@@ -98,7 +99,7 @@ def _alike(sheets: Sheets, row: int, column: int, other: int, across: int) -> bo
     along = ZERO
     for axis in range(3):
         along += sheets.normal[other, across, axis] * sheets.normal[row, column, axis]
-    return along >= SAME_SHEET
+    return bool(along >= SAME_SHEET)
 
 
 @borrowing
@@ -111,7 +112,7 @@ def _amid(sheets: Sheets, row: int, column: int, down: int, right: int) -> bool:
         middle = sheets.position[row, column, axis] - HALF * (one + other)
         off += middle * middle
         gap += (other - one) * (other - one)
-    return off <= AMID * AMID * gap
+    return bool(off <= AMID * AMID * gap)
 
 
 @borrowing
@@ -135,7 +136,7 @@ def _error(sheets: Sheets, image: Array, row: int, column: int, down: int, right
 def _cubic(image: Array, row: int, column: int, down: int, right: int, channel: int) -> np.float32:
     near = image[row - down, column - right, channel] + image[row + down, column + right, channel]
     far = image[row - 3 * down, column - 3 * right, channel] + image[row + 3 * down, column + 3 * right, channel]
-    return SIXTEENTH * (NINE * near - far)
+    return np.float32(SIXTEENTH * (NINE * near - far))
 
 
 @native.native

@@ -83,19 +83,25 @@ def shade(
         same = _unchanged(previous.surface, surface)
         image[same] = previous.image[same]
         wanted = wanted & ~same
+    side = pointmap.side
     if settings.shading_tolerance:
-        first, side = evaluated_first(wanted), _sides(surface, pointmap.coverage > 0)
-        _evaluate(image, first, surface, colours)
+        side = _sides(surface) if side is None else side
+        first = evaluated_first(wanted)
+        _evaluate(image, first, surface, side, colours)
         wanted = wanted & ~first
         wanted = wanted & ~interpolate(image, wanted, pointmap, side, settings.shading_tolerance)
-    _evaluate(image, wanted, surface, colours)
+    _evaluate(image, wanted, surface, side, colours)
     return Shading(image, surface, colours.patches, known, settings)
 
 
 def _evaluate(
-    image: Float32[Tensor, "h w 4"], wanted: Bool[Tensor, "h w"], surface: VisibleSurface, colours: SurfaceColour
+    image: Float32[Tensor, "h w 4"],
+    wanted: Bool[Tensor, "h w"],
+    surface: VisibleSurface,
+    side: Int[Tensor, "h w"] | None,
+    colours: SurfaceColour,
 ) -> None:
-    """Colour the `wanted` pixels of `image`."""
+    """Colour the `wanted` pixels of `image`. `side`: the limb that each is on; None: the volume tells."""
     pointmap, row = surface.pointmap, torch.nonzero(wanted.flatten())[:, 0]
     position, normal, weight = (
         values.flatten(0, 1).index_select(0, row)
@@ -105,18 +111,25 @@ def _evaluate(
     direction = torch.nn.functional.normalize(position - eye, dim=-1)
     colours.counters.add("pixels_shaded", len(position))
     with torch.no_grad():
-        side = sides(surface.volume.sdf, position) if pointmap.side is None else pointmap.side.flatten()[row]
-        colour = colours.colour(position, direction, weight, side, normal)
+        limb = sides(surface.volume.sdf, position) if side is None else side.flatten()[row]
+        colour = colours.colour(position, direction, weight, limb, normal)
     coverage = pointmap.coverage.view(-1, 1).index_select(0, row)
     image.view(-1, 4).index_copy_(0, row, torch.cat([colour.clamp(0, 1) * coverage, coverage], -1))
 
 
-def _sides(surface: VisibleSurface, covered: Bool[Tensor, "h w"]) -> Int[Tensor, "h w"]:
-    """The limb that each covered pixel is on."""
-    if surface.pointmap.side is not None:
-        return surface.pointmap.side
-    side, found = torch.full(covered.shape, WHOLE), sides(surface.volume.sdf, surface.pointmap.position[covered])
-    return side if found is None else side.masked_scatter(covered, found)
+def _sides(surface: VisibleSurface) -> Int[Tensor, "h w"] | None:
+    """The limb that each covered pixel is on, by the volume; None where no limb touches another."""
+    pointmap = surface.pointmap
+    row = torch.nonzero(pointmap.coverage.flatten())[:, 0]
+    found = sides(surface.volume.sdf, pointmap.position.flatten(0, 1).index_select(0, row))
+    if found is None:
+        return None
+    return (
+        torch.full_like(pointmap.coverage, WHOLE, dtype=torch.int64)
+        .flatten()
+        .index_copy(0, row, found)
+        .view_as(pointmap.coverage)
+    )
 
 
 def _unchanged(then: VisibleSurface, now: VisibleSurface) -> Bool[Tensor, "h w"]:
