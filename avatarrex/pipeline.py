@@ -11,7 +11,8 @@ signals → templates → fields → volume → pointmap → shading:
 
 A stage whose key has not changed returns the previous result and counts no work. With `reuse_tolerance`, volume and shading
 also reuse what has hardly moved since the previous frame (volume/temporal_reuse.py); with `colour_tolerance`, shading interpolates
-between the points that earlier views of the pose coloured (shading/known_appearance.py).
+between the points that earlier views of the pose coloured (shading/known_appearance.py), with `shading_tolerance` between pixels of
+the same picture (shading/coarse_shading.py).
 """
 
 from __future__ import annotations

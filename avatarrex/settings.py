@@ -25,6 +25,8 @@ class RenderSettings:
     """Metres by which the body may lag: what moved by less since the previous frame is reused (temporal_reuse.py)."""
     colour_tolerance: float = 0.0
     """sRGB by which colours of the body may be off a plane and yet be interpolated between those of earlier views of the pose."""
+    shading_tolerance: float = 0.0
+    """sRGB of the estimated error up to which three pixels of four are interpolated between neighbours of the same picture, not evaluated."""
     everywhere: bool = False
     """Evaluate every voxel within reach of the fields, not only the narrow band around the surface."""
     bricks: int = 0

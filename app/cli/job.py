@@ -39,6 +39,8 @@ class Job:
     """The pose that feature patches are decoded from, where it is not the frame's own."""
     framing: str = ""
     """What is chosen so that the person is seen in every frame: `place` (target and distance), `target`, `distance`."""
+    shading_tolerance: float = 0.0
+    """Of `RenderSettings`."""
 
     @property
     def fps(self) -> float:

@@ -50,6 +50,8 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     add("--detail-from", metavar="POSE", help="feature patches of another pose: a named one, or MOTION:FRAME")
     level = StudioState().level
     add("--level", default=level, metavar="L", help=f"{', '.join(LEVELS)}: time against error ({level})")
+    coarser = "sRGB of the error up to which pixels are interpolated between neighbours that are shaded: 0.004 (off)"
+    add("--shading-tolerance", default="0", metavar="T", help=coarser)
     add("--alpha", action="store_true", help="transparent background (straight alpha)")
     add("--aov", metavar="NAMES", help=f"{','.join(AOVS)} as .npz beside the image")
     add("--background", metavar="COLOUR", help="name, #rrggbb, r,g,b or transparent")
@@ -66,7 +68,7 @@ def run(arguments: Namespace) -> int:
     from avatarrex_studio.cli import headless
     from avatarrex_studio.engine.engine import Engine
 
-    settings = RenderSettings(detail_from=job.detail)
+    settings = RenderSettings(detail_from=job.detail, shading_tolerance=job.shading_tolerance)
     name_files(headless.run(job, Engine(settings=settings, device=arguments.device)))
     return 0
 
@@ -94,7 +96,8 @@ def read_job(arguments: Namespace) -> Job:
     state = StudioState(avatar=arguments.avatar, limit_joints=False, level=level, stage=stage)
     state = SetBackground(background).apply(view.apply(state))
     framing = FRAMING[view.target is None, view.distance is None]
-    job = Job(out, kind, state, motion, frames, commands, size, aovs, stats, _detail(arguments.detail_from), framing)
+    detail, coarser = _detail(arguments.detail_from), _shading_tolerance(arguments.shading_tolerance)
+    job = Job(out, kind, state, motion, frames, commands, size, aovs, stats, detail, framing, coarser)
     _, first = next(job.states())  # an edit that cannot be applied is refused now
     return replace(job, start=_under(job.start, first))
 
@@ -153,6 +156,14 @@ def _stats(arguments: Namespace) -> Path | None:
     if arguments.motion and os.path.realpath(path) == os.path.realpath(arguments.motion):
         raise InputError("--stats", "", "another file than the motion", arguments.stats)
     return path
+
+
+def _shading_tolerance(text: str) -> float:
+    """sRGB."""
+    value = options.number("--shading-tolerance", "", text)
+    if not 0 <= value <= 1:
+        raise InputError("--shading-tolerance", "", "a number from 0 to 1, such as 0.004", text)
+    return value
 
 
 def _detail(text: str | None) -> Signals | None:

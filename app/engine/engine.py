@@ -49,8 +49,8 @@ class Shot:
 class Engine:
     """Renders states. `avatar` is a loaded one; without it each state's own is read by name or path.
 
-    `settings` says how rays are cast and which pose's patches are decoded; the rest comes from each state's level. Networks of
-    avatars that it reads run on `device`. `between` is called between stages; what it raises ends the frame.
+    `settings` says how rays are cast, which pose's patches are decoded and where colours are interpolated; the rest comes from each
+    state's level. Networks of avatars that it reads run on `device`. `between` is called between stages; what it raises ends the frame.
     """
 
     def __init__(
@@ -142,4 +142,5 @@ class Engine:
         if dragged:
             chosen = levels.moving(levels.dragged(chosen) if state.level == QUICKEST else chosen)
         kept = self._settings
-        return replace(chosen, hidden=state.hidden, raycast=kept.raycast, detail_from=kept.detail_from)
+        chosen = replace(chosen, hidden=state.hidden, shading_tolerance=kept.shading_tolerance)
+        return replace(chosen, raycast=kept.raycast, detail_from=kept.detail_from)

@@ -1,7 +1,7 @@
 """Step III: the colour of every pixel that the avatar covers (paper sec. 4, 'Pixel Shading'; composition eq. 14).
 
-Only covered pixels are evaluated (colour.py). What the colour networks need of a pose (feature patches, colour tri-planes)
-is decoded once, when a pixel first needs it, and kept.
+Only covered pixels are evaluated (colour.py), with `shading_tolerance` a part of them (coarse_shading.py). What the colour networks
+need of a pose (feature patches, colour tri-planes) is decoded once, when a pixel first needs it, and kept.
 
 Letters: h w pixels, p covered pixels. Root frame, metres; colours sRGB-encoded.
 """
@@ -12,14 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Int
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
+from avatarrex.fields.composition import WHOLE
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.pointmap.surface import VisibleSurface
 from avatarrex.settings import RenderSettings
+from avatarrex.shading.coarse_shading import evaluated_first, interpolate
 from avatarrex.shading.colour import EarlierViews, SurfaceColour
 from avatarrex.shading.known_appearance import KnownAppearance
 from avatarrex.shading.patch_cache import PatchCache
@@ -41,9 +43,15 @@ class Shading:
     patches: PatchCache | None
     """Feature patches of this body pose, as far as pixels needed them."""
     known: KnownAppearance | None
-    """What earlier views of this body pose showed, where `tolerance` is not zero."""
-    tolerance: float
-    """`RenderSettings.colour_tolerance`."""
+    """What earlier views of this body pose showed, where `colour_tolerance` is not zero."""
+    settings: RenderSettings
+
+    def serves(self, settings: RenderSettings) -> bool:
+        """Whether its colours are near enough for `settings`."""
+        mine = self.settings
+        return (
+            mine.colour_tolerance <= settings.colour_tolerance and mine.shading_tolerance <= settings.shading_tolerance
+        )
 
 
 def shade(
@@ -55,7 +63,7 @@ def shade(
 ) -> Shading:
     """Colour the covered pixels; `previous` has the same `detail_from`."""
     volume, pointmap, tolerance = surface.volume, surface.pointmap, settings.colour_tolerance
-    exact = previous is None or previous.tolerance <= tolerance  # enough for these settings
+    exact = previous is None or previous.serves(settings)
     if previous and exact and previous.surface.pointmap is pointmap and previous.surface.volume is volume:
         return previous
     colours = SurfaceColour(avatar, surface.posed, volume.body_frame, volume.states, counters)
@@ -67,28 +75,61 @@ def shade(
             colours.earlier = EarlierViews(known, surface.view, tolerance)
     if settings.detail_from is not None and colours.patches is None:
         colours.patches = _patches_of(avatar, settings.detail_from)
-    covered, image = pointmap.coverage > 0, torch.zeros(*pointmap.coverage.shape, 4)
+    wanted, image = pointmap.coverage > 0, torch.zeros(*pointmap.coverage.shape, 4)
     follows = previous is not None and volume.follows(previous.surface.volume)
     if previous and previous.patches and follows and settings.detail_from is None:
         colours.patches = previous.patches.moved(volume.body_frame.code.embedding)
     if previous and exact and previous.surface.view.key() == surface.view.key():
         same = _unchanged(previous.surface, surface)
         image[same] = previous.image[same]
-        covered = covered & ~same
-    row = torch.nonzero(covered.flatten())[:, 0]
+        wanted = wanted & ~same
+    side = pointmap.side
+    if settings.shading_tolerance:
+        side = _sides(surface) if side is None else side
+        first = evaluated_first(wanted)
+        _evaluate(image, first, surface, side, colours)
+        wanted = wanted & ~first
+        wanted = wanted & ~interpolate(image, wanted, pointmap, side, settings.shading_tolerance)
+    _evaluate(image, wanted, surface, side, colours)
+    return Shading(image, surface, colours.patches, known, settings)
+
+
+def _evaluate(
+    image: Float32[Tensor, "h w 4"],
+    wanted: Bool[Tensor, "h w"],
+    surface: VisibleSurface,
+    side: Int[Tensor, "h w"] | None,
+    colours: SurfaceColour,
+) -> None:
+    """Colour the `wanted` pixels of `image`. `side`: the limb that each is on; None: the volume tells."""
+    pointmap, row = surface.pointmap, torch.nonzero(wanted.flatten())[:, 0]
     position, normal, weight = (
         values.flatten(0, 1).index_select(0, row)
         for values in (pointmap.position, pointmap.normal, pointmap.part_weight)
     )
     eye = torch.as_tensor(surface.view.centre, dtype=torch.float32)
     direction = torch.nn.functional.normalize(position - eye, dim=-1)
-    counters.add("pixels_shaded", len(position))
+    colours.counters.add("pixels_shaded", len(position))
     with torch.no_grad():
-        side = sides(volume.sdf, position) if pointmap.side is None else pointmap.side.flatten()[row]
-        colour = colours.colour(position, direction, weight, side, normal)
+        limb = sides(surface.volume.sdf, position) if side is None else side.flatten()[row]
+        colour = colours.colour(position, direction, weight, limb, normal)
     coverage = pointmap.coverage.view(-1, 1).index_select(0, row)
     image.view(-1, 4).index_copy_(0, row, torch.cat([colour.clamp(0, 1) * coverage, coverage], -1))
-    return Shading(image, surface, colours.patches, known, tolerance)
+
+
+def _sides(surface: VisibleSurface) -> Int[Tensor, "h w"] | None:
+    """The limb that each covered pixel is on, by the volume; None where no limb touches another."""
+    pointmap = surface.pointmap
+    row = torch.nonzero(pointmap.coverage.flatten())[:, 0]
+    found = sides(surface.volume.sdf, pointmap.position.flatten(0, 1).index_select(0, row))
+    if found is None:
+        return None
+    return (
+        torch.full_like(pointmap.coverage, WHOLE, dtype=torch.int64)
+        .flatten()
+        .index_copy(0, row, found)
+        .view_as(pointmap.coverage)
+    )
 
 
 def _unchanged(then: VisibleSurface, now: VisibleSurface) -> Bool[Tensor, "h w"]:

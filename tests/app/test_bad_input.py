@@ -68,6 +68,8 @@ NUMBER, VALUE = "a finite number", "OUT|--[a-z]+: expected a value, found nothin
 OPTIONS = {
     "--size 0": "--size: expected sides of 16 to 8192 pixels, found 0", "--size 99999": "--size: expected sides",
     "--size 1e9": "--size: expected N or WxH", "--size -5": "--size: expected N or WxH", "--size axb": "found axb",
+    "--shading-tolerance -1": "--shading-tolerance: expected a number from 0 to 1", "--shading-tolerance nan": NUMBER,
+    "--shading-tolerance ''": "--shading-tolerance: expected a value",
     "--size 64x": "--size: expected N or WxH", "--size 9999999999x16": "--size: expected N or WxH", "--size 64x0": "found 64x0",
     "--camera zoom=3": "--camera: zoom: expected one of azimuth, elevation", "--camera azimuth": NUMBER,
     "--camera fov=nan": NUMBER, "--camera x=inf": NUMBER, "--camera distance=far": NUMBER, "--camera x=1e300": "up to 1e",

@@ -156,16 +156,17 @@ def test_a_level_is_kept_in_the_picture_and_by_a_session(tmp_path, monkeypatch):
     monkeypatch.setattr("avatarrex_studio.engine.engine.Engine", lambda **named: ball_engine(spy, **named))
     for name in ("fast", "auto"):
         out = tmp_path / f"{name}.png"
-        assert cli.main(["render", str(out), "--size", "16", "--level", name, "--detail-from", "squat"]) == 0
+        kept = ["--detail-from", "squat", "--shading-tolerance", "0.004"]
+        assert cli.main(["render", str(out), "--size", "16", "--level", name, *kept]) == 0
         assert json.loads(Image.open(out).text["avatarrex"])["level"] == name
     assert [chosen.part_voxel for chosen in settings] == [0.005, 0.0025]
     assert [chosen.bricks for chosen in settings] == [0, 4], "auto is the most exact level where nobody waits"
-    assert all(chosen.detail_from is not None for chosen in settings)
+    assert all(chosen.detail_from is not None and chosen.shading_tolerance == 0.004 for chosen in settings)
     journal = Journal()
     journal.do(SetLevel("paper"))
     journal.save(tmp_path / "session.json")
     assert cli.main(["replay", str(tmp_path / "session.json"), "--size", "16"]) == 0
-    assert settings[-1].march == "fixed"
+    assert (settings[-1].march, settings[-1].shading_tolerance) == ("fixed", 0)
 
 
 def test_inspect_says_what_a_file_is(motion, capsys):
