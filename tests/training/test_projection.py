@@ -17,7 +17,7 @@ from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.person import load_person
 from avatarrex.training.core.carving import carve
 from avatarrex.training.core.frames import FrameStore
-from avatarrex.training.core.projection import Projected, paint, start_from_pictures
+from avatarrex.training.core.projection import Projected, paint, sight, start_from_pictures
 
 HIDDEN = frozenset({"face", "left_hand", "right_hand"})
 
@@ -63,6 +63,17 @@ def test_frames_have_slide_and_relief(store: FrameStore) -> None:
     assert relief.abs().mean() > 1e-4
     assert torch.equal(before.slide, now.slide)
     assert torch.equal(before.rest_from_posed, now.rest_from_posed)
+
+
+def test_a_raised_surface_is_met_by_the_same_rays_nearer_the_eye(store: FrameStore) -> None:
+    index, view = store.pairs[0]
+    one = sight(store, "body", index, view)
+    eye = torch.as_tensor(store[index].camera(store.rig.views[view].camera).centre).float()
+    higher = one.raised(torch.full((len(one.position),), 0.01))
+    was, now = one.position - eye, higher.position - eye
+    assert torch.nn.functional.cosine_similarity(was, now, dim=1).min() > 1 - 1e-6
+    nearer = was.norm(dim=1) - now.norm(dim=1)
+    assert torch.allclose(nearer * one.weight.sqrt(), torch.full_like(nearer, 0.01), atol=1e-5)  # the weight is the squared cosine
 
 
 def test_the_networks_begin_at_nothing(painted: Avatar) -> None:
