@@ -40,7 +40,6 @@ from avatarrex_studio.session.timeline import Layer
 from avatarrex_studio.session.timeline_commands import AddLayer, OnTimeline, SetFrame, SetLayer
 
 from avatarrex.avatar import Avatar
-from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.surface.shadow import SurfaceShadow
 from avatarrex.surface.surface_file import weights_key
@@ -349,10 +348,10 @@ class Studio:
             grip = Grip(LOOK, figure.skeleton, self.state.signals)
             self.do(grip.to(self.state, np.array(self.own(vector(self.state.view.camera(1, 1).centre)))))
 
-    def open_motion(self, path: str, options: ImportOptions | None = None) -> None:
+    def open_motion(self, path: str) -> None:
         """Load a motion file, or one that comes with the program by its name, and go to its first frame."""
         with refusals_logged(opening=path):
-            self.take_motion(Motion.read(path, options, FBX_SECONDS))
+            self.take_motion(Motion.read(path, None, FBX_SECONDS))
 
     def take_motion(self, motion: Motion) -> None:
         """Go to the first frame of a motion that was read; a sound, which moves the mouth alone, comes over what is there."""

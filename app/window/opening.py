@@ -23,6 +23,7 @@ from avatarrex_studio.session.recent import Recent
 
 from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
+from avatarrex.signals.import_options import ImportOptions
 
 log = logging.getLogger(__name__)
 SLOW = 0.5
@@ -45,6 +46,8 @@ class Reading:
     future: Future[Opened] | None = None
     since: float = field(default_factory=time.monotonic)
     cancelled: Event = field(default_factory=Event)
+    again: bool = False
+    """Whether it is the loaded motion, read as its user says."""
 
 
 class Opening:
@@ -73,6 +76,11 @@ class Opening:
     def motion(self, path: str) -> None:
         """Begin to read a motion file, which is then loaded."""
         self._begin(path, lambda _: read_motion(path), self.take)
+
+    def again(self, path: str, options: ImportOptions) -> None:
+        """Begin to read the loaded motion once more, guesses replaced by `options`."""
+        self._begin(path, lambda _: read_motion(path, options), self._take_again)
+        self._reading[-1].again = True
 
     def layer(self, path: str) -> None:
         """Begin to read one that comes over all layers."""
@@ -125,6 +133,11 @@ class Opening:
     def busy(self) -> bool:
         """Whether something is being read."""
         return bool(self._reading)
+
+    @property
+    def rereading(self) -> bool:
+        """Whether a loaded motion is read once more, or waits for it."""
+        return any(reading.again for reading in self._reading)
 
     @property
     def slow(self) -> bool:
@@ -197,6 +210,13 @@ class Opening:
         assert opened.motion is not None
         self._studio.take_layer(opened.motion)
         self.recent.add(opened.path)
+
+    def _take_again(self, opened: Opened) -> None:
+        """Show a motion as it is read now; where another one has been loaded meanwhile, that stays."""
+        clip = self._studio.state.timeline.motion
+        if clip is not None and clip.path == opened.path:
+            assert opened.motion is not None
+            self._studio.take_motion(opened.motion)
 
     def close(self) -> None:
         """Begin nothing more."""

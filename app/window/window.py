@@ -102,7 +102,7 @@ class Window:
         self.studio = studio
         self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
         self.opening = Opening(studio, self.training)
-        self.timeline = TimelinePanel(self.opening.motion, self.opening.layer)
+        self.timeline = TimelinePanel(self.opening)
         self.viewport, self.console = ViewportPanel(), ConsolePanel()
         self.body, self.left, self.right = body_panel(), HandPanel("left"), HandPanel("right")
         self.face, self.poses, self.palette, self.files = face_panel(), PosesPanel(), Palette(), FileDialog()

@@ -19,6 +19,7 @@ from avatarrex_studio.panels.poses import PosesPanel, shipped_entries
 from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.panels.questions import nothing
 from avatarrex_studio.panels.timeline import TimelinePanel
+from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.panels.viewport import Shown, ViewportPanel, preparing
 from avatarrex_studio.panels.warp_editor import HEIGHT, WarpEditor
 from avatarrex_studio.session import posing
@@ -43,6 +44,7 @@ from avatarrex_studio.session.recent import Recent
 from avatarrex_studio.session.state import LEVELS, OrbitView, StudioState
 from avatarrex_studio.session.timeline import Layer
 from avatarrex_studio.session.timeline_commands import AddLayer
+from avatarrex_studio.window.opening import Opening
 from avatarrex_studio.window.window import Window
 from ball_studio import ball_studio
 from imgui_bundle import imgui
@@ -91,6 +93,11 @@ def screen():
     context = imgui.create_context()
     yield Screen()
     imgui.destroy_context(context)
+
+
+def reader(studio):
+    """What reads motions for a timeline."""
+    return Opening(studio, object.__new__(TrainingPanel))
 
 
 def find(screen, draw, wanted):
@@ -193,11 +200,11 @@ def test_the_other_panels_draw(screen, studio):
     poses = PosesPanel()
     for draw in (camera.draw, render.draw, lambda state: scene.draw(state, Recent(), nothing), poses.draw):
         assert screen.frame(lambda draw=draw: draw(studio.state)) == []
-    assert screen.frame(lambda: TimelinePanel(studio.open_motion, studio.add_motion).draw(studio)) == []
+    assert screen.frame(lambda: TimelinePanel(reader(studio)).draw(studio)) == []
 
 
 def test_the_playhead_crosses_the_rows_but_not_the_words_where_there_are_none(screen, studio):
-    panel, accent = TimelinePanel(studio.open_motion, studio.add_motion), theme.colour(theme.ACCENT)
+    panel, accent = TimelinePanel(reader(studio)), theme.colour(theme.ACCENT)
 
     def lowest():
         """Of what has the playhead's colour."""
@@ -362,8 +369,8 @@ def test_a_press_far_from_where_the_mouse_was_turns_nothing(screen, studio):
     assert orbit.azimuth == pytest.approx(-4)
 
 
-def test_esc_ends_the_edit_of_a_text_before_it_closes_the_window_of_how_a_motion_was_read(screen):
-    reading, places = MotionImport(), []
+def test_esc_ends_the_edit_of_a_text_before_it_closes_the_window_of_how_a_motion_was_read(screen, studio):
+    reading, places = MotionImport(reader(studio)), []
     reading.shown = reading._focused = True
 
     def draw():
@@ -477,7 +484,7 @@ def test_a_drag_by_the_palm_moves_the_hand(screen, studio, monkeypatch, part, ki
 def test_keys_are_no_shortcuts_while_a_button_is_pressed(screen, studio):
     done = []
     chords = [(chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut == "M"]
-    panel = TimelinePanel(studio.open_motion, studio.add_motion)
+    panel = TimelinePanel(reader(studio))
     window = SimpleNamespace(
         _keys_free=True, _chords=chords, studio=studio, _run=done.append, _gesture=0, timeline=panel
     )
