@@ -22,7 +22,7 @@ from avatarrex.signals.own_motions import MOTIONS
 
 NARROW = 440.0
 """Points under which the buttons to both ends are left out."""
-FIELD = 90.0
+FIELD = 60.0
 """Points that the field of the path needs."""
 
 
@@ -50,7 +50,7 @@ class TimelinePanel:
         imgui.same_line()
         self._field(studio, timeline)
         imgui.pop_style_var()
-        studio.take.layer = self.lanes.layer
+        studio.take.layer, self.lanes.missing = self.lanes.layer, studio.clips.missing(timeline)
         yield from self.lanes.draw(studio.state)  # of after the commands above
         yield from self.menu.draw(studio, self.lanes)
         yield from self._go_to(studio.state)
@@ -117,7 +117,7 @@ class TimelinePanel:
                     self.lanes.layer, self.lanes.menu = name, "layer"
             imgui.end_popup()
         imgui.same_line()
-        if imgui.button(f"{icons.ICON_FA_SLIDERS}##groups", (28, 0)):
+        if imgui.button(f"{icons.ICON_FA_SLIDERS}  Parts##groups"):
             imgui.open_popup("groups")
         widgets.tooltip("How much of the layers each part of the body follows")
         yield from layer_menu.shares(studio.state.timeline)

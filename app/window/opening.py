@@ -57,6 +57,8 @@ class Opening:
         self.recent = Recent()
         self.arrived: Callable[[], None] = lambda: None
         """Called by the thread when something has been read."""
+        self.replacing: Callable[[Callable[[], None]], None] = lambda then: then()
+        """Called before a session takes the place of the present one, with what shows it."""
         self.tab = ""
         """The panel to be brought to the front."""
         self._studio, self._training = studio, training
@@ -185,6 +187,12 @@ class Opening:
 
         `shown`: the command that shows an avatar.
         """
+        if opened.journal:
+            self.replacing(partial(self._take, opened, shown))
+        else:
+            self._take(opened, shown)
+
+    def _take(self, opened: Opened, shown: type[OpenAvatar] | type[AddFigure]) -> None:
         studio = self._studio
         if opened.journal:
             studio.take_journal(opened.journal)

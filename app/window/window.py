@@ -111,6 +111,7 @@ class Window:
         self.toasts, self.guard = Toasts(self._refused), Guard(self._failed)
         self.leaving = Leaving(studio, self.training.processes, self.questions, self.autosave)
         self.leaving.offer()
+        self.opening.replacing = self._replaced
         self.distilling = Distilling(device=device)
         self.own_surface = OwnSurface(studio.avatars, self.distilling)
         self.output, self.available = Output(), Availability()
@@ -138,6 +139,7 @@ class Window:
             "save_session": self._save, "save_session_as": self._save_as, "copy_pose": self._copy,
             "paste_pose": self._paste, "paste_flipped": partial(self._paste, flipped=True),
             "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,
+            **{f"frame_{side}_hand": partial(studio.frame_hand, side) for side in ("left", "right")},
             "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
             "full_screen": FullScreen().toggle, "panels": toggle_panels,
@@ -428,9 +430,15 @@ class Window:
         elif self.studio.save_session(path):
             then()
 
+    def _replaced(self, then: Callable[[], None]) -> None:
+        """Show another session by `then`, once it is decided what becomes of unsaved work."""
+        if self.leaving.saved(self._save, then):
+            then()
+
     def _save_as(self, then: Callable[[], None] = nothing) -> None:
         def write(path: str) -> None:
             if self.studio.save_session(path):
+                self.opening.recent.add(path)
                 then()
 
         def chosen(path: str) -> None:
@@ -446,7 +454,8 @@ class Window:
 
     def _refused(self, opening: str, text: str) -> None:
         """A file that cannot be opened."""
-        self.questions.put(Question(f"{Path(opening).name} cannot be opened", text))
+        answers = {"Close": nothing, "Open another…": self._effects["open"]}
+        self.questions.put(Question(f"{Path(opening).name} cannot be opened", text, answers))
 
     def _failed(self, failure: Failure) -> None:
         """A fault of ours."""

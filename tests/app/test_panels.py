@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from avatarrex_studio.engine.request import Request, Seen
-from avatarrex_studio.panels import camera, keys, performance, render, scene, theme
+from avatarrex_studio.panels import camera, keys, performance, render, scene, theme, widgets
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.hands import HandPanel
 from avatarrex_studio.panels.joints import body_panel
@@ -35,6 +35,7 @@ from avatarrex_studio.session.commands import (
     Select,
     SelectFigure,
     SetExpression,
+    SetHandPose,
     SetJoint,
     ZoomBy,
 )
@@ -53,6 +54,7 @@ from surface.template_surface import template_surface
 from avatarrex.reference.level_errors import LevelError
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.signals.library import named_pose
+from avatarrex.stage.stage import COLOUR, GRADIENT, Stage
 
 
 class Screen:
@@ -521,6 +523,28 @@ def test_a_changed_group_offers_its_reset(screen, monkeypatch):
     panel = body_panel()
     assert screen.frame(lambda: panel.draw(state)) == [ResetGroup("left_elbow")]
     assert not posing.changed(ResetGroup("left_elbow").apply(state).signals, "all")
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_a_colour_is_seen_behind_the_figure_also_on_its_stage(shown):
+    state = StudioState(stage=Stage(shown=shown))
+
+    def after(title):
+        now = state
+        for command in render.behind(state, render.BACKGROUNDS[title]):
+            now = command.apply(now)
+        return now.background, now.stage.shown, now.stage.backdrop
+
+    assert after("White") == ((1.0, 1.0, 1.0, 1.0), shown, COLOUR if shown else GRADIENT)
+    assert after("Clear") == ((0.0, 0.0, 0.0, 0.0), False, GRADIENT)
+
+
+def test_a_ready_hand_is_chosen_in_the_tab_of_a_hand(screen, monkeypatch):
+    monkeypatch.setattr(widgets, "choice", lambda label, *rest: "Thumbs up" if "ready" in label else None)
+    panel, state = HandPanel("left"), StudioState()
+    assert screen.frame(lambda: panel.draw(state)) == [SetHandPose("left", "thumbs_up")]
+    panel.linked = True
+    assert screen.frame(lambda: panel.draw(state)) == [SetHandPose(side, "thumbs_up") for side in ("left", "right")]
 
 
 def test_every_level_has_its_words():
