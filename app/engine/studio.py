@@ -344,12 +344,12 @@ class Studio:
             face, world = posed.position[head] + posed.rotation[head] @ FACE, self.world
             self.do(SetCamera(distance=0.75, target=vector(world[:3, :3] @ face + world[:3, 3])))
 
-    def frame_hand(self, side: str) -> None:
-        """A hand fills the picture, seen from where the view is."""
+    def frame_hand(self, hand: str) -> None:
+        """A hand, `left_hand` or `right_hand`, fills the picture, seen from where the view is."""
         figure = self.figure
         if figure is not None:
-            hand, world = figure.posed.position[JOINT_NAMES.index(f"{side}_middle1")], self.world
-            self.do(SetCamera(distance=HAND_DISTANCE, target=vector(world[:3, :3] @ hand + world[:3, 3])))
+            place, world = figure.posed.position[JOINT_NAMES.index(hand.replace("hand", "middle1"))], self.world
+            self.do(SetCamera(distance=HAND_DISTANCE, target=vector(world[:3, :3] @ place + world[:3, 3])))
 
     def look_at_camera(self) -> None:
         """Eyes and head turn to who looks at the picture."""

@@ -53,15 +53,19 @@ class Reading:
 class Opening:
     """What is being opened, and the list of what was."""
 
-    def __init__(self, studio: Studio, training: TrainingPanel) -> None:
+    def __init__(
+        self,
+        studio: Studio,
+        training: TrainingPanel,
+        replacing: Callable[[Callable[[], None]], None] = lambda then: then(),
+    ) -> None:
+        """`replacing` is called before a session takes the place of the present one, with what shows it."""
         self.recent = Recent()
         self.arrived: Callable[[], None] = lambda: None
         """Called by the thread when something has been read."""
-        self.replacing: Callable[[Callable[[], None]], None] = lambda then: then()
-        """Called before a session takes the place of the present one, with what shows it."""
         self.tab = ""
         """The panel to be brought to the front."""
-        self._studio, self._training = studio, training
+        self._studio, self._training, self._replacing = studio, training, replacing
         self._threads = ThreadPoolExecutor(1, "opening")
         self._reading: deque[Reading] = deque()
 
@@ -188,7 +192,7 @@ class Opening:
         `shown`: the command that shows an avatar.
         """
         if opened.journal:
-            self.replacing(partial(self._take, opened, shown))
+            self._replacing(partial(self._take, opened, shown))
         else:
             self._take(opened, shown)
 

@@ -79,6 +79,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import mirror
 from avatarrex.stage.picture import read_picture, stamp
 from avatarrex.stage.stage import PICTURE, Stage
+from avatarrex.templates.parts import HANDS
 
 log = logging.getLogger(__name__)
 WARM_UP = 3
@@ -101,7 +102,7 @@ class Window:
         """`runs`: the folder of the trainings that the Training tab shows; it trains on `device`. `make()` makes the engine that exports."""
         self.studio = studio
         self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
-        self.opening = Opening(studio, self.training)
+        self.opening = Opening(studio, self.training, self._replaced)
         self.timeline = TimelinePanel(self.opening)
         self.viewport, self.console = ViewportPanel(), ConsolePanel()
         self.body, self.left, self.right = body_panel(), HandPanel("left"), HandPanel("right")
@@ -111,7 +112,6 @@ class Window:
         self.toasts, self.guard = Toasts(self._refused), Guard(self._failed)
         self.leaving = Leaving(studio, self.training.processes, self.questions, self.autosave)
         self.leaving.offer()
-        self.opening.replacing = self._replaced
         self.distilling = Distilling(device=device)
         self.own_surface = OwnSurface(studio.avatars, self.distilling)
         self.output, self.available = Output(), Availability()
@@ -139,13 +139,12 @@ class Window:
             "save_session": self._save, "save_session_as": self._save_as, "copy_pose": self._copy,
             "paste_pose": self._paste, "paste_flipped": partial(self._paste, flipped=True),
             "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,
-            **{f"frame_{side}_hand": partial(studio.frame_hand, side) for side in ("left", "right")},
             "whole_person": lambda: studio.frame_person(self.viewport.size),
             "palette": self.palette.open, "shortcuts": self.palette.open_sheet, "reset_layout": self._reset_layout,
             "full_screen": FullScreen().toggle, "panels": toggle_panels,
             **{f"layout_{name.lower()}": partial(hello_imgui.switch_layout, name) for name in LAYOUTS},
             "preferences": self.personal.dialog.open, "tour": self.personal.tour.start, "available": self.available.open,
-            "quit": self._quit, "stage_picture": self._stage_picture,
+            "quit": self._quit, "stage_picture": self._stage_picture, **{f"frame_{hand}": partial(studio.frame_hand, hand) for hand in HANDS},
         }  # fmt: skip
 
     def params(self, size: tuple[int, int] = (1440, 900), remember: bool = True) -> hello_imgui.RunnerParams:

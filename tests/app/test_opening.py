@@ -411,9 +411,9 @@ def test_what_a_name_in_the_dialog_means(tmp_path):
 
 
 def test_a_session_takes_the_place_of_unsaved_work_only_once_that_is_decided(studio, things):
-    opening, waiting = Opening(studio, object.__new__(TrainingPanel)), []
+    waiting = []
+    opening = Opening(studio, object.__new__(TrainingPanel), waiting.append)
     studio.avatars._load = lambda name: one_avatar()
-    opening.replacing = waiting.append
     studio.do(SetExpression("jawOpen", 0.2))
     before = studio.state
     opening.open(things["session"])

@@ -223,7 +223,7 @@ def test_the_face_is_framed_wherever_the_head_has_gone(studio, monkeypatch):
 def test_a_hand_is_framed_wherever_it_is(studio, monkeypatch):
     figure = Figure(load_person().body, Signals.rest().replace(body_pose=named_pose("wave")))
     monkeypatch.setattr(type(studio), "figure", figure)
-    studio.frame_hand("right")
+    studio.frame_hand("right_hand")
     hand = figure.posed.position[[JOINT_NAMES.index(f"right_{name}") for name in ("wrist", "middle3")]].mean(0)
     assert np.linalg.norm(np.asarray(studio.state.view.target) - hand) < 0.05
     assert studio.state.view.distance < 1
