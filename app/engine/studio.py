@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +30,7 @@ from avatarrex_studio.session.greeting import Greeting
 from avatarrex_studio.session.grip import LOOK, Beginning, Grip, followed
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import CAMERA
-from avatarrex_studio.session.motion import Motion
+from avatarrex_studio.session.motion import Motion, driven_words
 from avatarrex_studio.session.notice import NOTICE, refusals_logged
 from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.posing import entries
@@ -40,18 +40,20 @@ from avatarrex_studio.session.timeline import Layer
 from avatarrex_studio.session.timeline_commands import AddLayer, OnTimeline, SetFrame, SetLayer
 
 from avatarrex.avatar import Avatar
-from avatarrex.signals.import_options import ImportOptions
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.surface.shadow import SurfaceShadow
 from avatarrex.surface.surface_file import weights_key
 from avatarrex.templates.figure import Figure
 
 log = logging.getLogger(__name__)
+DRIVES = "%s drives %s%s; a right click on its name in the Timeline changes that"
 FBX_SECONDS = 60.0
 """The longest that the window, which stands still meanwhile, waits for Blender."""
 SOUND = ".wav"
 FACE = np.array([0.0, 0.037, 0.0])
 """Metres: from the head's joint to what is in the middle of a picture of the face, at rest."""
+HAND_DISTANCE = 0.6
+"""Metres from which a hand fills the picture."""
 
 
 @runtime_checkable
@@ -342,6 +344,13 @@ class Studio:
             face, world = posed.position[head] + posed.rotation[head] @ FACE, self.world
             self.do(SetCamera(distance=0.75, target=vector(world[:3, :3] @ face + world[:3, 3])))
 
+    def frame_hand(self, hand: str) -> None:
+        """A hand, `left_hand` or `right_hand`, fills the picture, seen from where the view is."""
+        figure = self.figure
+        if figure is not None:
+            place, world = figure.posed.position[JOINT_NAMES.index(hand.replace("hand", "middle1"))], self.world
+            self.do(SetCamera(distance=HAND_DISTANCE, target=vector(world[:3, :3] @ place + world[:3, 3])))
+
     def look_at_camera(self) -> None:
         """Eyes and head turn to who looks at the picture."""
         figure = self.figure
@@ -349,20 +358,31 @@ class Studio:
             grip = Grip(LOOK, figure.skeleton, self.state.signals)
             self.do(grip.to(self.state, np.array(self.own(vector(self.state.view.camera(1, 1).centre)))))
 
-    def open_motion(self, path: str, options: ImportOptions | None = None) -> None:
+    def open_motion(self, path: str) -> None:
         """Load a motion file, or one that comes with the program by its name, and go to its first frame."""
         with refusals_logged(opening=path):
-            self.take_motion(Motion.read(path, options, FBX_SECONDS))
+            self.take_motion(Motion.read(path, None, FBX_SECONDS))
 
     def take_motion(self, motion: Motion) -> None:
         """Go to the first frame of a motion that was read; a sound, which moves the mouth alone, comes over what is there."""
         self.playback.playing = False
+        sound, name = Path(motion.path).suffix.lower() == SOUND, Path(motion.path).name
         self.clips.take(motion)
-        self.do(motion.layer() if Path(motion.path).suffix.lower() == SOUND else motion.loaded())
-        name = Path(motion.path).name
+        self.do(motion.layer() if sound else motion.loaded())
+        self._say_what(name, motion.over if sound else motion.parts)
         for note in motion.sequence.notes:
             log.info("%s: %s", name, note)
         log.info("%s: %d frames, %g a second", name, len(motion), motion.sequence.fps)
+
+    def _say_what(self, name: str, parts: Collection[str]) -> None:
+        """Tell what a clip that was just put on the timeline drives, and which layers over it hide that."""
+        layers = self.state.timeline.layers
+        place = max(
+            (k for k, layer in enumerate(layers) if layer.clip and layer.clip.name == name), default=len(layers)
+        )
+        over = [layer.name for layer in layers[place + 1 :] if not layer.muted and layer.parts & set(parts)]
+        below = f", below {' and '.join(over)}" if over else ""
+        log.log(NOTICE, DRIVES, name, driven_words(parts), below)
 
     @property
     def motion(self) -> Motion | None:
@@ -379,6 +399,7 @@ class Studio:
         """A motion that was read, as a layer over all others."""
         self.clips.take(motion)
         self.do(motion.layer())
+        self._say_what(Path(motion.path).name, motion.over)
 
     def set_key(self) -> None:
         """Keys at the playhead: of what is selected, else of what was changed there and what has keys already."""
@@ -420,7 +441,7 @@ class Studio:
     def toggle_play(self) -> None:
         """Start or stop the timeline."""
         self.clips.retry()
-        if not self.clips.missing(self.state.timeline):
+        if not self.clips.silent(self.state.timeline):
             self.playback.toggle(self.state, self._clock())
 
     def go_to(self, frame: int, gesture: object = None) -> None:

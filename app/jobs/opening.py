@@ -16,6 +16,7 @@ from avatarrex_studio.session.motion import Motion
 from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.errors import InputError
+from avatarrex.signals.import_options import ImportOptions
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,9 @@ def read_any(path: str, read_avatar: Callable[[str], Future[Avatar]]) -> Opened:
     raise InputError(path, "", OPENS, f"a {kind}")
 
 
-def read_motion(path: str) -> Opened:
-    """A motion file, or a motion that comes with the program by its name. Raises `InputError`."""
-    return Opened(MOTION, path, motion=Motion.read(path))
+def read_motion(path: str, options: ImportOptions | None = None) -> Opened:
+    """A motion file, guesses replaced by `options`, or a motion that comes with the program by its name. Raises `InputError`."""
+    return Opened(MOTION, path, motion=Motion.read(path, options))
 
 
 def contents(capture: Capture) -> str:

@@ -26,7 +26,11 @@ MOST_TAKE = 36_000
 
 @runtime_checkable
 class Sender(Protocol):
-    """Where something comes from: a port, or a camera."""
+    """Where something comes from: a port, a camera or a recording."""
+
+    @property
+    def where(self) -> str:
+        """What the status bar calls it."""
 
     @property
     def counts(self) -> Counts:

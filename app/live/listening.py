@@ -77,11 +77,10 @@ class Listening:
         """What listens, for the status bar; empty where nothing does."""
         said = []
         for drive in self.drives.values():
-            counts, sender = drive.sender.counts, drive.sender
-            where = f"{sender.address}:{sender.port}" if isinstance(sender, Receiver) else "camera"
+            counts = drive.sender.counts
             bad = f", {counts.malformed} malformed" if counts.malformed else ""
             bad += ", recording" if drive.take is not None else ""
-            said.append(f"{where} ({counts.rate}/s{bad})")
+            said.append(f"{drive.sender.where} ({counts.rate}/s{bad})")
         return "listening at " + ", ".join(said) if said else ""
 
     def tick(self, timelines: Iterable[Timeline]) -> bool:

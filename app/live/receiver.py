@@ -66,6 +66,11 @@ class Receiver:
         self._thread.start()
 
     @property
+    def where(self) -> str:
+        """Address and port."""
+        return f"{self.address}:{self.port}"
+
+    @property
     def counts(self) -> Counts:
         """What came so far."""
         now = time.monotonic()

@@ -1,7 +1,7 @@
 """A webcam as a live source, through mediapipe's face landmarker: 52 coefficients by Apple's names and the head's pose.
 
 mediapipe is an extra (`pip install 'avatarrex-studio[webcam]'`), and its model, `face_landmarker.task`, a file that the user names: the
-program downloads nothing. Results can be written as lines of JSON and read again (`replayed`), so that a film drives without a camera:
+program downloads nothing. Results that were recorded as lines of JSON (`replayed`) drive without camera, model and extra (`replay.py`):
 
     {"time": seconds, "weights": {"jawOpen": 0.1, …}, "matrix": 4 × 4}
 
@@ -62,9 +62,9 @@ def replayed(path: str | Path) -> Iterator[tuple[float, Received]]:
 
 
 class Webcam:
-    """A camera, or a film, that is watched in a thread from the moment that this is made until `close`."""
+    """A camera, or a film in its own time, that is watched in a thread from the moment that this is made until `close`."""
 
-    def __init__(self, model: str, camera: int | str = 0, arrived: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, model: str, camera: str = "0", arrived: Callable[[], None] = lambda: None) -> None:
         """`model`: the landmarker's file; `camera`: its number, or a film's path. Raises `InputError` for what is missing."""
         if what_is(model) != "a file":
             raise InputError(model, "", MODEL, what_is(model))
@@ -83,11 +83,14 @@ class Webcam:
             self._landmarker = mediapipe.tasks.vision.FaceLandmarker.create_from_options(options)
         except (RuntimeError, ValueError) as error:
             raise InputError(model, "", MODEL, error) from None
-        self._film = cv2.VideoCapture(camera)
+        number = camera.isdigit()
+        self._film = cv2.VideoCapture(int(camera) if number else camera)
         if not self._film.isOpened():
-            raise InputError("webcam", str(camera), "a camera that opens, or a film", "none")
+            raise InputError("webcam", camera, "a camera that opens, or a film", "none")
+        self.where = f"camera {camera}" if number else Path(camera).name
+        self._every = 0.0 if number else 1 / max(self._film.get(cv2.CAP_PROP_FPS), 1.0)
         self._image, self._colour = mediapipe.Image, (mediapipe.ImageFormat.SRGB, cv2.COLOR_BGR2RGB, cv2.cvtColor)
-        self._arrived, self._lock, self._closed = arrived, threading.Lock(), False
+        self._arrived, self._lock, self._closed = arrived, threading.Lock(), threading.Event()
         self._latest: tuple[Received, float] = Received(), float("-inf")
         self._seen = self._empty = 0
         self._thread = threading.Thread(target=self._watch, name="webcam", daemon=True)
@@ -105,18 +108,20 @@ class Webcam:
 
     def close(self) -> None:
         """Watch no more."""
-        self._closed = True
+        self._closed.set()
         self._thread.join(2.0)
         self._film.release()
         self._landmarker.close()
 
     def _watch(self) -> None:
         format_, conversion, convert = self._colour
-        while not self._closed:
+        due = time.monotonic()
+        while not self._closed.wait(max(due - time.monotonic(), 0.0)):
             there, picture = self._film.read()
             if not there:
                 return
             now = time.monotonic()
+            due = max(due, now - self._every) + self._every
             image = self._image(image_format=format_, data=convert(picture, conversion))
             result = self._landmarker.detect_for_video(image, int(now * 1000))
             self._seen += 1

@@ -13,7 +13,7 @@ from imgui_bundle import imgui
 
 VIEW_BUTTONS = {
     "view.front": "Front", "view.right": "Right", "view.top": "Top", "view.back": "Back", "view.left": "Left",
-    "view.home": "Person", "view.face": "Face",
+    "view.home": "Person", "view.face": "Face", "view.left_hand": "L hand", "view.right_hand": "R hand",
 }  # fmt: skip
 """Buttons of actions."""
 ENTRIES = {

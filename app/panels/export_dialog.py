@@ -151,6 +151,7 @@ class ExportDialog:
         imgui.set_next_item_width(150)
         level, levels = form.levels[form.kind], [name for name in LEVELS if name != AUTO]
         form.levels[form.kind] = widgets.choice("##level", levels, level, level, _about_levels()) or level
+        widgets.tooltip(_about_levels()[form.levels[form.kind]])
         if form.ending not in (".jpg", ".mp4", ".exr"):
             widgets.label("Background", LABEL)
             _, form.clear = imgui.checkbox("Transparent", form.clear)

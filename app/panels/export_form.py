@@ -27,7 +27,7 @@ from avatarrex.export.target import BONES, MESHES
 from avatarrex.signals.sequence import SignalSequence
 
 ABOUT = {
-    ".png": "transparent where nobody is, if you like; `inspect` reads the pose in it",
+    ".png": "transparent where nobody is, if you like; the pose and the view are kept in the file",
     ".jpg": "smaller, opaque", ".exr": "linear colour, alpha, depth, normals, positions, for compositing",
     ".mp4": "H.264, plays everywhere, opaque", ".webm": "VP9 with transparency, for browsers and OBS",
     FOLDER: "one PNG a frame", ".glb": "skeleton, expressions, texture: Blender, Unity, Unreal, web",
@@ -119,7 +119,8 @@ class ExportForm:
 
     def begin(self, viewport: tuple[int, int], state: StudioState, frames: Frames | None) -> None:
         """Fill in what depends on what is shown."""
-        self.folder = self.folder or str(Path.cwd())
+        if not self.folder:  # the first time: what is seen is what is exported
+            self.folder, self.stage = str(Path.cwd()), state.stage.shown
         width, height = state.size.pixels(viewport)
         self.size = (width // 2 * 2, height // 2 * 2)
         if frames is not None:

@@ -27,6 +27,9 @@ TITLES = {
     "nose": "Nose",
     "tongue": "Tongue",
 }
+SECTIONS = {"expression": "Expressions", "brows": "Brow expressions", "eyes": "Lids and gaze", "visemes": "Visemes"}
+"""Titles of the macros."""
+READING = "Also tells how much of it the face shows now: what one of these does, others share"
 TURNS = {"jaw": "Jaw joint", "left_eye": "Left eyeball", "right_eye": "Right eyeball"}
 CARRIED = "* No picture of this avatar's training showed it: it moves as the template does"
 STRENGTH = 0.5
@@ -63,11 +66,12 @@ class FacePanel(joints.SignalPanel):
         self.linked = imgui.checkbox("Link left and right##face", self.linked)[1]
         widgets.tooltip("A coefficient of one side gives the other side the same value")
         for section, macros in FACE_MACROS.items():
-            if widgets.group(section.capitalize(), f"face.macro.{section}", opened=section == "expression")[0]:
+            if widgets.group(SECTIONS[section], f"face.macro.{section}", opened=section == "expression")[0]:
                 for macro in macros:
                     value = face_value(state.signals.expression, macro)
                     widgets.label(macro.capitalize(), LABEL, value > 0.005)
                     new = widgets.slider(f"macro.{macro}", 100 * value, (0, 100), "%.0f %%")
+                    widgets.tooltip(READING)
                     if new is not None:
                         yield SetFaceMacro(macro, new / 100)
 

@@ -15,6 +15,7 @@ from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui, imgui_ctx
 
 from avatarrex.errors import InputError
+from avatarrex.files.gate import what_is
 from avatarrex.signals.read import READERS
 
 SIZE = imgui.ImVec2(820, 500)
@@ -44,6 +45,14 @@ CHOICES: dict[str, Choice] = {
 }
 KINDS = {".avatar": AVATAR, **{suffix: MOTION for suffix in READERS if suffix != ".json"}}
 """Of files, by extension; a `.json` may be a motion or a session."""
+
+
+def is_kind(folder: str) -> bool:
+    """Whether a folder as a whole is something that can be opened."""
+    try:
+        return bool(kind_of(folder))
+    except InputError:
+        return False
 
 
 class FileDialog:
@@ -108,6 +117,9 @@ class FileDialog:
         imgui.same_line()
         answer = self._table(height)
         answer = self._name_row() or answer
+        if answer and not self._save and what_is(answer) == "a folder" and not is_kind(answer):
+            self.go(answer)  # nothing that is opened as a whole
+            self.name, answer = "", None
         if self._error:
             widgets.caption(self._error, theme.ERROR)
         if answer:
@@ -191,10 +203,10 @@ class FileDialog:
 
     def _name_row(self) -> str | None:
         """What is picked, which files are shown, and the buttons; the answer where it was given."""
-        if self._save and imgui.is_window_appearing():
+        if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
         widgets.fill(270 + 2 * BUTTON)
-        hint = "Name" if self._save or not self._choice.folders else "This folder"
+        hint = "Name" if self._save or not self._choice.folders else "Name of a file or folder"
         entered, self.name = imgui.input_text_with_hint(
             "##name", hint, self.name, imgui.InputTextFlags_.enter_returns_true
         )
@@ -219,7 +231,7 @@ class FileDialog:
         """What the name says, whole; None where nothing is picked."""
         name = os.path.expanduser(self.name.strip())
         if not name:
-            return self.folder if self._choice.folders and not self._save else None
+            return self.folder if self._choice.folders and not self._save and is_kind(self.folder) else None
         if self._save and not os.path.splitext(name)[1]:
             name += self._choice.suffixes[0]
         return os.path.join(self.folder, name)

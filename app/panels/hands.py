@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from avatarrex_studio.panels import joints, widgets
-from avatarrex_studio.session.commands import Command, SetFingers
+from avatarrex_studio.session.actions import words
+from avatarrex_studio.session.commands import Command, SetFingers, SetHandPose
 from avatarrex_studio.session.state import StudioState
 from imgui_bundle import imgui
 
 from avatarrex.signals.joints import FINGERS
+from avatarrex.signals.library import HANDS
 from avatarrex.signals.macros import CURL, HAND_MACROS, SPREAD, hand_mean, hand_values
 
 ORDER = ("thumb", "index", "middle", "ring", "pinky")
 ALL = "all fingers"
+READY = {words(name).capitalize(): name for name in HANDS}
+"""The library's hands, by title."""
 RANGES = {"curl": CURL, "spread": SPREAD}
 
 
@@ -31,6 +35,11 @@ class HandPanel(joints.SignalPanel):
         if group is None:
             self.linked = imgui.checkbox(f"Both hands##{self.key}", self.linked)[1]
             widgets.tooltip("What is moved here moves on the other hand, too")
+            imgui.same_line(0, 12)
+            widgets.fill()
+            if picked := widgets.choice(f"##ready.{self.key}", READY, "Ready hands", ""):
+                sides = ("left", "right") if self.linked else (self.key,)
+                yield from (SetHandPose(side, READY[picked]) for side in sides)
         finger = group or "all"
         pose = state.signals.left_hand_pose if self.key == "left" else state.signals.right_hand_pose
         values = hand_values(pose, self.key)

@@ -62,6 +62,8 @@ class Lanes:
         self.opened: set[str] = set()
         """Layers whose tracks are shown."""
         self.in_frames = False
+        self.missing: frozenset[str] = frozenset()
+        """Layers whose files could not be read."""
         self.listening: frozenset[str] = frozenset()
         """Layers that are listened for."""
         self.switched = ""
@@ -211,7 +213,9 @@ class Lanes:
         if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
             self.menu = "layer"
         widgets.tooltip(f"{about(layer)}\nRight click: its settings")
-        _clipped(layer.name, start.x + 22, start.y, name_width, theme.MUTED if layer.muted else theme.TEXT)
+        gone = layer.name in self.missing
+        tint = theme.ERROR if gone else theme.MUTED if layer.muted else theme.TEXT
+        _clipped(layer.name + (" (no file)" if gone else ""), start.x + 22, start.y, name_width, tint)
         if weight:
             imgui.set_cursor_screen_pos((start.x + column - 22 - weight - 4, start.y + 1))
             imgui.set_next_item_width(weight)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from avatarrex_studio.engine.studio import Studio
+from avatarrex_studio.live.drive import Sender
 from avatarrex_studio.live.receiver import LOOPBACK, Receiver
+from avatarrex_studio.live.replay import RECORDED, Replay
 from avatarrex_studio.live.sources import SOURCES, WEBCAM
 from avatarrex_studio.live.webcam import EXTRA, Webcam
 from avatarrex_studio.panels import theme, widgets
@@ -22,7 +26,7 @@ class LiveMenu:
         self._places: dict[str, tuple[str, int]] = {}
         """Address and port by what a layer is listened for as."""
         self._phone = self._model = ""
-        self._camera = 0
+        self._camera = "0"
 
     def switch(self, studio: Studio, layer: Layer) -> None:
         """Listen for a layer, or no more."""
@@ -33,9 +37,14 @@ class LiveMenu:
         assert feed is not None
         with refusals_logged():
             if feed.source == WEBCAM:
-                studio.listening.take_up(live, Webcam(self._model, self._camera, lambda: studio.listening.arrived()))
+                studio.listening.take_up(live, self._watched(lambda: studio.listening.arrived()))
             else:
                 studio.listening.switch_on(live, feed.source, *self._place(live, feed))
+
+    def _watched(self, arrived: Callable[[], None]) -> Sender:
+        """A camera, a film or recorded landmarks. Raises `InputError`."""
+        camera = self._camera.strip()
+        return Replay(camera, arrived) if camera.endswith(RECORDED) else Webcam(self._model, camera, arrived)
 
     def draw(self, studio: Studio, layer: Layer) -> None:
         """Draw it inside of the layer's popup."""
@@ -89,14 +98,17 @@ class LiveMenu:
         self._places[layer.live] = address, port
 
     def _webcam(self) -> None:
-        """The landmarker's file and the camera's number."""
+        """The camera's number, or a file, and the landmarker's, which recorded landmarks do not need."""
+        widgets.label("Camera", LABEL)
+        imgui.set_next_item_width(WIDTH - LABEL)
+        _, self._camera = imgui.input_text_with_hint("##live.camera", "0, 1 … or a file", self._camera)
+        widgets.tooltip(f"The number of a camera, a film, or recorded landmarks ({RECORDED})")
+        imgui.begin_disabled(self._camera.strip().endswith(RECORDED))
         widgets.label("Model file", LABEL)
         imgui.set_next_item_width(WIDTH - LABEL)
         _, self._model = imgui.input_text_with_hint("##live.model", "face_landmarker.task", self._model)
         widgets.tooltip("A face landmarker of mediapipe, which you have downloaded; needs " + EXTRA)
-        widgets.label("Camera", LABEL)
-        imgui.set_next_item_width(WIDTH - LABEL)
-        _, self._camera = imgui.input_int("##live.camera", self._camera, 0, 0)
+        imgui.end_disabled()
 
     def _greet(self, receiver: Receiver, words: bytes) -> None:
         """Phones that wait for a word at their port."""

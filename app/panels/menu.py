@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
+from itertools import groupby
 
 from avatarrex_studio.session.actions import Action, menu
 from avatarrex_studio.session.journal import Journal
@@ -11,7 +13,7 @@ from imgui_bundle import imgui
 
 from avatarrex.errors import plain
 
-MENUS = ("File", "Edit", "Pose", "View", "Motion", "Output", "Help")
+MENUS = ("File", "Edit", "Pose", "View", "Motion", "Live output", "Help")
 LONGEST = 48
 """Letters of a folder beside a recent file."""
 
@@ -21,14 +23,26 @@ def draw(journal: Journal, recent: Recent) -> Action | str | None:
     chosen: Action | str | None = None
     for title in MENUS:
         if imgui.begin_menu(title):
-            for entry in menu(title):
-                if entry.separator:
-                    imgui.separator()
-                if imgui.menu_item(entry.title, entry.shortcut, False, entry.enabled(journal))[0]:
-                    chosen = entry
-                if entry.id == "open":
-                    chosen = _recent(recent) or chosen
+            for path, entries in groupby(menu(title), lambda entry: entry.menu):
+                if path == title:
+                    chosen = _entries(entries, journal, recent) or chosen
+                elif imgui.begin_menu(path.split("/")[1]):
+                    chosen = _entries(entries, journal, recent) or chosen
+                    imgui.end_menu()
             imgui.end_menu()
+    return chosen
+
+
+def _entries(entries: Iterable[Action], journal: Journal, recent: Recent) -> Action | str | None:
+    chosen: Action | str | None = None
+    for entry in entries:
+        if entry.separator:
+            imgui.separator()
+        ticked = bool(entry.on and entry.on(journal.state))
+        if imgui.menu_item(entry.title, entry.shortcut, ticked, entry.enabled(journal))[0]:
+            chosen = entry
+        if entry.id == "open":
+            chosen = _recent(recent) or chosen
     return chosen
 
 

@@ -1,13 +1,13 @@
 """How the loaded motion was read: the table of `motion check` as a window, in which each guess can be changed.
 
-It opens by itself over a motion with warnings, and from the Timeline. Every change reads the file again.
+It opens by itself over a motion with warnings, and from the Timeline. Every change reads the file again, in the background.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels import theme, widgets
@@ -43,10 +43,36 @@ OPTIONS = re.compile(r" \(--[^()]*\)")
 """What a warning names for the command line."""
 
 
+@runtime_checkable
+class MotionReader(Protocol):
+    """What reads motion files in the background."""
+
+    @property
+    def words(self) -> str:
+        """What is read, empty where nothing is."""
+
+    @property
+    def rereading(self) -> bool:
+        """Whether a loaded motion is read once more."""
+
+    def motion(self, path: str) -> None:
+        """Load a file."""
+
+    def layer(self, path: str) -> None:
+        """Put one over all layers."""
+
+    def again(self, path: str, options: ImportOptions) -> None:
+        """Read the loaded one once more, guesses replaced by `options`."""
+
+    def cancel(self) -> None:
+        """Give up what is being read."""
+
+
 class MotionImport:
     """The window; closed at first."""
 
-    def __init__(self) -> None:
+    def __init__(self, reader: MotionReader) -> None:
+        self._reader = reader
         self.shown = self._focused = False
         self.files = FileDialog()
         self._picked: ImportOptions | None = None
@@ -61,7 +87,7 @@ class MotionImport:
         self.shown = True
 
     def draw(self, studio: Studio) -> None:
-        """Draw the window where it is open; read the motion again where a guess was changed."""
+        """Draw the window where it is open; have the motion read again where a guess was changed."""
         motion = studio.motion
         if motion is None:
             self.shown, self._seen = False, None
@@ -90,7 +116,7 @@ class MotionImport:
         imgui.end()
         chosen, self._picked = self._picked or chosen, None
         if chosen is not None:
-            studio.open_motion(motion.path, chosen)
+            self._reader.again(motion.path, chosen)
 
     def dismissed(self) -> bool:
         """Close the window where it has the focus and Esc was pressed, which while a text is edited ends that alone; whether it did."""
@@ -101,9 +127,28 @@ class MotionImport:
         return True
 
     def _content(self, motion: Motion) -> ImportOptions | None:
-        """The options after a change; None without one."""
-        imported = motion.imported
+        """The options after a change; None without one. While the file is read again nothing can be changed."""
+        imported, busy = motion.imported, self._reader.rereading
         widgets.paragraph(imported.sequence.name, theme.TEXT)
+        if busy:
+            self._progress()
+        imgui.begin_disabled(busy)
+        chosen = self._table(motion)
+        imgui.end_disabled()
+        return chosen
+
+    def _progress(self) -> None:
+        """What is read, and what gives it up."""
+        words = self._reader.words
+        widgets.caption(words[:1].upper() + words[1:], theme.TEXT)
+        imgui.progress_bar(-imgui.get_time(), (widgets.room() - 96, 0), "")
+        imgui.same_line()
+        if imgui.button("Cancel###cancel.again", (-1, 0)):
+            self._reader.cancel()
+
+    def _table(self, motion: Motion) -> ImportOptions | None:
+        """Warnings, guesses, joints; the options after a change."""
+        imported = motion.imported
         for text in imported.warnings:
             widgets.paragraph(without_options(text), theme.WARNING)
         if not imported.warnings:

@@ -11,6 +11,8 @@ from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
 ROWS = 12
+COLUMN = 300.0
+"""Points that a column of the sheet needs."""
 MOUSE = (
     ("Click on the person", "Select a joint or a region of the face"), ("Drag a ring", "Turn the joint"),
     ("Drag a round handle", "Pull hand, foot, elbow, knee, head or pelvis"), ("Right click on the person", "Pin, reset, look here"),
@@ -98,6 +100,7 @@ class Palette:
                 "mouse": [*keys[2 * third :], *mouse.drags(self.preset), *MOUSE],
             }.items(),
             30,
+            max(1, min(3, int(screen.size.x / COLUMN))),
         ):
             _table(name, rows)
         imgui.spacing()

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from avatarrex_studio.engine.studio import Studio
-from avatarrex_studio.panels import widgets
+from avatarrex_studio.panels import overlay, widgets
 from avatarrex_studio.session.actions import words
 from avatarrex_studio.session.commands import Command, Pin, ResetGroup
 from avatarrex_studio.session.grip import LOOK, Grip, handle_of
@@ -34,13 +34,13 @@ class PartMenu:
         if not imgui.begin_popup(NAME):
             return
         part, handle, state = self.part, handle_of(self.part), studio.state
-        widgets.caption(words(part).capitalize() if part else "View")
+        widgets.caption(overlay.title(part) if part else "View")
         imgui.separator()
         if handle:
             pinned = handle in state.tools.pins
             if imgui.menu_item(f"{'Unpin' if pinned else 'Pin'} the {words(handle)}", "", False)[0]:
                 yield Pin((handle,), not pinned)
-        if part and imgui.menu_item(f"Reset the {words(part)}", "", False)[0]:
+        if part and imgui.menu_item(f"Reset the {overlay.title(part).lower()}", "", False)[0]:
             yield from map(ResetGroup, dict.fromkeys((part, *FACE_GROUPS.get(part, ()))))
         figure = studio.figure
         camera = studio.own(vector(state.view.camera(1, 1).centre))

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from avatarrex_studio.panels import widgets
-from avatarrex_studio.session.commands import Command, SetBackground, SetSize
+from avatarrex_studio.session.commands import Command, SetBackground, SetSize, SetStage
 from avatarrex_studio.session.state import BACKGROUND, Colour, SizePolicy, StudioState
 from imgui_bundle import imgui
+
+from avatarrex.stage.stage import COLOUR
 
 LABEL = 90.0
 POLICIES = {
@@ -20,7 +22,7 @@ POLICIES = {
     "1920 × 1080": SizePolicy(fixed=(1920, 1080)),
 }
 BACKGROUNDS: dict[str, Colour] = {
-    "Studio": BACKGROUND,
+    "Slate": BACKGROUND,
     "White": (1.0, 1.0, 1.0, 1.0),
     "Grey": (0.5, 0.5, 0.5, 1.0),
     "Black": (0.0, 0.0, 0.0, 1.0),
@@ -37,6 +39,15 @@ def draw(state: StudioState) -> Iterator[Command]:
     widgets.label("Background", LABEL)
     moved, colour = imgui.color_edit3("##background", list(state.background[:3]), imgui.ColorEditFlags_.display_hex)
     if moved:
-        yield SetBackground((colour[0], colour[1], colour[2], 1.0))
+        yield from behind(state, (colour[0], colour[1], colour[2], 1.0))
     if pressed := widgets.button_grid({title: title for title in BACKGROUNDS}, 58, "background."):
-        yield SetBackground(BACKGROUNDS[pressed])
+        yield from behind(state, BACKGROUNDS[pressed])
+
+
+def behind(state: StudioState, colour: Colour) -> Iterator[Command]:
+    """A colour behind the figure: over a gradient or picture of the stage; one that is clear takes the stage away."""
+    yield SetBackground(colour)
+    if state.stage.shown and not colour[3]:
+        yield SetStage("shown", False)
+    elif state.stage.shown and state.stage.backdrop != COLOUR:
+        yield SetStage("backdrop", COLOUR)

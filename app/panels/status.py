@@ -30,6 +30,8 @@ def shown(studio: Studio) -> list[str]:
     elif picture is not None:
         height, width = picture.image.shape[:2]
         items += [f"{picture.work.level}, {width} × {height}", condition(studio)]
+    elif studio.pictures.exact.busy:
+        items.append(condition(studio))
     return [item for item in items if item]
 
 

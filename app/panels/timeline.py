@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.live.sources import FACE, SOURCES, WEBCAM
 from avatarrex_studio.panels import layer_menu, theme, widgets
 from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.lanes import Lanes
-from avatarrex_studio.panels.motion_import import MotionImport, without_options
+from avatarrex_studio.panels.motion_import import MotionImport, MotionReader, without_options
 from avatarrex_studio.session.commands import Command
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.take import NAME
@@ -22,17 +22,17 @@ from avatarrex.signals.own_motions import MOTIONS
 
 NARROW = 440.0
 """Points under which the buttons to both ends are left out."""
-FIELD = 90.0
+FIELD = 60.0
 """Points that the field of the path needs."""
 
 
 class TimelinePanel:
     """Transport and layers, how the motion was read, and the path of the next."""
 
-    def __init__(self, read: Callable[[str], None], add: Callable[[str], None]) -> None:
-        """`read` loads a motion file, `add` puts one over all layers; both may take their time, in the background."""
-        self._read, self._add = read, add
-        self.reading, self.files, self.lanes, self.menu = MotionImport(), FileDialog(), Lanes(), layer_menu.LayerMenu()
+    def __init__(self, reader: MotionReader) -> None:
+        self._reader = reader
+        self.reading, self.files = MotionImport(reader), FileDialog()
+        self.lanes, self.menu = Lanes(), layer_menu.LayerMenu()
         self._path: tuple[str, str] = ("", "")
         """The path of the loaded motion, and what was typed since."""
         self._frame = -1
@@ -50,7 +50,7 @@ class TimelinePanel:
         imgui.same_line()
         self._field(studio, timeline)
         imgui.pop_style_var()
-        studio.take.layer = self.lanes.layer
+        studio.take.layer, self.lanes.missing = self.lanes.layer, studio.clips.missing(timeline)
         yield from self.lanes.draw(studio.state)  # of after the commands above
         yield from self.menu.draw(studio, self.lanes)
         yield from self._go_to(studio.state)
@@ -104,7 +104,7 @@ class TimelinePanel:
             if imgui.menu_item("Keys", "", False)[0]:
                 yield AddLayer(Layer(NAME))
             if imgui.menu_item("Motion, face or sound file…", "", False)[0]:
-                self.files.open("layer", "Add a layer", self._add)
+                self.files.open("layer", "Add a layer", self._reader.layer)
             for name, what in MOTIONS.items():
                 if imgui.menu_item(f"Motion {name}: {what}", "", False)[0]:
                     studio.add_motion(name)
@@ -117,7 +117,7 @@ class TimelinePanel:
                     self.lanes.layer, self.lanes.menu = name, "layer"
             imgui.end_popup()
         imgui.same_line()
-        if imgui.button(f"{icons.ICON_FA_SLIDERS}##groups", (28, 0)):
+        if imgui.button(f"{icons.ICON_FA_SLIDERS}  Parts##groups"):
             imgui.open_popup("groups")
         widgets.tooltip("How much of the layers each part of the body follows")
         yield from layer_menu.shares(studio.state.timeline)
@@ -162,10 +162,10 @@ class TimelinePanel:
         if imgui.button(f"{icons.ICON_FA_FOLDER_OPEN}##motion", (-1, 0)):
             self._choose()
         if entered and typed.strip():
-            self._read(typed.strip())
+            self._reader.motion(typed.strip())
 
     def _choose(self) -> None:
-        self.files.open("motion", "Open a motion", self._read)
+        self.files.open("motion", "Open a motion", self._reader.motion)
 
     def _go_to(self, state: StudioState) -> Iterator[Command]:
         """The popup of *Go to frame*."""

@@ -25,9 +25,10 @@ class Step:
     text: str
 
 
+PICTURE = "Viewport"
 STEPS = (
-    Step("Viewport", "Look around", "In the picture: {drags}. The wheel zooms, Home shows the whole person."),
-    Step("Viewport", "Grab a hand",
+    Step(PICTURE, "Look around", "In the picture:\n{drags}\nThe wheel zooms, Home shows the whole person."),
+    Step(PICTURE, "Grab a hand",
          "Move the mouse to a wrist and drag the round handle: the arm follows. A click on a part shows rings that turn it."),
     Step("Poses", "Take a pose", "Click a card. Blend says how much of it; Ctrl+Z brings back what was before."),
     Step("Face", "Make it smile", "Drag Smile. Below are the brows, the eyes, the lips, and every muscle by region."),
@@ -62,14 +63,14 @@ class Tour:
         self.number = None
 
     def draw(self) -> None:
-        """Draw the step: a frame around its panel and a card beside it."""
+        """Draw the step: a frame around its panel, and a card in the lower corner of the picture."""
         if self.number is None:
             return
-        step, screen = STEPS[self.number], imgui.get_main_viewport()
+        step = STEPS[self.number]
         low, high = _corners(step.panel)
         imgui.get_foreground_draw_list().add_rect(low, high, theme.colour(theme.ACCENT), 6.0, thickness=2.5)
-        place, pivot = _beside((low, high), screen.get_center())
-        imgui.set_next_window_pos(place, imgui.Cond_.always, pivot)
+        picture = _corners(PICTURE)  # the card stays where it is, so that the next press is where the last one was
+        imgui.set_next_window_pos((picture[0].x + GAP, picture[1].y - GAP), imgui.Cond_.always, (0.0, 1.0))
         imgui.set_next_window_size_constraints((WIDTH, 0), (WIDTH, 400))
         with _raised("##tour"):
             widgets.caption(f"{self.number + 1} of {len(STEPS)}")
@@ -91,7 +92,7 @@ class Tour:
     def said(self, text: str) -> str:
         """A text with what the mouse does."""
         drags = mouse.drags(self.preset)
-        return text.format(drags=", ".join(f"{ways} {what}" for ways, what in drags).lower(), orbit=drags[0][0])
+        return text.format(drags="\n".join(f"{what}: {ways.lower()}" for ways, what in drags), orbit=drags[0][0])
 
     def _go(self, number: int) -> None:
         self.number = number if 0 <= number < len(STEPS) else None
@@ -140,15 +141,3 @@ def _corners(panel: str) -> Corners:
     if window is None or not window.was_active:
         return screen.work_pos, screen.work_pos + screen.work_size
     return window.pos, window.pos + window.size
-
-
-def _beside(corners: Corners, centre: imgui.ImVec2) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Where the card is, and which of its points is there: beside the panel towards the middle of the screen, or inside a wide one."""
-    low, high = corners
-    if high.x - low.x > 1.6 * WIDTH and high.y - low.y > 260:  # the viewport: in its lower corner
-        return (low.x + GAP, high.y - GAP), (0.0, 1.0)
-    if high.y - low.y < 0.5 * 2 * centre.y and high.x - low.x > 1.6 * WIDTH:  # the timeline: over it
-        return ((low.x + high.x) / 2, low.y - GAP), (0.5, 1.0)
-    if low.x > centre.x:
-        return (low.x - GAP, high.y - GAP), (1.0, 1.0)
-    return (min(high.x + GAP, 2 * centre.x - WIDTH - GAP), low.y + 60), (0.0, 0.0)

@@ -87,6 +87,8 @@ class ViewportPanel:
         self.menu = PartMenu()
         self.preset = "default"
         """Of the mouse: one of `mouse.PRESETS`."""
+        self.handle: str | None = None
+        """The handle under the mouse."""
         self.hovered: str | None = None
         """The part under the mouse."""
         self._press: Press | None = None
@@ -222,7 +224,7 @@ class ViewportPanel:
             return
         projection = Projection.of(studio.state.view, low, high, studio.world)
         canvas.push_clip_rect(low, high, True)
-        self._hover(studio, low, high)
+        self._hover(studio, _on_screen(projection, figure, tools.selected), (low, high))
         if "wire" in tools.overlays:
             overlay.draw_wire(canvas, projection, figure)
         if "joints" in tools.overlays:
@@ -238,15 +240,21 @@ class ViewportPanel:
         canvas.pop_clip_rect()
         yield from self.menu.draw(studio)
 
-    def _hover(self, studio: Studio, low: imgui.ImVec2, high: imgui.ImVec2) -> None:
-        """Find the part under the mouse, where mouse or person has moved."""
+    def _hover(
+        self, studio: Studio, handles: Mapping[str, tuple[float, float]], corners: tuple[imgui.ImVec2, imgui.ImVec2]
+    ) -> None:
+        """Find the handle under the mouse, else the part, where mouse or person has moved."""
         mouse = imgui.get_io().mouse_pos
         if not imgui.is_item_hovered() or self._press or studio.playback.playing:
-            self.hovered, self._looked = None, ()
+            self.hovered, self.handle, self._looked = None, None, ()
             return
         looked = (mouse.x, mouse.y, studio.state.figures, studio.state.view, self.size)
         if looked != self._looked:
-            self._looked, self.hovered = looked, self._part(studio, (mouse.x, mouse.y), low, high)
+            near = {name: math.dist((mouse.x, mouse.y), place) for name, place in handles.items()}
+            nearest = min(near, key=lambda name: near[name], default=None)
+            self._looked = looked
+            self.handle = nearest if nearest and near[nearest] < overlay.NEAR_HANDLE else None
+            self.hovered = None if self.handle else self._part(studio, (mouse.x, mouse.y), *corners)
 
     def _handles(self, canvas: imgui.ImDrawList, projection: Projection, figure: Figure, studio: Studio) -> None:
         mouse, tools = imgui.get_io().mouse_pos, studio.state.tools
@@ -277,6 +285,8 @@ class ViewportPanel:
             unit, turned = units.angle(), np.degrees(posing.joint(studio.state.signals, joint)) + 0.0
             text = "   ".join(f"{name} {unit.text(value)}" for name, value in zip(axis_names(joint), turned.tolist()))
             overlay.draw_name(canvas, text, place)
+        elif self.handle:
+            overlay.draw_name(canvas, f"{overlay.title(self.handle)}: drag", place)
         elif axis is not None and joint:
             overlay.draw_name(canvas, axis_names(joint)[axis].capitalize(), place)
         elif self.hovered:

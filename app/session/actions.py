@@ -13,7 +13,7 @@ from avatarrex_studio.session import commands
 from avatarrex_studio.session.commands import Command
 from avatarrex_studio.session.grip import handle_of
 from avatarrex_studio.session.journal import Journal
-from avatarrex_studio.session.state import AUTO, IMAGE, LEVELS, StudioState
+from avatarrex_studio.session.state import IMAGE, LEVELS, StudioState
 from avatarrex_studio.session.timeline_commands import CloseMotion
 
 from avatarrex.signals.handles import HANDLES
@@ -28,13 +28,15 @@ class Action:
     id: str
     title: str
     menu: str = ""
-    """Menu it is in; the palette has all."""
+    """Menu it is in, `View/Level` for one in a menu of that; the palette has all."""
     shortcut: str = ""
     """e.g. `Ctrl+Shift+Z`."""
     command: Callable[[StudioState], Command] | None = None
     effect: str | None = None
     """A method of the studio or the window, where there is no command."""
     enabled: Callable[[Journal], bool] = lambda journal: True
+    on: Callable[[StudioState], bool] | None = None
+    """Whether what it shows or chooses is so now, where that can be said: menus tick it."""
     separator: bool = False
     """Whether a line separates it from the entry above."""
 
@@ -91,6 +93,22 @@ def _picture(name: str) -> Callable[[StudioState], Command]:
     return lambda state: commands.ShowPicture(IMAGE if state.tools.shows == name else name)
 
 
+def _overlaid(name: str) -> Callable[[StudioState], bool]:
+    return lambda state: name in state.tools.overlays
+
+
+def _shows(name: str) -> Callable[[StudioState], bool]:
+    return lambda state: state.tools.shows == name
+
+
+def _seen(part: str) -> Callable[[StudioState], bool]:
+    return lambda state: part not in state.hidden
+
+
+def _at_level(name: str) -> Callable[[StudioState], bool]:
+    return lambda state: state.level == name
+
+
 def _toggle(part: str) -> Callable[[StudioState], Command]:
     return lambda state: commands.SetHidden(part, part not in state.hidden)
 
@@ -111,7 +129,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("session.save", "Save session", "File", "Ctrl+S", effect="save_session", separator=True),
     Action("session.save_as", "Save session as…", "File", "Ctrl+Shift+S", effect="save_session_as"),
     Action("export", "Export…", "File", "Ctrl+E", effect="export", separator=True),
-    Action("screenshot", "Screenshot", "File", "F12", effect="screenshot"),
+    Action("screenshot", "Save a picture of the view", "File", "F12", effect="screenshot"),
     Action("quit", "Quit", "File", "Ctrl+Q", effect="quit", separator=True),
     Action("undo", "Undo", "Edit", "Ctrl+Z", effect="undo", enabled=lambda journal: bool(journal.steps)),
     Action("redo", "Redo", "Edit", "Ctrl+Shift+Z", effect="redo", enabled=lambda journal: bool(journal.undone)),
@@ -140,26 +158,30 @@ ACTIONS: tuple[Action, ...] = (
     Action("view.back", "Back view", "View", "Ctrl+1", command=_view(180.0, 0.0)),
     Action("view.left", "Left view", "View", "Ctrl+3", command=_view(90.0, 0.0)),
     Action("view.orthographic", "Perspective or orthographic", "View", "5",
-            command=lambda state: commands.SetCamera(orthographic=not state.view.orthographic)),
+            command=lambda state: commands.SetCamera(orthographic=not state.view.orthographic),
+            on=lambda state: state.view.orthographic),
     Action("view.home", "Whole person, or all", "View", "Home", effect="whole_person", separator=True),
     Action("view.face", "Frame the face", "View", "F", effect="frame_face"),
+    *(Action(f"view.{side}_hand", f"Frame the {side} hand", "View", effect=f"frame_{side}_hand") for side in ("left", "right")),
     Action("view.orbit_left", "Turn left", "", "4", command=_fixed(commands.OrbitBy(-15.0, 0.0))),
     Action("view.orbit_right", "Turn right", "", "6", command=_fixed(commands.OrbitBy(15.0, 0.0))),
-    Action("overlay.joints", "Joints", "View", "J", command=_overlay("joints"), separator=True),
-    Action("overlay.wire", "Template wire", "View", command=_overlay("wire")),
-    Action("show.image", "Show the picture", "View", command=_fixed(commands.ShowPicture(IMAGE))),
-    Action("show.normals", "Show normals", "View", "N", command=_picture("normals")),
-    Action("show.depth", "Show depth", "View", "D", command=_picture("depth")),
-    Action("show.parts", "Show parts", "View", command=_picture("parts")),
-    Action("show.steps", "Show ray steps", "View", command=_picture("steps")),
-    Action("show.influence", "Show what moves each place of the skin", "View", command=_picture("influence")),
-    Action("show.slice", "Show a slice through the body (distance to its skin)", "View", command=_picture("slice")),
+    Action("overlay.joints", "Joints", "View", "J", command=_overlay("joints"), on=_overlaid("joints"), separator=True),
+    Action("overlay.wire", "Template wire", "View", command=_overlay("wire"), on=_overlaid("wire")),
+    Action("show.image", "Show the picture", "View/Inspect", command=_fixed(commands.ShowPicture(IMAGE)), on=_shows(IMAGE)),
     *(
-        Action(f"part.{part}", f"Show or hide the {words(part)}", "View", command=_toggle(part), separator=part == PARTS[0])
+        Action(f"show.{name}", title, "View/Inspect", key, command=_picture(name), on=_shows(name))
+        for name, title, key in (
+            ("normals", "Show normals", "N"), ("depth", "Show depth", "D"), ("parts", "Show parts", ""), ("steps", "Show ray steps", ""),
+            ("influence", "Show what moves each place of the skin", ""),
+            ("slice", "Show a slice through the body (distance to its skin)", ""),
+        )
+    ),
+    *(
+        Action(f"part.{part}", f"Show or hide the {words(part)}", "View/Parts", command=_toggle(part), on=_seen(part))
         for part in PARTS
     ),
     *(
-        Action(f"level.{name}", f"Level: {name}", "View", command=_fixed(commands.SetLevel(name)), separator=name == AUTO)
+        Action(f"level.{name}", f"Level: {name}", "View/Level", command=_fixed(commands.SetLevel(name)), on=_at_level(name))
         for name in LEVELS
     ),
     *(
@@ -169,7 +191,8 @@ ACTIONS: tuple[Action, ...] = (
     Action("layout.reset", "Reset layout", "View", effect="reset_layout"),
     Action("panels", "Show or hide the panels", "View", "Tab", effect="panels", separator=True),
     Action("full_screen", "Full screen", "View", "F11", effect="full_screen"),
-    Action("stage", "Stage on or off", "View", command=lambda state: commands.SetStage("shown", not state.stage.shown), separator=True),
+    Action("stage", "Stage on or off", "View", command=lambda state: commands.SetStage("shown", not state.stage.shown),
+            on=lambda state: state.stage.shown, separator=True),
     Action("stage.picture", "Background picture of the stage…", effect="stage_picture"),
     Action("play", "Play or pause", "Motion", "Space", effect="toggle_play", enabled=_can_play),
     Action("step.back", "Previous frame", "Motion", "Left", effect="step_back", enabled=_has_layers),
@@ -179,16 +202,16 @@ ACTIONS: tuple[Action, ...] = (
     Action("key.camera", "Set key of the camera", "Motion", "Shift+K", effect="key_camera"),
     Action("record", "Record what is changed", "Motion", effect="record"),
     Action("motion.read", "How the motion was read…", "Motion", effect="read_motion", enabled=_has_motion, separator=True),
-    Action("output", "Output window", "Output", "F9", effect="output"),
+    Action("output", "Output window", "Live output", "F9", effect="output"),
     *(
-        Action(f"output.{name}", f"Output over {what}", "Output", effect=f"output_{name}", separator=name == "transparent")
+        Action(f"output.{name}", f"Output over {what}", "Live output", effect=f"output_{name}", separator=name == "transparent")
         for name, what in (("transparent", "nothing (transparent)"), ("green", "key green"), ("black", "black"))
     ),
     *(
-        Action(f"output.{name}", f"Output {size}", "Output", effect=f"output_{name}", separator=name == "wide")
+        Action(f"output.{name}", f"Output {size}", "Live output", effect=f"output_{name}", separator=name == "wide")
         for name, size in (("wide", "1280 × 720"), ("large", "1920 × 1080"), ("high", "1080 × 1920"))
     ),
-    Action("output.camera", "Virtual camera", "Output", effect="virtual_camera", separator=True),
+    Action("output.camera", "Virtual camera", "Live output", effect="virtual_camera", separator=True),
     Action("tour", "Tour", "Help", effect="tour"),
     Action("palette", "Command palette", "Help", "Ctrl+P", effect="palette"),
     Action("shortcuts", "Keyboard shortcuts", "Help", "F1", effect="shortcuts"),
@@ -205,8 +228,8 @@ def action(name: str) -> Action:
 
 
 def menu(name: str) -> tuple[Action, ...]:
-    """The entries of a menu, in order."""
-    return tuple(entry for entry in ACTIONS if entry.menu == name)
+    """The entries of a menu and of those in it, in order."""
+    return tuple(entry for entry in ACTIONS if entry.menu.split("/")[0] == name)
 
 
 def find(text: str) -> tuple[Action, ...]:

@@ -78,9 +78,15 @@ class Clips:
             self._keep(self._smoothed, name, known := (motion, smoothed(motion.sequence, layer.smoothing)))
         return known[1]
 
-    def missing(self, timeline: Timeline) -> tuple[str, ...]:
-        """Names of the layers whose motions cannot be read."""
-        return tuple(layer.name for layer in timeline.layers if layer.clip and self.motion(layer.clip) is None)
+    def silent(self, timeline: Timeline) -> bool:
+        """Whether nothing of a timeline that has layers can be read."""
+        layers = timeline.layers
+        return bool(layers) and all(layer.clip and self.motion(layer.clip) is None for layer in layers)
+
+    def missing(self, timeline: Timeline) -> frozenset[str]:
+        """Names of the layers whose motions could not be read, as far as that was tried."""
+        clips = {layer.name: layer.clip for layer in timeline.layers if layer.clip}
+        return frozenset(name for name, clip in clips.items() if (clip.path, clip.options) in self._refused)
 
     @staticmethod
     def _keep(kept: dict[Any, Any], name: object, value: object) -> None:

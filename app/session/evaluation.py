@@ -90,13 +90,13 @@ def others_at(
 ) -> tuple[Signals | None, ...]:
     """What their layers give the other figures at a time of the state's timeline.
 
-    None: they have none, or a motion cannot be read, or neither has the playhead `moved` nor was anything `sent` to their live
+    None: they have none, or none can be read, or neither has the playhead `moved` nor was anything `sent` to their live
     layers: what was edited there stays.
     """
     found = []
     for figure, feeds in zip(state.others, sent or ((),) * len(state.others)):
         timeline = figure.timeline.with_feeds(feeds)
-        still = not timeline.layers or not (moved or feeds) or clips.missing(timeline)
+        still = not timeline.layers or not (moved or feeds) or clips.silent(timeline)
         found.append(None if still else layers_at(timeline, figure.base, timeline.repeated(seconds), clips))
     return tuple(found)
 
@@ -104,8 +104,9 @@ def others_at(
 def settled(command: Edit, state: StudioState, clips: Clips, listened: Listened = silence) -> Edit:
     """The command with what the layers give after it, and what was sent to the other figures. Raises `InputError`.
 
-    Where a motion of the selected figure cannot be read, nothing is given to it. At the same time of the timeline the command changes
-    only what its layers give otherwise than before, and the others to which something was sent: what else was edited there stays.
+    Where no layer of the selected figure can be read, nothing is given to it. At the same time of the timeline, unless it adds a
+    clip, the command changes only what its layers give otherwise than before, and the others to which something was sent: what
+    else was edited there stays.
     """
     before, timeline = state.timeline, command.edited(state.timeline)
     moved = timeline.seconds != before.seconds
@@ -113,11 +114,12 @@ def settled(command: Edit, state: StudioState, clips: Clips, listened: Listened 
     others = others_at(state, timeline.seconds, clips, sent, moved)
     told = any(sent)
     command = replace(command, others=others if told or any(others) else (), sent=sent if told else ())
-    if clips.missing(timeline):
+    if clips.silent(timeline):
         return command
     own = timeline.local(timeline.seconds)
     signals, view = layers_at(timeline, state.base, own, clips), view_at(timeline, state.view, own)
-    if not moved and not clips.missing(before):
+    added = {layer.name for layer in timeline.layers if layer.clip} - {layer.name for layer in before.layers}
+    if not moved and not added and not clips.silent(before):
         own = before.local(before.seconds)
         old = layers_at(before, state.base, own, clips)
         kept = np.where(numbers(signals) == numbers(old), numbers(state.signals), numbers(signals))
@@ -128,7 +130,7 @@ def settled(command: Edit, state: StudioState, clips: Clips, listened: Listened 
 
 def go_to(state: StudioState, frame: int, clips: Clips) -> SetFrame | None:
     """The command that goes to a frame, beyond the ends to the nearest; None where a motion cannot be read."""
-    if clips.missing(state.timeline):
+    if clips.silent(state.timeline):
         return None
     return settled(SetFrame(state.nearest(frame)), state, clips)
 

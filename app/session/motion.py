@@ -6,13 +6,14 @@ user's. The body's shape belongs to the avatar and is never driven.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from avatarrex_studio.session.posing import SLOTS, numbers
-from avatarrex_studio.session.timeline import PARTS, Clip, Layer
+from avatarrex_studio.session.timeline import BODY, PARTS, Clip, Layer
 from avatarrex_studio.session.timeline_commands import AddLayer, LoadMotion
 
 from avatarrex.signals.fbx import SECONDS
@@ -21,12 +22,11 @@ from avatarrex.signals.imported import ImportedMotion
 from avatarrex.signals.read import import_motion
 from avatarrex.signals.sequence import SignalSequence
 
-TOGETHER = (
-    ("body", ("root", "body", "head")),
-    ("root", ("root", "body", "head")),
-    ("expression", ("expression", "mouth")),
-)
-"""What a motion drives as a whole where it moves one part, at rest where it says nothing of a joint."""
+WHOLE = ("root", *BODY, "head")
+"""What a motion drives as a whole where it moves more than the head, at rest where it says nothing of a joint."""
+HANDS = ("left hand", "right hand")
+OVER = {"wave": ("right arm", "right hand", "expression", "mouth")}
+"""What a motion of the program drives as a layer over others, where that is not all that it moves."""
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,22 @@ class Motion:
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
-        """What the motion drives, of `PARTS`: each all of it, so that nothing of a motion before is left."""
-        moved = np.any([numbers(frame) != 0 for frame in self.sequence], axis=0)
-        found = {part for part, names in PARTS.items() if any(moved[SLOTS[name]].any() for name in names)}
-        for part, wholes in TOGETHER:
-            found |= set(wholes) if part in found else set()
+        """What the motion drives, of `PARTS`: each all of it, so that nothing of a motion before is left.
+
+        Hands that keep one shape while the rest moves are none that it moves.
+        """
+        values = np.stack([numbers(frame) for frame in self.sequence])
+        present, changes = (values != 0).any(0), (values != values[0]).any(0)
+        found = {part for part, names in PARTS.items() if any(present[SLOTS[name]].any() for name in names)}
+        if changes.any():
+            found -= {hand for hand in HANDS if not any(changes[SLOTS[name]].any() for name in PARTS[hand])}
+        found |= set(WHOLE) if found & {"root", *BODY} else set()
         return tuple(part for part in PARTS if part in found)
+
+    @property
+    def over(self) -> tuple[str, ...]:
+        """What it drives as a layer over others."""
+        return OVER.get(self.path, self.parts)
 
     @property
     def clip(self) -> Clip:
@@ -72,4 +82,13 @@ class Motion:
 
     def layer(self) -> AddLayer:
         """The command that adds this motion over all layers."""
-        return AddLayer(Layer(self.clip.name, self.clip, parts=frozenset(self.parts)))
+        return AddLayer(Layer(self.clip.name, self.clip, parts=frozenset(self.over)))
+
+
+def driven_words(parts: Collection[str]) -> str:
+    """What is driven, as a person says it: `the whole body, expression and mouth`."""
+    whole = set(WHOLE) <= set(parts)
+    said = (["the whole body"] if whole else []) + [
+        part for part in PARTS if part in parts and not (whole and part in WHOLE)
+    ]
+    return " and ".join((", ".join(said[:-1]), said[-1])) if len(said) > 1 else (said or ["nothing"])[0]

@@ -18,15 +18,17 @@ from avatarrex_studio.session.keys import Track
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.import_options import ImportOptions
-from avatarrex.signals.joints import BODY_GROUPS, BODY_JOINTS, EXPRESSION_NAMES, HAND_JOINTS
+from avatarrex.signals.joints import BODY_GROUPS, EXPRESSION_NAMES, HAND_JOINTS
 
-HEAD = ("neck", "head")
 MOUTH = tuple(name for name in EXPRESSION_NAMES if name.startswith(("jaw", "mouth", "tongue", "cheekPuff")))
 """The coefficients that speech moves."""
 PARTS: dict[str, tuple[str, ...]] = {
     "root": ("pelvis", "translation"),
-    "body": tuple(name for name in BODY_JOINTS if name not in HEAD),
-    "head": HEAD,
+    "torso": BODY_GROUPS["torso"],
+    "left arm": BODY_GROUPS["left arm"],
+    "right arm": BODY_GROUPS["right arm"],
+    "legs": (*BODY_GROUPS["left leg"], *BODY_GROUPS["right leg"]),
+    "head": BODY_GROUPS["head"],
     "left hand": tuple(f"left_{name}" for name in HAND_JOINTS),
     "right hand": tuple(f"right_{name}" for name in HAND_JOINTS),
     "expression": tuple(name for name in EXPRESSION_NAMES if name not in MOUTH),
@@ -35,6 +37,8 @@ PARTS: dict[str, tuple[str, ...]] = {
     "eyes": ("left_eye", "right_eye"),
 }
 """What a layer can drive, and the joints and coefficients of each."""
+BODY = ("torso", "left arm", "right arm", "legs")
+"""What `body` means in the parts of a layer."""
 GROUPS: dict[str, tuple[str, ...]] = {
     "root": PARTS["root"],
     **BODY_GROUPS,
@@ -139,6 +143,8 @@ class Layer:
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name.strip()):
             raise InputError("layer", "name", "a name", repr(self.name))
+        if "body" in self.parts:
+            object.__setattr__(self, "parts", self.parts - {"body"} | set(BODY))
         if unknown := sorted(map(str, self.parts - set(PARTS))):
             raise InputError(f"layer {self.name}", "parts", ", ".join(PARTS), unknown[0])
         if len({track.name for track in self.tracks}) != len(self.tracks):

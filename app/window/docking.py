@@ -33,8 +33,8 @@ LAYOUTS: dict[str, tuple[tuple[str, str, imgui.Dir, float], ...]] = {
 """Docks that are split, the new one, its side and its share, by the name of a layout."""
 PLACES = {
     "Viewport": WHOLE, "Body": "Right", "Left hand": "Right", "Right hand": "Right", "Face": "Right",
-    "Poses": "Right", "Training": "Right", "Performance": "Right", "Camera": "Left", "Render": "LeftMiddle",
-    "Scene": "LeftBottom", "Timeline": "Bottom", "Console": "Bottom",
+    "Poses": "Right", "Training": "Right", "Camera": "Left", "Render": "LeftMiddle",
+    "Scene": "LeftBottom", "Timeline": "Bottom", "Console": "Bottom", "Performance": "Bottom",
 }  # fmt: skip
 """The dock of each panel, by title."""
 BARE = "Viewport"

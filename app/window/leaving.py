@@ -22,19 +22,21 @@ class Leaving:
         """Whether the window can close at once; else a question is put, whose answer calls `leave`. `save` writes the session and calls
         what it is given once it is written.
         """
-        if self._studio.journal.unsaved:
-            name = Path(self._studio.journal.path or "This session").name
-            answers = {
-                "Save": lambda: save(lambda: self._trainings(leave)),
-                "Discard": lambda: self._trainings(leave),
-                "Cancel": nothing,
-            }
-            self._questions.put(Question("Save your work?", f"{name} has changes that are not saved.", answers))
+        if not self.saved(save, lambda: self._trainings(leave)):
             return False
         if self._processes.paths:
             self._trainings(leave)
             return False
         return True
+
+    def saved(self, save: Callable[[Callable[[], None]], None], then: Callable[[], None]) -> bool:
+        """Whether the session has no unsaved work; else a question is put, whose answer calls `then`. `save` as for `now`."""
+        if not self._studio.journal.unsaved:
+            return True
+        name = Path(self._studio.journal.path or "This session").name
+        answers = {"Save": lambda: save(then), "Discard": then, "Cancel": nothing}
+        self._questions.put(Question("Save your work?", f"{name} has changes that are not saved.", answers))
+        return False
 
     def offer(self) -> None:
         """Put a question for the newest session that a crash left behind."""

@@ -23,6 +23,7 @@ from avatarrex_studio.session.recent import Recent
 
 from avatarrex.avatar import Avatar
 from avatarrex.errors import InputError
+from avatarrex.signals.import_options import ImportOptions
 
 log = logging.getLogger(__name__)
 SLOW = 0.5
@@ -45,18 +46,26 @@ class Reading:
     future: Future[Opened] | None = None
     since: float = field(default_factory=time.monotonic)
     cancelled: Event = field(default_factory=Event)
+    again: bool = False
+    """Whether it is the loaded motion, read as its user says."""
 
 
 class Opening:
     """What is being opened, and the list of what was."""
 
-    def __init__(self, studio: Studio, training: TrainingPanel) -> None:
+    def __init__(
+        self,
+        studio: Studio,
+        training: TrainingPanel,
+        replacing: Callable[[Callable[[], None]], None] = lambda then: then(),
+    ) -> None:
+        """`replacing` is called before a session takes the place of the present one, with what shows it."""
         self.recent = Recent()
         self.arrived: Callable[[], None] = lambda: None
         """Called by the thread when something has been read."""
         self.tab = ""
         """The panel to be brought to the front."""
-        self._studio, self._training = studio, training
+        self._studio, self._training, self._replacing = studio, training, replacing
         self._threads = ThreadPoolExecutor(1, "opening")
         self._reading: deque[Reading] = deque()
 
@@ -73,6 +82,11 @@ class Opening:
     def motion(self, path: str) -> None:
         """Begin to read a motion file, which is then loaded."""
         self._begin(path, lambda _: read_motion(path), self.take)
+
+    def again(self, path: str, options: ImportOptions) -> None:
+        """Begin to read the loaded motion once more, guesses replaced by `options`."""
+        self._begin(path, lambda _: read_motion(path, options), self._take_again)
+        self._reading[-1].again = True
 
     def layer(self, path: str) -> None:
         """Begin to read one that comes over all layers."""
@@ -127,6 +141,11 @@ class Opening:
         return bool(self._reading)
 
     @property
+    def rereading(self) -> bool:
+        """Whether a loaded motion is read once more, or waits for it."""
+        return any(reading.again for reading in self._reading)
+
+    @property
     def slow(self) -> bool:
         """Whether that takes long enough to be shown."""
         return bool(self._reading) and time.monotonic() - self._reading[0].since > SLOW
@@ -172,6 +191,12 @@ class Opening:
 
         `shown`: the command that shows an avatar.
         """
+        if opened.journal:
+            self._replacing(partial(self._take, opened, shown))
+        else:
+            self._take(opened, shown)
+
+    def _take(self, opened: Opened, shown: type[OpenAvatar] | type[AddFigure]) -> None:
         studio = self._studio
         if opened.journal:
             studio.take_journal(opened.journal)
@@ -197,6 +222,13 @@ class Opening:
         assert opened.motion is not None
         self._studio.take_layer(opened.motion)
         self.recent.add(opened.path)
+
+    def _take_again(self, opened: Opened) -> None:
+        """Show a motion as it is read now; where another one has been loaded meanwhile, that stays."""
+        clip = self._studio.state.timeline.motion
+        if clip is not None and clip.path == opened.path:
+            assert opened.motion is not None
+            self._studio.take_motion(opened.motion)
 
     def close(self) -> None:
         """Begin nothing more."""

@@ -79,6 +79,7 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import mirror
 from avatarrex.stage.picture import read_picture, stamp
 from avatarrex.stage.stage import PICTURE, Stage
+from avatarrex.templates.parts import HANDS
 
 log = logging.getLogger(__name__)
 WARM_UP = 3
@@ -101,8 +102,8 @@ class Window:
         """`runs`: the folder of the trainings that the Training tab shows; it trains on `device`. `make()` makes the engine that exports."""
         self.studio = studio
         self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
-        self.opening = Opening(studio, self.training)
-        self.timeline = TimelinePanel(self.opening.motion, self.opening.layer)
+        self.opening = Opening(studio, self.training, self._replaced)
+        self.timeline = TimelinePanel(self.opening)
         self.viewport, self.console = ViewportPanel(), ConsolePanel()
         self.body, self.left, self.right = body_panel(), HandPanel("left"), HandPanel("right")
         self.face, self.poses, self.palette, self.files = face_panel(), PosesPanel(), Palette(), FileDialog()
@@ -143,7 +144,7 @@ class Window:
             "full_screen": FullScreen().toggle, "panels": toggle_panels,
             **{f"layout_{name.lower()}": partial(hello_imgui.switch_layout, name) for name in LAYOUTS},
             "preferences": self.personal.dialog.open, "tour": self.personal.tour.start, "available": self.available.open,
-            "quit": self._quit, "stage_picture": self._stage_picture,
+            "quit": self._quit, "stage_picture": self._stage_picture, **{f"frame_{hand}": partial(studio.frame_hand, hand) for hand in HANDS},
         }  # fmt: skip
 
     def params(self, size: tuple[int, int] = (1440, 900), remember: bool = True) -> hello_imgui.RunnerParams:
@@ -428,9 +429,15 @@ class Window:
         elif self.studio.save_session(path):
             then()
 
+    def _replaced(self, then: Callable[[], None]) -> None:
+        """Show another session by `then`, once it is decided what becomes of unsaved work."""
+        if self.leaving.saved(self._save, then):
+            then()
+
     def _save_as(self, then: Callable[[], None] = nothing) -> None:
         def write(path: str) -> None:
             if self.studio.save_session(path):
+                self.opening.recent.add(path)
                 then()
 
         def chosen(path: str) -> None:
@@ -446,7 +453,8 @@ class Window:
 
     def _refused(self, opening: str, text: str) -> None:
         """A file that cannot be opened."""
-        self.questions.put(Question(f"{Path(opening).name} cannot be opened", text))
+        answers = {"Close": nothing, "Open another…": self._effects["open"]}
+        self.questions.put(Question(f"{Path(opening).name} cannot be opened", text, answers))
 
     def _failed(self, failure: Failure) -> None:
         """A fault of ours."""

@@ -12,7 +12,7 @@ from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.panels.questions import Questions
 from avatarrex_studio.panels.toasts import FADE, MOST, SECONDS, Toasts
 from avatarrex_studio.session.autosave import EVERY, Autosave
-from avatarrex_studio.session.commands import ApplyPose, OrbitBy
+from avatarrex_studio.session.commands import ApplyPose, OrbitBy, SetExpression
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.notice import NOTICE, refusals_logged
 from avatarrex_studio.window.leaving import Leaving
@@ -154,3 +154,20 @@ def test_a_running_training_is_a_question(tmp_path, clock, monkeypatch, answer, 
     (question,) = questions.waiting
     question.answers[answer]()
     assert (len(leaves), stops) == (left, [tmp_path / "run"] if stopped else [])
+
+
+@pytest.mark.parametrize(("answer", "shown", "saved"), [("Save", 1, True), ("Discard", 1, False), ("Cancel", 0, False)])
+def test_unsaved_work_is_a_question_before_another_session_is_shown(tmp_path, clock, answer, shown, saved):
+    studio, questions, done, saves = ball_studio(clock), Questions(), [], []
+    leaving = Leaving(studio, TrainingProcesses(), questions, Autosave(tmp_path, clock))
+    assert leaving.saved(saves.append, lambda: done.append(1)), "nothing is unsaved"
+    studio.do(SetExpression("jawOpen", 0.3))
+
+    def save(then):
+        saves.append(1)
+        then()
+
+    assert not leaving.saved(save, lambda: done.append(1))
+    (question,) = questions.waiting
+    question.answers[answer]()
+    assert (len(done), bool(saves)) == (shown, saved)

@@ -96,11 +96,11 @@ def test_export_and_output(display, tmp_path, monkeypatch, caplog):
         seen["files"] = sorted(os.listdir(tmp_path))
         test.key_press(chord("F9"))
         until(test, lambda: window.output.pane is not None, 20)
-        test.menu_click("//##MainMenuBar/Output/Output over key green")
+        test.menu_click("//##MainMenuBar/Live output/Output over key green")
         test.yield_(3)
         until(test, lambda: output and output[0][2, 2, 1] == 255, 20)
         seen["output"] = output[0]
-        test.menu_click("//##MainMenuBar/Output/Virtual camera")
+        test.menu_click("//##MainMenuBar/Live output/Virtual camera")
         test.yield_(3)
         seen["camera"] = [toast.title for toast in window.toasts.shown]
         test.key_press(chord("F9"))

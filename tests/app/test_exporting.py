@@ -228,6 +228,15 @@ class Steps:
         return STATE.change(view=STATE.view.__class__(azimuth=float(frame)))
 
 
+def test_the_stage_is_at_first_as_the_window_has_it_then_as_it_was_left():
+    form = ExportForm()
+    form.begin((64, 48), replace(STATE, stage=Stage(shown=True)), None)
+    assert form.stage
+    form.stage = False
+    form.begin((64, 48), replace(STATE, stage=Stage(shown=True)), None)
+    assert not form.stage
+
+
 def test_the_form_makes_the_frames_of_a_range_at_a_rate(tmp_path):
     form = ExportForm(kind="Video", folder=str(tmp_path), name="clip", samples=2)
     form.begin((301, 201), STATE, Steps())

@@ -30,7 +30,7 @@ class Hand:
     """A user's hand on the mouse, in a window that shows the surface."""
 
     def __init__(self, test, window):
-        self.test, self.studio = test, window.studio
+        self.test, self.studio, self.viewport = test, window.studio, window.viewport
         while self.studio.surface is None:
             test.yield_()
         test.yield_(3)
@@ -88,6 +88,9 @@ def test_what_is_dragged_follows_the_mouse_and_comes_back(display):
     def pull_a_hand(hand):
         studio, begin = hand.studio, hand.place("left_hand")
         rest = studio.state.signals
+        hand.test.mouse_move_to_pos(imgui.ImVec2(*map(float, begin)))
+        hand.test.yield_(3)
+        seen["under the mouse"] = hand.viewport.handle, hand.viewport.hovered
         way = [begin + np.array([3.0, -9.0]) * k for k in range(1, 11)]
         hand.drag(begin, *way)
         seen["off"] = np.hypot(*(hand.place("left_hand") - way[-1])) * metres_per_point(hand)
@@ -96,7 +99,10 @@ def test_what_is_dragged_follows_the_mouse_and_comes_back(display):
         seen["moved"] = {n for n in JOINT_NAMES if posing.joint(rest, n) != posing.joint(studio.state.signals, n)}
         hand.test.key_press(chord("Ctrl+Z"))
         hand.test.yield_(3)
-        seen["undone"] = studio.state.signals == rest
+        dragged, seen["undone"] = studio.journal.undone[-1], studio.state.signals == rest
+        hand.test.key_press(chord("Ctrl+Shift+Z"))
+        hand.test.yield_(3)
+        seen["redone"] = studio.journal.steps[-1] is dragged, np.hypot(*(hand.place("left_hand") - way[-1]))
 
     def sit_down(hand):
         studio, test = hand.studio, hand.test
@@ -119,6 +125,9 @@ def test_what_is_dragged_follows_the_mouse_and_comes_back(display):
     assert (seen["steps"], seen["commands"], seen["beyond"]) == (1, ["PullHandle"], ())
     assert seen["moved"] == {"left_collar", "left_shoulder", "left_elbow"}
     assert seen["undone"]
+    assert seen["redone"][0]
+    assert seen["redone"][1] < 3
+    assert seen["under the mouse"] == ("left_hand", None), "the handle is named, not what lies behind it"
     assert seen["pins"] == {"left_foot", "right_foot"}
     assert seen["pelvis"] < 3
     assert seen["feet"] < 1

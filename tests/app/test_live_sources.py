@@ -7,7 +7,10 @@ import json
 import logging
 import random
 import socket
+import sys
 import time
+from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +19,9 @@ from avatarrex_studio.live.drive import Drive
 from avatarrex_studio.live.listening import evenly
 from avatarrex_studio.live.received import Received
 from avatarrex_studio.live.receiver import MOST, Counts, Receiver
+from avatarrex_studio.live.replay import Replay
 from avatarrex_studio.live.sources import SOURCES
-from avatarrex_studio.live.webcam import Landmarks, replayed
+from avatarrex_studio.live.webcam import Landmarks, Webcam, replayed
 from avatarrex_studio.session.commands import AddFigure, RemoveFigure, SelectFigure, SetExpression
 from avatarrex_studio.session.evaluation import state_at
 from avatarrex_studio.session.journal import Journal
@@ -171,7 +175,7 @@ def test_nothing_listens_until_it_is_switched_on_and_a_taken_port_is_said(studio
 class Sent:
     """A source that says what a test says."""
 
-    counts = Counts()
+    counts, where = Counts(), "a test"
 
     def __init__(self):
         self.said, self.at, self.closed = Received(), float("-inf"), False
@@ -542,3 +546,86 @@ def test_a_webcam_s_landmarks_drive_the_face(tmp_path):
     assert found[4][1].head == pytest.approx([0, np.arctan2(0.6, 0.8), 0]), "about +y: to the person's left"
     with pytest.raises(InputError):
         Landmarks.of({"weights": 3}, "x")
+
+
+class Film:
+    """A film of a few pictures, and cv2 as far as a webcam needs it; the landmarker finds a face in all but the first."""
+
+    CAP_PROP_FPS, COLOR_BGR2RGB = 5, 4
+
+    def __init__(self, pictures, rate):
+        self.pictures, self.rate, self.times = iter(range(pictures)), rate, []
+
+    def VideoCapture(self, camera):
+        self.camera = camera
+        return self
+
+    def isOpened(self):
+        return True
+
+    def get(self, number):
+        return self.rate
+
+    def read(self):
+        self.times.append(time.monotonic())
+        picture = next(self.pictures, None)
+        return picture is not None, picture
+
+    def cvtColor(self, picture, conversion):
+        return picture
+
+    def release(self):
+        self.pictures = iter(())
+
+    def landmarker(self):
+        """mediapipe, likewise."""
+        shapes = [[SimpleNamespace(category_name="jawOpen", score=0.5)]]
+        face = SimpleNamespace(face_blendshapes=shapes, facial_transformation_matrixes=[np.eye(4)])
+        nobody = SimpleNamespace(face_blendshapes=[])
+        found = SimpleNamespace(detect_for_video=lambda image, at: face if image.data else nobody, close=lambda: None)
+        vision = SimpleNamespace(
+            FaceLandmarkerOptions=lambda *args, **kwargs: None, RunningMode=SimpleNamespace(VIDEO=1),
+            FaceLandmarker=SimpleNamespace(create_from_options=lambda options: found),
+        )  # fmt: skip
+        return SimpleNamespace(
+            Image=lambda image_format, data: SimpleNamespace(data=data), ImageFormat=SimpleNamespace(SRGB=1),
+            tasks=SimpleNamespace(vision=vision, BaseOptions=lambda model_asset_path: None),
+        )  # fmt: skip
+
+
+def test_a_film_is_watched_in_its_own_time(monkeypatch, tmp_path):
+    film, woken = Film(6, 50.0), []
+    monkeypatch.setitem(sys.modules, "cv2", film)
+    monkeypatch.setitem(sys.modules, "mediapipe", film.landmarker())
+    (tmp_path / "model.task").write_bytes(b"a model")
+    webcam = Webcam(str(tmp_path / "model.task"), "face.mp4", lambda: woken.append(1))
+    wait(lambda: len(film.times) == 7)
+    received, _ = webcam.latest()
+    assert received.weights["jawOpen"] == 0.5
+    assert (webcam.where, film.camera, webcam.counts.received, webcam.counts.malformed, len(woken)) == (
+        "face.mp4", "face.mp4", 6, 1, 5,
+    )  # fmt: skip
+    assert film.times[-1] - film.times[0] > 5 / 50, "not as fast as it can be read"
+    webcam.close()
+
+
+def test_recorded_landmarks_are_played_in_their_time_over_and_over(tmp_path):
+    lines = [{"time": 0.02 * k, "weights": {"jawOpen": k / 10}, "matrix": np.eye(4).tolist()} for k in range(3)]
+    (tmp_path / "face.jsonl").write_text("\n".join(json.dumps(line) for line in lines))
+    seen, begun, playing = [], time.monotonic(), []
+    replay = Replay(
+        str(tmp_path / "face.jsonl"), lambda: seen.extend(each.latest()[0].weights["jawOpen"] for each in playing)
+    )
+    playing.append(replay)
+    wait(lambda: len(seen) >= 7)
+    assert time.monotonic() - begun > 0.1
+    replay.close()
+    lines = [round(10 * value) for value in seen]
+    assert [after for _, after in pairwise(lines)] == [(before + 1) % 3 for before in lines[:-1]]
+    assert (replay.where, replay.counts.rate) == ("face.jsonl", 41)
+    played = len(seen)
+    time.sleep(0.1)
+    assert len(seen) == played
+    (tmp_path / "none.jsonl").write_text("\n")
+    with pytest.raises(InputError, match="a line of recorded landmarks or more"):
+        Replay(str(tmp_path / "none.jsonl"))

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+import threading
 from dataclasses import replace
 from pathlib import Path
 
+import driving
 import numpy as np
 import pytest
 from avatarrex_studio.cli.main import main
+from avatarrex_studio.jobs import opening
 from avatarrex_studio.panels.motion_import import without_options
 from avatarrex_studio.session import commands, motion
 from avatarrex_studio.session.clips import Clips
@@ -198,6 +201,13 @@ def test_a_map_that_is_none_is_named(odd: Path, tmp_path: Path, capsys) -> None:
         assert message in capsys.readouterr().err
 
 
+def read_again(test, window) -> None:
+    """Let the window draw until the file has been read as chosen, and is shown."""
+    test.yield_(2)
+    driving.until(test, lambda: not window.opening.busy)
+    test.yield_(4)
+
+
 @pytest.mark.window
 def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) -> None:
     seen = {}
@@ -218,7 +228,7 @@ def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) ->
         test.item_click("guesses/##up")
         test.yield_(2)
         test.item_click("//$FOCUSED/+Z")
-        test.yield_(4)
+        read_again(test, window)
         seen["chosen"] = studio.state.timeline.motion.options
         studio.save_session(str(tmp_path / "s.json"))
         seen["signals"] = studio.state.signals
@@ -228,16 +238,16 @@ def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) ->
         test.item_click("guesses/##floor")
         test.yield_(2)
         test.item_click("//$FOCUSED/each")
-        test.yield_(4)
+        read_again(test, window)
         seen["next"] = studio.state.timeline.motion.options
-        studio.open_motion(str(odd), ImportOptions(fps=29.97))
-        test.yield_(4)
+        window.opening.again(str(odd), ImportOptions(fps=29.97))
+        read_again(test, window)
         test.item_click("guesses/##fps")
         test.key_press(imgui.Key.enter)
-        test.yield_(4)
+        read_again(test, window)
         seen["fps"] = studio.state.timeline.motion.options
         test.item_click("guesses/Stay where they stand##lock_feet")
-        test.yield_(4)
+        read_again(test, window)
         seen["feet"] = studio.state.timeline.motion.options
         window.timeline.reading.shown = False
         studio.open_session(str(tmp_path / "s.json"))
@@ -262,6 +272,52 @@ def test_a_guess_is_changed_in_the_window(display, odd: Path, tmp_path: Path) ->
 
 
 @pytest.mark.window
+def test_a_file_that_is_read_again_slowly_is_waited_for_and_can_be_given_up(display, odd: Path, monkeypatch) -> None:
+    """The interface goes on, the table waits; what was given up, and what another motion has overtaken, changes nothing."""
+    seen, going, read = {}, threading.Event(), opening.read_motion
+    monkeypatch.setattr(
+        "avatarrex_studio.window.opening.read_motion",
+        lambda path, options=None: going.wait(60) and read(path, options),
+    )
+
+    def scenario(test, window):
+        rest(test, window)
+        studio = window.studio
+        studio.open_motion(str(odd))
+        test.yield_(4)
+        test.set_ref("//How the motion was read")
+
+        def pick(entry: str) -> None:
+            test.item_click("guesses/##up")
+            test.yield_(2)
+            test.item_click("//$FOCUSED/" + entry)
+            test.yield_(6)
+
+        pick("+Z")
+        seen["words"], seen["waits"] = window.opening.words, studio.state.timeline.motion.options
+        seen["locked"] = bool(test.item_info("guesses/##up").item_flags & int(imgui.ItemFlags_.disabled))
+        test.item_click("###cancel.again")
+        test.yield_(4)
+        seen["free"] = not window.opening.busy
+        going.set()
+        test.yield_(10)
+        seen["given up"] = studio.state.timeline.motion.options
+        going.clear()
+        pick("+Z")
+        studio.open_motion("wave")
+        going.set()
+        read_again(test, window)
+        seen["overtaken"] = studio.state.timeline.motion
+
+    drive(ball_engine, scenario)
+    assert seen["words"] == f"opening {odd.name}…"
+    assert seen["waits"] == seen["given up"] == ImportOptions()
+    assert seen["locked"]
+    assert seen["free"]
+    assert seen["overtaken"].path == "wave"
+
+
+@pytest.mark.window
 def test_how_hands_and_a_face_are_read_is_changed_in_the_window(display, tmp_path: Path) -> None:
     """A side and the flat hand from lists, a model and a table as files."""
     seen = {}
@@ -280,13 +336,13 @@ def test_how_hands_and_a_face_are_read_is_changed_in_the_window(display, tmp_pat
             test.item_click(f"guesses/##{field}")
             test.yield_(2)
             test.item_click(f"//$FOCUSED/{entry[0]}")
-            test.yield_(4)
+            read_again(test, window)
             for name in entry[1:]:
                 seen[f"title of {name}"] = reading.files._title
                 reading.files.name = str(tmp_path / name)
                 test.yield_(2)
                 test.item_click("**/###answer")
-                test.yield_(4)
+                read_again(test, window)
             return studio.state.timeline.motion.options
 
         def opened(name: str) -> None:

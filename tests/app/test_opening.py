@@ -399,9 +399,46 @@ def test_what_a_name_in_the_dialog_means(tmp_path):
     dialog = FileDialog()
     dialog.folder = str(tmp_path)
     for kind, save, typed, path in (
-        ("any", False, "", ""), ("any", False, "a.bvh", "a.bvh"), ("any", False, "/b.bvh", "/b.bvh"), ("session", False, "", None),
+        ("any", False, "", None), ("any", False, "a.bvh", "a.bvh"), ("any", False, "/b.bvh", "/b.bvh"), ("session", False, "", None),
         ("session", True, "", None), ("session", True, "mine", "mine.json"), ("session", True, "mine.txt", "mine.txt"),
     ):  # fmt: skip
         (dialog.save if save else dialog.open)(kind, "Title", lambda path: None)
         dialog.name = typed
-        assert dialog._path() == (None if path is None else os.path.join(tmp_path, path) if path else str(tmp_path))
+        assert dialog._path() == (None if path is None else os.path.join(tmp_path, path))
+    (tmp_path / "avatar.json").write_text("{}")
+    dialog.open("any", "Title", lambda path: None)
+    assert dialog._path() == str(tmp_path), "a folder that is an avatar"
+
+
+def test_a_session_takes_the_place_of_unsaved_work_only_once_that_is_decided(studio, things):
+    waiting = []
+    opening = Opening(studio, object.__new__(TrainingPanel), waiting.append)
+    studio.avatars._load = lambda name: one_avatar()
+    studio.do(SetExpression("jawOpen", 0.2))
+    before = studio.state
+    opening.open(things["session"])
+    finish(opening)
+    assert studio.state is before
+    waiting[0]()
+    assert studio.state.signals.expression.max() == pytest.approx(0.7)
+    opening.close()
+
+
+@pytest.mark.window
+def test_the_dialog_goes_into_a_folder_that_is_nothing_and_takes_what_is_typed_at_once(display, things, tmp_path):
+    seen, parent = {}, tmp_path.parent
+
+    def scenario(test, window):
+        settle(test, window)
+        window.files.folder = str(parent)
+        test.key_press(chord("Ctrl+O"))
+        test.yield_(4)
+        test.key_chars(tmp_path.name)
+        test.key_press(int(imgui.Key.enter))
+        test.yield_(4)
+        seen["gone into"] = window.files.is_open, window.files.folder, window.files.name
+        test.key_press(int(imgui.Key.escape))
+        test.yield_(3)
+
+    drive(ball_engine, scenario, (1000, 640), load=read_any_avatar)
+    assert seen["gone into"] == (True, str(tmp_path), "")

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from avatarrex_studio.engine.request import Request, Seen
-from avatarrex_studio.panels import camera, keys, performance, render, scene, theme
+from avatarrex_studio.panels import camera, keys, performance, render, scene, theme, widgets
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.hands import HandPanel
 from avatarrex_studio.panels.joints import body_panel
@@ -19,6 +19,7 @@ from avatarrex_studio.panels.poses import PosesPanel, shipped_entries
 from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.panels.questions import nothing
 from avatarrex_studio.panels.timeline import TimelinePanel
+from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.panels.viewport import Shown, ViewportPanel, preparing
 from avatarrex_studio.panels.warp_editor import HEIGHT, WarpEditor
 from avatarrex_studio.session import posing
@@ -34,6 +35,7 @@ from avatarrex_studio.session.commands import (
     Select,
     SelectFigure,
     SetExpression,
+    SetHandPose,
     SetJoint,
     ZoomBy,
 )
@@ -43,6 +45,7 @@ from avatarrex_studio.session.recent import Recent
 from avatarrex_studio.session.state import LEVELS, OrbitView, StudioState
 from avatarrex_studio.session.timeline import Layer
 from avatarrex_studio.session.timeline_commands import AddLayer
+from avatarrex_studio.window.opening import Opening
 from avatarrex_studio.window.window import Window
 from ball_studio import ball_studio
 from imgui_bundle import imgui
@@ -51,6 +54,7 @@ from surface.template_surface import template_surface
 from avatarrex.reference.level_errors import LevelError
 from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
 from avatarrex.signals.library import named_pose
+from avatarrex.stage.stage import COLOUR, GRADIENT, Stage
 
 
 class Screen:
@@ -91,6 +95,11 @@ def screen():
     context = imgui.create_context()
     yield Screen()
     imgui.destroy_context(context)
+
+
+def reader(studio):
+    """What reads motions for a timeline."""
+    return Opening(studio, object.__new__(TrainingPanel))
 
 
 def find(screen, draw, wanted):
@@ -193,11 +202,11 @@ def test_the_other_panels_draw(screen, studio):
     poses = PosesPanel()
     for draw in (camera.draw, render.draw, lambda state: scene.draw(state, Recent(), nothing), poses.draw):
         assert screen.frame(lambda draw=draw: draw(studio.state)) == []
-    assert screen.frame(lambda: TimelinePanel(studio.open_motion, studio.add_motion).draw(studio)) == []
+    assert screen.frame(lambda: TimelinePanel(reader(studio)).draw(studio)) == []
 
 
 def test_the_playhead_crosses_the_rows_but_not_the_words_where_there_are_none(screen, studio):
-    panel, accent = TimelinePanel(studio.open_motion, studio.add_motion), theme.colour(theme.ACCENT)
+    panel, accent = TimelinePanel(reader(studio)), theme.colour(theme.ACCENT)
 
     def lowest():
         """Of what has the playhead's colour."""
@@ -362,8 +371,8 @@ def test_a_press_far_from_where_the_mouse_was_turns_nothing(screen, studio):
     assert orbit.azimuth == pytest.approx(-4)
 
 
-def test_esc_ends_the_edit_of_a_text_before_it_closes_the_window_of_how_a_motion_was_read(screen):
-    reading, places = MotionImport(), []
+def test_esc_ends_the_edit_of_a_text_before_it_closes_the_window_of_how_a_motion_was_read(screen, studio):
+    reading, places = MotionImport(reader(studio)), []
     reading.shown = reading._focused = True
 
     def draw():
@@ -477,7 +486,7 @@ def test_a_drag_by_the_palm_moves_the_hand(screen, studio, monkeypatch, part, ki
 def test_keys_are_no_shortcuts_while_a_button_is_pressed(screen, studio):
     done = []
     chords = [(chord(entry.shortcut), entry) for entry in ACTIONS if entry.shortcut == "M"]
-    panel = TimelinePanel(studio.open_motion, studio.add_motion)
+    panel = TimelinePanel(reader(studio))
     window = SimpleNamespace(
         _keys_free=True, _chords=chords, studio=studio, _run=done.append, _gesture=0, timeline=panel
     )
@@ -514,6 +523,28 @@ def test_a_changed_group_offers_its_reset(screen, monkeypatch):
     panel = body_panel()
     assert screen.frame(lambda: panel.draw(state)) == [ResetGroup("left_elbow")]
     assert not posing.changed(ResetGroup("left_elbow").apply(state).signals, "all")
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_a_colour_is_seen_behind_the_figure_also_on_its_stage(shown):
+    state = StudioState(stage=Stage(shown=shown))
+
+    def after(title):
+        now = state
+        for command in render.behind(state, render.BACKGROUNDS[title]):
+            now = command.apply(now)
+        return now.background, now.stage.shown, now.stage.backdrop
+
+    assert after("White") == ((1.0, 1.0, 1.0, 1.0), shown, COLOUR if shown else GRADIENT)
+    assert after("Clear") == ((0.0, 0.0, 0.0, 0.0), False, GRADIENT)
+
+
+def test_a_ready_hand_is_chosen_in_the_tab_of_a_hand(screen, monkeypatch):
+    monkeypatch.setattr(widgets, "choice", lambda label, *rest: "Thumbs up" if "ready" in label else None)
+    panel, state = HandPanel("left"), StudioState()
+    assert screen.frame(lambda: panel.draw(state)) == [SetHandPose("left", "thumbs_up")]
+    panel.linked = True
+    assert screen.frame(lambda: panel.draw(state)) == [SetHandPose(side, "thumbs_up") for side in ("left", "right")]
 
 
 def test_every_level_has_its_words():

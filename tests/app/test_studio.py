@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from avatarrex_studio.session.actions import ACTIONS, action, find
+from avatarrex_studio.panels.menu import MENUS
+from avatarrex_studio.session.actions import ACTIONS, action, find, menu
 from avatarrex_studio.session.commands import OrbitBy, SetBackground, SetExpression, SetJoint, SetLevel, SetSignals
 from avatarrex_studio.session.motion import Motion
 from ball import render_ball
@@ -13,10 +14,12 @@ from ball_studio import ball_studio
 from avatarrex.errors import InputError
 from avatarrex.levels import DRAGGED_VOXEL, REUSE_TOLERANCE, level
 from avatarrex.signals.driving import Signals
+from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.library import named_expression, named_hand, named_pose
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.figure import Figure
+from avatarrex.templates.parts import PARTS
 from avatarrex.templates.person import load_person
 
 VIEWPORT = (320, 240)
@@ -144,7 +147,7 @@ def test_a_motion_plays_at_its_own_rate(studio, clock, motion_file):
 
 def test_a_face_recording_leaves_the_body(motion_file):
     motion = Motion.read(motion_file)
-    assert motion.parts == ("root", "body", "head")
+    assert motion.parts == ("root", "torso", "left arm", "right arm", "legs", "head")
     with pytest.raises(InputError):
         Motion.read(motion_file.with_suffix(".fbx"))
 
@@ -166,6 +169,22 @@ def test_actions_are_named_once_and_all_can_be_done(studio, motion_file):
         if entry.command:
             entry.command(studio.state).apply(studio.state)
     assert find("pose wave")[0].title == "Pose: wave"
+
+
+def test_menus_have_each_entry_once_and_tick_what_is_so(studio):
+    shown = [entry for title in MENUS for entry in menu(title)]
+    assert len({entry.id for entry in shown}) == len(shown) == sum(bool(entry.menu) for entry in ACTIONS)
+
+    def ticked():
+        return {entry.id for entry in shown if entry.on and entry.on(studio.state)}
+
+    parts = {f"part.{name}" for name in PARTS}
+    assert ticked() == {"show.image", "level.balanced", *parts}
+    for name in ("overlay.joints", "show.normals", "level.live", "part.face", "stage", "view.orthographic"):
+        studio.do(action(name).command(studio.state))
+    assert ticked() == {
+        "overlay.joints", "show.normals", "level.live", "stage", "view.orthographic", *(parts - {"part.face"}),
+    }  # fmt: skip
 
 
 def test_a_saved_session_opens_again(studio, clock, tmp_path):
@@ -199,3 +218,12 @@ def test_the_face_is_framed_wherever_the_head_has_gone(studio, monkeypatch):
     middle = np.asarray(studio.state.view.target)
     assert np.linalg.norm(middle - (lower + upper) / 2) < 0.1
     assert middle[2] > 0.2, "before the body, which bows"
+
+
+def test_a_hand_is_framed_wherever_it_is(studio, monkeypatch):
+    figure = Figure(load_person().body, Signals.rest().replace(body_pose=named_pose("wave")))
+    monkeypatch.setattr(type(studio), "figure", figure)
+    studio.frame_hand("right_hand")
+    hand = figure.posed.position[[JOINT_NAMES.index(f"right_{name}") for name in ("wrist", "middle3")]].mean(0)
+    assert np.linalg.norm(np.asarray(studio.state.view.target) - hand) < 0.05
+    assert studio.state.view.distance < 1

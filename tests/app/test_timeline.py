@@ -14,11 +14,12 @@ from avatarrex_studio.panels.warp_editor import moved as move_point
 from avatarrex_studio.panels.warp_editor import with_point
 from avatarrex_studio.session import timeline_commands as edits
 from avatarrex_studio.session.clips import Clips
-from avatarrex_studio.session.commands import SetCamera, SetExpression, SetJoint, SetShape
+from avatarrex_studio.session.commands import ApplyExpression, SetCamera, SetExpression, SetHandPose, SetJoint, SetShape
 from avatarrex_studio.session.evaluation import LIMITS, layers_at, state_at, view_at
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import Key, Track, moved, with_keys
-from avatarrex_studio.session.motion import Motion
+from avatarrex_studio.session.motion import Motion, driven_words
+from avatarrex_studio.session.notice import NOTICE
 from avatarrex_studio.session.posing import joint
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.take import Take
@@ -29,7 +30,8 @@ from ball import ball_engine
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.imported import ImportedMotion
-from avatarrex.signals.joints import EXPRESSION_NAMES
+from avatarrex.signals.joints import BODY_JOINTS, EXPRESSION_NAMES
+from avatarrex.signals.library import named_expression, named_hand
 from avatarrex.signals.read import write_json
 from avatarrex.signals.sequence import SignalSequence
 
@@ -302,15 +304,29 @@ def test_a_replay_gives_the_same_frame_without_the_files(layered, clock, tmp_pat
     assert np.abs(first - second).max() <= 1 / 255
 
 
-def test_a_clip_that_cannot_be_read_leaves_the_picture(layered, motions, tmp_path, caplog):
+def test_a_clip_that_cannot_be_read_leaves_the_others_and_without_any_the_picture(
+    layered, clock, motions, tmp_path, caplog
+):
     layered.go_to(5)
     (tmp_path / motions["face"]).unlink()
     layered.clips.forget()
-    before = layered.state.signals
+    layered.toggle_play()
+    assert layered.playback.playing
+    layered.toggle_play()
     layered.go_to(8)
-    layered.do(edits.SetLayer("body.json", weight=0.1))
-    assert layered.state.signals == before
+    assert (elbow(layered.state), jaw(layered.state)) == pytest.approx((-0.8, 0.0))
+    layered.do(edits.SetLayer("body.json", weight=0.5))
+    assert elbow(layered.state) == pytest.approx(-0.4)
+    assert layered.clips.missing(layered.state.timeline) == {"face.json"}
     assert "face.json" in caplog.text
+    (tmp_path / motions["body"]).unlink()
+    layered.clips.forget()
+    before = layered.state.signals
+    layered.go_to(2)
+    layered.do(edits.SetLayer("body.json", weight=0.1))
+    layered.toggle_play()
+    assert not layered.playback.playing
+    assert layered.state.signals == before
     assert layers_at(layered.state.timeline, Signals.rest(), 0.5, Clips()).expression[JAW] == 0
 
 
@@ -429,3 +445,53 @@ def test_a_recorded_drag_is_linear_and_takes_away_only_what_it_went_over():
     later, again = (take.keyed(SetExpression("jawOpen", value), state, "drag") for value in (0.5, 0.6))
     assert (later.since, later.keys[0][3]) == (0.0, "linear")
     assert again.since is None, "the playhead has not moved"
+
+
+def test_a_motion_leaves_hands_that_it_keeps_as_they_are_and_a_gesture_over_it_the_legs(studio, caplog):
+    caplog.set_level(NOTICE)
+    studio.do(SetHandPose("left", "fist"))
+    studio.do(ApplyExpression("smile"))
+    fist, smile = (
+        studio.state.signals.left_hand_pose,
+        named_expression("smile")[EXPRESSION_NAMES.index("mouthSmileLeft")],
+    )
+    studio.open_motion("walk")
+    studio.go_to(20)
+    walking = studio.state.signals
+    np.testing.assert_array_equal(walking.left_hand_pose, fist)
+    assert walking.expression[EXPRESSION_NAMES.index("mouthSmileLeft")] == smile
+    assert "walk drives the whole body and expression;" in caplog.text
+    studio.add_motion("wave")
+    studio.go_to(50)
+    both, legs = studio.state.signals, [BODY_JOINTS.index(name) for name in PARTS["legs"]]
+    np.testing.assert_allclose(both.body_pose[legs], Motion.read("walk").sequence[50].body_pose[legs])
+    raised = BODY_JOINTS.index("right_shoulder")
+    np.testing.assert_allclose(both.body_pose[raised], Motion.read("wave").sequence[50].body_pose[raised])
+    assert "wave drives right arm, right hand, expression and mouth;" in caplog.text
+    studio.open_motion("idle")
+    assert "idle drives the whole body and expression, below wave;" in caplog.text
+
+
+def test_a_motion_of_one_frame_drives_its_hands(tmp_path):
+    frame = Signals.rest().replace(left_hand_pose=named_hand("fist", "left"))
+    write_json(tmp_path / "fist.json", SignalSequence((frame,), 24.0, "fist"))
+    assert Motion.read(tmp_path / "fist.json").parts == ("left hand",)
+
+
+def test_the_body_of_a_session_of_before_is_torso_arms_and_legs():
+    layer = Layer.from_json({"name": "a", "parts": ["body", "mouth"]})
+    assert layer.parts == {"torso", "left arm", "right arm", "legs", "mouth"}
+    assert driven_words(layer.parts) == "torso, left arm, right arm, legs and mouth"
+    assert driven_words(()) == "nothing"
+
+
+def test_a_clip_that_is_added_shows_its_frame_and_no_mixture_with_what_was_posed(studio, motions):
+    studio.open_motion(motions["body"])
+    studio.go_to(5)
+    studio.do(SetJoint("right_knee", (0.7, 0.0, 0.0)))
+    assert joint(studio.state.signals, "right_knee")[0] == pytest.approx(0.7)
+    studio.add_motion(motions["face"])
+    added = studio.state.signals
+    studio.go_to(6)
+    studio.go_to(5)
+    assert studio.state.signals == added

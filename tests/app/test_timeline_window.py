@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import time
 
+import driving
 import numpy as np
 import pytest
 from avatarrex_studio.live import livelink_packet
@@ -200,3 +202,44 @@ def test_live_packets_drive_the_avatar_and_are_recorded(display):
         assert "malformed" in seen[title, "words"]
     assert seen["clip"].clip.frames > 5
     assert seen["clip"].clip.path.endswith(".json")
+
+
+def test_recorded_landmarks_drive_a_webcam_layer(display, tmp_path):
+    """No landmark model comes with the program: what a landmarker found is played from a file, switched on, recorded, switched off."""
+    seen = {}
+    lines = [{"time": k / 30, "weights": {"jawOpen": 0.6}, "matrix": np.eye(4).tolist()} for k in range(10)]
+    (tmp_path / "face.jsonl").write_text("\n".join(map(json.dumps, lines)))
+
+    def scenario(test, window):
+        studio = window.studio
+        rest(test, window)
+        test.item_click(f"//Timeline/{icons.ICON_FA_PLUS}  Layer##layer.add")
+        test.yield_(2)
+        test.item_click("//$FOCUSED/Live: Webcam")
+        test.yield_(4)
+        test.item_click("//$FOCUSED/##live.camera")
+        test.key_chars_replace(str(tmp_path / "none.jsonl"))
+        test.item_click("//$FOCUSED/###live.switch")
+        test.yield_(3)
+        seen["refused"] = dict(studio.listening.drives)
+        test.item_click("//$FOCUSED/##live.camera")
+        test.key_chars_replace(str(tmp_path / "face.jsonl"))
+        test.item_click("//$FOCUSED/###live.switch")
+        driving.until(test, lambda: arrived(studio.state.signals))
+        seen["driven"], seen["words"] = studio.state.signals, studio.listening.words
+        test.item_click("//$FOCUSED/###live.record")
+        test.yield_(40)
+        test.item_click("//$FOCUSED/###live.record")
+        test.yield_(3)
+        seen["clip"] = studio.state.timeline.layers[-1].clip
+        test.item_click("//$FOCUSED/###live.switch")
+        test.yield_(3)
+        seen["off"] = studio.listening.words
+
+    window = drive(ball_engine, scenario)
+    assert seen["refused"] == {}
+    assert any("none.jsonl" in line for _, line in window.console.lines), "what is missing is said"
+    assert seen["driven"].expression[JAW] == pytest.approx(0.6, abs=0.02)
+    assert "face.jsonl (" in seen["words"]
+    assert seen["clip"].frames > 5
+    assert seen["off"] == ""

@@ -49,14 +49,19 @@ def test_five_steps_and_then_it_is_over(io):
     frame(shown.draw)
     assert shown.number is None
     shown.start()
-    revealed = []
+    revealed, corners = [], set()
     for number in range(5):
         assert shown.number == number
         revealed.append(shown.reveal)
+        frame(shown.draw)
+        frame(shown.draw)
+        card = imgui.internal.find_window_by_name("##tour")
+        corners.add((card.pos.x, card.pos.y + card.size.y))
         press(shown.draw, "##tour", "###tour.next")
     assert shown.number is None
     assert revealed == [step.panel for step in tour.STEPS]
     assert set(revealed) <= set(PLACES)
+    assert len(corners) == 1, "the buttons stay under the mouse"
 
 
 def test_back_and_skip(io):
