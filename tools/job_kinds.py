@@ -37,19 +37,16 @@ def jobs(folder: Path) -> list[Job]:
         more = ("--resume",) if (out / "run" / "run.json").exists() else ()
         return (*COMMAND, "train", capture, "--recipe", "smoke", "--no-surface", "--out", str(out / "run"), *more)
 
-    def fixed(*words: str, out: str) -> Callable[[Path], tuple[str, ...]]:
-        return lambda place: (*COMMAND, *words, *(("--out",) if words[0] == "distil" else ()), str(place / out))
+    def fixed(*words: str) -> Callable[[Path], tuple[str, ...]]:
+        return lambda place: (*COMMAND, *(word.replace("OUT", str(place)) for word in words))
 
     return [
         Job("train", train, job_results.training),
-        Job("distil", fixed("distil", "default", "--poses", "4", out="avatar"), job_results.surface),
-        Job("prepare", fixed("capture", "prepare", film, out="prepared"), job_results.files),
-        Job("import", fixed("capture", "import", foreign, out="imported"), job_results.files),
-        Job(
-            "make",
-            lambda place: (*COMMAND, "capture", "make", str(place / "made"), "--size", "smoke"),
-            job_results.files,
-        ),
+        Job("import", fixed("capture", "import", foreign, "OUT/imported"), job_results.files),
+        Job("make", fixed("capture", "make", "OUT/made", "--size", "smoke"), job_results.files),
+        Job("prepare", fixed("capture", "prepare", film, "OUT/prepared", "--no-refine"), job_results.files),
+        Job("refine", fixed("capture", "refine", capture, "OUT/refined"), job_results.files),
+        Job("distil", fixed("distil", "default", "--poses", "4", "--out", "OUT/avatar"), job_results.surface),
     ]
 
 

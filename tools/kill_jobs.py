@@ -80,6 +80,8 @@ class Place:
     def disk(self, size: int = ROOMY) -> Iterator[Path]:
         """A new one of `size` bytes; for others than root a folder."""
         out = self.folder / "disk"
+        if out.is_mount():  # of a run that was killed itself
+            subprocess.run(["umount", str(out)], check=True)
         shutil.rmtree(out, ignore_errors=True)
         out.mkdir(parents=True)
         if os.geteuid() != 0:

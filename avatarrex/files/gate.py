@@ -35,6 +35,11 @@ def what_is(path: str | Path) -> str:
     return "a file" if stat.S_ISREG(mode) else "a folder" if stat.S_ISDIR(mode) else "no plain file"
 
 
+def is_begun(folder: str | Path) -> bool:
+    """Whether a folder holds anything: what a killed process had not finished, under a name with a dot, does not count."""
+    return what_is(folder) == "a folder" and any(not name.startswith(".") for name in os.listdir(folder))
+
+
 def check_file(path: str | Path, expected: str, largest: int, field: str = "") -> None:
     """Raise `InputError` unless `path` is a regular file of at most `largest` bytes; `expected` says what it should be."""
     found = what_is(path)

@@ -36,7 +36,7 @@ from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.readers.rigs import SMPLX_PELVIS, joint_unit
 from avatarrex.capture.readers.units import SURELY_NOT_METRES, metres
 from avatarrex.errors import InputError, check
-from avatarrex.files.gate import write_text, written
+from avatarrex.files.gate import is_begun, write_text, written
 from avatarrex.files.images import write_arrays
 from avatarrex.files.json_text import SMALL, read_json, write_json
 
@@ -105,7 +105,7 @@ def _begun(path: Path, out: Path, layout: str) -> dict[str, Any]:
     """
     key = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]
     provenance = {"maker": "avatarrex-studio capture import", "layout": layout, "source": path.name, "source_key": key}
-    if out.exists() and any(out.iterdir()):
+    if is_begun(out):
         before = read_json(out / "capture.json", largest=SMALL) if (out / "capture.json").exists() else None
         made = before.get("provenance") if isinstance(before, dict) else None
         found = made.get("source") if isinstance(made, dict) else None
