@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 from pathlib import Path
 
@@ -86,6 +88,25 @@ def test_what_cannot_be_used_is_listed_and_ends_nothing(body: Scene, tmp_path: P
     missing = open_capture(tmp_path / "out").rigs["body"].missing
     assert missing == {(0, 0), (2, 0), (0, 1), (1, 1), (2, 1), (1, 2)}
     assert json.loads((tmp_path / "out" / "import.json").read_text())["problems"] == list(found.problems)
+
+
+def test_a_full_disk_is_no_problem_of_the_sources(
+    body: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Pictures that the disk does not take are not left out one by one: the import ends, and goes on with more room."""
+    foreign.written_zju(body, tmp_path / "source")
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    words = ["capture", "import", str(tmp_path / "source"), str(tmp_path / "out")]
+    with monkeypatch.context() as patch:
+        patch.setattr(Image.Image, "save", full)
+        assert main(words) == 2
+    assert "No space left on device" in capsys.readouterr().err.splitlines()[-1]
+    assert json.loads((tmp_path / "out" / "capture.json").read_text())["complete"] is False
+    assert main(words) == 0
+    assert "9 pictures with mattes" in capsys.readouterr().out
 
 
 def test_numbers_from_one(body: Scene, tmp_path: Path) -> None:

@@ -81,9 +81,8 @@ def import_capture(path: Path, out: Path) -> Imported:
     write_text(
         folder / "calibration_full.json", json.dumps(calibration(view.lens for view in source.views), indent=1) + "\n"
     )
-    pictures = sum(
-        _write_view(source, view, reading, folder) for view in tqdm(source.views, desc="import", unit="camera")
-    )
+    with tqdm(source.views, desc="import", unit="camera") as views:
+        pictures = sum(_write_view(source, view, reading, folder) for view in views)
     if source.parameters:
         write_arrays(folder / "smpl_params.npz", {"flat_hand_mean": np.array(True), **source.parameters})
     else:
