@@ -3,6 +3,7 @@
     python tools/foreign_captures.py FOLDER sound [--seeds N]     captures of N seeds, in our layout and written in each foreign one
     python tools/foreign_captures.py FOLDER faults                unit, axis, rows, half a pixel, hands, order of cameras: four layouts
     python tools/foreign_captures.py FOLDER train                 written, imported, checked, trained (smoke): the losses
+    … --only LAYOUT                                               of one alone
 
 A capture is made (`capture make`), or drawn of the clothed subject, written in a layout by tests/capture/foreign.py, imported and judged as
 `capture check` does. Exit code 1 where a sound capture is warned of, a fault is not named or a training fails. The whole takes half an hour
@@ -137,14 +138,17 @@ def warnings(lines: list[str]) -> list[str]:
     return [line.strip() for line in lines if line.endswith(("(doubtful)", "(unusable)")) and ALONE not in line]
 
 
-def sound(folder: Path, seeds: int) -> Iterator[tuple[str, str, bool]]:
+def sound(folder: Path, seeds: int, only: str) -> Iterator[tuple[str, str, bool]]:
     """Layout, what was found, and whether that is right; each line as soon as it is known."""
     for seed in range(seeds):
         made = make_capture(folder / f"made_{seed}", "smoke", seed)
         one = of_rig(open_capture(made).rigs["body"])
         scenes = {**dict.fromkeys(foreign.BODIES, one), **dict.fromkeys(foreign.FACES, foreign.heads(seed))}
-        yield f"{seed} ours", *judged(said(made))
+        if only in "ours":
+            yield f"{seed} ours", *judged(said(made))
         for layout, scene in scenes.items():
+            if only not in layout:
+                continue
             yield f"{seed} {layout}", *judged(said(written(layout, scene, folder / "foreign")[0]))
         shutil.rmtree(made)
 
@@ -155,10 +159,10 @@ def judged(lines: list[str]) -> tuple[str, bool]:
     return "; ".join(found) or "no warning", not found
 
 
-def faults(folder: Path, _: int) -> Iterator[tuple[str, str, bool]]:
+def faults(folder: Path, _: int, only: str) -> Iterator[tuple[str, str, bool]]:
     """Each fault in each layout of bodies that can have it."""
     one = of_clothed(Clothed(cameras=6, frames=3, seed=0, size=(168, 224)))
-    for layout in foreign.BODIES:
+    for layout in (name for name in foreign.BODIES if only in name):
         for name, (change, words) in FAULTS.items():
             if layout == "ZJU-MoCap" and name == "flat_hand_mean":  # it has no hands
                 continue
@@ -168,13 +172,13 @@ def faults(folder: Path, _: int) -> Iterator[tuple[str, str, bool]]:
             yield f"{layout}, {name}", (named or warnings(lines) or lines[:1])[0], bool(named)
 
 
-def train(folder: Path, _: int) -> Iterator[tuple[str, str, bool]]:
+def train(folder: Path, _: int, only: str) -> Iterator[tuple[str, str, bool]]:
     """Each layout to its last loss."""
     from avatarrex_studio.cli.main import main as studio
 
     from avatarrex.training.runs.events import EventReader
 
-    for layout in LAYOUTS:
+    for layout in (name for name in LAYOUTS if only in name):
         scene = foreign.heads() if layout in foreign.FACES else foreign.scene()
         path, _ = written(layout, scene, folder / "trained")
         run = folder / "trained" / "run"
@@ -192,9 +196,11 @@ def main() -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("what", choices=("sound", "faults", "train"))
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--only", default="", metavar="TEXT", help="layouts with it in their names")
     given = parser.parse_args()
     wrong = 0
-    for name, found, right in {"sound": sound, "faults": faults, "train": train}[given.what](given.folder, given.seeds):
+    acts = {"sound": sound, "faults": faults, "train": train}
+    for name, found, right in acts[given.what](given.folder, given.seeds, given.only):
         wrong += not right
         print(f"{'' if right else '!! '}{name}: {found}", flush=True)
     return int(wrong > 0)
