@@ -5,9 +5,9 @@
     python tools/foreign_captures.py FOLDER train                 written, imported, checked, trained (smoke): the losses
     … --only LAYOUT                                               of one alone
 
-A capture is made (`capture make`), or drawn of the clothed subject, written in a layout by tests/capture/foreign.py, imported and judged as
-`capture check` does. Exit code 1 where a sound capture is warned of, a fault is not named or a training fails. The whole takes half an hour
-of one core; tests/capture/test_faults.py and test_import.py are its smallest form.
+A capture is drawn of the clothed subject (heads: of the template), written in a layout by tests/capture/foreign.py, imported and judged as
+`capture check` does. Exit code 1 where a sound capture is warned of, a fault is not named or a training fails. The whole takes an hour of one
+core; tests/capture/test_faults.py and test_import.py are its smallest form.
 """
 
 from __future__ import annotations
@@ -30,9 +30,8 @@ from capture.foreign import Scene
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.verdict import judge
 from avatarrex.capture.importers.import_capture import import_capture
-from avatarrex.capture.readers.rigs import Rig, open_capture
+from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.capture.readers.splits import with_validation
-from avatarrex.capture.synthetic.make import make_capture
 from avatarrex.signals.library import named_hand
 
 LAYOUTS = {**foreign.BODIES, **foreign.FACES}
@@ -41,16 +40,9 @@ ALONE = "one camera alone"
 COLOUR = np.array([0.8, 0.6, 0.5])
 
 
-def of_rig(rig: Rig) -> Scene:
-    """What a rig shows."""
-    names = {view: one.name for view, one in enumerate(rig.views)}
-    pairs = [(view, frame) for frame in range(rig.frames) for view in names if rig.available(view, frame)]
-    return Scene(
-        list(rig.signals),
-        {names[view]: one.camera for view, one in enumerate(rig.views)},
-        {(names[view], frame): rig.image(view, frame) for view, frame in pairs},
-        {(names[view], frame): rig.matte(view, frame) for view, frame in pairs},
-    )
+def clothed(seed: int) -> Clothed:
+    """Three frames before six cameras, large enough that hands and half pixels are judged."""
+    return Clothed(cameras=6, frames=3, seed=seed, size=(168, 224))
 
 
 def of_clothed(one: Clothed) -> Scene:
@@ -141,16 +133,13 @@ def warnings(lines: list[str]) -> list[str]:
 def sound(folder: Path, seeds: int, only: str) -> Iterator[tuple[str, str, bool]]:
     """Layout, what was found, and whether that is right; each line as soon as it is known."""
     for seed in range(seeds):
-        made = make_capture(folder / f"made_{seed}", "smoke", seed)
-        one = of_rig(open_capture(made).rigs["body"])
-        scenes = {**dict.fromkeys(foreign.BODIES, one), **dict.fromkeys(foreign.FACES, foreign.heads(seed))}
+        drawn, place = clothed(seed), folder / "sound"
         if only in "ours":
-            yield f"{seed} ours", *judged(said(made))
-        for layout, scene in scenes.items():
-            if only not in layout:
-                continue
-            yield f"{seed} {layout}", *judged(said(written(layout, scene, folder / "foreign")[0]))
-        shutil.rmtree(made)
+            shutil.rmtree(place, ignore_errors=True)
+            yield f"{seed} ours", *judged(said(drawn.write(place)))
+        for layout in (name for name in LAYOUTS if only in name):
+            scene = of_clothed(drawn) if layout in foreign.BODIES else foreign.heads(seed)
+            yield f"{seed} {layout}", *judged(said(written(layout, scene, place)[0]))
 
 
 def judged(lines: list[str]) -> tuple[str, bool]:
@@ -161,7 +150,7 @@ def judged(lines: list[str]) -> tuple[str, bool]:
 
 def faults(folder: Path, _: int, only: str) -> Iterator[tuple[str, str, bool]]:
     """Each fault in each layout of bodies that can have it."""
-    one = of_clothed(Clothed(cameras=6, frames=3, seed=0, size=(168, 224)))
+    one = of_clothed(clothed(0))
     for layout in (name for name in foreign.BODIES if only in name):
         for name, (change, words) in FAULTS.items():
             if layout == "ZJU-MoCap" and name == "flat_hand_mean":  # it has no hands
