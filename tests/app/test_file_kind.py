@@ -64,6 +64,8 @@ def hostile(folder):
     (folder / "empty").mkdir()
     (folder / "other").mkdir()
     (folder / "other" / "letter.txt").write_text("Dear …")
+    (folder / "table").mkdir()
+    (folder / "table" / "calibration.csv").write_text("name,w,h")
     (folder / "letter.txt").write_text("Dear …")
     (folder / "broken.json").write_text('{"kind": ')
     (folder / "cut.zip").write_bytes(b"PK\x03\x04" + bytes(40))
@@ -75,7 +77,7 @@ def hostile(folder):
     os.symlink("circle", folder / "circle")
     return {
         "nothing": "nothing there", "": "nothing there", "a\0b": "null byte", "x" * 300: "too long", "circle": "symbolic links",
-        "pipe.json": "no plain file", "empty": "an empty folder", "other": "a folder with letter.txt",
+        "pipe.json": "no plain file", "empty": "an empty folder", "other": "a folder with letter.txt", "table": "a folder with calibration.csv",
         "letter.txt": "another kind of file", "broken.json": "JSON", "cut.zip": "another kind of file",
         "letters.zip": "letter.txt", "out.zip": "leads out of it", "letter.txt/run.json": "nothing there",
     }  # fmt: skip
