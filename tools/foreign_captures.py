@@ -153,8 +153,8 @@ def faults(folder: Path, _: int, only: str) -> Iterator[tuple[str, str, bool]]:
     one = of_clothed(clothed(0))
     for layout in foreign.BODIES:
         for name, (change, words) in FAULTS.items():
-            handless = layout == "ZJU-MoCap" and name == "flat_hand_mean"
-            if handless or only not in f"{layout}, {name}":
+            missing = layout == "ZJU-MoCap" and name == "flat_hand_mean"  # it has no fingers
+            if missing or only not in f"{layout}, {name}":
                 continue
             path, notes = written(layout, change(one), folder / "faulty")
             lines = [*said(path), *notes]
