@@ -20,6 +20,10 @@ class InputError(ValueError):
         return type(self), (self.source, self.field, self.expected, self.found)
 
 
+class CannotWrite(InputError):
+    """The disk does not take a file. What passes over damaged input must not pass over this."""
+
+
 def check(ok: object, source: object, field: str, expected: str, found: object) -> None:
     """Raise `InputError` unless `ok`."""
     if not ok:

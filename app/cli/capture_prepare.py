@@ -10,6 +10,7 @@ from pathlib import Path
 from avatarrex_studio.cli.capture_refine import FIGURES, refine
 from avatarrex_studio.cli.main import main
 
+from avatarrex.capture.fit.refining import FILE
 from avatarrex.capture.fit.verdict import judge
 from avatarrex.capture.importers.preparing import Options, Preparing
 from avatarrex.capture.readers.rigs import open_capture
@@ -44,8 +45,8 @@ def _refined(capture: Path, out: Path, key: str) -> None:
     """Refine `capture` into `OUT/refined`, unless that is done; what was made from another fit is removed first."""
     marker, refined = out / REFINED, out / "refined"
     before = _marked(marker, refined)
-    if before == key and (refined / FIGURES).exists():
-        return
+    if before == key and (refined / FIGURES).exists() and not (refined / FILE).exists():
+        return  # a refinement removes its file at the end
     if before not in (None, key):
         shutil.rmtree(refined)
     write_json(marker, {"key": key})

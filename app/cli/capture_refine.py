@@ -20,7 +20,7 @@ from avatarrex.capture.fit.surface_fit import fit_surface
 from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
 from avatarrex.capture.readers.splits import Splits, with_validation
 from avatarrex.errors import InputError
-from avatarrex.files.gate import write_text
+from avatarrex.files.gate import is_begun, write_text
 from avatarrex.files.images import write_png
 
 COMPARED = 4
@@ -37,7 +37,7 @@ LINES = {
 def refine(path: str, every: bool, out: Path) -> int:
     """Refine into the folder `out`, or go on there. Raises `InputError`."""
     capture = with_validation(open_capture(path))
-    if out.exists() and any(out.iterdir()) and not (out / FILE).exists():
+    if is_begun(out) and not (out / FILE).exists():
         raise InputError(out, "", f"a new or empty folder, or one with {FILE} to go on with", "something else")
     for note in capture.notes:
         print(note)

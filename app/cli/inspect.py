@@ -7,7 +7,17 @@ import json
 from typing import TYPE_CHECKING
 
 import numpy as np
-from avatarrex_studio.jobs.file_kind import AVATAR, CAPTURE, MOTION, PICTURE, RUN, SESSION, kind_of
+from avatarrex_studio.jobs.file_kind import (
+    AVATAR,
+    CAPTURE,
+    FOREIGN,
+    MOTION,
+    PICTURE,
+    RUN,
+    SESSION,
+    how_to_import,
+    kind_of,
+)
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import StudioState
@@ -47,7 +57,9 @@ def describe(path: str) -> list[str]:
 
 
 def _lines(path: str) -> list[str]:
-    tellers = {AVATAR: _avatar, MOTION: _motion, CAPTURE: _capture, RUN: _run, SESSION: _session, PICTURE: _picture}
+    tellers = {
+        AVATAR: _avatar, MOTION: _motion, CAPTURE: _capture, FOREIGN: _foreign, RUN: _run, SESSION: _session, PICTURE: _picture,
+    }  # fmt: skip
     return tellers[kind_of(path)](path)
 
 
@@ -115,6 +127,10 @@ def _capture(path: str) -> list[str]:
 
     capture = open_capture(path)
     return [f"{path}: a capture", f"  {contents(capture)}", *(f"  {note}" for note in capture.notes)]
+
+
+def _foreign(path: str) -> list[str]:
+    return [f"{path}: {how_to_import(path)}"]
 
 
 def _run(path: str) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from avatarrex_studio.cli import PROGRAM
 from avatarrex_studio.cli.options import add_device
-from avatarrex_studio.jobs.file_kind import AVATAR, OPENS, PICTURE, kind_of
+from avatarrex_studio.jobs.file_kind import AVATAR, FOREIGN, OPENS, PICTURE, how_to_import, kind_of
 
 from avatarrex.errors import InputError
 
@@ -28,8 +28,9 @@ def add_options(verb: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Open the window; returns once it is closed. Raises `InputError` before that for a path that is nothing to open."""
     kind = kind_of(arguments.source)
-    if kind == PICTURE:
-        raise InputError(arguments.source, "", OPENS, "a picture")
+    if kind in (PICTURE, FOREIGN):
+        found = "a picture" if kind == PICTURE else how_to_import(arguments.source)
+        raise InputError(arguments.source, "", OPENS, found)
     if no_display("render OUT.png"):
         return 2
     from avatarrex_studio.window.starting import Starting, check_display

@@ -1,4 +1,4 @@
-"""What a path is: an avatar, a motion, a capture, a run, a session or a picture.
+"""What a path is: an avatar, a motion, a capture, a run, a session or a picture; or a capture of another layout, to be imported.
 
 One judgement for the window's *Open*, for what is dropped on it, for the command line and for `inspect`. It looks at names and, of a
 JSON file, at its `kind`; whether a file is whole is found by its reader. Needs no torch.
@@ -7,11 +7,13 @@ JSON file, at its `kind`; whether a file is whole is found by its reader. Needs 
 from __future__ import annotations
 
 import os
+import shlex
 import zipfile
 from pathlib import Path
 
 from avatarrex_studio.jobs.runs import run_folders
 
+from avatarrex.capture.importers.marks import marked
 from avatarrex.capture.readers.archive import Archive
 from avatarrex.capture.readers.layout import find_rigs
 from avatarrex.errors import InputError
@@ -21,6 +23,7 @@ from avatarrex.signals.own_motions import MOTIONS
 from avatarrex.signals.read import READERS
 
 AVATAR, MOTION, CAPTURE, RUN, SESSION, PICTURE = "avatar", "motion", "capture", "run", "session", "picture"
+FOREIGN = "capture of another layout"
 OPENS = "an avatar, a motion, a capture, a run or a session"
 EXPECTED = f"{OPENS}, or a picture"
 NAMES = 6
@@ -28,7 +31,7 @@ NAMES = 6
 
 
 def kind_of(path: str | Path) -> str:
-    """One of the six kinds; `default` and motions of the program count by their names. Raises `InputError`."""
+    """One of the seven kinds; `default` and motions of the program count by their names. Raises `InputError`."""
     name = str(path)
     if name == "default":
         return AVATAR
@@ -45,6 +48,13 @@ def runs_in(folder: Path) -> list[Path]:
     return sorted(run_folders(folder, 1))
 
 
+def how_to_import(path: str | Path) -> str:
+    """What a capture of another layout is, and the command that writes it in ours."""
+    found = marked(Archive(Path(path)))
+    layout = "another layout" if found is None else f"the layout of {found[0]}"
+    return f"a capture in {layout}: `avatarrex-studio capture import {shlex.quote(str(path))} OUT` writes it in ours"
+
+
 def _of_folder(folder: Path) -> str:
     if runs_in(folder):
         return RUN
@@ -55,11 +65,21 @@ def _of_folder(folder: Path) -> str:
     except OSError as error:
         raise InputError(folder, "", EXPECTED, error.strerror or error) from None
     try:
-        find_rigs(Archive(folder))
+        return _of_archive(Archive(folder))
     except InputError:
         more = ", …" if len(names) > NAMES else ""
         found = f"a folder with {', '.join(names[:NAMES])}{more}" if names else "an empty folder"
         raise InputError(folder, "", EXPECTED, found) from None
+
+
+def _of_archive(archive: Archive) -> str:
+    """A capture, ours or another's. Raises `InputError`."""
+    try:
+        find_rigs(archive)
+    except InputError:
+        if marked(archive) is None:
+            raise
+        return FOREIGN
     return CAPTURE
 
 
@@ -74,5 +94,4 @@ def _of_file(file: Path) -> str:
         return AVATAR if suffix == ".avatar" else PICTURE
     if not zipfile.is_zipfile(file):
         raise InputError(file, "", EXPECTED, "another kind of file")
-    find_rigs(Archive(file))
-    return CAPTURE
+    return _of_archive(Archive(file))

@@ -7,7 +7,18 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from avatarrex_studio.jobs.file_kind import AVATAR, CAPTURE, MOTION, OPENS, RUN, SESSION, kind_of, runs_in
+from avatarrex_studio.jobs.file_kind import (
+    AVATAR,
+    CAPTURE,
+    FOREIGN,
+    MOTION,
+    OPENS,
+    RUN,
+    SESSION,
+    how_to_import,
+    kind_of,
+    runs_in,
+)
 from avatarrex_studio.jobs.run_view import RunView, keep_avatar
 from avatarrex_studio.jobs.runs import Watched
 from avatarrex_studio.session.journal import Journal
@@ -49,7 +60,7 @@ def read_any(path: str, read_avatar: Callable[[str], Future[Avatar]]) -> Opened:
         return Opened(kind, path, words=contents(open_capture(path)))
     if kind == RUN:
         return _run(path, read_avatar)
-    raise InputError(path, "", OPENS, f"a {kind}")
+    raise InputError(path, "", OPENS, how_to_import(path) if kind == FOREIGN else f"a {kind}")
 
 
 def read_motion(path: str, options: ImportOptions | None = None) -> Opened:

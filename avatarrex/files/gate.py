@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from avatarrex.errors import InputError
+from avatarrex.errors import CannotWrite, InputError
 
 TEXT_BYTES = 2**29
 """Bytes of the largest text file that is read: ten hours of BVH at 30 frames a second."""
@@ -33,6 +33,11 @@ def what_is(path: str | Path) -> str:
     except (OSError, ValueError) as error:
         return getattr(error, "strerror", None) or str(error)
     return "a file" if stat.S_ISREG(mode) else "a folder" if stat.S_ISDIR(mode) else "no plain file"
+
+
+def is_begun(folder: str | Path) -> bool:
+    """Whether a folder holds anything: what a killed process had not finished, under a name with a dot, does not count."""
+    return what_is(folder) == "a folder" and any(not name.startswith(".") for name in os.listdir(folder))
 
 
 def check_file(path: str | Path, expected: str, largest: int, field: str = "") -> None:
@@ -123,7 +128,7 @@ def check_writable(path: str | Path) -> None:
     except OSError as error:
         takes_none = isinstance(error, FileNotFoundError)  # the folder is there: /proc
         found = "one that takes no files" if takes_none else error.strerror or str(error)
-        raise InputError(path, "", f"a folder at {folder} that can be written", found) from None
+        raise CannotWrite(path, "", f"a folder at {folder} that can be written", found) from None
 
 
 @contextmanager
@@ -138,7 +143,7 @@ def written(path: str | Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=path.suffix)
     except OSError as error:
-        raise InputError(path, "", "a file that can be written", error.strerror or error) from None
+        raise CannotWrite(path, "", "a file that can be written", error.strerror or error) from None
     os.close(handle)
     temporary = Path(name)
     try:
@@ -146,7 +151,7 @@ def written(path: str | Path) -> Iterator[Path]:
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except OSError as error:
-        raise InputError(path, "", "a file that can be written", error.strerror or error) from None
+        raise CannotWrite(path, "", "a file that can be written", error.strerror or error) from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -168,7 +173,7 @@ def written_folder(path: str | Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix="."))
     except OSError as error:
-        raise InputError(path, "", "a folder that can be written", error.strerror or error) from None
+        raise CannotWrite(path, "", "a folder that can be written", error.strerror or error) from None
     try:
         yield temporary
         os.chmod(temporary, 0o755)
@@ -176,7 +181,7 @@ def written_folder(path: str | Path) -> Iterator[Path]:
             path.rmdir()
         os.replace(temporary, path)
     except OSError as error:
-        raise InputError(path, "", "a folder that can be written", error.strerror or error) from None
+        raise CannotWrite(path, "", "a folder that can be written", error.strerror or error) from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

@@ -1,7 +1,8 @@
 """MANO sequences: the fingers of one hand (docs/signals.md). Letters: t frames.
 
 `poses` or `pose` (t, 48) is the hand's turn in its camera and 45 angles, or fewer columns, 3 + n, with n PCA coefficients; `hand_pose`
-(t, 45 or n) is the fingers alone. The turn, the path and the betas belong to that camera and that hand: fingers alone are read.
+(t, 45 or n) is the fingers alone. Joints may have a side of their own: (t, 16, 3), (t, 15, 3). The turn, the path and the betas belong to
+that camera and that hand: fingers alone are read.
 Which hand it is and whether the mean hand is in the numbers is said by the file or by the user, never guessed.
 """
 
@@ -41,7 +42,9 @@ def is_hand(arrays: dict[str, np.ndarray]) -> bool:
     if any(key in arrays for key in PARTS) or any(math.prod(shape[1:]) > WIDEST for shape in shapes):
         return False
     pose = next((arrays[key] for key in POSES if key in arrays), None)
-    return "hand_pose" in arrays or (pose is not None and pose.ndim == 2 and pose.shape[1] > 3)
+    return "hand_pose" in arrays or (
+        pose is not None and (pose.shape[1:] == (16, 3) or (pose.ndim == 2 and pose.shape[1] > 3))
+    )
 
 
 def read_mano(path: Path, options: ImportOptions) -> ImportedMotion:
@@ -60,9 +63,12 @@ def read_mano(path: Path, options: ImportOptions) -> ImportedMotion:
 def hand_motion(path: Path, arrays: dict[str, np.ndarray], options: ImportOptions) -> ImportedMotion:
     """The motion of arrays by `KEYS`. Raises `InputError`."""
     key = next(key for key in reversed(POSES) if key in arrays)
-    values = numbers(require(arrays, path, key, (None, None)), path, key, LARGEST["left_hand_pose"])
-    check_frames(len(values), path, key)
     turn = 0 if key == "hand_pose" else 3
+    given = arrays[key]
+    if given.shape[1:] == (turn // 3 + COLUMNS // 3, 3):
+        given = given.reshape(len(given), -1)
+    values = numbers(require({key: given}, path, key, (None, None)), path, key, LARGEST["left_hand_pose"])
+    check_frames(len(values), path, key)
     if not len(values) or not 0 < values.shape[1] - turn <= COLUMNS:
         raise InputError(path, key, f"at least one frame of {turn + 1} … {turn + COLUMNS} numbers", values.shape)
     side, said = _side(path, arrays, options)

@@ -9,7 +9,8 @@ import zipfile
 
 import pytest
 from avatarrex_studio.cli import main as cli
-from avatarrex_studio.jobs.file_kind import AVATAR, CAPTURE, MOTION, PICTURE, RUN, SESSION, kind_of
+from avatarrex_studio.jobs.file_kind import AVATAR, CAPTURE, FOREIGN, MOTION, PICTURE, RUN, SESSION, kind_of
+from avatarrex_studio.jobs.opening import read_any
 from avatarrex_studio.session.journal import Journal
 from capture.tiny_capture import TinyCapture
 
@@ -23,18 +24,34 @@ def some_files(folder):
     for name, kind in {
         "a.avatar": AVATAR, "avatar/avatar.json": None, "m.BVH": MOTION, "m.npz": MOTION, "signals.json": MOTION,
         "capture/calibration_full.json": None, "two/body/calibration_full.json": None, "run/run.json": None,
-        "runs/first/run.json": None, "picture.png": PICTURE,
+        "runs/first/run.json": None, "picture.png": PICTURE, "zju/inner/annots.npy": None, "hq/calibration.csv": None, "hq/rgbs/x": None,
     }.items():  # fmt: skip
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("{}")
         found.update({str(path): kind} if kind else {})
-    for name, kind in {"avatar": AVATAR, "capture": CAPTURE, "two": CAPTURE, "run": RUN, "runs": RUN}.items():
+    kinds = {
+        "avatar": AVATAR,
+        "capture": CAPTURE,
+        "two": CAPTURE,
+        "run": RUN,
+        "runs": RUN,
+        "zju": FOREIGN,
+        "hq": FOREIGN,
+    }
+    for name, kind in kinds.items():
         found[str(folder / name)] = kind
     Journal().save(folder / "session.json")
     with zipfile.ZipFile(folder / "capture.zip", "w") as archive:
         archive.writestr("person/face/calibration_full.json", "{}")
-    return {**found, str(folder / "session.json"): SESSION, str(folder / "capture.zip"): CAPTURE}
+    with zipfile.ZipFile(folder / "face.zip", "w") as archive:
+        archive.writestr("yufeng/flame_params.json", "{}")
+    return {
+        **found,
+        str(folder / "session.json"): SESSION,
+        str(folder / "capture.zip"): CAPTURE,
+        str(folder / "face.zip"): FOREIGN,
+    }
 
 
 def test_every_kind(tmp_path):
@@ -47,6 +64,8 @@ def hostile(folder):
     (folder / "empty").mkdir()
     (folder / "other").mkdir()
     (folder / "other" / "letter.txt").write_text("Dear …")
+    (folder / "table").mkdir()
+    (folder / "table" / "calibration.csv").write_text("name,w,h")
     (folder / "letter.txt").write_text("Dear …")
     (folder / "broken.json").write_text('{"kind": ')
     (folder / "cut.zip").write_bytes(b"PK\x03\x04" + bytes(40))
@@ -58,7 +77,7 @@ def hostile(folder):
     os.symlink("circle", folder / "circle")
     return {
         "nothing": "nothing there", "": "nothing there", "a\0b": "null byte", "x" * 300: "too long", "circle": "symbolic links",
-        "pipe.json": "no plain file", "empty": "an empty folder", "other": "a folder with letter.txt",
+        "pipe.json": "no plain file", "empty": "an empty folder", "other": "a folder with letter.txt", "table": "a folder with calibration.csv",
         "letter.txt": "another kind of file", "broken.json": "JSON", "cut.zip": "another kind of file",
         "letters.zip": "letter.txt", "out.zip": "leads out of it", "letter.txt/run.json": "nothing there",
     }  # fmt: skip
@@ -69,6 +88,22 @@ def test_paths_that_are_none(tmp_path):
         with pytest.raises(InputError, match=words) as refused:
             kind_of(f"{tmp_path}/{name}" if name else "")
         assert "\n" not in str(refused.value)
+
+
+def test_what_has_to_be_imported_says_how(tmp_path, capsys):
+    path = tmp_path / "a head" / "transforms_train.json"
+    path.parent.mkdir()
+    path.write_text("{}")
+    said = (
+        f"a capture in the layout of NeRFace: `avatarrex-studio capture import '{path.parent}' OUT` writes it in ours"
+    )
+    assert cli.main(["inspect", str(path.parent)]) == 0
+    assert said in capsys.readouterr().out
+    assert cli.main(["open", str(path.parent)]) == 2
+    assert said in capsys.readouterr().err
+    with pytest.raises(InputError) as refused:
+        read_any(str(path.parent), lambda name: pytest.fail("no avatar"))
+    assert said in str(refused.value)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")

@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import silhouette, template_surface
 from avatarrex.capture.importers.faces import EYES, FLIP
-from avatarrex.capture.importers.zju import SMPL_PELVIS
 from avatarrex.capture.readers.rigs import SMPLX_PELVIS
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import load_person
@@ -104,12 +103,17 @@ def written_thuman(one: Scene, out: Path) -> None:
         put(out / "masks" / names[name] / f"{frame:08d}.jpg", jpg(one.mattes[name, frame]))
 
 
+SMPL_PELVIS = np.array([-0.0018, -0.2233, 0.0282])
+"""J_0 of neutral SMPL as published, metres."""
 Z_UP = Rotation.from_euler("x", 90, degrees=True)
 """From our world to one with +Z up."""
 
 
-def written_zju(one: Scene, out: Path) -> None:
-    """+Z up, T in millimetres, pixel centres at integers, labels for mattes, SMPL's Rh about the origin."""
+def written_zju(one: Scene, out: Path, rooted: bool = False, slash: str = "/") -> None:
+    """+Z up, T in millimetres, pixel centres at integers, labels for mattes, SMPL's Rh about the origin.
+
+    `rooted`: a part of the root's turn is in the poses; `slash`: between folders, as the system of who recorded has it.
+    """
     turn, names = Z_UP.as_matrix(), {name: f"Camera_B{view + 1}" for view, name in enumerate(one.cameras)}
     cams: dict[str, list] = {"K": [], "D": [], "R": [], "T": []}
     for camera in one.cameras.values():
@@ -120,12 +124,13 @@ def written_zju(one: Scene, out: Path) -> None:
         cams["R"].append(camera.camera_from_world[:3, :3] @ turn.T)
         cams["T"].append(1000 * camera.camera_from_world[:3, 3:])
     frames = range(len(one.signals))
-    ims = [{"ims": np.array([f"{names[name]}/{frame:06d}.jpg" for name in one.cameras])} for frame in frames]
+    ims = [{"ims": np.array([f"{names[name]}{slash}{frame:06d}.jpg" for name in one.cameras])} for frame in frames]
     put(out / "annots.npy", pickled({"cams": cams, "ims": ims}))
     for frame, signals in enumerate(one.signals):
-        root = Z_UP * Rotation.from_rotvec(signals.global_orient.copy())
+        own = Rotation.from_rotvec([0.2, -0.3, 0.4] if rooted else np.zeros(3))
+        root = Z_UP * Rotation.from_rotvec(signals.global_orient.copy()) * own.inv()
         pelvis = Z_UP.apply(signals.translation.copy())
-        poses = np.concatenate([np.zeros(3), signals.body_pose.ravel(), np.zeros(6)])
+        poses = np.concatenate([own.as_rotvec(), signals.body_pose.ravel(), np.zeros(6)])
         said = {
             "poses": poses[None],
             "Rh": root.as_rotvec()[None],

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 from pathlib import Path
 
@@ -23,6 +25,7 @@ from avatarrex.capture.importers.pictures import as_matte, matte_rule
 from avatarrex.capture.importers.zju import flat_numbers
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
+from avatarrex.signals.joints import JOINT_NAMES
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +90,25 @@ def test_what_cannot_be_used_is_listed_and_ends_nothing(body: Scene, tmp_path: P
     assert json.loads((tmp_path / "out" / "import.json").read_text())["problems"] == list(found.problems)
 
 
+def test_a_full_disk_is_no_problem_of_the_sources(
+    body: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Pictures that the disk does not take are not left out one by one: the import ends, and goes on with more room."""
+    foreign.written_zju(body, tmp_path / "source")
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    words = ["capture", "import", str(tmp_path / "source"), str(tmp_path / "out")]
+    with monkeypatch.context() as patch:
+        patch.setattr(Image.Image, "save", full)
+        assert main(words) == 2
+    assert "No space left on device" in capsys.readouterr().err.splitlines()[-1]
+    assert json.loads((tmp_path / "out" / "capture.json").read_text())["complete"] is False
+    assert main(words) == 0
+    assert "9 pictures with mattes" in capsys.readouterr().out
+
+
 def test_numbers_from_one(body: Scene, tmp_path: Path) -> None:
     foreign.written_zju(body, tmp_path)
     for frame in (2, 1, 0):
@@ -94,6 +116,31 @@ def test_numbers_from_one(body: Scene, tmp_path: Path) -> None:
     found = import_capture(tmp_path, tmp_path / "out")
     assert "new_params: files are numbered from 1" in found.notes
     assert not found.problems
+
+
+def test_a_root_that_poses_have_a_part_of_and_names_with_backslashes(body: Scene, tmp_path: Path) -> None:
+    """The poses' own turn comes first, then Rh: x = R(Rh) R(poses[:3]) x_model + Th."""
+    foreign.written_zju(body, tmp_path, rooted=True, slash="\\")
+    found = import_capture(tmp_path, tmp_path / "out")
+    assert (found.pictures, found.problems) == (9, ())
+    for read, exact in zip(open_capture(tmp_path / "out").rigs["body"].signals, body.signals):
+        np.testing.assert_allclose(read.global_orient, exact.global_orient, atol=1e-6)
+        np.testing.assert_allclose(read.translation, exact.translation, atol=1e-6)
+
+
+def test_flames_neck_is_our_head(head: Scene, tmp_path: Path) -> None:
+    """Its neck turns the skull about the upper end of the neck, where the body's head joint is."""
+    foreign.written_imavatar(head, tmp_path / "source")
+    path = tmp_path / "source" / "flame_params.json"
+    said = json.loads(path.read_text())
+    for entry in said["frames"]:
+        entry["pose"][3:6] = [0.1, 0.2, 0.3]
+    path.write_text(json.dumps(said))
+    import_capture(tmp_path / "source", tmp_path / "out")
+    for signals in open_capture(tmp_path / "out").rigs["face"].signals:
+        turned = dict(zip(JOINT_NAMES[1:22], signals.body_pose))
+        np.testing.assert_allclose(turned["head"], [0.1, 0.2, 0.3])
+        np.testing.assert_allclose(turned["neck"], 0)
 
 
 def test_without_parameters(body: Scene, tmp_path: Path) -> None:

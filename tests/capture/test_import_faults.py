@@ -138,7 +138,9 @@ def test_other_mattes_are_refined_and_trained_anew(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(capture_prepare, "refine", refine)
     for key in ("a", "a", "b"):
         capture_prepare._refined(tmp_path, tmp_path, key)
-    assert made == ["refined", "refined"]
+    put(tmp_path / "refined" / capture_prepare.FILE, b"")  # killed before its pictures were written
+    capture_prepare._refined(tmp_path, tmp_path, "b")
+    assert made == 3 * ["refined"]
     run, marker = tmp_path / "run", tmp_path / capture_prepare.TRAINED
     begun = []
     for key in ("a", "a", "b"):
@@ -159,6 +161,7 @@ def test_an_import_of_another_source_is_refused_and_changed_files_are_linked_ane
     one, other, out = tmp_path / "one", tmp_path / "other", tmp_path / "out"
     for source in (one, other):
         put(source / "a.jpg", source.name.encode())
+    put(out / ".x7k.json", b"{")  # of a process that was killed in its first write
     _begun(one, out, "ActorsHQ")
     assert json.loads((out / "capture.json").read_text())["complete"] is False
     _begun(one, out, "ActorsHQ")

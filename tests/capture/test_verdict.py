@@ -231,6 +231,36 @@ def test_mattes_of_nobody_are_unusable(tiny: Path, monkeypatch: pytest.MonkeyPat
     assert re.search(r"person: no size fits the mattes: expected .* 0\.3 to 0\.4 m tall, found 1\.", verdict.lines()[1])
 
 
+def test_a_size_at_which_the_template_tears_is_none(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of cameras in centimetres that were taken for millimetres: the verdict goes on to name them."""
+
+    def torn(*_: object) -> None:
+        raise InputError("template: left hand", "", "one open loop across the forearm", "33 open edges in several")
+
+    monkeypatch.setattr("avatarrex.capture.fit.size_fit.resize_person", torn)
+    monkeypatch.setattr("avatarrex.capture.fit.verdict.likely_convention", lambda *_: "T is in centimetres")
+    capture = seen_by(replace(open_capture(tiny), sized=False), posed(scaled))
+    lines = judge(capture, frames=1)[2].lines()
+    assert "person: no size fits the mattes" in lines[1]
+    assert "33 open edges" in lines[1]
+    assert "T is in centimetres" in lines[2]
+
+
+def test_a_convention_is_sought_before_a_size_was_fitted_to_it(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mattes in wrong axes have a person fitted to them that nobody is: no convention would put that one right."""
+    monkeypatch.setattr(conventions, "PICTURES", 3)
+    monkeypatch.setattr(conventions, "PIXELS", 80)
+
+    def anywhere(capture: Capture) -> Capture:
+        return replace(capture.moved(np.array([0.3, 0.9, 0.5])), sized=True)
+
+    monkeypatch.setattr("avatarrex.capture.fit.verdict.fit_size", anywhere)
+    capture = seen_by(replace(open_capture(tiny), sized=False), SPOILED["+Z up"])
+    verdict = judge(capture, frames=1)[2]
+    assert verdict.state == "unusable"
+    assert "calibration: its world has +Z up" in " ".join(verdict.lines())
+
+
 def test_the_command_ends_in_a_verdict(tiny: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["capture", "check", str(tiny), "--frames", "1"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "verdict: good"

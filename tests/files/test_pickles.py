@@ -17,6 +17,7 @@ import scipy.sparse
 from python2_pickles import chumpy, python2_pickle, selected, write_object_array, write_python2
 
 from avatarrex.errors import InputError
+from avatarrex.files import pickles
 from avatarrex.files.arrays import read_array, read_arrays
 from avatarrex.files.pickles import read_pickle
 
@@ -315,6 +316,24 @@ def test_a_sparse_matrix_is_checked(tmp_path: Path, change: dict[str, np.ndarray
         setattr(matrix, name, value.astype(np.int32))
     with pytest.raises(InputError, match="a model that is whole"):
         read_pickle(write_python2(tmp_path / "m.pkl", matrix), "a model")
+
+
+@pytest.mark.parametrize("rows", [2**40, True])
+def test_a_sparse_matrix_has_sides_that_an_array_can_have(tmp_path: Path, rows: int) -> None:
+    """Its few numbers fit the file; made dense it would be terabytes."""
+    matrix = scipy.sparse.csc_matrix(np.array([[1.0]]))
+    matrix._shape = (rows, 1)
+    with pytest.raises(InputError, match="a model that is whole, found a shape of other numbers than sides"):
+        read_pickle(write_python2(tmp_path / "m.pkl", matrix), "a model")
+
+
+def test_endless_opcodes_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """None and its removal, again and again: nothing is made, and time goes by, a microsecond each."""
+    assert pickles.MOST_STEPS <= 2_000_000
+    monkeypatch.setattr(pickles, "MOST_STEPS", 1000)
+    assert read_pickle(stored(b"N0" * 400 + b"N"), "a model") is None
+    with pytest.raises(InputError, match="a pickle of at most 1,000 opcodes"):
+        read_pickle(stored(b"N0" * 500 + b"N"), "a model")
 
 
 def test_changed_files_raise_nothing_else(tmp_path: Path) -> None:

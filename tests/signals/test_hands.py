@@ -126,6 +126,17 @@ def test_mano_angles(tmp_path, ending):
     assert HAND_JOINTS[::3] == tuple(f"{finger}1" for finger in FINGERS), "MANO's order is ours"
 
 
+@pytest.mark.parametrize(("key", "joints"), [("hand_pose", 15), ("poses", 16)])
+def test_mano_angles_joint_by_joint(tmp_path, key, joints):
+    values = np.random.default_rng(0).normal(0, 0.3, (4, joints, 3))
+    read = import_motion(write_mano(tmp_path / "hand.npz", **{key: values}, side="right", flat_hand_mean=True))
+    np.testing.assert_allclose(np.stack([frame.right_hand_pose for frame in read.sequence]), values[:, -15:])
+    for other in (14, 17):
+        path = write_mano(tmp_path / "other.npz", hand_pose=np.zeros((4, other, 3)), side="right", flat_hand_mean=True)
+        with pytest.raises(InputError, match=r"hand_pose: expected shape \(any, any\)"):
+            import_motion(path)
+
+
 def test_mano_coefficients_and_mean_of_the_file_or_of_a_model(tmp_path):
     rng = np.random.default_rng(0)
     mean, components, values = rng.normal(0, 0.1, 45), rng.normal(0, 0.3, (45, 45)), rng.normal(0, 1, (4, 15))

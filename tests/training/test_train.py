@@ -14,11 +14,13 @@ import tiny_recipe
 import torch
 from avatarrex_studio.cli.main import main, parse
 from avatarrex_studio.cli.train import _config, _open_run, kept_recipe, split_as_wanted, trained_on
+from capture import foreign
 from capture.tiny_capture import HEIGHT, WIDTH, TinyCapture, jpeg
 
 import avatarrex.training.core.trainer as train_module
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
+from avatarrex.capture.importers.import_capture import import_capture
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
@@ -91,6 +93,18 @@ def test_a_training_ends_with_an_avatar_that_says_what_it_is(whole):
         "body/loss/kl",
         "body/loss/perceptual",
     } <= set(found)
+
+
+def test_a_capture_of_another_layout_is_trained_on(tmp_path):
+    """ZJU-MoCap's: +Z up, millimetres, labels for mattes. The person stands where the pictures show it from the first step on."""
+    foreign.written_zju(foreign.scene(1), tmp_path / "source")
+    import_capture(tmp_path / "source", tmp_path / "imported")
+    run, trainer = start(tmp_path / "imported", tmp_path / "run")
+    with run:
+        assert trainer.train()
+    found = losses(tmp_path / "run")
+    assert set(found["body/loss/rgb"]) == set(range(6))
+    assert max(found["body/loss/mask"].values()) < 0.25
 
 
 @pytest.mark.parametrize("dies_at", [3, 5])

@@ -119,7 +119,11 @@ class _SizeFit:
         widest = float(np.abs(unknown[SHAPE.start :]).max())
         if not widest < LARGEST:
             raise NoSize("mattes", "", f"outlines of a person (shape and bones within {LARGEST:g})", f"{widest:.3g}")
-        return resize_person(self.base, PersonFit(unknown[SHAPE], self.spread @ unknown[SHAPE.stop :]))
+        try:
+            return resize_person(self.base, PersonFit(unknown[SHAPE], self.spread @ unknown[SHAPE.stop :]))
+        except InputError as error:  # so torn that hands and face cannot be cut from it
+            expected = "outlines of a person whose hands and face are whole"
+            raise NoSize("mattes", "", expected, f"{error.source}: {error.found}") from None
 
     def improved(
         self, unknown: np.ndarray, measure: Callable[[Person, Seen], Outline], outlier: float, sigma: np.ndarray

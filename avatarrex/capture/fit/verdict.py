@@ -94,11 +94,12 @@ def judge(
     training = sealed(sized, "train")
     report = check_capture(sized if exact else training, rigs, frames)
     for rig in report.rigs:
-        reasons += _of_rig(training, rig)
+        reasons += _of_rig(training, rig, training if capture.sized else sealed(capture, "train"))
     return sized, report, Verdict(tuple(reasons))
 
 
-def _of_rig(capture: Capture, rig: RigReport) -> Iterator[Reason]:
+def _of_rig(capture: Capture, rig: RigReport, given: Capture) -> Iterator[Reason]:
+    """`given`: before its person's size was fitted, which under another convention leads anywhere."""
     value = rig.mean("template")
     if value is None:
         yield Reason("unusable", rig.rig, "no picture with its matte in the compared frames; add pictures or --frames")
@@ -114,7 +115,7 @@ def _of_rig(capture: Capture, rig: RigReport) -> Iterator[Reason]:
         yield Reason("unusable", rig.rig, f"camera order: {named}; exchange folders or entries of the calibration")
         return
     if value < DOUBTFUL_IOU:
-        cause = likely_convention(capture, capture.rigs[rig.rig])
+        cause = likely_convention(given, given.rigs[rig.rig])
         advice = (
             f"calibration: {cause}"
             if cause

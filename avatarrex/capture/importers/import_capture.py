@@ -36,7 +36,7 @@ from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.readers.rigs import SMPLX_PELVIS, joint_unit
 from avatarrex.capture.readers.units import SURELY_NOT_METRES, metres
 from avatarrex.errors import InputError, check
-from avatarrex.files.gate import write_text, written
+from avatarrex.files.gate import is_begun, write_text, written
 from avatarrex.files.images import write_arrays
 from avatarrex.files.json_text import SMALL, read_json, write_json
 
@@ -81,9 +81,8 @@ def import_capture(path: Path, out: Path) -> Imported:
     write_text(
         folder / "calibration_full.json", json.dumps(calibration(view.lens for view in source.views), indent=1) + "\n"
     )
-    pictures = sum(
-        _write_view(source, view, reading, folder) for view in tqdm(source.views, desc="import", unit="camera")
-    )
+    with tqdm(source.views, desc="import", unit="camera") as views:
+        pictures = sum(_write_view(source, view, reading, folder) for view in views)
     if source.parameters:
         write_arrays(folder / "smpl_params.npz", {"flat_hand_mean": np.array(True), **source.parameters})
     else:
@@ -105,7 +104,7 @@ def _begun(path: Path, out: Path, layout: str) -> dict[str, Any]:
     """
     key = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]
     provenance = {"maker": "avatarrex-studio capture import", "layout": layout, "source": path.name, "source_key": key}
-    if out.exists() and any(out.iterdir()):
+    if is_begun(out):
         before = read_json(out / "capture.json", largest=SMALL) if (out / "capture.json").exists() else None
         made = before.get("provenance") if isinstance(before, dict) else None
         found = made.get("source") if isinstance(made, dict) else None

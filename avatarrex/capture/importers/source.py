@@ -16,7 +16,7 @@ from avatarrex.camera import Camera
 from avatarrex.capture.readers.archive import Archive
 from avatarrex.capture.readers.calibration import Lens
 from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES, read_parameters
-from avatarrex.errors import InputError
+from avatarrex.errors import CannotWrite, InputError
 from avatarrex.templates.person import Person
 
 Value = TypeVar("Value")
@@ -71,9 +71,14 @@ class Reading:
         return self.archive.place(self.name(*parts))
 
     def attempt(self, what: str, read: Callable[[], Value]) -> Value | None:
-        """What `read` gives; None where it refuses, which is then one of the problems and ends nothing."""
+        """What `read` gives; None where it refuses, which is then one of the problems and ends nothing.
+
+        Raises `CannotWrite`: a full disk is no problem of the source's.
+        """
         try:
             return read()
+        except CannotWrite:
+            raise
         except InputError as error:
             field = f"{what}: {error.field}" if error.field else what
             self.problems.append(f"{field}: expected {error.expected}, found {error.found}")

@@ -38,6 +38,7 @@ from avatarrex.capture.synthetic.tracking import tracked, truth
 from avatarrex.capture.synthetic.variation import DEFAULT, Variation
 from avatarrex.errors import InputError
 from avatarrex.files.background import background_writer
+from avatarrex.files.gate import is_begun
 from avatarrex.files.json_text import SMALL, read_json
 from avatarrex.gl.context import NoContext, gl_context, renderer_name
 
@@ -89,7 +90,7 @@ def _open_folder(folder: Path, made: Plan) -> None:
         found = {key: found[key] for key in (*wanted, "variation") if key in found}
         if found != wanted:
             raise InputError(folder, "", f"a new folder, or one begun with {wanted}", found)
-    elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    elif folder.exists() and (not folder.is_dir() or is_begun(folder)):
         raise InputError(folder, "", "a new or empty folder, or a capture to go on with", "something else")
     folder.mkdir(parents=True, exist_ok=True)
     pictures = sum(len(rig.motion) * rig.size.cameras for rig in made.rigs)
@@ -211,7 +212,7 @@ def _write(path: Path, content: bytes, whole: bool = True) -> None:
     if whole and path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content:
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".part")
+    temporary = path.with_name(f".{path.name}.part")
     temporary.write_bytes(content)
     os.replace(temporary, path)
 

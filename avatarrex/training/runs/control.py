@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from avatarrex.errors import InputError, plain
+from avatarrex.errors import CannotWrite, InputError, plain
 from avatarrex.files import json_text
 
 Wish = Literal["run", "pause", "stop"]
@@ -122,9 +122,9 @@ def sync_folder(path: Path) -> None:
             os.close(handle)
 
 
-def cannot_write(path: Path, error: OSError) -> InputError:
+def cannot_write(path: Path, error: OSError) -> CannotWrite:
     """The one line for a file that could not be written: a full disk, a folder without rights."""
-    return InputError(path, "", "a file that can be written", error.strerror or error)
+    return CannotWrite(path, "", "a file that can be written", error.strerror or error)
 
 
 class Heart(threading.Thread):

@@ -1,0 +1,200 @@
+"""Generated captures in every layout of the field: sound ones get no warning, faults are named, and each is trained on.
+
+    python tools/foreign_captures.py FOLDER sound [--seeds N]     captures of N seeds, in our layout and written in each foreign one
+    python tools/foreign_captures.py FOLDER faults                unit, axis, rows, half a pixel, hands, order of cameras: four layouts
+    python tools/foreign_captures.py FOLDER train                 written, imported, checked, trained (smoke): the losses
+    … --only LAYOUT                                               of one alone
+
+A capture is drawn of the clothed subject (heads: of the template), written in a layout by tests/capture/foreign.py, imported and judged as
+`capture check` does. Exit code 1 where a sound capture is warned of, a fault is not named or a training fails. The whole takes an hour of one
+core; tests/capture/test_faults.py and test_import.py are its smallest form.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).parents[1] / "tests")]
+from capture import foreign
+from capture.clothed import Clothed
+from capture.foreign import Scene
+
+from avatarrex.camera import Camera
+from avatarrex.capture.fit.verdict import judge
+from avatarrex.capture.importers.import_capture import import_capture
+from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.capture.readers.splits import with_validation
+from avatarrex.signals.library import named_hand
+
+LAYOUTS = {**foreign.BODIES, **foreign.FACES}
+ALONE = "one camera alone"
+"""What layouts of one camera are warned of, and rightly."""
+COLOUR = np.array([0.8, 0.6, 0.5])
+
+
+def clothed(seed: int) -> Clothed:
+    """Three frames before six cameras, large enough that hands and half pixels are judged."""
+    return Clothed(cameras=6, frames=3, seed=seed, size=(168, 224))
+
+
+def of_clothed(one: Clothed) -> Scene:
+    """The clothed subject, its hands as they are."""
+    images = {place: np.uint8(matte[..., None] * COLOUR) for place, matte in one.mattes.items()}
+    return Scene(list(one.motion), one.lenses, images, one.mattes)
+
+
+def seen_by(one: Scene, change: Callable[[Camera], Camera]) -> Scene:
+    """With other cameras in the files."""
+    return replace(one, cameras={name: change(camera) for name, camera in one.cameras.items()})
+
+
+def shown(one: Scene, change: Callable[[tuple[str, int], dict[tuple[str, int], np.ndarray]], np.ndarray]) -> Scene:
+    """With other pictures and mattes."""
+    images, mattes = ({place: change(place, kept) for place in kept} for kept in (one.images, one.mattes))
+    return replace(one, images=images, mattes=mattes)
+
+
+def centimetres(camera: Camera) -> Camera:
+    """T a hundred times as long."""
+    farther = camera.camera_from_world.copy()
+    farther[:3, 3] *= 100
+    return replace(camera, camera_from_world=farther)
+
+
+def z_up(camera: Camera) -> Camera:
+    """Before a world with +Z up."""
+    turn = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    return replace(camera, camera_from_world=camera.camera_from_world @ turn.T)
+
+
+def at_integers(camera: Camera) -> Camera:
+    """Pixel centres at integers."""
+    return replace(camera, intrinsics=camera.intrinsics - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]))
+
+
+def without_mean(one: Scene) -> Scene:
+    """The hands' mean pose taken away, which nothing then says."""
+    mean = {f"{side}_hand_pose": 0.9 * named_hand("relaxed", side) for side in ("left", "right")}
+    return replace(
+        one,
+        signals=[
+            signals.replace(**{name: getattr(signals, name) - value for name, value in mean.items()})
+            for signals in one.signals
+        ],
+    )
+
+
+def exchanged(one: Scene) -> Scene:
+    """The second camera's pictures are the third's, and the other way round."""
+    names = list(one.cameras)
+    other = {**dict(zip(names, names)), names[1]: names[2], names[2]: names[1]}
+    return shown(one, lambda place, kept: kept[other[place[0]], place[1]])
+
+
+FAULTS: dict[str, tuple[Callable[[Scene], Scene], tuple[str, ...]]] = {
+    "nothing": (lambda one: one, ("good",)),
+    "unit": (partial(seen_by, change=centimetres), ("centimetres",)),
+    "axis": (partial(seen_by, change=z_up), ("+Z up", "stands along +Z")),
+    "rows": (lambda one: shown(one, lambda place, kept: kept[place][::-1]), ("rows run from the bottom",)),
+    "half a pixel": (partial(seen_by, change=at_integers), ("half a pixel",)),
+    "flat_hand_mean": (without_mean, ("flat_hand_mean",)),
+    "camera order": (exchanged, ("camera order",)),
+}
+"""By name: what is done to a capture, and what has to be said."""
+
+
+def written(layout: str, one: Scene, folder: Path) -> tuple[Path, tuple[str, ...]]:
+    """A scene in a layout, imported; the capture, and what the import has noted."""
+    shutil.rmtree(folder, ignore_errors=True)
+    LAYOUTS[layout](one, folder / "source")
+    found = import_capture(folder / "source", folder / "imported")
+    return folder / "imported", (*found.notes, *found.problems)
+
+
+def said(path: Path) -> list[str]:
+    """The verdict of `capture check`, in lines, and what was noted while the capture was opened."""
+    capture, _, verdict = judge(with_validation(open_capture(path)), frames=4, exact=True)
+    return [*verdict.lines(), *capture.notes]
+
+
+def warnings(lines: list[str]) -> list[str]:
+    """Reasons but for the one that holds for a layout of one camera."""
+    return [line.strip() for line in lines if line.endswith(("(doubtful)", "(unusable)")) and ALONE not in line]
+
+
+def sound(folder: Path, seeds: int, only: str) -> Iterator[tuple[str, str, bool]]:
+    """Layout, what was found, and whether that is right; each line as soon as it is known."""
+    for seed in range(seeds):
+        drawn, place = clothed(seed), folder / "sound"
+        if only in "ours":
+            shutil.rmtree(place, ignore_errors=True)
+            yield f"{seed} ours", *judged(said(drawn.write(place)))
+        for layout in (name for name in LAYOUTS if only in name):
+            scene = of_clothed(drawn) if layout in foreign.BODIES else foreign.heads(seed)
+            yield f"{seed} {layout}", *judged(said(written(layout, scene, place)[0]))
+
+
+def judged(lines: list[str]) -> tuple[str, bool]:
+    """What a sound capture is warned of."""
+    found = warnings(lines)
+    return "; ".join(found) or "no warning", not found
+
+
+def faults(folder: Path, _: int, only: str) -> Iterator[tuple[str, str, bool]]:
+    """Each fault in each layout of bodies that can have it."""
+    one = of_clothed(clothed(0))
+    for layout in foreign.BODIES:
+        for name, (change, words) in FAULTS.items():
+            missing = layout == "ZJU-MoCap" and name == "flat_hand_mean"  # it has no fingers
+            if missing or only not in f"{layout}, {name}":
+                continue
+            path, notes = written(layout, change(one), folder / "faulty")
+            lines = [*said(path), *notes]
+            named = [line.strip() for line in lines if any(word in line for word in words)]
+            yield f"{layout}, {name}", (named or warnings(lines) or lines[:1])[0], bool(named)
+
+
+def train(folder: Path, _: int, only: str) -> Iterator[tuple[str, str, bool]]:
+    """Each layout to its last loss."""
+    from avatarrex_studio.cli.main import main as studio
+
+    from avatarrex.training.runs.events import EventReader
+
+    for layout in (name for name in LAYOUTS if only in name):
+        scene = foreign.heads() if layout in foreign.FACES else foreign.scene()
+        path, _ = written(layout, scene, folder / "trained")
+        run = folder / "trained" / "run"
+        code = studio(["train", str(path), "--recipe", "smoke", "--no-surface", "--out", str(run)])
+        reader = EventReader(run)
+        while reader.poll():
+            pass
+        curves = {tag: reader.series(tag).values for tag in reader.tags if tag.endswith("/loss/total")}
+        losses = ", ".join(f"{tag} {' '.join(f'{value:.4f}' for value in values)}" for tag, values in curves.items())
+        yield layout, f"{'; '.join(warnings(said(path))) or 'no warning'}; {losses}", code == 0 and bool(curves)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Captures in every layout: sound, faulty, trained on.")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("what", choices=("sound", "faults", "train"))
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--only", default="", metavar="TEXT", help="layouts, and faults, with it in their names")
+    given = parser.parse_args()
+    wrong = 0
+    acts = {"sound": sound, "faults": faults, "train": train}
+    for name, found, right in acts[given.what](given.folder, given.seeds, given.only):
+        wrong += not right
+        print(f"{'' if right else '!! '}{name}: {found}", flush=True)
+    return int(wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
