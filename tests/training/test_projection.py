@@ -73,7 +73,9 @@ def test_a_raised_surface_is_met_by_the_same_rays_nearer_the_eye(store: FrameSto
     was, now = one.position - eye, higher.position - eye
     assert torch.nn.functional.cosine_similarity(was, now, dim=1).min() > 1 - 1e-6
     nearer = was.norm(dim=1) - now.norm(dim=1)
-    assert torch.allclose(nearer * one.weight.sqrt(), torch.full_like(nearer, 0.01), atol=1e-5)  # the weight is the squared cosine
+    assert torch.allclose(
+        nearer * one.weight.sqrt(), torch.full_like(nearer, 0.01), atol=1e-5
+    )  # the weight is the squared cosine
 
 
 def test_the_networks_begin_at_nothing(painted: Avatar) -> None:
