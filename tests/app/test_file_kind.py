@@ -78,7 +78,8 @@ def hostile(folder):
     return {
         "nothing": "nothing there", "": "nothing there", "a\0b": "null byte", "x" * 300: "too long", "circle": "symbolic links",
         "pipe.json": "no plain file", "empty": "an empty folder", "other": "a folder with letter.txt",
-        "table": "a folder with calibration.csv", "letter.txt": "another kind of file", "broken.json": "JSON", "cut.zip": "another kind of file",
+        "table": "a folder with calibration.csv",
+        "letter.txt": "another kind of file", "broken.json": "JSON", "cut.zip": "another kind of file",
         "letters.zip": "letter.txt", "out.zip": "leads out of it", "letter.txt/run.json": "nothing there",
     }  # fmt: skip
 
