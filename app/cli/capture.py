@@ -9,6 +9,7 @@ from pathlib import Path
 from avatarrex_studio.cli import options
 from avatarrex_studio.cli.output import output_folder
 
+from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 from avatarrex.training.recipe import RECIPES
 
@@ -53,6 +54,11 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     imported = acts.add_parser("import", help=what, allow_abbrev=False)
     imported.add_argument("source", help="a folder or .zip")
     imported.add_argument("out", help="a new folder, or one to go on with")
+    _add_prepare(acts)
+
+
+def _add_prepare(acts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """`prepare` with its own."""
     what = "a capture from videos, a calibration and keypoint files; goes on where it stopped"
     prepare = acts.add_parser("prepare", help=what, allow_abbrev=False)
     prepare.add_argument(
@@ -67,6 +73,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     prepare.add_argument(
         "--redo", metavar="STEP", help="do cameras, pictures, mattes, keypoints or fit again, and what follows"
     )
+    prepare.add_argument("--held-out-frames", metavar="A:B:S", help="frames kept from training, for `evaluate` alone")
     prepare.add_argument("--no-refine", action="store_true", help="end before the refinement by mattes and keypoints")
     prepare.add_argument("--train", metavar="RECIPE", help="train an avatar at the end, e.g. quick, into OUT/run")
 
@@ -127,8 +134,11 @@ def _prepare(arguments: argparse.Namespace) -> int:
     from avatarrex_studio.cli.capture_prepare import prepare
 
     from avatarrex.capture.importers.preparing import Options
+    from avatarrex.signals.sequence import MOST_FRAMES
 
-    return prepare(Path(arguments.source), out, Options(stride, fps, height), arguments)
+    if arguments.held_out_frames is not None:  # its form: how many frames there are is not known yet
+        choice.frames(arguments.held_out_frames, MOST_FRAMES, "--held-out-frames")
+    return prepare(Path(arguments.source), out, Options(stride, fps, height, arguments.held_out_frames), arguments)
 
 
 def _within(option: str, text: str | None, limits: tuple[float, float]) -> float | None:
