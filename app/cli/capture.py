@@ -50,11 +50,23 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     every = "refine the poses of frames that are kept from training, too (by the training's cameras and shape)"
     refine.add_argument("--every-frame", action="store_true", help=every)
 
+    _add_import(acts)
+    _add_prepare(acts)
+
+
+def _add_import(acts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """`import` with its own."""
     what = "a capture of another layout (AvatarReX, THuman4.0, ZJU-MoCap, ActorsHQ, IMAvatar, NeRFace) written in ours"
     imported = acts.add_parser("import", help=what, allow_abbrev=False)
     imported.add_argument("source", help="a folder or .zip")
     imported.add_argument("out", help="a new folder, or one to go on with")
-    _add_prepare(acts)
+    imported.add_argument("--unit", metavar="U", help="of the cameras' places: m, cm or mm (guessed)")
+    imported.add_argument("--up", metavar="AXIS", help="of the file's world: +X, -X, +Y, -Y, +Z or -Z (guessed)")
+    imported.add_argument(
+        "--hands", metavar="H", help="what fingers at zero are: flat, or the file's mean (as it says)"
+    )
+    what = "N frames alone, to look at: the template over them is drawn into OUT/look"
+    imported.add_argument("--preview", metavar="N", help=what)
 
 
 def _add_prepare(acts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -116,12 +128,24 @@ def _refine(arguments: argparse.Namespace) -> int:
 
 
 def _import(arguments: argparse.Namespace) -> int:
+    from avatarrex.capture.importers.corrections import HANDS, UNITS, UP, Corrections
+
+    said = {}
+    for name, known in (("unit", UNITS), ("up", UP), ("hands", HANDS)):
+        value = getattr(arguments, name)
+        said[name] = options.one_of(f"--{name}", value, known) if value is not None else ""
+    some = None if arguments.preview is None else options.whole("--preview", arguments.preview, 1, MOST_COMPARED)
     out = output_folder(arguments.out, "capture.json")
     from avatarrex.capture.importers.import_capture import import_capture
 
-    print("\n".join(import_capture(Path(arguments.source), out).lines()))
+    found = import_capture(Path(arguments.source), out, Corrections(**said), some)
+    print("\n".join(found.lines()))
     print(out)
-    return 0
+    if some is None or not found.posed:
+        return 0
+    from avatarrex_studio.cli.capture_check import check
+
+    return check(str(out), "default", None, some, False, out / "look")
 
 
 def _prepare(arguments: argparse.Namespace) -> int:

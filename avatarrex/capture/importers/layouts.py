@@ -59,8 +59,8 @@ def find_layout(archive: Archive) -> tuple[Layout, str]:
         root = below
 
 
-def read_source(archive: Archive) -> tuple[Source, Reading]:
-    """What an archive of a known layout holds, and what was noted while reading. Raises `InputError`."""
+def read_source(archive: Archive, unit: float = 1.0) -> tuple[Source, Reading]:
+    """What an archive of a known layout holds, and what was noted while reading; `unit` as `Reading` has it. Raises `InputError`."""
     layout, root = find_layout(archive)
-    reading = Reading(archive, root, load_person())
+    reading = Reading(archive, root, load_person(), unit)
     return layout.read(reading), reading
