@@ -34,7 +34,7 @@ from avatarrex.capture.readers.splits import slices
 from avatarrex.files.json_text import read_json, write_json
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from capture.filmed import detected, easymocap, exact_landmarks, openpose
+from capture.filmed import detected, easymocap, exact_landmarks, openpose  # type: ignore[import-not-found]
 
 GRAIN = 1.5
 """Standard deviation of a picture's noise, of 255."""
@@ -80,7 +80,7 @@ def wall(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
 
 def noisy(rng: np.random.Generator, picture: np.ndarray) -> np.ndarray:
     """Bytes (h, w, 3) of a picture, with a sensor's noise."""
-    return np.uint8(np.clip(np.rint(picture + GRAIN * rng.standard_normal(picture.shape)), 0, 255))
+    return np.asarray(np.clip(np.rint(picture + GRAIN * rng.standard_normal(picture.shape)), 0, 255), np.uint8)
 
 
 def before(rng: np.random.Generator, rig: Rig, view: int, empty: np.ndarray) -> Iterator[np.ndarray]:
