@@ -17,7 +17,7 @@ CLEAR = 5.0
 RIM = 2
 """Pixels from the edge inwards that may be mixed."""
 SPARSE, ROUNDS = 3, 5
-"""Of pixels in a row and a column one is asked how bright and how noisy the empty scene is; rounds in which the person is told from it."""
+"""Every so many rows and columns are measured for how bright and how noisy the empty scene is; rounds in which the person is told from it."""
 HOLE = 0.003
 """Of the person's area: holes below it are the person, too."""
 LEAST_NOISE = 1.5
