@@ -9,6 +9,7 @@ from pathlib import Path
 from avatarrex_studio.cli import options
 from avatarrex_studio.cli.output import output_folder
 
+from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
 from avatarrex.training.recipe import RECIPES
 
@@ -49,10 +50,27 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     every = "refine the poses of frames that are kept from training, too (by the training's cameras and shape)"
     refine.add_argument("--every-frame", action="store_true", help=every)
 
+    _add_import(acts)
+    _add_prepare(acts)
+
+
+def _add_import(acts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """`import` with its own."""
     what = "a capture of another layout (AvatarReX, THuman4.0, ZJU-MoCap, ActorsHQ, IMAvatar, NeRFace) written in ours"
     imported = acts.add_parser("import", help=what, allow_abbrev=False)
     imported.add_argument("source", help="a folder or .zip")
     imported.add_argument("out", help="a new folder, or one to go on with")
+    imported.add_argument("--unit", metavar="U", help="of the cameras' places: m, cm or mm (guessed)")
+    imported.add_argument("--up", metavar="AXIS", help="of the file's world: +X, -X, +Y, -Y, +Z or -Z (guessed)")
+    imported.add_argument(
+        "--hands", metavar="H", help="what fingers at zero are: flat, or the file's mean (as it says)"
+    )
+    what = "N frames alone, to look at: the template over them is drawn into OUT/look"
+    imported.add_argument("--preview", metavar="N", help=what)
+
+
+def _add_prepare(acts: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """`prepare` with its own."""
     what = "a capture from videos, a calibration and keypoint files; goes on where it stopped"
     prepare = acts.add_parser("prepare", help=what, allow_abbrev=False)
     prepare.add_argument(
@@ -67,6 +85,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     prepare.add_argument(
         "--redo", metavar="STEP", help="do cameras, pictures, mattes, keypoints or fit again, and what follows"
     )
+    prepare.add_argument("--held-out-frames", metavar="A:B:S", help="frames kept from training, for `evaluate` alone")
     prepare.add_argument("--no-refine", action="store_true", help="end before the refinement by mattes and keypoints")
     prepare.add_argument("--train", metavar="RECIPE", help="train an avatar at the end, e.g. quick, into OUT/run")
 
@@ -109,12 +128,24 @@ def _refine(arguments: argparse.Namespace) -> int:
 
 
 def _import(arguments: argparse.Namespace) -> int:
+    from avatarrex.capture.importers.corrections import HANDS, UNITS, UP, Corrections
+
+    said = {}
+    for name, known in (("unit", UNITS), ("up", UP), ("hands", HANDS)):
+        value = getattr(arguments, name)
+        said[name] = options.one_of(f"--{name}", value, known) if value is not None else ""
+    some = None if arguments.preview is None else options.whole("--preview", arguments.preview, 1, MOST_COMPARED)
     out = output_folder(arguments.out, "capture.json")
     from avatarrex.capture.importers.import_capture import import_capture
 
-    print("\n".join(import_capture(Path(arguments.source), out).lines()))
+    found = import_capture(Path(arguments.source), out, Corrections(**said), some)
+    print("\n".join(found.lines()))
     print(out)
-    return 0
+    if some is None or not found.posed:
+        return 0
+    from avatarrex_studio.cli.capture_check import check
+
+    return check(str(out), "default", None, some, False, out / "look")
 
 
 def _prepare(arguments: argparse.Namespace) -> int:
@@ -127,8 +158,11 @@ def _prepare(arguments: argparse.Namespace) -> int:
     from avatarrex_studio.cli.capture_prepare import prepare
 
     from avatarrex.capture.importers.preparing import Options
+    from avatarrex.signals.sequence import MOST_FRAMES
 
-    return prepare(Path(arguments.source), out, Options(stride, fps, height), arguments)
+    if arguments.held_out_frames is not None:  # its form: how many frames there are is not known yet
+        choice.frames(arguments.held_out_frames, MOST_FRAMES, "--held-out-frames")
+    return prepare(Path(arguments.source), out, Options(stride, fps, height, arguments.held_out_frames), arguments)
 
 
 def _within(option: str, text: str | None, limits: tuple[float, float]) -> float | None:

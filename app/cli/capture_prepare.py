@@ -50,7 +50,7 @@ def _refined(capture: Path, out: Path, key: str) -> None:
     if before not in (None, key):
         shutil.rmtree(refined)
     write_json(marker, {"key": key})
-    refine(str(capture), False, refined)
+    refine(str(capture), True, refined)  # validation and test are then driven by tracking of the same kind
 
 
 def _begun(run: Path, marker: Path, key: str) -> bool:

@@ -1,4 +1,4 @@
-"""Captures made, checked and refined: a button for each, and the few things that it needs to know."""
+"""Captures made, imported, checked and refined: a button for each, and the few things that it needs to know."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from pathlib import Path
 
 from avatarrex_studio.jobs.task import Task
 from avatarrex_studio.panels import widgets
+from avatarrex_studio.panels.capture_import import CaptureImport
+from avatarrex_studio.panels.files import FileDialog
 from imgui_bundle import icons_fontawesome_6 as icons
 from imgui_bundle import imgui
 
@@ -32,16 +34,21 @@ RIGS = ("body", "face")
 class CaptureTools:
     """What is filled in."""
 
-    def __init__(self) -> None:
+    def __init__(self, files: FileDialog) -> None:
+        """`files`: the panel's dialog, which it draws."""
         self.shown = ""
-        """`make`, `refine`, or nothing."""
+        """`make`, `import`, `refine`, or nothing."""
         self.size, self.subject, self.garment, self.seed, self.noise = "small", "default", "printed", 0, 0.0
         self.out = ""
+        self.imported = CaptureImport(files)
 
     def draw(self, capture: str) -> Task | None:
         """Draw them for the capture that is filled in; the task whose button was pressed."""
         path = capture.strip()
-        buttons = {"make": f"{icons.ICON_FA_WAND_MAGIC_SPARKLES}  Make…"}
+        buttons = {
+            "make": f"{icons.ICON_FA_WAND_MAGIC_SPARKLES}  Make…",
+            "import": f"{icons.ICON_FA_FILE_IMPORT}  Import…",
+        }
         if path:
             buttons = {
                 "check": f"{icons.ICON_FA_CLIPBOARD_CHECK}  Check",
@@ -55,6 +62,8 @@ class CaptureTools:
             self.shown, self.out = ("" if self.shown == pressed else pressed), ""
         if self.shown == "make":
             return self._make()
+        if self.shown == "import":
+            return self.imported.draw()
         return self._refine(path) if self.shown == "refine" and path else None
 
     def _make(self) -> Task | None:

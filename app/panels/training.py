@@ -50,7 +50,7 @@ class TrainingPanel:
         self.processes = processes or TrainingProcesses()
         self.form, self.runs = TrainingForm(), RunList()
         self.plots = TrainingPlots(self.runs.colours, watcher)
-        self.tasks, self.tools, self.report = tasks or Tasks(), CaptureTools(), TaskReport(watcher)
+        self.tasks, self.tools, self.report = tasks or Tasks(), CaptureTools(self.form.files), TaskReport(watcher)
         self.evaluations, self.baselines = Evaluations(), False
         self._error = ""
         self._unfold = False
@@ -98,6 +98,11 @@ class TrainingPanel:
         """A capture for the next training, and what there is to say about it."""
         self.form.take(capture, words)
         self._unfold = True
+
+    def import_capture(self) -> None:
+        """Show what an import needs, and ask for its source."""
+        self.tools.shown, self._unfold = "import", True
+        self.tools.imported.choose()
 
     def choose(self, run: Path) -> None:
         """Show a run; one that lies elsewhere is watched, too."""

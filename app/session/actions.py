@@ -125,6 +125,7 @@ def _named(kind: str, name: str, command: Command) -> Action:
 ACTIONS: tuple[Action, ...] = (
     Action("open", "Open…", "File", "Ctrl+O", effect="open"),
     Action("figure.add", "Add an avatar beside…", "File", effect="add_figure"),
+    Action("capture.import", "Import a capture…", "File", effect="import_capture"),
     Action("motion.close", "Close the timeline", "File", command=_fixed(CloseMotion()), enabled=_has_layers),
     Action("session.save", "Save session", "File", "Ctrl+S", effect="save_session", separator=True),
     Action("session.save_as", "Save session as…", "File", "Ctrl+Shift+S", effect="save_session_as"),

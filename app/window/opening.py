@@ -92,6 +92,11 @@ class Opening:
         """Begin to read one that comes over all layers."""
         self._begin(path, lambda _: read_motion(path), self._take_layer)
 
+    def import_capture(self) -> None:
+        """Ask for a capture of another layout, in the Training tab."""
+        self.tab = "Training"
+        self._training.import_capture()
+
     def _read_any(self, path: str, cancelled: Event) -> Opened:
         """What is at a path, in the thread. Raises `CancelledError` before an avatar that is not wanted any more."""
 

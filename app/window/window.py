@@ -135,7 +135,7 @@ class Window:
             "output": lambda: self.output.toggle(self.screen.open()), "virtual_camera": self.output.camera.toggle,
             **{f"output_{name}": partial(setattr, self.output, "ground", name) for name in GROUNDS},
             **{f"output_{name}": partial(self.output.resize, name) for name in SIZES},
-            "export": lambda: self.exports.open(self.viewport.size),
+            "export": lambda: self.exports.open(self.viewport.size), "import_capture": self.opening.import_capture,
             "save_session": self._save, "save_session_as": self._save_as, "copy_pose": self._copy,
             "paste_pose": self._paste, "paste_flipped": partial(self._paste, flipped=True),
             "screenshot": self._screenshot, "look_at_camera": studio.look_at_camera, "frame_face": studio.frame_face,

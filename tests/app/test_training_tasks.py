@@ -13,7 +13,9 @@ from avatarrex_studio.jobs.evaluations import Evaluations, evaluating
 from avatarrex_studio.jobs.run_view import RunView
 from avatarrex_studio.jobs.task import Progress, Task, Tasks, text_of
 from avatarrex_studio.jobs.training_process import Order, TrainingProcesses
+from avatarrex_studio.panels.capture_import import CaptureImport
 from avatarrex_studio.panels.capture_tools import checking
+from avatarrex_studio.panels.files import FileDialog
 from PIL import Image
 
 from avatarrex.errors import InputError
@@ -121,3 +123,24 @@ def test_an_order_passes_on_where_it_starts_and_force(tmp_path):
     printed = (tmp_path / "run" / "train.log").read_text()
     assert "--recipe refine" in printed
     assert "--start before.avatar --force" in printed
+
+
+def test_an_import_is_looked_at_then_done(tmp_path, monkeypatch):
+    """What was said goes along, into the cache first; another source begins with guesses."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    form = CaptureImport(FileDialog())
+    form.take("/a/zju.zip")
+    form.said |= {"up": "-Z", "unit": "mm"}
+    look, whole = form.look(form.source), form.whole(form.source, str(tmp_path / "out"))
+    said = ("--unit=mm", "--up=-Z")
+    assert look.words[:3] == ("capture", "import", "/a/zju.zip")
+    assert look.words[4:] == (*said, "--preview", "3")
+    folder = Path(look.words[3])
+    assert folder.parent == tmp_path / "cache" / "avatarrex-studio" / "imports"
+    assert (look.capture, look.bad, look.pictures[0]) == ("", (1,), folder / "look" / "body.png")
+    assert (whole.words, whole.capture) == (
+        ("capture", "import", "/a/zju.zip", str(tmp_path / "out"), *said),
+        str(tmp_path / "out"),
+    )
+    form.take("/b")
+    assert set(form.said.values()) == {""}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +15,16 @@ from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.fit.landmarks import landmarks
 from avatarrex.capture.importers.detections import BODY_25, BODY_33, HAND_21
+from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import load_person
 
 BACKDROP = np.array([90, 110, 130], np.uint8)
 
 
-def exact_landmarks(one: Clothed) -> np.ndarray:
+def exact_landmarks(motion: Iterable[Signals]) -> np.ndarray:
     """(t, l, 3) world metres."""
     found, marks = [], landmarks()
-    for signals in one.motion:
+    for signals in motion:
         vertices, joints = template_surface(load_person(), signals.replace(expression=np.zeros(52)))
         found.append(np.concatenate([joints, vertices[marks.vertices[55:]]]))
     return np.array(found)
@@ -134,7 +135,7 @@ def film(
     out.mkdir(parents=True)
     for name, text in files.items():
         (out / name).write_text(text)
-    found = detected(exact_landmarks(one), list(one.lenses.values()), 2.0 * one.size[1] / 512, 0.05)
+    found = detected(exact_landmarks(one.motion), list(one.lenses.values()), 2.0 * one.size[1] / 512, 0.05)
     for view, name in enumerate(one.lenses):
         for folder in (out / "images" / name, out / "mattes" / name, out / "keypoints" / name, out / "background"):
             folder.mkdir(parents=True, exist_ok=True)

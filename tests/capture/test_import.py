@@ -229,3 +229,18 @@ def test_what_differs_from_the_empty_scene() -> None:
         "covers 100.0% of the picture",
         "covers 100% of the picture's border",
     ]
+
+
+def test_what_hardly_differs_from_the_wall_is_the_person_and_edges_are_mixed() -> None:
+    """Jeans before a wall of nearly their colour: no channel differs by more than its noise, all three do; a soft edge keeps its shares."""
+    rng, (y, x) = np.random.default_rng(5), np.mgrid[:180, :170]
+    exact = np.clip((38 - np.hypot(y - 90, x - 80)) / 2 + 0.5, 0, 1)  # an edge two pixels wide
+    wall = np.array([90.0, 100.0, 95.0]) + 20 * np.sin(x / 9)[..., None]
+    jeans, shirt = wall + np.array([10.0, -10.0, 12.0]), np.array([220.0, 210.0, 200.0])
+    colour = np.where((y > 90)[..., None], jeans, shirt)
+    seen = exact[..., None] * colour + (1 - exact[..., None]) * wall
+    noisy = [np.uint8(np.clip(np.rint(one + 2 * rng.standard_normal(one.shape)), 0, 255)) for one in (seen, wall)]
+    matte = difference_matte(*noisy) / 255
+    assert ((matte > 0.5) != (exact > 0.5)).mean() < 0.02
+    above = (y < 88) & (exact > 0) & (exact < 1)
+    assert np.abs(matte - exact)[above].mean() < 0.06

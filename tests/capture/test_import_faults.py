@@ -131,7 +131,7 @@ def test_other_mattes_are_refined_and_trained_anew(tmp_path: Path, monkeypatch: 
     made: list[str] = []
 
     def refine(capture: str, every: bool, out: Path) -> int:
-        made.append("refined")
+        made.append("refined, every frame" if every else "refined")
         put(out / capture_prepare.FIGURES, b"{}")
         return 0
 
@@ -140,7 +140,7 @@ def test_other_mattes_are_refined_and_trained_anew(tmp_path: Path, monkeypatch: 
         capture_prepare._refined(tmp_path, tmp_path, key)
     put(tmp_path / "refined" / capture_prepare.FILE, b"")  # killed before its pictures were written
     capture_prepare._refined(tmp_path, tmp_path, "b")
-    assert made == 3 * ["refined"]
+    assert made == 3 * ["refined, every frame"]
     run, marker = tmp_path / "run", tmp_path / capture_prepare.TRAINED
     begun = []
     for key in ("a", "a", "b"):
@@ -150,7 +150,9 @@ def test_other_mattes_are_refined_and_trained_anew(tmp_path: Path, monkeypatch: 
     assert (tmp_path / "run_before_1" / "run.json").read_text() == "a"
 
 
-@pytest.mark.parametrize("words", ["--fps 0", "--height 0", "--height -1", "--stride 0", "--train foo", "--fps nan"])
+@pytest.mark.parametrize(
+    "words", ["--fps 0", "--height 0", "--height -1", "--stride 0", "--train foo", "--fps nan", "--held-out-frames 3"]
+)
 def test_options_are_judged_before_any_work(words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["capture", "prepare", str(film(tmp_path / "film")), str(tmp_path / "out"), *words.split()]) == 2
     assert words.split()[0] in capsys.readouterr().err

@@ -40,7 +40,7 @@ class Moving(Clothed):
 
 @pytest.fixture(scope="module")
 def moving() -> np.ndarray:
-    return filmed.exact_landmarks(Moving(frames=6))
+    return filmed.exact_landmarks(Moving(frames=6).motion)
 
 
 def ring(places: np.ndarray, count: int) -> list[Camera]:
@@ -175,18 +175,19 @@ def test_a_folder_becomes_a_capture_and_goes_on(tmp_path: Path, capsys: pytest.C
     """Images, mattes, Caliscope's calibration and OpenPose's files; the second time nothing is done again, `--redo` does."""
     one = Clothed(cameras=4, frames=2, size=(96, 128))
     source, out = filmed.film(one, tmp_path / "film"), tmp_path / "out"
-    words = ["capture", "prepare", str(source), str(out), "--no-refine"]
+    words = ["capture", "prepare", str(source), str(out), "--no-refine", "--held-out-frames", "1:2"]
     assert main(words) == 0
     said = capsys.readouterr().out
     assert "TOML: 4 cameras" in said
     assert "8 mattes, imported" in said
     assert "verdict: " in said
     rig = open_capture(out / "capture").rigs["body"]
-    exact = filmed.exact_landmarks(one)
+    exact = filmed.exact_landmarks(one.motion)
     for frame in range(2):
         assert np.linalg.norm(rig.signals[frame].translation - exact[frame, 0]) < 0.04
     assert rig.keypoints is not None
     assert not rig.missing
+    assert rig.held_out_frames == {1}
     steps = sorted(path.name for path in (out / "steps").glob("*.png"))
     assert steps == ["1_cameras.png", "2_pictures.png", "3_mattes.png", "4_keypoints.png", "5_fit.png"]
     assert main([*words, "--redo", "fit"]) == 0

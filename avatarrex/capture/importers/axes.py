@@ -32,10 +32,13 @@ def up_axis(orient: np.ndarray) -> str:
 
 
 def upright(
-    lenses: tuple[Lens, ...], orient: np.ndarray, pelvis: np.ndarray, notes: list[str]
+    lenses: tuple[Lens, ...], orient: np.ndarray, pelvis: np.ndarray, notes: list[str], up: str = ""
 ) -> tuple[tuple[Lens, ...], np.ndarray, np.ndarray, Rotation]:
-    """Cameras, rotations (t, 3) and places (t, 3) of the pelvis in a world with +Y up, and its turn; a change is said in `notes`."""
-    axis = up_axis(orient)
+    """Cameras, rotations (t, 3) and places (t, 3) of the pelvis in a world with +Y up, and its turn; a change is said in `notes`.
+
+    `up`: the axis that is up, where somebody has said it.
+    """
+    axis = up or up_axis(orient)
     if axis == "+Y":
         return lenses, orient, pelvis, Rotation.identity()
     turn = TURNS[axis]

@@ -1,7 +1,8 @@
 """Mattes from a picture of the empty scene: what differs from it, in one piece, without holes; and how good any matte is.
 
-d = max over channels of |image − backdrop|; foreground from `CLEAR` times the noise on; in its rim, two pixels wide, the share is d over
-that of the foreground. Exposure that has changed between the two is undone by the median ratio of their colours. Letters: h w pixels.
+z = (image − backdrop) / σ by channel, σ the pictures' noise; foreground where |z| is above `CLEAR`, but for single pixels. In its rim the
+share is |z| over that of the nearest pixel well within. Exposure that has changed between the two pictures is undone by the median ratio
+of their colours. Letters: h w pixels.
 """
 
 from __future__ import annotations
@@ -11,11 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-CLEAR, FULL = 6.0, 0.9
-"""Standard deviations of the pictures' noise from which on something differs; share of the foreground's median difference that is whole."""
+CLEAR = 5.0
+"""|z| from which on something differs: of noise alone a hundred-thousandth of the pixels is above."""
+RIM = 2
+"""Pixels from the edge inwards that may be mixed."""
+SPARSE, ROUNDS = 3, 5
+"""Every so many rows and columns are measured for how bright and how noisy the empty scene is; rounds in which the person is told from it."""
 HOLE = 0.003
 """Of the person's area: holes below it are the person, too."""
-LEAST_NOISE = 2.0
+LEAST_NOISE = 1.5
 """Of 255: JPEG's own."""
 SMALL = 0.02
 """Share of the largest piece below which another one is not the person."""
@@ -51,20 +56,32 @@ class MatteQuality:
 def difference_matte(image: np.ndarray, backdrop: np.ndarray) -> np.ndarray:
     """(h, w) bytes, from sRGB bytes (h, w, 3) of the picture and of the empty scene."""
     seen, empty = image.astype(np.float32), backdrop.astype(np.float32)
-    lit = (empty > 16) & (empty < 240)
-    ratio = [
-        float(np.median(seen[..., c][lit[..., c]] / empty[..., c][lit[..., c]])) if lit[..., c].any() else 1.0
-        for c in range(3)
-    ]
-    away = np.abs(seen - empty * np.clip(ratio, 0.5, 2.0)).max(2)
-    noise = max(1.4826 * float(np.median(away)), LEAST_NOISE)
-    smooth = ndimage.gaussian_filter(away, 0.7)
-    whole = _filled(largest_pieces(ndimage.binary_opening(smooth > CLEAR * noise)))
+    ratio, noise = _exposure_and_noise(
+        seen[::SPARSE, ::SPARSE].reshape(-1, 3), empty[::SPARSE, ::SPARSE].reshape(-1, 3)
+    )
+    away = np.linalg.norm((seen - empty * ratio) / noise, axis=2)
+    whole = _filled(largest_pieces(ndimage.binary_opening(away > CLEAR)))
     if not whole.any():
         return np.zeros(whole.shape, np.uint8)
-    share = np.clip(away / (FULL * np.median(away[whole])), 0, 1)
-    near, inner = ndimage.binary_dilation(whole), ndimage.binary_erosion(whole)
-    return np.asarray(np.rint(255 * np.where(inner, 1.0, np.where(near, share, 0.0))), np.uint8)
+    inner, near = ndimage.binary_erosion(whole, iterations=RIM), ndimage.binary_dilation(whole)
+    rows, columns = ndimage.distance_transform_edt(~inner, return_distances=False, return_indices=True)
+    share = away / np.maximum(away[rows, columns], CLEAR) if inner.any() else whole
+    return np.asarray(np.rint(255 * np.where(near & ~inner, np.clip(share, 0, 1), inner)), np.uint8)
+
+
+def _exposure_and_noise(seen: np.ndarray, empty: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(3,) ratio of the pictures' colours (p, 3), and (3,) standard deviation of what is left, of the pixels that show the empty scene."""
+    same, ratio, noise = np.ones(len(seen), bool), np.ones(3), np.ones(3)
+    for _ in range(ROUNDS):
+        for c in range(3):
+            lit = same & (empty[:, c] > 16) & (empty[:, c] < 240)
+            ratio[c] = np.clip(np.median(seen[lit, c] / empty[lit, c]), 0.5, 2.0) if lit.any() else 1.0
+        off = seen - empty * ratio
+        noise = np.maximum(1.4826 * np.median(np.abs(off[same]), 0), LEAST_NOISE)
+        same = np.linalg.norm(off / noise, axis=1) < CLEAR
+        if not same.any():
+            break
+    return ratio, noise
 
 
 def _filled(mask: np.ndarray) -> np.ndarray:

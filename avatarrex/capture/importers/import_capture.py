@@ -18,6 +18,7 @@ from PIL import Image
 from tqdm import tqdm
 
 from avatarrex.capture.importers.axes import upright
+from avatarrex.capture.importers.corrections import GUESSED, Corrections, few
 from avatarrex.capture.importers.difference import difference_matte
 from avatarrex.capture.importers.layouts import read_source
 from avatarrex.capture.importers.pictures import (
@@ -71,11 +72,14 @@ class Imported:
         return [what, *(["notes", *said] if said else []), *(["problems", *shown] if shown else [])]
 
 
-def import_capture(path: Path, out: Path) -> Imported:
-    """Write `path` into the folder `out` in our layout, or go on there. Raises `InputError` for what cannot be imported at all."""
+def import_capture(path: Path, out: Path, corrections: Corrections = GUESSED, frames: int | None = None) -> Imported:
+    """Write `path` into the folder `out` in our layout, or go on there; `frames` of it alone, to be looked at.
+
+    Raises `InputError` for what cannot be imported at all.
+    """
     archive = Archive(path)
-    source, reading = read_source(archive)
-    source = in_our_world(source, reading)
+    source, reading = read_source(archive, corrections.metres)
+    source = in_our_world(source if frames is None else few(source, frames), reading, corrections)
     manifest = _begun(path, out, source.layout)
     folder = out / source.rig
     write_text(
@@ -115,15 +119,16 @@ def _begun(path: Path, out: Path, layout: str) -> dict[str, Any]:
     return manifest
 
 
-def in_our_world(source: Source, reading: Reading) -> Source:
+def in_our_world(source: Source, reading: Reading, corrections: Corrections = GUESSED) -> Source:
     """The source in metres with +Y up; what was changed is noted. Raises `InputError` where no unit fits."""
-    lenses, values = tuple(view.lens for view in source.views), source.parameters
+    lenses = corrections.lenses(tuple(view.lens for view in source.views), reading.notes)
+    values = corrections.hand_mean(source.parameters, reading.place())
     if "global_orient" not in values or "transl" not in values:
-        return _viewed(source, _camera_metres(lenses, reading.notes))
+        return _viewed(source, lenses if corrections.unit else _camera_metres(lenses, reading.notes))
     rest = rest_pelvis(values)
     lenses, scale = metres(lenses, values["transl"], rest, reading.place(), "", reading.notes)
     pelvis = values["transl"] * scale + rest
-    lenses, orient, pelvis, turn = upright(lenses, values["global_orient"], pelvis, reading.notes)
+    lenses, orient, pelvis, turn = upright(lenses, values["global_orient"], pelvis, reading.notes, corrections.up)
     changed = {**values, "global_orient": orient, "transl": pelvis - rest}
     if turn.magnitude():  # for a person whose pelvis at rest is not at `rest`
         changed["world_turn"] = turn.as_rotvec()

@@ -25,13 +25,13 @@ READERS: dict[str, Callable[[Reading], Source]] = {
 }
 
 
-def read_source(archive: Archive) -> tuple[Source, Reading]:
-    """What an archive of a known layout holds, and what was noted while reading. Raises `InputError`."""
+def read_source(archive: Archive, unit: float = 1.0) -> tuple[Source, Reading]:
+    """What an archive of a known layout holds, and what was noted while reading; `unit` as `Reading` has it. Raises `InputError`."""
     found = marked(archive)
     if found is None:
         raise _unknown(archive)
     layout, root = found
-    reading = Reading(archive, root, load_person())
+    reading = Reading(archive, root, load_person(), unit)
     return READERS[layout](reading), reading
 
 

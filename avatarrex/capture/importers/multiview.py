@@ -31,7 +31,7 @@ def read_multiview(reading: Reading) -> Source:
     count = max((max(view.images, default=-1) for view in views), default=-1) + 1
     if parameters:
         count = len(parameters["transl"])
-        rig = "face" if shows_a_face(files, parameters["transl"] + SMPLX_PELVIS) else "body"
+        rig = "face" if shows_a_face(files, parameters["transl"] + SMPLX_PELVIS, reading.unit) else "body"
     return Source(kind, rig, tuple(views), count, parameters)
 
 

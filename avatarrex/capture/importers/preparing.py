@@ -29,6 +29,7 @@ from avatarrex.capture.importers.footage import Footage, find_footage, read_imag
 from avatarrex.capture.importers.import_capture import RULE_MATTES, calibration
 from avatarrex.capture.importers.pictures import as_matte, matte_rule
 from avatarrex.capture.importers.step_pictures import dotted, outlined, plan, tiles
+from avatarrex.capture.readers import choice
 from avatarrex.capture.readers.calibration import Lens, read_calibration
 from avatarrex.capture.readers.keypoints import FILE as KEYPOINTS
 from avatarrex.capture.readers.manifest import FORMAT
@@ -59,6 +60,8 @@ class Options:
     """Frames a second of the pictures, where no video says it."""
     height: float | None = None
     """Metres of the person, for calibrations without a unit."""
+    held_out: str | None = None
+    """Frames of the capture, `A:B:S`, that no training sees."""
 
 
 @dataclass(eq=False)
@@ -325,10 +328,15 @@ def _fit(work: Preparing) -> tuple[list[str], np.ndarray]:
     found = fit_initial(cameras.lenses, kept["points"], kept["confidence"], cameras.scaled, work.options.height)
     rates = [rate for one in work.footage().values() if (rate := one.fps)]
     fps = (work.options.fps or (rates[0] if rates else 30.0)) / work.options.stride
+    wanted = work.options.held_out
+    held_out = choice.frames(wanted, len(found.poses.place), "--held-out-frames") if wanted else ()
     write_json(work.body / "calibration_full.json", calibration(found.lenses))
     write_arrays(work.body / "smpl_params.npz", found.parameters(fps))
     provenance = {"maker": "avatarrex-studio capture prepare", "calibration": cameras.kind, "source": work.source.name}
-    write_json(work.out / "capture" / "capture.json", {"format": FORMAT, "provenance": provenance})
+    write_json(
+        work.out / "capture" / "capture.json",
+        {"format": FORMAT, "provenance": provenance, "held_out_frames": {"body": held_out}},
+    )
     middle, most = 1000 * np.nanpercentile(found.residuals(), (50, 95))
     agree = found.points.agree[found.points.found]
     said = [
@@ -348,6 +356,6 @@ STEPS: dict[str, Step] = {
     "pictures": Step(_pictures, PICTURES, ("stride",)),
     "mattes": Step(_mattes, (*MATTES, *BACKDROPS)),
     "keypoints": Step(_keypoints, ("keypoints",)),
-    "fit": Step(_fit, (), ("fps", "height")),
+    "fit": Step(_fit, (), ("fps", "height", "held_out")),
 }
 """In their order."""

@@ -59,6 +59,8 @@ class Reading:
     archive: Archive
     root: str
     person: Person
+    unit: float = 1.0
+    """Metres of a unit of the cameras' places, where that was said."""
     problems: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 

@@ -82,7 +82,8 @@ def plan(lenses: tuple[Lens, ...], person: np.ndarray | None = None, up: int = 1
             x, y = pixel(centre)
             draw.line((x, y, *pixel(centre + way * reach * LENGTH * 2)), CAMERA, 2)
             draw.ellipse((x - 5, y - 5, x + 5, y + 5), fill=CAMERA)
-            draw.text((x + 7, y - 8), lens.name, INK, font)
+            long, edge = draw.textlength(lens.name, font), half * (PLAN + GAP) + PLAN
+            draw.text((x + 7 if x + 7 + long <= edge else x - 7 - long, y - 8), lens.name, INK, font)
     return np.array(sheet)
 
 

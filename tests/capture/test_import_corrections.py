@@ -1,0 +1,97 @@
+"""What a person says goes before what an import guesses, and a few frames are a capture of their own, to be looked at."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from avatarrex_studio.cli.main import main
+from capture import foreign
+from capture.foreign import BODIES, Scene
+from capture.tiny_capture import npz
+
+from avatarrex.capture.fit.check import check_capture
+from avatarrex.capture.readers.rigs import open_capture
+
+MEAN = np.full(45, 0.2)
+
+
+@pytest.fixture(scope="module")
+def body() -> Scene:
+    return foreign.scene()
+
+
+def avatarrex(body: Scene, source: Path, scale: float = 1.0, **changed: np.ndarray) -> Path:
+    """As published, but cameras in another unit, and some parameters otherwise."""
+    BODIES["AvatarReX"](body, source)
+    file = source / "calibration_full.json"
+    entries = json.loads(file.read_text())
+    for entry in entries.values():
+        entry["T"] = (scale * np.array(entry["T"])).tolist()
+    file.write_text(json.dumps(entries))
+    with np.load(source / "smpl_params.npz") as old:
+        (source / "smpl_params.npz").write_bytes(npz(**{**old, **changed}))
+    return source
+
+
+def imported(source: Path, out: Path, *words: str) -> int:
+    return main(["capture", "import", str(source), str(out), *words])
+
+
+def test_a_unit_that_was_said(body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Centimetres, which are guessed to be millimetres."""
+    source = avatarrex(body, tmp_path / "source", 100.0)
+    assert imported(source, tmp_path / "out", "--unit", "cm") == 0
+    assert "unit: camera positions in cm, as was said" in capsys.readouterr().out
+    for view, camera in zip(open_capture(tmp_path / "out").rigs["body"].views, body.cameras.values()):
+        np.testing.assert_allclose(view.camera.camera_from_world, camera.camera_from_world, atol=1e-9)
+
+
+def test_an_axis_that_was_said(body: Scene, tmp_path: Path) -> None:
+    """Of a world with +Z up: +Y leaves it as it is, +Z is what is guessed."""
+    BODIES["ZJU-MoCap"](body, tmp_path / "source")
+    exact = [camera.camera_from_world for camera in body.cameras.values()]
+    for up, same in (("+Z", True), ("+Y", False), ("-X", False)):
+        assert imported(tmp_path / "source", tmp_path / "out", f"--up={up}") == 0
+        found = [view.camera.camera_from_world for view in open_capture(tmp_path / "out").rigs["body"].views]
+        assert np.allclose(found, exact, atol=1e-9) == same, up
+
+
+def test_hands_that_were_said(body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = avatarrex(body, tmp_path / "source", flat_hand_mean=np.array(True), hands_meanl=MEAN, hands_meanr=MEAN)
+    poses = {}
+    for said in ("flat", "mean"):
+        assert imported(source, tmp_path / said, "--hands", said) == 0
+        poses[said] = open_capture(tmp_path / said).rigs["body"].signals[0].left_hand_pose
+    np.testing.assert_allclose(poses["flat"], body.signals[0].left_hand_pose, atol=1e-6)
+    np.testing.assert_allclose(poses["mean"] - poses["flat"], MEAN.reshape(15, 3), atol=1e-6)
+    assert imported(avatarrex(body, tmp_path / "none"), tmp_path / "other", "--hands", "mean") == 2
+    assert "hands_meanl: expected the mean hand that --hands mean adds" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words", ["--unit ft", "--up=Z", "--hands curled", "--preview 0", "--preview -1"], ids=lambda words: words[2:7]
+)
+def test_words_that_mean_nothing(words: str, body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    BODIES["AvatarReX"](body, tmp_path / "source")
+    assert imported(tmp_path / "source", tmp_path / "out", *words.split()) == 2
+    assert words.replace("=", " ").split()[0] in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_look_at_two_frames(body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The first and the last, with their own parameters, the template over them; then the whole, in the same folder."""
+    source, out = avatarrex(body, tmp_path / "source"), tmp_path / "out"
+    assert imported(source, out, "--preview", "2") == 0
+    assert "verdict: " in capsys.readouterr().out
+    assert (out / "look" / "body.png").is_file()
+    capture = open_capture(out)
+    rig = capture.rigs["body"]
+    assert rig.frames == 2
+    for found, exact in zip(rig.signals, (body.signals[0], body.signals[2])):
+        np.testing.assert_allclose(found.body_pose, exact.body_pose, atol=1e-6)
+    assert (check_capture(capture, frames=2).rigs[0].mean("template") or 0) > 0.999
+    assert imported(source, out) == 0
+    assert open_capture(out).rigs["body"].frames == 3
