@@ -253,7 +253,7 @@ class BodyField(nn.Module):
         if "slide.share" in state:
             self.add_slide(state["slide.share"].float())
         if "relief" in state:
-            self.relief = state["relief"].float()
+            self.relief = state["relief"].float().clone()
         if {"outgrowth.first", "outgrowth.distance"} <= set(state):
             self.outgrowth = Outgrowth(state["outgrowth.first"].clone(), state["outgrowth.distance"].float())
             self.outgrowth.lay(self.template.v_template)

@@ -108,7 +108,8 @@ class PassTwo:
     slides: bool = False
     """Whether the texels are first registered to the pictures: cloth slides over the skin (fields/slide.py; ours)."""
     rises: bool = False
-    """Whether the surface is registered with them: it stands off where pass I left it (`BodyField.raise_surface`; ours)."""
+    """Whether the surface is registered, too, before anything is painted: it stands off where pass I left it
+    (`BodyField.raise_surface`; ours). After that the geometry is frozen."""
     view_dropout: float = 0.0
     """Share of the patches that are shaded as if seen along a random direction: colours from where no camera looked are then
     those of all cameras (ours)."""

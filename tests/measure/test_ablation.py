@@ -30,6 +30,7 @@ from avatarrex.settings import RenderSettings
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
+from avatarrex.training.core.stage import stages
 from avatarrex.training.recipe import PAPER, QUICK, LossWeights, Recipe
 from avatarrex.training.runs.folder import read_about
 
@@ -146,6 +147,13 @@ def test_each_variant_changes_what_it_says():
     half = scaled(QUICK, "body", 0.5).body
     assert (half[0].steps, half[1].steps, half[0].warm_steps) == (one.steps // 2, two.steps // 2, one.warm_steps)
     assert all(name in VARIANTS for _, first, second in QUESTIONS for name in (first, second))
+
+
+def test_what_has_one_pass_is_what_that_pass_leaves():
+    """Nothing is painted on it, and its surface is not registered."""
+    for name in ("pass-one", "no-pass-two", "plain", "plain-one", "one-network", "uniform-64"):
+        assert [stage.name for stage in stages(recipe_of(VARIANTS[name], QUICK, "body"), ("body",))] == ["I"]
+    assert [stage.name for stage in stages(QUICK, ("body",))] == ["I", "II"]
 
 
 def test_variants_come_with_what_they_need_and_others_are_refused():

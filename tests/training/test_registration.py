@@ -16,7 +16,7 @@ from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.person import load_person
 from avatarrex.templates.posed import pose_person
 from avatarrex.training.core.projection import paint, project
-from avatarrex.training.core.registration import register
+from avatarrex.training.core.registration import HIGHEST, register
 from avatarrex.training.core.sighting import Sighting
 
 SEEN = 8000
@@ -68,7 +68,7 @@ def off(avatar: Avatar, one: Sighting, share: Tensor) -> float:
     return 1e3 * float((found - true).norm(dim=1).mean())
 
 
-def registered(avatar: Avatar, share: Tensor, height: Tensor, rises: bool) -> None:
+def registered(avatar: Avatar, share: Tensor, height: Tensor, slides: bool, rises: bool) -> None:
     """By six pictures."""
     avatar.body.add_detail(0.02)
     detail = avatar.body.detail
@@ -77,7 +77,7 @@ def registered(avatar: Avatar, share: Tensor, height: Tensor, rises: bool) -> No
     def painted(sightings: Sequence[Sighting]) -> None:
         paint(detail, [project(avatar, one, "body") for one in sightings], "here", 0)
 
-    register(avatar, [pictured(avatar, share, height, seed) for seed in range(6)], painted, rises)
+    register(avatar, [pictured(avatar, share, height, seed) for seed in range(6)], painted, slides, rises)
 
 
 def sliding(avatar: Avatar) -> Tensor:
@@ -92,7 +92,7 @@ def test_the_slide_is_found_and_holds_in_another_pose(bare: Avatar) -> None:
     other = pictured(bare, share, level, 100)
     body.add_slide(Slide.none(len(body.node_vertex)).share)
     before = off(bare, other, share)
-    registered(bare, share, level, rises=False)
+    registered(bare, share, level, slides=True, rises=False)
     assert body.relief is None
     assert before > 5
     assert off(bare, other, share) < 0.5 * before
@@ -102,9 +102,24 @@ def test_the_relief_is_found_beside_the_slide(bare: Avatar) -> None:
     """A surface that stands up to 12 mm off, in waves of 31 cm, while what is painted on it slides."""
     body, share = bare.body, sliding(bare)
     height = 0.004 + 0.008 * torch.sin(20 * bare.person.body.v_template[:, 1])
-    registered(bare, share, height, rises=True)
+    registered(bare, share, height, slides=True, rises=True)
     assert body.relief is not None
+    assert body.slide is not None
     shown = body.sample_rest[:, 1] > 0.05
     found, true = body.relief[body.sample_anchor][shown], height[body.sample_vertex][shown]
     body.relief = None
     assert (found - true).abs().mean() < 0.35 * true.abs().mean()
+
+
+def test_the_relief_is_found_alone_and_stays_within_cloth(bare: Avatar) -> None:
+    """A surface 5 cm off is no cloth."""
+    body, nothing = bare.body, torch.zeros(len(bare.body.node_vertex), JOINTS)
+    height = torch.where(bare.person.body.v_template[:, 1] > 0.3, 0.05, 0.006)
+    registered(bare, nothing, height, slides=False, rises=True)
+    assert body.relief is not None
+    found = body.relief[body.sample_anchor]
+    body.relief = None
+    assert body.slide is None
+    assert found.abs().max() <= HIGHEST + 1e-6
+    low = (body.sample_rest[:, 1] > 0.05) & (body.sample_rest[:, 1] < 0.2)
+    assert found[low].median() > 0.003

@@ -32,7 +32,7 @@ from avatarrex.training.core import work
 from avatarrex.training.core.stage import Stage
 from avatarrex.training.core.trainer import Trainer
 from avatarrex.training.core.work import Diverged, pass_of
-from avatarrex.training.recipe import from_scratch
+from avatarrex.training.recipe import Recipe, from_scratch
 from avatarrex.training.runs.events import EventReader
 from avatarrex.training.runs.folder import Run, read_about
 
@@ -45,11 +45,13 @@ def every_step_is_reported(monkeypatch):
     monkeypatch.setattr("avatarrex.training.core.held_out.PICTURES", 1)
 
 
-def start(capture: Path, folder: Path, parts: tuple[str, ...] = ("body",), resume: bool = False) -> tuple[Run, Trainer]:
+def start(
+    capture: Path, folder: Path, parts: tuple[str, ...] = ("body",), resume: bool = False, recipe: Recipe = TINY
+) -> tuple[Run, Trainer]:
     """A run and what trains in it."""
-    config = {"part": ",".join(parts), "preset": "tiny", "capture": str(capture), "seed": 0, "steps": TINY.steps()}
+    config = {"part": ",".join(parts), "preset": "tiny", "capture": str(capture), "seed": 0, "steps": recipe.steps()}
     run = Run.open(folder) if resume else Run.create(folder, config)
-    return run, Trainer(open_capture(capture), TINY, run)
+    return run, Trainer(open_capture(capture), recipe, run)
 
 
 def losses(folder: Path) -> dict[str, dict[int, float]]:
@@ -126,6 +128,25 @@ def test_a_killed_run_repeats_its_losses_bit_for_bit(capture, whole, tmp_path, m
     with run:
         assert trainer.train()
     assert losses(tmp_path / "run") == losses(whole)
+
+
+def test_what_was_registered_is_gone_on_with(capture, tmp_path):
+    """Slide and relief of the beginning of pass II, from its checkpoint."""
+    one, two = TINY.body
+    recipe = replace(TINY, body=(one, replace(two, texel=0.05, slides=True, rises=True)))
+    run, trainer = start(capture, tmp_path / "run", recipe=recipe)
+    with run:
+        assert trainer.train()
+    wanted, last = trainer.avatar.body, sorted((tmp_path / "run/checkpoints").iterdir())[-1]
+    shutil.rmtree(last)
+    run, trainer = start(capture, tmp_path / "run", resume=True, recipe=recipe)
+    with run:
+        assert trainer.train()
+    found = trainer.avatar.body
+    assert found.relief.abs().max() > 1e-5
+    assert found.relief.equal(wanted.relief)
+    assert found.slide.share.equal(wanted.slide.share)
+    assert found.detail.texel.equal(wanted.detail.texel)
 
 
 def test_a_resumed_optimiser_steps_as_if_nothing_had_been():

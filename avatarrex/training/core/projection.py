@@ -65,8 +65,8 @@ class Projected:
 def start_from_pictures(
     avatar: Avatar, part: str, store: FrameStore, spacing: float, slides: bool = False, rises: bool = False
 ) -> None:
-    """Lay texels on `body` or `face`, paint them, and let the networks begin at nothing; those of a body that `slides` are registered
-    to the pictures before, and with them, where it `rises`, its surface.
+    """Lay texels on `body` or `face`, paint them, and let the networks begin at nothing; a body that `slides` or `rises` is registered to
+    the pictures before.
 
     Raises `InputError` where no picture shows it.
     """
@@ -83,8 +83,8 @@ def start_from_pictures(
     def painted(sightings: Sequence[Sighting], rounds: int = 0) -> None:
         paint(detail, [project(avatar, one, part) for one in sightings], where, rounds)
 
-    if part == "body" and slides:
-        register(avatar, [sight(one, part, *pair) for one, pair in chosen], painted, rises)
+    if part == "body" and (slides or rises):
+        register(avatar, [sight(one, part, *pair) for one, pair in chosen], painted, slides, rises)
         store.renew(store.age + 1)
     painted([sight(one, part, *pair) for one, pair in chosen], ROUNDS)
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]

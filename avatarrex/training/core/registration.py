@@ -43,6 +43,8 @@ RISE = 0.1
 """Metres of relief that conjugate gradients take as they take a share of 1."""
 STEPS = 40
 """Of conjugate gradients in a round."""
+HIGHEST = 0.02
+"""Metres that the surface rises or sinks: as far as cloth may stand off (`CLOTH` in fields/body.py)."""
 
 
 @torch.no_grad()
@@ -50,35 +52,41 @@ def register(
     avatar: Avatar,
     sightings: Sequence[Sighting],
     paint: Callable[[Sequence[Sighting]], None],
+    slides: bool,
     rises: bool,
     seed: int = 0,
 ) -> None:
-    """Let the body's slide, and where it `rises` its relief, be those with which the pictures agree.
+    """Let the body's slide, where it `slides`, and its relief, where it `rises`, be those with which the pictures agree.
 
     `paint` makes the texels anew, with the slide that has been found, from the sightings that it is given: they lie where the relief is.
     """
     body = avatar.body
     body.add_slide(Slide.none(len(body.node_vertex)).share)
     assert body.slide is not None
-    pixels = _Pixels(avatar, sightings, rises, np.random.default_rng(seed))
+    pixels = _Pixels(avatar, sightings, slides, rises, np.random.default_rng(seed))
     height = torch.zeros(len(body.sample_rest))
     for slope in SLOPES:
         paint(sightings)
         share, rise = pixels.step(avatar, sightings, height.numpy(), slope)
         body.slide.share.add_(share)
+        rise = (height + rise).clamp(-HIGHEST, HIGHEST) - height
         height += rise
         sightings = [one.raised(one.beside.mean(rise[:, None])[:, 0]) for one in sightings]
     if rises:
         body.raise_surface(height)
+    if not slides:
+        body.slide = None
 
 
 class _Pixels:
     """Some of the sightings' pixels, with what moves them: the slide's joints along `basis`, the relief along `parallax`, metres at rest."""
 
-    def __init__(self, avatar: Avatar, sightings: Sequence[Sighting], rises: bool, rng: np.random.Generator) -> None:
+    def __init__(
+        self, avatar: Avatar, sightings: Sequence[Sighting], slides: bool, rises: bool, rng: np.random.Generator
+    ) -> None:
         body = avatar.body
         assert body.slide is not None
-        self.mask = carriers(body.node_rest, avatar.person.body.joint_template).cpu().numpy()
+        self.mask = slides & carriers(body.node_rest, avatar.person.body.joint_template).cpu().numpy()
         count = max(PIXELS // len(sightings), 1)
         self.rows = [torch.from_numpy(rng.permutation(len(one.position))[:count]) for one in sightings]
         basis, parallax, carried = zip(*(_moves(*both) for both in zip(sightings, self.rows)))

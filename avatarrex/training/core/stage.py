@@ -42,9 +42,9 @@ class Stage:
 
 
 def stages(recipe: Recipe, parts: tuple[str, ...]) -> list[Stage]:
-    """All passes in order."""
+    """All passes that have steps, in order."""
     found = []
     for part in (part for part in TRAINED if part in parts):
         one, two = getattr(recipe, part)
         found += [Stage(part, "I", one, 0), Stage(part, "II", two, one.steps)]
-    return found
+    return [stage for stage in found if stage.recipe.steps]

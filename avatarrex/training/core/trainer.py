@@ -148,6 +148,8 @@ class Trainer:
             moves = (False, False) if two is None else (two.slides, two.rises)
             start_from_pictures(self.avatar, stage.part, store, stage.recipe.texel, *moves)
         self.group.agree(self.avatar.modules().values())
+        if self.group.size > 1:  # on what all agreed on
+            store.renew(store.age + 1)
         kept = self.avatar.tone.parameters() if self.keeps_tone else ()
         losses = pass_of(stage, self.avatar, store, self.perceptual, self.seed)
         losses.group = self.group
