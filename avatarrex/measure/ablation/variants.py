@@ -74,7 +74,7 @@ VARIANTS = {
         Variant("no-pass-two", "pass I alone, as many steps", passes=1),
         Variant("no-patches", "both passes, no feature patches", ("body",), "no-patches"),
         Variant("plain", "pass I alone, no feature patches (the paper's baseline)", ("body",), "no-patches", passes=1),
-        Variant("no-detail", "both passes, no static texels, nothing registered, colours that see the true view alone", ("body",), two=NO_DETAIL),
+        Variant("no-detail", "both passes, no static texels, nothing registered, no view dropout", ("body",), two=NO_DETAIL),
         Variant("no-slide", "both passes, static texels that stay on the skin", ("body",), two={"slides": False}),
         Variant("no-relief", "both passes, the surface as pass I leaves it", ("body",), two={"rises": False}),
         Variant("no-outgrowth", "both passes, nothing stands off the template by more than cloth", ("body",), one={"carved": False}),
