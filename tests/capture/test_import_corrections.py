@@ -84,6 +84,7 @@ def test_words_that_mean_nothing(words: str, body: Scene, tmp_path: Path, capsys
 def test_a_look_at_two_frames(body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The first and the last, with their own parameters, the template over them; then the whole, in the same folder."""
     source, out = avatarrex(body, tmp_path / "source"), tmp_path / "out"
+    (source / "missing_img_files.txt").unlink()
     assert imported(source, out, "--preview", "2") == 0
     assert "verdict: " in capsys.readouterr().out
     assert (out / "look" / "body.png").is_file()
@@ -93,5 +94,34 @@ def test_a_look_at_two_frames(body: Scene, tmp_path: Path, capsys: pytest.Captur
     for found, exact in zip(rig.signals, (body.signals[0], body.signals[2])):
         np.testing.assert_allclose(found.body_pose, exact.body_pose, atol=1e-6)
     assert (check_capture(capture, frames=2).rigs[0].mean("template") or 0) > 0.999
+    assert any("a preview" in note for note in capture.notes)
     assert imported(source, out) == 0
-    assert open_capture(out).rigs["body"].frames == 3
+    assert not (out / "look").exists(), "of the preview"
+    whole = open_capture(out)
+    assert (whole.rigs["body"].frames, [note for note in whole.notes if "preview" in note]) == (3, [])
+    assert files(out / "body") == files(source), "frame 1 of the preview was the source's frame 2"
+
+
+def files(root: Path) -> dict[str, bytes]:
+    """Pictures and mattes by their names."""
+    return {path.relative_to(root).as_posix(): path.read_bytes() for path in root.rglob("*.jpg")}
+
+
+def test_a_preview_leaves_a_finished_import_as_it_is(
+    body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = avatarrex(body, tmp_path / "source"), tmp_path / "out"
+    assert imported(source, out) == 0
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    assert imported(source, out, "--preview", "2") == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "out: expected a new or empty folder for --preview, found an import of all of source" in said
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+def test_a_preview_of_fewer_frames_replaces_one_of_more(body: Scene, tmp_path: Path) -> None:
+    source = avatarrex(body, tmp_path / "source")
+    for count in (3, 1):
+        assert imported(source, tmp_path / "out", "--preview", str(count)) == 0
+        assert open_capture(tmp_path / "out").rigs["body"].frames == count
+    assert {path.stem for path in (tmp_path / "out" / "body").rglob("*.jpg")} == {"00000000"}
