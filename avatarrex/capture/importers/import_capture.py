@@ -18,7 +18,7 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
-from avatarrex.capture.importers.axes import upright
+from avatarrex.capture.importers.axes import upright, upright_cameras
 from avatarrex.capture.importers.corrections import GUESSED, Corrections, few
 from avatarrex.capture.importers.difference import difference_matte
 from avatarrex.capture.importers.layouts import read_source
@@ -154,7 +154,8 @@ def in_our_world(source: Source, reading: Reading, corrections: Corrections = GU
     lenses = corrections.lenses(tuple(view.lens for view in source.views), reading.notes)
     values = corrections.hand_mean(source.parameters, reading.place())
     if "global_orient" not in values or "transl" not in values:
-        return _viewed(source, lenses if corrections.unit else _camera_metres(lenses, reading.notes))
+        lenses = lenses if corrections.unit else _camera_metres(lenses, reading.notes)
+        return _viewed(source, upright_cameras(lenses, corrections.up, reading.notes))
     rest = rest_pelvis(values)
     lenses, scale = metres(lenses, values["transl"], rest, reading.place(), "", reading.notes)
     pelvis = values["transl"] * scale + rest
