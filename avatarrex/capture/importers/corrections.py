@@ -71,7 +71,7 @@ def few(source: Source, count: int) -> Source:
         for view in source.views
     )
     values = {
-        name: value[frames] if name in BY_FRAME and len(value) == source.frames else value
+        name: value[frames] if name in BY_FRAME and value.ndim > 1 and len(value) == source.frames else value
         for name, value in source.parameters.items()
     }
     return replace(source, views=views, frames=len(frames), parameters=values, without_parameters=frozenset())
