@@ -157,7 +157,8 @@ def in_our_world(source: Source, reading: Reading, corrections: Corrections = GU
         lenses = lenses if corrections.unit else _camera_metres(lenses, reading.notes)
         return _viewed(source, upright_cameras(lenses, corrections.up, reading.notes))
     rest = rest_pelvis(values)
-    lenses, scale = metres(lenses, values["transl"], rest, reading.place(), "", reading.notes)
+    known = corrections.metres is not None
+    lenses, scale = metres(lenses, values["transl"], rest, reading.place(), reading.notes, known)
     pelvis = values["transl"] * scale + rest
     lenses, orient, pelvis, turn = upright(lenses, values["global_orient"], pelvis, reading.notes, corrections.up)
     changed = {**values, "global_orient": orient, "transl": pelvis - rest}

@@ -263,7 +263,9 @@ def _rig(
     lenses = read_calibration(archive.text(files.calibration), place)
     calibrated = tuple(lens.name for lens in lenses)
     lenses, images, mattes = with_pictures(name, files, lenses, count, notes)
-    lenses, scale = metres(lenses, values.translation, where.pelvis, place, f"{name}: ", notes)
+    converted: list[str] = []
+    lenses, scale = metres(lenses, values.translation, where.pelvis, place, converted)
+    notes.extend(f"{name}: {note}" for note in converted)
     listed = files.listed_missing(tuple(lens.name for lens in lenses))
     missing = missing_pictures(name, images, mattes, listed, count, notes)
     bent = [lens.name for lens in lenses if lens.distorts]
