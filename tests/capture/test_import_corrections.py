@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,10 @@ from capture.foreign import BODIES, Scene
 from capture.tiny_capture import npz
 
 from avatarrex.capture.fit.check import check_capture
+from avatarrex.capture.importers.axes import TURNS
+from avatarrex.capture.importers.corrections import few
+from avatarrex.capture.importers.source import Source, SourceView
+from avatarrex.capture.readers.calibration import Lens, read_calibration
 from avatarrex.capture.readers.rigs import open_capture
 
 MEAN = np.full(45, 0.2)
@@ -59,6 +64,44 @@ def test_an_axis_that_was_said(body: Scene, tmp_path: Path) -> None:
         assert np.allclose(found, exact, atol=1e-9) == same, up
 
 
+@pytest.mark.parametrize("layout", ["AvatarReX", "ActorsHQ"])
+def test_a_unit_that_was_said_is_not_guessed_again(
+    layout: str, body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Centimetres, called metres: that they might be millimetres is nobody's business then."""
+    far = {name: Lens(name, camera, np.zeros(5)).scaled(100.0).camera for name, camera in body.cameras.items()}
+    BODIES[layout](replace(body, cameras=far), tmp_path / "source")
+    assert imported(tmp_path / "source", tmp_path / "out", "--unit", "m") == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "T: expected a camera 0.1 to 20 m from the person (in the unit that was said), found 3" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_person_in_another_unit_than_the_cameras(
+    body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    metres = foreign.smplx(body)["transl"]
+    source = avatarrex(body, tmp_path / "source", transl=1000 * metres)
+    assert imported(source, tmp_path / "out", "--unit", "m") == 0
+    assert "the person's translation in millimetres" in capsys.readouterr().out
+    for found, exact in zip(open_capture(tmp_path / "out").rigs["body"].signals, body.signals):
+        np.testing.assert_allclose(found.translation, exact.translation, atol=1e-6)
+
+
+@pytest.mark.parametrize("up", ["+Z", "-X", "+Y"])
+def test_an_axis_that_was_said_of_cameras_alone(
+    up: str, body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    BODIES["ActorsHQ"](body, tmp_path / "source")
+    (tmp_path / "source" / "smpl_params.npz").unlink()
+    assert imported(tmp_path / "source", tmp_path / "out", f"--up={up}") == 0
+    assert (f"{up} of the file's world is up, as was said" in capsys.readouterr().out) == (up != "+Y")
+    path = tmp_path / "out" / "body" / "calibration_full.json"
+    for lens, camera in zip(read_calibration(path.read_text(), str(path)), body.cameras.values()):
+        exact = camera.centre if up == "+Y" else TURNS[up].apply(camera.centre)
+        np.testing.assert_allclose(lens.camera.centre, exact, atol=1e-9)
+
+
 def test_hands_that_were_said(body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = avatarrex(body, tmp_path / "source", flat_hand_mean=np.array(True), hands_meanl=MEAN, hands_meanr=MEAN)
     poses = {}
@@ -84,6 +127,7 @@ def test_words_that_mean_nothing(words: str, body: Scene, tmp_path: Path, capsys
 def test_a_look_at_two_frames(body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The first and the last, with their own parameters, the template over them; then the whole, in the same folder."""
     source, out = avatarrex(body, tmp_path / "source"), tmp_path / "out"
+    (source / "missing_img_files.txt").unlink()
     assert imported(source, out, "--preview", "2") == 0
     assert "verdict: " in capsys.readouterr().out
     assert (out / "look" / "body.png").is_file()
@@ -93,5 +137,43 @@ def test_a_look_at_two_frames(body: Scene, tmp_path: Path, capsys: pytest.Captur
     for found, exact in zip(rig.signals, (body.signals[0], body.signals[2])):
         np.testing.assert_allclose(found.body_pose, exact.body_pose, atol=1e-6)
     assert (check_capture(capture, frames=2).rigs[0].mean("template") or 0) > 0.999
+    assert any("a preview" in note for note in capture.notes)
     assert imported(source, out) == 0
-    assert open_capture(out).rigs["body"].frames == 3
+    assert not (out / "look").exists(), "of the preview"
+    whole = open_capture(out)
+    assert (whole.rigs["body"].frames, [note for note in whole.notes if "preview" in note]) == (3, [])
+    assert files(out / "body") == files(source), "frame 1 of the preview was the source's frame 2"
+
+
+def files(root: Path) -> dict[str, bytes]:
+    """Pictures and mattes by their names."""
+    return {path.relative_to(root).as_posix(): path.read_bytes() for path in root.rglob("*.jpg")}
+
+
+def test_ten_coefficients_are_no_rows_of_ten_frames(body: Scene) -> None:
+    (name, camera), *_ = body.cameras.items()
+    view = SourceView(Lens(name, camera, np.zeros(5)), {frame: f"{frame}.jpg" for frame in range(10)}, {})
+    values = {"betas": np.arange(10.0), "expression": np.arange(20.0).reshape(10, 2)}
+    found = few(Source("AvatarReX", "body", (view,), 10, values), 2).parameters
+    np.testing.assert_equal(found["betas"], values["betas"])
+    np.testing.assert_equal(found["expression"], values["expression"][[0, 9]])
+
+
+def test_a_preview_leaves_a_finished_import_as_it_is(
+    body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = avatarrex(body, tmp_path / "source"), tmp_path / "out"
+    assert imported(source, out) == 0
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    assert imported(source, out, "--preview", "2") == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "out: expected a new or empty folder for --preview, found an import of all of source" in said
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+def test_a_preview_of_fewer_frames_replaces_one_of_more(body: Scene, tmp_path: Path) -> None:
+    source = avatarrex(body, tmp_path / "source")
+    for count in (3, 1):
+        assert imported(source, tmp_path / "out", "--preview", str(count)) == 0
+        assert open_capture(tmp_path / "out").rigs["body"].frames == count
+    assert {path.stem for path in (tmp_path / "out" / "body").rglob("*.jpg")} == {"00000000"}

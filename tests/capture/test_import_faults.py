@@ -159,6 +159,16 @@ def test_options_are_judged_before_any_work(words: str, tmp_path: Path, capsys: 
     assert not (tmp_path / "out").exists()
 
 
+def test_frames_beyond_the_film_are_refused_before_the_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Whose keypoints, all in one point, no fit takes."""
+    words = ["capture", "prepare", str(film(tmp_path / "film")), str(tmp_path / "out"), "--held-out-frames", "5:9"]
+    assert main(words) == 2
+    assert (
+        "--held-out-frames: expected some of the 3 frames of the motion, found 5:9"
+        in capsys.readouterr().err.splitlines()[-1]
+    )
+
+
 def test_an_import_of_another_source_is_refused_and_changed_files_are_linked_anew(tmp_path: Path) -> None:
     one, other, out = tmp_path / "one", tmp_path / "other", tmp_path / "out"
     for source in (one, other):

@@ -51,6 +51,14 @@ def upright(
     )
 
 
+def upright_cameras(lenses: tuple[Lens, ...], up: str, notes: list[str]) -> tuple[Lens, ...]:
+    """Cameras without a person, in a world with +Y up, where somebody has said in `up` which axis of theirs is; said in `notes`."""
+    if up in ("", "+Y"):
+        return lenses
+    notes.append(f"axes: {up} of the file's world is up, as was said, turned to +Y")
+    return tuple(turned(lens, TURNS[up]) for lens in lenses)
+
+
 def turned(lens: Lens, turn: Rotation) -> Lens:
     """The camera in a world that was turned by `turn`."""
     back = np.eye(4)

@@ -36,16 +36,17 @@ class Corrections:
     """One of `HANDS`."""
 
     @property
-    def metres(self) -> float:
+    def metres(self) -> float | None:
         """Of a unit of the cameras' places, where that was said."""
-        return UNITS.get(self.unit, 1.0)
+        return UNITS.get(self.unit)
 
     def lenses(self, lenses: tuple[Lens, ...], notes: list[str]) -> tuple[Lens, ...]:
         """Cameras in metres, where their unit was said."""
-        if not self.unit:
+        unit = self.metres
+        if unit is None:
             return lenses
         notes.append(f"unit: camera positions in {self.unit}, as was said")
-        return tuple(lens.scaled(self.metres) for lens in lenses)
+        return tuple(lens.scaled(unit) for lens in lenses)
 
     def hand_mean(self, values: dict[str, np.ndarray], place: str) -> dict[str, np.ndarray]:
         """The parameters with what was said of the hands. Raises `InputError` where the file has no mean hand to be added."""
@@ -71,7 +72,7 @@ def few(source: Source, count: int) -> Source:
         for view in source.views
     )
     values = {
-        name: value[frames] if name in BY_FRAME and len(value) == source.frames else value
+        name: value[frames] if name in BY_FRAME and value.ndim > 1 and len(value) == source.frames else value
         for name, value in source.parameters.items()
     }
     return replace(source, views=views, frames=len(frames), parameters=values, without_parameters=frozenset())

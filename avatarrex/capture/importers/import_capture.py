@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
-from avatarrex.capture.importers.axes import upright
+from avatarrex.capture.importers.axes import upright, upright_cameras
 from avatarrex.capture.importers.corrections import GUESSED, Corrections, few
 from avatarrex.capture.importers.difference import difference_matte
 from avatarrex.capture.importers.layouts import read_source
@@ -43,6 +44,8 @@ from avatarrex.files.json_text import SMALL, read_json, write_json
 
 SHOWN_PROBLEMS = 12
 """Lines of problems that are printed."""
+PREVIEW = ("body", "face", "look")
+"""Folders of a preview: its rig, and what was drawn of it."""
 RULE_MATTES = 8
 """Mattes of a camera that are looked at for what they mean."""
 
@@ -80,7 +83,7 @@ def import_capture(path: Path, out: Path, corrections: Corrections = GUESSED, fr
     archive = Archive(path)
     source, reading = read_source(archive, corrections.metres)
     source = in_our_world(source if frames is None else few(source, frames), reading, corrections)
-    manifest = _begun(path, out, source.layout)
+    manifest = _begun(path, out, source.layout, frames)
     folder = out / source.rig
     write_text(
         folder / "calibration_full.json", json.dumps(calibration(view.lens for view in source.views), indent=1) + "\n"
@@ -101,22 +104,49 @@ def import_capture(path: Path, out: Path, corrections: Corrections = GUESSED, fr
     return found
 
 
-def _begun(path: Path, out: Path, layout: str) -> dict[str, Any]:
-    """`capture.json` of an import that is complete; in `out` it says until then that it is not.
+def _begun(path: Path, out: Path, layout: str, frames: int | None = None) -> dict[str, Any]:
+    """`capture.json` of an import that is complete, or of a preview of `frames`; in `out` it says until then that it is not.
 
-    Raises `InputError` where `out` has files that are not of an import of `path`.
+    A preview that is there is removed. Raises `InputError` where `out` has files that are not of an import of `path`, and for a preview
+    over an import of the whole.
     """
     key = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]
-    provenance = {"maker": "avatarrex-studio capture import", "layout": layout, "source": path.name, "source_key": key}
+    provenance: dict[str, Any] = {
+        "maker": "avatarrex-studio capture import",
+        "layout": layout,
+        "source": path.name,
+        "source_key": key,
+    }
     if is_begun(out):
-        before = read_json(out / "capture.json", largest=SMALL) if (out / "capture.json").exists() else None
-        made = before.get("provenance") if isinstance(before, dict) else None
-        found = made.get("source") if isinstance(made, dict) else None
-        same = isinstance(made, dict) and made.get("source_key") == key
-        check(same, out, "", f"a new or empty folder, or one that {path} is imported into", found or "something else")
+        made = _provenance(out)
+        found = made.get("source") or "something else"
+        check(
+            made.get("source_key") == key, out, "", f"a new or empty folder, or one that {path} is imported into", found
+        )
+        preview = "preview" in made
+        check(preview or frames is None, out, "", "a new or empty folder for --preview", f"an import of all of {found}")
+        if preview:
+            _remove_preview(out)
+    if frames is not None:
+        provenance["preview"] = frames
     manifest = {"format": FORMAT, "provenance": provenance}
     write_json(out / "capture.json", {**manifest, "complete": False})
     return manifest
+
+
+def _provenance(out: Path) -> dict[str, Any]:
+    """As the folder's `capture.json` says it; empty where there is none."""
+    manifest = read_json(out / "capture.json", largest=SMALL) if (out / "capture.json").exists() else None
+    made = manifest.get("provenance") if isinstance(manifest, dict) else None
+    return made if isinstance(made, dict) else {}
+
+
+def _remove_preview(out: Path) -> None:
+    """What a preview has written: its numbers are of other frames than the whole's, or than another preview's."""
+    for name in PREVIEW:
+        if (out / name).exists():
+            shutil.rmtree(out / name)
+    (out / "import.json").unlink(missing_ok=True)
 
 
 def in_our_world(source: Source, reading: Reading, corrections: Corrections = GUESSED) -> Source:
@@ -124,9 +154,11 @@ def in_our_world(source: Source, reading: Reading, corrections: Corrections = GU
     lenses = corrections.lenses(tuple(view.lens for view in source.views), reading.notes)
     values = corrections.hand_mean(source.parameters, reading.place())
     if "global_orient" not in values or "transl" not in values:
-        return _viewed(source, lenses if corrections.unit else _camera_metres(lenses, reading.notes))
+        lenses = lenses if corrections.unit else _camera_metres(lenses, reading.notes)
+        return _viewed(source, upright_cameras(lenses, corrections.up, reading.notes))
     rest = rest_pelvis(values)
-    lenses, scale = metres(lenses, values["transl"], rest, reading.place(), "", reading.notes)
+    known = corrections.metres is not None
+    lenses, scale = metres(lenses, values["transl"], rest, reading.place(), reading.notes, known)
     pelvis = values["transl"] * scale + rest
     lenses, orient, pelvis, turn = upright(lenses, values["global_orient"], pelvis, reading.notes, corrections.up)
     changed = {**values, "global_orient": orient, "transl": pelvis - rest}

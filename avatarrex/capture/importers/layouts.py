@@ -25,7 +25,7 @@ READERS: dict[str, Callable[[Reading], Source]] = {
 }
 
 
-def read_source(archive: Archive, unit: float = 1.0) -> tuple[Source, Reading]:
+def read_source(archive: Archive, unit: float | None = None) -> tuple[Source, Reading]:
     """What an archive of a known layout holds, and what was noted while reading; `unit` as `Reading` has it. Raises `InputError`."""
     found = marked(archive)
     if found is None:

@@ -325,11 +325,11 @@ def _keypoints(work: Preparing) -> tuple[list[str], np.ndarray]:
 def _fit(work: Preparing) -> tuple[list[str], np.ndarray]:
     cameras = work.cameras()
     kept = read_arrays(work.out / "steps" / "keypoints.npz", ("points", "confidence"), LARGEST_BYTES)
+    wanted = work.options.held_out
+    held_out = choice.frames(wanted, len(kept["points"]), "--held-out-frames") if wanted else ()
     found = fit_initial(cameras.lenses, kept["points"], kept["confidence"], cameras.scaled, work.options.height)
     rates = [rate for one in work.footage().values() if (rate := one.fps)]
     fps = (work.options.fps or (rates[0] if rates else 30.0)) / work.options.stride
-    wanted = work.options.held_out
-    held_out = choice.frames(wanted, len(found.poses.place), "--held-out-frames") if wanted else ()
     write_json(work.body / "calibration_full.json", calibration(found.lenses))
     write_arrays(work.body / "smpl_params.npz", found.parameters(fps))
     provenance = {"maker": "avatarrex-studio capture prepare", "calibration": cameras.kind, "source": work.source.name}

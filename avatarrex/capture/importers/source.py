@@ -59,7 +59,7 @@ class Reading:
     archive: Archive
     root: str
     person: Person
-    unit: float = 1.0
+    unit: float | None = None
     """Metres of a unit of the cameras' places, where that was said."""
     problems: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)

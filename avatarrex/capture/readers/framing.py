@@ -21,14 +21,14 @@ def bare(rigs: dict[str, RigFiles], root: str) -> bool:
     return "body" in rigs and rigs["body"].folder == root
 
 
-def shows_a_face(files: RigFiles, pelvis: np.ndarray, unit: float = 1.0) -> bool:
+def shows_a_face(files: RigFiles, pelvis: np.ndarray, unit: float | None = None) -> bool:
     """Whether cameras are as near to the person, whose `pelvis` (t, 3) is there, as those of a face's rig.
 
-    `unit`: metres of a unit of the cameras' places, where that is known.
+    `unit`: metres of a unit of the cameras' places, where somebody has said it.
     """
     place = files.archive.place(files.calibration)
-    lenses = tuple(lens.scaled(unit) for lens in read_calibration(files.archive.text(files.calibration), place))
-    lenses, scale = metres(lenses, pelvis, np.zeros(3), place, "", [])
+    lenses = tuple(lens.scaled(unit or 1.0) for lens in read_calibration(files.archive.text(files.calibration), place))
+    lenses, scale = metres(lenses, pelvis, np.zeros(3), place, [], known=unit is not None)
     middle = np.median(pelvis, axis=0) * scale
     shown = []
     for camera in (lens.camera for lens in lenses):

@@ -1,7 +1,8 @@
 """`capture.json`: what a capture keeps from training, where it comes from, whether it is complete.
 
 {"format": 1, "held_out_frames": {rig: [frame]}, "held_out_cameras": {rig: [name]}, "validation_frames": {rig: [frame]},
-"provenance": {…}, "complete": true}; what is held out is for tests alone, what is validation's is read by splits.py.
+"provenance": {…}, "complete": true}; what is held out is for tests alone, what is validation's is read by splits.py. The provenance of a
+few frames alone has `preview`, how many were wanted.
 """
 
 from __future__ import annotations
@@ -37,6 +38,18 @@ def read_manifest(archive: Archive, root: str, rigs: dict[str, RigFiles]) -> dic
             if rig not in rigs:
                 raise InputError(place, key, "rigs of the capture: " + ", ".join(rigs), rig)
     return manifest
+
+
+def warnings(manifest: dict[str, Any]) -> list[str]:
+    """That the capture is not the whole, one sentence each."""
+    found = []
+    if manifest.get("complete") is False:
+        found.append("capture.json: the capture is not complete")
+    if "preview" in manifest.get("provenance", {}):
+        found.append(
+            "capture.json: a preview, a few frames alone, renumbered: `capture import` without --preview writes all"
+        )
+    return found
 
 
 def held_out(

@@ -25,7 +25,7 @@ from avatarrex.capture.readers.images_store import ByteCache, Pictures
 from avatarrex.capture.readers.keypoints import Keypoints, read_keypoints
 from avatarrex.capture.readers.layout import RigFiles, find_rigs
 from avatarrex.capture.readers.listing import missing_pictures, with_pictures
-from avatarrex.capture.readers.manifest import held_out, read_manifest
+from avatarrex.capture.readers.manifest import held_out, read_manifest, warnings
 from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES, Parameters, read_parameters
 from avatarrex.capture.readers.units import metres
 from avatarrex.errors import InputError, plain
@@ -144,7 +144,7 @@ def open_capture(path: str | Path, memory_mb: float = 1024, template: str = "def
     if bare(rig_files, root) and shows_a_face(rig_files["body"], parameters["body"].translation + SMPLX_PELVIS):
         rig_files, parameters = {"face": rig_files["body"]}, {"face": parameters["body"]}
     manifest = read_manifest(archive, root, rig_files)
-    notes = ["capture.json: the capture is not complete"] if manifest.get("complete") is False else []
+    notes = warnings(manifest)
     if "face" not in rig_files:
         notes.append("face: no rig of its own: the head is learned from the body's cameras")
     person, place = _person(load_person(template), rig_files, parameters, notes)
@@ -263,7 +263,9 @@ def _rig(
     lenses = read_calibration(archive.text(files.calibration), place)
     calibrated = tuple(lens.name for lens in lenses)
     lenses, images, mattes = with_pictures(name, files, lenses, count, notes)
-    lenses, scale = metres(lenses, values.translation, where.pelvis, place, f"{name}: ", notes)
+    converted: list[str] = []
+    lenses, scale = metres(lenses, values.translation, where.pelvis, place, converted)
+    notes.extend(f"{name}: {note}" for note in converted)
     listed = files.listed_missing(tuple(lens.name for lens in lenses))
     missing = missing_pictures(name, images, mattes, listed, count, notes)
     bent = [lens.name for lens in lenses if lens.distorts]
