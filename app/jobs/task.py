@@ -77,6 +77,12 @@ class Outcome:
         return self.code == 0 or self.code in self.task.bad
 
 
+def beside(path: str | Path, ending: str) -> str:
+    """`path` with `ending` after its name; empty where it has none: `/`, `.` and what ends in `..`."""
+    path = Path(path)
+    return "" if path.name in ("", "..") else str(path.with_name(path.name + ending))
+
+
 class Tasks:
     """The one at work, and the last that ended."""
 

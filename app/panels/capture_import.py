@@ -9,7 +9,7 @@ import hashlib
 import os
 from pathlib import Path
 
-from avatarrex_studio.jobs.task import Task
+from avatarrex_studio.jobs.task import Task, beside
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.panels.files import FileDialog
 from imgui_bundle import icons_fontawesome_6 as icons
@@ -68,18 +68,19 @@ class CaptureImport:
             widgets.tooltip(ABOUT[name])
             self.said[name] = "" if (picked or current) == GUESSED else picked or current
         source = os.path.expanduser(self.source.strip())
-        hint = str(Path(source).with_name(f"{Path(source).name.removesuffix('.zip')}_imported")) if source else ""
+        hint = beside(str(Path(source)).removesuffix(".zip"), "_imported")
         widgets.label("Into", LABEL)
         _, self.out = imgui.input_text_with_hint("##import.out", hint, self.out)
-        pressed = self._buttons(source, os.path.expanduser(self.out.strip()) or hint)
+        out = os.path.expanduser(self.out.strip()) or hint
+        pressed = self._buttons(bool(hint) and what_is(source) in ("a file", "a folder"), out)
         if pressed == "look":
             return self.look(source)
-        return self.whole(source, os.path.expanduser(self.out.strip()) or hint) if pressed else None
+        return self.whole(source, out) if pressed else None
 
-    def _buttons(self, source: str, out: str) -> str | None:
-        """Which was pressed."""
-        there = what_is(source) in ("a file", "a folder") if source else False
-        imgui.begin_disabled(not there or what_is(out) not in ("nothing there", "a folder"))
+    def _buttons(self, there: bool, out: str) -> str | None:
+        """Which was pressed, of a source that is `there`."""
+        free = beside(out, ".log") and what_is(out) in ("nothing there", "a folder")
+        imgui.begin_disabled(not there or not free)
         titles = {"look": f"{icons.ICON_FA_EYE}  Look first", "whole": f"{icons.ICON_FA_FILE_IMPORT}  Import"}
         pressed = widgets.button_grid(titles, 100, "import.")
         imgui.end_disabled()
@@ -97,7 +98,7 @@ class CaptureImport:
 
     def whole(self, source: str, out: str) -> Task:
         """All of it; the capture is then filled in for a training."""
-        log = Path(out).with_name(f"{Path(out).name}.log")
+        log = Path(beside(out, ".log"))
         return Task(f"Import {Path(source).name}", self._words(source, out), log, capture=out)
 
     def _words(self, source: str, out: str) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import hashlib
 import os
 from pathlib import Path
 
-from avatarrex_studio.jobs.task import Task
+from avatarrex_studio.jobs.task import Task, beside
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.panels.capture_import import CaptureImport
 from avatarrex_studio.panels.files import FileDialog
@@ -88,7 +88,7 @@ class CaptureTools:
             return None
         words = ("capture", "make", out, "--size", self.size, "--subject", self.subject, "--garment", self.garment,
                  "--seed", str(self.seed), "--tracking-noise", f"{self.noise:g}")  # fmt: skip
-        return Task(f"Make {Path(out).name}", words, Path(out).with_name(f"{Path(out).name}.log"), capture=out)
+        return Task(f"Make {Path(out).name}", words, Path(beside(out, ".log")), capture=out)
 
     def _refine(self, capture: str) -> Task | None:
         """Better tracking of the same pictures."""
@@ -96,14 +96,14 @@ class CaptureTools:
             "Poses and size fitted anew to the capture's own mattes and keypoints; the pictures stay where they are."
         )
         name = Path(capture).name.removesuffix(".zip")
-        out = self._into(str(Path(capture).with_name(f"{name}_refined")))
+        out = self._into(beside(str(Path(capture)).removesuffix(".zip"), "_refined"))
         if not self._pressed("Refine", out):
             return None
         pictures = tuple(Path(out) / f"refine_{rig}.png" for rig in RIGS)
         return Task(
             f"Refine {name}",
             ("capture", "refine", capture, out),
-            Path(out).with_name(f"{Path(out).name}.log"),
+            Path(beside(out, ".log")),
             pictures,
             out,
         )
@@ -114,7 +114,7 @@ class CaptureTools:
         return os.path.expanduser(self.out.strip()) or hint
 
     def _pressed(self, title: str, out: str) -> bool:
-        free = what_is(out) in ("nothing there", "a folder")
+        free = beside(out, ".log") and what_is(out) in ("nothing there", "a folder")
         imgui.begin_disabled(not free)
         pressed = imgui.button(f"{title}##capture.do", (widgets.room(), 0))
         imgui.end_disabled()

@@ -84,7 +84,7 @@ class FileDialog:
 
     def _begin(self, kind: str, title: str, then: Callable[[str], None], save: bool) -> None:
         self._choice, self._title, self._then, self._save = CHOICES[kind], title, then, save
-        self.name, self.all_files, self._opening = "", False, True
+        self.name, self.all_files, self._opening, self.is_open = "", False, True, True
         self.go(self.folder)
 
     def go(self, folder: str) -> None:

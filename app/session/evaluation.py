@@ -7,6 +7,7 @@ curves wait in their first value before they begin and stay in their last.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -105,8 +106,8 @@ def settled(command: Edit, state: StudioState, clips: Clips, listened: Listened 
     """The command with what the layers give after it, and what was sent to the other figures. Raises `InputError`.
 
     Where no layer of the selected figure can be read, nothing is given to it. At the same time of the timeline, unless it adds a
-    clip, the command changes only what its layers give otherwise than before, and the others to which something was sent: what
-    else was edited there stays.
+    clip or takes the last layer away, the command changes only what its layers give otherwise than before, and the others to which
+    something was sent: what else was edited there, or was shown of a clip that cannot be read any more, stays.
     """
     before, timeline = state.timeline, command.edited(state.timeline)
     moved = timeline.seconds != before.seconds
@@ -118,8 +119,11 @@ def settled(command: Edit, state: StudioState, clips: Clips, listened: Listened 
         return command
     own = timeline.local(timeline.seconds)
     signals, view = layers_at(timeline, state.base, own, clips), view_at(timeline, state.view, own)
-    added = {layer.name for layer in timeline.layers if layer.clip} - {layer.name for layer in before.layers}
-    if not moved and not added and not clips.silent(before):
+    clips_before, clips_after = (
+        Counter(layer.clip for layer in each.layers if layer.clip) for each in (before, timeline)
+    )
+    added = clips_after - clips_before
+    if timeline.layers and not moved and not added:
         own = before.local(before.seconds)
         old = layers_at(before, state.base, own, clips)
         kept = np.where(numbers(signals) == numbers(old), numbers(state.signals), numbers(signals))

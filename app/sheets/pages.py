@@ -15,6 +15,7 @@ from avatarrex_studio.engine.framing import EVERY, Outline, framed
 from avatarrex_studio.session.evaluation import motion_over
 from avatarrex_studio.session.motion import Motion
 from avatarrex_studio.session.state import OrbitView
+from avatarrex_studio.session.timeline import BODY
 from avatarrex_studio.sheets.order import COLUMNS
 from avatarrex_studio.sheets.paper import Tile, over, sheet_width, tile_width
 from scipy.spatial.transform import Rotation
@@ -235,4 +236,4 @@ def _heading(frames: Sequence[Signals]) -> float:
 
 def _is_face(motion: Motion) -> bool:
     """Whether a motion drives the face and no limb, as face recordings do."""
-    return bool({"expression", "mouth"} & set(motion.parts)) and "body" not in motion.parts
+    return bool({"expression", "mouth"} & set(motion.parts)) and not set(BODY) & set(motion.parts)

@@ -58,14 +58,19 @@ class Opening:
         studio: Studio,
         training: TrainingPanel,
         replacing: Callable[[Callable[[], None]], None] = lambda then: then(),
+        deciding: Callable[[], bool] = lambda: False,
     ) -> None:
-        """`replacing` is called before a session takes the place of the present one, with what shows it."""
+        """`replacing` is called before a session takes the place of the present one, with what shows it; `deciding` says whether
+        the user has yet to answer if it does.
+        """
         self.recent = Recent()
         self.arrived: Callable[[], None] = lambda: None
         """Called by the thread when something has been read."""
         self.tab = ""
         """The panel to be brought to the front."""
-        self._studio, self._training, self._replacing = studio, training, replacing
+        self._studio, self._training, self._replacing, self._deciding = studio, training, replacing, deciding
+        self._undecided = False
+        """Whether a session waits to take the place of the present one: what was opened after it waits, too."""
         self._threads = ThreadPoolExecutor(1, "opening")
         self._reading: deque[Reading] = deque()
 
@@ -153,11 +158,12 @@ class Opening:
     @property
     def slow(self) -> bool:
         """Whether that takes long enough to be shown."""
-        return bool(self._reading) and time.monotonic() - self._reading[0].since > SLOW
+        return bool(self._reading) and not self._undecided and time.monotonic() - self._reading[0].since > SLOW
 
     def tend(self) -> None:
         """Do what has been read; once a frame."""
-        while self._reading and (future := self._reading[0].future) and future.done():
+        self._undecided = self._undecided and self._deciding()
+        while self._reading and not self._undecided and (future := self._reading[0].future) and future.done():
             reading = self._reading.popleft()
             try:
                 with refusals_logged(opening=reading.path):
@@ -197,6 +203,7 @@ class Opening:
         `shown`: the command that shows an avatar.
         """
         if opened.journal:
+            self._undecided = True
             self._replacing(partial(self._take, opened, shown))
         else:
             self._take(opened, shown)
@@ -204,6 +211,7 @@ class Opening:
     def _take(self, opened: Opened, shown: type[OpenAvatar] | type[AddFigure]) -> None:
         studio = self._studio
         if opened.journal:
+            self._undecided = False
             studio.take_journal(opened.journal)
             for waiting in self._reading:  # they were opened after the session
                 waiting.slot = None

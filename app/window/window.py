@@ -102,7 +102,7 @@ class Window:
         """`runs`: the folder of the trainings that the Training tab shows; it trains on `device`. `make()` makes the engine that exports."""
         self.studio = studio
         self.training = TrainingPanel(Watcher(runs), TrainingProcesses(device=device))
-        self.opening = Opening(studio, self.training, self._replaced)
+        self.opening = Opening(studio, self.training, self._replaced, self._deciding)
         self.timeline = TimelinePanel(self.opening)
         self.viewport, self.console = ViewportPanel(), ConsolePanel()
         self.body, self.left, self.right = body_panel(), HandPanel("left"), HandPanel("right")
@@ -433,6 +433,10 @@ class Window:
         """Show another session by `then`, once it is decided what becomes of unsaved work."""
         if self.leaving.saved(self._save, then):
             then()
+
+    def _deciding(self) -> bool:
+        """Whether a question, or where the session is saved, waits for its answer."""
+        return bool(self.questions.waiting) or self.files.is_open
 
     def _save_as(self, then: Callable[[], None] = nothing) -> None:
         def write(path: str) -> None:

@@ -18,13 +18,17 @@ import glfw
 import numpy as np
 import pytest
 from avatarrex_studio.jobs.opening import read_motion
+from avatarrex_studio.jobs.training_process import TrainingProcesses
 from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.folder import listed, places, size_words
 from avatarrex_studio.panels.keys import chord
+from avatarrex_studio.panels.questions import Questions, nothing
 from avatarrex_studio.panels.training import TrainingPanel
+from avatarrex_studio.session.autosave import Autosave
 from avatarrex_studio.session.commands import AddFigure, RemoveFigure, SelectFigure, SetExpression
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.recent import MOST, Recent
+from avatarrex_studio.window.leaving import Leaving
 from avatarrex_studio.window.opening import Opening
 from avatarrex_studio.window.window import start
 from ball import ball_engine
@@ -421,6 +425,54 @@ def test_a_session_takes_the_place_of_unsaved_work_only_once_that_is_decided(stu
     assert studio.state is before
     waiting[0]()
     assert studio.state.signals.expression.max() == pytest.approx(0.7)
+    opening.close()
+
+
+@pytest.mark.parametrize(
+    ("answer", "first", "last"),
+    [("Discard", (2, 0.7), (1, 0.4)), ("Cancel", (2, 0.2), (2, 0.2)), ("", (2, 0.2), (2, 0.2))],
+)
+def test_what_was_opened_after_a_session_waits_until_that_is_decided(studio, things, tmp_path, answer, first, last):
+    """An avatar comes into the session that is there then; a second session is asked about, too. No answer: Esc."""
+    questions = Questions()
+    leaving = Leaving(studio, TrainingProcesses(), questions, Autosave(tmp_path))
+    opening = Opening(
+        studio,
+        object.__new__(TrainingPanel),
+        lambda then: then() if leaving.saved(nothing, then) else None,
+        lambda: bool(questions.waiting),
+    )
+    studio.avatars._load = lambda name: one_avatar()
+    journal = Journal(start())
+    journal.do(SetExpression("jawOpen", 0.4))
+    journal.save(tmp_path / "second.json")
+    studio.do(SetExpression("jawOpen", 0.2))
+
+    def answered():
+        until = time.monotonic() + 30
+        while not questions.waiting and time.monotonic() < until:
+            opening.tend()
+            time.sleep(0.01)
+        before = studio.state
+        for reading in opening._reading:
+            reading.future.result(30)
+        opening.tend()
+        assert (studio.state is before, len(questions.waiting)) == (True, 1)
+        questions._end(questions.waiting[0].answers.get(answer, nothing))
+
+    def found():
+        figures = studio.state.figures
+        return len(figures), pytest.approx(figures[0].signals.expression.max())
+
+    opening.open(things["session"])
+    opening.add(things["avatar"])
+    opening.open(str(tmp_path / "second.json"))
+    answered()
+    opening.tend()
+    assert found() == first
+    answered()
+    finish(opening)
+    assert found() == last
     opening.close()
 
 

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from avatarrex_studio.engine.request import Request, Seen
 from avatarrex_studio.panels import camera, keys, performance, render, scene, theme, widgets
+from avatarrex_studio.panels.capture_tools import CaptureTools
 from avatarrex_studio.panels.face import face_panel
+from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.hands import HandPanel
 from avatarrex_studio.panels.joints import body_panel
 from avatarrex_studio.panels.keys import chord
@@ -558,3 +560,39 @@ def test_every_effect_is_one_of_the_window(studio, tmp_path):
 def test_every_shortcut_is_a_key_of_the_toolkit():
     chords = [keys.chord(entry.shortcut) for entry in ACTIONS if entry.shortcut]
     assert len(set(chords)) == len(chords)
+
+
+@pytest.mark.parametrize(
+    ("source", "out", "log"),
+    [
+        ("/", "", None),
+        (".", "", None),
+        ("./x", "", "x_imported.log"),
+        ("./x", "/", None),
+        ("./x", "..", None),
+        ("./x", "y", "y.log"),
+    ],
+)
+def test_a_path_without_a_name_is_typed_for_an_import(screen, monkeypatch, tmp_path, source, out, log):
+    """The buttons are for paths that have one, beside which the task's log lies."""
+    (tmp_path / "x").mkdir()
+    monkeypatch.chdir(tmp_path)
+    off = []
+    monkeypatch.setattr(imgui, "begin_disabled", off.append)
+    monkeypatch.setattr(imgui, "end_disabled", lambda: None)
+    monkeypatch.setattr(widgets, "button_grid", lambda *_: "" if off[-1] else "whole")
+    form = CaptureTools(FileDialog()).imported
+    form.source, form.out = source, out
+    tasks = screen.frame(lambda: filter(None, [form.draw()]))
+    assert [str(task.log) for task in tasks] == ([log] if log else [])
+
+
+@pytest.mark.parametrize(("capture", "out"), [("/", ""), (".", ""), ("x", "/")])
+def test_a_path_without_a_name_is_typed_for_a_refinement(screen, monkeypatch, capture, out):
+    tools = CaptureTools(FileDialog())
+    tools.shown, tools.out = "refine", out
+    off = []
+    monkeypatch.setattr(imgui, "begin_disabled", off.append)
+    monkeypatch.setattr(imgui, "end_disabled", lambda: None)
+    screen.frame(lambda: filter(None, [tools.draw(capture)]))
+    assert off == [True]

@@ -47,11 +47,14 @@ def loaded(path):
 
 @pytest.fixture
 def walk(tmp_path):
-    """Twenty frames that go 3 m to the person's left, which is where the person faces."""
-    turn = np.array([0, np.pi / 2, 0])
+    """Twenty frames that go 3 m to the person's left, which is where the person faces, and blink as the packaged walk does."""
+    turn, lids = np.array([0, np.pi / 2, 0]), named_expression("blink")
     frames = tuple(
         Signals.rest().replace(
-            global_orient=turn, translation=np.array([0.15 * k, 0.1, 0]), body_pose=np.full((21, 3), 0.01 * k)
+            global_orient=turn,
+            translation=np.array([0.15 * k, 0.1, 0]),
+            body_pose=np.full((21, 3), 0.01 * k),
+            expression=lids * (k == 4),
         )
         for k in range(20)
     )
@@ -125,6 +128,7 @@ def test_a_motion_is_followed_over_the_ground_from_where_it_faces(walk):
     first, second = page.rows[0], page.rows[1]
     assert [group[0][0] for group in first + second] == [0] * 8 + [1] * 8
     assert all(a[0][1] is b[0][1] for a, b in zip(first, second)), "both in the same views"
+    assert {group[0][1].rig for group in first} == {"body"}, "seen whole, though it blinks"
     cameras = [group[0][1].camera for group in first]
     steps = np.diff([camera.centre for camera in cameras], axis=0)
     assert steps == pytest.approx(np.tile([0.3, 0, 0], (7, 1)), abs=1e-9)

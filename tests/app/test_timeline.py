@@ -14,7 +14,15 @@ from avatarrex_studio.panels.warp_editor import moved as move_point
 from avatarrex_studio.panels.warp_editor import with_point
 from avatarrex_studio.session import timeline_commands as edits
 from avatarrex_studio.session.clips import Clips
-from avatarrex_studio.session.commands import ApplyExpression, SetCamera, SetExpression, SetHandPose, SetJoint, SetShape
+from avatarrex_studio.session.commands import (
+    ApplyExpression,
+    Select,
+    SetCamera,
+    SetExpression,
+    SetHandPose,
+    SetJoint,
+    SetShape,
+)
 from avatarrex_studio.session.evaluation import LIMITS, layers_at, state_at, view_at
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import Key, Track, moved, with_keys
@@ -495,3 +503,27 @@ def test_a_clip_that_is_added_shows_its_frame_and_no_mixture_with_what_was_posed
     studio.go_to(6)
     studio.go_to(5)
     assert studio.state.signals == added
+
+
+def test_a_new_name_of_a_clip_leaves_what_was_posed(layered):
+    layered.go_to(5)
+    layered.do(SetJoint(ELBOW, (0.0, -0.9, 0.0)))
+    layered.do(edits.RenameLayer("body.json", "Walk"))
+    assert elbow(layered.state) == pytest.approx(-0.9)
+
+
+def test_the_first_key_over_a_clip_without_its_file_changes_only_what_it_keys(studio, motions, tmp_path):
+    """Without any layer what the sliders say is shown again."""
+    studio.open_motion(motions["body"])
+    studio.go_to(5)
+    (tmp_path / "body.json").unlink()
+    studio.clips.forget()
+    studio.do(SetExpression("jawOpen", 0.9))
+    before = studio.state.signals
+    studio.do(edits.AddLayer(Layer("Keys")))
+    assert studio.state.signals == before
+    studio.do(edits.SetKeys("Keys", (("jawOpen", 0.5, (0.4,), "linear"),)))
+    assert (elbow(studio.state), jaw(studio.state)) == pytest.approx((-0.5, 0.4))
+    for name in ("Keys", "body.json"):
+        studio.do(edits.RemoveLayer(name))
+    assert studio.state.signals == studio.state.base
