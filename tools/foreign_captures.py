@@ -188,11 +188,13 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--only", default="", metavar="TEXT", help="layouts, and faults, with it in their names")
     given = parser.parse_args()
-    wrong = 0
+    done = wrong = 0
     acts = {"sound": sound, "faults": faults, "train": train}
     for name, found, right in acts[given.what](given.folder, given.seeds, given.only):
-        wrong += not right
+        done, wrong = done + 1, wrong + (not right)
         print(f"{'' if right else '!! '}{name}: {found}", flush=True)
+    if not done:
+        parser.error(f"nothing is called as --only says: {given.only}")
     return int(wrong > 0)
 
 

@@ -217,7 +217,10 @@ def main() -> int:
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
     kinds = jobs(given.folder.resolve())
-    chosen = given.jobs.split(",") if given.jobs else [job.name for job in kinds]
+    known = [job.name for job in kinds]
+    chosen = given.jobs.split(",") if given.jobs else known
+    if not set(chosen) <= set(known):
+        parser.error(f"--jobs: expected some of {','.join(known)}, found {given.jobs}")
     disks = given.full_disks if os.geteuid() == 0 else 0
     if disks < given.full_disks:
         print("full disks: left out, mounting one is for root alone")

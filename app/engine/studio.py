@@ -368,14 +368,17 @@ class Studio:
         self.playback.playing = False
         sound, name = Path(motion.path).suffix.lower() == SOUND, Path(motion.path).name
         self.clips.take(motion)
-        self.do(motion.layer() if sound else motion.loaded())
-        self._say_what(name, motion.over if sound else motion.parts)
+        self._put(motion.layer() if sound else motion.loaded(), name, motion.over if sound else motion.parts)
         for note in motion.sequence.notes:
             log.info("%s: %s", name, note)
         log.info("%s: %d frames, %g a second", name, len(motion), motion.sequence.fps)
 
-    def _say_what(self, name: str, parts: Collection[str]) -> None:
-        """Tell what a clip that was just put on the timeline drives, and which layers over it hide that."""
+    def _put(self, command: OnTimeline, name: str, parts: Collection[str]) -> None:
+        """Put a clip on the timeline; tell what it drives, and which layers over it hide that, unless it was refused."""
+        before = self.state.timeline
+        self.do(command)
+        if self.state.timeline is before:
+            return
         layers = self.state.timeline.layers
         place = max(
             (k for k, layer in enumerate(layers) if layer.clip and layer.clip.name == name), default=len(layers)
@@ -398,8 +401,7 @@ class Studio:
     def take_layer(self, motion: Motion) -> None:
         """A motion that was read, as a layer over all others."""
         self.clips.take(motion)
-        self.do(motion.layer())
-        self._say_what(Path(motion.path).name, motion.over)
+        self._put(motion.layer(), Path(motion.path).name, motion.over)
 
     def set_key(self) -> None:
         """Keys at the playhead: of what is selected, else of what was changed there and what has keys already."""

@@ -49,10 +49,11 @@ def runs_in(folder: Path) -> list[Path]:
 
 
 def how_to_import(path: str | Path) -> str:
-    """What a capture of another layout is, and the command that writes it in ours."""
+    """What a capture of another layout is, and what writes it in ours: in the window and as a command."""
     found = marked(Archive(Path(path)))
     layout = "another layout" if found is None else f"the layout of {found[0]}"
-    return f"a capture in {layout}: `avatarrex-studio capture import {shlex.quote(str(path))} OUT` writes it in ours"
+    command = f"avatarrex-studio capture import {shlex.quote(str(path))} OUT"
+    return f"a capture in {layout}: File → Import a capture…, or `{command}`, writes it in ours"
 
 
 def _of_folder(folder: Path) -> str:

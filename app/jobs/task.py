@@ -55,7 +55,7 @@ class Task:
     """The verb and its options."""
     log: Path
     pictures: tuple[Path, ...] = ()
-    """Files that it may write, to be shown."""
+    """Files that it may write, to be shown where there is an answer."""
     capture: str = ""
     """The capture that it makes."""
     bad: tuple[int, ...] = ()

@@ -71,6 +71,8 @@ class FileDialog:
         self._kinds: dict[str, str] = {}
         self._error = ""
         self._opening = False
+        self._whole = False
+        """Whether the folder as a whole can be picked."""
 
     def open(self, kind: str, title: str, then: Callable[[str], None]) -> None:
         """Choose something that exists, of a kind of `CHOICES`; `then` gets its path."""
@@ -95,6 +97,7 @@ class FileDialog:
         except InputError as error:
             self._error = str(error)
         self._kinds = {}
+        self._whole = self._choice.folders and not self._save and is_kind(self.folder)
 
     def draw(self) -> None:
         """Draw the dialog where it is open, and pass on its answer."""
@@ -231,7 +234,7 @@ class FileDialog:
         """What the name says, whole; None where nothing is picked."""
         name = os.path.expanduser(self.name.strip())
         if not name:
-            return self.folder if self._choice.folders and not self._save and is_kind(self.folder) else None
+            return self.folder if self._whole else None
         if self._save and not os.path.splitext(name)[1]:
             name += self._choice.suffixes[0]
         return os.path.join(self.folder, name)

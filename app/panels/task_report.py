@@ -46,7 +46,7 @@ class TaskReport:
         with imgui_ctx.begin_child("##report.text", imgui.ImVec2(0, TEXT_HEIGHT), imgui.ChildFlags_.borders):
             for line in outcome.text.splitlines():
                 imgui.text_unformatted(line)
-        pictures = [path for path in outcome.task.pictures if path.is_file()]
+        pictures = [path for path in outcome.task.pictures if outcome.done and path.is_file()]
         self._wanted = None
         if len(pictures) > 1:
             for path in widgets.in_rows(pictures, 4):

@@ -133,7 +133,7 @@ def settled(command: Edit, state: StudioState, clips: Clips, listened: Listened 
 
 
 def go_to(state: StudioState, frame: int, clips: Clips) -> SetFrame | None:
-    """The command that goes to a frame, beyond the ends to the nearest; None where a motion cannot be read."""
+    """The command that goes to a frame, beyond the ends to the nearest; None where there are layers and none can be read."""
     if clips.silent(state.timeline):
         return None
     return settled(SetFrame(state.nearest(frame)), state, clips)

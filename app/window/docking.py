@@ -89,6 +89,13 @@ def toggle_panels() -> None:
         window.is_visible = hidden
 
 
+def show_panel(title: str) -> None:
+    """Bring a panel to the front, also while panels are hidden."""
+    params = hello_imgui.get_runner_params().docking_params
+    params.dockable_window_of_name(title).is_visible = True
+    params.focus_dockable_window(title)
+
+
 def docked() -> bool:
     """Whether the window that is being drawn is docked in the space of all: there the screen is cleared to the colour of panels, and
     the same once more over each of them takes 5 ms in software."""

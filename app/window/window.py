@@ -59,7 +59,7 @@ from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.timeline_commands import SetFrame
 from avatarrex_studio.window.context_loss import ContextLoss
-from avatarrex_studio.window.docking import BARE, LAYOUTS, docking, fit, toggle_panels
+from avatarrex_studio.window.docking import BARE, LAYOUTS, docking, fit, show_panel, toggle_panels
 from avatarrex_studio.window.exporting import Exports
 from avatarrex_studio.window.full_screen import FullScreen
 from avatarrex_studio.window.guard import COPY, Failure, Guard
@@ -477,7 +477,7 @@ class Window:
         if self.opening.slow and opening_progress.draw(self.opening.words, (low.x, low.y), (high.x, high.y)):
             self.opening.cancel()
         if self.toasts.draw((low.x, low.y), (high.x, high.y)):
-            hello_imgui.get_runner_params().docking_params.focus_dockable_window("Console")
+            show_panel("Console")
 
     def _menus(self) -> None:
         chosen = menu.draw(self.studio.journal, self.opening.recent)
@@ -500,7 +500,7 @@ class Window:
     def _open_what_was_read(self) -> None:
         self.opening.tend()
         if self.opening.tab:
-            hello_imgui.get_runner_params().docking_params.focus_dockable_window(self.opening.tab)
+            show_panel(self.opening.tab)
             self.opening.tab = ""
 
 

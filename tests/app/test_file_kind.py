@@ -96,7 +96,8 @@ def test_what_has_to_be_imported_says_how(tmp_path, capsys):
     path.parent.mkdir()
     path.write_text("{}")
     said = (
-        f"a capture in the layout of NeRFace: `avatarrex-studio capture import '{path.parent}' OUT` writes it in ours"
+        "a capture in the layout of NeRFace: File → Import a capture…, "
+        f"or `avatarrex-studio capture import '{path.parent}' OUT`, writes it in ours"
     )
     assert cli.main(["inspect", str(path.parent)]) == 0
     assert said in capsys.readouterr().out

@@ -10,7 +10,7 @@ from avatarrex_studio.panels.keys import chord, pressed
 from avatarrex_studio.session.actions import ACTIONS
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import SizePolicy, StudioState
-from avatarrex_studio.window.docking import BARE, splits
+from avatarrex_studio.window.docking import BARE, PLACES, docking, show_panel, splits, toggle_panels
 from avatarrex_studio.window.window import Window
 from ball_studio import ball_studio
 from driving import drive
@@ -138,3 +138,13 @@ def test_a_wide_window_gives_its_room_to_the_picture(width, picture):
             room *= 1 - split.ratio
     assert room == pytest.approx(picture, abs=0.01)
     assert [split.ratio for split in splits("Training", width)] == pytest.approx([0.66, 0.3, 0.42, 0.5, 0.5])
+
+
+def test_a_panel_is_shown_though_panels_are_hidden(monkeypatch):
+    """*File → Import a capture…* asks in the Training tab."""
+    params, *_ = docking(dict.fromkeys(PLACES, lambda: None), 1440.0)
+    monkeypatch.setattr(hello_imgui, "get_runner_params", lambda: SimpleNamespace(docking_params=params))
+    toggle_panels()
+    show_panel("Training")
+    assert {window.label for window in params.dockable_windows if window.is_visible} == {BARE, "Training"}
+    assert params.dockable_window_of_name("Training").focus_window_at_next_frame

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from avatarrex_studio.jobs.opening import read_motion
 from avatarrex_studio.jobs.training_process import TrainingProcesses
+from avatarrex_studio.panels import files
 from avatarrex_studio.panels.files import FileDialog
 from avatarrex_studio.panels.folder import listed, places, size_words
 from avatarrex_studio.panels.keys import chord
@@ -399,7 +400,7 @@ def test_recent_files_that_cannot_be_written_end_nothing(tmp_path, caplog):
     assert "recent.json" in caplog.text
 
 
-def test_what_a_name_in_the_dialog_means(tmp_path):
+def test_what_a_name_in_the_dialog_means(tmp_path, monkeypatch):
     dialog = FileDialog()
     dialog.folder = str(tmp_path)
     for kind, save, typed, path in (
@@ -412,6 +413,8 @@ def test_what_a_name_in_the_dialog_means(tmp_path):
     (tmp_path / "avatar.json").write_text("{}")
     dialog.open("any", "Title", lambda path: None)
     assert dialog._path() == str(tmp_path), "a folder that is an avatar"
+    monkeypatch.setattr(files, "kind_of", None)
+    assert dialog._path() == str(tmp_path), "found out once, not in every frame"
 
 
 def test_a_session_takes_the_place_of_unsaved_work_only_once_that_is_decided(studio, things):

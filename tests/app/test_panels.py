@@ -9,6 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from avatarrex_studio.engine.request import Request, Seen
+from avatarrex_studio.jobs.task import Outcome, Task
+from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import camera, keys, performance, render, scene, theme, widgets
 from avatarrex_studio.panels.capture_tools import CaptureTools
 from avatarrex_studio.panels.face import face_panel
@@ -20,6 +22,7 @@ from avatarrex_studio.panels.motion_import import MotionImport
 from avatarrex_studio.panels.poses import PosesPanel, shipped_entries
 from avatarrex_studio.panels.projection import Projection
 from avatarrex_studio.panels.questions import nothing
+from avatarrex_studio.panels.task_report import TaskReport
 from avatarrex_studio.panels.timeline import TimelinePanel
 from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.panels.viewport import Shown, ViewportPanel, preparing
@@ -596,3 +599,14 @@ def test_a_path_without_a_name_is_typed_for_a_refinement(screen, monkeypatch, ca
     monkeypatch.setattr(imgui, "end_disabled", lambda: None)
     screen.frame(lambda: filter(None, [tools.draw(capture)]))
     assert off == [True]
+
+
+@pytest.mark.parametrize(("code", "shown"), [(0, 1), (1, 1), (2, 0)])
+def test_a_task_that_failed_shows_no_picture_of_one_before(screen, monkeypatch, tmp_path, code, shown):
+    picture, drawn = tmp_path / "body.png", []
+    picture.write_bytes(b"of the one before")
+    report = TaskReport(object.__new__(Watcher))
+    monkeypatch.setattr(report, "_draw_picture", drawn.append)
+    task = Task("Look at it", ("capture", "import"), tmp_path / "look.log", (picture,), bad=(1,))
+    screen.frame(lambda: report.draw(Outcome(task, code, "said")) or ())
+    assert drawn == [picture] * shown

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import wave
 from dataclasses import replace
 
@@ -16,7 +17,6 @@ from avatarrex_studio.session import timeline_commands as edits
 from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.commands import (
     ApplyExpression,
-    Select,
     SetCamera,
     SetExpression,
     SetHandPose,
@@ -32,7 +32,7 @@ from avatarrex_studio.session.posing import joint
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.take import Take
 from avatarrex_studio.session.time_warp import APART, WARPS
-from avatarrex_studio.session.timeline import PARTS, Clip, Layer, Share, Timeline
+from avatarrex_studio.session.timeline import MOST_LAYERS, PARTS, Clip, Layer, Share, Timeline
 from ball import ball_engine
 
 from avatarrex.errors import InputError
@@ -526,4 +526,13 @@ def test_the_first_key_over_a_clip_without_its_file_changes_only_what_it_keys(st
     assert (elbow(studio.state), jaw(studio.state)) == pytest.approx((-0.5, 0.4))
     for name in ("Keys", "body.json"):
         studio.do(edits.RemoveLayer(name))
-    assert studio.state.signals == studio.state.base
+    assert (elbow(studio.state), jaw(studio.state)) == pytest.approx((0.0, 0.9))
+
+
+def test_a_layer_too_many_is_refused_and_nothing_more_is_said_of_it(studio, motions, caplog):
+    for k in range(MOST_LAYERS):
+        studio.do(edits.AddLayer(Layer(f"Keys {k}")))
+    with caplog.at_level(logging.INFO):
+        studio.add_motion(motions["face"])
+    assert f"{MOST_LAYERS}" in caplog.text
+    assert "drives" not in caplog.text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -93,3 +94,17 @@ def test_hands_against_a_mean_are_named(sign: int, sound: Capture) -> None:
     }
     assert certain == {-sign: True, sign: False}
     assert not any(reading.certain for reading in hand_readings(sound, rig))
+
+
+def test_the_tool_refuses_a_name_that_nothing_has(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "tools"))
+    import foreign_captures
+
+    monkeypatch.setattr(foreign_captures, "train", lambda *given: iter(()))
+    monkeypatch.setattr(sys, "argv", ["foreign_captures.py", str(tmp_path), "train", "--only", "ZJV"])
+    with pytest.raises(SystemExit) as ended:
+        foreign_captures.main()
+    assert ended.value.code == 2
+    assert "nothing is called as --only says: ZJV" in capsys.readouterr().err

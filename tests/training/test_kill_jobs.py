@@ -104,3 +104,14 @@ def test_moments_are_no_difference(tool: ModuleType, tmp_path: Path) -> None:
     (tmp_path / "b" / "prepare.json").write_text('{"at": 2, "steps": [{"key": "y", "said": 3}]}')
     assert tool.job_results.files(tmp_path / "b") != one
     assert tool.dealt(20, 6) == [4, 4, 3, 3, 3, 3]
+
+
+def test_a_kind_that_is_not_there_is_refused(
+    tool: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(tool, "jobs", lambda folder: [counting(tool, True)])
+    monkeypatch.setattr(sys, "argv", ["kill_jobs.py", str(tmp_path), "--jobs", "count,cuont"])
+    with pytest.raises(SystemExit) as ended:
+        tool.main()
+    assert ended.value.code == 2
+    assert "--jobs: expected some of count, found count,cuont" in capsys.readouterr().err
