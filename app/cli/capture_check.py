@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from avatarrex_studio.cli.options import one_of
+from avatarrex_studio.jobs.task import UNUSABLE
 
 from avatarrex.capture.fit.check import CaptureReport, RigReport, check_capture
 from avatarrex.capture.fit.overlay import contact_sheet
@@ -22,10 +23,6 @@ from avatarrex.files.images import write_png
 
 OPTIONAL = {"unfitted": "before fit", "mesh": "own mesh"}
 """Silhouettes that not every capture has, with the heads of their columns."""
-
-
-UNUSABLE = 1
-"""Exit status where the capture cannot be trained on."""
 
 
 def check(path: str, template: str, rig: str | None, count: int, surface: bool, out: Path | None) -> int:

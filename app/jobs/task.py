@@ -21,6 +21,8 @@ from avatarrex.errors import InputError
 log = logging.getLogger(__name__)
 PATIENCE = 10.0
 """Seconds that a process has to end after the signal of Ctrl+C; then it is killed."""
+UNUSABLE = 1
+"""Exit code of a check, and of a look, whose verdict on a capture is that: the answer that they are for."""
 MOST_TEXT = 64 * 1024
 """Bytes of the log's end that are shown."""
 

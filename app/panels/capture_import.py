@@ -9,7 +9,7 @@ import hashlib
 import os
 from pathlib import Path
 
-from avatarrex_studio.jobs.task import Task, beside
+from avatarrex_studio.jobs.task import UNUSABLE, Task, beside
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.panels.files import FileDialog
 from imgui_bundle import icons_fontawesome_6 as icons
@@ -29,9 +29,7 @@ ABOUT = {
     "hands": "What fingers at zero are: flat, or the mean hand that the file has",
 }
 FRAMES = 3
-"""That are looked at."""
-UNUSABLE = 1
-"""Exit code of a look at a capture that does not fit: the answer that it is for."""
+"""That are looked at: one of them may hide what is wrong with axes, unit or hands, and each takes as long as the next."""
 
 
 class CaptureImport:

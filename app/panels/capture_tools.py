@@ -6,7 +6,7 @@ import hashlib
 import os
 from pathlib import Path
 
-from avatarrex_studio.jobs.task import Task, beside
+from avatarrex_studio.jobs.task import UNUSABLE, Task, beside
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.panels.capture_import import CaptureImport
 from avatarrex_studio.panels.files import FileDialog
@@ -16,8 +16,6 @@ from imgui_bundle import imgui
 from avatarrex.files.gate import what_is
 
 LABEL = 72.0
-UNUSABLE = 1
-"""Exit code of a check whose verdict is that."""
 SIZES = {
     "smoke": "a few small pictures, in a minute",
     "small": "22 cameras, 80 frames, 384 × 512 pixels: what the packaged avatar was trained on",
