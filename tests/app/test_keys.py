@@ -141,7 +141,7 @@ def test_a_wide_window_gives_its_room_to_the_picture(width, picture):
 
 
 def test_a_panel_is_shown_though_panels_are_hidden(monkeypatch):
-    """*File → Import a capture…* asks in the Training tab."""
+    """*File → Import a capture…* opens the Training tab."""
     params, *_ = docking(dict.fromkeys(PLACES, lambda: None), 1440.0)
     monkeypatch.setattr(hello_imgui, "get_runner_params", lambda: SimpleNamespace(docking_params=params))
     toggle_panels()

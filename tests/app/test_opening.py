@@ -436,7 +436,7 @@ def test_a_session_takes_the_place_of_unsaved_work_only_once_that_is_decided(stu
     [("Discard", (2, 0.7), (1, 0.4)), ("Cancel", (2, 0.2), (2, 0.2)), ("", (2, 0.2), (2, 0.2))],
 )
 def test_what_was_opened_after_a_session_waits_until_that_is_decided(studio, things, tmp_path, answer, first, last):
-    """An avatar comes into the session that is there then; a second session is asked about, too. No answer: Esc."""
+    """An avatar comes into the session that is there then; a second session gets its question, too. No answer: Esc."""
     questions = Questions()
     leaving = Leaving(studio, TrainingProcesses(), questions, Autosave(tmp_path))
     opening = Opening(

@@ -8,6 +8,7 @@ import sys
 import threading
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,8 @@ from training.together import DIES, SAVED
 from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.metrics.perceptual import Perceptual
+from avatarrex.pointmap.raycast import raycast
+from avatarrex.training.core import pass_two
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.losses import Mean, batch_means
 from avatarrex.training.core.process_group import ALONE, ProcessGroup
@@ -114,8 +117,9 @@ def learner(folder) -> tuple[Capture, Avatar]:
 
 @pytest.mark.parametrize("part", ["face", "body"])
 @pytest.mark.parametrize("number", [0, 1])
-def test_gradients_of_shares_add_up(learner, part, number):
-    """Three processes over two frames, or over one patch: each pass of each part, terms and gradients."""
+def test_gradients_of_shares_add_up(learner, part, number, monkeypatch):
+    """Three processes, threads here, over two frames, or over one patch: each pass of each part, terms and gradients."""
+    monkeypatch.setattr(pass_two, "raycast", partial(raycast, impl="torch"))  # an OpenGL context is of one thread
     capture, avatar = learner
     recipe = getattr(SMOKE, part)[number]
     recipe = replace(recipe, frames=2, rays=82) if number == 0 else recipe
