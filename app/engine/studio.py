@@ -40,6 +40,7 @@ from avatarrex_studio.session.timeline import Layer
 from avatarrex_studio.session.timeline_commands import AddLayer, OnTimeline, SetFrame, SetLayer
 
 from avatarrex.avatar import Avatar
+from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.surface.shadow import SurfaceShadow
 from avatarrex.surface.surface_file import weights_key
@@ -407,7 +408,9 @@ class Studio:
         """Keys at the playhead: of what is selected, else of what was changed there and what has keys already."""
         state, selected = self.state, self.state.tools.selected
         timeline, layer = state.timeline, self.take.target(state.timeline)
-        driven = layers_at(timeline, state.base, timeline.local(timeline.seconds), self.clips)
+        driven = layers_at(
+            timeline, Signals.rest(), timeline.local(timeline.seconds), self.clips
+        )  # what no layer drives is at rest
         names = entries(selected) if selected else to_key(state, layer, driven)
         if names:
             self.do(with_keys(state, values(state, names), layer))

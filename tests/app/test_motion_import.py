@@ -339,6 +339,10 @@ def test_how_hands_and_a_face_are_read_is_changed_in_the_window(display, tmp_pat
             read_again(test, window)
             for name in entry[1:]:
                 seen[f"title of {name}"] = reading.files._title
+                test.key_press(
+                    int(imgui.Key.tab)
+                )  # out of the name's field, whose text is its own while it has the keys
+                test.yield_(2)
                 reading.files.name = str(tmp_path / name)
                 test.yield_(2)
                 test.item_click("**/###answer")

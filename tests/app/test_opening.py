@@ -481,14 +481,15 @@ def test_what_was_opened_after_a_session_waits_until_that_is_decided(studio, thi
 
 @pytest.mark.window
 def test_the_dialog_goes_into_a_folder_that_is_nothing_and_takes_what_is_typed_at_once(display, things, tmp_path):
-    seen, parent = {}, tmp_path.parent
+    seen, plain = {}, tmp_path / "plain"
+    plain.mkdir()
 
     def scenario(test, window):
         settle(test, window)
-        window.files.folder = str(parent)
+        window.files.folder = str(tmp_path)
         test.key_press(chord("Ctrl+O"))
         test.yield_(4)
-        test.key_chars(tmp_path.name)
+        test.key_chars(plain.name)
         test.key_press(int(imgui.Key.enter))
         test.yield_(4)
         seen["gone into"] = window.files.is_open, window.files.folder, window.files.name
@@ -496,4 +497,4 @@ def test_the_dialog_goes_into_a_folder_that_is_nothing_and_takes_what_is_typed_a
         test.yield_(3)
 
     drive(ball_engine, scenario, (1000, 640), load=read_any_avatar)
-    assert seen["gone into"] == (True, str(tmp_path), "")
+    assert seen["gone into"] == (True, str(plain), "")
