@@ -408,9 +408,7 @@ class Studio:
         """Keys at the playhead: of what is selected, else of what was changed there and what has keys already."""
         state, selected = self.state, self.state.tools.selected
         timeline, layer = state.timeline, self.take.target(state.timeline)
-        driven = layers_at(
-            timeline, Signals.rest(), timeline.local(timeline.seconds), self.clips
-        )  # what no layer drives is at rest
+        driven = layers_at(timeline, Signals.rest(), timeline.local(timeline.seconds), self.clips)
         names = entries(selected) if selected else to_key(state, layer, driven)
         if names:
             self.do(with_keys(state, values(state, names), layer))

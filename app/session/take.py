@@ -87,11 +87,9 @@ def with_keys(
 
 
 def to_key(state: StudioState, layer: Layer | None, driven: Signals) -> tuple[str, ...]:
-    """What *Set key* keys where nothing is selected: what has been changed since the layers gave `driven`, and what has keys already;
-    over a timeline of keys alone all that is not at rest.
+    """What *Set key* keys where nothing is selected: what differs from `driven`, what the layers give over the rest pose, and what has
+    keys already.
     """
     tracks = {track.name for track in layer.tracks} if layer else set()
     changed = set(differing(driven, state.signals))
-    if not changed and not any(each.clip or each.feed for each in state.timeline.layers):
-        changed = set(differing(Signals.rest(), state.signals))
     return tuple(name for name in SLOTS if name != "shape" and (name in changed or name in tracks))
