@@ -158,9 +158,7 @@ def observed(observer: Observer, signals: list[Signals], work: Path, name: str, 
 
 
 def _expressions(observer: Observer, seen: list[Observation]) -> Expressions:
-    neutral = observer.neutral
-    assert neutral is not None
-    shift = np.stack([one.shift - neutral.shift for one in seen])
+    shift = np.stack([observer.moved(one) for one in seen])
     colour = np.stack([observer.tinted(one) for one in seen])
     moved = (np.abs(shift).max((0, 2)) > MOVED) | (np.abs(colour).max((0, 2)) > TINTED)
     vertex = np.flatnonzero(moved)

@@ -31,7 +31,7 @@ from avatarrex.templates.parts import PARTS
 SLIDES = 2
 """Steps of `Pattern.slide`; a third changes the albedo's error by 2 %."""
 STEADYING = 2
-"""Means over the neighbours on hands and face, some 5 mm each."""
+"""Means over the neighbours, some 5 mm each on hands and face, 1.3 cm on the body."""
 SOFTENINGS = 12
 """Means over the neighbours of skin weights, some 4 cm."""
 SPREAD = 12
@@ -91,15 +91,24 @@ class Observer:
         Flesh that opens or closes makes single vertices jump onto another sheet of the surface; a mean of neighbours does not.
         """
         assert self.neutral is not None
-        trusted = (found & self.neutral.found & ~self.mesh.inner)[:, None].astype(float)
-        offset = trusted * ((shift - guess) - (self.neutral.shift - self.neutral.guess))
-        for _ in range(STEADYING):
-            offset, trusted = self.smooth @ offset, self.smooth @ trusted
-        offset = self._around(offset / np.maximum(trusted, 1e-3))
+        offset = (shift - guess) - (self.neutral.shift - self.neutral.guess)
+        known = found & self.neutral.found & ~self.mesh.inner
+        offset = self._around(mean_of_known(offset, known, self.smooth, STEADYING))
         return np.asarray(guess + (self.neutral.shift - self.neutral.guess) + offset)
 
     def _around(self, offset: np.ndarray) -> np.ndarray:
         return from_skin_around(offset, self.mesh.inner, self.smooth)
+
+    def moved(self, observation: Observation) -> np.ndarray:
+        """(v, 3): how the shift of an expression differs from the neutral face's.
+
+        The throat's skin has no template that an open jaw takes along: single vertices of the cubes go along their normals to where the
+        jaw's surface happens to be, centimetres or nothing. The mean of neighbours goes with the jaw as far as the skin around does.
+        """
+        assert self.neutral is not None
+        change = observation.shift - self.neutral.shift
+        known = observation.found & self.neutral.found & ~self.mesh.inner
+        return np.where(self.own[:, None], change, mean_of_known(change, known, self.smooth, STEADYING))
 
     def tinted(self, observation: Observation) -> np.ndarray:
         """(v, 3): how the albedo differs from the neutral face's, mean of the neighbours that were found in both.
@@ -108,9 +117,8 @@ class Observer:
         lips, which open wider or less than those of the template: what is seen at a lip's vertex may be skin or teeth.
         """
         assert self.neutral is not None
-        trusted = (observation.found & self.neutral.found & ~self.mesh.inner)[:, None].astype(float)
-        change = self.smooth @ (trusted * (observation.albedo - self.neutral.albedo))
-        tint = change / np.maximum(self.smooth @ trusted, 1e-3)
+        known = observation.found & self.neutral.found & ~self.mesh.inner
+        tint = mean_of_known(observation.albedo - self.neutral.albedo, known, self.smooth, 1)
         return np.where((self.lips | self.mesh.inner)[:, None], 0, tint)
 
     def residuals(self, signals: list[Signals], seen: list[Observation], albedo: Float[np.ndarray, "v 3"]) -> Residuals:
@@ -233,6 +241,20 @@ class Observer:
 
 def _placed(matrix: Float[np.ndarray, "v 3 4"], rest: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
     return np.asarray(np.einsum("vab,vb->va", matrix[:, :, :3], rest) + matrix[:, :, 3])
+
+
+def mean_of_known(
+    value: Float[np.ndarray, "v 3"], known: Bool[np.ndarray, " v"], smooth: csr_array, rounds: int
+) -> Float[np.ndarray, "v 3"]:
+    """`value` as the mean of the neighbours, `rounds` times, of those that are `known`; 0 where none is near.
+
+    `smooth` (v, v) takes the mean of neighbours.
+    """
+    weight = known[:, None].astype(float)
+    total = weight * value
+    for _ in range(rounds):
+        total, weight = smooth @ total, smooth @ weight
+    return np.asarray(total / np.maximum(weight, 1e-3))
 
 
 def from_skin_around(

@@ -101,3 +101,21 @@ def test_eyes_and_mouth_have_no_colours_but_the_texture_s():
     assert np.allclose(Observer.tinted(observer, turned)[:, 0], [0, 0, 0.1, 0.1, 0.1, 0])
     found = Observer.residuals(observer, [Signals.rest()], [turned], np.zeros((count, 3)))
     assert np.allclose(found.value[0, :, 3], [0, 0, 0.1, 0.1, 0.1, 0.1])
+
+
+def test_a_throat_goes_with_the_jaw_as_its_neighbours_do():
+    """The cubes' vertices take the mean of what was found around; a lost one says nothing, a face's own stays as it is."""
+    count = 7
+    rest, opened = (Observation(*np.zeros((2, count, 3)), np.zeros((count, 3)), np.ones(count, bool)) for _ in range(2))
+    opened.shift[:4, 1] = -0.02
+    opened.shift[5:, 1] = -0.01
+    opened.shift[2, 1], opened.found[2] = 0.3, False
+    own = np.arange(count) >= 5
+    chain = diags_array([np.ones(count - 1), np.ones(count), np.ones(count - 1)], offsets=[-1, 0, 1])
+    smooth = (diags_array(1 / chain.sum(1)) @ chain).tocsr()
+    mesh = SimpleNamespace(inner=np.zeros(count, bool))
+    moved = Observer.moved(SimpleNamespace(neutral=rest, mesh=mesh, own=own, smooth=smooth), opened)[:, 1]
+    assert np.allclose(moved[:2], -0.02)
+    assert np.allclose(moved[own], -0.01)
+    assert -0.02 <= moved[2] < -0.01
+    assert (np.diff(moved[:5]) >= -1e-12).all()
