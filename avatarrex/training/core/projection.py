@@ -32,6 +32,7 @@ from avatarrex.training.core.agreement import agreed
 from avatarrex.training.core.frames import FrameStore
 from avatarrex.training.core.registration import register
 from avatarrex.training.core.sighting import Sighting
+from avatarrex.training.core.silhouette import Silhouette
 from avatarrex.training.core.supervision import hidden_at_rest
 from avatarrex.training.core.trained_field import FACE
 
@@ -84,7 +85,8 @@ def start_from_pictures(
         paint(detail, [project(avatar, one, part) for one in sightings], where, rounds)
 
     if part == "body" and (slides or rises):
-        register(avatar, [sight(one, part, *pair) for one, pair in chosen], painted, slides, rises)
+        sightings = [sight(one, part, *pair) for one, pair in chosen]
+        register(avatar, sightings, [silhouette(one, *pair) for one, pair in chosen], painted, slides, rises)
         store.renew(store.age + 1)
     painted([sight(one, part, *pair) for one, pair in chosen], ROUNDS)
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
@@ -126,6 +128,15 @@ def sight(store: FrameStore, part: str, index: int, view: int) -> Sighting:
     samples, states = frame.volume.body_frame.samples, frame.volume.states
     parallax = -gaze[counts] / facing[counts, None]
     return Sighting(frame.posed, samples, states, position, picture[counts], facing[counts].square(), parallax)
+
+
+def silhouette(store: FrameStore, index: int, view: int) -> Silhouette:
+    """Of the body in one picture."""
+    frame, rig = store[index], store.rig
+    camera = frame.camera(rig.views[view].camera)
+    seen = raycast(frame.volume.sdf, camera, antialias=True)
+    own = seen.part_weight.sum(-1) < ALONE
+    return Silhouette.of(seen, own, rig.matte(view, index) > 127, camera, frame.volume.body_frame.samples)
 
 
 def project(avatar: Avatar, sighting: Sighting, part: str) -> Projected:

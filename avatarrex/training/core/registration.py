@@ -1,14 +1,15 @@
 """Where the body's surface is, and how what is painted slides on it: training pictures and texels are registered to each other. Ours.
 
-    min_{s, δ} Σ_p ω_p |c_p − t(p̄_p + Δ_p(s) + δ_p q_p)|² + Σ_p ω_p (μ |Δ_p(s)|² + ν δ_p²) + λ Σ_ab (δ_a − δ_b)²
+    min_{s, δ} Σ_p ω_p (|c_p − t(p̄_p + Δ_p(s) + δ_p q_p)|² + μ |Δ_p(s)|² + ν δ_p²) + κ Σ_e ω_e (m_e − δ_e)² + λ Σ_ab (δ_a − δ_b)²
 
-over the pixels p of the pictures; t the texels, painted from all pictures with what the round before found; Δ is linear in s
-(fields/slide.py). δ is the relief (`BodyField.raise_surface`): a pixel's ray meets a surface that stands δ_p higher δ_p q_p further along the
-skin. This parallax differs from camera to camera, a slide does not. Each round is a step of Gauss and Newton, by conjugate gradients,
-from finer slopes than the last: texels that are painted from pictures that disagree are blurred, and show the coarse shift first. ω falls
-with the difference (Geman–McClure), so that shadows and what passes over the surface do not count.
+over the pixels p of the pictures and the borders e of their silhouettes, which end m_e short of the mattes (silhouette.py); t the
+texels, painted from all pictures with what the round before found; Δ is linear in s (fields/slide.py). δ is the relief
+(`BodyField.raise_surface`): a pixel's ray meets a surface that stands δ_p higher δ_p q_p further along the skin. This parallax differs
+from camera to camera, a slide does not. Each round is a step of Gauss and Newton, by conjugate gradients, from finer slopes than the
+last: texels that are painted from pictures that disagree are blurred, and show the coarse shift first. ω falls with the difference
+(Geman–McClure), so that shadows and what passes over the surface do not count, nor a border that another thing hides.
 
-Letters: p pixels, a b samples, n nodes, j joints.
+Letters: p pixels, e pixels of borders, a b samples, n nodes, j joints.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.fields.local_frame import Neighbours
 from avatarrex.fields.slide import Slide, carriers, slide_basis
 from avatarrex.training.core.sighting import Sighting
+from avatarrex.training.core.silhouette import Silhouette
 
 SLOPES = (0.008, 0.008, 0.008, 0.005, 0.005, 0.003, 0.003, 0.002, 0.002)
 """Metres between which the texels' slopes are taken, round by round."""
@@ -43,6 +45,10 @@ RISE = 0.1
 """Metres of relief that conjugate gradients take as they take a share of 1."""
 STEPS = 40
 """Of conjugate gradients in a round."""
+EDGE = 1000.0
+"""κ: sRGB per metre, squared."""
+ELSEWHERE = 0.005
+"""Metres by which a border misses at which its weight has fallen to a quarter."""
 HIGHEST = 0.02
 """Metres that the surface rises or sinks: as far as cloth may stand off (`CLOTH` in fields/body.py)."""
 
@@ -51,10 +57,10 @@ HIGHEST = 0.02
 def register(
     avatar: Avatar,
     sightings: Sequence[Sighting],
+    silhouettes: Sequence[Silhouette],
     paint: Callable[[Sequence[Sighting]], None],
     slides: bool,
     rises: bool,
-    seed: int = 0,
 ) -> None:
     """Let the body's slide, where it `slides`, and its relief, where it `rises`, be those with which the pictures agree.
 
@@ -63,7 +69,7 @@ def register(
     body = avatar.body
     body.add_slide(Slide.none(len(body.node_vertex)).share)
     assert body.slide is not None
-    pixels = _Pixels(avatar, sightings, slides, rises, np.random.default_rng(seed))
+    pixels = _Pixels(avatar, sightings, silhouettes, slides, rises)
     height = torch.zeros(len(body.sample_rest))
     for slope in SLOPES:
         paint(sightings)
@@ -82,8 +88,14 @@ class _Pixels:
     """Some of the sightings' pixels, with what moves them: the slide's joints along `basis`, the relief along `parallax`, metres at rest."""
 
     def __init__(
-        self, avatar: Avatar, sightings: Sequence[Sighting], slides: bool, rises: bool, rng: np.random.Generator
+        self,
+        avatar: Avatar,
+        sightings: Sequence[Sighting],
+        silhouettes: Sequence[Silhouette],
+        slides: bool,
+        rises: bool,
     ) -> None:
+        rng = np.random.default_rng(0)
         body = avatar.body
         assert body.slide is not None
         self.mask = slides & carriers(body.node_rest, avatar.person.body.joint_template).cpu().numpy()
@@ -97,6 +109,8 @@ class _Pixels:
         self.carried = total if rises else csr_matrix(total.shape, dtype=total.dtype)
         self.uneven = SMOOTH * rises * len(self.parallax) / len(samples) * _differences(samples)
 
+        self.borders = _Borders(silhouettes if rises else [], len(samples))
+
     def step(
         self, avatar: Avatar, sightings: Sequence[Sighting], height: np.ndarray, slope: float
     ) -> tuple[Tensor, Tensor]:
@@ -109,7 +123,9 @@ class _Pixels:
         assert avatar.body.slide is not None
         now = avatar.body.slide.share.cpu().numpy(), height
         pull = weight[:, None] * np.einsum("pck,pc->pk", jacobian, residual)
-        right = _joined(*self._gathered(pull)) - _joined(*self._penalty(weight, *now))
+        share, along = self._gathered(pull)
+        self.borders.weigh(height)
+        right = _joined(share, along + self.borders.wanted) - _joined(*self._penalty(weight, *now))
 
         def product(values: np.ndarray) -> np.ndarray:
             share, rise = self._split(values)
@@ -147,7 +163,24 @@ class _Pixels:
     def _penalty(self, weight: np.ndarray, share: np.ndarray, rise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Half the slope of what s and δ cost."""
         slid, up = STILL * weight[:, None] * self._slid(share), LEVEL * weight * (self.carried @ rise)
-        return self._of_nodes(slid), self.carried.T @ up + self.uneven @ rise
+        return self._of_nodes(slid), self.carried.T @ up + self.uneven @ rise + self.borders.form @ rise
+
+
+class _Borders:
+    """κ Σ_e ω_e (m_e − δ_e)²: its form in δ (a, a), and where it pulls a level surface (a,)."""
+
+    def __init__(self, silhouettes: Sequence[Silhouette], samples: int) -> None:
+        nothing = csr_matrix((0, samples), dtype=np.float32)
+        self.carried = vstack([nothing, *(_matrix(one.beside, samples) for one in silhouettes)]).tocsr()
+        self.miss = np.concatenate([np.zeros(0, np.float32), *(one.miss.numpy() for one in silhouettes)])
+        self.weigh(np.zeros(samples, np.float32))
+
+    def weigh(self, height: np.ndarray) -> None:
+        """By what the borders miss while the samples stand so high."""
+        left = self.miss - self.carried @ height
+        weight = EDGE / (1 + np.square(left / ELSEWHERE)) ** 2
+        self.form = (self.carried.T @ diags(weight) @ self.carried).tocsr()
+        self.wanted = self.carried.T @ (weight * self.miss)
 
 
 def _moves(one: Sighting, rows: Tensor) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
