@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -26,13 +27,14 @@ OTHERS = [
     "scipy.ndimage",
     "scipy.spatial.transform",
     "torch",
+    "torch._dynamo",
     "trimesh",
 ]
 """What mutants need of other packages: nothing of this project, which each has a copy of, nor jaxtyping, whose plugin pytest
 has to import itself."""
 PROCESSES = multiprocessing.get_context("forkserver")
 PROCESSES.set_forkserver_preload(OTHERS)
-"""Each mutant has a process of its own, forked from one that has imported `OTHERS`, which takes two seconds."""
+"""Each mutant has a process of its own, forked from one that has imported `OTHERS`, which takes four seconds."""
 
 
 def assert_up_to_date(mutant: Mutant) -> None:
@@ -95,7 +97,8 @@ def copy(mutant: Mutant, folder: Path) -> None:
 
 
 def link(source: Path, target: Path, changed: Path) -> None:
-    """Link `source`, or make a folder of links where `changed` (from the checkout) lies below it."""
+    """Link `source`, or make a folder of links where `changed` (from the checkout) lies below it, with copies of the compiled loops:
+    numba takes those whose sources are the same (ops/native.py)."""
     if source not in (ROOT / changed).parents:
         target.symlink_to(source)
         return
@@ -103,3 +106,6 @@ def link(source: Path, target: Path, changed: Path) -> None:
     for entry in source.iterdir():
         if entry.name != "__pycache__":
             link(entry, target / entry.name, changed)
+    for compiled in (source / "__pycache__").glob("*.nb?"):
+        (target / "__pycache__").mkdir(exist_ok=True)
+        shutil.copy(compiled, target / "__pycache__")
