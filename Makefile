@@ -8,6 +8,7 @@ BIN := $(VENV)/bin
 APT := libegl1 libgl1 libgl1-mesa-dri libglx-mesa0 libegl-mesa0 xvfb xauth
 FAST := tests/test_facade.py tests/test_avatar.py tests/test_rooms.py tests/gl tests/ops tests/signals tests/templates  tests/fields \
   tests/volume tests/pointmap tests/shading
+TOGETHER := -n 2 --dist loadfile --no-loadscope-reorder
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: setup system run check test test-fast docs gallery bench goldens clean
@@ -39,11 +40,14 @@ check: setup
 
 # Two processes, a file of tests at a time, those with slow tests first (tests/conftest.py), so that both end together.
 # One thread each: where two processes have two on two cores, threads of OpenMP spin for those that do not run, and tests take
-# two to three times as much of the processor. Tests of threads set their number themselves; windows have the usual one.
-# Windows have a process of their own: Xlib ends it where the X server is lost (tests/app/conftest.py then names the test).
+# two to three times as much of the processor. Tests of threads set their number themselves.
+# Windows have processes of their own, each with a display: Xlib ends one where the X server is lost (tests/app/conftest.py then
+# names the test). Bytecode is kept whatever the environment says: some hundred processes import the same modules.
+test: export OMP_NUM_THREADS := 1
+test: export PYTHONDONTWRITEBYTECODE :=
 test: check
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder -m "not window"
-	$(BIN)/python -m pytest -q -m window tests/app
+	$(BIN)/python -m pytest -q $(TOGETHER) -m "not window"
+	$(BIN)/python -m pytest -q $(TOGETHER) -m window tests/app
 
 test-fast: setup
 	$(BIN)/python -m pytest -q -m "not window and not slow" $(FAST)

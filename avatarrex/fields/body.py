@@ -37,13 +37,14 @@ from avatarrex.fields.local_frame import (
 )
 from avatarrex.fields.local_networks import LocalNetworks, mlp
 from avatarrex.fields.membrane import membrane
-from avatarrex.fields.nodes import anchors, covering_radius, farthest_points, node_normals, part_labels, plane_axes
+from avatarrex.fields.nodes import anchors, covering_radius, node_normals, part_labels, plane_axes
 from avatarrex.fields.outgrowth import Outgrowth
 from avatarrex.fields.patches import NoPatches, PatchNetwork, patch_features
 from avatarrex.fields.presets import COORDINATE_OCTAVES, DIRECTION_OCTAVES, Preset
 from avatarrex.fields.slide import Slide
 from avatarrex.ops import native
 from avatarrex.ops.encoding import Encoding, channels
+from avatarrex.ops.farthest_points import farthest_points
 from avatarrex.ops.skinning import blend, blend_rotations, invert_affine
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.model import PosedTemplate, TemplateModel

@@ -13,6 +13,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from avatarrex.ops.farthest_points import farthest_points
 from avatarrex.templates.mesh import vertex_normals
 from avatarrex.templates.model import TemplateModel, pose_template
 
@@ -29,19 +30,6 @@ BENT = {
     **{f"{side}_hip": (-1.4, 0.0, 0.0) for side in ("left", "right")},
 }
 """Rotvecs in radians of the pose besides the rest pose that anchors are spread over."""
-
-
-def farthest_points(points: Float[Tensor, "v d"], count: int, seed: int) -> Int[Tensor, " n"]:
-    """Indices of `count` points, each the farthest from those before it; the first one is drawn by `seed`."""
-    count = min(count, len(points))
-    columns = points.double().T.contiguous()
-    chosen = [int(torch.randint(len(points), (1,), generator=torch.Generator().manual_seed(seed)))]
-    nearest = torch.full_like(columns[0], torch.inf)
-    while len(chosen) < count:
-        squared = sum((column - column[chosen[-1]]).square_() for column in columns)
-        torch.minimum(nearest, squared, out=nearest)
-        chosen.append(int(nearest.argmax()))
-    return torch.tensor(chosen)
 
 
 def anchors(model: TemplateModel, count: int, seed: int) -> Int[Tensor, " n"]:

@@ -21,7 +21,7 @@ from test_window import drive, rest
 
 from avatarrex.signals.joints import EXPRESSION_NAMES
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.slow]
 JAW = EXPRESSION_NAMES.index("jawOpen")
 PACKETS = {
     "Live Link Face": livelink_packet.encode({"jawOpen": 0.6}),

@@ -73,6 +73,7 @@ def test_a_log_is_read_as_a_terminal_shows_it(tmp_path):
     assert text_of(tmp_path / "a.log") == "first\nend"
 
 
+@pytest.mark.slow
 def test_a_check_draws_its_sheets(tmp_path, monkeypatch):
     """The true verb on the true smallest capture: what the tab's button does, its picture and its verdict."""
     from avatarrex.capture.synthetic.make import make_capture

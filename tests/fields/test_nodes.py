@@ -1,6 +1,5 @@
 import math
 
-import pytest
 import torch
 from arm import RADIUS, arm_model
 
@@ -9,37 +8,13 @@ from avatarrex.fields.nodes import (
     PARTS,
     anchors,
     covering_radius,
-    farthest_points,
     node_normals,
     part_labels,
     plane_axes,
 )
+from avatarrex.ops.farthest_points import farthest_points
 from avatarrex.templates.model import pose_template
 from avatarrex.templates.person import load_person
-
-
-def test_farthest_points_on_a_line():
-    line = torch.zeros(9, 3)
-    line[:, 0] = torch.arange(9.0)
-    chosen = farthest_points(line, 9, seed=4).tolist()
-    assert sorted(chosen) == list(range(9))
-    assert chosen[1] in (0, 8), "the second point is the end farther from the first"
-    assert farthest_points(line, 3, seed=4).tolist() == chosen[:3], "a shorter sample is a prefix"
-
-
-def test_sampling_is_greedy_and_covers():
-    """Every sample is at least as far from its predecessors as any vertex is from all samples."""
-    points = torch.rand(400, 3, generator=torch.Generator().manual_seed(0))
-    chosen = points[farthest_points(points, 40, seed=1)]
-    distance = torch.cdist(chosen, chosen) + 1e9 * torch.eye(40)
-    assert covering_radius(points, chosen) <= distance.min() + 1e-6
-
-
-def test_seed_decides():
-    points = torch.rand(400, 3, generator=torch.Generator().manual_seed(0))
-    first, again, other = (farthest_points(points, 20, seed=s) for s in (1, 1, 2))
-    assert torch.equal(first, again)
-    assert not torch.equal(first, other)
 
 
 def test_normals_of_a_tube_point_outwards():
@@ -79,12 +54,6 @@ def test_nodes_of_the_default_person():
     hands = model.weights[nodes][:, 25:55].sum(1) > 0.5
     assert hands.sum() >= 4, "hands have nodes of their own"
     assert math.isclose(float(model.weights[nodes].sum(1).min()), 1, abs_tol=1e-3)
-
-
-@pytest.mark.parametrize("count", [1, 500])
-def test_counts_at_the_ends(count):
-    points = torch.rand(30, 3)
-    assert len(farthest_points(points, count, seed=0)) == min(count, 30)
 
 
 def test_anchors_stay_close_where_a_bend_stretches_the_skin():

@@ -56,6 +56,7 @@ def test_a_finer_grid_is_nearer_and_own_colours_are_nearest(found):
     assert two["psnr_matte"] < five["psnr_matte"] < own["psnr_matte"]
 
 
+@pytest.mark.slow
 def test_texels_are_the_trainings_alone(folder, found, tmp_path):
     """Pictures of the held-out frame and camera in red change what is compared with, and not what is drawn."""
     again = write_capture(tmp_path / "red", SIZE)

@@ -54,7 +54,7 @@ LEARNING: dict[str, Mutant] = {
         f"{CORE}/pass_two.py",
         "self._compare(rendered * both, truth * both, both)",
         "self._compare(rendered * both, truth.flip(0, 1) * both, both)",
-        f"{LEARNS}[face]",
+        f"{PATCHES}[face]",
     ),
     "wrong camera": Mutant(
         "what is learnt",

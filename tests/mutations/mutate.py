@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -17,9 +18,23 @@ from mutations.mutants import Mutant
 ROOT = Path(__file__).parents[2]
 PACKAGES = {"avatarrex": "avatarrex", "app": "avatarrex_studio", "shaders": "avatarrex_shaders"}
 """Folder of the checkout -> the name that it is imported by."""
+OTHERS = [
+    "beartype",
+    "moderngl",
+    "numba",
+    "PIL.Image",
+    "pytest",
+    "scipy.ndimage",
+    "scipy.spatial.transform",
+    "torch",
+    "torch._dynamo",
+    "trimesh",
+]
+"""What mutants need of other packages: nothing of this project, which each has a copy of, nor jaxtyping, whose plugin pytest
+has to import itself."""
 PROCESSES = multiprocessing.get_context("forkserver")
-PROCESSES.set_forkserver_preload(["mutations.others"])
-"""Each mutant has a process of its own, forked from one that has imported what is the same for all."""
+PROCESSES.set_forkserver_preload(OTHERS)
+"""Each mutant has a process of its own, forked from one that has imported `OTHERS`, which takes four seconds."""
 
 
 def assert_up_to_date(mutant: Mutant) -> None:
@@ -58,6 +73,8 @@ def _test(test: str, folder: Path, report: Path, output: Path) -> None:
     with output.open("w") as file:
         for stream in (1, 2):
             os.dup2(file.fileno(), stream)
+    absent = set(OTHERS) - set(sys.modules)
+    assert not absent, f"not imported before the fork, which passes over what it does not find: {absent}"
     os.environ |= {"PYTHONPATH": str(folder), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     sys.dont_write_bytecode = True
     sys.path[:] = [str(folder), *(place for place in sys.path if Path(place) != ROOT)]
@@ -80,7 +97,8 @@ def copy(mutant: Mutant, folder: Path) -> None:
 
 
 def link(source: Path, target: Path, changed: Path) -> None:
-    """Link `source`, or make a folder of links where `changed` (from the checkout) lies below it."""
+    """Link `source`, or make a folder of links where `changed` (from the checkout) lies below it, with copies of the compiled loops:
+    numba takes those whose sources are the same (ops/native.py)."""
     if source not in (ROOT / changed).parents:
         target.symlink_to(source)
         return
@@ -88,3 +106,6 @@ def link(source: Path, target: Path, changed: Path) -> None:
     for entry in source.iterdir():
         if entry.name != "__pycache__":
             link(entry, target / entry.name, changed)
+    for compiled in (source / "__pycache__").glob("*.nb?"):
+        (target / "__pycache__").mkdir(exist_ok=True)
+        shutil.copy(compiled, target / "__pycache__")

@@ -57,6 +57,7 @@ def torchrun(*words, restarts: int) -> None:
     assert agent.returncode == 0, said
 
 
+@pytest.mark.slow
 def test_two_processes_train_as_one_and_a_killed_one_loses_nothing(folder, tmp_path):
     """Both passes; the shares of rays, samples and pixels are uneven."""
     torchrun(folder, tmp_path, restarts=1)

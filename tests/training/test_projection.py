@@ -121,6 +121,7 @@ def rig_with(balls: list[tuple[np.ndarray, float]]) -> Rig:
     return Rig("body", views, SignalSequence((signals,), 1.0), frozenset(), nobody, nobody, Mattes(mattes))
 
 
+@pytest.mark.slow
 def test_a_bun_is_carved_and_skin_is_not() -> None:
     avatar = Avatar.create(load_person(), "compact")
     rest = avatar.person.body.v_template.double().numpy()
