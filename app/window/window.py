@@ -68,6 +68,7 @@ from avatarrex_studio.window.opening import Opening
 from avatarrex_studio.window.output import GROUNDS, SIZES, Output
 from avatarrex_studio.window.own_surface import OwnSurface
 from avatarrex_studio.window.personal import Personal
+from avatarrex_studio.window.quick_input import forget_finger, open_input
 from avatarrex_studio.window.runner import open_gl, runner_params
 from avatarrex_studio.window.screen import Screen
 from imgui_bundle import hello_imgui, imgui, immapp
@@ -163,7 +164,7 @@ class Window:
         calls = params.callbacks
         calls.setup_imgui_config = _configure
         for name, place, call in (
-            ("show_menus", "The menu", self._menus), ("post_new_frame", "The interface's scale", self.personal.scale.apply),
+            ("show_menus", "The menu", self._menus), ("post_new_frame", "The interface's scale", self._begin),
             ("post_init", "Opening the window", self._opened), ("show_status", "The status bar", self._status),
         ):  # fmt: skip
             setattr(calls, name, partial(self.guard.run, place, call))
@@ -293,6 +294,11 @@ class Window:
         imgui.get_current_context().config_nav_enable_tabbing = not self._keys_free  # else Tab hides the panels
         if self._frames < WARM_UP:
             imgui.get_io().clear_events_queue()  # clicks and keys that came before there was anything to see
+
+    def _begin(self) -> None:
+        """The interface's frame has begun; nothing is laid out yet."""
+        self.personal.scale.apply()
+        forget_finger()
 
     def _render(self) -> None:
         """Show what changed. After the panels, so that a picture follows the mouse in the same frame."""
@@ -492,6 +498,7 @@ class Window:
         self.personal.open()
         fit(self.personal.scale.width)
         self.loss.open()
+        open_input()
         import glfw  # after imgui_bundle, which brings its own library
 
         # the stub has GLFW's own arguments, Python's callback gets the window and a list
