@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import time
 import zipfile
 from pathlib import Path
 
@@ -11,7 +12,9 @@ import driving
 import glfw
 import numpy as np
 import pytest
+from avatarrex_studio.engine.avatars import Avatars
 from avatarrex_studio.engine.staging import in_light
+from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels.keys import chord
 from avatarrex_studio.session.actions import ACTIONS
 from avatarrex_studio.session.commands import (
@@ -25,11 +28,13 @@ from avatarrex_studio.session.commands import (
     SetStage,
 )
 from avatarrex_studio.session.journal import Journal
+from avatarrex_studio.session.state import SizePolicy, StudioState
 from avatarrex_studio.session.timeline_commands import SetFrame
 from avatarrex_studio.window.docking import POSE
-from avatarrex_studio.window.window import start
+from avatarrex_studio.window.window import Window, start
 from bad_files import AVATARS, MOTIONS, SESSIONS
 from ball import ball_engine
+from ball_studio import InlineExact
 from capture.tiny_capture import TinyCapture
 from imgui_bundle import hello_imgui, imgui
 from imgui_bundle.glfw_utils import glfw_window_hello_imgui
@@ -39,6 +44,7 @@ from test_fuzz_window import small_window
 from test_opening import drop, settle
 from test_window import drive, rest
 
+from avatarrex.avatar_file import load_avatar
 from avatarrex.signals.library import named_expression, named_pose
 from avatarrex.signals.read import READERS
 from avatarrex.training.runs.folder import Run
@@ -109,7 +115,7 @@ def test_every_shortcut_does_something_and_its_own(display, tmp_path, monkeypatc
         studio.journal = Journal(start())
 
     window = small_window()
-    driving.drive(window, scenario, (900, 600))
+    driving.drive(window, scenario, (640, 480))
     assert run == {entry.id: [entry.id] for entry in KEYED.values()}
     assert without == []
 
@@ -138,6 +144,14 @@ def broken_files(folder):
     yield folder / "run"
     (folder / "notes.txt").write_text("nothing of these")
     yield folder / "notes.txt"
+
+
+def reading_window():
+    """A small window that truly reads every avatar but the default one."""
+    ball = ball_engine()
+    avatars = Avatars(lambda name: ball.avatar(name) if name == "default" else load_avatar(name))
+    journal = Journal(StudioState(size=SizePolicy(fixed=(64, 48))))
+    return Window(Studio(InlineExact(ball), avatars, journal, clock=time.monotonic))
 
 
 def test_every_broken_kind_of_file_gets_a_dialog_and_changes_nothing(display, tmp_path):
@@ -169,15 +183,16 @@ def test_every_broken_kind_of_file_gets_a_dialog_and_changes_nothing(display, tm
         opened("picture", lambda: window.files._then(str(tmp_path / "notes.txt")))
         logging.getLogger().removeHandler(window.toasts)
 
-    window = small_window()
-    driving.drive(window, scenario, (900, 600))
+    window = reading_window()
+    driving.drive(window, scenario, (640, 480))
     assert changed == []
     shown = {**{path.name: path.name for path in files}, "layer": "garbage.bvh", "picture": "notes.txt"}
     for name, file in shown.items():
         ((title, text, answers),) = told[name]
         assert answers == ["Close", "Open another…"]
         assert title == f"{file} cannot be opened"
-        assert ": expected " in text, text
+        assert ": found " in text, text
+        assert "Needed: " in text, text
 
 
 def test_a_session_is_saved_left_and_goes_on_with_the_same_frame(display, tmp_path):
