@@ -8,7 +8,10 @@ that is let go ends the frame, so that a text comes by one letter a frame: lette
 
 from __future__ import annotations
 
-from imgui_bundle import hello_imgui, imgui
+import ctypes
+from functools import partial
+
+from imgui_bundle import imgui
 from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 
 PRINTABLE = range(32, 163)
@@ -20,8 +23,9 @@ def open_input() -> None:
     import glfw  # after imgui_bundle, which brings its own library
 
     window = glfw_window_hello_imgui()
-    glfw.set_mouse_button_callback(window, _button)
-    glfw.set_key_callback(window, _key)
+    address = ctypes.cast(window, ctypes.c_void_p).value or 0
+    glfw.set_mouse_button_callback(window, partial(_button, address))
+    glfw.set_key_callback(window, partial(_key, address))
 
 
 def forget_finger() -> None:
@@ -29,17 +33,17 @@ def forget_finger() -> None:
     imgui.get_io().mouse_source = imgui.MouseSource.mouse
 
 
-def _button(_window: object, button: int, action: int, modifiers: int) -> None:
+def _button(address: int, _window: object, button: int, action: int, modifiers: int) -> None:
     io = imgui.get_io()
     io.add_mouse_source_event(imgui.MouseSource.touch_screen if action else imgui.MouseSource.mouse)
-    imgui.backends.glfw_mouse_button_callback(hello_imgui.get_glfw_window_address(), button, action, modifiers)
+    imgui.backends.glfw_mouse_button_callback(address, button, action, modifiers)
     io.add_mouse_source_event(imgui.MouseSource.mouse)
 
 
-def _key(_window: object, key: int, code: int, action: int, modifiers: int) -> None:
+def _key(address: int, _window: object, key: int, code: int, action: int, modifiers: int) -> None:
     import glfw
 
     command = modifiers & (glfw.MOD_CONTROL | glfw.MOD_ALT | glfw.MOD_SUPER)
     if action and key in PRINTABLE and not command and imgui.get_io().want_text_input:
         return
-    imgui.backends.glfw_key_callback(hello_imgui.get_glfw_window_address(), key, code, action, modifiers)
+    imgui.backends.glfw_key_callback(address, key, code, action, modifiers)

@@ -44,9 +44,9 @@ class Room:
         part = min(1.0, (whole - min(LEAST[axis], SHARE[axis] * whole)) / wanted) if wanted else 1.0
         for side in sides:
             given = self._given[side.id_] = part * self._wanted[side.id_]
-            size = list(side.size_ref)
-            size[axis] = given
-            side.size_ref = imgui.ImVec2(*size)
+            both = list(side.size_ref)
+            both[axis] = given
+            side.size_ref = imgui.ImVec2(*both)
 
 
 def beside(title: str) -> list[Node]:

@@ -85,7 +85,7 @@ def reach_display() -> bool:
     """Whether a display opens; GLFW is there then.
 
     An X server without other clients starts anew when this program closes one window before it opens the next (Xvfb does), and refuses
-    who comes meanwhile: it is asked again, and GLFW's line about that is not printed.
+    who comes meanwhile: it is tried again, and GLFW's line about that is not printed.
     """
     import glfw  # after imgui_bundle, which brings its own library
 
