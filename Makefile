@@ -22,10 +22,13 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; assert sys.version_info >= (3, 11), "Python 3.11 or newer is needed, this is " + sys.version' 
 	@test -x $(BIN)/python || { echo "setup: making $(VENV)/"; $(PYTHON) -m venv $(VENV); } || \
 	  { echo "setup: Debian keeps venv in a package of its own: apt-get install python3-venv"; rm -rf $(VENV); exit 1; }
-	@echo "setup: installing the packages of pyproject.toml, torch as in constraints.txt, into $(VENV)/ (some hundred MB the first time: a few minutes in which nothing more is said)"
-	@$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
-	@$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev,docs,video]'
+	@echo "setup: installing into $(VENV)/; the first time some hundred MB are downloaded, which may take several minutes"
+	@echo "setup: 1 of 2: torch, as in constraints.txt"
+	@tools/pip_install.sh $(BIN)/python torch
+	@echo "setup: 2 of 2: the packages of pyproject.toml, and this project"
+	@tools/pip_install.sh $(BIN)/python --editable '.[dev,docs,video]'
 	@touch $@
+	@echo "setup: done"
 
 run: setup
 	@if [ -n "$$DISPLAY$$WAYLAND_DISPLAY" ]; then $(BIN)/avatarrex-studio; \

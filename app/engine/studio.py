@@ -25,7 +25,7 @@ from avatarrex_studio.live.listening import Listening
 from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.commands import AddFigure, Command, Followed, SetCamera
 from avatarrex_studio.session.evaluation import go_to, layers_at, settled
-from avatarrex_studio.session.figures import Place
+from avatarrex_studio.session.figures import Place, standing
 from avatarrex_studio.session.greeting import Greeting
 from avatarrex_studio.session.grip import LOOK, Beginning, Grip, followed
 from avatarrex_studio.session.journal import Journal
@@ -36,7 +36,7 @@ from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.posing import entries
 from avatarrex_studio.session.state import OrbitView, StudioState, Vector, vector
 from avatarrex_studio.session.take import Take, to_key, values, with_keys
-from avatarrex_studio.session.timeline import Layer
+from avatarrex_studio.session.timeline import Layer, Timeline
 from avatarrex_studio.session.timeline_commands import AddLayer, OnTimeline, SetFrame, SetLayer
 
 from avatarrex.avatar import Avatar
@@ -408,10 +408,15 @@ class Studio:
         """Keys at the playhead: of what is selected, else of what was changed there and what has keys already."""
         state, selected = self.state, self.state.tools.selected
         timeline, layer = state.timeline, self.take.target(state.timeline)
-        driven = layers_at(timeline, Signals.rest(), timeline.local(timeline.seconds), self.clips)
-        names = entries(selected) if selected else to_key(state, layer, driven)
+        names = entries(selected) if selected else to_key(state, layer, self._driven(timeline))
         if names:
             self.do(with_keys(state, values(state, names), layer))
+
+    def _driven(self, timeline: Timeline) -> tuple[Signals, ...]:
+        """What its layers give at the playhead over the rest pose and, where not all of them are keys, as a new avatar stands."""
+        own = timeline.local(timeline.seconds)
+        bases = (Signals.rest(),) if all(layer.keyed for layer in timeline.layers) else (Signals.rest(), standing())
+        return tuple(layers_at(timeline, base, own, self.clips) for base in bases)
 
     def key_camera(self) -> None:
         """Keys of the view at the playhead."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from avatarrex_studio.live import ifacialmocap_packet, livelink_packet, osc_packet
 from avatarrex_studio.live.received import Received
 
-FACE = ("head", "expression", "mouth")
+FACE = ("head", "lids", "upper face", "mouth")
 
 
 WEBCAM = "webcam"
@@ -31,7 +31,7 @@ class Source:
 SOURCES: dict[str, Source] = {
     "osc": Source(
         "OSC / VMC", 39539, osc_packet.decode,
-        ("torso", "left arm", "right arm", "legs", "head", "left hand", "right hand", "expression", "mouth", "jaw", "eyes"),
+        ("torso", "left arm", "right arm", "legs", "head", "left hand", "right hand", "lids", "upper face", "mouth", "jaw", "eyes"),
     ),
     "livelink": Source("Live Link Face", 11111, livelink_packet.decode, FACE),
     "ifacialmocap": Source("iFacialMocap", 49983, ifacialmocap_packet.decode, FACE, ifacialmocap_packet.HELLO),

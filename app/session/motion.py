@@ -25,7 +25,7 @@ from avatarrex.signals.sequence import SignalSequence
 WHOLE = ("root", *BODY, "head")
 """What a motion drives as a whole where it moves more than the head, at rest where it says nothing of a joint."""
 HANDS = ("left hand", "right hand")
-OVER = {"wave": ("right arm", "right hand", "expression", "mouth")}
+OVER = {"wave": ("right arm", "right hand", "lids", "upper face", "mouth")}
 """What a motion of the program drives as a layer over others, where that is not all that it moves."""
 
 

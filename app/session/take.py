@@ -86,10 +86,10 @@ def with_keys(
     return SetKeys(name, keys, None if since is None else layer.local(since))
 
 
-def to_key(state: StudioState, layer: Layer | None, driven: Signals) -> tuple[str, ...]:
-    """What *Set key* keys where nothing is selected: what differs from `driven`, what the layers give over the rest pose, and what has
-    keys already.
+def to_key(state: StudioState, layer: Layer | None, driven: tuple[Signals, ...]) -> tuple[str, ...]:
+    """What *Set key* keys where nothing is selected: what differs from all of `driven`, what the layers give over poses that nobody
+    chose, and what has keys already.
     """
     tracks = {track.name for track in layer.tracks} if layer else set()
-    changed = set(differing(driven, state.signals))
+    changed = set.intersection(*(set(differing(signals, state.signals)) for signals in driven))
     return tuple(name for name in SLOTS if name != "shape" and (name in changed or name in tracks))

@@ -22,6 +22,8 @@ from avatarrex.signals.joints import BODY_GROUPS, EXPRESSION_NAMES, HAND_JOINTS
 
 MOUTH = tuple(name for name in EXPRESSION_NAMES if name.startswith(("jaw", "mouth", "tongue", "cheekPuff")))
 """The coefficients that speech moves."""
+LIDS = ("eyeBlinkLeft", "eyeBlinkRight")
+"""Those of a blink, which a motion of the body has, too."""
 PARTS: dict[str, tuple[str, ...]] = {
     "root": ("pelvis", "translation"),
     "torso": BODY_GROUPS["torso"],
@@ -31,20 +33,22 @@ PARTS: dict[str, tuple[str, ...]] = {
     "head": BODY_GROUPS["head"],
     "left hand": tuple(f"left_{name}" for name in HAND_JOINTS),
     "right hand": tuple(f"right_{name}" for name in HAND_JOINTS),
-    "expression": tuple(name for name in EXPRESSION_NAMES if name not in MOUTH),
+    "lids": LIDS,
+    "upper face": tuple(name for name in EXPRESSION_NAMES if name not in (*MOUTH, *LIDS)),
     "mouth": MOUTH,
     "jaw": ("jaw",),
     "eyes": ("left_eye", "right_eye"),
 }
 """What a layer can drive, and the joints and coefficients of each."""
 BODY = ("torso", "left arm", "right arm", "legs")
-"""What `body` means in the parts of a layer."""
+MEANT = {"body": BODY, "expression": ("lids", "upper face")}
+"""What names of before mean in the parts of a layer."""
 GROUPS: dict[str, tuple[str, ...]] = {
     "root": PARTS["root"],
     **BODY_GROUPS,
     "left hand": PARTS["left hand"],
     "right hand": PARTS["right hand"],
-    "face": (*PARTS["expression"], *PARTS["mouth"], *PARTS["jaw"], *PARTS["eyes"]),
+    "face": (*PARTS["lids"], *PARTS["upper face"], *PARTS["mouth"], *PARTS["jaw"], *PARTS["eyes"]),
 }
 """What all layers together can be muted on, or have a weight on."""
 EMPTY_SECONDS = 10.0
@@ -143,8 +147,9 @@ class Layer:
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name.strip()):
             raise InputError("layer", "name", "a name", repr(self.name))
-        if "body" in self.parts:
-            object.__setattr__(self, "parts", self.parts - {"body"} | set(BODY))
+        if before := self.parts & set(MEANT):
+            now = {part for name in before for part in MEANT[name]}
+            object.__setattr__(self, "parts", self.parts - before | now)
         if unknown := sorted(map(str, self.parts - set(PARTS))):
             raise InputError(f"layer {self.name}", "parts", ", ".join(PARTS), unknown[0])
         if len({track.name for track in self.tracks}) != len(self.tracks):

@@ -236,4 +236,4 @@ def _heading(frames: Sequence[Signals]) -> float:
 
 def _is_face(motion: Motion) -> bool:
     """Whether a motion drives the face and no limb, as face recordings do."""
-    return bool({"expression", "mouth"} & set(motion.parts)) and not set(BODY) & set(motion.parts)
+    return bool({"lids", "upper face", "mouth"} & set(motion.parts)) and not set(BODY) & set(motion.parts)

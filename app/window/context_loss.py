@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 import moderngl
+from avatarrex_studio.window.starting import reach_display
 
 NAMES = ("glGetGraphicsResetStatus", "glGetGraphicsResetStatusKHR", "glGetGraphicsResetStatusARB")
 FAILURES = 3
@@ -49,7 +50,7 @@ class ContextLoss:
         """Before a window is made: have its driver tell of a reset, where it can."""
         import glfw  # after imgui_bundle, which brings its own library
 
-        if glfw.init():
+        if reach_display():
             glfw.window_hint(glfw.CONTEXT_ROBUSTNESS, glfw.LOSE_CONTEXT_ON_RESET)
 
     def open(self) -> None:

@@ -11,6 +11,7 @@ from avatarrex_studio.panels.preferences import PreferencesDialog
 from avatarrex_studio.panels.tour import Tour, draw_hint
 from avatarrex_studio.panels.viewport import ViewportPanel
 from avatarrex_studio.session.preferences import Preferences, read_preferences, write_preferences
+from avatarrex_studio.window.docking import show_panel
 from avatarrex_studio.window.interface_scale import InterfaceScale
 from imgui_bundle import hello_imgui, imgui
 
@@ -60,7 +61,7 @@ class Personal:
         if imgui.is_key_pressed(imgui.Key.escape, False) and keys.free():
             self.tour.stop()
         if self.tour.reveal:
-            hello_imgui.get_runner_params().docking_params.focus_dockable_window(self.tour.reveal)
+            show_panel(self.tour.reveal)  # panels may be hidden
             self.tour.reveal = ""
         self._prefer(after)
 

@@ -10,6 +10,7 @@ from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.panels.training import TrainingPanel
 from avatarrex_studio.window.runner import runner_params
+from avatarrex_studio.window.starting import reach_display
 from imgui_bundle import hello_imgui, imgui, imgui_ctx, immapp
 
 from avatarrex.errors import InputError
@@ -54,9 +55,7 @@ def run_window(folder: str | Path) -> int:
     """Open the window on the runs below `folder`; returns the exit code. Raises `InputError`."""
     if not Path(folder).is_dir():
         raise InputError(folder, "", "a folder of runs", "nothing there" if not Path(folder).exists() else "a file")
-    import glfw  # after imgui_bundle, which brings its own library
-
-    if not glfw.init():
+    if not reach_display():
         raise InputError("display", "", f"a display that opens (or `avatarrex-studio runs {folder} --text`)", "none")
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     immapp.run(RunsWindow(folder).params())

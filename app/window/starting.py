@@ -6,6 +6,7 @@ It takes no clicks, and imports neither torch nor what does.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
@@ -20,6 +21,8 @@ Made = TypeVar("Made")
 SIZE = (420, 92)
 """Points."""
 FPS = 10.0
+TRIES, PAUSE = 10, 0.1
+"""How often a display is tried, and the seconds between."""
 
 
 class Starting:
@@ -74,7 +77,21 @@ def _fulfil(made: Future[Made], prepare: Callable[[], Made]) -> None:
 
 def check_display() -> None:
     """Raises `InputError` where no window can be opened."""
+    if not reach_display():
+        raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
+
+
+def reach_display() -> bool:
+    """Whether a display opens; GLFW is there then.
+
+    An X server without other clients starts anew when this program closes one window before it opens the next (Xvfb does), and refuses
+    who comes meanwhile: it is tried again, and GLFW's line about that is not printed.
+    """
     import glfw  # after imgui_bundle, which brings its own library
 
-    if not glfw.init():
-        raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
+    glfw.set_error_callback(lambda *_: None)
+    for _ in range(TRIES):
+        if glfw.init():
+            return True
+        time.sleep(PAUSE)
+    return False

@@ -61,6 +61,7 @@ from avatarrex_studio.session.timeline_commands import SetFrame
 from avatarrex_studio.window.context_loss import ContextLoss
 from avatarrex_studio.window.docking import BARE, LAYOUTS, docking, fit, show_panel, toggle_panels
 from avatarrex_studio.window.exporting import Exports
+from avatarrex_studio.window.extent import USUAL, first_size, keep_usable
 from avatarrex_studio.window.full_screen import FullScreen
 from avatarrex_studio.window.guard import COPY, Failure, Guard
 from avatarrex_studio.window.leaving import Leaving
@@ -68,6 +69,8 @@ from avatarrex_studio.window.opening import Opening
 from avatarrex_studio.window.output import GROUNDS, SIZES, Output
 from avatarrex_studio.window.own_surface import OwnSurface
 from avatarrex_studio.window.personal import Personal
+from avatarrex_studio.window.quick_input import forget_finger, open_input
+from avatarrex_studio.window.room import Room
 from avatarrex_studio.window.runner import open_gl, runner_params
 from avatarrex_studio.window.screen import Screen
 from imgui_bundle import hello_imgui, imgui, immapp
@@ -119,7 +122,7 @@ class Window:
         self.exports = Exports(studio, self.questions, make or partial(Engine, device=device))
         self.first_picture: Callable[[], None] = nothing
         """Called once, when there is something to see."""
-        self._resting, self.loss = Resting(), ContextLoss()
+        self._resting, self.loss, self._room = Resting(), ContextLoss(), Room()
         self.anew = False  # whether the window that is being closed is opened anew, for its context was lost
         self._frames, self._gesture, self._wheel = 0, 0, (0.0, 0)
         self._keys_free = True
@@ -147,7 +150,7 @@ class Window:
             "quit": self._quit, "stage_picture": self._stage_picture, **{f"frame_{hand}": partial(studio.frame_hand, hand) for hand in HANDS},
         }  # fmt: skip
 
-    def params(self, size: tuple[int, int] = (1440, 900), remember: bool = True) -> hello_imgui.RunnerParams:
+    def params(self, size: tuple[int, int] = USUAL, remember: bool = True) -> hello_imgui.RunnerParams:
         """What the toolkit needs to run this window; `remember` keeps the layout between runs."""
         self._frames, self.anew = 0, False
         params = runner_params("AvatarReX Studio", "avatarrex-studio.ini", size, remember)
@@ -163,7 +166,7 @@ class Window:
         calls = params.callbacks
         calls.setup_imgui_config = _configure
         for name, place, call in (
-            ("show_menus", "The menu", self._menus), ("post_new_frame", "The interface's scale", self.personal.scale.apply),
+            ("show_menus", "The menu", self._menus), ("post_new_frame", "The interface's scale", self._begin),
             ("post_init", "Opening the window", self._opened), ("show_status", "The status bar", self._status),
         ):  # fmt: skip
             setattr(calls, name, partial(self.guard.run, place, call))
@@ -293,6 +296,12 @@ class Window:
         imgui.get_current_context().config_nav_enable_tabbing = not self._keys_free  # else Tab hides the panels
         if self._frames < WARM_UP:
             imgui.get_io().clear_events_queue()  # clicks and keys that came before there was anything to see
+
+    def _begin(self) -> None:
+        """The interface's frame has begun; nothing is laid out yet."""
+        self.personal.scale.apply()
+        self._room.share()
+        forget_finger()
 
     def _render(self) -> None:
         """Show what changed. After the panels, so that a picture follows the mouse in the same frame."""
@@ -491,7 +500,9 @@ class Window:
         """The window is there: files that are dropped on it are opened, and it is as large as it should be."""
         self.personal.open()
         fit(self.personal.scale.width)
+        keep_usable(self.personal.scale.factor)
         self.loss.open()
+        open_input()
         import glfw  # after imgui_bundle, which brings its own library
 
         # the stub has GLFW's own arguments, Python's callback gets the window and a list
@@ -533,7 +544,7 @@ def run(window: Window) -> int:
     window.exports.process.arrived = window.studio.listening.arrived = arrived
     while True:
         window.loss.ask()
-        immapp.run(window.params())
+        immapp.run(window.params(first_size()))
         if not window.anew:
             return int(window.loss.given_up)
 

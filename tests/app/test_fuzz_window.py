@@ -32,9 +32,10 @@ def tool():
     del sys.modules["fuzz_window"]
 
 
-def small_window():
-    """Pictures of a few pixels: the interface is what is driven."""
-    return Window(ball_studio(time.monotonic, journal=Journal(StudioState(size=SizePolicy(fixed=(64, 48))))))
+def small_window(make=None):
+    """Pictures of a few pixels: the interface is what is driven. `make()` makes the engine that exports."""
+    journal = Journal(StudioState(size=SizePolicy(fixed=(64, 48))))
+    return Window(ball_studio(time.monotonic, journal=journal), make=make)
 
 
 @pytest.fixture
