@@ -45,9 +45,8 @@ check: setup
 # One thread each: where two processes have two on two cores, threads of OpenMP spin for those that do not run, and tests take
 # two to three times as much of the processor. Tests of threads set their number themselves.
 # Windows have processes of their own, each with a display: Xlib ends one where the X server is lost (tests/app/conftest.py then
-# names the test). Bytecode is kept whatever the environment says: some hundred processes import the same modules.
+# names the test).
 test: export OMP_NUM_THREADS := 1
-test: export PYTHONDONTWRITEBYTECODE :=
 test: check
 	$(BIN)/python -m pytest -q $(TOGETHER) -m "not window"
 	$(BIN)/python -m pytest -q $(TOGETHER) -m window tests/app

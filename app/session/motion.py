@@ -86,7 +86,7 @@ class Motion:
 
 
 def driven_words(parts: Collection[str]) -> str:
-    """What is driven, as a person says it: `the whole body, expression and mouth`."""
+    """What is driven, as a person says it: `the whole body, lids and mouth`."""
     whole = set(WHOLE) <= set(parts)
     said = (["the whole body"] if whole else []) + [
         part for part in PARTS if part in parts and not (whole and part in WHOLE)

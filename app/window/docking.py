@@ -10,7 +10,7 @@ POSE, TRAINING = "Pose", "Training"
 """The layout of a first start, and that of curves, which are as wide as they can be."""
 WHOLE = "MainDockSpace"
 USUAL = 1440.0
-"""Points: the width of a window at its first start."""
+"""Points: the width of a window for which panels have their usual widths."""
 NARROWEST, MOST = 190.0, 0.24
 """Points that the panels at the left have at least, and the share of a small window that they get at most for it."""
 LAYOUTS: dict[str, tuple[tuple[str, str, imgui.Dir, float], ...]] = {

@@ -5,9 +5,9 @@ from __future__ import annotations
 from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 
 USUAL = (1440, 900)
-"""Of a first start, where the screen is as large,"""
+"""Width and height at a first start, in the screen's own units, as far as the screen has room."""
 SHARE = 0.85
-"""and where this share of it is more."""
+"""Of the screen that a first window takes at least."""
 LEAST = (640, 400)
 """Points."""
 

@@ -9,9 +9,8 @@ from avatarrex_studio.window.docking import BARE, PLACES
 from imgui_bundle import imgui
 
 LEAST = (340.0, 240.0)
-"""Points of width and height that the picture has at least,"""
+"""Points of width and height that the picture has at least; in a small window `SHARE` of it."""
 SHARE = (0.41, 0.5)
-"""but of a small window no more than this."""
 CLOSE = 0.5
 """Points: two sizes that differ by less are one."""
 Node = imgui.internal.DockNode
@@ -22,7 +21,7 @@ class Room:
 
     def __init__(self) -> None:
         self._wanted: dict[int, float] = {}
-        """What each side had when the user, or a new layout, last gave it a size; by the node's id."""
+        """What each side had when the user, or a new layout, last gave one of them a size; by the node's id."""
         self._given: dict[int, float] = {}
         """What it was given here."""
 
@@ -35,10 +34,9 @@ class Room:
                 self._share(along, axis)
 
     def _share(self, sides: list[Node], axis: int) -> None:
-        for side in sides:
-            size = side.size_ref[axis]
-            if abs(size - self._given.get(side.id_, 0.0)) > CLOSE:
-                self._wanted[side.id_] = size
+        sizes = {side.id_: side.size_ref[axis] for side in sides}
+        if any(abs(size - self._given.get(id_, 0.0)) > CLOSE for id_, size in sizes.items()):
+            self._wanted.update(sizes)
         whole = imgui.internal.dock_node_get_root_node(sides[0]).size[axis]
         wanted = sum(self._wanted[side.id_] for side in sides)
         part = min(1.0, (whole - min(LEAST[axis], SHARE[axis] * whole)) / wanted) if wanted else 1.0

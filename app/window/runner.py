@@ -13,7 +13,8 @@ def runner_params(title: str, ini: str, size: tuple[int, int], remember: bool) -
     """A window with the studio's fonts and colours; `remember` keeps its place between runs, in the user's file `ini`."""
     params = hello_imgui.RunnerParams()
     params.app_window_params.window_title = title
-    params.app_window_params.window_geometry.size = size
+    geometry = params.app_window_params.window_geometry
+    geometry.size, geometry.window_size_measure_mode = size, hello_imgui.WindowSizeMeasureMode.screen_coords
     params.app_window_params.restore_previous_geometry = remember
     params.ini_disable = not remember
     params.ini_folder_type = hello_imgui.IniFolderType.app_user_config_folder

@@ -273,6 +273,7 @@ def slow(*arguments):
 
 engine.Engine = lambda **named: ball_engine(slow, **named)
 if {limit}:
+    sys.dont_write_bytecode = True  # modules would be cut off, too, and stay so
     resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
 for line in {lines!r}:
     print("exit", cli.main(line.split()), file=sys.stderr)

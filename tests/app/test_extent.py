@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 from types import SimpleNamespace
 
 import driving
 import glfw
 import pytest
-from avatarrex_studio.window import extent, starting
+from avatarrex_studio.window import extent, room, starting
 from avatarrex_studio.window.docking import show_panel
 from imgui_bundle import hello_imgui, imgui
 from imgui_bundle.glfw_utils import glfw_window_hello_imgui
@@ -47,6 +48,26 @@ def test_a_display_that_starts_anew_is_waited_for_without_a_word(monkeypatch, ca
     assert capfd.readouterr() == ("", "")
     monkeypatch.setattr(glfw, "init", lambda: False)
     assert not starting.reach_display()
+
+
+def test_a_panel_that_is_dragged_in_a_small_window_goes_the_way_of_the_mouse(monkeypatch):
+    """Its own width follows, the picture has what it leaves, and others are not made wider."""
+    window = SimpleNamespace(size=[1280, 800])
+    docks = SimpleNamespace(dock_node_get_root_node=lambda _: window)
+    monkeypatch.setattr(room, "imgui", SimpleNamespace(internal=docks, ImVec2=lambda *size: list(size)))
+    right, left = (SimpleNamespace(id_=number, size_ref=[width, 0]) for number, width in ((1, 448), (2, 225)))
+    own, widths = room.Room(), []
+    share = inspect.unwrap(room.Room._share)  # docks of the toolkit cannot be made alone
+    for width, moved in ((640, 0), (1280, 0), (640, 0), (640, 10), (640, -60)):
+        window.size[0], right.size_ref[0] = width, right.size_ref[0] + moved
+        for _ in range(2):
+            share(own, [right, left], 0)
+        widths.append((right.size_ref[0], left.size_ref[0]))
+    small, back, again, wider, narrower = widths
+    assert small == again
+    assert back == pytest.approx((448, 225))
+    assert wider[0] > again[0]
+    assert narrower == pytest.approx((wider[0] - 60, wider[1]))
 
 
 @pytest.mark.window

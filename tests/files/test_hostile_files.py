@@ -112,6 +112,7 @@ import resource
 from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.errors import InputError
 avatar = load_avatar("default")
+sys.dont_write_bytecode = True  # modules would be cut off, too, and stay so
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 for name in ("a.avatar", "folder"):
     try:

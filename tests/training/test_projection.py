@@ -1,8 +1,11 @@
 """Pictures onto the body: its texture before pass II, and what stands off it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import grey_dilation
 from training.miniature import perturbed, write_miniature
 
 from avatarrex.avatar import Avatar
@@ -17,7 +20,7 @@ from avatarrex.signals.sequence import SignalSequence
 from avatarrex.templates.person import load_person
 from avatarrex.training.core.carving import carve
 from avatarrex.training.core.frames import FrameStore
-from avatarrex.training.core.projection import Projected, paint, sight, start_from_pictures
+from avatarrex.training.core.projection import Picture, Projected, paint, start_from_pictures
 
 HIDDEN = frozenset({"face", "left_hand", "right_hand"})
 
@@ -65,9 +68,27 @@ def test_frames_have_slide_and_relief(store: FrameStore) -> None:
     assert torch.equal(before.rest_from_posed, now.rest_from_posed)
 
 
+def test_a_matte_that_is_a_pixel_wider_asks_for_a_surface_that_stands_a_pixel_higher(store: FrameStore) -> None:
+    misses, pixel = [], []
+    for pair in store.pairs[:6]:
+        picture = Picture.of(store, *pair)
+        wider = replace(picture, matte=torch.from_numpy(grey_dilation(picture.matte.numpy(), (3, 3))))
+        misses.append([one.silhouette().miss for one in (picture, wider)])
+        pixel.append(picture.seen.depth[picture.seen.hit].mean() / picture.camera.intrinsics[0, 0])
+        own = picture.body_alone.logical_not()
+        assert (
+            len(replace(picture, seen=replace(picture.seen, part_weight=own[..., None].float() + 1)).silhouette().miss)
+            == 0
+        )
+    as_it_is, wider = (torch.cat(each) for each in zip(*misses))
+    higher = float(wider.median() - as_it_is.median()) / float(np.mean(pixel))
+    assert len(as_it_is) > 300
+    assert 0.7 < higher < 1.3
+
+
 def test_a_raised_surface_is_met_by_the_same_rays_nearer_the_eye(store: FrameStore) -> None:
     index, view = store.pairs[0]
-    one = sight(store, "body", index, view)
+    one = Picture.of(store, index, view).sighting("body")
     eye = torch.as_tensor(store[index].camera(store.rig.views[view].camera).centre).float()
     higher = one.raised(torch.full((len(one.position),), 0.01))
     was, now = one.position - eye, higher.position - eye

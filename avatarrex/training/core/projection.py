@@ -21,15 +21,17 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
+from avatarrex.camera import Camera
 from avatarrex.errors import InputError
 from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
 from avatarrex.fields.face import FaceField
 from avatarrex.fields.texel_neighbours import texel_neighbours
 from avatarrex.parts.face import Face, face_state
+from avatarrex.pointmap.point_map import PointMap
 from avatarrex.pointmap.raycast import raycast
 from avatarrex.shading.colour import surface_points
 from avatarrex.training.core.agreement import agreed
-from avatarrex.training.core.frames import FrameStore
+from avatarrex.training.core.frames import FrameStore, TrainingFrame
 from avatarrex.training.core.registration import register
 from avatarrex.training.core.sighting import Sighting
 from avatarrex.training.core.silhouette import Silhouette
@@ -85,10 +87,11 @@ def start_from_pictures(
         paint(detail, [project(avatar, one, part) for one in sightings], where, rounds)
 
     if part == "body" and (slides or rises):
-        sightings = [sight(one, part, *pair) for one, pair in chosen]
-        register(avatar, sightings, [silhouette(one, *pair) for one, pair in chosen], painted, slides, rises)
+        pictures = (Picture.of(one, *pair) for one, pair in chosen)
+        sightings, silhouettes = zip(*((one.sighting(part), one.silhouette()) for one in pictures))
+        register(avatar, sightings, silhouettes, painted, slides, rises)
         store.renew(store.age + 1)
-    painted([sight(one, part, *pair) for one, pair in chosen], ROUNDS)
+    painted([Picture.of(one, *pair).sighting(part) for one, pair in chosen], ROUNDS)
     last = field.colour_net.mlp[-1] if isinstance(field, FaceField) else field.colour_blend[-1]
     for parameter in last.parameters():
         parameter.zero_()
@@ -113,30 +116,48 @@ def _spread(count: int, wanted: int) -> list[int]:
     return numbers
 
 
-def sight(store: FrameStore, part: str, index: int, view: int) -> Sighting:
-    """One picture's pixels of `body` or `face`."""
-    frame, rig = store[index], store.rig
-    camera = frame.camera(rig.views[view].camera)
-    seen = raycast(frame.volume.sdf, camera, antialias=True)
-    eye = torch.as_tensor(camera.centre).to(seen.position)
-    gaze = torch.nn.functional.normalize(seen.position - eye, dim=-1)
-    facing = -(gaze * seen.normal).sum(-1)
-    matte = torch.from_numpy(rig.matte(view, index) / np.float32(255))
-    own = seen.part_weight[..., FACE] > 0 if part == "face" else seen.part_weight.sum(-1) < ALONE
-    counts = (seen.coverage >= 1) & own & (facing > FACING) & (matte >= OPAQUE)
-    position, picture = seen.position[counts], torch.from_numpy(rig.image(view, index) / np.float32(255))
-    samples, states = frame.volume.body_frame.samples, frame.volume.states
-    parallax = -gaze[counts] / facing[counts, None]
-    return Sighting(frame.posed, samples, states, position, picture[counts], facing[counts].square(), parallax)
+@dataclass(frozen=True)
+class Picture:
+    """A training picture, and what of the avatar is at its pixels."""
 
+    frame: TrainingFrame
+    camera: Camera
+    """In the root frame."""
+    seen: PointMap
+    colour: Float[Tensor, "h w 3"]
+    matte: Float[Tensor, "h w"]
 
-def silhouette(store: FrameStore, index: int, view: int) -> Silhouette:
-    """Of the body in one picture."""
-    frame, rig = store[index], store.rig
-    camera = frame.camera(rig.views[view].camera)
-    seen = raycast(frame.volume.sdf, camera, antialias=True)
-    own = seen.part_weight.sum(-1) < ALONE
-    return Silhouette.of(seen, own, rig.matte(view, index) > 127, camera, frame.volume.body_frame.samples)
+    @classmethod
+    def of(cls, store: FrameStore, index: int, view: int) -> Picture:
+        """Of a frame and view of the rig."""
+        frame, rig = store[index], store.rig
+        camera = frame.camera(rig.views[view].camera)
+        colour, matte = (
+            torch.from_numpy(each / np.float32(255)) for each in (rig.image(view, index), rig.matte(view, index))
+        )
+        return cls(frame, camera, raycast(frame.volume.sdf, camera, antialias=True), colour, matte)
+
+    @property
+    def body_alone(self) -> Bool[Tensor, "h w"]:
+        """Where no part is beside the body."""
+        return self.seen.part_weight.sum(-1) < ALONE
+
+    def sighting(self, part: str) -> Sighting:
+        """Its pixels of `body` or `face`."""
+        seen, volume = self.seen, self.frame.volume
+        eye = torch.as_tensor(self.camera.centre).to(seen.position)
+        gaze = torch.nn.functional.normalize(seen.position - eye, dim=-1)
+        facing = -(gaze * seen.normal).sum(-1)
+        own = seen.part_weight[..., FACE] > 0 if part == "face" else self.body_alone
+        counts = (seen.coverage >= 1) & own & (facing > FACING) & (self.matte >= OPAQUE)
+        parallax = -gaze[counts] / facing[counts, None]
+        place, colour, weight = seen.position[counts], self.colour[counts], facing[counts].square()
+        return Sighting(self.frame.posed, volume.body_frame.samples, volume.states, place, colour, weight, parallax)
+
+    def silhouette(self) -> Silhouette:
+        """The body's."""
+        matte, samples = (self.matte > 0.5).numpy(), self.frame.volume.body_frame.samples
+        return Silhouette.of(self.seen, self.body_alone, matte, self.camera, samples)
 
 
 def project(avatar: Avatar, sighting: Sighting, part: str) -> Projected:

@@ -45,10 +45,10 @@ RISE = 0.1
 """Metres of relief that conjugate gradients take as they take a share of 1."""
 STEPS = 40
 """Of conjugate gradients in a round."""
-EDGE = 1000.0
-"""κ: sRGB per metre, squared."""
-ELSEWHERE = 0.005
-"""Metres by which a border misses at which its weight has fallen to a quarter."""
+SILHOUETTE = 500.0
+"""κ for each pixel of the pictures, shared by those of all borders: sRGB per metre, squared. A tenth: 0.1 dB less (docs/training.md)."""
+BORDER_STRAY = 0.005
+"""Metres off the matte at which a border pixel's weight has fallen to a quarter."""
 HIGHEST = 0.02
 """Metres that the surface rises or sinks: as far as cloth may stand off (`CLOTH` in fields/body.py)."""
 
@@ -109,7 +109,7 @@ class _Pixels:
         self.carried = total if rises else csr_matrix(total.shape, dtype=total.dtype)
         self.uneven = SMOOTH * rises * len(self.parallax) / len(samples) * _differences(samples)
 
-        self.borders = _Borders(silhouettes if rises else [], len(samples))
+        self.borders = _Borders(silhouettes if rises else [], len(samples), len(self.parallax))
 
     def step(
         self, avatar: Avatar, sightings: Sequence[Sighting], height: np.ndarray, slope: float
@@ -169,16 +169,17 @@ class _Pixels:
 class _Borders:
     """κ Σ_e ω_e (m_e − δ_e)²: its form in δ (a, a), and where it pulls a level surface (a,)."""
 
-    def __init__(self, silhouettes: Sequence[Silhouette], samples: int) -> None:
+    def __init__(self, silhouettes: Sequence[Silhouette], samples: int, pixels: int) -> None:
         nothing = csr_matrix((0, samples), dtype=np.float32)
         self.carried = vstack([nothing, *(_matrix(one.beside, samples) for one in silhouettes)]).tocsr()
         self.miss = np.concatenate([np.zeros(0, np.float32), *(one.miss.numpy() for one in silhouettes)])
+        self.each = SILHOUETTE * pixels / max(len(self.miss), 1)
         self.weigh(np.zeros(samples, np.float32))
 
     def weigh(self, height: np.ndarray) -> None:
         """By what the borders miss while the samples stand so high."""
         left = self.miss - self.carried @ height
-        weight = EDGE / (1 + np.square(left / ELSEWHERE)) ** 2
+        weight = self.each / (1 + np.square(left / BORDER_STRAY)) ** 2
         self.form = (self.carried.T @ diags(weight) @ self.carried).tocsr()
         self.wanted = self.carried.T @ (weight * self.miss)
 
