@@ -109,6 +109,7 @@ def test_an_avatar_on_a_full_disk_leaves_nothing(tmp_path: Path) -> None:
     (tmp_path / "a.avatar").write_text("kept")
     code = f"""
 import resource
+import sys
 from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.errors import InputError
 avatar = load_avatar("default")
