@@ -131,7 +131,8 @@ def test_the_program_runs_the_window_again_and_gives_up_in_the_end(monkeypatch, 
         clock.now += 1
 
     monkeypatch.setattr(window_module, "immapp", SimpleNamespace(run=loop))
-    monkeypatch.setattr(window, "params", lambda: "params")
+    monkeypatch.setattr(window_module, "first_size", lambda: (640, 400))
+    monkeypatch.setattr(window, "params", lambda size: size)
     monkeypatch.setattr(window.loss, "ask", lambda: None)
     monkeypatch.setattr(window, "_exit", lambda: None)
     window.studio.do(SetJoint("left_elbow", (0.0, -1.0, 0.0)))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from scipy.ndimage import grey_dilation
+from scipy.ndimage import grey_dilation, grey_erosion
 from training.miniature import perturbed, write_miniature
 
 from avatarrex.avatar import Avatar
@@ -68,22 +68,21 @@ def test_frames_have_slide_and_relief(store: FrameStore) -> None:
     assert torch.equal(before.rest_from_posed, now.rest_from_posed)
 
 
-def test_a_matte_that_is_a_pixel_wider_asks_for_a_surface_that_stands_a_pixel_higher(store: FrameStore) -> None:
+def test_a_wider_matte_wants_a_surface_that_stands_higher(store: FrameStore) -> None:
+    """By a pixel, 15 mm here; a border that is off by more than 20 mm does not count, so that medians move by less."""
     misses, pixel = [], []
     for pair in store.pairs[:6]:
         picture = Picture.of(store, *pair)
-        wider = replace(picture, matte=torch.from_numpy(grey_dilation(picture.matte.numpy(), (3, 3))))
-        misses.append([one.silhouette().miss for one in (picture, wider)])
-        pixel.append(picture.seen.depth[picture.seen.hit].mean() / picture.camera.intrinsics[0, 0])
-        own = picture.body_alone.logical_not()
-        assert (
-            len(replace(picture, seen=replace(picture.seen, part_weight=own[..., None].float() + 1)).silhouette().miss)
-            == 0
-        )
-    as_it_is, wider = (torch.cat(each) for each in zip(*misses))
-    higher = float(wider.median() - as_it_is.median()) / float(np.mean(pixel))
-    assert len(as_it_is) > 300
-    assert 0.7 < higher < 1.3
+        matte = picture.matte.numpy()
+        mattes = (grey_erosion(matte, (3, 3)), matte, grey_dilation(matte, (3, 3)))
+        misses.append([replace(picture, matte=torch.from_numpy(one)).silhouette().miss for one in mattes])
+        pixel.append(float(picture.seen.depth[picture.seen.hit].mean()) / picture.camera.intrinsics[0, 0])
+        beside = torch.ones_like(picture.seen.part_weight)
+        assert not len(replace(picture, seen=replace(picture.seen, part_weight=beside)).silhouette().miss)
+    narrower, own, wider = (float(torch.cat(each).median()) / np.mean(pixel) for each in zip(*misses))
+    assert abs(own) < 0.5
+    assert narrower < own - 0.3
+    assert wider > own + 0.3
 
 
 def test_a_raised_surface_is_met_by_the_same_rays_nearer_the_eye(store: FrameStore) -> None:
