@@ -41,8 +41,8 @@ PARTS: dict[str, tuple[str, ...]] = {
 }
 """What a layer can drive, and the joints and coefficients of each."""
 BODY = ("torso", "left arm", "right arm", "legs")
-MEANT = {"body": BODY, "expression": ("lids", "upper face")}
-"""What names of before mean in the parts of a layer."""
+FORMER_PARTS = {"body": BODY, "expression": ("lids", "upper face")}
+"""Parts by the names that sessions of earlier versions have."""
 GROUPS: dict[str, tuple[str, ...]] = {
     "root": PARTS["root"],
     **BODY_GROUPS,
@@ -147,8 +147,8 @@ class Layer:
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name.strip()):
             raise InputError("layer", "name", "a name", repr(self.name))
-        if before := self.parts & set(MEANT):
-            now = {part for name in before for part in MEANT[name]}
+        if before := self.parts & set(FORMER_PARTS):
+            now = {part for name in before for part in FORMER_PARTS[name]}
             object.__setattr__(self, "parts", self.parts - before | now)
         if unknown := sorted(map(str, self.parts - set(PARTS))):
             raise InputError(f"layer {self.name}", "parts", ", ".join(PARTS), unknown[0])

@@ -108,7 +108,6 @@ class _Pixels:
         self.basis, self.parallax = np.concatenate(basis), np.concatenate(parallax)
         self.carried = total if rises else csr_matrix(total.shape, dtype=total.dtype)
         self.uneven = SMOOTH * rises * len(self.parallax) / len(samples) * _differences(samples)
-
         self.borders = _Borders(silhouettes if rises else [], len(samples), len(self.parallax))
 
     def step(
@@ -174,7 +173,6 @@ class _Borders:
         self.carried = vstack([nothing, *(_matrix(one.beside, samples) for one in silhouettes)]).tocsr()
         self.miss = np.concatenate([np.zeros(0, np.float32), *(one.miss.numpy() for one in silhouettes)])
         self.each = SILHOUETTE * pixels / max(len(self.miss), 1)
-        self.weigh(np.zeros(samples, np.float32))
 
     def weigh(self, height: np.ndarray) -> None:
         """By what the borders miss while the samples stand so high."""
