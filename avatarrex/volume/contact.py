@@ -32,8 +32,14 @@ def split_share(
 
 
 def faded(apart: Float[Tensor, "p 2"], whole: Float[Tensor, " p"], share: Float[Tensor, " p"]) -> Float[Tensor, "p 2"]:
-    """(own, others) `apart` where their share is 1, the `whole` body's field in both where it is 0. Metres."""
-    return torch.where(share[:, None] == 1, apart, whole[:, None] + share[:, None] * (apart - whole[:, None]))
+    """(own, others) `apart` where their share is 1; their union is the `whole` body's field where it is 0. Metres.
+
+    The part's own limb fades where it is the nearer of both. Elsewhere it stays away, or it would bring the whole body's
+    surface to a place that is another part's as well: a cheek beside the hand's box has the face's surface alone.
+    """
+    towards = torch.where(share[:, None] == 1, apart, whole[:, None] + share[:, None] * (apart - whole[:, None]))
+    own = torch.where(apart[:, 0] > apart[:, 1], torch.maximum(apart[:, 0], towards[:, 0]), towards[:, 0])
+    return torch.stack([own, towards[:, 1]], -1)
 
 
 def find_contact(

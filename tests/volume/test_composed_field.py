@@ -78,10 +78,11 @@ def test_hands_on_hips_are_split_as_the_volume_does(built: tuple[AvatarVolume, C
     assert carved.max() > 0.003
 
 
-def test_nothing_jumps_at_the_faces_of_a_hands_box(avatar: Avatar) -> None:
-    """Cloth beneath a fist: inside the box the limbs are split, outside the whole body is one field."""
-    field = of_a_fist(avatar)
-    hand = next(part for part in field.parts if part.name == "left_hand")
+@pytest.mark.parametrize(("pose", "name"), [("hands_on_hips", "left_hand"), ("think", "right_hand")])
+def test_nothing_jumps_at_the_faces_of_a_hands_box(avatar: Avatar, pose: str, name: str) -> None:
+    """Cloth beneath a fist, a cheek beside one: inside the box the limbs are split, outside the whole body is one field."""
+    field = of_a_fist(avatar, pose)
+    hand = next(part for part in field.parts if part.name == name)
     noise = torch.Generator().manual_seed(4)
     low, high = torch.as_tensor(hand.low), torch.as_tensor(hand.high)
     local = low + (high - low) * torch.rand(30000, 3, generator=noise, dtype=torch.float64)
@@ -100,7 +101,7 @@ def test_nothing_jumps_at_the_faces_of_a_hands_box(avatar: Avatar) -> None:
 
 def test_the_templates_fingers_carve_no_cloth(avatar: Avatar) -> None:
     """The template's hand is flat where the hand is a fist: its fingers lie in the belly, outside the hand's box."""
-    body = of_a_fist(avatar).body
+    body = of_a_fist(avatar, "hands_on_hips").body
     noise = torch.Generator().manual_seed(5)
     hand = body.skin.vertices[body.skin.weight == 1]
     position = torch.as_tensor(hand)[torch.randint(len(hand), (20000,), generator=noise)]
@@ -116,10 +117,11 @@ def test_the_templates_fingers_carve_no_cloth(avatar: Avatar) -> None:
     assert (alone.sdf(position[replaced & cloth], Counters()) >= 0.02).all()
 
 
-def of_a_fist(avatar: Avatar) -> ComposedField:
-    """Of hands on hips, clenched."""
+def of_a_fist(avatar: Avatar, pose: str) -> ComposedField:
+    """Of a named body pose with clenched hands."""
     fist = {f"{side}_hand_pose": named_hand("fist", side) for side in ("left", "right")}
-    posed = pose_person(avatar.person, HIP.replace(**fist), Counters(), None)
+    signals = Signals.rest().replace(body_pose=named_pose(pose), **fist)
+    posed = pose_person(avatar.person, signals, Counters(), None)
     volume = build_volume(avatar, posed, SETTINGS, Counters(), None)
     return composed_field(avatar, posed, volume.body, volume.states, Counters())
 
