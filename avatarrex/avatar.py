@@ -80,7 +80,7 @@ class Avatar:
     @cached_property
     def parts(self) -> dict[str, Part[Any]]:
         """Hands and face with their templates and fields, in the order of `PARTS`."""
-        hands = {name: Hand.of(name, self.hand(name), self.light) for name in HANDS}
+        hands = {name: Hand.of(name, self.hand(name)) for name in HANDS}
         return {**hands, "face": Face.of(self.face, self.person.face, self.tone, self.known_expressions)}
 
     @property

@@ -21,6 +21,7 @@ from torch import Tensor
 
 from avatarrex.avatar import FORMAT, Avatar
 from avatarrex.errors import InputError, plain
+from avatarrex.fields import light
 from avatarrex.fields.detail_texture import packed, unpacked
 from avatarrex.fields.local_frame import UNSAID
 from avatarrex.fields.placement import device_named
@@ -86,7 +87,7 @@ def load_avatar(source: str | Path = "default", device: str = "cpu") -> Avatar:
     _expect(path, avatar, state)
     _fill(path, avatar, unpacked(state), meta["format"])
     KnownExpressions.in_meta(meta, f"{path}: avatar.json")
-    avatar.meta = meta
+    avatar.meta, avatar.light.frame = meta, meta.get("light_frame", light.UNSAID)
     avatar.surface = _surface(path, avatar)
     avatar.place(device)
     return avatar
@@ -113,6 +114,7 @@ def save_avatar(avatar: Avatar, path: str | Path, half: bool = True) -> None:
         for name, value in packed(avatar.state()).items()
     }
     meta = {**avatar.meta, "format": FORMAT, "person": avatar.person.name, "person_hash": avatar.person.hash}
+    meta["light_frame"] = avatar.light.frame
     meta.pop("person_fit", None)
     if avatar.person.fit is not None:
         meta["person_fit"] = avatar.person.fit.to_json()
@@ -219,6 +221,7 @@ def _meta(path: Path, meta: Any) -> dict[str, Any]:
         "seed": (int, 0),
         "person": (str, ""),
         "local_frame": (str, ""),
+        "light_frame": (str, ""),
     }
     for key, (kind, default) in kinds.items():
         value = meta.get(key, default)
@@ -230,6 +233,8 @@ def _meta(path: Path, meta: Any) -> dict[str, Any]:
         raise InputError(path, "avatar.json: preset", " or ".join(BASES), meta["preset"])
     if not 0 <= meta.get("seed", 0) < 2**63:
         raise InputError(path, "avatar.json: seed", "an integer from 0, below 2^63", meta["seed"])
+    if meta.get("light_frame", light.UNSAID) not in light.LIGHT_FRAMES:
+        raise InputError(path, "avatar.json: light_frame", " or ".join(light.LIGHT_FRAMES), meta["light_frame"])
     untrained = meta.get("untrained", [])
     if not (isinstance(untrained, list) and all(part in PARTS for part in untrained)):
         raise InputError(path, "avatar.json: untrained", "a list of " + ", ".join(PARTS), untrained)

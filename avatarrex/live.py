@@ -16,7 +16,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
@@ -47,7 +47,7 @@ class LiveFrame(Frame):
 
     posed: PosedSurface
     harmonics: np.ndarray
-    """(8, 3), the avatar's light."""
+    """(8, 3), the avatar's light in the root frame."""
     picture: SurfacePicture
     """In the OpenGL context that was in use."""
     look: Look | Shine | None = None
@@ -105,7 +105,9 @@ def render_live(
         posed = pose_surface(avatar.surface, avatar.person, signals, old.posed if old else None, counters)
     world_from_root = posed.world_from_root(signals)
     with clock("raster"):
-        placed = Placed(posed, harmonics_of(avatar), camera.seen_from(world_from_root), settings.hidden)
+        placed = Placed(
+            posed, harmonics_of(avatar, world_from_root), camera.seen_from(world_from_root), settings.hidden
+        )
         if old is not None and old.look == look and _same(old, placed, world_from_root, settings):
             picture = old.picture
         else:
@@ -127,9 +129,9 @@ def render_live(
     )
 
 
-def harmonics_of(avatar: Avatar) -> np.ndarray:
-    """(8, 3) float64: the avatar's light, as surfaces are drawn in it."""
-    return np.asarray(avatar.light.harmonics.detach().double().cpu().numpy())
+def harmonics_of(avatar: Avatar, world_from_root: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "8 3"]:
+    """The avatar's light in the root frame, as surfaces are drawn in it; float64."""
+    return np.asarray(avatar.light.over(world_from_root).harmonics.detach().double().cpu().numpy())
 
 
 def _same(old: LiveFrame, placed: Placed, world_from_root: np.ndarray, settings: RenderSettings) -> bool:

@@ -7,7 +7,7 @@ signals → templates → fields → volume → pointmap → shading:
 | templates | posed body, hands (wrist frame), face (head) | each mesh: its own pose coefficients and the shape |
 | volume    | body grid + part boxes (Step I)              | posed meshes; placements; voxel sizes; parts seen  |
 | pointmap  | where each ray meets the surface (Step II)   | volume, camera in the root frame, polish           |
-| shading   | colours of the hit pixels (Step III)         | point map, posed meshes                            |
+| shading   | colours of the hit pixels (Step III)         | point map, posed meshes, light in the root frame   |
 
 A stage whose key has not changed returns the previous result and counts no work. With `reuse_tolerance`, volume and shading
 also reuse what has hardly moved since the previous frame (volume/temporal_reuse.py); with `colour_tolerance`, shading interpolates
@@ -86,7 +86,7 @@ def render_deferred(
         )
     with clock("shading"):
         kept = before.shading if before and before.settings.detail_from == settings.detail_from else None
-        shading = shade(avatar, surface, counters, kept, settings)
+        shading = shade(avatar, surface, avatar.light.over(world_from_root), counters, kept, settings)
     notes = (f"rays: {surface.pointmap.renderer}",)
     return DeferredFrame(
         signals=signals,

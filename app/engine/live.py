@@ -89,7 +89,9 @@ class LiveSurface:
             self._tinted = {k: self._coloured(k, there[k], one.posed, state) for k, one in tinted.items()}
             self._casters |= {k: replace(tinted[k], posed=one.tinted) for k, one in self._tinted.items()}
         with clock("raster"):
-            self._picture = self._raster([harmonics_of(avatar) for avatar in there.values()], state, samples)
+            places = [self._casters[figure].world_from_root for figure in there]
+            lit = [harmonics_of(avatar, place) for avatar, place in zip(there.values(), places)]
+            self._picture = self._raster(lit, state, samples)
         self.ms = clock.milliseconds()
         return self._picture
 

@@ -39,7 +39,8 @@ class ExactPose:
             for name, part in avatar.parts.items()
             if name not in avatar.hidden
         }
-        colours = SurfaceColour(avatar, posed, frame, states, counters)
+        light = avatar.light.over(posed.world_from_root(signals))
+        colours = SurfaceColour(avatar, posed, frame, states, light, counters)
         return cls(posed, composed_field(avatar, posed, body, states, counters), colours)
 
     @torch.no_grad()

@@ -28,7 +28,7 @@ from avatarrex.fields import loops
 from avatarrex.fields.code import BodyCode, DetailCode
 from avatarrex.fields.detail_texture import DetailTexture
 from avatarrex.fields.influence import EPSILON, GATE, RADIUS, SIGMA, Pairs, find_pairs, gate, influence, weighted_mean
-from avatarrex.fields.light import Light
+from avatarrex.fields.light import Irradiance
 from avatarrex.fields.local_frame import (
     ANCHOR_SIGMA,
     LOCAL_FRAMES,
@@ -389,7 +389,7 @@ class BodyField(nn.Module):
         view_direction: Float[Tensor, "p 3"],
         pairs: Pairs | None = None,
         impl: str = "auto",
-        light: Light | None = None,
+        light: Irradiance | None = None,
     ) -> Float[Tensor, "p 3"]:
         """sRGB in [0, 1] of surface points seen along unit `view_direction` (root frame, from the eye); in the `light` that
         falls on them, above 1 where it is bright, or as the networks say.
@@ -407,7 +407,7 @@ class BodyField(nn.Module):
         position: Float[Tensor, "p 3"],
         pairs: Pairs,
         impl: str = "auto",
-        light: Light | None = None,
+        light: Irradiance | None = None,
     ) -> tuple[Float[Tensor, "p f"], Float[Tensor, "p 3"] | None]:
         """What of `colour` belongs to the points alone, from wherever they are seen: Σ w_i 𝒞_i / Σ w_i, and the `light`
         that falls on them (None without one). The last three features are the logits of the static detail, where there is one.

@@ -3,36 +3,93 @@
     c = c_net · E(n),    E(n) = 1 + Σ_k h_k Y_k(n)
 
 Ours. The paper's colours know pose and view alone: a limb that is turned as in no training picture keeps the light of where it
-hung. Diffuse light is smooth in the normal: nine harmonics have 99 % of it (Ramamoorthi and Hanrahan 2001), so that eight
-numbers a channel serve the whole person. n is where the body's anchors, or the hand's mesh, face in the root frame: it turns
-with the limb and is smooth; what is finer stays in c_net. The face has its tone mapping. E = 1 until it is trained.
+hung, a person who turns the light that was in front. Diffuse light is smooth in the normal: nine harmonics have 99 % of it
+(Ramamoorthi and Hanrahan 2001), so that eight numbers a channel serve the whole person. n is where the body's anchors, or the
+hand's mesh, face: it turns with the limb and is smooth; what is finer stays in c_net. The face has its tone mapping. E = 1 until
+it is trained.
+
+Lamps stand still (`world`): a person who turns is lit from another side. A capture may have drawn a light that turns with the person
+(`root`), as avatars of before have it. Colours are evaluated in the root frame, where the light of the world is turned (`Light.over`).
 
 Letters: p points.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 DARKEST = 0.1
 """Least E: beyond what was seen the harmonics may go below zero."""
+LIGHT_FRAMES = ("root", "world")
+"""Frames in which a light may be fixed."""
+UNSAID = "root"
+"""Of avatars and checkpoints that do not name one: from before there was a choice."""
+
+
+@dataclass(frozen=True)
+class Irradiance:
+    """E in one frame."""
+
+    harmonics: Float[Tensor, "8 3"]
+
+    def __call__(self, normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        """E of unit normals."""
+        return (1 + basis(normal) @ self.harmonics).clamp_min(DARKEST)
+
+    def turned(self, rotation: Float[Tensor, "3 3"]) -> Irradiance:
+        """E'(n) = E(R n): as a frame sees it that R takes to this one."""
+        linear, quadratic = self.harmonics[:3], self.harmonics[3:]
+        form = torch.einsum("ijk,kc->cij", _FORMS.to(quadratic), quadratic)  # Y_k(n) = nᵀ F_k n
+        form = rotation.T @ form @ rotation
+        xx, yy, zz = form.diagonal(dim1=1, dim2=2).unbind(-1)
+        found = [2 * form[:, 0, 1], 2 * form[:, 1, 2], 2 * form[:, 2, 0], zz, xx - yy]
+        return Irradiance(torch.cat([rotation.T @ linear, torch.stack(found)]))
+
+    def same(self, other: Irradiance) -> bool:
+        """Whether both are the same light."""
+        return torch.equal(self.harmonics, other.harmonics)
 
 
 class Light(nn.Module):
-    """Eight harmonics of three channels."""
+    """Eight harmonics of three channels, in the frame in which the light is fixed."""
 
-    def __init__(self) -> None:
+    def __init__(self, frame: str = UNSAID) -> None:
+        """`frame`: one of `LIGHT_FRAMES`."""
         super().__init__()
+        self.frame = frame
         self.harmonics = nn.Parameter(torch.zeros(8, 3))
 
     def forward(self, normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
-        """E of unit normals in the root frame."""
-        return (1 + self.basis(normal) @ self.harmonics).clamp_min(DARKEST)
+        """E of unit normals in the root frame of a person who is not turned."""
+        return Irradiance(self.harmonics)(normal)
 
-    @staticmethod
-    def basis(normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 8"]:
-        """Y of unit normals."""
-        x, y, z = normal.unbind(-1)
-        return torch.stack([x, y, z, x * y, y * z, z * x, (3 * z * z - 1) / 2, (x * x - y * y) / 2], -1)
+    def over(self, world_from_root: Float[np.ndarray, "4 4"]) -> Irradiance:
+        """E in the root frame of a person who stands so."""
+        light = Irradiance(self.harmonics)
+        if self.frame == "root":
+            return light
+        return light.turned(torch.as_tensor(world_from_root[:3, :3].copy()).to(self.harmonics))
+
+
+def basis(normal: Float[Tensor, "p 3"]) -> Float[Tensor, "p 8"]:
+    """Y of unit normals."""
+    x, y, z = normal.unbind(-1)
+    return torch.stack([x, y, z, x * y, y * z, z * x, (3 * z * z - 1) / 2, (x * x - y * y) / 2], -1)
+
+
+def _forms() -> Float[Tensor, "3 3 5"]:
+    """F of the last five, symmetric and without a trace."""
+    forms = torch.zeros(3, 3, 5)
+    for k, (i, j) in enumerate([(0, 1), (1, 2), (2, 0)]):
+        forms[i, j, k] = forms[j, i, k] = 0.5
+    forms[range(3), range(3), 3] = torch.tensor([-0.5, -0.5, 1.0])
+    forms[range(2), range(2), 4] = torch.tensor([0.5, -0.5])
+    return forms
+
+
+_FORMS = _forms()

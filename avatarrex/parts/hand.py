@@ -15,7 +15,6 @@ from torch import Tensor
 from avatarrex.counters import Counters
 from avatarrex.fields.composition import BAND
 from avatarrex.fields.hand import HandField, HandQuery, HandSurface
-from avatarrex.fields.light import Light
 from avatarrex.ops.halving import between
 from avatarrex.ops.mesh_lattice import Grid, PaintedMesh, paint_near, winding_lattice
 from avatarrex.parts.part import CLAMP, Impl, Part, PartState, Start, SurfacePoints
@@ -57,10 +56,9 @@ class Hand(Part[HandState]):
     """`left_hand` or `right_hand`."""
 
     field: HandField
-    light: Light
 
     @classmethod
-    def of(cls, name: str, field: HandField, light: Light) -> Hand:
+    def of(cls, name: str, field: HandField) -> Hand:
         """The hand of an avatar."""
         return cls(
             name=name,
@@ -69,7 +67,6 @@ class Hand(Part[HandState]):
             halvings=2,
             work="hand_distances",
             field=field,
-            light=light,
         )
 
     def prepare(
@@ -125,5 +122,5 @@ class Hand(Part[HandState]):
         counters.add("hand_pixels", len(points.position))
         query = state.query(points.position, None, impl).facing(points.direction)
         root_normal = query.normal @ points.root_from_part.T
-        colour: Tensor = self.field.colour(state.vertices, state.hand_pose, query) * self.light(root_normal)
+        colour: Tensor = self.field.colour(state.vertices, state.hand_pose, query) * points.light(root_normal)
         return colour

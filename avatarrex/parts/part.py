@@ -31,6 +31,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from avatarrex.counters import Counters
+from avatarrex.fields.light import Irradiance
 from avatarrex.ops.mesh_lattice import Grid
 
 CLAMP = 0.051
@@ -73,6 +74,8 @@ class SurfacePoints:
     """The same in the root frame."""
     root_from_part: Float[Tensor, "3 3"]
     """Rotation."""
+    light: Irradiance
+    """What falls on them, root frame."""
 
 
 @dataclass(frozen=True)

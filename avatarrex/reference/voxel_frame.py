@@ -22,6 +22,7 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.composition import WHOLE
+from avatarrex.fields.light import Irradiance
 from avatarrex.fields.limbs import Ownership, nodes_of
 from avatarrex.fields.patches import patches_reference
 from avatarrex.parts.part import CLAMP, PartState
@@ -56,6 +57,8 @@ class PosedReference:
     """Every node at every point; limbs that touch are not split."""
     states: dict[str, PartState]
     """What each part prepared, by its reference."""
+    light: Irradiance
+    """What falls on body and hands, root frame."""
 
 
 @torch.no_grad()
@@ -83,7 +86,7 @@ def pose_reference(avatar: Avatar, signals: Signals) -> PosedReference:
         name: part.prepare(person.parts[name], person.coefficients[name], Counters(), "reference")
         for name, part in exact.parts.items()
     }
-    return PosedReference(exact, person, body, states)
+    return PosedReference(exact, person, body, states, exact.light.over(person.world_from_root(signals)))
 
 
 def _body_grid(posed: PosedReference, voxel: float) -> BodyGrid:
@@ -119,7 +122,7 @@ def shade_reference(
     hit = pointmap.hit
     position, weight = pointmap.position[hit].double(), pointmap.part_weight[hit].double()
     gaze = torch.nn.functional.normalize(position - torch.as_tensor(view.centre), dim=-1)
-    field, whole, light = posed.body.field, posed.body.frame, posed.avatar.light
+    field, whole, light = posed.body.field, posed.body.frame, posed.light
     patches = patches_reference(field.patch_network, whole.code.embedding)
     colour, side = torch.zeros_like(position), torch.full((len(position),), WHOLE) if side is None else side
     for limb in side.unique().tolist():
@@ -128,7 +131,7 @@ def shade_reference(
         colour[here] = field.colour(frame, patches, point, along, impl="reference", light=light)
     colour = colour * (1 - weight.sum(-1, keepdim=True))
     for column, name in enumerate(PARTS):
-        points = surface_points(posed.person.root_from_part(name), position, gaze)
+        points = surface_points(posed.person.root_from_part(name), position, gaze, light)
         own = posed.avatar.parts[name].colour(posed.states[name], points, Counters(), "reference")
         colour = colour + weight[:, column, None] * own
     image = torch.zeros(*hit.shape, 4, dtype=torch.float64)

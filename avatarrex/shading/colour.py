@@ -23,6 +23,7 @@ from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.fields.body import BodyFrame
 from avatarrex.fields.composition import WHOLE
+from avatarrex.fields.light import Irradiance
 from avatarrex.fields.limbs import nodes_of
 from avatarrex.ops.side_by_side import SideBySide
 from avatarrex.parts.part import PartState, SurfacePoints
@@ -78,6 +79,8 @@ class SurfaceColour:
     body_frame: BodyFrame
     states: Mapping[str, PartState]
     """What each part prepared for this driving signal, by name; parts that are not there have no share in any point."""
+    light: Irradiance
+    """What falls on body and hands, root frame."""
     counters: Counters
     patches: PatchCache | None = None
     """Feature patches of this body pose."""
@@ -134,7 +137,7 @@ class SurfaceColour:
         part, state = self.avatar.parts[name], self.states[name]
         part.decode_colour(state, self.counters)
         place, gaze = position.index_select(0, rows), direction.index_select(0, rows)
-        points = surface_points(self.posed.root_from_part(name), place, gaze)
+        points = surface_points(self.posed.root_from_part(name), place, gaze, self.light)
         return rows, work.add(part.colour, state, points, self.counters)
 
     def _seen(self, work: SideBySide, position: Tensor) -> Future[SeenAppearance] | None:
@@ -198,16 +201,16 @@ class SurfaceColour:
             patches = self.patches.value
         self.counters.add("body_pixels", len(position))
         self.counters.add("local_mlp_evaluations", len(pairs.point))
-        feature, light = body.appearance(frame, patches, position, pairs, light=self.avatar.light)
+        feature, light = body.appearance(frame, patches, position, pairs, light=self.light)
         assert light is not None
         return feature, light
 
 
 def surface_points(
-    root_from_part: np.ndarray, position: Float[Tensor, "p 3"], direction: Float[Tensor, "p 3"]
+    root_from_part: np.ndarray, position: Float[Tensor, "p 3"], direction: Float[Tensor, "p 3"], light: Irradiance
 ) -> SurfacePoints:
     """Root-frame points and unit directions (from the eye) in a part's frame; `root_from_part` rigid (4, 4)."""
     part_from_root = torch.as_tensor(np.linalg.inv(root_from_part)).to(position)
     turn = part_from_root[:3, :3].T
     root_turn = torch.as_tensor(root_from_part[:3, :3].copy()).to(position)
-    return SurfacePoints(position @ turn + part_from_root[:3, 3], direction @ turn, direction, root_turn)
+    return SurfacePoints(position @ turn + part_from_root[:3, 3], direction @ turn, direction, root_turn, light)

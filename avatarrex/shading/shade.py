@@ -18,6 +18,7 @@ from torch import Tensor
 from avatarrex.avatar import Avatar
 from avatarrex.counters import Counters
 from avatarrex.fields.composition import WHOLE
+from avatarrex.fields.light import Irradiance
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.pointmap.surface import VisibleSurface
 from avatarrex.settings import RenderSettings
@@ -40,6 +41,8 @@ class Shading:
     image: Float32[Tensor, "h w 4"]
     """Premultiplied sRGB-encoded colour and coverage."""
     surface: VisibleSurface
+    light: Irradiance
+    """What fell on it, root frame."""
     patches: PatchCache | None
     """Feature patches of this body pose, as far as pixels needed them."""
     known: KnownAppearance | None
@@ -57,21 +60,23 @@ class Shading:
 def shade(
     avatar: Avatar,
     surface: VisibleSurface,
+    light: Irradiance,
     counters: Counters,
     previous: Shading | None,
     settings: RenderSettings,
 ) -> Shading:
-    """Colour the covered pixels; `previous` has the same `detail_from`."""
+    """Colour the covered pixels in the `light` of the root frame; `previous` has the same `detail_from`."""
     volume, pointmap, tolerance = surface.volume, surface.pointmap, settings.colour_tolerance
-    exact = previous is None or previous.serves(settings)
+    relit = previous is not None and not previous.light.same(light)
+    exact = previous is None or (previous.serves(settings) and not relit)
     if previous and exact and previous.surface.pointmap is pointmap and previous.surface.volume is volume:
         return previous
-    colours = SurfaceColour(avatar, surface.posed, volume.body_frame, volume.states, counters)
+    colours = SurfaceColour(avatar, surface.posed, volume.body_frame, volume.states, light, counters)
     known = None
     if previous and previous.surface.volume.body_frame is volume.body_frame:
         colours.patches = previous.patches
         if tolerance:  # a pose that is seen once teaches nobody
-            known = previous.known or KnownAppearance(avatar.body.appearance_channels + 3)
+            known = (None if relit else previous.known) or KnownAppearance(avatar.body.appearance_channels + 3)
             colours.earlier = EarlierViews(known, surface.view, tolerance)
     if settings.detail_from is not None and colours.patches is None:
         colours.patches = _patches_of(avatar, settings.detail_from)
@@ -91,7 +96,7 @@ def shade(
         wanted = wanted & ~first
         wanted = wanted & ~interpolate(image, wanted, pointmap, side, settings.shading_tolerance)
     _evaluate(image, wanted, surface, side, colours)
-    return Shading(image, surface, colours.patches, known, settings)
+    return Shading(image, surface, light, colours.patches, known, settings)
 
 
 def _evaluate(

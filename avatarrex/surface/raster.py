@@ -92,7 +92,7 @@ class Placed:
 
     posed: PosedSurface
     harmonics: Float[np.ndarray, "8 3"]
-    """The avatar's light (`Light.harmonics`)."""
+    """The avatar's light in the root frame (`Irradiance.harmonics`)."""
     view: Camera
     """The picture's camera, seen from this surface's root frame."""
     hidden: frozenset[str] = frozenset()

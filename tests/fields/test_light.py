@@ -6,13 +6,16 @@ import json
 import zipfile
 
 import numpy as np
+import pytest
 import safetensors.torch
 import torch
+from scipy.spatial.transform import Rotation
 
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.capture.synthetic.shade import studio_light
 from avatarrex.counters import Counters
+from avatarrex.errors import InputError
 from avatarrex.fields.light import DARKEST, Light
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
@@ -45,6 +48,35 @@ def test_nine_harmonics_contain_the_studio_light():
         optimiser.step()
     assert float(loss.detach()) < 0.025 * float(wanted.mean())
     assert float((wanted - wanted.mean(0)).abs().mean()) > 0.1 * float(wanted.mean()), "one colour would not do"
+
+
+def test_a_light_of_the_world_stands_still_when_the_person_turns():
+    normal, world = directions(500), np.eye(4)
+    world[:3, :3] = Rotation.from_rotvec([0.3, 1.2, -0.4]).as_matrix()
+    light, along = Light("world").requires_grad_(False), Light("root")
+    torch.nn.init.normal_(light.harmonics, 0.0, 0.3, generator=torch.Generator().manual_seed(3))
+    along.load_state_dict(light.state_dict())
+    turned = normal @ torch.as_tensor(world[:3, :3]).float().T
+    torch.testing.assert_close(light.over(world)(normal), light(turned), atol=1e-5, rtol=0)
+    assert float((light(turned) - light(normal)).abs().mean()) > 0.1
+    assert torch.equal(along.over(world)(normal), light(normal))
+    assert torch.allclose(light.over(np.eye(4)).harmonics, light.harmonics, atol=1e-6)
+
+
+def test_an_avatar_says_where_its_light_is_fixed(tmp_path):
+    avatar = Avatar.create(load_person(), "compact")
+    assert avatar.light.frame == "root"
+    avatar.light.frame = "world"
+    save_avatar(avatar, tmp_path / "new")
+    assert load_avatar(tmp_path / "new").light.frame == avatar.frozen_copy().light.frame == "world"
+    meta = json.loads((tmp_path / "new/avatar.json").read_text())
+    for wrong in ("sky", 3):
+        (tmp_path / "new/avatar.json").write_text(json.dumps(meta | {"light_frame": wrong}))
+        with pytest.raises(InputError, match="light_frame"):
+            load_avatar(tmp_path / "new")
+    meta.pop("light_frame")
+    (tmp_path / "new/avatar.json").write_text(json.dumps(meta))
+    assert load_avatar(tmp_path / "new").light.frame == "root", "of before there was a choice"
 
 
 def test_it_never_goes_out():

@@ -10,7 +10,7 @@ from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
 from avatarrex.fields.composition import WHOLE
-from avatarrex.fields.light import Light
+from avatarrex.fields.light import Irradiance
 from avatarrex.pipeline import render_frame
 from avatarrex.settings import RenderSettings
 from avatarrex.shading.colour import SurfaceColour
@@ -43,7 +43,7 @@ def test_what_an_arm_touches_is_coloured_without_the_arm() -> None:
         unheard = own if limb % 2 else ~own
         deaf = replace(code, embedding=torch.where(unheard[:, None], torch.nan, code.embedding))
         paint, rows = (
-            SurfaceColour(avatar, posed, replace(volume.body_frame, code=deaf), {}, Counters()),
+            SurfaceColour(avatar, posed, replace(volume.body_frame, code=deaf), {}, frame.shading.light, Counters()),
             side == limb,
         )
         with torch.no_grad():
@@ -55,12 +55,15 @@ def test_what_an_arm_touches_is_coloured_without_the_arm() -> None:
     assert sum(found) > 500
 
 
-class Witness(Light):
+NORMALS: list[torch.Tensor] = []
+
+
+class Witness(Irradiance):
     """Remembers the normals that it was evaluated at."""
 
-    def forward(self, normal: torch.Tensor) -> torch.Tensor:
-        self.normal = normal
-        return super().forward(normal)
+    def __call__(self, normal: torch.Tensor) -> torch.Tensor:
+        NORMALS.append(normal)
+        return super().__call__(normal)
 
 
 def test_the_skin_of_a_fist_that_is_seen_faces_the_eye() -> None:
@@ -81,12 +84,11 @@ def test_the_skin_of_a_fist_that_is_seen_faces_the_eye() -> None:
     bare = avatar.left_hand.sdf(mesh, local).normal @ rotation
     assert ((bare * gaze).sum(-1) > 0.1).sum() > 5
     states = {name: part.state for name, part in frame.volume.parts.items()}
-    light = Witness()
-    light.load_state_dict(avatar.light.state_dict())
+    light = Witness(frame.shading.light.harmonics)
     with torch.no_grad():
-        SurfaceColour(replace(avatar, light=light), posed, frame.volume.body_frame, states, Counters()).colour(
-            position, gaze, share
-        )
-    assert len(light.normal) == len(position)
-    assert (light.normal * gaze).sum(-1).max() < 1e-5
-    torch.testing.assert_close(light.normal.norm(dim=-1), torch.ones(len(position)), atol=1e-5, rtol=0)
+        SurfaceColour(avatar, posed, frame.volume.body_frame, states, light, Counters()).colour(position, gaze, share)
+    normal = NORMALS.pop()
+    assert not NORMALS
+    assert len(normal) == len(position)
+    assert (normal * gaze).sum(-1).max() < 1e-5
+    torch.testing.assert_close(normal.norm(dim=-1), torch.ones(len(position)), atol=1e-5, rtol=0)

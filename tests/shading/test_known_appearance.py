@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
@@ -12,6 +13,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
+from avatarrex.fields.light import LIGHT_FRAMES, Light
 from avatarrex.frame import DeferredFrame
 from avatarrex.levels import COLOUR_TOLERANCE, LEVELS, level, moving
 from avatarrex.pipeline import render_deferred
@@ -157,14 +159,21 @@ def avatar() -> Avatar:
     return load_avatar()
 
 
+STILL = Signals.rest()
+
+
 def turned(
-    avatar: Avatar, azimuth: float, before: DeferredFrame | None, tolerance: float = COLOUR_TOLERANCE
+    avatar: Avatar,
+    azimuth: float,
+    before: DeferredFrame | None,
+    tolerance: float = COLOUR_TOLERANCE,
+    signals: Signals = STILL,
 ) -> DeferredFrame:
     camera = Camera.orbit(azimuth, 5, 1.0, 40, (0, 0.3, 0), 256, 256)
     settings = replace(
         moving(level("balanced")), raycast="torch", antialias=False, part_voxel=0.01, colour_tolerance=tolerance
     )
-    return render_deferred(avatar, Signals.rest(), camera, settings, before)
+    return render_deferred(avatar, signals, camera, settings, before)
 
 
 def test_a_view_that_turns_is_as_without_reuse_to_50_db(avatar: Avatar) -> None:
@@ -186,6 +195,22 @@ def test_a_view_that_turns_is_as_without_reuse_to_50_db(avatar: Avatar) -> None:
 
 def test_a_pose_that_is_seen_once_is_not_kept(avatar: Avatar) -> None:
     assert turned(avatar, 0, None).shading.known is None
+
+
+@pytest.mark.parametrize("frame", LIGHT_FRAMES)
+def test_who_turns_in_the_light_of_the_world_is_lit_anew(avatar: Avatar, frame: str) -> None:
+    """Known colours and the last picture are of another light; one that turns along leaves both."""
+    here = replace(avatar, light=Light(frame))
+    torch.nn.init.normal_(here.light.harmonics, 0.0, 0.2, generator=torch.Generator().manual_seed(4))
+    before = turned(here, 40, turned(here, 35, turned(here, 30, None)))
+    half = Signals.rest().replace(global_orient=np.array([0.0, 0.7, 0.0]))
+    after, alone = (turned(here, 40 + np.rad2deg(0.7), then, signals=half) for then in (before, None))
+    hit = alone.pointmap.hit & before.pointmap.hit
+    noise = (after.image - alone.image)[hit][:, :3].square().mean()
+    assert -10 * noise.log10() > 50
+    change = (after.image - before.image)[hit][:, :3].abs().mean()
+    assert change > 0.02 if frame == "world" else change < 0.002
+    assert torch.equal(turned(here, 40, before).image, before.image)
 
 
 @pytest.mark.parametrize("pose", ["stand", "hands_on_hips"])
@@ -214,7 +239,7 @@ def test_a_pixel_whose_share_changed_or_in_a_contact_box_of_a_moved_hand_is_shad
         avatar, still.replace(left_hand_pose=0.1 * named_hand("fist", "left")), camera, settings, frame
     )
     poisoned = replace(frame.shading, image=torch.full_like(frame.shading.image, 7.0))
-    kept = (shade(avatar, moved.surface, Counters(), poisoned, settings).image == 7).all(-1)
+    kept = (shade(avatar, moved.surface, poisoned.light, Counters(), poisoned, settings).image == 7).all(-1)
     (box,) = (box for box in moved.surface.volume.sdf.parts if box.name == "left_hand")
     assert box.contact
     there = box.holds(moved.pointmap.position.reshape(-1, 3)).reshape(kept.shape)
@@ -225,7 +250,7 @@ def test_a_pixel_whose_share_changed_or_in_a_contact_box_of_a_moved_hand_is_shad
     share = moved.pointmap.part_weight.clone()
     share[row, column, 2] += 0.01
     then = replace(poisoned, surface=replace(moved.surface, pointmap=replace(moved.pointmap, part_weight=share)))
-    again = (shade(avatar, moved.surface, Counters(), then, settings).image == 7).all(-1)
+    again = (shade(avatar, moved.surface, then.light, Counters(), then, settings).image == 7).all(-1)
     assert not again[row, column]
     assert again.sum() == (moved.pointmap.coverage > 0).sum() - 1
 

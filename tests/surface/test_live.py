@@ -63,6 +63,20 @@ def test_light_is_in_it(avatar):
     assert draw(avatar).image[body].sum() > 1.05 * draw(dark).image[body].sum()
 
 
+def test_a_light_of_the_world_stays_where_it_is(avatar):
+    """Who turns with the camera is seen the same, in another light."""
+    world = replace(avatar, light=type(avatar.light)("world"))
+    with torch.no_grad():
+        world.light.harmonics[2] = 0.5  # from the front
+    about = WAVE.replace(global_orient=np.array([0, np.pi / 2, 0]))
+    aside = Camera.orbit(110, 5, 2.6, target=(0, -0.1, 0), width=96, height=128)
+    front, side = draw(world), draw(world, about, aside, previous=draw(world))
+    facing = front.pointmap.hit & (front.pointmap.normal[..., 2] > 0.9)
+    assert front.image[facing].mean() > 1.2 * side.image[facing].mean()
+    world.light.frame = "root"
+    assert (draw(world, about, aside).image - draw(world).image).abs().max() < 0.03
+
+
 def work(frame: LiveFrame) -> dict[str, int]:
     return {name: frame.counters[name] for name in WORK if frame.counters[name]}
 

@@ -17,7 +17,7 @@ from avatarrex.avatar_file import load_avatar
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.templates.person import load_person
 from avatarrex.templates.person_fit import PersonFit, SurfaceOffsets
-from avatarrex.training.core.provenance import MAKER, light, of_the_template, prior, tracking
+from avatarrex.training.core.provenance import MAKER, light, light_frame, of_the_template, prior, tracking
 from avatarrex.training.recipe import RECIPES, from_scratch
 
 DRAWN = {"provenance": {"maker": MAKER}}
@@ -44,9 +44,11 @@ def test_tracking_is_what_the_capture_says_it_is(capture):
 
 
 def test_light_is_what_the_capture_says_it_is(capture):
-    assert light(said(capture)).startswith("the capture's")
+    assert light(said(capture)).startswith("the capture: fixed in the world"), "lamps stand still"
     assert "turns with the person" in light(said(capture, **DRAWN))
     assert "fixed in the world" in light(said(capture, **DRAWN, variation={"conditions": ["light", "noise"]}))
+    assert light_frame(said(capture)) == "world"
+    assert light_frame(said(capture, **DRAWN)) == "root"
 
 
 def test_what_is_the_templates_is_named(capture):

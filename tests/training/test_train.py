@@ -364,8 +364,9 @@ def test_a_body_that_goes_on_leaves_the_faces_tone_alone(tmp_path, learnt):
     assert ("tone" in moved) is not learnt
 
 
-def test_what_goes_on_keeps_the_local_frames_it_began_with(capture, tmp_path, monkeypatch):
-    """Rest positions of another kind would move the surface that was learned: started from, and resumed."""
+def test_what_goes_on_keeps_the_frames_it_began_with(capture, tmp_path, monkeypatch):
+    """Rest positions of another kind would move the surface that was learned, another light's frame its colours: started from, and
+    resumed."""
     monkeypatch.setattr(Run, "control", lambda self: "stop")
     opened = open_capture(capture)
     before = Avatar.create(opened.person, "compact", 0, "anchors")
@@ -373,15 +374,16 @@ def test_what_goes_on_keeps_the_local_frames_it_began_with(capture, tmp_path, mo
     with run:
         assert not Trainer(opened, TINY, run, before).train()
     saved = sorted((tmp_path / "run" / "checkpoints").iterdir())[-1]
-    assert load_avatar(saved / "avatar.avatar").body.local_frame == "anchors"
+    found = load_avatar(saved / "avatar.avatar")
+    assert (found.body.local_frame, found.light.frame) == ("anchors", before.light.frame) == ("anchors", "root")
     run, trainer = start(capture, tmp_path / "run", resume=True)
-    assert trainer.avatar.body.local_frame == "turned"
+    assert (trainer.avatar.body.local_frame, trainer.avatar.light.frame) == ("turned", "world")
     _, state = run.latest()
-    for kept in ("anchors", "turned"):
-        changed = {**state, "local_frame": kept}
+    for kept, lit in (("anchors", "root"), ("turned", "world")):
+        changed = {**state, "local_frame": kept, "light_frame": lit}
         monkeypatch.setattr(run, "latest", lambda changed=changed: (changed["step"], changed))
         trainer._restore()
-        assert trainer.avatar.body.local_frame == kept
+        assert (trainer.avatar.body.local_frame, trainer.avatar.light.frame) == (kept, lit)
     run.close()
 
 

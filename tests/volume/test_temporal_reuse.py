@@ -91,7 +91,7 @@ def beyond(skin: TemplateDistance, origin: np.ndarray, sdf: np.ndarray, known: n
 def test_colours_are_those_of_shading_every_pixel(avatar: Avatar, dragged: list[Frame]) -> None:
     for frame in dragged[1:]:
         counters = Counters()
-        whole = shade(avatar, frame.surface, counters, None, FAST)
+        whole = shade(avatar, frame.surface, frame.shading.light, counters, None, FAST)
         reused = frame.volume.changed is not None
         assert (frame.counters["pixels_shaded"] < counters["pixels_shaded"]) == reused
         assert (whole.image - frame.image).abs().max() < 2 / 255
@@ -154,7 +154,7 @@ def test_another_view_of_a_reused_body_is_shaded_whole(avatar: Avatar, dragged: 
     turned = Camera.orbit(60, 5, 2.6, 40, (0, -0.05, 0), 48, 48)
     frame = render_frame(avatar, dragged[3].signals, turned, FAST, dragged[3])
     assert frame.volume is dragged[3].volume
-    whole = shade(avatar, frame.surface, Counters(), None, FAST)
+    whole = shade(avatar, frame.surface, frame.shading.light, Counters(), None, FAST)
     assert torch.equal(whole.image, frame.image)
 
 

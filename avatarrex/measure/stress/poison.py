@@ -95,7 +95,7 @@ def _volume(name: str, spoil: Spoil) -> None:
 def _point_map(name: str, spoil: Spoil) -> None:
     frame = clean()
     bad = replace(frame.pointmap, **{name: spoil(getattr(frame.pointmap, name))})
-    shade(subject(), replace(frame.surface, pointmap=bad), Counters(), None, RenderSettings())
+    shade(subject(), replace(frame.surface, pointmap=bad), frame.shading.light, Counters(), None, RenderSettings())
 
 
 BORDERS: dict[str, Callable[[Spoil], None]] = {

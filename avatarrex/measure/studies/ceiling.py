@@ -42,7 +42,7 @@ from avatarrex.capture.readers.splits import sealed, with_validation
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import check
 from avatarrex.fields.detail_texture import DetailTexture, TexelPlaces
-from avatarrex.fields.light import Light
+from avatarrex.fields.light import Light, basis
 from avatarrex.files.images import write_png
 from avatarrex.files.json_text import write_json
 from avatarrex.metrics.baselines import PIXEL_SAMPLES, fitted_meshes
@@ -309,9 +309,9 @@ def _find_light(look: Painted, pictures: list[Photographed]) -> None:
     """Least squares of c = a E(n) over all pixels, for each channel."""
     square, right = torch.zeros(3, 8, 8, dtype=torch.float64), torch.zeros(3, 8, dtype=torch.float64)
     for one in pictures:
-        basis = look.light.basis(torch.from_numpy(one.shown.normal))
+        around = basis(torch.from_numpy(one.shown.normal))
         albedo = look.albedo(one.shown).double()
-        rows = albedo.T[:, :, None] * basis
+        rows = albedo.T[:, :, None] * around
         square += torch.einsum("cpi,p,cpj->cij", rows, one.share.double(), rows)
         right += torch.einsum("cpi,p,pc->ci", rows, one.share.double(), one.colour.double() - albedo)
     look.light.harmonics.copy_(torch.linalg.solve(square, right).T)

@@ -137,7 +137,8 @@ def cost(bench: Bench, options: argparse.Namespace) -> None:
             spent = least(partial(polish, pointmap, field, volume.sdf, view, steps, counters))
             pairs, hits = (counters[key] // REPEATS for key in ("local_mlp_evaluations", "hits_polished"))
             print(f"polish {steps}, {name}: {spent:.0f} ms, {hits} hits, {pairs} local MLPs", flush=True)
-        spent = least(partial(shade, avatar, replace(frame.surface, pointmap=pointmap), Counters(), frame.shading))
+        shown, before = replace(frame.surface, pointmap=pointmap), frame.shading
+        spent = least(partial(shade, avatar, shown, before.light, Counters(), before, frame.settings))
         print(f"shading, {name}: {spent:.0f} ms")
 
 

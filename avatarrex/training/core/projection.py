@@ -152,7 +152,8 @@ class Picture:
         counts = (seen.coverage >= 1) & own & (facing > FACING) & (self.matte >= OPAQUE)
         parallax = -gaze[counts] / facing[counts, None]
         place, colour, weight = seen.position[counts], self.colour[counts], facing[counts].square()
-        return Sighting(self.frame.posed, volume.body_frame.samples, volume.states, place, colour, weight, parallax)
+        posed, turn, samples = self.frame.posed, self.frame.world_from_root, volume.body_frame.samples
+        return Sighting(posed, turn, samples, volume.states, place, colour, weight, parallax)
 
     def silhouette(self) -> Silhouette:
         """The body's."""
@@ -172,14 +173,15 @@ def _on_body(avatar: Avatar, sighting: Sighting) -> tuple[TexelPlaces, Tensor]:
     assert avatar.body.detail is not None
     samples, beside = sighting.slid(avatar), sighting.beside
     rest = samples.painted_position(sighting.position, beside)
-    return avatar.body.detail.places(rest), avatar.light(samples.facing(beside))
+    return avatar.body.detail.places(rest), sighting.light(avatar)(samples.facing(beside))
 
 
 def _on_face(avatar: Avatar, sighting: Sighting) -> tuple[TexelPlaces, Tensor]:
     """The same of the face, whose colours have their light in them."""
     face = avatar.parts["face"]
     assert isinstance(face, Face)
-    points = surface_points(sighting.posed.root_from_part("face"), sighting.position, sighting.position)
+    root_from_face, position = sighting.posed.root_from_part("face"), sighting.position
+    points = surface_points(root_from_face, position, position, sighting.light(avatar))
     places = face.places(face_state(sighting.states), points.position)
     assert places is not None
     return places, torch.ones_like(sighting.position)

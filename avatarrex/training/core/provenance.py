@@ -46,10 +46,14 @@ def tracking(capture: Capture) -> str:
 
 def light(capture: Capture) -> str:
     """What light the pictures were taken in, as far as the capture says."""
-    if not _drawn(capture):
-        return "the capture's; one light for all poses is learnt"
-    fixed = "light" in _variation(capture).get("conditions", ())
-    return f"drawn: {WORLD if fixed else PERSON}; one light for all poses is learnt"
+    frame = {"world": WORLD, "root": PERSON}[light_frame(capture)]
+    return f"{'drawn' if _drawn(capture) else 'the capture'}: {frame}; one light for all poses is learnt"
+
+
+def light_frame(capture: Capture) -> str:
+    """The frame in which the light is fixed (`fields/light.py`): lamps stand still; a drawn light may turn with the person."""
+    drawn = _drawn(capture) and "light" not in _variation(capture).get("conditions", ())
+    return "root" if drawn else "world"
 
 
 def of_the_template(capture: Capture) -> dict[str, str]:

@@ -198,7 +198,7 @@ def _seen(avatar: Avatar, one: Sighting, rows: Tensor, slope: float) -> tuple[np
     assert detail is not None
     samples, beside = one.slid(avatar), one.beside.rows(rows)
     rest = samples.painted_position(one.position[rows], beside)
-    albedo = (one.colour[rows] / avatar.light(samples.facing(beside))).clamp(0, 1)
+    albedo = (one.colour[rows] / one.light(avatar)(samples.facing(beside))).clamp(0, 1)
 
     def texel(offset: Tensor) -> Tensor:
         return torch.sigmoid(detail(detail.places(rest + offset)))

@@ -9,10 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
 from avatarrex.avatar import Avatar
+from avatarrex.fields.light import Irradiance
 from avatarrex.fields.local_frame import Neighbours, Samples
 from avatarrex.parts.part import PartState
 from avatarrex.templates.posed import PosedPerson
@@ -23,6 +25,7 @@ class Sighting:
     """Pixels of one picture on the surface."""
 
     posed: PosedPerson
+    world_from_root: Float[np.ndarray, "4 4"]
     samples: Samples
     """Of the body in this pose."""
     states: Mapping[str, PartState]
@@ -42,6 +45,10 @@ class Sighting:
     def beside(self) -> Neighbours:
         """The samples of the body that carry them."""
         return self.samples.neighbours_of(self.position)
+
+    def light(self, avatar: Avatar) -> Irradiance:
+        """What fell on them, as the avatar has it by now."""
+        return avatar.light.over(self.world_from_root)
 
     def slid(self, avatar: Avatar) -> Samples:
         """The samples as the body slides by now."""

@@ -90,8 +90,8 @@ class TrainedBody:
 
     def paint(self) -> SurfaceColour:
         """See `TrainedField`."""
-        frame = self.frame
-        return SurfaceColour(self.avatar, frame.posed, self.body_frame, frame.states(), Counters(), sparse=True)
+        frame, light = self.frame, self.avatar.light.over(self.frame.world_from_root)
+        return SurfaceColour(self.avatar, frame.posed, self.body_frame, frame.states(), light, Counters(), sparse=True)
 
 
 @dataclass
@@ -127,8 +127,8 @@ class TrainedFace:
 
     def paint(self) -> SurfaceColour:
         """See `TrainedField`."""
-        frame = self.frame
-        return SurfaceColour(self.avatar, frame.posed, frame.volume.body_frame, frame.states(), Counters())
+        frame, light = self.frame, self.avatar.light.over(self.frame.world_from_root)
+        return SurfaceColour(self.avatar, frame.posed, frame.volume.body_frame, frame.states(), light, Counters())
 
 
 def _coarse_body(volume: SdfVolume, position: Tensor) -> Tensor:

@@ -22,6 +22,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import sealed, splits_of
 from avatarrex.errors import InputError
+from avatarrex.fields.light import UNSAID
 from avatarrex.metrics.perceptual import Perceptual
 from avatarrex.ops.rotation import matrix_from_rotvec
 from avatarrex.signals.driving import Signals
@@ -74,7 +75,9 @@ class Trainer:
                 raise InputError(capture.path, "parts", "rigs of the capture: " + ", ".join(capture.rigs), part)
         self.stages = stages(recipe, self.parts)
         self.start = start
-        self.avatar = self._untrained() if start is None else self._untrained(start.body.local_frame)
+        self.avatar = self._untrained(provenance.light_frame(capture))
+        if start is not None:
+            self.avatar = self._untrained(start.light.frame, start.body.local_frame)
         known = "face" in self.parts or (start is not None and "face" not in start.hidden)
         self.hidden = frozenset() if known else frozenset({"face"})
         if start is not None and (found := start.meta["preset"]) != recipe.preset:
@@ -102,9 +105,10 @@ class Trainer:
                     return False
         return True
 
-    def _untrained(self, local_frame: str = "turned") -> Avatar:
-        """An avatar of the recipe's networks; one that goes on keeps its kind of local frames."""
+    def _untrained(self, light_frame: str, local_frame: str = "turned") -> Avatar:
+        """An avatar of the recipe's networks; one that goes on keeps its kind of local frames and its light's."""
         avatar = Avatar.create(self.capture.person, self.recipe.preset, self.seed, local_frame)
+        avatar.light.frame = light_frame
         avatar.place(self.device)
         if self.recipe.mixed:
             in_bfloat16(avatar)
@@ -120,7 +124,7 @@ class Trainer:
         own, found = self.avatar.modules(), state["modules"]
         if set(own) != set(found):
             raise InputError(self.run.path, "checkpoint: modules", ", ".join(own), ", ".join(sorted(found)))
-        self.avatar = self._untrained(state["local_frame"])
+        self.avatar = self._untrained(state.get("light_frame", UNSAID), state["local_frame"])
         self._take(found)
         return int(state["stage"]), state if "optimiser" in state else None
 
@@ -236,6 +240,7 @@ class Trainer:
             "step": step,
             "seconds": self._spent(),
             "local_frame": self.avatar.body.local_frame,
+            "light_frame": self.avatar.light.frame,
             "modules": {name: dict(module.state_dict()) for name, module in self.avatar.modules().items()},
             **({} if work is None else work.state()),
         }
