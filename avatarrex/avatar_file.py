@@ -48,6 +48,7 @@ DETAILED = ("body", "face")
 each triangle."""
 OUTGROWTH = {"body.outgrowth.first": 1, "body.outgrowth.distance": 3}
 """What an avatar with an outgrowth has, and of how many dimensions."""
+HUNG = "body.outgrowth.joint"
 FILES = {"avatar.json": SMALL, "weights.safetensors": 2**30}
 """Bytes that either file may unpack to; the paper's preset has 90 MB of weights."""
 SLIDE = "body.slide.share"
@@ -263,6 +264,10 @@ def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     distance = state.get("body.outgrowth.distance")
     if distance is not None and not (distance <= 0).any():
         raise InputError(path, "weights.safetensors: body.outgrowth.distance", "somewhere inside", "positive numbers")
+    joints = avatar.person.body.weights.shape[1]
+    if HUNG in state and (state[HUNG].numel() != 1 or not 0 <= int(state[HUNG]) < joints):
+        expected = f"the number of a joint, 0 to {joints - 1}"
+        raise InputError(path, f"weights.safetensors: {HUNG}", expected, state[HUNG].tolist())
     shapes = {SLIDE: (len(avatar.body.node_vertex), JOINTS), RELIEF: (len(avatar.body.anchor_vertex),)}
     for name, shape in shapes.items():
         if name in state and tuple(state[name].shape) != shape:

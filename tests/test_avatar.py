@@ -81,7 +81,7 @@ def _with_extras() -> Avatar:
     body.raise_surface(0.01 * torch.rand(len(body.sample_rest), generator=torch.Generator().manual_seed(2)))
     first = (body.template.v_template[body.template.v_template[:, 1].argmax()] / VOXEL).round().long() - 10
     place = torch.stack(torch.meshgrid(*[torch.arange(21)] * 3, indexing="ij"), -1)
-    body.outgrowth = Outgrowth(first, (place - 10.0).norm(dim=-1) * VOXEL - 0.04)
+    body.outgrowth = Outgrowth(first, (place - 10.0).norm(dim=-1) * VOXEL - 0.04, torch.tensor(15))
     body.outgrowth.lay(body.template.v_template)
     return avatar
 
@@ -101,6 +101,7 @@ def test_texels_slide_relief_and_outgrowth_are_kept(tmp_path: Path) -> None:
         assert again.body.slide is not None
         assert torch.equal(again.body.slide.reach, avatar.body.slide.reach)
         assert torch.equal(found["body.outgrowth.distance"], wanted["body.outgrowth.distance"].half().float())
+        assert int(found["body.outgrowth.joint"]) == 15
         avatar = again  # saved once more, nothing changes
     assert (tmp_path / "a.avatar").stat().st_size == pytest.approx((tmp_path / "b.avatar").stat().st_size, rel=1e-3)
 
@@ -115,6 +116,8 @@ def test_texels_slide_relief_and_outgrowth_are_kept(tmp_path: Path) -> None:
         ("body.relief", torch.zeros(5), "body.relief: expected numbers"),
         ("body.outgrowth.distance", torch.zeros(4), "3 dimensions"),
         ("body.outgrowth.distance", torch.ones(4, 4, 4), "somewhere inside"),
+        ("body.outgrowth.joint", torch.tensor(55), "the number of a joint, 0 to 54, found 55"),
+        ("body.outgrowth.joint", torch.tensor([1, 2]), "the number of a joint"),
     ],
 )
 def test_broken_texels_slides_reliefs_and_outgrowths_are_refused(

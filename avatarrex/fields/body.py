@@ -256,7 +256,9 @@ class BodyField(nn.Module):
         if "relief" in state:
             self.relief = state["relief"].float().clone()
         if {"outgrowth.first", "outgrowth.distance"} <= set(state):
-            self.outgrowth = Outgrowth(state["outgrowth.first"].clone(), state["outgrowth.distance"].float())
+            joint = state.get("outgrowth.joint")
+            joint = None if joint is None else joint.clone()
+            self.outgrowth = Outgrowth(state["outgrowth.first"].clone(), state["outgrowth.distance"].float(), joint)
             self.outgrowth.lay(self.template.v_template)
 
     @property

@@ -2,7 +2,8 @@
 
 A signed distance at rest, carved from the mattes of the training pictures (training/core/carving.py). It is not the surface:
 where it is nearer than the skin it is the guess that the body's field deviates from (template_distance.py). A posed point is
-taken to rest by the rigid motion of its nearest template vertex. Stored on a regular grid about what was found.
+taken to rest by the rigid motion of the joint that it hangs on or, where the carving found none, of its nearest template vertex.
+Stored on a regular grid about what was found.
 
 Letters: z y x voxels, v vertices, p points. Metres, negative inside.
 """
@@ -36,11 +37,16 @@ class Outgrowth(nn.Module):
     """(3,) whole voxels from the root to the grid's lowest corner: x, y, z."""
     distance: Tensor
     """(z, y, x)."""
+    joint: Tensor | None
+    """Number of the joint that it hangs on; None: the vertices beneath it carry it."""
 
-    def __init__(self, first: Int[Tensor, " 3"], distance: Float[Tensor, "z y x"]) -> None:
+    def __init__(
+        self, first: Int[Tensor, " 3"], distance: Float[Tensor, "z y x"], joint: Int[Tensor, ""] | None = None
+    ) -> None:
         super().__init__()
         self.register_buffer("first", first)
         self.register_buffer("distance", distance)
+        self.register_buffer("joint", joint)
         self.carrier = np.zeros(0, np.int64)
         """(c,) vertices that a point next to the outgrowth may have as its nearest."""
 
@@ -64,6 +70,15 @@ class Outgrowth(nn.Module):
         points = place[by] + np.einsum("pij,pj->pi", turn[by], self.points() - rest[by])
         grid = np.ascontiguousarray(self.distance.double().numpy())
         return PosedOutgrowth(grid, self.first.numpy() * VOXEL, slot, rest, place, turn, points)
+
+    def hung(self, vertices: int, rest_to_posed: Float[np.ndarray, "4 4"]) -> PosedOutgrowth:
+        """On a template of so many vertices, moved as its joint is."""
+        slot = np.full(vertices, -1)
+        slot[self.carrier] = 0
+        turn, shift = rest_to_posed[:3, :3], rest_to_posed[:3, 3]
+        grid = np.ascontiguousarray(self.distance.double().numpy())
+        points, one = self.points() @ turn.T + shift, np.zeros((1, 3))
+        return PosedOutgrowth(grid, self.first.numpy() * VOXEL, slot, one, shift[None], turn[None], points)
 
 
 @dataclass(frozen=True, eq=False)

@@ -172,6 +172,8 @@ def outgrowth(avatar: Avatar, posed: PosedPerson) -> PosedOutgrowth | None:
     own, model = avatar.body.outgrowth, avatar.person.body
     if own is None:
         return None
+    if own.joint is not None:
+        return own.hung(len(model.v_template), posed.body.skinning[int(own.joint)].double().numpy())
     turn = blend_rotations(posed.body.skinning, model.weights[torch.from_numpy(own.carrier)], model.parents)
     return own.carried(posed.body.vertices.double().numpy(), turn.double().numpy())
 

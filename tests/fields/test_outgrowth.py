@@ -54,6 +54,22 @@ def test_the_ball_moves_with_the_skin_beneath_it() -> None:
     np.testing.assert_allclose(carried.points.mean(0), CENTRE @ turn.T + shift, atol=VOXEL)
 
 
+def test_what_hangs_on_a_joint_moves_as_it_does() -> None:
+    """Though the skin beneath stays: the end of a pony tail lies at the back."""
+    carried, skin, turn, shift = moved()
+    posed = np.eye(4)
+    posed[:3, :3], posed[:3, 3] = turn, shift
+    rest = plane()
+    still = ball(rest).hung(len(rest), posed)
+    nothing = np.zeros(len(rest))
+    skin = TemplateDistance.of(rest, np.tile([0.0, 0, 1], (len(rest), 1)), nothing, nothing, outgrowth=still)
+    points = CENTRE + np.random.default_rng(0).normal(0, 0.02, (200, 3))
+    true = np.linalg.norm(points - CENTRE, axis=1) - RADIUS
+    here = skin.query(points @ turn.T + shift)
+    np.testing.assert_allclose(here.guess, true, atol=0.007)
+    np.testing.assert_allclose(still.points, carried.points, atol=1e-12)
+
+
 def test_what_is_nearer_counts_and_the_field_keeps_to_it() -> None:
     _, skin, turn, shift = moved()
     points = np.array([CENTRE, [0.1, 0.1, -0.01], [0.02, 0.02, 0.01]]) @ turn.T + shift

@@ -10,7 +10,7 @@ from training.miniature import perturbed, write_miniature
 
 from avatarrex.avatar import Avatar
 from avatarrex.camera import Camera
-from avatarrex.capture.fit.check import silhouette, template_surface
+from avatarrex.capture.fit.check import posed_in_world, silhouette
 from avatarrex.capture.readers.images_store import Pictures
 from avatarrex.capture.readers.rigs import Rig, View, open_capture
 from avatarrex.capture.readers.splits import sealed
@@ -123,22 +123,25 @@ class Mattes(Pictures):
     def check_size(self, view: int, frame: int) -> None: ...
 
 
-def rig_with(balls: list[tuple[np.ndarray, float]]) -> Rig:
-    """Eight cameras around the resting template with balls (centre, radius) on it."""
-    person, signals = load_person(), Signals.rest()
-    vertices, faces = template_surface(person, signals)[0], person.body.faces.numpy()
+def rig_with(balls: list[tuple[np.ndarray, float]], frames: tuple[Signals, ...] = (Signals.rest(),)) -> Rig:
+    """Eight cameras around the template with balls (centre, radius) that turn with the head."""
+    person = load_person()
+    faces, head = person.body.faces.numpy(), person.body.joint_names.index("head")
     cameras = [Camera.orbit(azimuth, 5, 3.0, 40, (0, -0.05, 0), 160, 160) for azimuth in range(0, 360, 45)]
     mattes = {}
-    for number, camera in enumerate(cameras):
-        matte = silhouette(vertices, faces, camera)
-        column, row = np.meshgrid(np.arange(160) + 0.5, np.arange(160) + 0.5)
-        for centre, radius in balls:
-            (pixel,), (depth,) = camera.pixels(centre[None])
-            matte = matte | (np.hypot(column - pixel[0], row - pixel[1]) < radius * camera.intrinsics[0, 0] / depth)
-        mattes[number, 0] = np.uint8(255) * matte
+    for frame, signals in enumerate(frames):
+        posed, _ = posed_in_world(person, signals)
+        moved = posed.skinning[head].double().numpy()
+        for number, camera in enumerate(cameras):
+            matte = silhouette(posed.vertices.double().numpy(), faces, camera)
+            column, row = np.meshgrid(np.arange(160) + 0.5, np.arange(160) + 0.5)
+            for centre, radius in balls:
+                (pixel,), (depth,) = camera.pixels((moved[:3, :3] @ centre + moved[:3, 3])[None])
+                matte = matte | (np.hypot(column - pixel[0], row - pixel[1]) < radius * camera.intrinsics[0, 0] / depth)
+            mattes[number, frame] = np.uint8(255) * matte
     views = tuple(View(f"c{number}", camera) for number, camera in enumerate(cameras))
     nobody: frozenset[int] = frozenset()
-    return Rig("body", views, SignalSequence((signals,), 1.0), frozenset(), nobody, nobody, Mattes(mattes))
+    return Rig("body", views, SignalSequence(frames, 1.0), frozenset(), nobody, nobody, Mattes(mattes))
 
 
 @pytest.mark.slow
@@ -153,3 +156,23 @@ def test_a_bun_is_carved_and_skin_is_not() -> None:
     points = found.points()
     assert np.linalg.norm(points - bun, axis=1).max() < 0.075
     assert np.linalg.norm(points.mean(0) - bun) < 0.03
+
+
+@pytest.mark.slow
+def test_a_pony_tail_hangs_on_the_head_to_its_end() -> None:
+    """Its end is next to the back, which stays where it is when the head turns."""
+    avatar = Avatar.create(load_person(), "compact")
+    names = avatar.person.body.joint_names
+    head = avatar.person.body.joint_template[names.index("head")].double().numpy()
+    tail = [(head + np.array([0, 0.06 - 0.02 * k, -0.12]), 0.035) for k in range(12)]
+    turns = (np.array([0, 0.6, 0]), np.array([0, -0.6, 0]), np.array([0.3, 0, 0]))
+    frames = []
+    for turn in turns:
+        pose = np.zeros((21, 3))
+        pose[names.index("head") - 1] = turn
+        frames.append(Signals.rest().replace(body_pose=pose))
+    found = carve(avatar, rig_with(tail, tuple(frames)))
+    assert found is not None
+    assert found.joint is not None
+    assert names[int(found.joint)] == "head"
+    assert found.points()[:, 1].min() < tail[-1][0][1] + 0.02, "to its end"
