@@ -13,7 +13,7 @@ from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.camera import Camera
 from avatarrex.counters import Counters
-from avatarrex.fields.light import LIGHT_FRAMES, Light
+from avatarrex.fields.light import LIGHT_FRAMES, Irradiance, Light
 from avatarrex.frame import DeferredFrame
 from avatarrex.levels import COLOUR_TOLERANCE, LEVELS, level, moving
 from avatarrex.pipeline import render_deferred
@@ -211,6 +211,12 @@ def test_who_turns_in_the_light_of_the_world_is_lit_anew(avatar: Avatar, frame: 
     change = (after.image - before.image)[hit][:, :3].abs().mean()
     assert change > 0.02 if frame == "world" else change < 0.002
     assert torch.equal(turned(here, 40, before).image, before.image)
+    dark = Irradiance(torch.zeros(8, 3))
+    again, anew = (
+        shade(here, before.surface, dark, Counters(), kept, before.settings) for kept in (before.shading, None)
+    )
+    assert torch.equal(again.image, anew.image), "the same point map in another light"
+    assert not torch.equal(again.image, before.image)
 
 
 @pytest.mark.parametrize("pose", ["stand", "hands_on_hips"])
