@@ -1,16 +1,21 @@
 """The picture's room in a small window: the panels beside it give way, and have their sizes back where there is room again.
 
 Docked panels keep their points while the window is made smaller, and the picture alone would pay: 32 points were left of it at 640 × 400.
+They are narrower while a frame is laid out and drawn, not between two frames: what is kept of a layout, or when the program ends, is never
+what a small window left of it.
 """
 
 from __future__ import annotations
 
 from avatarrex_studio.window.docking import BARE, PLACES
-from imgui_bundle import imgui
+from avatarrex_studio.window.extent import ROOMY
+from imgui_bundle import hello_imgui, imgui
 
 LEAST = (340.0, 240.0)
 """Points of width and height that the picture has at least; in a small window `SHARE` of it."""
 SHARE = (0.41, 0.5)
+KEPT = 150.0
+"""Points of a side that do not shrink until all sides along its axis are as small: below it sliders and their names have no room."""
 CLOSE = 0.5
 """Points: two sizes that differ by less are one."""
 Node = imgui.internal.DockNode
@@ -20,41 +25,64 @@ class Room:
     """One window's."""
 
     def __init__(self) -> None:
-        self._wanted: dict[int, float] = {}
-        """What each side had when the user, or a new layout, last gave one of them a size; by the node's id."""
-        self._given: dict[int, float] = {}
-        """What it was given here."""
+        self._lent: dict[tuple[int, int], tuple[float, float]] = {}
+        """What a side has where there is room, and what it has in this frame, in which there is less; by axis and the node's id."""
+        self._making = False
+        """Whether the layout was to be made anew when the frame began."""
 
     def share(self) -> None:
         """At the beginning of the interface's frame, before anything is laid out."""
-        sides = beside(BARE)
+        self._making = hello_imgui.get_runner_params().docking_params.layout_reset
+        self._lent = {}
         for axis in (0, 1):
-            along = [side for side in sides if side.parent_node.split_axis == axis]
-            if along:
-                self._share(along, axis)
+            self._share(beside(BARE, axis), axis)
+
+    def give_back(self) -> None:
+        """When all is laid out. Where the user drags a side, all along its axis keep what they have; a new layout is as in a roomy window."""
+        made = self._making and not hello_imgui.get_runner_params().docking_params.layout_reset
+        for axis in (0, 1):
+            sides = beside(BARE, axis)
+            if made:
+                _enlarge(sides, axis)
+            else:
+                self._give_back(sides, axis)
 
     def _share(self, sides: list[Node], axis: int) -> None:
-        sizes = {side.id_: side.size_ref[axis] for side in sides}
-        if any(abs(size - self._given.get(id_, 0.0)) > CLOSE for id_, size in sizes.items()):
-            self._wanted.update(sizes)
-        whole = imgui.internal.dock_node_get_root_node(sides[0]).size[axis]
-        wanted = sum(self._wanted[side.id_] for side in sides)
-        part = min(1.0, (whole - min(LEAST[axis], SHARE[axis] * whole)) / wanted) if wanted else 1.0
-        for side in sides:
-            given = self._given[side.id_] = part * self._wanted[side.id_]
-            both = list(side.size_ref)
-            both[axis] = given
-            side.size_ref = imgui.ImVec2(*both)
+        whole = _whole(sides[0], axis) if sides else 0.0
+        own = [side.size_ref[axis] for side in sides]
+        given = squeezed(own, whole - min(LEAST[axis], SHARE[axis] * whole))
+        if given != own:
+            for side, size, less in zip(sides, own, given):
+                self._lent[axis, side.id_] = size, less
+                _resize(side, axis, less)
+
+    def _give_back(self, sides: list[Node], axis: int) -> None:
+        lent = [(side, *self._lent[axis, side.id_]) for side in sides if (axis, side.id_) in self._lent]
+        if all(abs(side.size_ref[axis] - given) < CLOSE for side, _, given in lent):
+            for side, own, _ in lent:
+                _resize(side, axis, own)
 
 
-def beside(title: str) -> list[Node]:
-    """The largest docks beside a docked panel: each is split from one that the panel is in, too."""
+def squeezed(sizes: list[float], room: float) -> list[float]:
+    """What sides have of the `room` for all of them: their sizes; less, what is beyond `KEPT` in proportion; then less of that, too."""
+    if room >= sum(sizes):
+        return sizes
+    kept = [min(size, KEPT) for size in sizes]
+    if room <= sum(kept):
+        return [room / sum(kept) * least for least in kept]
+    part = (room - sum(kept)) / (sum(sizes) - sum(kept))
+    return [least + part * (size - least) for size, least in zip(sizes, kept)]
+
+
+def beside(title: str, axis: int) -> list[Node]:
+    """The largest docks beside a docked panel, left and right of it or above and below: each is split from one that the panel is in, too."""
     window = imgui.internal.find_window_by_name(title)
     around = {node.id_ for node in _line(window)}
     sides = {}
     for name in PLACES:
         for node in _line(imgui.internal.find_window_by_name(name)):
-            if node.id_ not in around and node.parent_node and node.parent_node.id_ in around:
+            parent = node.parent_node
+            if node.id_ not in around and parent and parent.id_ in around and parent.split_axis == axis:
                 sides[node.id_] = node
     return list(sides.values())
 
@@ -66,3 +94,20 @@ def _line(window: imgui.internal.Window | None) -> list[Node]:
         line.append(node)
         node = node.parent_node
     return line
+
+
+def _enlarge(sides: list[Node], axis: int) -> None:
+    """To what they have in a window of `ROOMY`, where this one is smaller."""
+    for side in sides:
+        _resize(side, axis, side.size_ref[axis] * max(1.0, ROOMY[axis] / _whole(side, axis)))
+
+
+def _whole(side: Node, axis: int) -> float:
+    """Points of the space that all is docked in."""
+    return float(imgui.internal.dock_node_get_root_node(side).size[axis])
+
+
+def _resize(side: Node, axis: int, size: float) -> None:
+    both = list(side.size_ref)
+    both[axis] = size
+    side.size_ref = imgui.ImVec2(*both)

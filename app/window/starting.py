@@ -5,11 +5,12 @@ It takes no clicks, and imports neither torch nor what does.
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from avatarrex_studio.panels import theme
 from avatarrex_studio.window.runner import runner_params
@@ -75,23 +76,24 @@ def _fulfil(made: Future[Made], prepare: Callable[[], Made]) -> None:
         made.set_exception(error)
 
 
-def check_display() -> None:
-    """Raises `InputError` where no window can be opened."""
-    if not reach_display():
-        raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
+def check_display(instead: str) -> None:
+    """Raises `InputError` where no window can be opened, with the cause and what to use `instead`."""
+    if cause := display_fault():
+        raise InputError("display", os.environ.get("DISPLAY", ""), f"a display that opens (or `{instead}`)", cause)
 
 
-def reach_display() -> bool:
-    """Whether a display opens; GLFW is there then.
+def display_fault() -> str:
+    """Why no display opens; empty where one does, and GLFW is there then.
 
     An X server without other clients starts anew when this program closes one window before it opens the next (Xvfb does), and refuses
-    who comes meanwhile: it is tried again, and GLFW's line about that is not printed.
+    who comes meanwhile: it is tried again, and what GLFW says of that is not printed.
     """
     import glfw  # after imgui_bundle, which brings its own library
 
-    glfw.set_error_callback(lambda *_: None)
+    said: list[Any] = [b"nothing that says why"]  # the stub has text, Python's callback gets bytes
+    glfw.set_error_callback(lambda _, words: said.append(words))
     for _ in range(TRIES):
         if glfw.init():
-            return True
+            return ""
         time.sleep(PAUSE)
-    return False
+    return str(said[-1], "utf-8", "replace")

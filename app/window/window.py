@@ -69,7 +69,7 @@ from avatarrex_studio.window.opening import Opening
 from avatarrex_studio.window.output import GROUNDS, SIZES, Output
 from avatarrex_studio.window.own_surface import OwnSurface
 from avatarrex_studio.window.personal import Personal
-from avatarrex_studio.window.quick_input import forget_finger, open_input
+from avatarrex_studio.window.quick_input import QuickInput
 from avatarrex_studio.window.room import Room
 from avatarrex_studio.window.runner import open_gl, runner_params
 from avatarrex_studio.window.screen import Screen
@@ -122,7 +122,7 @@ class Window:
         self.exports = Exports(studio, self.questions, make or partial(Engine, device=device))
         self.first_picture: Callable[[], None] = nothing
         """Called once, when there is something to see."""
-        self._resting, self.loss, self._room = Resting(), ContextLoss(), Room()
+        self._resting, self.loss, self._room, self._input = Resting(), ContextLoss(), Room(), QuickInput()
         self.anew = False  # whether the window that is being closed is opened anew, for its context was lost
         self._frames, self._gesture, self._wheel = 0, 0, (0.0, 0)
         self._keys_free = True
@@ -301,10 +301,11 @@ class Window:
         """The interface's frame has begun; nothing is laid out yet."""
         self.personal.scale.apply()
         self._room.share()
-        forget_finger()
+        self._input.begin_frame()
 
     def _render(self) -> None:
         """Show what changed. After the panels, so that a picture follows the mouse in the same frame."""
+        self.guard.run("The panels' sizes", self._room.give_back)
         self._frames += 1
         if self._frames > WARM_UP:
             if self.loss.found(self.guard.run("The picture", self._picture) is True):
@@ -502,7 +503,7 @@ class Window:
         fit(self.personal.scale.width)
         keep_usable(self.personal.scale.factor)
         self.loss.open()
-        open_input()
+        self._input.open()
         import glfw  # after imgui_bundle, which brings its own library
 
         # the stub has GLFW's own arguments, Python's callback gets the window and a list
