@@ -10,6 +10,8 @@ from imgui_bundle import hello_imgui, imgui
 POSE, TRAINING = "Pose", "Training"
 """The layout of a first start, and that of curves, which are as wide as they can be."""
 WHOLE = "MainDockSpace"
+NARROWEST = 215.0
+"""Points that the panels at the left have at least, where there is room."""
 LAYOUTS: dict[str, tuple[tuple[str, str, imgui.Dir, float], ...]] = {
     POSE: (
         (WHOLE, "Right", imgui.Dir.right, 0.35), (WHOLE, "Left", imgui.Dir.left, 0.27),
@@ -60,7 +62,7 @@ def splits(layout: str, width: float) -> list[hello_imgui.DockingSplit]:
     made, room, usual = [], width, min(width, USUAL[0])
     for dock, new, side, share in LAYOUTS[layout]:
         if layout != TRAINING and dock == WHOLE and side in (imgui.Dir.left, imgui.Dir.right):
-            points = share * usual
+            points = max(share * usual, NARROWEST if side == imgui.Dir.left else 0.0)
             share = points / room
             room, usual = room - points, usual - points
         made.append(hello_imgui.DockingSplit(dock, new, side, share))

@@ -4,7 +4,7 @@ The toolkit takes what came since the last frame in its order, and leaves the re
 twice in one, so that nothing is lost. Three things it does badly. What another thing may lie over, a tab or the head of a group, takes a
 press only in the frame after the mouse has come to it: a press is sent as a finger's, which waits for that frame. The key of a letter
 that is let go ends the frame, so that a text comes by one letter a frame: letters are sent as text alone while something takes text.
-And that nothing takes text any more it says two frames after the key that ended it: what is pressed meanwhile is made to wait.
+And that nothing takes text any more it says in the frame after the key that ended it: what is pressed meanwhile is made to wait.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ PRINTABLE = range(32, 163)
 """GLFW's keys that give a letter, a digit or a sign."""
 ENDS = (257, 335, 256)
 """GLFW's Enter, that of the keypad, and Esc: they may end a text."""
-PAUSES = (imgui.Key.f23, imgui.Key.f24)
-"""Keys that keyboards lack: one that is pressed and let go ends a frame."""
+PAUSE = imgui.Key.f24
+"""A key that keyboards lack: pressed and let go it ends a frame."""
 
 
 class QuickInput:
@@ -61,6 +61,5 @@ class QuickInput:
         if action == glfw.PRESS and key in ENDS and typing:
             self._leaving = True
             imgui.backends.glfw_key_callback(self._address, key, code, glfw.RELEASE, modifiers)
-            for pause in PAUSES:
-                imgui.get_io().add_key_event(pause, True)
-                imgui.get_io().add_key_event(pause, False)
+            for down in (True, False):
+                imgui.get_io().add_key_event(PAUSE, down)

@@ -174,7 +174,6 @@ class Window:
         calls.confirm_exit = lambda: self.guard.run("Closing", self._may_close) is not False
         calls.before_exit = self._close
         params.docking_params, *params.alternative_docking_layouts = docking(self._panels(), size[0])
-        params.dpi_aware_params.dpi_window_size_factor = 1.0  # interface_scale.py does it
         return params
 
     def _panels(self) -> dict[str, Callable[[], None]]:

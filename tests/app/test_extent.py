@@ -109,6 +109,26 @@ def sized(test, window, width, height):
 
 
 @pytest.mark.window
+def test_the_first_window_is_as_large_as_its_points(display, monkeypatch):
+    """Where the system scales by two: seen at 192 dots an inch, it had its text over its bar."""
+    monkeypatch.setattr(glfw, "get_window_content_scale", lambda window: (2.0, 2.0))
+    first, seen = starting.Starting(), []
+    opened = first._opened
+
+    def look():
+        places = [glfw.get_window_pos(glfw_window_hello_imgui())]
+        opened()
+        window = glfw_window_hello_imgui()
+        seen[:] = *places, glfw.get_window_pos(window), glfw.get_window_size(window)
+
+    first._opened = look
+    first.show_while(lambda: driving.time.sleep(0.5))
+    before, after, size = seen
+    assert size == tuple(2 * points for points in starting.SIZE)
+    assert [low - now for low, now in zip(before, after)] == [points // 2 for points in starting.SIZE]
+
+
+@pytest.mark.window
 def test_a_small_window_leaves_the_picture_its_share_and_gives_the_panels_theirs_back(display):
     window, seen = small_window(), {}
 
