@@ -8,7 +8,7 @@ USUAL = (1440, 900)
 """Width and height at a first start, in the screen's own units, as far as the screen has room: points, of a window in which panels have
 their usual widths."""
 ROOMY = (1000, 640)
-"""Points of a window that has room for panels and picture: in a smaller one a layout is made as in this one."""
+"""Points for panels and picture in which a layout has room: where there are less it is made as in these."""
 SHARE = 0.85
 """Of the screen that a first window takes at least."""
 LEAST = (640, 400)

@@ -7,7 +7,7 @@ what a small window left of it.
 
 from __future__ import annotations
 
-from avatarrex_studio.window.docking import BARE, PLACES
+from avatarrex_studio.window.docking import BARE, PLACES, fit
 from avatarrex_studio.window.extent import ROOMY
 from imgui_bundle import hello_imgui, imgui
 
@@ -33,6 +33,8 @@ class Room:
     def share(self) -> None:
         """At the beginning of the interface's frame, before anything is laid out."""
         self._making = hello_imgui.get_runner_params().docking_params.layout_reset
+        if self._making:
+            fit(imgui.get_main_viewport().size.x)
         self._lent = {}
         for axis in (0, 1):
             self._share(beside(BARE, axis), axis)

@@ -59,7 +59,7 @@ from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.timeline_commands import SetFrame
 from avatarrex_studio.window.context_loss import ContextLoss
-from avatarrex_studio.window.docking import BARE, LAYOUTS, docking, fit, show_panel, toggle_panels
+from avatarrex_studio.window.docking import BARE, LAYOUTS, docking, show_panel, toggle_panels
 from avatarrex_studio.window.exporting import Exports
 from avatarrex_studio.window.extent import USUAL, first_size, keep_usable
 from avatarrex_studio.window.full_screen import FullScreen
@@ -393,7 +393,6 @@ class Window:
         self.studio.save_image(path, self.viewport.size)
 
     def _reset_layout(self) -> None:
-        fit(self.personal.scale.width)
         hello_imgui.get_runner_params().docking_params.layout_reset = True
 
     def _quit(self) -> None:
@@ -499,7 +498,6 @@ class Window:
     def _opened(self) -> None:
         """The window is there: files that are dropped on it are opened, and it is as large as it should be."""
         self.personal.open()
-        fit(self.personal.scale.width)
         keep_usable(self.personal.scale.factor)
         self.loss.open()
         self._input.open()
