@@ -128,6 +128,7 @@ def test_every_shortcut_does_something_and_its_own(display, tmp_path, monkeypatc
             before = footprint(window)
             test.key_press(chord(shortcut))
             driving.until(test, lambda done=done: done, 5.0)
+            driving.until(test, lambda before=before: footprint(window) != before, 2.0)
             test.yield_(2)
             run[entry.id], window._run = done, does
             if footprint(window) == before:
