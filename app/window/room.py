@@ -14,8 +14,6 @@ from imgui_bundle import hello_imgui, imgui
 LEAST = (340.0, 240.0)
 """Points of width and height that the picture has at least; in a small window `SHARE` of it."""
 SHARE = (0.41, 0.5)
-KEPT = 150.0
-"""Points of a side that do not shrink until all sides along its axis are as small: below it sliders and their names have no room."""
 CLOSE = 0.5
 """Points: two sizes that differ by less are one."""
 Node = imgui.internal.DockNode
@@ -51,29 +49,20 @@ class Room:
 
     def _share(self, sides: list[Node], axis: int) -> None:
         whole = _whole(sides[0], axis) if sides else 0.0
-        own = [side.size_ref[axis] for side in sides]
-        given = squeezed(own, whole - min(LEAST[axis], SHARE[axis] * whole))
-        if given != own:
-            for side, size, less in zip(sides, own, given):
-                self._lent[axis, side.id_] = size, less
-                _resize(side, axis, less)
+        room, wanted = whole - min(LEAST[axis], SHARE[axis] * whole), sum(side.size_ref[axis] for side in sides)
+        if room >= wanted:
+            return
+        for side in sides:
+            own = side.size_ref[axis]
+            given = room / wanted * own
+            self._lent[axis, side.id_] = own, given
+            _resize(side, axis, given)
 
     def _give_back(self, sides: list[Node], axis: int) -> None:
         lent = [(side, *self._lent[axis, side.id_]) for side in sides if (axis, side.id_) in self._lent]
         if all(abs(side.size_ref[axis] - given) < CLOSE for side, _, given in lent):
             for side, own, _ in lent:
                 _resize(side, axis, own)
-
-
-def squeezed(sizes: list[float], room: float) -> list[float]:
-    """What sides have of the `room` for all of them: their sizes; less, what is beyond `KEPT` in proportion; then less of that, too."""
-    if room >= sum(sizes):
-        return sizes
-    kept = [min(size, KEPT) for size in sizes]
-    if room <= sum(kept):
-        return [room / sum(kept) * least for least in kept]
-    part = (room - sum(kept)) / (sum(sizes) - sum(kept))
-    return [least + part * (size - least) for size, least in zip(sizes, kept)]
 
 
 def beside(title: str, axis: int) -> list[Node]:
