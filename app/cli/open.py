@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 2
     from avatarrex_studio.window.starting import Starting, check_display
 
-    check_display()
+    check_display("avatarrex-studio render OUT.png")
     starting = Starting()
 
     def prepare() -> Window:

@@ -36,7 +36,7 @@ from avatarrex_studio.session.playback import Playback
 from avatarrex_studio.session.posing import entries
 from avatarrex_studio.session.state import OrbitView, StudioState, Vector, vector
 from avatarrex_studio.session.take import Take, to_key, values, with_keys
-from avatarrex_studio.session.timeline import Layer, Timeline
+from avatarrex_studio.session.timeline import PARTS, Layer, Timeline
 from avatarrex_studio.session.timeline_commands import AddLayer, OnTimeline, SetFrame, SetLayer
 
 from avatarrex.avatar import Avatar
@@ -405,12 +405,21 @@ class Studio:
         self._put(motion.layer(), Path(motion.path).name, motion.over)
 
     def set_key(self) -> None:
-        """Keys at the playhead: of what is selected, else of what was changed there and what has keys already."""
+        """Keys at the playhead: of what is selected, else of what is posed there and what has keys already."""
         state, selected = self.state, self.state.tools.selected
-        timeline, layer = state.timeline, self.take.target(state.timeline)
-        names = entries(selected) if selected else to_key(state, layer, self._driven(timeline))
+        layer = self.take.target(state.timeline)
+        names = entries(selected) if selected else self._to_key(layer)
         if names:
             self.do(with_keys(state, values(state, names), layer))
+
+    def _to_key(self, layer: Layer | None) -> tuple[str, ...]:
+        """Where nothing is selected. That what a motion moves gets no keys, for it cannot be read, is said."""
+        driven, unread = self._driven(self.state.timeline), self.clips.unread(self.state.timeline)
+        for each in unread:
+            words = driven_words(each.parts)
+            log.warning("no keys of what %s drives (%s): it cannot be read; select a part to key it", each.name, words)
+        moved = {name for each in unread for part in each.parts for name in PARTS[part]}
+        return to_key(self.state, layer, driven, moved)
 
     def _driven(self, timeline: Timeline) -> tuple[Signals, ...]:
         """What its layers give at the playhead over the rest pose and, where not all of them are keys, as a new avatar stands."""

@@ -156,7 +156,8 @@ class FileDialog:
             return None
         imgui.table_setup_scroll_freeze(0, 1)
         imgui.table_setup_column("Name", imgui.TableColumnFlags_.width_stretch)
-        for title, width in (("Kind", 70), ("Size", 70), ("Changed", 130)):
+        kind = max([70.0, *(imgui.calc_text_size(each).x for each in set(self._kinds.values()))])
+        for title, width in (("Kind", kind), ("Size", 70), ("Changed", 130)):
             imgui.table_setup_column(title, imgui.TableColumnFlags_.width_fixed, width)
         imgui.table_headers_row()
         clipper = imgui.ListClipper()

@@ -83,10 +83,16 @@ class Clips:
         layers = timeline.layers
         return bool(layers) and all(layer.clip and self.motion(layer.clip) is None for layer in layers)
 
+    def unread(self, timeline: Timeline) -> tuple[Layer, ...]:
+        """Layers that are not mute and whose motions could not be read, as far as that was tried."""
+        return tuple(layer for layer in timeline.layers if not layer.muted and self._refuses(layer))
+
     def missing(self, timeline: Timeline) -> frozenset[str]:
         """Names of the layers whose motions could not be read, as far as that was tried."""
-        clips = {layer.name: layer.clip for layer in timeline.layers if layer.clip}
-        return frozenset(name for name, clip in clips.items() if (clip.path, clip.options) in self._refused)
+        return frozenset(layer.name for layer in timeline.layers if self._refuses(layer))
+
+    def _refuses(self, layer: Layer) -> bool:
+        return layer.clip is not None and (layer.clip.path, layer.clip.options) in self._refused
 
     @staticmethod
     def _keep(kept: dict[Any, Any], name: object, value: object) -> None:

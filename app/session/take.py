@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from avatarrex_studio.session.commands import AmongFigures, Choice, Command
 from avatarrex_studio.session.keys import CAMERA, LINEAR, SMOOTH
 from avatarrex_studio.session.posing import SLOTS, differing, numbers
@@ -86,10 +88,12 @@ def with_keys(
     return SetKeys(name, keys, None if since is None else layer.local(since))
 
 
-def to_key(state: StudioState, layer: Layer | None, driven: tuple[Signals, ...]) -> tuple[str, ...]:
+def to_key(
+    state: StudioState, layer: Layer | None, driven: tuple[Signals, ...], unread: Collection[str] = ()
+) -> tuple[str, ...]:
     """What *Set key* keys where nothing is selected: what differs from all of `driven`, what the layers give over poses that nobody
-    chose, and what has keys already.
+    chose, and what has keys already. What is shown of motions that cannot be read, the names `unread`, is nobody's edit.
     """
     tracks = {track.name for track in layer.tracks} if layer else set()
-    changed = set.intersection(*(set(differing(signals, state.signals)) for signals in driven))
+    changed = set.intersection(*(set(differing(signals, state.signals)) for signals in driven)).difference(unread)
     return tuple(name for name in SLOTS if name != "shape" and (name in changed or name in tracks))

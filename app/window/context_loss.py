@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 import moderngl
-from avatarrex_studio.window.starting import reach_display
+from avatarrex_studio.window.starting import display_fault
 
 NAMES = ("glGetGraphicsResetStatus", "glGetGraphicsResetStatusKHR", "glGetGraphicsResetStatusARB")
 FAILURES = 3
@@ -50,7 +50,7 @@ class ContextLoss:
         """Before a window is made: have its driver tell of a reset, where it can."""
         import glfw  # after imgui_bundle, which brings its own library
 
-        if reach_display():
+        if not display_fault():
             glfw.window_hint(glfw.CONTEXT_ROBUSTNESS, glfw.LOSE_CONTEXT_ON_RESET)
 
     def open(self) -> None:

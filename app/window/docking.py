@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from avatarrex_studio.window.extent import ROOMY, USUAL
 from imgui_bundle import hello_imgui, imgui
 
 POSE, TRAINING = "Pose", "Training"
 """The layout of a first start, and that of curves, which are as wide as they can be."""
 WHOLE = "MainDockSpace"
-USUAL = 1440.0
-"""Points: the width of a window for which panels have their usual widths."""
-NARROWEST, MOST = 190.0, 0.24
-"""Points that the panels at the left have at least, and the share of a small window that they get at most for it."""
+NARROWEST = 215.0
+"""Points that the panels at the left have at least, where there is room."""
 LAYOUTS: dict[str, tuple[tuple[str, str, imgui.Dir, float], ...]] = {
     POSE: (
         (WHOLE, "Right", imgui.Dir.right, 0.35), (WHOLE, "Left", imgui.Dir.left, 0.27),
@@ -57,14 +56,13 @@ def docking(panels: dict[str, Callable[[], None]], width: float) -> list[hello_i
 def splits(layout: str, width: float) -> list[hello_imgui.DockingSplit]:
     """How a layout is split in a window `width` points wide: panels beside the picture get no wider than in one of `USUAL` points.
 
-    Those at the left get no narrower than `NARROWEST` where the window allows it.
+    In one that is narrower than `ROOMY` shares are as in that one: room.py makes the panels so large, as far as there is room.
     """
-    made, room, usual = [], width, min(width, USUAL)
+    width = max(width, ROOMY[0])
+    made, room, usual = [], width, min(width, USUAL[0])
     for dock, new, side, share in LAYOUTS[layout]:
         if layout != TRAINING and dock == WHOLE and side in (imgui.Dir.left, imgui.Dir.right):
-            points = share * usual
-            if side == imgui.Dir.left:
-                points = max(points, min(NARROWEST, MOST * width))
+            points = max(share * usual, NARROWEST if side == imgui.Dir.left else 0.0)
             share = points / room
             room, usual = room - points, usual - points
         made.append(hello_imgui.DockingSplit(dock, new, side, share))

@@ -5,7 +5,10 @@ from __future__ import annotations
 from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 
 USUAL = (1440, 900)
-"""Width and height at a first start, in the screen's own units, as far as the screen has room."""
+"""Width and height at a first start, in the screen's own units, as far as the screen has room: points, of a window in which panels have
+their usual widths."""
+ROOMY = (1000, 640)
+"""Points for panels and picture in which a layout has room: where there are less it is made as in these."""
 SHARE = 0.85
 """Of the screen that a first window takes at least."""
 LEAST = (640, 400)

@@ -30,13 +30,6 @@ class InterfaceScale:
         """Pixels of a point, beyond what the system scales by itself."""
         return self.preferred * self._screen
 
-    @property
-    def width(self) -> float:
-        """Points of the window. It is there."""
-        import glfw  # after imgui_bundle, which brings its own library
-
-        return float(glfw.get_window_size(self._window)[0]) / self.factor
-
     def open(self) -> None:
         """See what the screen needs, and have the mouse in points. The window is there."""
         import glfw  # after imgui_bundle, which brings its own library

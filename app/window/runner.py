@@ -20,6 +20,7 @@ def runner_params(title: str, ini: str, size: tuple[int, int], remember: bool) -
     params.ini_folder_type = hello_imgui.IniFolderType.app_user_config_folder
     params.ini_filename = ini
     params.imgui_window_params.remember_theme = False
+    params.dpi_aware_params.dpi_window_size_factor = 1.0  # interface_scale.py does it
     params.fps_idling.fps_idle = 4
     params.renderer_backend_options.open_gl_options = open_gl(LEAST)
     params.callbacks.default_icon_font = hello_imgui.DefaultIconFont.font_awesome6

@@ -9,8 +9,10 @@ import moderngl
 from avatarrex_studio.jobs.watcher import Watcher
 from avatarrex_studio.panels import widgets
 from avatarrex_studio.panels.training import TrainingPanel
+from avatarrex_studio.window.extent import USUAL, first_size
+from avatarrex_studio.window.interface_scale import InterfaceScale
 from avatarrex_studio.window.runner import runner_params
-from avatarrex_studio.window.starting import reach_display
+from avatarrex_studio.window.starting import check_display
 from imgui_bundle import hello_imgui, imgui, imgui_ctx, immapp
 
 from avatarrex.errors import InputError
@@ -25,8 +27,9 @@ class RunsWindow:
     def __init__(self, folder: str | Path) -> None:
         self.panel = TrainingPanel(Watcher(folder), viewport=False)
         self._context: moderngl.Context | None = None
+        self._scale = InterfaceScale()
 
-    def params(self, size: tuple[int, int] = (1440, 900), remember: bool = True) -> hello_imgui.RunnerParams:
+    def params(self, size: tuple[int, int] = USUAL, remember: bool = True) -> hello_imgui.RunnerParams:
         """What the toolkit needs to run this window; `remember` keeps its place between runs."""
         title = f"Runs – {self.panel.watcher.folder} – AvatarReX Studio"
         params = runner_params(title, "avatarrex-runs.ini", size, remember)
@@ -34,6 +37,7 @@ class RunsWindow:
         inner.default_imgui_window_type = hello_imgui.DefaultImGuiWindowType.provide_full_screen_window
         inner.show_menu_bar = inner.show_status_bar = False
         calls = params.callbacks
+        calls.post_init, calls.post_new_frame = self._scale.open, self._scale.apply
         calls.pre_new_frame = self._upload
         calls.show_gui = self._draw
         calls.before_exit = self.panel.close
@@ -55,8 +59,7 @@ def run_window(folder: str | Path) -> int:
     """Open the window on the runs below `folder`; returns the exit code. Raises `InputError`."""
     if not Path(folder).is_dir():
         raise InputError(folder, "", "a folder of runs", "nothing there" if not Path(folder).exists() else "a file")
-    if not reach_display():
-        raise InputError("display", "", f"a display that opens (or `avatarrex-studio runs {folder} --text`)", "none")
+    check_display(f"avatarrex-studio runs {folder} --text")
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    immapp.run(RunsWindow(folder).params())
+    immapp.run(RunsWindow(folder).params(first_size()))
     return 0

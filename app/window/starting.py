@@ -5,15 +5,18 @@ It takes no clicks, and imports neither torch nor what does.
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from avatarrex_studio.panels import theme
+from avatarrex_studio.window.interface_scale import InterfaceScale
 from avatarrex_studio.window.runner import runner_params
 from imgui_bundle import hello_imgui, imgui, immapp
+from imgui_bundle.glfw_utils import glfw_window_hello_imgui
 
 from avatarrex.errors import InputError
 
@@ -30,6 +33,7 @@ class Starting:
 
     def __init__(self) -> None:
         self.words = "Starting…"
+        self._scale = InterfaceScale()
 
     def say(self, words: str) -> None:
         """May be called by any thread."""
@@ -49,7 +53,9 @@ class Starting:
         params.app_window_params.borderless = True
         params.app_window_params.borderless_movable = params.app_window_params.borderless_resizable = False
         params.app_window_params.borderless_closable = False
-        params.imgui_window_params.default_imgui_window_type = hello_imgui.DefaultImGuiWindowType.no_default_window
+        params.imgui_window_params.default_imgui_window_type = (
+            hello_imgui.DefaultImGuiWindowType.provide_full_screen_window  # text is as fine as the pixels of a window
+        )
         params.imgui_window_params.background_color = theme.vec4(theme.PANEL)
         params.fps_idling.enable_idling = False
         params.fps_idling.fps_max = FPS
@@ -63,8 +69,22 @@ class Starting:
             x = low.x + 24 + share * (SIZE[0] - 48 - 60)
             pen.add_rect_filled((x, low.y + 74), (x + 60, low.y + 77), theme.colour(theme.ACCENT), 1.5)
 
+        params.callbacks.post_init, params.callbacks.post_new_frame = self._opened, self._scale.apply
         params.callbacks.show_gui = draw
         return params
+
+    def _opened(self) -> None:
+        """The window is there, in the middle of its screen, and stays there with as many pixels as its points need."""
+        import glfw  # after imgui_bundle, which brings its own library
+
+        self._scale.open()
+        window, size = glfw_window_hello_imgui(), [round(self._scale.factor * points) for points in SIZE]
+        corner = [
+            low - (now - was) // 2
+            for low, now, was in zip(glfw.get_window_pos(window), size, glfw.get_window_size(window))
+        ]
+        glfw.set_window_pos(window, *corner)
+        glfw.set_window_size(window, *size)
 
 
 def _fulfil(made: Future[Made], prepare: Callable[[], Made]) -> None:
@@ -75,23 +95,24 @@ def _fulfil(made: Future[Made], prepare: Callable[[], Made]) -> None:
         made.set_exception(error)
 
 
-def check_display() -> None:
-    """Raises `InputError` where no window can be opened."""
-    if not reach_display():
-        raise InputError("display", "", "a display that opens (or `avatarrex-studio render OUT.png`)", "none")
+def check_display(instead: str) -> None:
+    """Raises `InputError` where no window can be opened, with the cause and what to use `instead`."""
+    if cause := display_fault():
+        raise InputError("display", os.environ.get("DISPLAY", ""), f"a display that opens (or `{instead}`)", cause)
 
 
-def reach_display() -> bool:
-    """Whether a display opens; GLFW is there then.
+def display_fault() -> str:
+    """Why no display opens; empty where one does, and GLFW is there then.
 
     An X server without other clients starts anew when this program closes one window before it opens the next (Xvfb does), and refuses
-    who comes meanwhile: it is tried again, and GLFW's line about that is not printed.
+    who comes meanwhile: it is tried again, and what GLFW says of that is not printed.
     """
     import glfw  # after imgui_bundle, which brings its own library
 
-    glfw.set_error_callback(lambda *_: None)
+    said: list[Any] = [b"nothing that says why"]  # the stub has text, Python's callback gets bytes
+    glfw.set_error_callback(lambda _, words: said.append(words))
     for _ in range(TRIES):
         if glfw.init():
-            return True
+            return ""
         time.sleep(PAUSE)
-    return False
+    return str(said[-1], "utf-8", "replace")

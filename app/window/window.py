@@ -59,7 +59,7 @@ from avatarrex_studio.session.notice import refusals_logged
 from avatarrex_studio.session.state import StudioState
 from avatarrex_studio.session.timeline_commands import SetFrame
 from avatarrex_studio.window.context_loss import ContextLoss
-from avatarrex_studio.window.docking import BARE, LAYOUTS, docking, fit, show_panel, toggle_panels
+from avatarrex_studio.window.docking import BARE, LAYOUTS, docking, show_panel, toggle_panels
 from avatarrex_studio.window.exporting import Exports
 from avatarrex_studio.window.extent import USUAL, first_size, keep_usable
 from avatarrex_studio.window.full_screen import FullScreen
@@ -69,7 +69,7 @@ from avatarrex_studio.window.opening import Opening
 from avatarrex_studio.window.output import GROUNDS, SIZES, Output
 from avatarrex_studio.window.own_surface import OwnSurface
 from avatarrex_studio.window.personal import Personal
-from avatarrex_studio.window.quick_input import forget_finger, open_input
+from avatarrex_studio.window.quick_input import QuickInput
 from avatarrex_studio.window.room import Room
 from avatarrex_studio.window.runner import open_gl, runner_params
 from avatarrex_studio.window.screen import Screen
@@ -122,7 +122,7 @@ class Window:
         self.exports = Exports(studio, self.questions, make or partial(Engine, device=device))
         self.first_picture: Callable[[], None] = nothing
         """Called once, when there is something to see."""
-        self._resting, self.loss, self._room = Resting(), ContextLoss(), Room()
+        self._resting, self.loss, self._room, self._input = Resting(), ContextLoss(), Room(), QuickInput()
         self.anew = False  # whether the window that is being closed is opened anew, for its context was lost
         self._frames, self._gesture, self._wheel = 0, 0, (0.0, 0)
         self._keys_free = True
@@ -174,7 +174,6 @@ class Window:
         calls.confirm_exit = lambda: self.guard.run("Closing", self._may_close) is not False
         calls.before_exit = self._close
         params.docking_params, *params.alternative_docking_layouts = docking(self._panels(), size[0])
-        params.dpi_aware_params.dpi_window_size_factor = 1.0  # interface_scale.py does it
         return params
 
     def _panels(self) -> dict[str, Callable[[], None]]:
@@ -301,10 +300,11 @@ class Window:
         """The interface's frame has begun; nothing is laid out yet."""
         self.personal.scale.apply()
         self._room.share()
-        forget_finger()
+        self._input.begin_frame()
 
     def _render(self) -> None:
         """Show what changed. After the panels, so that a picture follows the mouse in the same frame."""
+        self.guard.run("The panels' sizes", self._room.give_back)
         self._frames += 1
         if self._frames > WARM_UP:
             if self.loss.found(self.guard.run("The picture", self._picture) is True):
@@ -393,7 +393,6 @@ class Window:
         self.studio.save_image(path, self.viewport.size)
 
     def _reset_layout(self) -> None:
-        fit(self.personal.scale.width)
         hello_imgui.get_runner_params().docking_params.layout_reset = True
 
     def _quit(self) -> None:
@@ -499,10 +498,9 @@ class Window:
     def _opened(self) -> None:
         """The window is there: files that are dropped on it are opened, and it is as large as it should be."""
         self.personal.open()
-        fit(self.personal.scale.width)
         keep_usable(self.personal.scale.factor)
         self.loss.open()
-        open_input()
+        self._input.open()
         import glfw  # after imgui_bundle, which brings its own library
 
         # the stub has GLFW's own arguments, Python's callback gets the window and a list

@@ -13,15 +13,15 @@ PAUSE = 0.05
 """Seconds between frames of a window that waits: what it waits for, in another process, has the processor meanwhile."""
 
 
-def drive(window, scenario, size=(1280, 800)):
-    """Open `window`, run `scenario(test)` beside it, close it."""
+def drive(window, scenario, size=(1280, 800), remember=False):
+    """Open `window`, run `scenario(test)` beside it, close it; `remember`: as it was left the last time."""
 
     def patient():
         io = imgui.test_engine.get_io(hello_imgui.get_imgui_test_engine())
         io.config_run_speed = imgui.test_engine.TestRunSpeed.fast  # the mouse is where it has to be at once
         io.config_watchdog_warning = io.config_watchdog_kill_test = PATIENCE
 
-    params = window.params(size, remember=False)
+    params = window.params(size, remember)
     params.callbacks.register_tests = patient
     testing.run(test_function=scenario, runner_params=params)
 

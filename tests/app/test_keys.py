@@ -129,7 +129,7 @@ def test_full_screen_belongs_to_the_window_that_is_there(monkeypatch):
 
 @pytest.mark.parametrize(
     ("width", "picture"),
-    [(640.0, 0.41), (853.0, 0.427), (1100.0, 0.4745), (1440.0, 0.4745), (2048.0, 0.63), (2560.0, 0.70)],
+    [(640.0, 0.435), (1000.0, 0.435), (1100.0, 0.4545), (1440.0, 0.4745), (2048.0, 0.63), (2560.0, 0.70)],
 )
 def test_a_wide_window_gives_its_room_to_the_picture(width, picture):
     room = 1.0

@@ -104,10 +104,21 @@ def test_all_that_comes_between_two_frames_acts(display):
         seen["letters"] = window.palette.text
         yield from frames(3)
         seen["text"] = window.palette.text
-        before = window.studio.state.signals
+        before, done[:] = window.studio.state.signals, []
         press(glfw.KEY_ENTER)
+        press(glfw.KEY_N, "n")  # in the frame in which Enter ends the text, and in the two after it
+        for key in (glfw.KEY_J, glfw.KEY_M):
+            yield False
+            press(key, chr(key).lower())
+        yield from frames(9)
+        seen["posed"], seen["after Enter"] = window.studio.state.signals != before, [name for name in done if name]
+        window.palette.open()
         yield from frames(4)
-        seen["posed"] = window.studio.state.signals != before
+        press(ord("A"), "a")
+        press(glfw.KEY_ESCAPE)
+        press(glfw.KEY_5, "5")
+        yield from frames(9)
+        seen["after Esc"] = [name for name in done if name][len(seen["after Enter"]) :]
 
     perform(window, hands())
     assert seen["tab"] == "Face"
@@ -117,3 +128,5 @@ def test_all_that_comes_between_two_frames_acts(display):
     assert seen["letters"] == "pose squa", "one frame takes a whole word"
     assert seen["text"] == "pose squat"
     assert seen["posed"]
+    assert seen["after Enter"] == ["N", "J", "M"]
+    assert seen["after Esc"] == ["5"]

@@ -12,10 +12,13 @@ import driving
 import glfw
 import numpy as np
 import pytest
+import trimesh
 from avatarrex_studio.engine.avatars import Avatars
-from avatarrex_studio.engine.staging import in_light
+from avatarrex_studio.engine.engine import Engine
+from avatarrex_studio.engine.staging import in_light, over_stage
 from avatarrex_studio.engine.studio import Studio
 from avatarrex_studio.panels.keys import chord
+from avatarrex_studio.panels.tour import STEPS
 from avatarrex_studio.session.actions import ACTIONS
 from avatarrex_studio.session.commands import (
     AddFigure,
@@ -30,7 +33,7 @@ from avatarrex_studio.session.commands import (
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.state import SizePolicy, StudioState
 from avatarrex_studio.session.timeline_commands import SetFrame
-from avatarrex_studio.window.docking import POSE
+from avatarrex_studio.window.docking import BARE, POSE
 from avatarrex_studio.window.window import Window, start
 from bad_files import AVATARS, MOTIONS, SESSIONS
 from ball import ball_engine
@@ -44,6 +47,7 @@ from test_opening import drop, settle
 from test_window import drive, rest
 
 from avatarrex.avatar_file import load_avatar
+from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.library import named_expression, named_pose
 from avatarrex.signals.read import READERS
 from avatarrex.training.runs.folder import Run
@@ -52,6 +56,26 @@ pytestmark = pytest.mark.window
 KEYED = {entry.shortcut: entry for entry in ACTIONS if entry.shortcut}
 TWICE = ("Tab", "F11", "F9")
 """Keys that are pressed again, so that the next one finds the window as it was."""
+
+
+def puffed(state):
+    """The cheeks' coefficient."""
+    return float(state.signals.expression[EXPRESSION_NAMES.index("cheekPuff")])
+
+
+AFTER = {
+    "Left": lambda state: state.timeline.frame == 4, "Right": lambda state: state.timeline.frame == 6,
+    "1": lambda state: state.view.azimuth == 0, "Ctrl+1": lambda state: abs(state.view.azimuth) == 180,
+    "3": lambda state: state.view.azimuth == -90, "Ctrl+3": lambda state: state.view.azimuth == 90,
+    "7": lambda state: state.view.elevation > 80, "5": lambda state: state.view.orthographic,
+    "4": lambda state: state.view.azimuth < 33, "6": lambda state: state.view.azimuth > 33,
+    "Ctrl+Z": lambda state: puffed(state) == 0, "Ctrl+Shift+Z": lambda state: puffed(state) == 0.5,
+    "Ctrl+R": lambda state: not state.signals.full_pose().any(), "A": lambda state: state.slot == 0,
+    "N": lambda state: state.tools.shows == "normals", "D": lambda state: state.tools.shows == "depth",
+    "J": lambda state: "joints" in state.tools.overlays, "Escape": lambda state: not state.tools.selected,
+    "P": lambda state: state.tools.pins == {"left_hand"},
+}  # fmt: skip
+"""What some keys leave behind in the state that `prepared` makes."""
 
 
 def footprint(window):
@@ -85,7 +109,7 @@ def prepared(test, window, posed, shortcut):
 def test_every_shortcut_does_something_and_its_own(display, tmp_path, monkeypatch):
     """Each key of the sheet, pressed in a state in which it has something to do."""
     monkeypatch.chdir(tmp_path)
-    run, without = {}, []
+    run, without, others = {}, [], []
 
     def scenario(test):
         test.yield_(10)
@@ -104,10 +128,13 @@ def test_every_shortcut_does_something_and_its_own(display, tmp_path, monkeypatc
             before = footprint(window)
             test.key_press(chord(shortcut))
             driving.until(test, lambda done=done: done, 5.0)
+            driving.until(test, lambda before=before: footprint(window) != before, 2.0)
             test.yield_(2)
             run[entry.id], window._run = done, does
             if footprint(window) == before:
                 without.append(shortcut)
+            if shortcut in AFTER and not AFTER[shortcut](studio.state):
+                others.append(shortcut)
             if shortcut in TWICE:
                 test.key_press(chord(shortcut))
                 test.yield_(2)
@@ -117,6 +144,7 @@ def test_every_shortcut_does_something_and_its_own(display, tmp_path, monkeypatc
     driving.drive(window, scenario, (640, 480))
     assert run == {entry.id: [entry.id] for entry in KEYED.values()}
     assert without == []
+    assert others == []
 
 
 def broken_files(folder):
@@ -239,17 +267,21 @@ def test_a_session_is_saved_left_and_goes_on_with_the_same_frame(display, tmp_pa
 
 
 def test_what_the_dialog_exports_is_opened_by_other_libraries(display, tmp_path, monkeypatch):
-    """A video of the motion, and layers; pictures are a matter of test_export_window.py."""
+    """A video of the motion, layers and a model; pictures are a matter of test_export_window.py."""
     video, layers = pytest.importorskip("av"), pytest.importorskip("OpenEXR")
     monkeypatch.chdir(tmp_path)
-    seen = {}
+    seen, states = {}, []
 
     def scenario(test):
         test.yield_(10)
         window.studio.open_motion("walk")
+        for frame in (10, 20, 30, 40):
+            window.studio.go_to(frame)
+            states.append(window.studio.state)
         small = {"size": (64, 48), "name": "mine"}
-        clip = {"first": 2, "last": 5, "rate": window.studio.state.timeline.fps}
-        for kind, fields in {"Video": clip, "Layers": {}}.items():
+        clip = {"first": 10, "last": 49, "rate": window.studio.state.timeline.fps / 10}
+        for kind, fields in {"Video": clip, "Layers": {"clear": True}, "3D model": {"first": 0, "last": 9}}.items():
+            window.exports.process._make = Engine if kind == "3D model" else ball_engine  # the ball has no surface
             export(test, window, kind, **small, **fields)
             driving.until(test, lambda: window.exports.busy or window.exports.dialog.error, 5.0)
             seen[kind] = window.exports.dialog.error
@@ -261,9 +293,53 @@ def test_what_the_dialog_exports_is_opened_by_other_libraries(display, tmp_path,
     assert set(seen.values()) == {""}
     with video.open(str(tmp_path / "mine.mp4")) as file:
         pictures = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
+        assert float(file.streams.video[0].average_rate) == pytest.approx(states[0].timeline.fps / 10)
     assert [picture.shape for picture in pictures] == [(48, 64, 3)] * 4
-    assert not np.array_equal(pictures[0], pictures[-1])
+    camera, ball = states[-1].view.camera(64, 48), ball_engine()
+    rendered = [over_stage(in_light(ball.frames(state, camera), state), state) for state in states]
+    far = [[np.abs(picture.astype(float) - each[..., :3]).mean() for each in rendered] for picture in pictures]
+    assert np.argmin(far, axis=1).tolist() == [0, 1, 2, 3], "each is of its frame"
     with layers.File(str(tmp_path / "mine.exr"), separate_channels=True) as file:
-        planes = {name: channel.pixels for name, channel in file.channels().items()}
-    assert planes["Z"].shape == (48, 64)
-    assert planes["Z"].max() > 0
+        planes = {name: channel.pixels.astype(float) for name, channel in file.channels().items()}
+    assert set(planes) == {*"RGBAZ", *(f"{name}.{axis}" for name in "NP" for axis in "XYZ")}
+    (frame,) = ball.frames(states[-1], camera)
+    alpha, image = planes["A"], frame.image.numpy()
+    np.testing.assert_allclose(alpha, image[..., 3], atol=1e-3)
+    assert (alpha.min(), alpha.max()) == (0, 1)
+    encoded = image[..., 0].clip(0, 1)
+    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(planes["R"], linear, atol=1e-3)
+    np.testing.assert_allclose(planes["Z"], frame.pointmap.depth.numpy(), atol=1e-4)
+    model = trimesh.load(tmp_path / "mine.glb")
+    assert 1.5 < model.extents[1] < 2.0, "metres, upright"
+    assert sum(len(mesh.faces) for mesh in model.geometry.values()) > 10_000
+    assert all(mesh.visual.material.baseColorTexture is not None for mesh in model.geometry.values())
+
+
+def test_the_tour_shows_five_things_though_panels_are_hidden(display):
+    """Help → Tour with all panels hidden: each step brings its panel, and the card stays at the picture's lower corner."""
+    steps, corners = [], []
+
+    def scenario(test):
+        test.yield_(10)
+        test.key_press(chord("Tab"))
+        test.yield_(4)
+        shown = hello_imgui.get_runner_params().docking_params.dockable_window_of_name
+        assert not shown("Face").is_visible
+        test.menu_click("//##MainMenuBar/Help/Tour")
+        for _ in STEPS:
+            test.yield_(5)
+            steps.append(window.personal.tour.number)
+            panel = imgui.internal.find_window_by_name(STEPS[steps[-1]].panel)
+            card, picture = (imgui.internal.find_window_by_name(name) for name in ("##tour", BARE))
+            if not (panel.active and not panel.hidden):
+                steps.append(f"{panel.name} is not shown")
+            corners.append((card.pos.x - picture.pos.x, picture.pos.y + picture.size.y - card.pos.y - card.size.y))
+            test.item_click("//##tour/###tour.next")
+        test.yield_(3)
+        steps.append(window.personal.tour.number)
+
+    window = small_window()
+    driving.drive(window, scenario)
+    assert steps == [0, 1, 2, 3, 4, None]
+    assert set(corners) == {(14, 14)}

@@ -17,6 +17,7 @@ from avatarrex_studio.session import timeline_commands as edits
 from avatarrex_studio.session.clips import Clips
 from avatarrex_studio.session.commands import (
     ApplyExpression,
+    Select,
     SetCamera,
     SetExpression,
     SetHandPose,
@@ -494,6 +495,36 @@ def test_set_key_over_a_motion_keys_what_was_posed_and_no_relaxed_hand(clock):
     studio.do(SetJoint("left_index1", (0.0, 0.0, -0.4)))
     studio.set_key()
     assert {track.name for track in studio.state.timeline.layers[-1].tracks} == {"jawOpen", "left_index1"}
+
+
+def test_set_key_over_a_motion_without_its_file_keys_what_was_posed_and_says_what_not(
+    studio, motions, tmp_path, caplog
+):
+    """Else the pose that the motion gave last would be keys for ever, also over the file when it is there again."""
+    studio.open_motion(motions["body"])
+    studio.go_to(5)
+    moved = (tmp_path / "body.json").rename(tmp_path / "moved.json")
+    studio.clips.forget()
+    studio.do(SetExpression("jawOpen", 0.9))
+    assert studio.clips.silent(studio.state.timeline)
+    before = studio.state.signals
+    caplog.clear()
+    studio.set_key()
+    (line,) = caplog.messages
+    assert line.startswith("no keys of what body.json drives (")
+    assert "cannot be read; select a part" in line
+    keys = studio.state.timeline.layers[-1]
+    assert {track.name for track in keys.tracks} == {"jawOpen"}
+    assert studio.state.signals == before
+    studio.do(Select(ELBOW))
+    studio.set_key()
+    assert {track.name for track in studio.state.timeline.layers[-1].tracks} == {"jawOpen", ELBOW}
+    assert len(caplog.messages) == 1
+    studio.undo()
+    moved.rename(tmp_path / "body.json")
+    studio.clips.retry()
+    studio.go_to(3)
+    assert elbow(studio.state) == pytest.approx(-0.3), "the motion drives as before"
 
 
 def test_the_body_of_a_session_of_before_is_torso_arms_and_legs_and_its_expression_lids_too():
