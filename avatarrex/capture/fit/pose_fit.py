@@ -146,6 +146,17 @@ def _add_marks(found: Equations, places: np.ndarray, change: np.ndarray, marks: 
     found.add(rows.reshape(-1, rows.shape[2]), off.ravel(), np.repeat(weight, 2))
 
 
+def keypoint_cost(person: Person, shot: Shot, signals: Signals) -> float:
+    """E_kpt of a pose: Σ ρ(way / σ), robust; 0 without keypoints."""
+    joints, total = template_surface(person, signals)[1], 0.0
+    for marks in shot.marks:
+        size = max(marks.camera.width, marks.camera.height)
+        away = np.linalg.norm(marks.points - marks.camera.pixels(joints[list(marks.joints)])[0], axis=1) / size
+        robust = away**2 / (1 + (away / KEYPOINT_OUTLIER) ** 2)
+        total += float((marks.confidence / KEYPOINT_SIGMA) ** 2 @ robust)
+    return total
+
+
 def keypoint_error(person: Person, rig: Rig) -> float | None:
     """Mean distance of the posed joints from the keypoints, pixels, weighted by confidence, over the training's split; None without any."""
     found, split = rig.keypoints, Splits.of(rig).train

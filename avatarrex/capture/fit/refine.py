@@ -18,7 +18,7 @@ from avatarrex.capture.fit.check import shown_frames
 from avatarrex.capture.fit.outlines import Seen
 from avatarrex.capture.fit.paint import Paint
 from avatarrex.capture.fit.photo import Photo
-from avatarrex.capture.fit.pose_fit import Marks, Round, Shot, fit_pose, fit_shape
+from avatarrex.capture.fit.pose_fit import Marks, Round, Shot, fit_pose, fit_shape, keypoint_cost
 from avatarrex.capture.fit.surface_fit import fit_to_mattes
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import Splits
@@ -59,10 +59,7 @@ def refine_body(capture: Capture, colours: bool = True) -> Body:
     """Shape and skin, with `colours` those, too, from `SHAPE_FRAMES` frames. What reading a picture raises is raised."""
     first, off = _starting_fit(capture), np.zeros(10)
     shots = key_shots(capture, SHAPE_FRAMES)
-    poses = [one.first for one in shots]
-    person = _dressed(_shaped(capture, first, off), shots, poses)
-    started = tqdm(shots, desc="refine shape", leave=False)
-    poses = [fit_pose(person, one, one.first, POSE_ROUNDS[:2]) for one in started]
+    poses = first_poses(_shaped(capture, first, off), shots)
     for step in SHAPE_ROUNDS:
         dressed = _dressed(_shaped(capture, first, off), shots, poses)
         poses, change = fit_shape(dressed, shots, poses, off, step)
@@ -76,6 +73,16 @@ def refine_pose(body: Body, rig: Rig, frame: int) -> Signals:
     one = shot(rig, frame)
     pose = fit_pose(body.person, one, one.first, POSE_ROUNDS)
     return pose if body.paint is None else fit_pose(body.person, one, pose, PATTERN_ROUNDS, body.paint)
+
+
+def first_poses(person: Person, shots: list[Shot]) -> list[Signals]:
+    """What the skin is first fitted to: poses as they were tracked, or by outlines, whichever keypoints agree with more.
+
+    Outlines of the naked template are drawn by clothes, and a skin that is fitted there keeps them. What reading a matte raises is raised.
+    """
+    outlined = [fit_pose(person, one, one.first, POSE_ROUNDS[:2]) for one in tqdm(shots, "refine shape", leave=False)]
+    tracked = [one.first for one in shots]
+    return min(outlined, tracked, key=lambda poses: sum(map(partial(keypoint_cost, person), shots, poses)))
 
 
 def _dressed(person: Person, shots: list[Shot], poses: list[Signals]) -> Person:
