@@ -91,7 +91,7 @@ class Paint:
         """By pictures of some poses. What reading a picture raises is raised."""
         points, mean = Points.of(person), np.zeros((POINTS, 3))
         sights = (sight for one in posed for sight in _sights(person, points, one, blur))
-        seen = [(row, cosine**2, colour) for row, cosine, colour, _ in sights]
+        seen = [(row, (cosine**2).astype(np.float32), colour.astype(np.float32)) for row, cosine, colour, _ in sights]
         for again in range(1 + AGAIN):
             total = np.zeros((POINTS, 4))
             for row, weight, colour in seen:
