@@ -72,7 +72,7 @@ def test_colours_bring_back_what_outlines_do_not_see(person: Person, rng: np.ran
     paint = Paint.of(person, [(other, photos(person, other, 1, 1, 1, 1))])
     first = rolled(person, exact, 0.25)
     mattes = shot(person, exact, first).seen
-    seen = Shot(first, replace(mattes, pictures=mattes.pictures[:4]), (), photos(person, exact, 1, 0.8, 0.9, 1))
+    seen = Shot(first, replace(mattes, pictures=mattes.pictures[:4]), (), photos(person, exact, 0.7, 0.6, 0.8, 0.65))
     outlines, colours = fit_pose(person, seen, first, ROUNDS[2:]), fit_pose(person, seen, first, ROUNDS, paint)
     before = off(person, first, exact)
     assert before > 0.005
