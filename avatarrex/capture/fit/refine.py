@@ -32,6 +32,8 @@ SKIN_FRAMES = 6
 """Of each rig: each limb is then seen along and across."""
 SHAPE_ROUNDS = (Round(0.06, 0.03), Round(0.04, 0.02))
 """Each after the skin has been fitted to the poses that are known by then: without clothes on it shape takes them for flesh."""
+CLEARLY = 0.8
+"""Share of the cost that poses by outlines may have: they follow the noise of a frame's keypoints, by 1 % on a prepared capture."""
 BLURS = (0.010, 0.005)
 """Metres, round by round, in which colours of those frames are compared; each paints anew."""
 PATTERN_ROUNDS = (Round(0.04, 0.02),) * 3
@@ -76,13 +78,14 @@ def refine_pose(body: Body, rig: Rig, frame: int) -> Signals:
 
 
 def first_poses(person: Person, shots: list[Shot]) -> list[Signals]:
-    """What the skin is first fitted to: poses as they were tracked, or by outlines, whichever keypoints agree with more.
+    """What the skin is first fitted to: poses as they were tracked, or by outlines where keypoints agree with those clearly more.
 
     Outlines of the naked template are drawn by clothes, and a skin that is fitted there keeps them. What reading a matte raises is raised.
     """
     outlined = [fit_pose(person, one, one.first, POSE_ROUNDS[:2]) for one in tqdm(shots, "refine shape", leave=False)]
     tracked = [one.first for one in shots]
-    return min(outlined, tracked, key=lambda poses: sum(map(partial(keypoint_cost, person), shots, poses)))
+    ways, found = (sum(map(partial(keypoint_cost, person), shots, poses)) for poses in (tracked, outlined))
+    return outlined if found <= CLEARLY * ways else tracked
 
 
 def _dressed(person: Person, shots: list[Shot], poses: list[Signals]) -> Person:
