@@ -103,6 +103,13 @@ class Camera:
         depth = seen[..., 2]
         return (seen @ self.intrinsics.T)[..., :2] / np.maximum(depth, nearest)[..., None], depth
 
+    def slopes(self, points: np.ndarray) -> np.ndarray:
+        """(p, 2, 3) how far points (p, 3), world metres, move in the picture, pixels, as they move in the world."""
+        seen = self.seen(points)
+        depth, flat = seen[:, 2, None, None], np.broadcast_to(np.eye(2), (len(points), 2, 2))
+        slope = np.concatenate([flat, -(seen[:, :2, None] / depth)], 2) / depth
+        return np.asarray(self.intrinsics[:2, :2] @ slope @ self.camera_from_world[:3, :3])
+
     def point(self, pixel: tuple[float, float], depth: float) -> np.ndarray:
         """The point (3,), world metres, that is seen at a column and a row (in pixels) at `depth` z: the way back of `pixels`."""
         ray = np.linalg.solve(self.intrinsics, (*pixel, 1.0))

@@ -34,15 +34,15 @@ LINES = {
 }
 
 
-def refine(path: str, every: bool, out: Path) -> int:
-    """Refine into the folder `out`, or go on there. Raises `InputError`."""
+def refine(path: str, every: bool, out: Path, colours: bool = True) -> int:
+    """Refine into the folder `out`, or go on there; with `colours` by those, too. Raises `InputError`."""
     capture = with_validation(open_capture(path))
     if is_begun(out) and not (out / FILE).exists():
         raise InputError(out, "", f"a new or empty folder, or one with {FILE} to go on with", "something else")
     for note in capture.notes:
         print(note)
     before = capture if capture.sized else fit_size(capture)
-    work = Refining(before, out, every)
+    work = Refining(before, out, every, colours)
     body = work.body()
     pairs = [(rig, frame) for rig, frames in work.frames.items() for frame in frames]
     for rig, frame in tqdm(pairs, desc="refine poses", unit="frame"):

@@ -16,6 +16,7 @@ from capture.tiny_capture import TinyCapture, cameras, npz, parameters
 from avatarrex.capture.fit import refine as schedule
 from avatarrex.capture.fit import refining
 from avatarrex.capture.fit.check import joint_distances, template_surface
+from avatarrex.capture.fit.paint import POINTS, Paint, Points
 from avatarrex.capture.fit.refine import Body
 from avatarrex.capture.fit.refined_capture import write_refined
 from avatarrex.capture.fit.refining import FILE, Refining
@@ -94,10 +95,16 @@ def test_a_noisy_capture_is_refined(
 def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture, out, called = open_capture(TinyCapture.make(("body",)).zip(tmp_path / "a.zip")), tmp_path / "out", []
     person = resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3))))
-    monkeypatch.setattr(refining, "refine_body", lambda _: called.append("body") or Body(person))
+    points = Points.of(person)
+    paint = Paint(points, np.full((POINTS, 3), 0.25), np.arange(POINTS) % 3 > 0)
+    monkeypatch.setattr(refining, "refine_body", lambda _, colours: called.append("body") or Body(person, paint))
 
-    def pose(_: Body, rig: Rig, frame: int) -> Signals:
+    def pose(body: Body, rig: Rig, frame: int) -> Signals:
         called.append(frame)
+        assert body.paint is not None
+        np.testing.assert_array_equal(body.paint.colour, paint.colour)
+        np.testing.assert_array_equal(body.paint.known, paint.known)
+        np.testing.assert_array_equal(body.paint.points.face, points.face)
         return rig.signals[frame].replace(translation=np.full(3, 0.1 + frame))
 
     monkeypatch.setattr(refining, "refine_pose", pose)
@@ -109,11 +116,27 @@ def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert called == ["body", 0, 1, 2]
     assert body.person.hash == person.hash
     assert [one.translation[0] for one in work.signals("body")] == [0.1, 1.1, 2.1]
-    with pytest.raises(InputError, match=r"refining\.npz: key: expected this capture's and splits'"):
-        Refining(replace(capture, key="0" * 16), out)
+    for other, colours in ((replace(capture, key="0" * 16), True), (capture, False)):
+        with pytest.raises(InputError, match=r"refining\.npz: key: expected this capture's, splits' and options'"):
+            Refining(other, out, colours=colours)
     (out / FILE).write_bytes(b"PK")
     with pytest.raises(InputError, match=r"refining\.npz"):
         Refining(capture, out)
+
+
+def test_colours_can_be_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By `--no-colours`: no paint is made, and poses are sought without."""
+    source, said = TinyCapture.make(("body",)).folder(tmp_path / "a"), []
+    person = resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3))))
+    monkeypatch.setattr(refining, "refine_body", lambda _, colours: said.append(colours) or Body(person))
+
+    def pose(body: Body, _: Rig, frame: int) -> Signals:
+        said.append(body.paint)
+        raise InputError(frame, "", "the end of the test", "it")
+
+    monkeypatch.setattr(refining, "refine_pose", pose)
+    assert main(["capture", "refine", str(source), str(tmp_path / "out"), "--no-colours"]) == 2
+    assert said == [False, None]
 
 
 def test_only_what_the_training_sees_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

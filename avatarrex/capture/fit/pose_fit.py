@@ -20,6 +20,8 @@ import numpy as np
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.fit.outlines import Seen, measured
+from avatarrex.capture.fit.paint import Paint, Pull
+from avatarrex.capture.fit.photo import Photo
 from avatarrex.capture.fit.pose_change import UNKNOWNS, Levers, stepped, way_from
 from avatarrex.capture.fit.size_fit import joints_change, outline_change
 from avatarrex.capture.readers.rigs import Rig
@@ -56,6 +58,7 @@ class Shot:
     first: Signals
     seen: Seen
     marks: tuple[Marks, ...]
+    photos: tuple[Photo, ...] = ()
 
     def at(self, signals: Signals) -> Seen:
         """The mattes, with another pose."""
@@ -114,6 +117,12 @@ def pose_equations(person: Person, shot: Shot, signals: Signals, step: Round, sh
     return found
 
 
+def add_pattern(found: Equations, person: Person, signals: Signals, pull: Pull) -> None:
+    """Let colours draw at the equations of a pose."""
+    rows = Levers.of(person, signals).of_edges(np.stack([pull.vertex, pull.vertex], 1), pull.axis)
+    found.add(rows, pull.distance, pull.weight)
+
+
 def _shape_directions(person: Person) -> tuple[np.ndarray, np.ndarray]:
     """How vertices (v, 3, 13) and joints (55, 3, 13) at rest follow place (not at all) and β."""
     body = person.body
@@ -125,19 +134,27 @@ def _shape_directions(person: Person) -> tuple[np.ndarray, np.ndarray]:
 def _add_marks(found: Equations, places: np.ndarray, change: np.ndarray, marks: Marks) -> None:
     """Of joints that are at `places` (55, 3) and move by `change` (55, 3, m)."""
     camera = marks.camera
-    seen = camera.seen(places[list(marks.joints)])
-    kept = np.flatnonzero(seen[:, 2] > NEAREST_DEPTH)
+    kept = np.flatnonzero(camera.seen(places[list(marks.joints)])[:, 2] > NEAREST_DEPTH)
     if not len(kept):
         return
-    joints, seen = np.array(marks.joints)[kept], seen[kept]
-    size, depth = max(camera.width, camera.height), seen[:, 2, None, None]
-    flat = np.broadcast_to(np.eye(2), (len(kept), 2, 2))
-    slope = np.concatenate([flat, -(seen[:, :2, None] / depth)], 2) / depth
-    rows = camera.intrinsics[:2, :2] @ slope @ camera.camera_from_world[:3, :3] @ change[joints]
+    joints = np.array(marks.joints)[kept]
+    size = max(camera.width, camera.height)
+    rows = camera.slopes(places[joints]) @ change[joints]
     off = marks.points[kept] - camera.pixels(places[joints])[0]
     robust = (1 + (np.linalg.norm(off, axis=1) / (KEYPOINT_OUTLIER * size)) ** 2) ** -2
     weight = robust * (marks.confidence[kept] / (KEYPOINT_SIGMA * size)) ** 2
     found.add(rows.reshape(-1, rows.shape[2]), off.ravel(), np.repeat(weight, 2))
+
+
+def keypoint_cost(person: Person, shot: Shot, signals: Signals) -> float:
+    """E_kpt of a pose: Σ ρ(way / σ), robust; 0 without keypoints."""
+    joints, total = template_surface(person, signals)[1], 0.0
+    for marks in shot.marks:
+        size = max(marks.camera.width, marks.camera.height)
+        away = np.linalg.norm(marks.points - marks.camera.pixels(joints[list(marks.joints)])[0], axis=1) / size
+        robust = away**2 / (1 + (away / KEYPOINT_OUTLIER) ** 2)
+        total += float((marks.confidence / KEYPOINT_SIGMA) ** 2 @ robust)
+    return total
 
 
 def keypoint_error(person: Person, rig: Rig) -> float | None:
@@ -154,10 +171,14 @@ def keypoint_error(person: Person, rig: Rig) -> float | None:
     return total / weights if weights else None
 
 
-def fit_pose(person: Person, shot: Shot, signals: Signals, rounds: tuple[Round, ...]) -> Signals:
-    """The frame's pose, from `signals` on. What reading a matte raises is raised."""
+def fit_pose(
+    person: Person, shot: Shot, signals: Signals, rounds: tuple[Round, ...], paint: Paint | None = None
+) -> Signals:
+    """The frame's pose, from `signals` on; with `paint` by its colours, too. What reading a picture raises is raised."""
     for step in rounds:
         found = pose_equations(person, shot, signals, step)
+        if paint is not None:
+            add_pattern(found, person, signals, paint.pull(person, (signals, shot.photos)))
         signals = stepped(signals, np.linalg.solve(found.matrix, found.right))
     return signals
 

@@ -16,7 +16,9 @@ from tqdm import tqdm
 
 from avatarrex.capture.fit.check import shown_frames
 from avatarrex.capture.fit.outlines import Seen
-from avatarrex.capture.fit.pose_fit import Marks, Round, Shot, fit_pose, fit_shape
+from avatarrex.capture.fit.paint import Paint
+from avatarrex.capture.fit.photo import Photo
+from avatarrex.capture.fit.pose_fit import Marks, Round, Shot, fit_pose, fit_shape, keypoint_cost
 from avatarrex.capture.fit.surface_fit import fit_to_mattes
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import Splits
@@ -30,6 +32,12 @@ SKIN_FRAMES = 6
 """Of each rig: each limb is then seen along and across."""
 SHAPE_ROUNDS = (Round(0.06, 0.03), Round(0.04, 0.02))
 """Each after the skin has been fitted to the poses that are known by then: without clothes on it shape takes them for flesh."""
+CLEARLY = 0.8
+"""Share of the cost that poses by outlines may have: they follow the noise of a frame's keypoints, by 1 % on a prepared capture."""
+BLURS = (0.010, 0.005)
+"""Metres, round by round, in which colours of those frames are compared; each paints anew."""
+PATTERN_ROUNDS = (Round(0.04, 0.02),) * 3
+"""By colours, too."""
 POSE_ROUNDS = (Round(0.08, 0.05), Round(0.06, 0.03), Round(0.04, 0.02), Round(0.04, 0.02))
 
 
@@ -39,6 +47,8 @@ class Body:
 
     person: Person
     """Of the refined shape, its skin on the mattes; signals for it have a β of zero."""
+    paint: Paint | None = None
+    """Its colours, where poses are fitted by them."""
 
     @property
     def shape(self) -> np.ndarray:
@@ -47,25 +57,49 @@ class Body:
         return self.person.fit.shape
 
 
-def refine_body(capture: Capture) -> Body:
-    """Shape and skin, from `SHAPE_FRAMES` frames. What reading a picture raises is raised."""
+def refine_body(capture: Capture, colours: bool = True) -> Body:
+    """Shape and skin, with `colours` those, too, from `SHAPE_FRAMES` frames. What reading a picture raises is raised."""
     first, off = _starting_fit(capture), np.zeros(10)
     shots = key_shots(capture, SHAPE_FRAMES)
-    person = _shaped(capture, first, off)
-    poses = [fit_pose(person, one, one.first, POSE_ROUNDS[:2]) for one in tqdm(shots, desc="refine shape", leave=False)]
-    few = slice(None, None, SHAPE_FRAMES // SKIN_FRAMES)
+    poses = first_poses(_shaped(capture, first, off), shots)
     for step in SHAPE_ROUNDS:
-        dressed = fit_to_mattes(person, [one.at(pose) for one, pose in zip(shots[few], poses[few])])
+        dressed = _dressed(_shaped(capture, first, off), shots, poses)
         poses, change = fit_shape(dressed, shots, poses, off, step)
         off = off + change
-        person = _shaped(capture, first, off)
-    return Body(fit_to_mattes(person, [one.at(pose) for one, pose in zip(shots[few], poses[few])]))
+    dressed = _dressed(_shaped(capture, first, off), shots, poses)
+    return Body(dressed, _paint(dressed, shots, poses) if colours else None)
 
 
 def refine_pose(body: Body, rig: Rig, frame: int) -> Signals:
     """Of one frame, by all cameras of the training's split; its β is zero. What reading a picture raises is raised."""
     one = shot(rig, frame)
-    return fit_pose(body.person, one, one.first, POSE_ROUNDS)
+    pose = fit_pose(body.person, one, one.first, POSE_ROUNDS)
+    return pose if body.paint is None else fit_pose(body.person, one, pose, PATTERN_ROUNDS, body.paint)
+
+
+def first_poses(person: Person, shots: list[Shot]) -> list[Signals]:
+    """What the skin is first fitted to: poses as they were tracked, or by outlines where keypoints agree with those clearly more.
+
+    Outlines of the naked template are drawn by clothes, and a skin that is fitted there keeps them. What reading a matte raises is raised.
+    """
+    outlined = [fit_pose(person, one, one.first, POSE_ROUNDS[:2]) for one in tqdm(shots, "refine shape", leave=False)]
+    tracked = [one.first for one in shots]
+    ways, found = (sum(map(partial(keypoint_cost, person), shots, poses)) for poses in (tracked, outlined))
+    return outlined if found <= CLEARLY * ways else tracked
+
+
+def _dressed(person: Person, shots: list[Shot], poses: list[Signals]) -> Person:
+    """With its skin on the mattes of some of the frames."""
+    few = slice(None, None, max(SHAPE_FRAMES // SKIN_FRAMES, 1))
+    return fit_to_mattes(person, [one.at(pose) for one, pose in zip(shots[few], poses[few])])
+
+
+def _paint(person: Person, shots: list[Shot], poses: list[Signals]) -> Paint:
+    """The colours, when frames have been registered to each other by them."""
+    for blur in tqdm(BLURS, desc="refine colours", unit="round", leave=False):
+        paint = Paint.of(person, zip(poses, (one.photos for one in shots)), blur)
+        poses = [fit_pose(person, one, pose, PATTERN_ROUNDS[:1], paint) for one, pose in zip(shots, poses)]
+    return Paint.of(person, zip(poses, (one.photos for one in shots)))
 
 
 def shot(rig: Rig, frame: int) -> Shot:
@@ -77,7 +111,10 @@ def shot(rig: Rig, frame: int) -> Shot:
     marks = () if points is None else tuple(
         Marks(rig.views[view].camera, points.joints, *points.at(view, frame)) for view in views
     )  # fmt: skip
-    return Shot(first, Seen(first, pictures), marks)
+    photos = tuple(
+        Photo(camera, partial(rig.image, view, frame), matte) for view, (camera, matte) in zip(views, pictures)
+    )
+    return Shot(first, Seen(first, pictures), marks, photos)
 
 
 def key_shots(capture: Capture, count: int) -> list[Shot]:

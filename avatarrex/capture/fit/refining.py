@@ -1,6 +1,6 @@
 """What a refinement has found so far, in a file that it goes on from: `refining.npz` in the folder of the refined capture.
 
-The person's fit first, then the pose of each frame as it is done. Letters: t frames.
+The person's fit and colours first, then the pose of each frame as it is done. Letters: t frames, p points.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from avatarrex.capture.fit.paint import POINTS, Paint, Points
 from avatarrex.capture.fit.refine import Body, refine_body, refine_pose
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import Split, Splits, sealed, sealed_rig, splits_of
@@ -29,8 +30,9 @@ LARGEST_BYTES = 2**30
 class Refining:
     """A refinement that can be stopped after any frame."""
 
-    def __init__(self, capture: Capture, out: Path, every: bool = False) -> None:
-        """Goes on with what is in `out`; with `every`, frames of other splits have their poses refined, too.
+    def __init__(self, capture: Capture, out: Path, every: bool = False, colours: bool = True) -> None:
+        """Goes on with what is in `out`; with `every`, frames of other splits have their poses refined, too; with `colours`, by
+        those, too.
 
         Raises `InputError` where that is another capture's, or damaged.
         """
@@ -43,9 +45,13 @@ class Refining:
                 name: Split(frames, Splits.of(capture.rigs[name]).train.views) for name, frames in self.frames.items()
             }
             self._rigs = {name: sealed_rig(capture.rigs[name], split) for name, split in whole.items()}
-        self.key = f"{capture.key} {json.dumps(splits_of(capture), sort_keys=True)}"
+        self.key = (
+            f"{capture.key} {json.dumps(splits_of(capture), sort_keys=True)}{'' if colours else ' without colours'}"
+        )
+        self.colours = colours
         counts = {name: rig.frames for name, rig in capture.rigs.items()}
         self._fit = ""
+        self._paint = np.zeros((POINTS, 4), np.float32)
         self._done = {name: np.zeros(count, bool) for name, count in counts.items()}
         self._pose = {name: np.zeros((count, 55, 3)) for name, count in counts.items()}
         self._place = {name: np.zeros((count, 3)) for name, count in counts.items()}
@@ -53,14 +59,18 @@ class Refining:
             self._read()
 
     def body(self) -> Body:
-        """Shape and skin, refined where they are not yet."""
+        """Shape, skin and colours, refined where they are not yet."""
         if not self._fit:
-            body = refine_body(self.training)
+            body = refine_body(self.training, self.colours)
             assert body.person.fit is not None
             self._fit = json.dumps(body.person.fit.to_json())
+            if body.paint is not None:
+                self._paint = np.column_stack([body.paint.colour, body.paint.known]).astype(np.float32)
             self._write()
         fit = PersonFit.from_json(json.loads(self._fit), self.path)
-        return Body(resize_person(load_person(self.capture.person.name), fit))
+        person = resize_person(load_person(self.capture.person.name), fit)
+        paint = Paint(Points.of(person), self._paint[:, :3], self._paint[:, 3] > 0)
+        return Body(person, paint if self.colours else None)
 
     def pose(self, body: Body, rig: str, frame: int) -> None:
         """Refine a frame, unless it is done."""
@@ -89,16 +99,17 @@ class Refining:
 
     def _write(self) -> None:
         arrays = {f"{rig}_{what}": value for what, by_rig in self._arrays().items() for rig, value in by_rig.items()}
-        write_arrays(self.path, {"key": np.array(self.key), "fit": np.array(self._fit), **arrays})
+        write_arrays(self.path, {"key": np.array(self.key), "fit": np.array(self._fit), "paint": self._paint, **arrays})
 
     def _read(self) -> None:
         names = tuple(f"{rig}_{what}" for what, by_rig in self._arrays().items() for rig in by_rig)
-        found = read_arrays(self.path, ("key", "fit", *names), LARGEST_BYTES, str(self.path))
+        found = read_arrays(self.path, ("key", "fit", "paint", *names), LARGEST_BYTES, str(self.path))
         key = str(found.get("key", ""))
-        check(key == self.key, self.path, "key", f"this capture's and splits', {self.key}", key or "none")
+        check(key == self.key, self.path, "key", f"this capture's, splits' and options', {self.key}", key or "none")
         for what, by_rig in self._arrays().items():
             for rig, value in by_rig.items():
                 value[:] = require(found, self.path, f"{rig}_{what}", value.shape)
+        self._paint = require(found, self.path, "paint", self._paint.shape)
         self._fit = str(found.get("fit", ""))
         try:
             PersonFit.from_json(json.loads(self._fit), self.path)
