@@ -38,6 +38,8 @@ BLURS = (0.010, 0.005)
 """Metres, round by round, in which colours of those frames are compared; each paints anew."""
 PATTERN_ROUNDS = (Round(0.04, 0.02),) * 3
 """By colours, too."""
+NEAR = 2
+"""Rounds of a pose after which its colours are within reach; each by outlines costs fingers 0.3 mm."""
 POSE_ROUNDS = (Round(0.08, 0.05), Round(0.06, 0.03), Round(0.04, 0.02), Round(0.04, 0.02))
 
 
@@ -73,8 +75,10 @@ def refine_body(capture: Capture, colours: bool = True) -> Body:
 def refine_pose(body: Body, rig: Rig, frame: int) -> Signals:
     """Of one frame, by all cameras of the training's split; its β is zero. What reading a picture raises is raised."""
     one = shot(rig, frame)
-    pose = fit_pose(body.person, one, one.first, POSE_ROUNDS)
-    return pose if body.paint is None else fit_pose(body.person, one, pose, PATTERN_ROUNDS, body.paint)
+    if body.paint is None:
+        return fit_pose(body.person, one, one.first, POSE_ROUNDS)
+    near = fit_pose(body.person, one, one.first, POSE_ROUNDS[:NEAR])
+    return fit_pose(body.person, one, near, PATTERN_ROUNDS, body.paint)
 
 
 def first_poses(person: Person, shots: list[Shot]) -> list[Signals]:
