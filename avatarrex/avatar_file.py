@@ -247,6 +247,11 @@ def _texels_in(state: dict[str, Tensor]) -> list[str]:
     return [name for name in (f"{part}.detail.texel" for part in DETAILED) if name in state]
 
 
+def _is_below(number: Tensor, count: int) -> bool:
+    """Whether it is one whole number from 0, below `count`."""
+    return number.numel() == 1 and not number.is_floating_point() and 0 <= int(number) < count
+
+
 def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     """Give the fields static detail, slide, relief and outgrowth, whose tensors are in `state`, after checking what these must be."""
     for part, faces in zip(DETAILED, (len(avatar.person.body.faces), len(avatar.person.face.faces))):
@@ -265,7 +270,7 @@ def _expect(path: Path, avatar: Avatar, state: dict[str, Tensor]) -> None:
     if distance is not None and not (distance <= 0).any():
         raise InputError(path, "weights.safetensors: body.outgrowth.distance", "somewhere inside", "positive numbers")
     joints = avatar.person.body.weights.shape[1]
-    if HUNG in state and (state[HUNG].numel() != 1 or not 0 <= int(state[HUNG]) < joints):
+    if HUNG in state and not _is_below(state[HUNG], joints):
         expected = f"the number of a joint, 0 to {joints - 1}"
         raise InputError(path, f"weights.safetensors: {HUNG}", expected, state[HUNG].tolist())
     shapes = {SLIDE: (len(avatar.body.node_vertex), JOINTS), RELIEF: (len(avatar.body.anchor_vertex),)}

@@ -118,6 +118,7 @@ def test_texels_slide_relief_and_outgrowth_are_kept(tmp_path: Path) -> None:
         ("body.outgrowth.distance", torch.ones(4, 4, 4), "somewhere inside"),
         ("body.outgrowth.joint", torch.tensor(55), "the number of a joint, 0 to 54, found 55"),
         ("body.outgrowth.joint", torch.tensor([1, 2]), "the number of a joint"),
+        ("body.outgrowth.joint", torch.tensor(float("nan")), "the number of a joint"),
     ],
 )
 def test_broken_texels_slides_reliefs_and_outgrowths_are_refused(

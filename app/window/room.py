@@ -41,11 +41,10 @@ class Room:
         """When all is laid out. Where the user drags a side, all along its axis keep what they have; a new layout is as in a roomy window."""
         made = self._making and not hello_imgui.get_runner_params().docking_params.layout_reset
         for axis in (0, 1):
-            sides = beside(BARE, axis)
             if made:
-                _enlarge(sides, axis)
+                _enlarge(beside(BARE, axis), axis)
             else:
-                self._give_back(sides, axis)
+                self._give_back(axis)
 
     def _share(self, sides: list[Node], axis: int) -> None:
         whole = _whole(sides[0], axis) if sides else 0.0
@@ -58,8 +57,11 @@ class Room:
             self._lent[axis, side.id_] = own, given
             _resize(side, axis, given)
 
-    def _give_back(self, sides: list[Node], axis: int) -> None:
-        lent = [(side, *self._lent[axis, side.id_]) for side in sides if (axis, side.id_) in self._lent]
+    def _give_back(self, axis: int) -> None:
+        nodes = (
+            (imgui.internal.dock_builder_get_node(id), *sizes) for (of, id), sizes in self._lent.items() if of == axis
+        )
+        lent = [one for one in nodes if one[0] is not None]  # panels that are hidden have docks, too
         if all(abs(side.size_ref[axis] - given) < CLOSE for side, _, given in lent):
             for side, own, _ in lent:
                 _resize(side, axis, own)

@@ -52,17 +52,18 @@ class Source:
         world = posed.world_from_root(signals)
         return np.asarray(posed.vertices @ world[:3, :3].T + (world[:3, 3] + lifted(self.surface)))
 
-    def factor(self, posed: PosedSurface) -> np.ndarray:
+    def factor(self, posed: PosedSurface, signals: Signals) -> np.ndarray:
         """(v, 3): the light that falls on a pose."""
-        return light_on(self.surface, torch.from_numpy(posed.normals), self.light)
+        light = self.light.over(posed.world_from_root(signals))
+        return light_on(self.surface, torch.from_numpy(posed.normals), light)
 
-    def colours(self, posed: PosedSurface) -> np.ndarray:
+    def colours(self, posed: PosedSurface, signals: Signals) -> np.ndarray:
         """(v, 3) in [0, 1]."""
-        return vertex_colours(self.surface, self.factor(posed), posed.tint)
+        return vertex_colours(self.surface, self.factor(posed, signals), posed.tint)
 
     def mean_factor(self, frames: Sequence[Signals]) -> np.ndarray:
         """(v, 3): the mean light of some poses, which a texture for all of them gets."""
-        return np.asarray(np.mean([self.factor(self.posed(signals)) for signals in frames], 0))
+        return np.asarray(np.mean([self.factor(self.posed(signals), signals) for signals in frames], 0))
 
 
 def frames_of(clips: Sequence[Clip]) -> list[Signals]:
@@ -93,8 +94,8 @@ def animated_losses(source: Source, rig: Rig, clips: Sequence[Clip], encoded: by
     for signals in frames:
         posed = source.posed(signals)
         distance.append(1000 * np.linalg.norm(rig.moved(signals) - source.world(posed, signals), axis=1))
-        light.append(np.abs(vertex_colours(surface, source.factor(posed), none) - baked))
-        whole.append(np.abs(source.colours(posed) - baked))
+        light.append(np.abs(vertex_colours(surface, source.factor(posed, signals), none) - baked))
+        whole.append(np.abs(source.colours(posed, signals) - baked))
     far = np.concatenate(distance)
     return {
         **_counts(surface),

@@ -30,16 +30,14 @@ def write_meshes(source: Source, path: Path, frames: list[Signals], label: Label
         targets = {target: stack.enter_context(written(target)) for target in paths}
         write = _write_obj if path.suffix.lower() == ".obj" else _write_ply
         for target, signals in zip(numbered(path, len(frames)), frames):
-            posed = source.posed(signals)
-            vertices = source.world(posed, signals)
-            targets[target].write_bytes(write(source, vertices, posed, path.stem, label))
+            targets[target].write_bytes(write(source, source.posed(signals), signals, path.stem, label))
         if path.suffix.lower() == ".obj":
             _write_material(source, frames, targets, path)
     return paths
 
 
-def _write_obj(source: Source, vertices: np.ndarray, posed: PosedSurface, name: str, label: Label) -> bytes:
-    surface = source.surface
+def _write_obj(source: Source, posed: PosedSurface, signals: Signals, name: str, label: Label) -> bytes:
+    surface, vertices = source.surface, source.world(posed, signals)
     material = trimesh.visual.material.SimpleMaterial(image=Image.new("RGB", (1, 1)), name=name)
     visual = trimesh.visual.TextureVisuals(uv=surface.uv * [1, -1] + [0, 1], material=material)
     mesh = trimesh.Trimesh(
@@ -60,10 +58,14 @@ def _write_material(source: Source, frames: list[Signals], targets: dict[Path, P
     targets[path.with_suffix(".mtl")].write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _write_ply(source: Source, vertices: np.ndarray, posed: PosedSurface, name: str, label: Label) -> bytes:
-    colours = np.rint(255 * source.colours(posed)).astype(np.uint8)
+def _write_ply(source: Source, posed: PosedSurface, signals: Signals, name: str, label: Label) -> bytes:
+    colours = np.rint(255 * source.colours(posed, signals)).astype(np.uint8)
     mesh = trimesh.Trimesh(
-        vertices, source.surface.faces, process=False, vertex_colors=colours, vertex_normals=posed.normals
+        source.world(posed, signals),
+        source.surface.faces,
+        process=False,
+        vertex_colors=colours,
+        vertex_normals=posed.normals,
     )
     content = trimesh.exchange.ply.export_ply(mesh, vertex_normal=True)
     comments = "".join(f"comment {line}\n" for line in [name, *_comment(label)])

@@ -24,8 +24,6 @@ REACH = 0.13
 """Metres from the template within which a hull is looked for."""
 DEVIATION = 0.03
 """Metres that the field may differ from the carved hull, which is as exact as some outlines are."""
-FARTHEST = REACH + DEVIATION
-"""Metres from the template's nearest vertex beyond which there is none."""
 MARGIN = 0.1
 """Metres of grid around the hull, and the distance beyond it."""
 

@@ -26,8 +26,9 @@ from avatarrex.fields.body import MAX_CLOTHING_OFFSET
 from avatarrex.fields.body_without_hands import BodyWithoutHands
 from avatarrex.fields.composition import BAND, Composed, compose, in_band
 from avatarrex.fields.limbs import Limbs
-from avatarrex.fields.outgrowth import FARTHEST
+from avatarrex.fields.outgrowth import DEVIATION, VOXEL
 from avatarrex.fields.template_distance import FLAT, MAX_DEVIATION
+from avatarrex.ops.closest_vertex import closest_vertex
 from avatarrex.parts.part import Part, PartState
 from avatarrex.templates.parts import PARTS
 from avatarrex.templates.posed import PosedPerson
@@ -143,9 +144,13 @@ class ComposedField:
         points = np.concatenate(vertices)
         return points.min(0) - self._reach, points.max(0) + self._reach
 
-    @property
+    @cached_property
     def _reach(self) -> float:
-        return SURFACE_REACH if self.body.skin.outgrowth is None else max(SURFACE_REACH, FARTHEST)
+        outgrowth = self.body.skin.outgrowth
+        if outgrowth is None:
+            return SURFACE_REACH
+        apart: np.ndarray = closest_vertex(self.body.skin.closest, outgrowth.points)[0]
+        return max(SURFACE_REACH, float(apart.max()) + VOXEL + DEVIATION)
 
     def _body(self, position: Tensor, idle: Bool[Tensor, " p"]) -> Tensor:
         """s_B (p,), 0 where `idle`."""

@@ -38,7 +38,8 @@ def faded(apart: Float[Tensor, "p 2"], whole: Float[Tensor, " p"], share: Float[
     surface to a place that is another part's as well: a cheek beside the hand's box has the face's surface alone.
     """
     towards = torch.where(share[:, None] == 1, apart, whole[:, None] + share[:, None] * (apart - whole[:, None]))
-    own = torch.where(apart[:, 0] > apart[:, 1], torch.maximum(apart[:, 0], towards[:, 0]), towards[:, 0])
+    (away, other), near = apart.unbind(-1), towards[:, 0]
+    own = near.maximum(away.minimum(near + (away - other).clamp_min(0)))
     return torch.stack([own, towards[:, 1]], -1)
 
 

@@ -10,7 +10,7 @@ import glfw
 import pytest
 from avatarrex_studio.cli.main import main
 from avatarrex_studio.window import extent, room, starting
-from avatarrex_studio.window.docking import show_panel
+from avatarrex_studio.window.docking import show_panel, toggle_panels
 from avatarrex_studio.window.extent import ROOMY
 from imgui_bundle import hello_imgui, imgui
 from imgui_bundle.glfw_utils import glfw_window_hello_imgui
@@ -157,7 +157,8 @@ def test_a_small_window_leaves_the_picture_its_share_and_gives_the_panels_theirs
 
 @pytest.mark.window
 def test_what_is_kept_of_a_small_window_is_not_small(display, monkeypatch, tmp_path):
-    """Another layout and back, a layout that is made in it, and a program that ends in it: in a large one all are as if it had been so."""
+    """Another layout and back, a layout that is made in it, panels that are hidden, a program that ends in it: in a large one all are as if
+    it had been so."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     windows, seen = [small_window(), small_window()], {}
 
@@ -178,6 +179,9 @@ def test_what_is_kept_of_a_small_window_is_not_small(display, monkeypatch, tmp_p
         seen["made in a roomy one, large"] = sized(test, windows[0], 1280, 800)
         sized(test, windows[0], 640, 400)
         seen["small"] = layout(test, windows[0], "Pose")
+        for _ in range(2):  # the panels away and back
+            toggle_panels()
+            test.yield_(4)
 
     def go_on(test):
         test.yield_(10)

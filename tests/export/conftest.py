@@ -41,7 +41,7 @@ def source():
 
 @pytest.fixture(scope="session")
 def rig(source):
-    return rig_of(source.surface, source.person, source.factor(source.posed(Signals.rest())))
+    return rig_of(source.surface, source.person, source.factor(source.posed(Signals.rest()), Signals.rest()))
 
 
 @pytest.fixture(scope="session")

@@ -71,7 +71,7 @@ def test_light_is_baked_where_it_follows_the_normal(source):
 
 def test_the_light_of_several_poses_is_their_mean(source, moving):
     first, last = moving.sequence[0], moving.sequence[-1]
-    one, other = (source.factor(source.posed(signals)) for signals in (first, last))
+    one, other = (source.factor(source.posed(signals), signals) for signals in (first, last))
     assert np.allclose(source.mean_factor([first, last]), (one + other) / 2, atol=1e-6)
     assert np.abs(one - other).max() > 0.1
 

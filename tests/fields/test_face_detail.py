@@ -89,7 +89,9 @@ def test_colours_are_the_texels_where_the_networks_say_nothing(monkeypatch: pyte
         parameter.zero_()
     detail.texel.copy_(torch.tensor([1.0, 0.0, -2.0]))
     face, state, moved, _ = posed(made, monkeypatch)
-    points = SurfacePoints(moved, torch.nn.functional.normalize(-moved, dim=-1), moved, torch.eye(3))
+    points = SurfacePoints(
+        moved, torch.nn.functional.normalize(-moved, dim=-1), moved, torch.eye(3), made.light.over(np.eye(4))
+    )
     own = made.face.colour(face.decode_colour(state, Counters()), moved, points.direction, face.places(state, moved))
     torch.testing.assert_close(own, torch.sigmoid(torch.tensor([1.0, 0.0, -2.0])).expand_as(own))
 

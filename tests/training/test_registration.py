@@ -57,7 +57,7 @@ def pictured(avatar: Avatar, share: Tensor, height: Tensor, seed: int) -> Sighti
     )  # within 60° of the normal
     parallax = back / (back * normal).sum(1, keepdim=True).clamp_min(0.3)
     position = shown - height[seen, None] * parallax
-    return Sighting(posed, body_frame.samples, {}, position, pattern(true), torch.ones(SEEN), parallax)
+    return Sighting(posed, np.eye(4), body_frame.samples, {}, position, pattern(true), torch.ones(SEEN), parallax)
 
 
 def off(avatar: Avatar, one: Sighting, share: Tensor) -> float:

@@ -17,6 +17,7 @@ from avatarrex.distil.errors import compared, unfitted
 from avatarrex.frame import Frame
 from avatarrex.gl.context import current_context, gl_unavailable
 from avatarrex.levels import level
+from avatarrex.live import harmonics_of
 from avatarrex.measure.bench.contest import Times, timed
 from avatarrex.measure.bench.motion import WARM, Change, everything, turning
 from avatarrex.measure.bench.report import Metric
@@ -102,12 +103,12 @@ def crowd(
     avatar, distance = bench.placed, max(2.6, WIDTH * number)
     assert avatar.surface is not None
     camera = Camera.orbit(20 * np.sin(frame), 5, distance, 40, (0, -0.05, 0), size, size)
-    harmonics = avatar.light.harmonics.detach().double().cpu().numpy()
     placed = []
     for k in range(number):
         signals = everything(bench, frame + 5 * k)[0].replace(translation=np.array([k - (number - 1) / 2, 0, 0]))
         posed = pose_surface(avatar.surface, avatar.person, signals, previous[k] if previous else None)
-        placed.append(Placed(posed, harmonics, camera.seen_from(posed.world_from_root(signals))))
+        place = posed.world_from_root(signals)
+        placed.append(Placed(posed, harmonics_of(avatar, place), camera.seen_from(place)))
     draw_surfaces(placed)
     with current_context() as context:
         context.finish()

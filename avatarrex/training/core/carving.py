@@ -36,6 +36,8 @@ AROUND = 0.03
 """Metres around an unexplained voxel within which the hull belongs to the outgrowth."""
 LEAST = 100
 """Voxels (of half a cubic centimetre) of an outgrowth at least: less is noise of the mattes."""
+ALL, MORE = 0.95, 1.1
+"""Share of what the skin carries that hangs on the joint, too, and how many times as much has to: another thing elsewhere stays."""
 CARRIES = 0.1
 """Share of the skin beneath an outgrowth that a joint moves at least, that it may hang on it."""
 
@@ -71,8 +73,8 @@ class _Voxels:
 def carve(avatar: Avatar, rig: Rig) -> Outgrowth | None:
     """What stands off the avatar's template in the pictures of the rig that are not held out; None where nothing does.
 
-    What the vertices beneath it carry or, where more is found so, what hangs on one of their joints: a pony tail turns with the head,
-    though its end is next to the back.
+    What the vertices beneath it carry or, where that is in it and clearly more is found so, what hangs on one of their joints: a pony tail
+    turns with the head, though its end is next to the back.
     """
     voxels = _voxels(avatar)
     hull, joint = voxels.hull(*_evidence(avatar, rig, voxels.points)), None
@@ -80,10 +82,11 @@ def carve(avatar: Avatar, rig: Rig) -> Outgrowth | None:
         return None
     found = (np.argwhere(hull)[:, ::-1] + voxels.first) * VOXEL
     near = voxels.within(cKDTree(found).query(voxels.points, distance_upper_bound=REACH)[0] < np.inf)
-    for each in _carriers(avatar, found):
-        hung = near.hull(*_evidence(avatar, rig, near.points, each))
-        if hung.sum() > hull.sum():
-            hull, joint = hung, each
+    hung = {each: near.hull(*_evidence(avatar, rig, near.points, each)) for each in _carriers(avatar, found)}
+    whole = {each: one for each, one in hung.items() if (one & hull).sum() >= ALL * hull.sum()}
+    best = max(whole, key=lambda each: whole[each].sum(), default=None)
+    if best is not None and whole[best].sum() > MORE * hull.sum():
+        hull, joint = whole[best], best
     outgrowth = _distance(voxels.first, hull, joint)
     outgrowth.lay(avatar.person.body.v_template)
     return outgrowth
