@@ -80,6 +80,12 @@ def beside(title: str, axis: int) -> list[Node]:
     return list(sides.values())
 
 
+def _node(id: int) -> Node | None:
+    """The dock of a number; None where it is gone."""
+    found: Node | None = imgui.internal.dock_builder_get_node(id)
+    return found
+
+
 def _line(window: imgui.internal.Window | None) -> list[Node]:
     """The dock of a window and all that it is split from."""
     line, node = [], window.dock_node if window else None

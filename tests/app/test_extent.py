@@ -72,7 +72,9 @@ def test_a_panel_that_is_dragged_in_a_small_window_goes_the_way_of_the_mouse(mon
         side.size_ref = [size, 0]
 
     right, left = (SimpleNamespace(id_=number, size_ref=[width, 0]) for number, width in ((1, 448), (2, 225)))
+    docks = {1: right, 2: left}
     monkeypatch.setattr(room, "_resize", move)  # docks of the toolkit cannot be made alone
+    monkeypatch.setattr(room, "_node", docks.get)
     share, give_back = map(inspect.unwrap, (room.Room._share, room.Room._give_back))
     own, widths = room.Room(), []
     for width, moved in ((640, 0), (1280, 0), (640, 0), (640, 10), (640, -60)):
@@ -82,7 +84,7 @@ def test_a_panel_that_is_dragged_in_a_small_window_goes_the_way_of_the_mouse(mon
             share(own, [right, left], 0)
             right.size_ref[0] += dragged
             widths.append((right.size_ref[0], left.size_ref[0]))
-            give_back(own, [right, left], 0)
+            give_back(own, 0)
     small, back, again, wider, _ = widths[1::2]
     narrower = widths[8]
     assert small == again
