@@ -58,9 +58,7 @@ class Room:
             _resize(side, axis, given)
 
     def _give_back(self, axis: int) -> None:
-        nodes = (
-            (imgui.internal.dock_builder_get_node(id), *sizes) for (of, id), sizes in self._lent.items() if of == axis
-        )
+        nodes = ((_node(id), *sizes) for (of, id), sizes in self._lent.items() if of == axis)
         lent = [one for one in nodes if one[0] is not None]  # panels that are hidden have docks, too
         if all(abs(side.size_ref[axis] - given) < CLOSE for side, _, given in lent):
             for side, own, _ in lent:
