@@ -59,7 +59,7 @@ class Room:
 
     def _give_back(self, axis: int) -> None:
         nodes = ((_node(id), *sizes) for (of, id), sizes in self._lent.items() if of == axis)
-        lent = [one for one in nodes if one[0] is not None]  # panels that are hidden have docks, too
+        lent = [(side, own, given) for side, own, given in nodes if side]  # panels that are hidden have docks, too
         if all(abs(side.size_ref[axis] - given) < CLOSE for side, _, given in lent):
             for side, own, _ in lent:
                 _resize(side, axis, own)

@@ -39,7 +39,7 @@ BLURS = (0.010, 0.005)
 PATTERN_ROUNDS = (Round(0.04, 0.02),) * 3
 """By colours, too."""
 NEAR = 2
-"""Rounds of a pose after which its colours are within reach; each by outlines costs fingers 0.3 mm."""
+"""Rounds of a pose after which its colours are within reach: two more change nothing (3.6 and 3.5 mm, 21.95 and 21.90 dB)."""
 POSE_ROUNDS = (Round(0.08, 0.05), Round(0.06, 0.03), Round(0.04, 0.02), Round(0.04, 0.02))
 
 
