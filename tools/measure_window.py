@@ -11,9 +11,12 @@ that of the window's process and of its engine's. Run it on a quiet machine. Deb
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import random
+import socket
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -25,10 +28,16 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import numpy as np
+from avatarrex_studio.engine.avatars import Avatars
+from avatarrex_studio.engine.live import read_avatar
 from avatarrex_studio.jobs.training_process import COMMAND
+from avatarrex_studio.live import livelink_packet
+from avatarrex_studio.live.receiver import LOOPBACK
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.motion import Motion
-from avatarrex_studio.window.window import start
+from avatarrex_studio.session.timeline import Feed, Layer
+from avatarrex_studio.session.timeline_commands import AddLayer
+from avatarrex_studio.window.window import prepared, run, start
 from PIL import Image
 
 from avatarrex.metrics.table import printed
@@ -48,6 +57,10 @@ PANEL = (slice(300, 324), slice(850, 1250, 2))
 """Across the sliders of the Body panel."""
 ORBIT, SCROLL, PLAY = (350, 520), (1274, 120), (309, 611)
 """Where the mouse is pressed: beside the person, on the Body panel's scroll bar, on Play."""
+
+
+PORT = 47311
+"""Where the window listens for a face while that is measured."""
 
 
 class Drag(NamedTuple):
@@ -133,8 +146,8 @@ class Display:
 
 
 @contextmanager
-def window(level: str, motion: str | None, face: str | None = None) -> Iterator[tuple[Display, int]]:
-    """The studio at `level` on a display of its own, at rest; with the number of its process."""
+def window(level: str, motion: str | None, face: str | None = None, port: int = 0) -> Iterator[tuple[Display, int]]:
+    """The studio at `level` on a display of its own, at rest; with the number of its process. `port`: where it listens for a face."""
     with TemporaryDirectory() as name:
         folder = Path(name)
         state = start().change(level=level)
@@ -144,7 +157,9 @@ def window(level: str, motion: str | None, face: str | None = None) -> Iterator[
         Journal(state).save(folder / "session.json")
         display = Display(folder)
         environment = {**display.environment, "HOME": name, "XDG_CONFIG_HOME": name}
-        shown = subprocess.Popen([*COMMAND, "open", str(folder / "session.json")], env=environment)
+        listening = [sys.executable, __file__, "--listen", str(port)]
+        opened = [*(listening if port else [*COMMAND, "open"]), str(folder / "session.json")]
+        shown = subprocess.Popen(opened, env=environment)
         try:
             before = display.look(VIEWPORT)
             while display.look(VIEWPORT) == before:
@@ -213,6 +228,36 @@ def dragged(display: Display, place: tuple[int, int], step: tuple[int, int]) -> 
         over.set()
         thread.join()
         display.mouse("mouseup 1")
+
+
+@contextmanager
+def streamed(port: int) -> Iterator[None]:
+    """A phone that sends a face that speaks and turns."""
+    over = threading.Event()
+
+    def send() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as phone:
+            while not over.wait(1 / 60):
+                way = math.sin(4 * time.monotonic())
+                face = livelink_packet.encode({"jawOpen": 0.3 + 0.3 * way}, (0.3 * way, 0.0, 0.0))
+                phone.sendto(face, (LOOPBACK, port))
+
+    phone = threading.Thread(target=send)
+    phone.start()
+    try:
+        time.sleep(1.0)
+        yield
+    finally:
+        over.set()
+        phone.join()
+
+
+def listen(session: str, port: int) -> int:
+    """The window of a session with a layer that listens for a face."""
+    shown = prepared(session, Avatars(read_avatar), "cpu")
+    shown.studio.do(AddLayer(Layer("Phone", feed=Feed("livelink"))))
+    shown.studio.listening.switch_on("Phone", "livelink", port=port)
+    return run(shown)
 
 
 def pictures(display: Display, place: tuple[slice, slice], seconds: float) -> list[float]:
@@ -302,6 +347,11 @@ class Measuring:
             with window("live", self.options.motion, self.options.face) as (display, pid):
                 display.mouse("mousemove {} {}".format(*PLAY), "click 1")
                 self._rate(display, f"motion {Path(self.options.motion).name}", BAND, pid)
+
+    def stream(self) -> None:
+        """Pictures a second while a face comes in, 60 times a second."""
+        with window("live", None, port=PORT) as (display, pid), streamed(PORT):
+            self._rate(display, "Live Link Face", HEAD, pid)
 
     def interface(self) -> None:
         """A panel that is scrolled, at rest and beside an engine that renders."""
@@ -432,7 +482,7 @@ def _strip(chosen: list[np.ndarray]) -> np.ndarray:
 
 def main() -> None:
     """Measure and print."""
-    names = ("start", "latency", "rate", "interface", "idle", "settling")
+    names = ("start", "latency", "rate", "stream", "interface", "idle", "settling")
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--motion", help="a motion file that is played, too")
     parser.add_argument("--face", help="a recording of a face that is played with it")
@@ -441,7 +491,12 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=3, help="of the program (3)")
     parser.add_argument("--only", nargs="+", choices=names, default=names, help="some of the measurements")
     parser.add_argument("--strip", help="a PNG of the pictures in which a motion stops")
-    measuring = Measuring(parser.parse_args())
+    parser.add_argument("--listen", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("session", nargs="?", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.listen:
+        sys.exit(listen(options.session, options.listen))
+    measuring = Measuring(options)
     for name in measuring.options.only:
         measure: Callable[[], None] = getattr(measuring, name)
         measure()
