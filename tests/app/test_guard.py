@@ -151,10 +151,10 @@ def test_autosave_goes_on_where_the_picture_fails(frame):
         studio=SimpleNamespace(journal=None, state=SimpleNamespace(avatar="default"), avatars=SimpleNamespace(ready=lambda name: None)),
         loss=SimpleNamespace(found=lambda drawn: done.append(drawn)), face=SimpleNamespace(follow=lambda avatar: done.append("face")),
         _own_surfaces=lambda: done.append("surface"), _open_what_was_read=lambda: done.append("opening"),
-        autosave=SimpleNamespace(tend=lambda journal: done.append("autosave")),
+        autosave=SimpleNamespace(tend=lambda journal: done.append("autosave")), _room=SimpleNamespace(give_back=lambda: done.append("sizes")),
     )  # fmt: skip
     frame(lambda: Window._render(window))
-    assert done == [False, "surface", "opening", "face", "autosave", "idle"]
+    assert done == ["sizes", False, "surface", "opening", "face", "autosave", "idle"]
     assert [failure.place for failure in told] == ["The picture"]
 
 
