@@ -72,11 +72,12 @@ class Outcome:
     code: int
     text: str
     """What it printed."""
+    cancelled: bool = False
 
     @property
     def done(self) -> bool:
-        """Whether there is an answer."""
-        return self.code == 0 or self.code in self.task.bad
+        """Whether there is an answer: none of one that was cancelled, with whichever code it ended."""
+        return not self.cancelled and self.code in (0, *self.task.bad)
 
 
 def beside(path: str | Path, ending: str) -> str:
@@ -129,7 +130,7 @@ class Tasks:
         task = self.task
         if code is None or task is None:
             return None
-        self.outcome = Outcome(task, code, text_of(task.log))
+        self.outcome = Outcome(task, code, text_of(task.log), self._cancelled)
         self._process = self.task = None
         if self._cancelled:
             log.log(NOTICE, "%s: cancelled", task.title)
