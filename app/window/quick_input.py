@@ -2,9 +2,10 @@
 
 The toolkit takes what came since the last frame in its order, and leaves the rest to the next frame where a key or button would change
 twice in one, so that nothing is lost. Three things it does badly. What another thing may lie over, a tab or the head of a group, takes a
-press only in the frame after the mouse has come to it: a press is sent as a finger's, which waits for that frame. The key of a letter
-that is let go ends the frame, so that a text comes by one letter a frame: letters are sent as text alone while something takes text.
-And that nothing takes text any more it says in the frame after the key that ended it: what is pressed meanwhile is made to wait.
+press only in the frame after the mouse has come to it: a frame ends before each press (a finger's press would wait, too, but drags no
+slider). The key of a letter that is let go ends the frame, so that a text comes by one letter a frame: letters are sent as text alone
+while something takes text. And that nothing takes text any more it says in the frame after the key that ended it: what is pressed
+meanwhile is made to wait.
 """
 
 from __future__ import annotations
@@ -40,15 +41,13 @@ class QuickInput:
         glfw.set_key_callback(window, self._key)
 
     def begin_frame(self) -> None:
-        """Before something is drawn: the mouse is a mouse, for tooltips keep away from a finger."""
-        imgui.get_io().mouse_source = imgui.MouseSource.mouse
+        """Before something is drawn."""
         self._leaving = self._leaving and imgui.get_current_context().input_events_queue.size() > 0
 
     def _button(self, _window: object, button: int, action: int, modifiers: int) -> None:
-        io = imgui.get_io()
-        io.add_mouse_source_event(imgui.MouseSource.touch_screen if action else imgui.MouseSource.mouse)
+        if action:
+            _end_frame()
         imgui.backends.glfw_mouse_button_callback(self._address, button, action, modifiers)
-        io.add_mouse_source_event(imgui.MouseSource.mouse)
 
     def _key(self, _window: object, key: int, code: int, action: int, modifiers: int) -> None:
         import glfw
@@ -61,5 +60,10 @@ class QuickInput:
         if action == glfw.PRESS and key in ENDS and typing:
             self._leaving = True
             imgui.backends.glfw_key_callback(self._address, key, code, glfw.RELEASE, modifiers)
-            for down in (True, False):
-                imgui.get_io().add_key_event(PAUSE, down)
+            _end_frame()
+
+
+def _end_frame() -> None:
+    """What comes from now on waits for the next frame."""
+    for down in (True, False):
+        imgui.get_io().add_key_event(PAUSE, down)

@@ -12,6 +12,8 @@ from test_fuzz_window import small_window
 
 pytestmark = pytest.mark.window
 TABS = ("Face", "Left hand", "Poses", "Body")
+SLIDER = (1203.0, 444.0)
+"""The third of the left shoulder, in the layout of a first start."""
 KEYS = {"1": glfw.KEY_1, "J": glfw.KEY_J, "N": glfw.KEY_N, "5": glfw.KEY_5, "M": glfw.KEY_M}
 
 
@@ -83,6 +85,15 @@ def test_all_that_comes_between_two_frames_acts(display):
         for _ in range(12):
             yield False
             seen["tabs"] += [front()] if front() not in seen["tabs"][-1:] else []
+        before = window.studio.state.signals.body_pose
+        called("cursor_pos", *SLIDER)
+        called("mouse_button", glfw.MOUSE_BUTTON_LEFT, glfw.PRESS, 0)
+        for away in range(20):
+            called("cursor_pos", SLIDER[0] + away, SLIDER[1])
+            yield False
+        called("mouse_button", glfw.MOUSE_BUTTON_LEFT, glfw.RELEASE, 0)
+        yield from frames(3)
+        seen["dragged"] = abs(window.studio.state.signals.body_pose - before).max()
         done, does = [], window._run
         window._run = lambda entry: (done.append(entry.shortcut) if entry else None, does(entry))
         for key in KEYS.values():
@@ -123,6 +134,7 @@ def test_all_that_comes_between_two_frames_acts(display):
     perform(window, hands())
     assert seen["tab"] == "Face"
     assert seen["tabs"] == ["Face", "Left hand", "Poses", "Body"]
+    assert seen["dragged"] > 0.1, "radians"
     assert seen["keys"] == list(KEYS)
     assert seen["frame"] == 4
     assert seen["letters"] == "pose squa", "one frame takes a whole word"
