@@ -49,7 +49,7 @@ VIEWPORT = (slice(40, 560), slice(240, 820))
 """Rows and columns of the picture, in the layout that a first start has; the pointer, which the server draws, stays out of it."""
 BAND, HAND, HEAD = (
     (slice(236, 260), slice(240, 820, 2)),
-    (slice(330, 390), slice(620, 650)),
+    (slice(260, 340), slice(600, 672)),
     (slice(80, 150), slice(500, 556)),
 )
 """Across chest and arms, of the left hand, of the face."""
