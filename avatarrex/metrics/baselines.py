@@ -25,6 +25,7 @@ from scipy.spatial import cKDTree
 
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import template_surface
+from avatarrex.capture.fit.photo import DEPTH_TOLERANCE, FACING, OPAQUE
 from avatarrex.capture.fit.surface_fit import fit_surface
 from avatarrex.capture.readers.rigs import Capture
 from avatarrex.capture.zbuffer import visible_faces
@@ -45,12 +46,6 @@ NAKED, FITTED, FINE, MEAN = (
     "mean-colour mesh",
 )
 """Names of the kinds."""
-FACING = 0.3
-"""Cosine from which a texel is believed: beyond 72 degrees a pixel covers three times its width."""
-DEPTH_TOLERANCE = 0.006
-"""Metres that a texel may lie beyond the z-buffer's surface: a pixel's slope at 512², less than a finger's thickness."""
-OPAQUE_MATTE = 250
-"""Matte byte from which a pixel has the person's colour alone."""
 PIXEL_SAMPLES = 2
 """Samples along each side of a pixel when a mesh is drawn."""
 
@@ -182,7 +177,7 @@ def _texels_in(mesh: PosedMesh, observation: Observation, edge: int) -> UInt8[np
     inside = (depth > 0.02) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
     column, row = np.where(inside, column, 0), np.where(inside, row, 0)
     nearest = mesh.visible(observation.signals, camera)[2][row, column]
-    inside &= (depth < nearest + DEPTH_TOLERANCE) & (observation.matte[row, column] >= OPAQUE_MATTE)
+    inside &= (depth < nearest + DEPTH_TOLERANCE) & (observation.matte[row, column] >= OPAQUE)
     inside &= np.repeat(_facing(surface, camera) > FACING, len(lattice(edge)))
     colour = np.full((len(points), 4), 255, np.uint8)
     colour[:, 3] = inside

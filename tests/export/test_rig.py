@@ -76,6 +76,20 @@ def test_the_light_of_several_poses_is_their_mean(source, moving):
     assert np.abs(one - other).max() > 0.1
 
 
+def test_who_turns_is_lit_from_where_the_lamps_are(source):
+    """A light of the world; one that turns along says the same of both poses."""
+    light = Light("world")
+    light.load_state_dict(source.light.state_dict())
+    world, rest = replace(source, light=light), Signals.rest()
+    about = rest.replace(global_orient=np.array([0.0, np.pi / 2, 0.0]))
+    posed = source.posed(rest)
+    turned = posed.normals @ posed.world_from_root(about)[:3, :3].T.astype(np.float32)
+    wanted = light_on(source.surface, torch.from_numpy(turned), source.light)
+    assert np.allclose(world.factor(posed, about), wanted, atol=1e-5)
+    assert np.abs(wanted - source.factor(posed, about)).max() > 0.1
+    assert np.array_equal(source.factor(posed, about), source.factor(posed, rest))
+
+
 def test_vertex_colours_are_the_texture_s(source):
     """Under the same light everywhere; the stand-in's atlas has front and back on top of each other."""
     surface, v = source.surface, len(source.surface.vertices)
