@@ -208,7 +208,7 @@ def latency(display: Display, drag: Drag, repeats: int) -> list[float]:
 
 @contextmanager
 def dragged(display: Display, place: tuple[int, int], step: tuple[int, int]) -> Iterator[None]:
-    """The mouse pressed and moved to and fro, `step` pixels a move, meanwhile."""
+    """The mouse pressed and moved to and fro, `step` pixels a move, meanwhile; in the end it is where it began."""
     over = threading.Event()
 
     def move() -> None:
@@ -227,6 +227,8 @@ def dragged(display: Display, place: tuple[int, int], step: tuple[int, int]) -> 
     finally:
         over.set()
         thread.join()
+        display.mouse("mousemove {} {}".format(*place))
+        time.sleep(0.2)  # a frame sees it
         display.mouse("mouseup 1")
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache, lru_cache
 
 import numpy as np
 from avatarrex_studio.panels import units, widgets
@@ -18,11 +19,14 @@ from avatarrex.signals.joints import BODY_GROUPS, FINGERS, JOINT_NAMES, axis_nam
 from avatarrex.signals.limits import LIMITS
 
 LABEL = 84.0
-TURN = 180.0
+TURN, REACH = 180.0, 3.0
+"""Degrees of the root's turn, metres of its place, either way."""
 HINT = "Search joints"
 SPARE = 92.0
 """Points of the box beside the search."""
 SPINE = {"spine1": "Lower spine", "spine2": "Mid spine", "spine3": "Upper spine"}
+Bounds = tuple[tuple[float, float], ...]
+"""Of three sliders, x y z: least and greatest."""
 Row = Callable[[StudioState, str, str], Iterable[Command]]
 """Draws the sliders of a name in its group."""
 
@@ -57,8 +61,7 @@ class SignalPanel:
         if not wanted:
             yield from self.above(state, None)
         for group, names in self.groups.items():
-            texts = {name: f"{group} {words(name)} {name}".lower() for name in names}
-            shown = [name for name, text in texts.items() if all(word in text for word in wanted)]
+            shown = [name for name in names if _found(group, name, wanted)] if wanted else names
             if not shown:
                 continue
             revealed = self._revealed if self._revealed in (group, *names) else None
@@ -90,6 +93,11 @@ class SignalPanel:
         return ()
 
 
+def _found(group: str, name: str, wanted: Sequence[str]) -> bool:
+    text = f"{group} {words(name)} {name}".lower()
+    return all(word in text for word in wanted)
+
+
 def linked(commands: Iterable[Command], both: bool) -> Iterator[Command]:
     """`commands` whose joints turn on both sides where `both`."""
     for command in commands:
@@ -98,12 +106,9 @@ def linked(commands: Iterable[Command], both: bool) -> Iterator[Command]:
 
 def joint_row(state: StudioState, name: str, group: str) -> Iterator[Command]:
     """One joint: label and three sliders, ids `##joint.x` and so on."""
-    limited = state.limit_joints and name != "pelvis"
-    bounds = np.degrees(LIMITS[JOINT_NAMES.index(name)]) if limited else np.tile([-TURN, TURN], (3, 1))
-    rotation = posing.joint(state.signals, name)
-    unit = units.angle()
-    title, factor = _joint_title(name, group), unit.factor * math.degrees(1)
-    turned = _vector_row(title, name, rotation, unit.factor * bounds, unit.form, factor)
+    unit, rotation = units.angle(), posing.joint(state.signals, name)
+    bounds = _bounds(name, state.limit_joints and name != "pelvis", unit.factor)
+    turned = _vector_row(_joint_title(name, group), name, rotation, bounds, unit.form, unit.factor * math.degrees(1))
     if turned is not None:
         yield SetJoint(name, turned)
 
@@ -112,27 +117,37 @@ def translation_row(state: StudioState) -> Iterator[Command]:
     """The root's place."""
     place = vector(state.signals.translation)
     unit = units.length()
-    moved = _vector_row(
-        "Place", "translation", place, unit.factor * np.tile([-3.0, 3.0], (3, 1)), unit.form, unit.factor
-    )
+    reach = unit.factor * REACH
+    moved = _vector_row("Place", "translation", place, ((-reach, reach),) * 3, unit.form, unit.factor)
     if moved is not None:
         yield SetTranslation(moved)
 
 
-def _vector_row(
-    title: str, name: str, values: Vector, bounds: np.ndarray, form: str, unit: float = 1.0
-) -> Vector | None:
-    """A label and three sliders, x y z, within `bounds` (3, 2), of `unit` times `values`; the values where one was moved."""
+@cache
+def _bounds(name: str, limited: bool, factor: float) -> Bounds:
+    """Of a joint's sliders: degrees times `factor`."""
+    degrees = np.degrees(LIMITS[JOINT_NAMES.index(name)]) if limited else np.tile([-TURN, TURN], (3, 1))
+    return tuple((float(low), float(high)) for low, high in factor * degrees)
+
+
+@lru_cache(4096)
+def _fits(form: str, bounds: tuple[float, float], width: float, font_size: float) -> bool:
+    """Whether both ends have room as text, in a font of that size."""
+    return max(imgui.calc_text_size(form % end).x for end in bounds) <= width
+
+
+def _vector_row(title: str, name: str, values: Vector, bounds: Bounds, form: str, unit: float = 1.0) -> Vector | None:
+    """A label and three sliders, x y z, within `bounds`, of `unit` times `values`; the values where one was moved."""
     widgets.label(title, LABEL, any(values))
     width = max((widgets.room() - 8) / 3, 40)
     changed = list(values)
-    for axis, (low, high) in widgets.in_rows(enumerate(bounds.tolist()), 4):
+    for axis, (low, high) in widgets.in_rows(enumerate(bounds), 4):
         letter = "xyz"[axis]
         called = axis_names(name)[axis] if name in JOINT_NAMES else letter
         named = f"{called} {form}"
-        room = max(imgui.calc_text_size(named % end).x for end in (low, high)) <= width
+        fits = _fits(named, (low, high), width, imgui.get_font_size())
         imgui.begin_disabled(low == high)
-        new = widgets.slider(f"{name}.{letter}", unit * values[axis], (low, high), named if room else form, width)
+        new = widgets.slider(f"{name}.{letter}", unit * values[axis], (low, high), named if fits else form, width)
         imgui.end_disabled()
         widgets.tooltip(f"{words(name).capitalize()}, {called}: {form % low} to {form % high}")
         widgets.axis_mark(axis)
@@ -150,6 +165,7 @@ def body_panel() -> SignalPanel:
     return SignalPanel("body", {"root": posing.GROUPS["root"], **BODY_GROUPS}, HINT, _row)
 
 
+@cache
 def _joint_title(name: str, group: str) -> str:
     if name == "pelvis":
         return "Turn"

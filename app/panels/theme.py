@@ -6,6 +6,7 @@ Colours are named as the dark theme has them; the light one replaces each as it 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 from imgui_bundle import hello_imgui, imgui
@@ -154,9 +155,14 @@ def window_background(alpha: float) -> None:
 
 def colour(rgb: Rgb, alpha: float = 1.0) -> int:
     """Packed colour for draw lists."""
-    return imgui.get_color_u32(imgui.ImVec4(*shade(rgb), alpha))
+    return imgui.get_color_u32(vec4(rgb, alpha))
 
 
 def vec4(rgb: Rgb, alpha: float = 1.0) -> imgui.ImVec4:
     """The same for style and text calls."""
-    return imgui.ImVec4(*shade(rgb), alpha)
+    return _vec4(shade(rgb), alpha)
+
+
+@lru_cache(4096)  # a frame needs some hundred
+def _vec4(rgb: Rgb, alpha: float) -> imgui.ImVec4:
+    return imgui.ImVec4(*rgb, alpha)

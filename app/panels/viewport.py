@@ -224,14 +224,18 @@ class ViewportPanel:
             return
         projection = Projection.of(studio.state.view, low, high, studio.world)
         canvas.push_clip_rect(low, high, True)
-        self._hover(studio, _on_screen(projection, figure, tools.selected), (low, high))
+        used = imgui.is_item_hovered() or self._press or tools.selected or tools.pins
+        seen = _on_screen(projection, figure, tools.selected) if used else {}  # 2 ms where the person moves
+        self._hover(studio, seen, (low, high))
         if "wire" in tools.overlays:
             overlay.draw_wire(canvas, projection, figure)
         if "joints" in tools.overlays:
             overlay.draw_joints(canvas, projection, figure)
         for part in {self.hovered, tools.selected} - {None}:
             overlay.draw_limb(canvas, projection, figure, str(part), part == tools.selected)
-        self._handles(canvas, projection, figure, studio)
+        if LOOK in seen:
+            overlay.draw_gaze(canvas, projection, figure, seen[LOOK])
+        self._handles(canvas, seen, studio)
         ringed = rings(projection, figure, tools.selected)
         axis = self._ring(ringed)
         if ringed and not (self._press and self._press.grip):
@@ -243,9 +247,10 @@ class ViewportPanel:
     def _hover(
         self, studio: Studio, handles: Mapping[str, tuple[float, float]], corners: tuple[imgui.ImVec2, imgui.ImVec2]
     ) -> None:
-        """Find the handle under the mouse, else the part, where mouse or person has moved."""
+        """Find the handle under the mouse, else the part, where mouse or person has moved; none while the person moves by itself."""
         mouse = imgui.get_io().mouse_pos
-        if not imgui.is_item_hovered() or self._press or studio.playback.playing:
+        alone = studio.playback.playing or studio.listening.present
+        if not imgui.is_item_hovered() or self._press or alone:
             self.hovered, self.handle, self._looked = None, None, ()
             return
         looked = (mouse.x, mouse.y, studio.state.figures, studio.state.view, self.size)
@@ -256,13 +261,10 @@ class ViewportPanel:
             self.handle = nearest if nearest and near[nearest] < overlay.NEAR_HANDLE else None
             self.hovered = None if self.handle else self._part(studio, (mouse.x, mouse.y), *corners)
 
-    def _handles(self, canvas: imgui.ImDrawList, projection: Projection, figure: Figure, studio: Studio) -> None:
+    def _handles(self, canvas: imgui.ImDrawList, seen: Mapping[str, tuple[float, float]], studio: Studio) -> None:
         mouse, tools = imgui.get_io().mouse_pos, studio.state.tools
         grip = self._press.grip if self._press else None
         here = (mouse.x, mouse.y) if grip or (imgui.is_item_hovered() and not self._press) else None
-        seen = _on_screen(projection, figure, tools.selected)
-        if LOOK in seen:
-            overlay.draw_gaze(canvas, projection, figure, seen[LOOK])
         taken = grip.name if grip else None
         if here and not grip:
             near = {name: math.dist(here, place) for name, place in seen.items()}

@@ -40,14 +40,13 @@ def slider(
     _bar(width, *(0.5 * signed + (x - (0.0 if signed else low)) / span for x in (value, rest, low, high)))
     imgui.set_next_item_width(width)
     shown = 0.0 if not any(digit in "123456789" for digit in form % value) else value  # never "-0"
-    with (
-        imgui_ctx.push_style_color(imgui.Col_.frame_bg, theme.vec4(theme.PANEL, 0.0)),
-        imgui_ctx.push_style_color(imgui.Col_.frame_bg_hovered, theme.vec4(theme.TEXT, 0.06)),
-        imgui_ctx.push_style_color(imgui.Col_.frame_bg_active, theme.vec4(theme.TEXT, 0.10)),
-    ):
-        moved, new = imgui.drag_float(
-            f"##{name}", shown, span / max(width, 1.0), low, high, form, imgui.SliderFlags_.clamp_on_input
-        )
+    imgui.push_style_color(imgui.Col_.frame_bg, theme.vec4(theme.PANEL, 0.0))
+    imgui.push_style_color(imgui.Col_.frame_bg_hovered, theme.vec4(theme.TEXT, 0.06))
+    imgui.push_style_color(imgui.Col_.frame_bg_active, theme.vec4(theme.TEXT, 0.10))
+    moved, new = imgui.drag_float(
+        f"##{name}", shown, span / max(width, 1.0), low, high, form, imgui.SliderFlags_.clamp_on_input
+    )
+    imgui.pop_style_color(3)
     if imgui.is_item_hovered() and imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
         imgui.internal.clear_active_id()  # else the second click opens a text
         return rest

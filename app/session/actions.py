@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 from avatarrex_studio.session import commands
 from avatarrex_studio.session.commands import Command
@@ -41,6 +42,7 @@ class Action:
     """Whether a line separates it from the entry above."""
 
 
+@cache
 def words(name: str) -> str:
     """A name as a person writes it: `left_hand` → `left hand`, `mouthSmileLeft` → `mouth smile left`."""
     return " ".join(re.findall(r"[A-Z]?[a-z]+\d*", name)).lower()

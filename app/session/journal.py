@@ -237,10 +237,9 @@ def supersedes(later: Command, earlier: Command) -> bool:
     return isinstance(later, Setting) and type(earlier) is type(later) and same
 
 
-def _work(state: StudioState) -> StudioState:
-    """The state without what only says how it is looked at."""
-    fresh = StudioState()
-    return state.change(view=fresh.view, tools=fresh.tools, level=fresh.level)
+def _work(state: StudioState) -> tuple[object, ...]:
+    """The state's values without what only says how it is looked at."""
+    return tuple(value for name, value in vars(state).items() if name not in ("view", "tools", "level"))
 
 
 def _after(state: StudioState, commands: list[Command]) -> StudioState:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import lru_cache
 from typing import Any, SupportsFloat
 
 import numpy as np
@@ -82,8 +83,7 @@ class OrbitView:
 
     def camera(self, width: int, height: int) -> Camera:
         """This view on a `width` × `height` raster."""
-        distance, fov = self.lens
-        return Camera.orbit(self.azimuth, self.elevation, distance, fov, self.target, width, height)
+        return _camera(self, width, height)
 
     @property
     def lens(self) -> tuple[float, float]:
@@ -97,6 +97,12 @@ class OrbitView:
     def moved(self, step: np.ndarray) -> OrbitView:
         """The same view `step` (3,) further on."""
         return replace(self, target=vector(np.asarray(self.target) + step))
+
+
+@lru_cache(16)  # a frame needs one or two, several times
+def _camera(view: OrbitView, width: int, height: int) -> Camera:
+    distance, fov = view.lens
+    return Camera.orbit(view.azimuth, view.elevation, distance, fov, view.target, width, height)
 
 
 @dataclass(frozen=True)

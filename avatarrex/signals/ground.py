@@ -6,7 +6,7 @@ Files measure heights from floors of their own. Ours lies under the soles of the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -41,6 +41,7 @@ class LowPoints:
     """(p,) metres of flesh below it."""
 
 
+@cache
 def floor_height() -> float:
     """y of the floor in metres: the lowest vertex of the T-pose."""
     return float(rest_skeleton().vertices[:, 1].min())

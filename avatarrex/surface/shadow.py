@@ -146,9 +146,9 @@ class _Floor:
         program = self._program
         spheres = np.concatenate([_spheres(one) for one in casters])[:MOST_SPHERES]
         spheres[:, :3] -= [region[0], height, region[1]]
-        table = np.zeros((MOST_SPHERES, 4))
+        table = np.zeros((MOST_SPHERES, 4), np.float32)
         table[: len(spheres)] = spheres
-        program["u_spheres"] = [tuple(row) for row in table.tolist()]
+        program["u_spheres"].write(table)
         program["u_count"] = len(spheres)
         program["u_size"] = (region[2] - region[0], region[3] - region[1])
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
+from scipy.sparse import csr_array
 
 from avatarrex.signals.joints import BODY_JOINTS, JOINT_NAMES
 from avatarrex.surface.surface import Surface
@@ -29,12 +30,8 @@ _made: WeakKeyDictionary[Surface, Spheres] = WeakKeyDictionary()
 class Spheres:
     """Pieces of a surface."""
 
-    vertex: Int[np.ndarray, " v"]
-    """Of each piece, one piece after the other."""
-    first: Int[np.ndarray, " n"]
-    """Where each begins."""
-    weight: Float[np.ndarray, "v 1"]
-    """Share of its vertex in the piece's middle."""
+    shares: csr_array
+    """(n, v): of each vertex in each piece's middle."""
     radius: Float[np.ndarray, " n"]
 
     @classmethod
@@ -46,7 +43,7 @@ class Spheres:
 
     def centres(self, vertices: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "n 3"]:
         """Of the posed vertices."""
-        return np.asarray(np.add.reduceat(self.weight * vertices[self.vertex], self.first))
+        return np.asarray(self.shares @ vertices)
 
 
 def _cut(surface: Surface) -> Spheres:
@@ -58,9 +55,9 @@ def _cut(surface: Surface) -> Spheres:
         length *= 1.1
     pieces = [piece for own in rows for piece in _along(rest, own, _pieces(rest[own], length)) if area[piece].sum() > 0]
     sums = np.array([area[piece].sum() for piece in pieces])
-    vertex, sizes = np.concatenate(pieces), np.array([len(piece) for piece in pieces])
-    weight = area[vertex] / np.repeat(sums, sizes)
-    return Spheres(vertex, np.cumsum(sizes) - sizes, weight[:, None], np.sqrt(sums / (4 * np.pi)))
+    vertex, number = np.concatenate(pieces), np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+    shares = csr_array((area[vertex] / sums[number], (number, vertex)), (len(pieces), len(rest)))
+    return Spheres(shares, np.sqrt(sums / (4 * np.pi)))
 
 
 def _areas(surface: Surface) -> Float[np.ndarray, " v"]:

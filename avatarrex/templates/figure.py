@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES, FACE_REGIONS, JOINT_NAMES
 from avatarrex.signals.skeleton import PosedSkeleton, Skeleton
-from avatarrex.templates.model import TemplateModel, pose_by_signals, shape_template
+from avatarrex.templates.model import TemplateModel, pose_by_signals, shape_joints
 from avatarrex.templates.transform import world_from_root
 
 EXPRESSIVE = 0.35
@@ -44,7 +44,7 @@ class Figure:
         shape, expression = (
             torch.from_numpy(v.astype(np.float32)) for v in (self.signals.shape, self.signals.expression)
         )
-        joints = shape_template(self.body, shape, expression)[1]
+        joints = shape_joints(self.body, shape, expression)
         return Skeleton(joints.double().numpy(), self.body.parents)
 
     @cached_property
