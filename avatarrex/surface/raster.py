@@ -172,17 +172,17 @@ class Raster:
         view = shown[0].view
         extent = Extent.around([found for one in shown if (found := Extent.of(one.posed.bounds, one.view))])
         picture = self._picture((view.width, view.height))
-        sampled = per_context(self._context, ("surface", samples), lambda: self._sampled(samples))
         with target_kept(self._context):
             picture[1].clear()
             for name in ("colour", "lit"):
                 self._programs[name]["u_lod_bias"] = LOD_BIAS[samples]
             if extent:
                 for tile in extent.tiles(TILE):
-                    self._begin(sampled, tile)
+                    sampled = self._begin(picture[1], samples, tile)
                     for one in shown:
                         self._draw(one, extent.clip_from_root(one.view, tile), counters)
-                    self._average(sampled, samples, picture[1], tile)
+                    if sampled:
+                        self._average(sampled, samples, picture[1], tile)
         drawn = SurfacePicture(picture[0][0])
         weakref.finalize(drawn, self._free.append, picture).atexit = False
         return drawn
@@ -217,7 +217,7 @@ class Raster:
         with target_kept(self._context):
             clips = [(tile, extent.clip_from_root(view, tile)) for tile in extent.tiles(TILE)] if extent else []
             for tile, clip in clips:
-                self._begin(target, tile)
+                self._use(target, tile)
                 self.render("geometry", uploaded, hidden, clip, counters)
                 left, top, width, height = tile
                 for index in range(3):
@@ -241,7 +241,17 @@ class Raster:
         counters.add("bytes_uploaded", self._surfaces[surface].bind(posed))
         return self._surfaces[surface]
 
-    def _begin(self, target: Target, tile: Box) -> None:
+    def _begin(self, picture: moderngl.Framebuffer, samples: int, tile: Box) -> Target | None:
+        """What follows goes into the tile of a picture that is clear, or into several `samples` a pixel, the target that is given."""
+        if samples == 1:
+            picture.use()
+            picture.viewport = tile
+            return None
+        sampled = per_context(self._context, ("surface", samples), lambda: self._target((TILE, TILE), "f1", 1, samples))
+        self._use(sampled, tile)
+        return sampled
+
+    def _use(self, target: Target, tile: Box) -> None:
         """What follows goes into the target's first pixels, as many as the tile has."""
         viewport = (0, 0, *tile[2:])
         target[1].use()
@@ -301,19 +311,14 @@ class Raster:
             if found is None and textures[0].size == size:
                 found = textures, framebuffer
             else:
-                framebuffer.release()
-                textures[0].release()
+                for thing in (framebuffer.depth_attachment, framebuffer, textures[0]):
+                    thing.release()
         if found is not None:
             return found
         texture = self._context.texture(size, 4)
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         texture.repeat_x = texture.repeat_y = False
-        return (texture,), self._context.framebuffer([texture])
-
-    def _sampled(self, samples: int) -> Target:
-        return self._target(
-            (TILE, TILE), "f1", 1, 0 if samples == 1 else samples
-        )  # one of llvmpipe's is off the centre
+        return (texture,), self._context.framebuffer([texture], self._context.depth_renderbuffer(size))
 
     def _target(self, size: tuple[int, int], kind: str, count: int, samples: int = 0) -> Target:
         context = self._context

@@ -25,12 +25,13 @@ ANISOTROPY = 8.0
 """Texels along the longer side of a pixel's footprint, by graphics hardware; in software it takes 4 ms of a picture of 512² pixels."""
 NEAREST_MIPMAP = moderngl.LINEAR_MIPMAP_NEAREST
 """In software one mipmap is read instead of two: a sixth of a picture's time for 0.03 dB (docs/experiments.md, 'Surface')."""
-CORNER = np.dtype([("uv", "f4", 2), ("lit", "f4"), ("vertex", "i4"), ("part", "i4")])
+CORNER = np.dtype([("uv", "f4", 2), ("lit", "f4"), ("part", "i4")])
 CASTER = "caster"
 """The program that draws what throws a shadow."""
 CASTER_CELL = 0.022
 """Metres: vertices that are nearer to each other than this throw one shadow; a texel of it is a centimetre."""
-LAYOUT = ("2f 1f 1i 1i", "in_uv", "in_lit", "in_vertex", "in_part")
+LAYOUT = ("2f 1f 1i", "in_uv", "in_lit", "in_part")
+POSED = "in_position", "in_normal", "in_tint"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +57,11 @@ class UploadedSurface:
         self._context, self._surface = context, weakref.ref(surface)
         corner = np.zeros(len(surface.uv), CORNER)
         vertex = surface.uv_vertex
-        corner["uv"], corner["lit"], corner["vertex"], corner["part"] = (
-            surface.uv, surface.lit[vertex], vertex, surface.part[vertex]
-        )  # fmt: skip
+        corner["uv"], corner["lit"], corner["part"] = surface.uv, surface.lit[vertex], surface.part[vertex]
+        self._vertex = vertex
         self._corners = context.buffer(corner.tobytes())
-        size = 12 * len(surface.vertices)
-        self._posed = [context.buffer(reserve=size) for _ in range(3)]
+        self._positions = context.buffer(reserve=12 * len(surface.vertices))
+        self._posed = [context.buffer(reserve=12 * len(vertex)) for _ in POSED]
         self._current: weakref.ref[PosedSurface] | None = None
         self._triangles: dict[frozenset[str], Triangles] = {}
         self._casters: list[moderngl.Buffer] = []
@@ -73,16 +73,18 @@ class UploadedSurface:
         self._albedo.anisotropy = 1.0 if software else min(ANISOTROPY, context.max_anisotropy)
 
     def bind(self, posed: PosedSurface) -> int:
-        """Bind albedo (unit 0) and the posed arrays (storage 0 to 2); the bytes that were uploaded."""
+        """Bind the albedo (unit 0), upload the pose where it is another one; the bytes that were uploaded.
+
+        Corners get their vertices' values here: a shader that looks them up itself costs a tenth of a picture in software.
+        """
         self._albedo.use(0)
-        arrays = (posed.vertices, posed.normals, posed.tint)
-        new = self._current is None or self._current() is not posed
-        for binding, (buffer, array) in enumerate(zip(self._posed, arrays)):
-            if new:
-                buffer.write(np.ascontiguousarray(array))
-            buffer.bind_to_storage_buffer(binding)
+        if self._current is not None and self._current() is posed:
+            return 0
         self._current = weakref.ref(posed)
-        return sum(array.nbytes for array in arrays) if new else 0
+        arrays = [array.take(self._vertex, 0) for array in (posed.vertices, posed.normals, posed.tint)]
+        for buffer, array in zip((self._positions, *self._posed), (np.ascontiguousarray(posed.vertices), *arrays)):
+            buffer.write(array)
+        return posed.vertices.nbytes + sum(array.nbytes for array in arrays)
 
     def triangles(self, hidden: frozenset[str], programs: dict[str, moderngl.Program]) -> Triangles:
         """Those that do not belong to the parts `hidden`."""
@@ -94,9 +96,10 @@ class UploadedSurface:
             faces = surface.uv_faces[~unseen]
             faces = faces[np.argsort(z_order(surface.vertices[surface.uv_vertex[faces]].mean(1)), kind="stable")]
             indices = self._context.buffer(faces.astype(np.uint32).tobytes())
+            posed = [(buffer, "3f", name) for buffer, name in zip(self._posed, POSED)]
             shapes = {
                 name: self._context.vertex_array(
-                    program, [(self._corners, *LAYOUT)], indices, index_element_size=4, skip_errors=True
+                    program, [(self._corners, *LAYOUT), *posed], indices, index_element_size=4, skip_errors=True
                 )
                 for name, program in programs.items()
                 if name != CASTER
@@ -109,16 +112,17 @@ class UploadedSurface:
         """The coarse triangles that throw the surface's shadow, without those `unseen`."""
         surface = self._surface()
         assert surface is not None
-        corners = np.unique(coarse_faces(surface, surface.faces[~unseen]).astype(np.int32), axis=0)
-        vertices = self._context.buffer(corners.tobytes() or bytes(12))
-        self._casters.append(vertices)
-        return self._context.vertex_array(program, [(vertices, "1i", "in_vertex")])
+        corners = np.unique(coarse_faces(surface, surface.faces[~unseen]).astype(np.uint32), axis=0)
+        indices = self._context.buffer(corners.tobytes() or bytes(12))
+        self._casters.append(indices)
+        positions = [(self._positions, "3f", "in_position")]
+        return self._context.vertex_array(program, positions, indices, index_element_size=4)
 
     def release(self) -> None:
         """Give the memory back."""
         for triangles in self._triangles.values():
             triangles.release()
-        for buffer in (self._corners, *self._posed, *self._casters):
+        for buffer in (self._corners, self._positions, *self._posed, *self._casters):
             buffer.release()
         self._albedo.release()
 

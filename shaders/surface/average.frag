@@ -1,9 +1,5 @@
 // The mean of a pixel's SAMPLES, of a target whose first pixel is the viewport's.
-#if SAMPLES == 1
-uniform sampler2D u_samples;
-#else
 uniform sampler2DMS u_samples;
-#endif
 uniform ivec2 u_corner;  // of the viewport
 
 layout(location = 0) out vec4 out_mean;
@@ -12,6 +8,6 @@ void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy) - u_corner;
     vec4 sum = vec4(0);
     for (int s = 0; s < SAMPLES; s++)
-        sum += texelFetch(u_samples, pixel, s);  // a single one: level 0
+        sum += texelFetch(u_samples, pixel, s);
     out_mean = sum / float(SAMPLES);
 }

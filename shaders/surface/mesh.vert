@@ -1,15 +1,13 @@
-// One texture vertex of a posed surface. Reads positions (m), normals, tints of its vertex in the root frame; writes clip
+// One texture vertex of a posed surface: position (m), normal and tint of its vertex in the root frame. Writes clip
 // coordinates with the picture's top as the first row. Light is evaluated here: a triangle is some pixels large, so that E of its
 // corners' normals is E of every pixel's (55 dB) for less.
 #include "lib/light.glsl"
 
-layout(std430, binding = 0) readonly buffer Positions { float in_position[]; };  // 3 a vertex each
-layout(std430, binding = 1) readonly buffer Normals { float in_normal[]; };
-layout(std430, binding = 2) readonly buffer Tints { float in_tint[]; };
-
+in vec3 in_position;
+in vec3 in_normal;
+in vec3 in_tint;
 in vec2 in_uv;
 in float in_lit;
-in int in_vertex;
 in int in_part;  // 0 the body, 1.. in the order of PARTS
 
 uniform mat4 u_clip_from_root;
@@ -43,15 +41,14 @@ out vec3 v_part;      // share of each part
 out vec3 v_own;       // the vertex's tint as it is
 
 void main() {
-    int x = 3 * in_vertex, y = x + 1, z = x + 2;
-    v_position = vec3(in_position[x], in_position[y], in_position[z]);
-    v_normal = vec3(in_normal[x], in_normal[y], in_normal[z]);
+    v_position = in_position;
+    v_normal = in_normal;
     vec3 lit = mix(vec3(1), light(v_normal, u_harmonics, DARKEST), in_lit);
 #ifdef LIT
     lit *= u_gains.x + u_gains.y * in_light(v_position, v_normal);
 #endif
     v_gain = u_albedo_scale * lit;
-    v_own = vec3(in_tint[x], in_tint[y], in_tint[z]);
+    v_own = in_tint;
     v_offset = v_own * lit;
     v_uv = in_uv;
     v_part = vec3(in_part == 1, in_part == 2, in_part == 3);

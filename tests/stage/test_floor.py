@@ -152,7 +152,7 @@ def test_the_spheres_have_the_silhouette_of_what_they_stand_for(ball):
     centres = spheres.centres(ball.vertices)
     assert np.abs(np.average(centres, 0, spheres.radius**2)).max() < 0.02
     person = Spheres.of(template_surface())
-    assert 12 < len(person.first) <= MOST
+    assert 12 < len(person.radius) <= MOST
     assert Spheres.of(template_surface()) is person
 
 
