@@ -93,7 +93,11 @@ def test_what_is_done_again(avatar):
     smile = WAVE.replace(expression=np.eye(52)[17])
     smiling = draw(avatar, smile, previous=first)
     morphed = len(avatar.surface.morph_vertex)
-    assert work(smiling) == {"surface_triangles": f, "bytes_uploaded": 12 * v + 36 * len(avatar.surface.uv), "surface_vertices": morphed}
+    assert work(smiling) == {
+        "surface_triangles": f,
+        "bytes_uploaded": 12 * v + 36 * len(avatar.surface.uv),
+        "surface_vertices": morphed,
+    }
     assert torch.equal(smiling.image, draw(avatar, smile).image)
     bent = draw(avatar, Signals.rest(), previous=smiling)
     assert 0.5 * v < bent.counters["surface_vertices"] < v, "the legs of the wave stand as at rest"
