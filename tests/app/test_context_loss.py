@@ -96,7 +96,7 @@ class Lost:
 @pytest.mark.window
 def test_the_window_opens_anew_with_the_same_picture(display, caplog, monkeypatch):
     caplog.set_level(logging.INFO)
-    monkeypatch.setattr(window_module, "IDLE_FPS", 60.0)  # at 0.3 the frames until the picture rests take three minutes
+    monkeypatch.setattr(window_module, "IDLE_FPS", 60.0)  # else the frames until the picture rests take minutes
     window = surface_window()
     window.studio.do(SetJoint("left_elbow", (0.0, -1.0, 0.0)))
     lost = Lost(window)

@@ -11,7 +11,8 @@ import pytest
 from avatarrex_studio.engine.request import Request, Seen
 from avatarrex_studio.jobs.task import Outcome, Task
 from avatarrex_studio.jobs.watcher import Watcher
-from avatarrex_studio.panels import camera, keys, performance, render, scene, theme, widgets
+from avatarrex_studio.live.listening import Listening
+from avatarrex_studio.panels import camera, keys, performance, render, scene, theme, viewport, widgets
 from avatarrex_studio.panels.capture_tools import CaptureTools
 from avatarrex_studio.panels.face import face_panel
 from avatarrex_studio.panels.files import FileDialog
@@ -34,6 +35,7 @@ from avatarrex_studio.session.commands import (
     Blend,
     OrbitBy,
     PanBy,
+    Pin,
     PullHandle,
     ResetGroup,
     ScaleGroup,
@@ -305,6 +307,34 @@ def test_the_error_of_live_is_what_the_avatars_surface_says():
     for meta in ({}, {"errors": "not measured: no OpenGL"}):
         assert performance.error_text("live", replace(surface, meta=meta)) == "not measured"
     assert performance.error_text("live") == "not measured"
+
+
+def test_what_can_be_dragged_is_looked_for_where_somebody_points(screen, clock, monkeypatch):
+    """The joints' places take milliseconds where the person moves; and nothing is named while it moves by itself."""
+    studio, panel, found, places = ball_studio(clock), ViewportPanel(), [], viewport._on_screen
+    monkeypatch.setattr(viewport, "_on_screen", lambda *given: found.append(places(*given)) or found[-1])
+
+    def look():
+        found.clear()
+        screen.frame(lambda: panel.draw(studio, Shown(1, 400, 300)))
+        return len(found)
+
+    screen.io.add_mouse_pos_event(-10, -10)
+    assert look() == look() == 0
+    studio.do(Select("left_elbow"))
+    assert look() == 1
+    studio.do(Select(None))
+    studio.do(Pin(("left_hand",), True))
+    assert look() == 1
+    studio.do(Pin(("left_hand",), False))
+    screen.io.add_mouse_pos_event(200, 150)
+    look()
+    assert look() == 1
+    hand = found[0]["left_hand"]
+    screen.io.add_mouse_pos_event(*hand)
+    assert [look(), panel.handle] == [1, "left_hand"]
+    monkeypatch.setattr(Listening, "present", property(lambda listening: True))
+    assert [look(), panel.handle] == [1, None]
 
 
 def double_click(screen, draw, place):

@@ -17,6 +17,7 @@ from avatarrex.gl import current_context, gl_context, use_context
 from avatarrex.gl.context import NoContext
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.library import named_pose
+from avatarrex.surface import raster
 from avatarrex.surface.extent import Extent
 from avatarrex.surface.look import KINDS, Look, shaded
 from avatarrex.surface.pose import PosedSurface, pose_surface
@@ -201,6 +202,20 @@ def test_nothing_at_the_camera_s_back_or_beside_the_picture(posed):
         assert Extent.of(posed.bounds, view) is None
         assert not draw_surface(posed, HARMONICS, view).read().any()
         assert not surface_geometry(posed, view).hit.any()
+
+
+def test_one_sample_a_pixel_is_drawn_from_coarser_mipmaps(posed, monkeypatch):
+    """What moves fast flickers less, and is drawn sooner."""
+    albedo = np.random.default_rng(0).integers(0, 256, (1024, 1024, 3), np.uint8)
+    noisy = pose_surface(replace(posed.surface, albedo=albedo), PERSON, WAVE)
+
+    def spread():
+        image = draw_surface(noisy, HARMONICS, camera(), samples=1).read()
+        return image[image[..., 3] == 1].std()
+
+    coarse = spread()
+    monkeypatch.setitem(raster.LOD_BIAS, 1, raster.LOD_BIAS[4])
+    assert coarse < 0.8 * spread()
 
 
 @pytest.mark.parametrize("samples", [1, 4])
