@@ -13,7 +13,7 @@ from typing import Any
 from avatarrex_studio.cli.options import number
 from avatarrex_studio.session import commands
 from avatarrex_studio.session.commands import Command, SetCamera
-from avatarrex_studio.session.posing import FACE_JOINTS, GROUPS, SHAPE_RANGES
+from avatarrex_studio.session.posing import FACE_JOINTS, GROUPS, SHAPE_RANGE
 from avatarrex_studio.session.state import Colour
 from PIL import ImageColor
 
@@ -81,9 +81,8 @@ def setting(text: str) -> Command:
         if name not in tuple("0123456789"):
             raise InputError("--set", path, "shape.0 to shape.9", name)
         index, size = int(name), number("--set", path, value)
-        if abs(size) > SHAPE_RANGES[index]:
-            within = f"±{SHAPE_RANGES[index]:g}: further out the face of a trained avatar comes apart"
-            raise InputError("--set", path, within, value)
+        if abs(size) > SHAPE_RANGE:
+            raise InputError("--set", path, f"±{SHAPE_RANGE:g}", value)
         return commands.SetShape(index, size)
     if group not in GROUP_JOINTS:
         raise InputError("--set", path, "a group: " + ", ".join((*GROUP_JOINTS, "shape")), group)

@@ -9,7 +9,7 @@ from avatarrex_studio.panels.figures import draw as draw_figures
 from avatarrex_studio.panels.stage import draw as draw_stage
 from avatarrex_studio.session.actions import Action, words
 from avatarrex_studio.session.commands import Command, SetHidden, SetShape
-from avatarrex_studio.session.posing import SHAPE_RANGES
+from avatarrex_studio.session.posing import SHAPE_RANGE
 from avatarrex_studio.session.recent import Recent
 from avatarrex_studio.session.state import StudioState
 from imgui_bundle import imgui
@@ -17,7 +17,6 @@ from imgui_bundle import imgui
 from avatarrex.templates.parts import PARTS
 
 LABEL = 78.0
-SHAPE_WORDS = "Further out a trained avatar comes apart: its fields were learned on one shape."
 
 
 def draw(state: StudioState, recent: Recent, add: Callable[[str], None]) -> Iterator[Command | Action]:
@@ -36,7 +35,7 @@ def _shape(state: StudioState) -> Iterator[Command]:
     """Ten sliders, within what an avatar can follow."""
     for index, value in enumerate(state.signals.shape):
         widgets.label("Size" if index == 0 else f"Shape {index + 1}", LABEL, bool(value))
-        new = widgets.slider(f"shape.{index}", float(value), (-SHAPE_RANGES[index], SHAPE_RANGES[index]), "%.2f")
-        widgets.tooltip(f"Standard deviations. {SHAPE_WORDS}")
+        new = widgets.slider(f"shape.{index}", float(value), (-SHAPE_RANGE, SHAPE_RANGE), "%.2f")
+        widgets.tooltip("Standard deviations; fields were learned on one shape and follow the skin")
         if new is not None:
             yield SetShape(index, new)

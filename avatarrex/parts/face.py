@@ -24,9 +24,10 @@ from avatarrex.ops.mesh_lattice import Grid, nearest_vertex
 from avatarrex.ops.outer_triangle import outer_triangle
 from avatarrex.ops.search_tree import SearchTree
 from avatarrex.ops.side_by_side import SideBySide
-from avatarrex.parts.carried import REACH, Carried, PosedMesh, Seen
+from avatarrex.parts.carried import MOVED, REACH, Carried, PosedMesh, Seen
 from avatarrex.parts.known_expressions import KnownExpressions
 from avatarrex.parts.part import CLAMP, Impl, Part, PartState, Start, SurfacePoints
+from avatarrex.parts.reshaped import Reshaped
 from avatarrex.templates.blend_weight import smooth_ramp
 from avatarrex.templates.face import FaceTemplate
 from avatarrex.templates.mesh import vertex_normals
@@ -99,9 +100,15 @@ class FaceState(PartState):
     planes: FacePlanes
     """Of this expression, or of the one that is carried."""
     triangles: PosedTriangles
-    """Of all the mesh."""
+    """Of all the mesh, in the trained shape."""
     carried: Carried | None = None
     """From the nearest known expression; None where this one is known."""
+    reshaped: Reshaped | None = None
+    """From the trained shape; None where this is it."""
+
+    def trained(self, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 3"]:
+        """Where points are in the trained shape, in the same expression."""
+        return position if self.reshaped is None else self.reshaped.back(position)
 
     def apart(self) -> FaceState:
         """See `PartState`."""
@@ -154,8 +161,10 @@ class Face(Part[FaceState]):
         """
         mesh, normals = vertices.double().numpy(), vertex_normals(vertices, self.field.faces).double().numpy()
         skin = TemplateDistance.of(mesh, normals, self.blend_weight.double().numpy(), np.zeros(len(mesh)))
-        carried, known = self._carried(vertices, coefficients)
-        seen = vertices if carried is None else carried.known.vertices.to(vertices)
+        reshaped = self._reshaped(vertices, coefficients)
+        trained = vertices if reshaped is None else (vertices.double() - reshaped.way).to(vertices)
+        carried, known = self._carried(trained, coefficients)
+        seen = trained if carried is None else carried.known.vertices.to(vertices)
         if before is not None and before.planes.serve(seen, known):
             planes = before.planes
             if carried is not None and before.carried is not None:
@@ -163,24 +172,33 @@ class Face(Part[FaceState]):
         else:
             planes = FacePlanes(self.field, seen, known, impl)
             counters.add("unet_runs", 3)
-        return FaceState(skin, planes, PosedTriangles(mesh, self.field.faces.cpu().numpy()), carried)
+        triangles = PosedTriangles(trained.double().numpy(), self.field.faces.cpu().numpy())
+        return FaceState(skin, planes, triangles, carried, reshaped)
+
+    def _reshaped(self, vertices: Tensor, coefficients: Tensor) -> Reshaped | None:
+        """What carries the trained shape to that of the `vertices`; None where it is theirs, or nobody knows it."""
+        if self.known is None:
+            return None
+        rest = self.template.v_template
+        trained = self.template.posed(coefficients.to(rest), torch.from_numpy(self.known.shape).to(rest))
+        way = vertices.double() - trained.double()
+        return Reshaped.of(vertices.double(), self.template.faces, way) if way.norm(dim=-1).max() > MOVED else None
+
+    def _mesh(self, vertices: Tensor) -> PosedMesh:
+        faces = self.template.faces
+        return PosedMesh(vertices.double(), faces, ~self.template.teeth[faces].any(1))
 
     def _carried(self, vertices: Tensor, coefficients: Tensor) -> tuple[Carried | None, Tensor]:
-        """What carries the nearest known expression to this one, and its coefficients; None where this one is known.
-
-        How far the vertices go is that of the mean shape.
-        """
+        """What carries the nearest known expression to this one, and its coefficients; None where this one is known."""
         known = coefficients if self.known is None else self.known.nearest(coefficients)
         if torch.equal(known, coefficients):
             return None, coefficients
         rest = self.template.v_template
         now, before = (self.template.posed(one.to(rest), rest.new_zeros(0)) for one in (coefficients, known))
-        mesh, faces = vertices.double(), self.template.faces
-        closed = ~self.template.teeth[faces].any(1)
-        return Carried(PosedMesh(mesh, faces, closed), PosedMesh(mesh - (now - before), faces, closed)), known
+        return Carried(self._mesh(vertices), self._mesh(vertices.double() - (now - before))), known
 
     def _sdf(self, state: FaceState, position: Float[Tensor, "p 3"]) -> Float[Tensor, " p"]:
-        """s_F of the expression, known or carried."""
+        """s_F of the expression, known or carried, of points in the trained shape."""
         if state.carried is None:
             return self.field.sdf(state.planes.geometry, position)
         way = state.carried.back(position)
@@ -210,7 +228,7 @@ class Face(Part[FaceState]):
 
     def evaluate(self, state: FaceState, position: Float[Tensor, "p 3"]) -> Float[Tensor, "p 1"]:
         """G_F (paper eq. 11); ω stays that of the start."""
-        return self._sdf(state, position).float().clamp(-CLAMP, CLAMP)[:, None]
+        return self._sdf(state, state.trained(position)).float().clamp(-CLAMP, CLAMP)[:, None]
 
     def distance(self, state: FaceState, position: Tensor, impl: Impl = "auto") -> tuple[Tensor, Tensor]:
         """See `Part`; +∞ where ω is 0 and nothing is evaluated."""
@@ -218,7 +236,7 @@ class Face(Part[FaceState]):
         omega = torch.as_tensor(np.where(here.distance < FACE_BAND, here.weight, 0)).to(position)
         used = torch.arange(len(omega)) if impl == "reference" else torch.nonzero(omega > 0)[:, 0]
         sdf = torch.full_like(omega, torch.inf)
-        sdf[used] = self._sdf(state, position[used])
+        sdf[used] = self._sdf(state, state.trained(position[used]))
         return sdf, omega
 
     @torch.no_grad()
@@ -236,7 +254,7 @@ class Face(Part[FaceState]):
     def places(
         self, state: FaceState, position: Float[Tensor, "p 3"], normal: Float[Tensor, "p 3"] | None = None
     ) -> TexelPlaces | None:
-        """Texels about what the posed mesh has outermost at points of the surface (head frame); None where it has none.
+        """Texels about what the posed mesh has outermost at points of the surface (head frame, trained shape); None where it has none.
 
         The closest triangle of a closed lid would often be the eyeball's.
         """
@@ -251,11 +269,12 @@ class Face(Part[FaceState]):
         """C_F (paper eq. 12), brought to the body's tone."""
         planes = self.decode_colour(state, counters)
         counters.add("face_pixels", len(points.position))
+        trained = state.trained(points.position)
         if state.carried is None:
-            own = self.field.colour(planes, points.position, points.direction, self.places(state, points.position))
+            own = self.field.colour(planes, trained, points.direction, self.places(state, trained))
         else:
-            normal = self._normal(state, points.position)
-            seen, places = state.carried.seen(points.position, normal), self.places(state, points.position, normal)
+            normal = self._normal(state, trained)
+            seen, places = state.carried.seen(trained, normal), self.places(state, trained, normal)
             own = self._in_mouth(state.carried, seen, self.field.colour(planes, seen.place, points.direction, places))
         colour: Tensor = self.tone(own, points.root_direction, points.direction)
         return colour

@@ -1,12 +1,12 @@
-"""The expressions that a face was trained on: a box of ψ, jaw and eyes. Ours.
+"""The expressions that a face was trained on, a box of ψ, jaw and eyes, and the shape. Ours.
 
-Outside of it the face's networks were never trained (`carried.py` says what is done there).
+Of others the face's networks know nothing (`carried.py` and `reshaped.py` say what is done there).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from torch import Tensor
 
 from avatarrex.errors import InputError
 from avatarrex.fields.face import COEFFICIENTS
-from avatarrex.signals.driving import Signals
+from avatarrex.signals.driving import SHAPES, Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
 
 ROOM = 0.3
@@ -32,12 +32,15 @@ class KnownExpressions:
 
     least: Float[np.ndarray, " 61"]
     most: Float[np.ndarray, " 61"]
+    shape: Float[np.ndarray, " 10"] = field(default_factory=lambda: np.zeros(SHAPES["shape"]))
+    """β."""
 
     @classmethod
     def of(cls, frames: Sequence[Signals]) -> KnownExpressions:
         """What these frames show, and the face at rest."""
         shown = np.stack([np.concatenate([one.expression, one.jaw_pose, one.eye_pose.ravel()]) for one in frames])
-        return cls(shown.min(0).clip(max=0).round(DIGITS), shown.max(0).clip(min=0).round(DIGITS))
+        shape = np.mean([one.shape for one in frames], 0).round(DIGITS)
+        return cls(shown.min(0).clip(max=0).round(DIGITS), shown.max(0).clip(min=0).round(DIGITS), shape)
 
     @classmethod
     def in_meta(cls, meta: Mapping[str, Any], file: str) -> KnownExpressions | None:
@@ -51,22 +54,21 @@ class KnownExpressions:
     def from_json(cls, data: object, file: str) -> KnownExpressions:
         """What `to_json` gave, read from `file`. Raises `InputError`."""
         found = data if isinstance(data, Mapping) else {}
-        limits = []
-        for name in ("least", "most"):
+        found = {"shape": [0.0] * SHAPES["shape"][0], **found}  # files until 2026-11-26 do not say it
+        values = []
+        for name, count in (("least", COEFFICIENTS), ("most", COEFFICIENTS), ("shape", SHAPES["shape"][0])):
             try:
                 value = np.asarray(found.get(name), dtype=np.float64)
             except (TypeError, ValueError):
                 value = np.zeros(0)
-            if value.shape != (COEFFICIENTS,) or not np.isfinite(value).all():
-                raise InputError(
-                    file, f"training: expressions: {name}", f"{COEFFICIENTS} finite numbers", found.get(name)
-                )
-            limits.append(value)
-        return cls(*limits)
+            if value.shape != (count,) or not np.isfinite(value).all():
+                raise InputError(file, f"training: expressions: {name}", f"{count} finite numbers", found.get(name))
+            values.append(value)
+        return cls(*values)
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers."""
-        return {"least": self.least.tolist(), "most": self.most.tolist()}
+        return {name: getattr(self, name).tolist() for name in ("least", "most", "shape")}
 
     @property
     def never_shown(self) -> tuple[str, ...]:

@@ -78,7 +78,7 @@ OPTIONS = {
     "--set body.left_elbow=0,0": "three numbers, e.g. 0,0,45deg, found 0,0", "--set body.left_elbow=0,0,nan": NUMBER,
     "--set body.left_elbow=0,0,1e20": "body_pose: expected numbers up to", "--set body.tail=0,0,1": "found tail",
     "--set face.smirk=1": "found smirk", "--set face.jawOpen=inf": NUMBER, "--set face.jawOpen": "GROUP.NAME=VALUE",
-    "--set face.jawOpen=1000": "expression: expected numbers up to ±5, found 1000", "--set shape.0=0.3": "shape.0: expected ±0.2",
+    "--set face.jawOpen=1000": "expression: expected numbers up to ±5, found 1000", "--set shape.0=2.6": "shape.0: expected ±2.5",
     "--set left_hand.index9=0,0,0": "found index9", "--set shape.12=1": "shape.0 to shape.9", "--set hat.size=3": "found hat",
     "--set root.place=1,2,3": "root.translation or root.orientation", "--set root.translation=0,0,1e9": "translation: expected",
     "--pose ballet": "pose: ballet: expected one of .*found an unknown name", "--pose None": "an unknown name",

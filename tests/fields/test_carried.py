@@ -14,10 +14,12 @@ from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar, save_avatar
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
+from avatarrex.fields.light import Irradiance
 from avatarrex.levels import LEVELS
 from avatarrex.parts.carried import OFF, Carried, PosedMesh, Seen
 from avatarrex.parts.face import SHADOW, Face, FaceState, face_state
 from avatarrex.parts.known_expressions import ROOM, KnownExpressions
+from avatarrex.parts.part import SurfacePoints
 from avatarrex.signals.driving import Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.signals.library import coefficients
@@ -62,13 +64,17 @@ def test_what_frames_show_is_known_and_a_little_more() -> None:
 
 @pytest.mark.parametrize(
     "broken", [{}, [], {"least": [0.0] * 61}, {"least": [0.0] * 61, "most": [0.0] * 60}, {"least": ["a"] * 61, "most": [0.0] * 61},
-               {"least": [0.0] * 61, "most": [float("nan")] * 61}]
+               {"least": [0.0] * 61, "most": [float("nan")] * 61}, {"least": [0.0] * 61, "most": [0.0] * 61, "shape": [0.0] * 9}]
 )  # fmt: skip
 def test_a_range_that_cannot_be_is_refused(broken: object) -> None:
     known = KnownExpressions.of([shown(jawOpen=0.5)])
     again = KnownExpressions.from_json(json.loads(json.dumps(known.to_json())), "avatar.json")
     assert (again.most.tolist(), again.least.tolist()) == (known.most.tolist(), known.least.tolist())
-    with pytest.raises(InputError, match=r"avatar\.json: training: expressions: (least|most)"):
+    tall = KnownExpressions.of([Signals.rest().replace(shape=np.eye(10)[0])])
+    assert KnownExpressions.from_json(tall.to_json(), "avatar.json").shape.tolist() == [1.0] + [0.0] * 9
+    before = {name: tall.to_json()[name] for name in ("least", "most")}
+    assert not KnownExpressions.from_json(before, "avatar.json").shape.any(), "files of before were of the mean shape"
+    with pytest.raises(InputError, match=r"avatar\.json: training: expressions: (least|most|shape)"):
         KnownExpressions.from_json(broken, "avatar.json")
 
 
@@ -183,8 +189,8 @@ def test_known_expressions_are_as_before_and_others_carry_the_nearest() -> None:
 
 
 def test_the_planes_of_a_carried_face_are_made_once() -> None:
-    """Expressions that one known face carries share what the networks made of it; other faces and heads have their own."""
-    face = face_of(KnownExpressions.of([Signals.rest()]))
+    """Expressions and shapes that one known face carries share what the networks made of it; other faces have their own."""
+    face, plain = face_of(KnownExpressions.of([Signals.rest()])), face_of(None)
     blink, laugh = shown(eyeBlinkLeft=1.0), shown(jawOpen=0.5, mouthSmileLeft=0.7)
     first, alone = state_of(face, blink), state_of(face, laugh)
     shared = state_of(face, laugh, first)
@@ -199,12 +205,48 @@ def test_the_planes_of_a_carried_face_are_made_once() -> None:
     assert counters["unet_runs"] == 3, "colours, too"
     assert first.planes.serve(first.planes.vertices, first.planes.coefficients)
     assert not first.planes.serve(first.planes.vertices, first.planes.coefficients + 0.1), "a field may have them alone"
-    assert state_of(face, laugh, first, size=1.001).planes is not first.planes
+    assert state_of(face, laugh, first, size=1.001).planes is first.planes, "of another shape, too"
+    assert (
+        state_of(plain, laugh, state_of(plain, laugh), size=1.001).planes.vertices[0, 0] != first.planes.vertices[0, 0]
+    )
     smiling = face_of(KnownExpressions.of([shown(mouthSmileLeft=0.7)]))
     assert state_of(smiling, laugh, state_of(smiling, blink)).planes is not state_of(smiling, blink).planes
-    plain = face_of(None)
     assert state_of(plain, laugh, state_of(plain, blink)).carried is None
     assert not torch.equal(state_of(plain, laugh, state_of(plain, blink)).planes.driven, first.planes.driven)
+
+
+def shaped(face: Face, frame: Signals, shape: list[float]) -> FaceState:
+    """Prepared for a frame of a body shape (its first coefficients)."""
+    vertices = PERSON.face.posed(vector(frame).float(), torch.tensor(shape))
+    return face.prepare(vertices, vector(frame), Counters())
+
+
+def test_another_shape_carries_the_face_that_was_learnt() -> None:
+    """Distances and colours of skin points are those of the trained shape; eyes go with the lids."""
+    face, blink = face_of(KnownExpressions.of([shown(eyeBlinkLeft=1.0)])), shown(eyeBlinkLeft=1.0)
+    small, own = shaped(face, blink, [-2.5, 1.0]), shaped(face, blink, [])
+    assert own.reshaped is None
+    assert small.reshaped is not None
+    here = PERSON.face.posed(vector(blink).float(), torch.tensor([-2.5, 1.0]))
+    there = PERSON.face.posed(vector(blink).float(), torch.zeros(0))
+    assert (here - there).norm(dim=-1).max() > 0.01
+    skin = small.reshaped.skin.unique()[::40]
+    torch.testing.assert_close(small.trained(here[skin]), there[skin], rtol=0, atol=1e-6)
+    torch.testing.assert_close(face.evaluate(small, here[skin]), face.evaluate(own, there[skin]), rtol=0, atol=1e-6)
+    direction, still, light = (
+        torch.tensor([[0.0, 0.0, 1.0]]).expand(len(skin), 3),
+        torch.eye(3),
+        Irradiance(torch.zeros(8, 3)),
+    )
+    colours = [
+        face.colour(state, SurfacePoints(points[skin], direction, direction, still, light), Counters())
+        for state, points in ((small, here), (own, there))
+    ]
+    torch.testing.assert_close(*colours, rtol=0, atol=1e-3)
+    eye = PERSON.face.model.groups["left_eye"]
+    assert not torch.isin(eye, small.reshaped.skin).any()
+    plain = shaped(face_of(None), blink, [-2.5])
+    assert plain.reshaped is None, "of an avatar that does not say what it was trained on"
 
 
 def test_fields_that_changed_make_their_planes_anew() -> None:
