@@ -5,7 +5,8 @@ Rotation vectors in radians in the joints' rest frames (axes of the T-pose), met
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from copy import copy
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -59,9 +60,12 @@ class Signals:
 
     def __post_init__(self) -> None:
         for name in SHAPES:
-            value = _array("signals", name, getattr(self, name))
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+            self._take(name, getattr(self, name))
+
+    def _take(self, name: str, value: object) -> None:
+        array = _array("signals", name, value)
+        array.setflags(write=False)
+        object.__setattr__(self, name, array)
 
     @classmethod
     def rest(cls) -> Signals:
@@ -75,17 +79,20 @@ class Signals:
         if pose.shape != (55, 3):
             raise InputError("signals", "full pose", "shape (55, 3)", pose.shape)
         parts = {name: pose[JOINT_ROWS[name]].reshape(SHAPES[name]) for name in ROTATIONS}
-        return cls.rest().replace(**parts, **others)
+        return cls(**{name: np.zeros(shape) for name, shape in SHAPES.items()} | parts | others)
 
     def full_pose(self) -> np.ndarray:
         """(55, 3) rotation vectors in SMPL-X order."""
         return np.concatenate([getattr(self, name).reshape(-1, 3) for name in ROTATIONS])
 
     def replace(self, **changes: Any) -> Signals:
-        """A copy with some fields changed, validated."""
-        return Signals(
-            **{field.name: changes.pop(field.name, getattr(self, field.name)) for field in fields(self)}, **changes
-        )
+        """A copy with some fields changed, validated. Raises `TypeError` for a name that is none of them."""
+        if not changes.keys() <= SHAPES.keys():
+            raise TypeError(f"signals have no {', '.join(sorted(changes.keys() - SHAPES.keys()))}")
+        copied = copy(self)  # arrays are read-only: what stays is shared
+        for name, value in changes.items():
+            copied._take(name, value)
+        return copied
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Signals) and all(np.array_equal(getattr(self, n), getattr(other, n)) for n in SHAPES)
