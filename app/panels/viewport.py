@@ -247,13 +247,13 @@ class ViewportPanel:
     def _hover(
         self, studio: Studio, handles: Mapping[str, tuple[float, float]], corners: tuple[imgui.ImVec2, imgui.ImVec2]
     ) -> None:
-        """Find the handle under the mouse, else the part, where mouse or person has moved; none while the person moves by itself."""
+        """Find the handle under the mouse, else the part, where mouse or person has moved; where a sender moves it, the mouse alone."""
         mouse = imgui.get_io().mouse_pos
-        alone = studio.playback.playing or studio.listening.present
-        if not imgui.is_item_hovered() or self._press or alone:
+        if not imgui.is_item_hovered() or self._press or studio.playback.playing:
             self.hovered, self.handle, self._looked = None, None, ()
             return
-        looked = (mouse.x, mouse.y, studio.state.figures, studio.state.view, self.size)
+        stands = None if studio.listening.present else studio.state.figures
+        looked = (mouse.x, mouse.y, stands, studio.state.view, self.size)
         if looked != self._looked:
             near = {name: math.dist((mouse.x, mouse.y), place) for name, place in handles.items()}
             nearest = min(near, key=lambda name: near[name], default=None)

@@ -17,17 +17,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 from avatarrex.ops.closest_triangle import closest_triangle
 from avatarrex.ops.crossings import winding
 from avatarrex.ops.outer_triangle import outer_triangle
 from avatarrex.ops.search_tree import SearchTree
+from avatarrex.templates.mesh import pieces
 
 REACH = (0.003, 0.004)
 """Metres before and behind a point of the surface in which the mesh's outer sheet is searched. A closed lid is 2.5 mm off the eyeball, and
@@ -36,14 +34,6 @@ OFF = 0.004
 """Metres off the mesh at which there is no more flesh where lips have parted."""
 MOVED = 1e-4
 """Metres: what moves less between both expressions stays."""
-
-
-def pieces(faces: Int[Tensor, "f 3"], vertices: int) -> Int[Tensor, " f"]:
-    """Which connected piece of a mesh of so many vertices each triangle is of."""
-    rows = faces.numpy()
-    edges = np.concatenate([rows[:, :2], rows[:, 1:]])
-    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(vertices, vertices))
-    return torch.from_numpy(connected_components(graph, directed=False)[1])[faces[:, 0]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -182,7 +182,7 @@ class Face(Part[FaceState]):
         rest = self.template.v_template
         trained = self.template.posed(coefficients.to(rest), torch.from_numpy(self.known.shape).to(rest))
         way = vertices.double() - trained.double()
-        return Reshaped.of(vertices.double(), self.template.faces, way) if way.norm(dim=-1).max() > MOVED else None
+        return Reshaped(vertices.double(), self.template.skin, way) if way.norm(dim=-1).max() > MOVED else None
 
     def _mesh(self, vertices: Tensor) -> PosedMesh:
         faces = self.template.faces
@@ -250,14 +250,18 @@ class Face(Part[FaceState]):
             counters.add("unet_runs", 3)
         return state.planes.colour
 
-    @torch.no_grad()
-    def places(
-        self, state: FaceState, position: Float[Tensor, "p 3"], normal: Float[Tensor, "p 3"] | None = None
-    ) -> TexelPlaces | None:
-        """Texels about what the posed mesh has outermost at points of the surface (head frame, trained shape); None where it has none.
+    def places(self, state: FaceState, position: Float[Tensor, "p 3"]) -> TexelPlaces | None:
+        """Texels about what the posed mesh has outermost at points of the surface (head frame); None where it has none.
 
         The closest triangle of a closed lid would often be the eyeball's.
         """
+        return self._places(state, state.trained(position))
+
+    @torch.no_grad()
+    def _places(
+        self, state: FaceState, position: Float[Tensor, "p 3"], normal: Float[Tensor, "p 3"] | None = None
+    ) -> TexelPlaces | None:
+        """Of points in the trained shape."""
         detail = self.field.detail
         if detail is None:
             return None
@@ -271,10 +275,10 @@ class Face(Part[FaceState]):
         counters.add("face_pixels", len(points.position))
         trained = state.trained(points.position)
         if state.carried is None:
-            own = self.field.colour(planes, trained, points.direction, self.places(state, trained))
+            own = self.field.colour(planes, trained, points.direction, self._places(state, trained))
         else:
             normal = self._normal(state, trained)
-            seen, places = state.carried.seen(trained, normal), self.places(state, trained, normal)
+            seen, places = state.carried.seen(trained, normal), self._places(state, trained, normal)
             own = self._in_mouth(state.carried, seen, self.field.colour(planes, seen.place, points.direction, places))
         colour: Tensor = self.tone(own, points.root_direction, points.direction)
         return colour

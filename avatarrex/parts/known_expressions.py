@@ -16,7 +16,7 @@ from torch import Tensor
 
 from avatarrex.errors import InputError
 from avatarrex.fields.face import COEFFICIENTS
-from avatarrex.signals.driving import SHAPES, Signals
+from avatarrex.signals.driving import LARGEST, SHAPES, Signals
 from avatarrex.signals.joints import EXPRESSION_NAMES
 
 ROOM = 0.3
@@ -61,8 +61,10 @@ class KnownExpressions:
                 value = np.asarray(found.get(name), dtype=np.float64)
             except (TypeError, ValueError):
                 value = np.zeros(0)
-            if value.shape != (count,) or not np.isfinite(value).all():
-                raise InputError(file, f"training: expressions: {name}", f"{count} finite numbers", found.get(name))
+            largest = LARGEST["shape" if name == "shape" else "expression"]
+            if value.shape != (count,) or not (np.abs(value) <= largest).all():
+                expected = f"{count} numbers up to ±{largest:g}"
+                raise InputError(file, f"training: expressions: {name}", expected, found.get(name))
             values.append(value)
         return cls(*values)
 

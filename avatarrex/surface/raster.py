@@ -171,7 +171,7 @@ class Raster:
         """See `draw_surfaces`."""
         view = shown[0].view
         extent = Extent.around([found for one in shown if (found := Extent.of(one.posed.bounds, one.view))])
-        picture = self._picture((view.width, view.height))
+        picture = self._picture((view.width, view.height), samples == 1)
         with target_kept(self._context):
             picture[1].clear()
             for name in ("colour", "lit"):
@@ -303,22 +303,27 @@ class Raster:
         program = draw_program(self._context, "surface/average.vert", "surface/average.frag", {"SAMPLES": samples})
         return program, self._context.vertex_array(program, [])
 
-    def _picture(self, size: tuple[int, int]) -> Target:
-        """A texture that no picture needs; those of other sizes are given back."""
+    def _picture(self, size: tuple[int, int], deep: bool) -> Target:
+        """A texture that no picture needs, with a depth of its own where `deep`; those of other sizes are given back."""
         found = None
         while self._free:
             textures, framebuffer = self._free.pop()
-            if found is None and textures[0].size == size:
+            depth = framebuffer.depth_attachment
+            if found is None and textures[0].size == size and deep == (depth is not None):
                 found = textures, framebuffer
             else:
-                for thing in (framebuffer.depth_attachment, framebuffer, textures[0]):
-                    thing.release()
+                if depth:
+                    depth.release()
+                framebuffer.release()
+                textures[0].release()
         if found is not None:
             return found
         texture = self._context.texture(size, 4)
         texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
         texture.repeat_x = texture.repeat_y = False
-        return (texture,), self._context.framebuffer([texture], self._context.depth_renderbuffer(size))
+        return (texture,), self._context.framebuffer(
+            [texture], self._context.depth_renderbuffer(size) if deep else None
+        )
 
     def _target(self, size: tuple[int, int], kind: str, count: int, samples: int = 0) -> Target:
         context = self._context

@@ -20,6 +20,7 @@ from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.albedo import inside_mouth, paint_albedo
 from avatarrex.templates.blend_weight import smooth_ramp
+from avatarrex.templates.mesh import pieces
 from avatarrex.templates.model import TemplateModel, pose_template
 from avatarrex.templates.submodel import submodel
 
@@ -66,6 +67,12 @@ class FaceTemplate:
     def v_template(self) -> Float[Tensor, "v 3"]:
         """Rest vertices, head frame."""
         return self.model.v_template
+
+    @cached_property
+    def skin(self) -> Int[Tensor, "f 3"]:
+        """Its triangles: the largest of the connected pieces, without eyes, teeth and tongue."""
+        piece = pieces(self.faces, len(self.v_template))
+        return self.faces[piece == piece.mode().values]
 
     @property
     def teeth(self) -> Bool[Tensor, " v"]:

@@ -1,9 +1,12 @@
-"""Triangle meshes: normals. Letters: v vertices, f faces."""
+"""Triangle meshes: normals, connected pieces. Letters: v vertices, f faces."""
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
 
@@ -14,3 +17,11 @@ def vertex_normals(vertices: Float[Tensor, "v 3"], faces: Int[Tensor, "f 3"]) ->
     normals = torch.zeros_like(vertices)
     normals.index_add_(0, faces.reshape(-1), face_normals.repeat_interleave(3, 0))
     return torch.nn.functional.normalize(normals, dim=-1, eps=1e-20)
+
+
+def pieces(faces: Int[Tensor, "f 3"], vertices: int) -> Int[Tensor, " f"]:
+    """Which connected piece of a mesh of so many vertices each triangle is of."""
+    rows = faces.numpy()
+    edges = np.concatenate([rows[:, :2], rows[:, 1:]])
+    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(vertices, vertices))
+    return torch.from_numpy(connected_components(graph, directed=False)[1])[faces[:, 0]]

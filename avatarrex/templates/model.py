@@ -125,10 +125,10 @@ def shape_template(
 
     Fewer coefficients than the model has are its leading ones. Raises `InputError` for more, or for NaN.
     """
-    vertices, joints = _shaped(model, shape)[0], shape_joints(model, shape, expression)
+    vertices, joints = _shaped(model, shape)
     if not (expression.any() or expression.requires_grad):
         return vertices, joints
-    rows, directions = model.expressive
+    joints, (rows, directions) = _expressed(model, joints, expression), model.expressive
     return vertices.index_add(0, rows, directions[..., : len(expression)] @ expression), joints
 
 
@@ -137,8 +137,12 @@ def shape_joints(
 ) -> Float[Tensor, "j 3"]:
     """The joints of `shape_template` alone, which are found in a tenth of the time. Raises `InputError` as it does."""
     joints = _shaped(model, shape)[1]
+    return _expressed(model, joints, expression) if expression.any() or expression.requires_grad else joints
+
+
+def _expressed(model: TemplateModel, joints: Tensor, expression: Tensor) -> Tensor:
     used = _checked("expression", expression, model.expression_dirs.shape[2])
-    if model.joint_expression_dirs is None or not (expression.any() or expression.requires_grad):
+    if model.joint_expression_dirs is None:
         return joints
     return joints + model.joint_expression_dirs[..., :used] @ expression
 

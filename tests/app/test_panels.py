@@ -334,6 +334,12 @@ def test_what_can_be_dragged_is_looked_for_where_somebody_points(screen, clock, 
     screen.io.add_mouse_pos_event(*hand)
     assert [look(), panel.handle] == [1, "left_hand"]
     monkeypatch.setattr(Listening, "present", property(lambda listening: True))
+    look()
+    studio.do(SetJoint("left_shoulder", (0.0, 0.0, -0.8)))
+    assert [look(), panel.handle] == [1, "left_hand"], (
+        "found anew where the mouse moves: a sender moves the person in each frame"
+    )
+    screen.io.add_mouse_pos_event(hand[0] + 1, hand[1])
     assert [look(), panel.handle] == [1, None]
 
 
