@@ -118,7 +118,7 @@ class _Following:
     def __call__(self, directions: np.ndarray) -> np.ndarray:
         """(p, 3, n) of (v, 3, n)."""
         moved = np.einsum("pk,pkdn->pdn", self.shares, directions[self.near])
-        return np.einsum("cd,pdn->pcn", self.turn, moved)
+        return np.asarray(np.einsum("cd,pdn->pcn", self.turn, moved))
 
 
 def _points(default: FaceTemplate) -> tuple[np.ndarray, np.ndarray]:
@@ -137,7 +137,8 @@ def _points(default: FaceTemplate) -> tuple[np.ndarray, np.ndarray]:
 
 def _stacked(directions: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(3 p, n) of (p, 3, n), by the roots of weights (p,)."""
-    return (np.sqrt(weight)[:, None, None] * directions).reshape(3 * len(directions), directions.shape[2])
+    scaled = np.sqrt(weight)[:, None, None] * directions
+    return np.asarray(scaled.reshape(3 * len(directions), directions.shape[2]))
 
 
 def _nearest(basis: np.ndarray, wanted: np.ndarray, sized: np.ndarray | None = None) -> np.ndarray:
