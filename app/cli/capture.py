@@ -67,7 +67,9 @@ def _add_import(acts: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     imported.add_argument("--unit", metavar="U", help="of the cameras' places: m, cm or mm (guessed)")
     imported.add_argument("--up", metavar="AXIS", help="of the file's world: +X, -X, +Y, -Y, +Z or -Z (guessed)")
     imported.add_argument(
-        "--hands", metavar="H", help="what fingers at zero are: flat, or the file's mean (as it says)"
+        "--hands",
+        metavar="H",
+        help="what fingers at zero, or without parameters, are: flat, or the file's mean (as it says; relaxed)",
     )
     what = "N frames alone, to look at: the template over them is drawn into OUT/look"
     imported.add_argument("--preview", metavar="N", help=what)
