@@ -47,6 +47,7 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     refine = acts.add_parser("refine", help=what, allow_abbrev=False)
     refine.add_argument("capture", help="a folder or .zip")
     refine.add_argument("out", help="a new folder, or one to go on with")
+    options.add_person(refine, "default")
     every = "refine the poses of frames that are kept from training, too (by the training's cameras and shape)"
     refine.add_argument("--every-frame", action="store_true", help=every)
     refine.add_argument(
@@ -66,7 +67,9 @@ def _add_import(acts: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     imported.add_argument("--unit", metavar="U", help="of the cameras' places: m, cm or mm (guessed)")
     imported.add_argument("--up", metavar="AXIS", help="of the file's world: +X, -X, +Y, -Y, +Z or -Z (guessed)")
     imported.add_argument(
-        "--hands", metavar="H", help="what fingers at zero are: flat, or the file's mean (as it says)"
+        "--hands",
+        metavar="H",
+        help="what fingers at zero, or without parameters, are: flat, or the file's mean (as it says; relaxed)",
     )
     what = "N frames alone, to look at: the template over them is drawn into OUT/look"
     imported.add_argument("--preview", metavar="N", help=what)
@@ -129,7 +132,7 @@ def _refine(arguments: argparse.Namespace) -> int:
     out = output_folder(arguments.out, "capture.json")
     from avatarrex_studio.cli.capture_refine import refine
 
-    return refine(arguments.capture, arguments.every_frame, out, not arguments.no_colours)
+    return refine(arguments.capture, arguments.every_frame, out, not arguments.no_colours, arguments.person)
 
 
 def _import(arguments: argparse.Namespace) -> int:

@@ -34,9 +34,9 @@ LINES = {
 }
 
 
-def refine(path: str, every: bool, out: Path, colours: bool = True) -> int:
-    """Refine into the folder `out`, or go on there; with `colours` by those, too. Raises `InputError`."""
-    capture = with_validation(open_capture(path))
+def refine(path: str, every: bool, out: Path, colours: bool = True, template: str = "default") -> int:
+    """Refine into the folder `out`, or go on there; with `colours` by those, too, of the person `template`. Raises `InputError`."""
+    capture = with_validation(open_capture(path, template=template))
     if is_begun(out) and not (out / FILE).exists():
         raise InputError(out, "", f"a new or empty folder, or one with {FILE} to go on with", "something else")
     for note in capture.notes:
@@ -48,10 +48,9 @@ def refine(path: str, every: bool, out: Path, colours: bool = True) -> int:
     for rig, frame in tqdm(pairs, desc="refine poses", unit="frame"):
         work.pose(body, rig, frame)
     signals = {rig: work.signals(rig) for rig in capture.rigs}
-    write_refined(
-        before, body, signals, {"from": capture.key, "frames": {rig: list(f) for rig, f in work.frames.items()}}, out
-    )
-    after = with_validation(open_capture(out))
+    said = {"from": capture.key, "person": template, "frames": {rig: list(f) for rig, f in work.frames.items()}}
+    write_refined(before, body, signals, said, out)
+    after = with_validation(open_capture(out, template=template))
     figures = {"before": measured(before, work.frames), "after": measured(after, work.frames)}
     print("\n".join(table(figures)))
     write_text(out / FIGURES, json.dumps(figures, indent=2) + "\n")

@@ -6,10 +6,22 @@ import argparse
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from avatarrex.errors import InputError, plain
 from avatarrex.files.gate import check_file, check_writable, what_is, written
 from avatarrex.templates.official.known_models import models_folder
+
+if TYPE_CHECKING:
+    from avatarrex.templates.model import TemplateModel
+
+MATRIX = {
+    "faceverse": ("Faceverse", "a file of version 1, 3 or 4 (`models list`), or `models matrix flame`"),
+    "flame": ("FLAME", "a file of 2020 or 2023 (`models list`)"),
+}
+"""Faces whose coefficients have no names, and what is expected where there is none."""
+MOTIONS = "{}_motions.csv"
+"""The table by which motions in a model's coefficients are read."""
 
 
 def add_options(verb: argparse.ArgumentParser) -> None:
@@ -21,8 +33,9 @@ def add_options(verb: argparse.ArgumentParser) -> None:
     check = acts.add_parser(
         "check", help="read every file of the folder, and those that belong together", allow_abbrev=False
     )
-    what = "write the table by which Faceverse's unnamed coefficients follow the 52 names, to be edited"
+    what = "write tables between the 52 names and a face's unnamed coefficients, by least squares, to be edited"
     matrix = acts.add_parser("matrix", help=what, allow_abbrev=False)
+    matrix.add_argument("model", nargs="?", default="faceverse", choices=MATRIX, help="whose coefficients (faceverse)")
     for act in (listed, add, check, matrix):
         act.add_argument("--folder", metavar="DIR", help="instead of the user's models folder (AVATARREX_MODELS)")
 
@@ -35,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.act == "add":
         return _add(arguments.files, folder)
     if arguments.act == "matrix":
-        return _matrix(folder)
+        return _matrix(folder, arguments.model)
     return _list(folder) if arguments.act == "list" else _check(folder)
 
 
@@ -64,25 +77,53 @@ def _add(files: list[str], folder: Path) -> int:
     return 0
 
 
-def _matrix(folder: Path) -> int:
-    from avatarrex.templates.official.expression_matrix import FILE, guessed, write_matrix
-    from avatarrex.templates.official.faceverse import read_faceverse
-    from avatarrex.templates.official.known_models import KNOWN
+def _matrix(folder: Path, name: str) -> int:
+    """`MOTIONS` of the model; of Faceverse, whose face avatars have, also the table that gives it the names."""
+    from avatarrex.signals.expression_map import write_expression_map
+    from avatarrex.templates.official.expression_fit import fit_expressions
+    from avatarrex.templates.official.expression_matrix import FILE, write_matrix
     from avatarrex.templates.person import load_person
 
-    target = folder / FILE
-    if what_is(target) != "nothing there":
-        raise InputError(target, "", "nothing there: edit it, or move it away", what_is(target))
-    path = next(model for model in KNOWN if model.name == "faceverse").find(folder)
+    own, motions = folder / FILE, folder / MOTIONS.format(name)
+    targets = [own, motions] if name == "faceverse" else [motions]
+    for target in targets:
+        if what_is(target) != "nothing there":
+            raise InputError(target, "", "nothing there: edit it, or move it away", what_is(target))
+    fit = fit_expressions(_unnamed(folder, name), load_person().face)
+    if own in targets:
+        write_matrix(own, fit.coefficients, fit.explained)
+        print(
+            plain(
+                f"{own}: {len(fit.coefficients)} coefficients by the 52 names, nearest to the default face; to be edited"
+            )
+        )
+    write_expression_map(motions, fit.names, fit.explained)
+    print(
+        plain(f"{motions}: the 52 by {len(fit.coefficients)} coefficients, for motions (`--expressions`); to be edited")
+    )
+    print(
+        plain(
+            f"of each name's motion this face shows {fit.explained.mean():.0%} in the mean; poor: {fit.poor() or 'none'}"
+        )
+    )
+    return 0
+
+
+def _unnamed(folder: Path, name: str) -> TemplateModel:
+    """The folder's face whose coefficients have no names. Raises `InputError`."""
+    from avatarrex.templates.official.faceverse import read_faceverse
+    from avatarrex.templates.official.flame import read_flame
+    from avatarrex.templates.official.known_models import KNOWN
+
+    path = next(model for model in KNOWN if model.name == name).find(folder)
     if path is None:
-        raise InputError(folder, "Faceverse", "a file of version 1, 3 or 4 (`models list`)", "nothing there")
+        raise InputError(folder, *MATRIX[name], "nothing there")
+    if name == "flame":
+        return read_flame(path)
     face = read_faceverse(path).model
     if face.expression_names:
         raise InputError(path, "exp_name_list", "coefficients without names", "the 52 by their names")
-    matrix = guessed(face, load_person().face.model)
-    write_matrix(target, matrix)
-    print(plain(f"{target}: {len(matrix)} coefficients by the 52 names, guessed from the default face; to be edited"))
-    return 0
+    return face
 
 
 def _check(folder: Path) -> int:

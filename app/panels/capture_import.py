@@ -26,7 +26,7 @@ TITLES = {"unit": "Unit", "up": "Up", "hands": "Hands"}
 ABOUT = {
     "unit": "Of the cameras' places",
     "up": "The axis of the file's world that is up",
-    "hands": "What fingers at zero are: flat, or the mean hand that the file has",
+    "hands": "What fingers at zero, or without parameters, are: flat, or the mean hand that the file has",
 }
 FRAMES = 3
 """That are looked at: one of them may hide what is wrong with axes, unit or hands, and each takes as long as the next."""

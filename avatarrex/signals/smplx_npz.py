@@ -161,8 +161,10 @@ def _axis_angle(key: str, value: np.ndarray) -> np.ndarray:
 def _mapped(arrays: dict[str, np.ndarray], path: Path, count: int, options: ImportOptions) -> tuple[np.ndarray, Guess]:
     """(t, 52) of the file's own coefficients, by the table that was chosen."""
     values = numbers(require(arrays, path, "expression", (count, None)), path, "expression", LARGEST_COEFFICIENT)
-    table = read_expression_map(options.expressions, values.shape[1])
+    table = read_expression_map(options.expressions, values.shape[1], wider=True)
     how = f"by {table.rows} rows of {Path(options.expressions).name}"
+    if table.columns > values.shape[1]:
+        how += f", the first {values.shape[1]} of its {table.columns} columns"
     return table(values), Guess("expression", how, "chosen", "expressions")
 
 

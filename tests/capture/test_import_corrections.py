@@ -19,6 +19,7 @@ from avatarrex.capture.importers.corrections import few
 from avatarrex.capture.importers.source import Source, SourceView
 from avatarrex.capture.readers.calibration import Lens, read_calibration
 from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.signals.library import named_hand
 
 MEAN = np.full(45, 0.2)
 
@@ -115,6 +116,34 @@ def test_hands_that_were_said(body: Scene, tmp_path: Path, capsys: pytest.Captur
     np.testing.assert_allclose(poses["mean"] - poses["flat"], MEAN.reshape(15, 3), atol=1e-6)
     assert imported(avatarrex(body, tmp_path / "none"), tmp_path / "other", "--hands", "mean") == 2
     assert "hands_meanl: expected the mean hand that --hands mean adds" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("layout", ["AvatarReX", "ZJU-MoCap"])
+def test_hands_without_parameters(layout: str, body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Relaxed; flat, or the file's mean, where that is said; a line tells which."""
+    BODIES[layout](body, tmp_path / "source")
+    if layout == "AvatarReX":
+        avatarrex(body, tmp_path / "source", hands_meanl=MEAN, hands_meanr=2 * MEAN)
+        with np.load(tmp_path / "source" / "smpl_params.npz") as file:
+            arrays = {key: file[key] for key in file if "hand_pose" not in key}
+        (tmp_path / "source" / "smpl_params.npz").write_bytes(npz(**arrays))
+    none = "hands: no left_hand_pose and no right_hand_pose in the file: "
+    rest = {"": named_hand("relaxed", "right"), "flat": np.zeros((15, 3)), "mean": 2 * MEAN.reshape(15, 3)}
+    for said, line in (("", "relaxed"), ("flat", "flat"), ("mean", "the file's mean hand")):
+        if layout == "ZJU-MoCap" and said == "mean":
+            continue
+        words = ["--hands", said] if said else []
+        assert imported(tmp_path / "source", tmp_path / f"out{said}", *words) == 0
+        assert f"{none}{line} in every frame{', as was said' if said else ''}\n" in capsys.readouterr().out
+        for frame in open_capture(tmp_path / f"out{said}").rigs["body"].signals:
+            np.testing.assert_allclose(frame.right_hand_pose, rest[said], atol=1e-6)
+
+
+def test_hands_of_cameras_alone(body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    BODIES["ActorsHQ"](body, tmp_path / "source")
+    (tmp_path / "source" / "smpl_params.npz").unlink()
+    assert imported(tmp_path / "source", tmp_path / "out", "--hands", "flat") == 0
+    assert "hands: no pose is in the file: --hands flat changes nothing\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,7 @@ def test_a_noisy_capture_is_refined(
     assert (out / "refine_body.png").exists()
     assert not (out / FILE).exists()
     assert (out / "body/c0/00000001.jpg").samefile(source / "body/c0/00000001.jpg")
-    assert after.manifest["refined"] == {"from": before.key, "frames": {"body": [0, 1]}}
+    assert after.manifest["refined"] == {"from": before.key, "person": "default", "frames": {"body": [0, 1]}}
     assert after.rigs["body"].held_out_frames == {2}
     first, last = (capture.rigs["body"].signals[2] for capture in (before, after))
     np.testing.assert_allclose(last.body_pose, first.body_pose, atol=1e-12)

@@ -41,6 +41,14 @@ def test_version_four_by_a_table(tmp_path):
     assert [frame.expression[JAW] for frame in read.sequence] == pytest.approx([0.1, 0.6])
 
 
+def test_a_table_of_another_version_is_refused(tmp_path):
+    """An ordered basis may be cut short, as FLAME's; Faceverse's versions are others."""
+    np.save(tmp_path / "face.npy", np.zeros((2, 508)))
+    row = ",".join(["jawOpen", *["0.1"] * 177, "0"])
+    with pytest.raises(InputError, match=r"expected name,0,…,73 with or without bias, found 178 columns"):
+        import_motion(tmp_path / "face.npy", ImportOptions(expressions=table(tmp_path / "map.csv", 177, [row])))
+
+
 def test_expressions_of_a_body_by_a_table(tmp_path):
     """FLAME's and SMPL-X's coefficients, which without a table belong to another face."""
     np.savez(tmp_path / "body.npz", body_pose=np.zeros((2, 63)), expression=np.array([[0.0, 0, 0], [1, -2, 0]]))

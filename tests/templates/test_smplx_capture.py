@@ -6,21 +6,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from avatarrex_studio.cli.main import main
 from avatarrex_studio.cli.train import _with_body
 from capture.smplx_capture import in_smplx
+from capture.test_refine import errors, tracked
 from capture.tiny_capture import TinyCapture
 from scipy.spatial.transform import Rotation
 
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar, save_avatar
+from avatarrex.capture.fit import refine as schedule
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.fit.person_fit import height
+from avatarrex.capture.fit.refining import Refining
 from avatarrex.capture.importers.axes import TURNS, turned
 from avatarrex.capture.importers.import_capture import in_our_world, rest_pelvis
 from avatarrex.capture.importers.source import Reading, Source, SourceView
 from avatarrex.capture.readers.archive import Archive
 from avatarrex.capture.readers.calibration import Lens
-from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.capture.readers.rigs import SMPLX_PELVIS, open_capture
 from avatarrex.counters import Counters
 from avatarrex.errors import InputError
 from avatarrex.signals.driving import Signals
@@ -126,3 +130,41 @@ def test_an_import_that_turned_the_world_keeps_the_place(folder: Path, person: P
     np.savez(file, **in_our_world(source, Reading(Archive(made), "", load_person())).parameters)
     again = open_capture(made, template=str(folder)).rigs["body"].signals
     np.testing.assert_allclose([one.translation for one in again], pelvis, atol=1e-6)
+
+
+@pytest.mark.parametrize("sized", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_its_tracking_is_refined(
+    sized: bool, folder: Path, person: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the files' person, whose shape stays in its `betas` and moves its pelvis; one whose size was fitted has joints."""
+    monkeypatch.setattr(schedule, "SHAPE_ROUNDS", schedule.SHAPE_ROUNDS[:1])
+    monkeypatch.setattr(schedule, "POSE_ROUNDS", schedule.POSE_ROUNDS[:3])
+    _load.cache_clear()
+    monkeypatch.setenv("AVATARREX_MODELS", str(folder))
+    source, out = in_smplx(tracked(np.random.default_rng(0)).folder(tmp_path / "noisy"), person), tmp_path / "fine"
+    with np.load(source / "body" / "smpl_params.npz") as file:
+        arrays = dict(file)
+    shape = arrays["betas"][0]
+    if sized:  # as from a world that was turned
+        turn = Rotation.from_rotvec([0, 0, 1.0])
+        from_rest = person.pelvis(shape) - SMPLX_PELVIS
+        arrays |= {"world_turn": turn.as_rotvec(), "transl": arrays["transl"] + from_rest - turn.apply(from_rest)}
+    else:
+        arrays |= {"shape10": arrays.pop("betas")[0], "transl": arrays["transl"] + person.pelvis(shape)}
+    np.savez(source / "body" / "smpl_params.npz", **arrays)
+    words = ["capture", "refine", str(source), str(out), "--person", "models", "--no-colours"]
+    assert main(words) == 0
+    before, after = (open_capture(path, template="models") for path in (source, out))
+    assert after.person.name == "models"
+    assert Refining(before, tmp_path / "other").key.endswith(f" models {person.hash}")  # to go on with no other files
+    assert after.manifest["refined"]["person"] == "models"
+    with np.load(out / "body" / "smpl_params.npz") as file:
+        assert set(file) & {"betas", "shape10", "tpose_joints"} == {"betas" if sized else "tpose_joints"}
+    if sized:
+        assert before.person.fit is not None
+        assert after.person.fit is not None
+        assert np.abs(after.person.fit.shape - before.person.fit.shape).max() > 0.01
+        assert not after.person.fit.joint_offsets.any()
+        first, last = (capture.rigs["body"].signals[2] for capture in (before, after))
+        np.testing.assert_allclose(last.translation, first.translation, atol=1e-9)
+    assert (errors(after)[:2] < 0.5 * errors(before)[:2]).all()

@@ -1,7 +1,7 @@
 """A capture with other parameters: the same files, linked where that is possible, and `smpl_params.npz` written anew.
 
-Poses are full axis-angle with flat hands at zero, in metres. The person's size is `shape10` where it was, else `tpose_joints`, so that
-captures whose files did not say it do now. Letters: t frames.
+Poses are full axis-angle with flat hands at zero, in metres. The person's size is the shape in its own directions where it was that
+(`shape10`; `betas` of a person of SMPL-X), else `tpose_joints`, so that captures whose files did not say it do now. Letters: t frames.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from avatarrex.capture.fit.refine import Body
 from avatarrex.capture.fit.refining import FILE as WORK
@@ -63,9 +64,9 @@ def _parameters(capture: Capture, files: RigFiles, body: Body, signals: tuple[Si
     old = files.archive.arrays(files.parameters, KEYS, LARGEST_BYTES)
     pose = np.stack([one.full_pose() for one in signals])
     flat = {name: pose[:, rows].reshape(len(pose), -1) for name, rows in JOINT_ROWS.items() if name != "eye_pose"}
-    size: dict[str, np.ndarray]
-    if "shape10" in old:
-        size = {"shape10": body.shape}
+    key, pelvis = capture.person.shape_key, capture.pelvis
+    if key in old and body.person.fit is not None and not body.person.fit.joint_offsets.any():
+        size, pelvis = {key: body.shape}, _pelvis(capture, body, old)
     else:
         unit = next((truth.scale for truth in capture.ground_truth.values()), 1.0)  # exact meshes keep theirs
         size = {"tpose_joints": (body.person.body.joint_template.double().numpy() + capture.pelvis) / unit}
@@ -73,8 +74,17 @@ def _parameters(capture: Capture, files: RigFiles, body: Body, signals: tuple[Si
         **{name: value for name, value in old.items() if name not in REPLACED},
         **flat,
         **size,
-        "transl": np.stack([one.translation for one in signals]) - capture.pelvis,
+        "transl": np.stack([one.translation for one in signals]) - pelvis,
         "arkit52": np.stack([one.expression for one in signals]),
         "arkit_names": np.array(EXPRESSION_NAMES),
         "flat_hand_mean": np.array(True),
     }
+
+
+def _pelvis(capture: Capture, body: Body, old: dict[str, np.ndarray]) -> np.ndarray:
+    """J_0 (3,), metres, where `open_capture` has the pelvis of the refined shape at `transl` 0: SMPL-X's follows β."""
+    first = capture.person.fit
+    if first is None:
+        return capture.pelvis
+    turn = Rotation.from_rotvec(old.get("world_turn", np.zeros(3)))
+    return np.asarray(capture.pelvis + turn.apply(body.person.pelvis(body.shape) - body.person.pelvis(first.shape)))

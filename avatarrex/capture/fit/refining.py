@@ -45,9 +45,8 @@ class Refining:
                 name: Split(frames, Splits.of(capture.rigs[name]).train.views) for name, frames in self.frames.items()
             }
             self._rigs = {name: sealed_rig(capture.rigs[name], split) for name, split in whole.items()}
-        self.key = (
-            f"{capture.key} {json.dumps(splits_of(capture), sort_keys=True)}{'' if colours else ' without colours'}"
-        )
+        said = ("" if colours else " without colours") + _template(capture)
+        self.key = f"{capture.key} {json.dumps(splits_of(capture), sort_keys=True)}{said}"
         self.colours = colours
         counts = {name: rig.frames for name, rig in capture.rigs.items()}
         self._fit = ""
@@ -115,6 +114,12 @@ class Refining:
             PersonFit.from_json(json.loads(self._fit), self.path)
         except json.JSONDecodeError:
             raise InputError(self.path, "fit", "a person's fit", self._fit[:60]) from None
+
+
+def _template(capture: Capture) -> str:
+    """Which files the person is of, where it is not the packaged one."""
+    name = capture.person.name
+    return "" if name == "default" else f" {name} {load_person(name).hash}"
 
 
 def _frames(rig: Rig, every: bool) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avatarrex.capture.importers.source import Source
+from avatarrex.capture.importers.source import Reading, Source
 from avatarrex.capture.readers.calibration import Lens
 from avatarrex.errors import InputError
 from avatarrex.signals.joints import JOINT_ROWS
@@ -19,7 +19,11 @@ UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Metres of a unit of the cameras' places."""
 UP = ("+X", "-X", "+Y", "-Y", "+Z", "-Z")
 HANDS = ("flat", "mean")
-"""What fingers at zero are: flat, or the mean hand that the file has."""
+"""What fingers at zero are, and those that the file does not have: flat, or the mean hand that the file has."""
+SHOWN = {"": "relaxed", "flat": "flat", "mean": "the file's mean hand"}
+"""What a hand without parameters is."""
+HAND = 45
+"""Numbers of a hand's pose."""
 BY_FRAME = (*JOINT_ROWS, "transl", "expression", "arkit52", "betas")
 """Parameters that may have a row for each frame."""
 
@@ -48,14 +52,26 @@ class Corrections:
         notes.append(f"unit: camera positions in {self.unit}, as was said")
         return tuple(lens.scaled(unit) for lens in lenses)
 
-    def hand_mean(self, values: dict[str, np.ndarray], place: str) -> dict[str, np.ndarray]:
-        """The parameters with what was said of the hands. Raises `InputError` where the file has no mean hand to be added."""
+    def hand_mean(self, source: Source, reading: Reading) -> dict[str, np.ndarray]:
+        """The parameters with what was said of the hands, also of those that are not in them; it is noted what these become.
+
+        Raises `InputError` where the file has no mean hand to be added.
+        """
+        values, place = source.parameters, reading.place()
+        posed = np.ndim(values.get("body_pose", 0)) > 0
+        free = [key for key in ("left_hand_pose", "right_hand_pose") if posed and key not in values]
+        if free and (self.hands or source.rig == "body"):
+            as_said = f"{SHOWN[self.hands]} in every frame{', as was said' if self.hands else ''}"
+            reading.notes.append(f"hands: no {' and no '.join(free)} in the file: {as_said}")
+        if self.hands and not posed:
+            reading.notes.append(f"hands: no pose is in the file: --hands {self.hands} changes nothing")
         if not self.hands:
             return values
         for key in ("hands_meanl", "hands_meanr"):
             if self.hands == "mean" and key not in values:
                 raise InputError(place, key, "the mean hand that --hands mean adds", "nothing; --hands flat adds none")
-        return {**values, "flat_hand_mean": np.array(self.hands == "flat")}
+        still = {key: np.zeros((len(values["body_pose"]), HAND)) for key in free}
+        return {**values, **still, "flat_hand_mean": np.array(self.hands == "flat")}
 
 
 GUESSED = Corrections()

@@ -152,7 +152,7 @@ def _remove_preview(out: Path) -> None:
 def in_our_world(source: Source, reading: Reading, corrections: Corrections = GUESSED) -> Source:
     """The source in metres with +Y up; what was changed is noted. Raises `InputError` where no unit fits."""
     lenses = corrections.lenses(tuple(view.lens for view in source.views), reading.notes)
-    values = corrections.hand_mean(source.parameters, reading.place())
+    values = corrections.hand_mean(source, reading)
     if "global_orient" not in values or "transl" not in values:
         lenses = lenses if corrections.unit else _camera_metres(lenses, reading.notes)
         return _viewed(source, upright_cameras(lenses, corrections.up, reading.notes))

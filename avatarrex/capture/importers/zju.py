@@ -42,7 +42,6 @@ def read_zju(reading: Reading) -> Source:
     count = len(annots["ims"])
     rows = _parameters(reading, count)
     parameters, without = repeated(rows, count)
-    reading.notes.append("hands: SMPL has none: relaxed in every frame")
     return Source("ZJU-MoCap", "body", views, count, parameters, without)
 
 
