@@ -91,7 +91,7 @@ FPS = 60
 """Interface frames a second at most, where the screen does not say."""
 READING_FPS, TYPING_FPS, WATCHING_FPS, IDLE_FPS = 20, 4, 1, 0.15
 """While an avatar is read, while a text has a cursor that blinks, while another process or a sender is watched, and while nothing
-moves; input and a picture that comes wake the loop. Such a frame takes 70 to 110 ms of processor time where OpenGL is software and caches are cold."""
+moves; input and a picture that comes wake the loop. Such a frame takes 70 to 110 ms of processor time where OpenGL is software."""
 WHEEL_PAUSE = 0.5
 """Seconds between wheel notches that end one undo step."""
 
