@@ -1,6 +1,6 @@
 """Expression coefficients from a face's landmarks in several cameras, where the head is known: all frames together.
 
-    argmin  Σ_c,l ρ |π_c(H (R (x_l + o_l + D_l ψ) + s)) − p_cl|²/σ²  +  |ψ|²/σ_ψ²  +  |ψ_t − (ψ_{t−1} + ψ_{t+1})/2|²/σ_s²  +  |R, s|²  +  |o|²/σ_o²
+    argmin  Σ_c,l ρ |π_c(H (R (x_l + o_l + D_l ψ) + s)) − p_cl|²/σ²  +  |ψ|²/σ_ψ²  +  2λ Σ ψ  +  |ψ_t − (ψ_{t−1} + ψ_{t+1})/2|²/σ_s²  +  |R, s|²  +  |o|²/σ_o²
     0 ≤ ψ ≤ 1
 
 H is the head's pose of the first fit, R and s what it is off by. o_l is how this person's face differs from the template's at rest, the same
@@ -32,6 +32,8 @@ MARK_SIGMA, PIXEL_SIGMA = 0.002, 1.0
 """σ of a landmark: metres on the face, because detectors do not mark vertices, and pixels beside."""
 OUTLIERS = (*np.geomspace(30, 4, 6), *[4.0] * 14)
 """σ at which a landmark's weight has fallen to ¼ (Geman–McClure), by step: the head may be a few centimetres off at first."""
+SPARSE = 3.0
+"""λ, what a coefficient of 1 costs: of two that undo each other neither is raised."""
 WEIGHT_SIGMA, SMOOTH_SIGMA, APART = 1.0, 0.3, 0.3
 """σ_ψ, σ_s, and how far from its neighbours' middle a frame's tie to them has fallen to ¼."""
 TURN_SIGMA, SHIFT_SIGMA, OFFSET_SIGMA = 0.1, 0.015, 0.004
@@ -141,6 +143,7 @@ def _steps(
     turns, shifts = rigid
     held = np.repeat([SHIFT_SIGMA**-2, TURN_SIGMA**-2, WEIGHT_SIGMA**-2], (3, 3, len(ROWS)))
     pull -= held * np.concatenate([shifts, Rotation.from_matrix(turns).as_rotvec(), weights], 1)
+    pull[:, 6:] -= SPARSE
     diagonal = np.tile(held, (frames, 1))
     if frames > 1:
         before, after = np.r_[1, : frames - 1], np.r_[1:frames, frames - 2]
