@@ -1,10 +1,10 @@
 """Expression coefficients from a face's landmarks in several cameras, where the head is known: all frames together.
 
-    argmin  Σ_c,l ρ |π_c(H (R (x_l + o_l + D_l ψ) + s)) − p_cl|²/σ²  +  |ψ|²/σ_ψ²  +  2λ Σ ψ  +  |ψ_t − (ψ_{t−1} + ψ_{t+1})/2|²/σ_s²  +  |R, s|²  +  |o|²/σ_o²
-    0 ≤ ψ ≤ 1
+    argmin  Σ_c,l ρ |π_c(H (R (x_l + o_l + D_l ψ) + s)) − p_cl|²/σ²  +  |ψ|²/σ_ψ²  +  2λ Σ ψ  +  |ψ_t − (ψ_{t−1} + ψ_{t+1})/2|²/σ_s²
+            +  |R|²/σ_R²  +  |s|²/σ_t²  +  |o|²/σ_o²        with 0 ≤ ψ ≤ 1
 
 H is the head's pose of the first fit, R and s what it is off by. o_l is how this person's face differs from the template's at rest, the same
-in all frames: an expression that is worn throughout is taken for the face itself, and ψ counts from the most neutral frames. The face is linear in ψ, so that Gauss–Newton has little
+in all frames: an expression that is worn throughout is taken for the face itself. The face is linear in ψ, so that Gauss–Newton has little
 to do; bounds are kept by coordinate descent. No network has a say. Letters: t frames, c cameras, l landmarks, n coefficients that are
 sought, m = 6 + n unknowns of a frame. World metres, pixels of ideal pinholes, radians.
 """
@@ -39,7 +39,7 @@ WEIGHT_SIGMA, SMOOTH_SIGMA, APART = 1.0, 0.3, 0.3
 TURN_SIGMA, SHIFT_SIGMA, OFFSET_SIGMA = 0.1, 0.015, 0.004
 """Radians and metres that the head is off, and metres that a face differs from the template's."""
 BEHIND, GRAZING = 0.06, (0.1, 0.4)
-"""Metres behind the landmarks from which they face outwards; cosines towards a camera up to which one is not believed, and above which it is."""
+"""Metres behind the landmarks from which they face outwards; cosines towards a camera up to which one has no weight, and all of it."""
 NEAREST = 0.05
 """Metres before a camera."""
 SWEEPS = 40
@@ -110,7 +110,7 @@ def _equations(
     faces: tuple[np.ndarray, np.ndarray, np.ndarray],
     outlier: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Normal equations of each landmark (t, l, 3, 3), (t, l, 3) in head frames, and who is believed (t, c, l); `faces` are heads, places and rest."""
+    """Of each landmark in head frames (t, l, 3, 3), (t, l, 3), and which are believed (t, c, l); `faces` are heads, places and rest."""
     heads, places, rest = faces
     outward = rest - rest.mean(0) + [0, 0, BEHIND]
     outward = np.einsum("tij,lj->tli", heads[:, :3, :3], outward / np.linalg.norm(outward, axis=1, keepdims=True))
@@ -123,7 +123,9 @@ def _equations(
         robust = (1 + (away**2).sum(-1) / (outlier * sigma) ** 2) ** -2
         there = camera.centre - places
         facing = (outward * there).sum(-1) / np.linalg.norm(there, axis=-1)
-        seen = np.clip((facing - GRAZING[0]) / (GRAZING[1] - GRAZING[0]), 0, 1) * (depth > NEAREST) * confidence[:, view]
+        seen = (
+            np.clip((facing - GRAZING[0]) / (GRAZING[1] - GRAZING[0]), 0, 1) * (depth > NEAREST) * confidence[:, view]
+        )
         slopes = camera.slopes(places.reshape(-1, 3)).reshape(*places.shape[:2], 2, 3) @ heads[:, None, :3, :3]
         weighted = (robust * (seen / sigma) ** 2)[..., None, None] * slopes.swapaxes(-1, -2)
         matrix += weighted @ slopes

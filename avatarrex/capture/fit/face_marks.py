@@ -2,7 +2,8 @@
 
 iBUG's outline, 0 to 16, is where the cheek ends in the picture: another place of the skin for each camera. Of it only the chin's tip is
 used. The others are vertices of the default person, of both sides alike, chosen where the picture of its face shows brows, lids, nose and
-lips: vertices are 1 to 3 mm apart at lids and lips, 5 to 9 mm along the brows. Letters: l landmarks, e expression coefficients. Metres, head frame.
+lips: vertices are 1 to 3 mm apart at lids and lips, 4 to 6 mm along the brows. Letters: l landmarks, e expression coefficients. Metres,
+head frame.
 """
 
 from __future__ import annotations
@@ -28,7 +29,14 @@ VERTICES: dict[int, int] = {
 """Of the default person's body, by iBUG's number: chin; right and left brow; nose; right and left eye; lips without, then within."""
 NUMBERS = tuple(VERTICES)
 """iBUG's, in the order of all arrays (l)."""
-FACE_NAMES = tuple(f"face_{number}" for number in NUMBERS)
+
+
+def face_name(number: int) -> str:
+    """Of one of iBUG's landmarks."""
+    return f"face_{number}"
+
+
+FACE_NAMES = tuple(map(face_name, NUMBERS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +52,7 @@ class FaceMarks:
 @lru_cache(maxsize=4)
 @torch.inference_mode(False)
 def face_marks(person: Person) -> FaceMarks:
-    """Of the default person in any size: its own vertices; of another one: those nearest to where the default person with its joints has them."""
+    """Of the default person in any size: its own vertices; of another: the nearest to where the default person with its joints has them."""
     face = person.face
     if person.name == "default":
         rows = _rows(person)
