@@ -38,7 +38,7 @@ WEIGHT_SIGMA, SMOOTH_SIGMA, APART = 1.0, 0.3, 0.3
 """σ_ψ, σ_s, and how far from its neighbours' middle a frame's tie to them has fallen to ¼."""
 TURN_SIGMA, SHIFT_SIGMA, OFFSET_SIGMA = 0.1, 0.015, 0.004
 """Radians and metres that the head is off, and metres that a face differs from the template's."""
-BEHIND, GRAZING = 0.06, (0.1, 0.4)
+BEHIND, GRAZING = 0.12, (0.2, 0.5)
 """Metres behind the landmarks from which they face outwards; cosines towards a camera up to which one has no weight, and all of it."""
 NEAREST = 0.05
 """Metres before a camera."""
@@ -79,8 +79,16 @@ def fit_expressions(
     places = _placed(heads, _turned(turns, marks.rest + offsets, directions, weights) + shifts[:, None])
     believed = _equations(cameras, points, confidence, (heads, places, marks.rest), OUTLIERS[-1])[2]
     whole = np.zeros((count, len(EXPRESSION_NAMES)))
-    whole[:, ROWS] = weights
+    whole[:, ROWS] = _filled(weights, believed.any((1, 2)))
     return Expressions(whole, offsets, places, believed)
+
+
+def _filled(weights: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """ψ (t, n), in frames that show nothing between those of the nearest that do (t,)."""
+    if not known.any():
+        return weights
+    frames = np.arange(len(weights))
+    return np.stack([np.interp(frames, frames[known], column[known]) for column in weights.T], 1)
 
 
 def _turned(turns: np.ndarray, rest: np.ndarray, directions: np.ndarray, weights: np.ndarray) -> np.ndarray:
