@@ -21,6 +21,9 @@ from avatarrex.templates.face import HEAD
 SHOWN_FRAMES, SHOWN_CAMERAS = 4, 3
 """Frames of the picture, those with the strongest expressions, and cameras of each, those that see the face best."""
 
+COARSE = 2.0
+"""Millimetres of a pixel on the face above which brows and lids are lost in a detector's noise (docs/import.md)."""
+
 
 def find_expressions(
     capture: Capture, lenses: tuple[Lens, ...], points: np.ndarray, confidence: np.ndarray
@@ -49,10 +52,14 @@ def _said(capture: Capture, found: Expressions, points: np.ndarray, sure: np.nda
     cameras = [view.camera for view in capture.rigs["body"].views]
     away = points - np.stack([camera.pixels(found.places)[0] for camera in cameras], 1)
     pixels = float(np.median(np.linalg.norm(away[found.believed], axis=-1)))
+    depths = [np.median(camera.seen(found.places)[..., 2]) / camera.intrinsics[0, 0] for camera in cameras]
+    size = 1000 * float(np.median(depths))
+    small = f"a pixel is {size:.1f} mm on the face: jaw and lips may be told, lids and brows hardly"
     return [
         f"expressions of {seen.sum()} of {len(seen)} frames, by {by_camera[seen].mean():.1f} cameras in the mean",
         f"landmarks {pixels:.1f} px from the fitted face in the median, {found.believed.sum() / (sure > 0).sum():.0%} of them believed",
         f"{len(SOUGHT)} of 52 coefficients are sought; gaze, squint, cheeks, nose, tongue and the like stay at rest",
+        *([small] if size > COARSE else []),
     ]
 
 
