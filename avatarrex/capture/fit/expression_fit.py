@@ -4,7 +4,7 @@
             +  |R|²/σ_R²  +  |s|²/σ_t²  +  |o|²/σ_o²        with 0 ≤ ψ ≤ 1
 
 H is the head's pose of the first fit, R and s what it is off by. o_l is how this person's face differs from the template's at rest, the same
-in all frames: an expression that is worn throughout is taken for the face itself. The face is linear in ψ, so that Gauss–Newton has little
+in all frames: an expression that never changes is taken for the face itself. The face is linear in ψ, so that Gauss–Newton has little
 to do; bounds are kept by coordinate descent. No network has a say. Letters: t frames, c cameras, l landmarks, n coefficients that are
 sought, m = 6 + n unknowns of a frame. World metres, pixels of ideal pinholes, radians.
 """
@@ -79,7 +79,7 @@ def fit_expressions(
     places = _placed(heads, _turned(turns, marks.rest + offsets, directions, weights) + shifts[:, None])
     believed = _equations(cameras, points, confidence, (heads, places, marks.rest), OUTLIERS[-1])[2]
     whole = np.zeros((count, len(EXPRESSION_NAMES)))
-    whole[:, ROWS] = _filled(weights, believed.any((1, 2)))
+    whole[:, ROWS] = _filled(weights, np.asarray(believed.any((1, 2))))
     return Expressions(whole, offsets, places, believed)
 
 
@@ -151,10 +151,10 @@ def _steps(
     whole = weighted @ rows.reshape(frames, -1, unknowns)
     pull = np.einsum("tlim,tli->tm", rows, right)
     turns, shifts = rigid
-    held = np.repeat([SHIFT_SIGMA**-2, TURN_SIGMA**-2, WEIGHT_SIGMA**-2], (3, 3, len(ROWS)))
-    pull -= held * np.concatenate([shifts, Rotation.from_matrix(turns).as_rotvec(), weights], 1)
+    tie = np.repeat([SHIFT_SIGMA**-2, TURN_SIGMA**-2, WEIGHT_SIGMA**-2], (3, 3, len(ROWS)))
+    pull -= tie * np.concatenate([shifts, Rotation.from_matrix(turns).as_rotvec(), weights], 1)
     pull[:, 6:] -= SPARSE
-    diagonal = np.tile(held, (frames, 1))
+    diagonal = np.tile(tie, (frames, 1))
     if frames > 1:
         before, after = np.r_[1, : frames - 1], np.r_[1:frames, frames - 2]
         middle = (weights[before] + weights[after]) / 2 - weights

@@ -69,8 +69,8 @@ def fitted_face(image: np.ndarray, fitted: np.ndarray, found: np.ndarray, believ
     picture = picture.resize((2 * SIDE, 2 * SIDE), Image.Resampling.BICUBIC)
     draw = ImageDraw.Draw(picture)
     for places, radius, colours in (
-        (found, 4, [MATTE if one else WRONG for one in believed]),
-        (fitted, 2, [PERSON] * len(fitted)),
+        (found, 5, [MATTE if one else WRONG for one in believed]),
+        (fitted, 3, [PERSON] * len(fitted)),
     ):
         for (x, y), colour in zip((places - corner) * scale, colours):
             draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour, outline=(0, 0, 0))
