@@ -197,4 +197,6 @@ def test_a_folder_becomes_a_capture_and_goes_on(tmp_path: Path, capsys: pytest.C
     assert main(words) == 0
     assert capsys.readouterr().out.count("(done before)") == 3
     assert main([*words, "--redo", "eat"]) == 2
-    assert "--redo: expected one of cameras, pictures, mattes, keypoints, fit, face, found eat" in capsys.readouterr().err
+    assert (
+        "--redo: expected one of cameras, pictures, mattes, keypoints, fit, face, found eat" in capsys.readouterr().err
+    )
