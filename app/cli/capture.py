@@ -89,7 +89,7 @@ def _add_prepare(acts: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         "--height", metavar="M", help="the person's height in metres, for calibrations without a unit (COLMAP)"
     )
     prepare.add_argument(
-        "--redo", metavar="STEP", help="do cameras, pictures, mattes, keypoints or fit again, and what follows"
+        "--redo", metavar="STEP", help="do cameras, pictures, mattes, keypoints, fit or face again, and what follows"
     )
     prepare.add_argument("--held-out-frames", metavar="A:B:S", help="frames kept from training, for `evaluate` alone")
     prepare.add_argument(

@@ -14,8 +14,8 @@ from jaxtyping import UInt8
 from PIL import Image
 
 log = logging.getLogger(__name__)
-POLL_SECONDS = 0.5
-"""Between two looks."""
+POLL_SECONDS, RESTING_SECONDS = 0.5, 2.0
+"""Between two looks, and where there is no run."""
 PICTURES = 48
 """Decoded pictures that are kept."""
 
@@ -47,7 +47,7 @@ class Watcher(threading.Thread):
                 while len(self._pictures) > PICTURES:
                     self._pictures.popitem(last=False)
             if not waiting:
-                self._wake.wait(POLL_SECONDS)
+                self._wake.wait(POLL_SECONDS if self.views else RESTING_SECONDS)
             self._wake.clear()
 
     def picture(self, path: Path) -> UInt8[np.ndarray, "h w 3"] | None:

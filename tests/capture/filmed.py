@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.check import template_surface
+from avatarrex.capture.fit.face_marks import FACE_NAMES, VERTICES
 from avatarrex.capture.fit.landmarks import landmarks
-from avatarrex.capture.importers.detections import BODY_25, BODY_33, HAND_21
+from avatarrex.capture.importers.detections import BODY_25, BODY_33, HAND_21, IBUG, MESH
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import load_person
 
@@ -30,6 +31,12 @@ def exact_landmarks(motion: Iterable[Signals]) -> np.ndarray:
     return np.array(found)
 
 
+def exact_faces(motion: Iterable[Signals]) -> np.ndarray:
+    """(t, l, 3) world metres, of the face's landmarks."""
+    rows = list(VERTICES.values())
+    return np.array([template_surface(load_person(), signals)[0][rows] for signals in motion])
+
+
 def detected(places: np.ndarray, cameras: list[Camera], pixels: float, wrong: float, seed: int = 1) -> np.ndarray:
     """(t, c, l, 3) what a detector says of places (t, l, 3): column, row, confidence; a share is anywhere in the picture."""
     rng = np.random.default_rng(seed)
@@ -41,31 +48,35 @@ def detected(places: np.ndarray, cameras: list[Camera], pixels: float, wrong: fl
     return found
 
 
-def openpose(triples: np.ndarray) -> dict:
+def openpose(triples: np.ndarray, names: tuple[str, ...] = landmarks().names) -> dict:
     """One picture's file, of (l, 3)."""
-    names = landmarks().names
 
     def flat(wanted: tuple[str | None, ...]) -> list[float]:
-        rows = [triples[names.index(name)] - [0.5, 0.5, 0] if name else np.zeros(3) for name in wanted]
+        rows = [triples[names.index(name)] - [0.5, 0.5, 0] if name in names else np.zeros(3) for name in wanted]
         return [round(float(value), 3) for value in np.ravel(rows)]
 
     hands = {
         f"hand_{side}_keypoints_2d": flat(tuple(f"{side}_{name}" for name in HAND_21)) for side in ("left", "right")
     }
-    person = {"person_id": [-1], "pose_keypoints_2d": flat(BODY_25), "face_keypoints_2d": [], **hands}
+    person = {
+        "person_id": [-1],
+        "pose_keypoints_2d": flat(BODY_25),
+        "face_keypoints_2d": flat((*IBUG, None, None)),
+        **hands,
+    }
     return {"version": 1.3, "people": [person]}
 
 
-def mediapipe(triples: np.ndarray, size: tuple[int, int]) -> dict:
+def mediapipe(triples: np.ndarray, size: tuple[int, int], names: tuple[str, ...] = landmarks().names) -> dict:
     """One frame of a camera's file, of (l, 3)."""
-    names = landmarks().names
 
     def one(name: str | None) -> dict[str, float]:
-        x, y, sure = triples[names.index(name)] if name else (0.0, 0.0, 0.0)
+        x, y, sure = triples[names.index(name)] if name in names else (0.0, 0.0, 0.0)
         return {"x": float(x / size[0]), "y": float(y / size[1]), "z": 0.0, "visibility": float(sure)}
 
     hands = {f"{side}_hand_landmarks": [one(f"{side}_{name}") for name in HAND_21] for side in ("left", "right")}
-    return {"pose_landmarks": [one(BODY_33.get(k)) for k in range(33)], **hands}
+    face = [one(MESH.get(k)) for k in range(478)] if FACE_NAMES[0] in names else []
+    return {"pose_landmarks": [one(BODY_33.get(k)) for k in range(33)], "face_landmarks": face, **hands}
 
 
 def toml(cameras: dict[str, Camera]) -> str:
@@ -129,13 +140,21 @@ def film(
     out: Path,
     calibration: Callable[[dict[str, Camera]], dict[str, str]] | None = None,
     backdrop: bool = False,
+    faces: bool = False,
 ) -> Path:
-    """Images, mattes (or a picture of the empty scene), OpenPose files, and Caliscope's calibration unless another is given."""
+    """Images, mattes (or a picture of the empty scene), OpenPose files, and Caliscope's calibration unless another is given.
+
+    `faces`: landmarks of the face are in these files.
+    """
     files = {"calibration.toml": toml(one.lenses)} if calibration is None else calibration(one.lenses)
     out.mkdir(parents=True)
     for name, text in files.items():
         (out / name).write_text(text)
     found = detected(exact_landmarks(one.motion), list(one.lenses.values()), 2.0 * one.size[1] / 512, 0.05)
+    names = landmarks().names
+    if faces:
+        marks = detected(exact_faces(one.motion), list(one.lenses.values()), 2.0 * one.size[1] / 512, 0.05, 2)
+        found, names = np.concatenate([found, marks], 2), (*names, *FACE_NAMES)
     for view, name in enumerate(one.lenses):
         for folder in (out / "images" / name, out / "mattes" / name, out / "keypoints" / name, out / "background"):
             folder.mkdir(parents=True, exist_ok=True)
@@ -146,7 +165,7 @@ def film(
             Image.fromarray(picture).save(out / "images" / name / f"frame{frame:04d}.png")
             if not backdrop:
                 Image.fromarray(matte).save(out / "mattes" / name / f"{frame:04d}.png")
-            said = json.dumps(openpose(found[frame, view]))
+            said = json.dumps(openpose(found[frame, view], names))
             (out / "keypoints" / name / f"{name}_{frame:012d}_keypoints.json").write_text(said)
         if backdrop:
             Image.fromarray(np.broadcast_to(BACKDROP, (*one.mattes[name, 0].shape, 3)).copy()).save(

@@ -189,7 +189,7 @@ def test_a_folder_becomes_a_capture_and_goes_on(tmp_path: Path, capsys: pytest.C
     assert not rig.missing
     assert rig.held_out_frames == {1}
     steps = sorted(path.name for path in (out / "steps").glob("*.png"))
-    assert steps == ["1_cameras.png", "2_pictures.png", "3_mattes.png", "4_keypoints.png", "5_fit.png"]
+    assert steps == ["1_cameras.png", "2_pictures.png", "3_mattes.png", "4_keypoints.png", "5_fit.png", "6_face.png"]
     assert main([*words, "--redo", "fit"]) == 0
     said = capsys.readouterr().out
     assert said.count("(done before)") == 4
@@ -197,4 +197,6 @@ def test_a_folder_becomes_a_capture_and_goes_on(tmp_path: Path, capsys: pytest.C
     assert main(words) == 0
     assert capsys.readouterr().out.count("(done before)") == 3
     assert main([*words, "--redo", "eat"]) == 2
-    assert "--redo: expected one of cameras, pictures, mattes, keypoints, fit, found eat" in capsys.readouterr().err
+    assert (
+        "--redo: expected one of cameras, pictures, mattes, keypoints, fit, face, found eat" in capsys.readouterr().err
+    )

@@ -1,8 +1,9 @@
 """Keypoints as detectors write them: OpenPose's JSON, a file a picture, and MediaPipe's landmarks as JSON, a file a camera.
 
 `keypoints/<camera>/…_keypoints.json`: people[].pose_keypoints_2d (25 or 18 triples x, y, confidence), hand_left_keypoints_2d and
-hand_right_… (21). `keypoints/<camera>.json`: a list of frames, or {"frames": […]}, each with pose_landmarks (33 of x, y, visibility,
-shares of the picture's sides), left_hand_landmarks and right_hand_landmarks (21); also in camel case, and with `landmark` between.
+hand_right_… (21), face_keypoints_2d (70, or iBUG's 68). `keypoints/<camera>.json`: a list of frames, or {"frames": […]}, each with
+pose_landmarks (33 of x, y, visibility, shares of the picture's sides), left_hand_landmarks and right_hand_landmarks (21), face_landmarks
+(468 or 478); also in camel case, and with `landmark` between.
 Letters: t frames, c cameras, l landmarks.
 """
 
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from avatarrex.capture.fit.face_marks import NUMBERS, face_name
 from avatarrex.capture.fit.landmarks import landmarks
 from avatarrex.capture.readers.calibration import Lens
 from avatarrex.errors import InputError, check
@@ -82,19 +84,43 @@ HAND_21 = (
     *(f"{finger}{k}" for finger in ("thumb", "index", "middle", "ring", "pinky") for k in (1, 2, 3, "_tip")),
 )
 """Both detectors' hands, from the wrist outwards."""
+IBUG = tuple(face_name(number) if number in NUMBERS else None for number in range(68))
+"""OpenPose's face; its last two, the pupils, are not read."""
+MESH: dict[int, str] = {
+    row: face_name(number)
+    for number, row in {
+        8: 152,
+        17: 70, 18: 63, 19: 105, 20: 66, 21: 107, 22: 336, 23: 296, 24: 334, 25: 293, 26: 300,
+        27: 168, 28: 197, 29: 5, 30: 1, 31: 98, 32: 97, 33: 2, 34: 326, 35: 327,
+        36: 33, 37: 160, 38: 158, 39: 133, 40: 153, 41: 144, 42: 362, 43: 385, 44: 387, 45: 263, 46: 373, 47: 380,
+        48: 61, 49: 40, 50: 37, 51: 0, 52: 267, 53: 270, 54: 291, 55: 321, 56: 314, 57: 17, 58: 84, 59: 91,
+        60: 78, 61: 81, 62: 13, 63: 311, 64: 308, 65: 402, 66: 14, 67: 178,
+    }.items()
+}  # fmt: skip
+"""MediaPipe's face: of its 468 landmarks (478 with the irises) those that lie where iBUG's do."""
+UNSAID = 0.8
+"""Confidence of hands and faces in MediaPipe's files, which have none."""
 CENTRE = np.array([0.5, 0.5, 0.0])
 """OpenPose has pixel centres at integers."""
+Part = tuple[tuple[str | None, ...], np.ndarray]
+"""Names with triples (n, 3) of column, row and confidence."""
 _FRAME = re.compile(r"(\d{1,9})(?:_keypoints)?\.json")
 
 
 def read_detections(
-    folder: Path, lenses: tuple[Lens, ...], frames: int = MOST_FRAMES, first: int | None = None
+    folder: Path,
+    lenses: tuple[Lens, ...],
+    frames: int = MOST_FRAMES,
+    first: int | None = None,
+    names: tuple[str, ...] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Points (t, c, l, 2) in the pictures as taken, confidence (t, c, l), and what could not be read.
 
-    Frames are those of the longest camera, `frames` at most. `first` is the number in the names of files that frame 0 has; unless given,
-    1 where that is the lowest of all cameras' (beside videos), else 0. Lists begin with frame 0. Raises `InputError` where no camera has any.
+    `names` are the landmarks (l): the body's, unless others are wanted. Frames are those of the longest camera, `frames` at most. `first`
+    is the number in the names of files that frame 0 has; unless given, 1 where that is the lowest of all cameras' (beside videos), else 0.
+    Lists begin with frame 0. Raises `InputError` where no camera has any.
     """
+    wanted = {name: row for row, name in enumerate(names or landmarks().names)}
     found: list[dict[int, tuple[np.ndarray, np.ndarray]]] = []
     problems: list[str] = []
     files = [_files(folder / lens.name) for lens in lenses]
@@ -103,7 +129,7 @@ def read_detections(
     beyond = 0
     for lens, numbered in zip(lenses, files):
         entries = _of_camera(folder, lens, {number - first: path for number, path in numbered.items()}, problems)
-        found.append({frame: marks for frame, marks in entries if 0 <= frame < frames})
+        found.append({frame: _chosen(parts, wanted) for frame, parts in entries if 0 <= frame < frames})
         beyond += sum(not 0 <= number - first < frames for number in numbered)
     if beyond:
         problems.append(f"keypoints: {beyond} files of frames that have no picture")
@@ -115,7 +141,7 @@ def read_detections(
         "none",
     )
     count = max(max(one, default=-1) for one in found) + 1
-    points = np.zeros((count, len(lenses), len(landmarks().names), 2))
+    points = np.zeros((count, len(lenses), len(wanted), 2))
     confidence = np.zeros(points.shape[:3])
     for view, one in enumerate(found):
         for frame, (place, sure) in one.items():
@@ -131,7 +157,7 @@ def _files(folder: Path) -> dict[int, Path]:
 
 def _of_camera(
     folder: Path, lens: Lens, files: Mapping[int, Path], problems: list[str]
-) -> Iterable[tuple[int, tuple[np.ndarray, np.ndarray]]]:
+) -> Iterable[tuple[int, list[Part]]]:
     """By frame: of MediaPipe's list, where there is one, else of OpenPose's `files`."""
     single = folder / f"{lens.name}.json"
     entries: Iterable[tuple[int, Any, Path]] = ((frame, None, path) for frame, path in files.items())
@@ -143,7 +169,7 @@ def _of_camera(
             return
     for frame, entry, path in entries:
         try:
-            yield frame, _landmarks(read_json(path, largest=SMALL) if path != single else entry, lens, path)
+            yield frame, _parts(read_json(path, largest=SMALL) if path != single else entry, lens, path)
         except InputError as error:
             problems.append(f"{lens.name} frame {frame}: expected {error.expected}, found {error.found}")
 
@@ -157,21 +183,25 @@ def _list(path: Path) -> list[Any]:
     return frames
 
 
-def _landmarks(data: Any, lens: Lens, source: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Of one picture: (l, 2) and (l,)."""
-    points, sure = np.zeros((len(landmarks().names), 2)), np.zeros(len(landmarks().names))
+def _parts(data: Any, lens: Lens, source: Path) -> list[Part]:
+    """Of one picture."""
     if not isinstance(data, dict):
-        return points, sure  # nobody was found
-    parts = _openpose(data, source) if "people" in data else _mediapipe(data, lens, source)
+        return []  # nobody was found
+    return list(_openpose(data, source) if "people" in data else _mediapipe(data, lens, source))
+
+
+def _chosen(parts: Iterable[Part], wanted: Mapping[str, int]) -> tuple[np.ndarray, np.ndarray]:
+    """(l, 2) and (l,) of the landmarks that are wanted, by name their rows."""
+    points, sure = np.zeros((len(wanted), 2)), np.zeros(len(wanted))
     for names, triples in parts:
         for name, (x, y, confidence) in zip(names, triples):
-            row = landmarks().names.index(name) if name else -1
-            if name and confidence > sure[row]:
+            row = wanted.get(name or "", -1)
+            if row >= 0 and confidence > sure[row]:
                 points[row], sure[row] = (x, y), min(confidence, 1.0)
     return points, sure
 
 
-def _openpose(data: Mapping[str, Any], source: Path) -> Iterable[tuple[tuple[str | None, ...], np.ndarray]]:
+def _openpose(data: Mapping[str, Any], source: Path) -> Iterable[Part]:
     """Names with triples of the person whom the detector is surest of."""
     people = data["people"]
     check(isinstance(people, list), source, "people", "a list", type(people).__name__)
@@ -189,11 +219,12 @@ def _openpose(data: Mapping[str, Any], source: Path) -> Iterable[tuple[tuple[str
         hand = _triples(person.get(f"hand_{side}_keypoints_2d"), source, f"hand_{side}_keypoints_2d")
         if len(hand) == len(HAND_21):
             yield tuple(f"{side}_{name}" for name in HAND_21), hand + CENTRE
+    face = _triples(person.get("face_keypoints_2d"), source, "face_keypoints_2d")
+    if len(face) in (68, 70):
+        yield IBUG, face[:68] + CENTRE
 
 
-def _mediapipe(
-    data: Mapping[str, Any], lens: Lens, source: Path
-) -> Iterable[tuple[tuple[str | None, ...], np.ndarray]]:
+def _mediapipe(data: Mapping[str, Any], lens: Lens, source: Path) -> Iterable[Part]:
     size = np.array([lens.camera.width, lens.camera.height, 1.0])
     body = _listed(data, "pose_landmarks", "poseLandmarks", source)
     if len(body) >= 33:
@@ -201,10 +232,15 @@ def _mediapipe(
     for side in ("left", "right"):
         hand = _listed(data, f"{side}_hand_landmarks", f"{side}HandLandmarks", source)
         if len(hand) == len(HAND_21):
-            yield (
-                tuple(f"{side}_{name}" for name in HAND_21),
-                np.where([False, False, True], np.maximum(hand, 0.8), hand) * size,
-            )
+            yield tuple(f"{side}_{name}" for name in HAND_21), _sure(hand) * size
+    face = _listed(data, "face_landmarks", "faceLandmarks", source)
+    if len(face) in (468, 478):
+        yield tuple(MESH.get(row) for row in range(len(face))), _sure(face) * size
+
+
+def _sure(found: np.ndarray) -> np.ndarray:
+    """(n, 3) with at least the confidence `UNSAID`."""
+    return np.where([False, False, True], np.maximum(found, UNSAID), found)
 
 
 def _listed(data: Mapping[str, Any], name: str, camel: str, source: Path) -> np.ndarray:

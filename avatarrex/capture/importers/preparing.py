@@ -19,12 +19,14 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from avatarrex.capture.fit.face_marks import FACE_NAMES
 from avatarrex.capture.fit.initial import fit_initial
 from avatarrex.capture.fit.landmarks import landmarks
 from avatarrex.capture.fit.overlay import contact_sheet
 from avatarrex.capture.importers.calibrations import SUFFIXES, Cameras, find_cameras
 from avatarrex.capture.importers.detections import read_detections
 from avatarrex.capture.importers.difference import difference_matte, quality
+from avatarrex.capture.importers.expressions import find_expressions
 from avatarrex.capture.importers.footage import Footage, find_footage, read_image, save_jpeg, save_matte
 from avatarrex.capture.importers.import_capture import RULE_MATTES, calibration
 from avatarrex.capture.importers.pictures import as_matte, matte_rule
@@ -47,6 +49,8 @@ SHOWN_FRAMES, SHOWN_FAULTS = 3, 8
 """Frames of a sheet, and faults that are printed."""
 IMPORTED, DIFFERENT, OWN = "imported", "what differs from the empty scene", "alpha channels"
 """Where mattes come from."""
+FACE = "steps/face.npz"
+"""Landmarks of faces and what was fitted to them, where there are any."""
 LARGEST_BYTES = 2**31
 
 
@@ -115,7 +119,8 @@ class Preparing:
 
     def made(self) -> str:
         """Which fit the capture has: another one after any step was done again."""
-        return f"{self.state['fit']['key']} {self.state['fit'].get('at')}"
+        steps = ["fit", "face"] if (self.out / FACE).exists() else ["fit"]
+        return " ".join(f"{self.state[name]['key']} {self.state[name].get('at')}" for name in steps)
 
     def _inputs(self, step: Step) -> str:
         """Names, sizes and times of the files that a step is made from; of the source's own those that a calibration may be."""
@@ -151,6 +156,15 @@ class Preparing:
         place = self.out / "steps" / "cameras.json"
         data = read_json(place, largest=SMALL)
         return Cameras(read_calibration(json.dumps(data["cameras"]), str(place)), data["kind"], data["scaled"], ())
+
+    def detections(self, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, list[str]]:
+        """Landmarks (t, c, l, 2) in the pictures, their confidence (t, c, l), and what could not be read."""
+        lenses, stride = self.cameras().lenses, self.options.stride
+        count = 1 + max(max(self.pictures(lens), default=0) for lens in lenses)
+        points, confidence, problems = read_detections(
+            self.source / "keypoints", lenses, count * stride, self.first, names
+        )
+        return points[::stride], confidence[::stride], problems
 
     def pictures(self, lens: Lens) -> dict[int, Path]:
         """Of a camera, by frame."""
@@ -298,11 +312,7 @@ def _grey(pixels: np.ndarray) -> np.ndarray:
 
 def _keypoints(work: Preparing) -> tuple[list[str], np.ndarray]:
     lenses = work.cameras().lenses
-    count = 1 + max(max(work.pictures(lens), default=0) for lens in lenses)
-    points, confidence, problems = read_detections(
-        work.source / "keypoints", lenses, count * work.options.stride, work.first
-    )
-    points, confidence = points[:: work.options.stride], confidence[:: work.options.stride]
+    points, confidence, problems = work.detections(landmarks().names)
     write_arrays(work.out / "steps" / "keypoints.npz", {"points": points, "confidence": confidence})
     joints = {"points": points[:, :, :55].astype(np.float32), "confidence": confidence[:, :, :55].astype(np.float32)}
     names = {"names": np.array(JOINT_NAMES), "cameras": np.array([lens.name for lens in lenses])}
@@ -351,11 +361,26 @@ def _fit(work: Preparing) -> tuple[list[str], np.ndarray]:
     )
 
 
+def _face(work: Preparing) -> tuple[list[str], np.ndarray]:
+    points, confidence, _ = work.detections(FACE_NAMES)
+    if not confidence.any():
+        (work.out / FACE).unlink(missing_ok=True)
+        return ["no landmarks of a face in the keypoints: expressions and jaw stay at rest"], tiles(())
+    capture = open_capture(work.out / "capture")
+    found, said, shown = find_expressions(capture, work.cameras().lenses, points, confidence)
+    parameters = read_arrays(work.body / "smpl_params.npz")
+    write_arrays(work.body / "smpl_params.npz", {**parameters, "arkit52": found.weights})
+    kept = {"names": np.array(FACE_NAMES), "points": points, "confidence": confidence, "offsets": found.offsets}
+    write_arrays(work.out / FACE, {**kept, "places": found.places, "believed": found.believed})
+    return said, tiles(shown, 6)
+
+
 STEPS: dict[str, Step] = {
     "cameras": Step(_cameras, ("", "calibration", "sparse", *PICTURES)),
     "pictures": Step(_pictures, PICTURES, ("stride",)),
     "mattes": Step(_mattes, (*MATTES, *BACKDROPS)),
     "keypoints": Step(_keypoints, ("keypoints",)),
     "fit": Step(_fit, (), ("fps", "height", "held_out")),
+    "face": Step(_face, ("keypoints",)),
 }
 """In their order."""

@@ -17,6 +17,9 @@ from avatarrex.capture.readers.calibration import Lens
 SIDE, GAP, PLAN = 240, 4, 560
 """Pixels of a tile, between tiles, and of each half of the plan."""
 PAPER, INK, CAMERA, PERSON, MATTE = (24, 27, 33), (210, 214, 220), (90, 170, 255), (255, 170, 60), (60, 255, 110)
+WRONG = (255, 70, 60)
+FACE_MARGIN = 0.75
+"""Half a side of a face's picture, in extents of its landmarks."""
 LENGTH = 0.12
 """Of a camera's sign, as a share of the stage."""
 
@@ -51,6 +54,25 @@ def dotted(image: np.ndarray, points: np.ndarray, confidence: np.ndarray) -> np.
     for (x, y), sure in zip(points, confidence):
         if sure > 0:
             colour = (int(255 * (1 - sure)), int(255 * sure), 60)
+            draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour, outline=(0, 0, 0))
+    return np.array(picture)
+
+
+def fitted_face(image: np.ndarray, fitted: np.ndarray, found: np.ndarray, believed: np.ndarray) -> np.ndarray:
+    """The part of a picture about the fitted landmarks (l, 2), orange; those found (k, 2) green where they are believed (k,), else red."""
+    low, high = fitted.min(0), fitted.max(0)
+    half = max(float((high - low).max()) * FACE_MARGIN, 4.0)
+    corner, scale = (low + high) / 2 - half, 2 * SIDE / (2 * half)
+    box = (*corner, *(corner + 2 * half))
+    picture = Image.fromarray(np.ascontiguousarray(image[..., :3])).crop(tuple(map(round, box)))
+    corner = np.round(corner)
+    picture = picture.resize((2 * SIDE, 2 * SIDE), Image.Resampling.BICUBIC)
+    draw = ImageDraw.Draw(picture)
+    for places, radius, colours in (
+        (found, 5, [MATTE if one else WRONG for one in believed]),
+        (fitted, 3, [PERSON] * len(fitted)),
+    ):
+        for (x, y), colour in zip((places - corner) * scale, colours):
             draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour, outline=(0, 0, 0))
     return np.array(picture)
 
