@@ -48,6 +48,7 @@ def _refined(capture: Path, out: Path, key: str) -> None:
     if before == key and (refined / FIGURES).exists() and not (refined / FILE).exists():
         return  # a refinement removes its file at the end
     if before not in (None, key):
+        print(f"{refined}: refined from what the source was before: made anew", flush=True)
         shutil.rmtree(refined)
     write_json(marker, {"key": key})
     refine(str(capture), True, refined)  # validation and test are then driven by tracking of the same kind

@@ -85,10 +85,12 @@ def _matrix(folder: Path, name: str) -> int:
     from avatarrex.templates.person import load_person
 
     own, motions = folder / FILE, folder / MOTIONS.format(name)
-    targets = [own, motions] if name == "faceverse" else [motions]
-    for target in targets:
-        if what_is(target) != "nothing there":
-            raise InputError(target, "", "nothing there: edit it, or move it away", what_is(target))
+    wanted = [own, motions] if name == "faceverse" else [motions]
+    targets = [target for target in wanted if what_is(target) == "nothing there"]
+    if not targets:
+        raise InputError(motions, "", "nothing there: edit it, or move it away", what_is(motions))
+    for target in set(wanted) - set(targets):
+        print(plain(f"{target}: kept as it is"))
     fit = fit_expressions(_unnamed(folder, name), load_person().face)
     if own in targets:
         write_matrix(own, fit.coefficients, fit.explained)
@@ -97,10 +99,10 @@ def _matrix(folder: Path, name: str) -> int:
                 f"{own}: {len(fit.coefficients)} coefficients by the 52 names, nearest to the default face; to be edited"
             )
         )
-    write_expression_map(motions, fit.names, fit.explained)
-    print(
-        plain(f"{motions}: the 52 by {len(fit.coefficients)} coefficients, for motions (`--expressions`); to be edited")
-    )
+    if motions in targets:
+        write_expression_map(motions, fit.names, fit.explained, ordered=name == "flame")
+        count = len(fit.coefficients)
+        print(plain(f"{motions}: the 52 by {count} coefficients, for motions (`--expressions`); to be edited"))
     print(
         plain(
             f"of each name's motion this face shows {fit.explained.mean():.0%} in the mean; poor: {fit.poor() or 'none'}"

@@ -21,6 +21,8 @@ LARGEST = 1e6
 """Of a coefficient and of a number of the table."""
 REMARK = "explained"
 """The column that is not read."""
+ORDERED = "name (ordered)"
+"""Head of the first column of tables for a basis like FLAME's, of which motions may have the first coefficients alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,7 @@ class ExpressionMap:
 
 
 def read_expression_map(path: str | Path, width: int, wider: bool = False) -> ExpressionMap:
-    """The table of `width` coefficients in a file, or, `wider`, of more: the first of an ordered basis, such as FLAME's.
+    """The table of `width` coefficients in a file, or, `wider`, of more where it says `ORDERED`: its first ones are used.
 
     Raises `InputError` naming line or row and column.
     """
@@ -53,10 +55,11 @@ def read_expression_map(path: str | Path, width: int, wider: bool = False) -> Ex
         raise InputError(path, f"line {reader.line_num}", "a readable CSV file", error) from None
     head = [word.strip() for word in rows[0][1]] if rows else []
     there = len(head) - 1 - sum(head.count(word) for word in ("bias", REMARK))
-    total = max(width, there) if wider else width
+    total = max(width, there) if wider and head[:1] == [ORDERED] else width
     known = {"bias", REMARK, *map(str, range(total))}
-    if head[:1] != ["name"] or len(set(head)) != len(head) or not set(head[1:]) <= known or there != total:
-        found = f"{len(head) - 1} columns" if head[:1] == ["name"] else ",".join(head)[:60] or "an empty file"
+    named = head[:1] in (["name"], [ORDERED])
+    if not named or len(set(head)) != len(head) or not set(head[1:]) <= known or there != total:
+        found = f"{len(head) - 1} columns" if named else ",".join(head)[:60] or "an empty file"
         raise InputError(path, "line 1", f"name,0,…,{width - 1} with or without bias", found)
     matrix, bias, seen = np.zeros((52, total)), np.zeros(52), set[str]()
     for number, row in rows[1:]:
@@ -79,11 +82,18 @@ def read_expression_map(path: str | Path, width: int, wider: bool = False) -> Ex
     return ExpressionMap(matrix[:, :width], bias, len(seen), total)
 
 
-def write_expression_map(path: str | Path, matrix: np.ndarray, explained: np.ndarray) -> None:
-    """M (52, k) as `read_expression_map` reads it, and the shares (52,) as a remark. Raises `InputError` where it cannot be written."""
+def write_expression_map(path: str | Path, matrix: np.ndarray, explained: np.ndarray, ordered: bool = False) -> None:
+    """M (52, k) as `read_expression_map` reads it, and the shares (52,) as a remark; whether coefficients are `ORDERED`.
+
+    Raises `InputError` where it cannot be written.
+    """
     rows = [",".join([name, f"{share:.2f}", *(f"{value:.4g}" for value in row)])
             for name, share, row in zip(EXPRESSION_NAMES, explained, matrix)]  # fmt: skip
-    write_text(path, "\n".join([",".join(["name", REMARK, *map(str, range(matrix.shape[1]))]), *rows]) + "\n")
+    write_text(
+        path,
+        "\n".join([",".join([ORDERED if ordered else "name", REMARK, *map(str, range(matrix.shape[1]))]), *rows])
+        + "\n",
+    )
 
 
 def _number(path: str | Path, place: str, word: str) -> float:

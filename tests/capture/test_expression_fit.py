@@ -16,11 +16,12 @@ from scipy.spatial.transform import Rotation
 from avatarrex.camera import Camera
 from avatarrex.capture.fit.expression_fit import ROWS, SOUGHT, Expressions, _bounded, fit_expressions
 from avatarrex.capture.fit.face_marks import FACE_NAMES, NUMBERS, VERTICES, FaceMarks, face_marks
-from avatarrex.capture.importers.detections import MESH, read_detections
+from avatarrex.capture.importers.detections import BODY_25, MESH, read_detections
 from avatarrex.capture.importers.preparing import Preparing
 from avatarrex.capture.readers.calibration import Lens
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.capture.synthetic.cameras import body_ring, face_arc, fitted
+from avatarrex.errors import InputError
 from avatarrex.signals.joints import EXPRESSION_NAMES
 from avatarrex.templates.official.parts import COMMON
 from avatarrex.templates.person import load_person
@@ -233,6 +234,47 @@ def test_both_detectors_say_the_same_of_a_face(tmp_path: Path) -> None:
     said["people"][0]["face_keypoints_2d"] = said["people"][0]["face_keypoints_2d"][:30]
     (tmp_path / "open" / "c0" / "v_000000000000_keypoints.json").write_text(json.dumps(said))
     assert not read_detections(tmp_path / "open", (lens,), names=FACE_NAMES)[1].any()
+
+
+def test_a_face_that_cannot_be_read_costs_no_body(tmp_path: Path) -> None:
+    lens = Lens("c0", face_arc(1, 384, 512, np.zeros(3))[0], np.zeros(5))
+    body = tuple(name for name in BODY_25[:8] if name)
+    names = (*body, *FACE_NAMES)
+    said = filmed.openpose(np.tile([100.0, 100.0, 1.0], (len(names), 1)), names)
+    (tmp_path / "c0").mkdir()
+    for broken in ([1.0] * 136, [None] * 210, [float("nan")] * 210):
+        said["people"][0]["face_keypoints_2d"] = broken
+        (tmp_path / "c0" / "v_000000000000_keypoints.json").write_text(json.dumps(said))
+        _, confidence, problems = read_detections(tmp_path, (lens,), names=body)
+        assert confidence.all()
+        assert not problems
+        with pytest.raises(InputError, match="face_keypoints_2d"):
+            read_detections(tmp_path, (lens,), names=FACE_NAMES)
+
+
+def test_mediapipes_landmarks_lie_on_its_own_rings(tmp_path: Path) -> None:
+    """Its published connections of eyes, lips and brows, in the order that iBUG has; tasks of it write a list of faces."""
+    order = {number: row for row, name in MESH.items() for number in [int(name.removeprefix("face_"))]}
+    right_eye = (33, 246, 161, 160, 159, 158, 157, 173, 133, 155, 154, 153, 145, 144, 163, 7)
+    left_eye = (362, 398, 384, 385, 386, 387, 388, 466, 263, 249, 390, 373, 374, 380, 381, 382)
+    outer = (61, 185, 40, 39, 37, 0, 267, 269, 270, 409, 291, 375, 321, 405, 314, 17, 84, 181, 91, 146)
+    inner = (78, 191, 80, 81, 82, 13, 312, 311, 310, 415, 308, 324, 318, 402, 317, 14, 87, 178, 88, 95)
+    for ring, numbers in (
+        (right_eye, range(36, 42)),
+        (left_eye, range(42, 48)),
+        (outer, range(48, 60)),
+        (inner, range(60, 68)),
+    ):
+        places = [ring.index(order[number]) for number in numbers]
+        assert places == sorted(places), numbers
+    brows = (70, 63, 105, 66, 107, 336, 296, 334, 293, 300)
+    assert [order[number] for number in range(17, 27)] == list(brows)
+    lens = Lens("c0", face_arc(1, 384, 512, np.zeros(3))[0], np.zeros(5))
+    face = [{"x": 0.5, "y": row / 1000} for row in range(478)]
+    (tmp_path / "c0.json").write_text(json.dumps([{"face_landmarks": [face]}]))
+    points, confidence, _ = read_detections(tmp_path, (lens,), names=FACE_NAMES)
+    assert confidence.all()
+    assert points[0, 0, FACE_NAMES.index("face_36"), 1] == pytest.approx(0.033 * 512)
 
 
 class Gaping(Clothed):

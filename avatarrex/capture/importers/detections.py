@@ -121,6 +121,7 @@ def read_detections(
     Lists begin with frame 0. Raises `InputError` where no camera has any.
     """
     wanted = {name: row for row, name in enumerate(names or landmarks().names)}
+    face = any(name in wanted for name in IBUG if name)
     found: list[dict[int, tuple[np.ndarray, np.ndarray]]] = []
     problems: list[str] = []
     files = [_files(folder / lens.name) for lens in lenses]
@@ -128,7 +129,7 @@ def read_detections(
         first = int(min((min(one) for one in files if one), default=0) == 1)
     beyond = 0
     for lens, numbered in zip(lenses, files):
-        entries = _of_camera(folder, lens, {number - first: path for number, path in numbered.items()}, problems)
+        entries = _of_camera(folder, lens, {number - first: path for number, path in numbered.items()}, problems, face)
         found.append({frame: _chosen(parts, wanted) for frame, parts in entries if 0 <= frame < frames})
         beyond += sum(not 0 <= number - first < frames for number in numbered)
     if beyond:
@@ -138,7 +139,7 @@ def read_detections(
         folder,
         "",
         f"keypoints of cameras {lenses[0].name}, …: CAMERA/…_keypoints.json (OpenPose) or CAMERA.json (MediaPipe)",
-        "none",
+        problems[0] if problems else "none",
     )
     count = max(max(one, default=-1) for one in found) + 1
     points = np.zeros((count, len(lenses), len(wanted), 2))
@@ -156,22 +157,22 @@ def _files(folder: Path) -> dict[int, Path]:
 
 
 def _of_camera(
-    folder: Path, lens: Lens, files: Mapping[int, Path], problems: list[str]
+    folder: Path, lens: Lens, files: Mapping[int, Path], problems: list[str], face: bool
 ) -> Iterable[tuple[int, list[Part]]]:
-    """By frame: of MediaPipe's list, where there is one, else of OpenPose's `files`."""
+    """By frame: of MediaPipe's list, where there is one, else of OpenPose's `files`. Without `face` faces are not read."""
     single = folder / f"{lens.name}.json"
     entries: Iterable[tuple[int, Any, Path]] = ((frame, None, path) for frame, path in files.items())
     if single.is_file():
         try:
             entries = ((frame, entry, single) for frame, entry in enumerate(_list(single)))
         except InputError as error:
-            problems.append(f"{single.name}: expected {error.expected}, found {error.found}")
+            problems.append(f"{single.name}: {error.field}: expected {error.expected}, found {error.found}")
             return
     for frame, entry, path in entries:
         try:
-            yield frame, _parts(read_json(path, largest=SMALL) if path != single else entry, lens, path)
+            yield frame, _parts(read_json(path, largest=SMALL) if path != single else entry, lens, path, face)
         except InputError as error:
-            problems.append(f"{lens.name} frame {frame}: expected {error.expected}, found {error.found}")
+            problems.append(f"{lens.name} frame {frame}: {error.field}: expected {error.expected}, found {error.found}")
 
 
 def _list(path: Path) -> list[Any]:
@@ -183,11 +184,11 @@ def _list(path: Path) -> list[Any]:
     return frames
 
 
-def _parts(data: Any, lens: Lens, source: Path) -> list[Part]:
-    """Of one picture."""
+def _parts(data: Any, lens: Lens, source: Path, face: bool) -> list[Part]:
+    """Of one picture; without `face` a face is not read."""
     if not isinstance(data, dict):
         return []  # nobody was found
-    return list(_openpose(data, source) if "people" in data else _mediapipe(data, lens, source))
+    return list(_openpose(data, source, face) if "people" in data else _mediapipe(data, lens, source, face))
 
 
 def _chosen(parts: Iterable[Part], wanted: Mapping[str, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -201,7 +202,7 @@ def _chosen(parts: Iterable[Part], wanted: Mapping[str, int]) -> tuple[np.ndarra
     return points, sure
 
 
-def _openpose(data: Mapping[str, Any], source: Path) -> Iterable[Part]:
+def _openpose(data: Mapping[str, Any], source: Path, with_face: bool) -> Iterable[Part]:
     """Names with triples of the person whom the detector is surest of."""
     people = data["people"]
     check(isinstance(people, list), source, "people", "a list", type(people).__name__)
@@ -219,12 +220,12 @@ def _openpose(data: Mapping[str, Any], source: Path) -> Iterable[Part]:
         hand = _triples(person.get(f"hand_{side}_keypoints_2d"), source, f"hand_{side}_keypoints_2d")
         if len(hand) == len(HAND_21):
             yield tuple(f"{side}_{name}" for name in HAND_21), hand + CENTRE
-    face = _triples(person.get("face_keypoints_2d"), source, "face_keypoints_2d")
+    face = _triples(person.get("face_keypoints_2d") if with_face else None, source, "face_keypoints_2d")
     if len(face) in (68, 70):
         yield IBUG, face[:68] + CENTRE
 
 
-def _mediapipe(data: Mapping[str, Any], lens: Lens, source: Path) -> Iterable[Part]:
+def _mediapipe(data: Mapping[str, Any], lens: Lens, source: Path, with_face: bool) -> Iterable[Part]:
     size = np.array([lens.camera.width, lens.camera.height, 1.0])
     body = _listed(data, "pose_landmarks", "poseLandmarks", source)
     if len(body) >= 33:
@@ -233,7 +234,7 @@ def _mediapipe(data: Mapping[str, Any], lens: Lens, source: Path) -> Iterable[Pa
         hand = _listed(data, f"{side}_hand_landmarks", f"{side}HandLandmarks", source)
         if len(hand) == len(HAND_21):
             yield tuple(f"{side}_{name}" for name in HAND_21), _sure(hand) * size
-    face = _listed(data, "face_landmarks", "faceLandmarks", source)
+    face = _listed(data, "face_landmarks", "faceLandmarks", source) if with_face else np.zeros((0, 3))
     if len(face) in (468, 478):
         yield tuple(MESH.get(row) for row in range(len(face))), _sure(face) * size
 
@@ -248,6 +249,8 @@ def _listed(data: Mapping[str, Any], name: str, camel: str, source: Path) -> np.
     value = data.get(name, data.get(camel))
     if isinstance(value, dict):
         value = value.get("landmark")
+    if isinstance(value, list) and value and isinstance(value[0], list):
+        value = value[0]  # of several people; the first
     if value in (None, []):
         return np.zeros((0, 3))
     try:

@@ -52,8 +52,8 @@ def _said(capture: Capture, found: Expressions, points: np.ndarray, sure: np.nda
     cameras = [view.camera for view in capture.rigs["body"].views]
     away = points - np.stack([camera.pixels(found.places)[0] for camera in cameras], 1)
     pixels = float(np.median(np.linalg.norm(away[found.believed], axis=-1)))
-    depths = [np.median(camera.seen(found.places)[..., 2]) / camera.intrinsics[0, 0] for camera in cameras]
-    size = 1000 * float(np.median(depths))
+    sizes = np.stack([camera.seen(found.places)[..., 2] / camera.intrinsics[0, 0] for camera in cameras], 1)
+    size = 1000 * float(np.median(sizes[found.believed]))
     small = f"a pixel is {size:.1f} mm on the face: jaw and lips may be told, lids and brows hardly"
     return [
         f"expressions of {seen.sum()} of {len(seen)} frames, by {by_camera[seen].mean():.1f} cameras in the mean",

@@ -362,17 +362,27 @@ def _fit(work: Preparing) -> tuple[list[str], np.ndarray]:
 
 
 def _face(work: Preparing) -> tuple[list[str], np.ndarray]:
-    points, confidence, _ = work.detections(FACE_NAMES)
+    try:
+        points, confidence, problems = work.detections(FACE_NAMES)
+    except InputError as error:  # files in which a body was found
+        points, confidence, problems = np.zeros((0, 2)), np.zeros(0), [str(error.found)]
     if not confidence.any():
         (work.out / FACE).unlink(missing_ok=True)
-        return ["no landmarks of a face in the keypoints: expressions and jaw stay at rest"], tiles(())
+        nothing = "no landmarks of a face in the keypoints: expressions and jaw stay at rest"
+        return [nothing, *_first_of(problems)], tiles(())
     capture = open_capture(work.out / "capture")
+    points, confidence = (_of_length(values, capture.rigs["body"].frames) for values in (points, confidence))
     found, said, shown = find_expressions(capture, work.cameras().lenses, points, confidence)
     parameters = read_arrays(work.body / "smpl_params.npz")
     write_arrays(work.body / "smpl_params.npz", {**parameters, "arkit52": found.weights})
     kept = {"names": np.array(FACE_NAMES), "points": points, "confidence": confidence, "offsets": found.offsets}
     write_arrays(work.out / FACE, {**kept, "places": found.places, "believed": found.believed})
-    return said, tiles(shown, 6)
+    return [*said, *_first_of(problems)], tiles(shown, 6)
+
+
+def _of_length(values: np.ndarray, frames: int) -> np.ndarray:
+    """The first `frames` (t, …), zeros where there are fewer: the last ones may have no landmarks."""
+    return np.concatenate([values[:frames], np.zeros((max(frames - len(values), 0), *values.shape[1:]))])
 
 
 STEPS: dict[str, Step] = {

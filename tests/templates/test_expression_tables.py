@@ -58,6 +58,10 @@ def test_a_known_mixture_of_names_is_found(folder: Path, capsys: pytest.CaptureF
     shown = np.stack([frame.expression for frame in read.sequence])
     np.testing.assert_allclose(shown[:, CLEAR], np.clip(mix.T[:2, CLEAR], 0, 1), atol=0.02)
     assert main(["models", "matrix", "flame", "--folder", str(folder)]) == 2  # one that was edited stays
+    text = (folder / "flame_motions.csv").read_text()
+    (tmp_path / "of_another.csv").write_text(text.replace("name (ordered)", "name", 1))
+    with pytest.raises(InputError, match="expected name,0,…,9 with or without bias"):
+        import_motion(tmp_path / "body.npz", ImportOptions(expressions=str(tmp_path / "of_another.csv")))
 
 
 def test_what_a_face_shows_of_each_name(head: TemplateModel) -> None:
@@ -118,6 +122,8 @@ def test_faceverse_without_names_has_both_tables(tmp_path: Path, capsys: pytest.
     with pytest.raises(InputError, match="expected name,0,…,73 with or without bias"):
         read_expression_map(tmp_path / "faceverse_expressions.csv", 74)
     (tmp_path / "faceverse_expressions.csv").unlink()
+    assert main(["models", "matrix", "--folder", str(tmp_path)]) == 0, "what is missing is written"
+    assert "faceverse_motions.csv: kept as it is" in "".join(capsys.readouterr())
     assert main(["models", "matrix", "--folder", str(tmp_path)]) == 2
     assert "faceverse_motions.csv: expected nothing there: edit it, or move it away" in "".join(capsys.readouterr())
     assert main(["models", "matrix", "flame", "--folder", str(tmp_path)]) == 2
