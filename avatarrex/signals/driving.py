@@ -5,7 +5,6 @@ Rotation vectors in radians in the joints' rest frames (axes of the T-pose), met
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,10 +88,13 @@ class Signals:
         """A copy with some fields changed, validated. Raises `TypeError` for a name that is none of them."""
         if not changes.keys() <= SHAPES.keys():
             raise TypeError(f"signals have no {', '.join(sorted(changes.keys() - SHAPES.keys()))}")
-        copied = copy(self)  # arrays are read-only: what stays is shared
-        for name, value in changes.items():
-            copied._take(name, value)
-        return copied
+        made = object.__new__(Signals)
+        for name in SHAPES:
+            if name in changes:
+                made._take(name, changes[name])
+            else:  # read-only, and checked: it is shared
+                object.__setattr__(made, name, getattr(self, name))
+        return made
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Signals) and all(np.array_equal(getattr(self, n), getattr(other, n)) for n in SHAPES)
