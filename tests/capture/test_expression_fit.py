@@ -316,6 +316,14 @@ def test_a_prepared_capture_has_the_expressions(tmp_path: Path) -> None:
     assert said.count("(done before)") == 5
     assert key != made  # a refinement follows
     np.testing.assert_array_equal(again, expressions)
+    for path in (source / "keypoints").rglob("*000000000001_keypoints.json"):
+        data = json.loads(path.read_text())
+        data["people"][0]["face_keypoints_2d"] = [None] * 210
+        path.write_text(json.dumps(data))
+    said, again, key = prepared()
+    assert "face_keypoints_2d: expected" in said, "the last frame's faces cannot be read"
+    assert "expressions of 1 of 2 frames" in said
+    assert len(again) == 2
     for path in (source / "keypoints").rglob("*.json"):
         data = json.loads(path.read_text())
         data["people"][0]["face_keypoints_2d"] = []
