@@ -23,11 +23,11 @@ from avatarrex_studio.engine.pictures import Pictures, Subject
 from avatarrex_studio.engine.request import Exact, Seen
 from avatarrex_studio.live.listening import Listening
 from avatarrex_studio.session.clips import Clips
-from avatarrex_studio.session.commands import AddFigure, Command, Followed, SetCamera
+from avatarrex_studio.session.commands import AddFigure, Command, Followed, SetCamera, SetShape
 from avatarrex_studio.session.evaluation import go_to, layers_at, settled
 from avatarrex_studio.session.figures import Place, standing
 from avatarrex_studio.session.greeting import Greeting
-from avatarrex_studio.session.grip import LOOK, Beginning, Grip, followed
+from avatarrex_studio.session.grip import LOOK, Beginning, Grip, followed, stood
 from avatarrex_studio.session.journal import Journal
 from avatarrex_studio.session.keys import CAMERA
 from avatarrex_studio.session.motion import Motion, driven_words
@@ -155,6 +155,8 @@ class Studio:
                 command = command.begun(self.state.timeline)
             if isinstance(command, SetFrame):
                 command = replace(command, feeds=self.listening.feeds(self.state.timeline))
+            if isinstance(command, SetShape) and self.figure:
+                command = stood(command, self.journal.before(command, shared), self.figure.body)
             if isinstance(command, OnTimeline):
                 command = settled(command, self.journal.before(command, shared), self.clips, self.listening.feeds)
             self.journal.do(command, shared)

@@ -193,13 +193,15 @@ class SetExpression(Setting):
 class SetShape(Setting):
     index: int
     value: float
+    rise: float = 0.0
+    """Metres that the person is moved upwards, so that its lowest point stays where it is."""
 
     def apply(self, state: StudioState) -> StudioState:
         shape = state.signals.shape.copy()
         if not 0 <= self.index < len(shape):
             raise InputError("shape", "", f"a coefficient from 0 to {len(shape) - 1}", self.index)
         shape[self.index] = self.value
-        return state.pose(shape=shape)
+        return state.pose(shape=shape, translation=state.signals.translation + np.array([0, self.rise, 0]))
 
 
 class SetHandPose(Command):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from avatarrex_studio.session.commands import Command, Followed, LookAt, PullHandle, SetJoint
+from avatarrex_studio.session.commands import Command, Followed, LookAt, PullHandle, SetJoint, SetShape
 from avatarrex_studio.session.posing import counterpart
 from avatarrex_studio.session.state import StudioState, vector
 from jaxtyping import Float64
@@ -14,6 +14,8 @@ from avatarrex.signals.driving import Signals
 from avatarrex.signals.handles import FORWARD, GAZE, HANDLES, Pull, looking, place, pulled, turned
 from avatarrex.signals.joints import JOINT_NAMES
 from avatarrex.signals.skeleton import PosedSkeleton, Skeleton
+from avatarrex.templates.figure import Figure
+from avatarrex.templates.model import TemplateModel
 
 LOOK = "gaze"
 """The point that the eyes look at, beside `HANDLES`."""
@@ -58,6 +60,13 @@ class Beginning:
         if gesture is None or drag != self._drag:
             self._drag, self._start = drag, state.signals
         return self._start
+
+
+def stood(command: SetShape, state: StudioState, body: TemplateModel) -> SetShape:
+    """The command with the rise after which the lowest point of `body` is as high as in the `state` that it is applied to."""
+    before, after = state.signals, replace(command, rise=0.0).apply(state).signals
+    low, other = (float(Figure(body, signals).vertices[:, 1].min()) for signals in (before, after))
+    return replace(command, rise=low - other)
 
 
 def followed(command: Followed, state: StudioState, skeleton: Skeleton, start: Signals) -> Command:

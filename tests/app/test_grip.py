@@ -170,3 +170,25 @@ def test_a_slider_without_pins_turns_one_joint(studio):
     studio.do(commands.SetJoint("spine2", (0.3, 0.1, 0.0)))
     (step,) = studio.journal.steps
     assert "signals" not in step.commands[0].to_json()
+
+
+def test_another_shape_stands_where_the_person_stood(studio):
+    """In one drag, undone at once, and as a journal replays it."""
+    body = studio.figure.body
+
+    def lowest():
+        return Figure(body, studio.state.signals).vertices[:, 1].min()
+
+    studio.do(commands.SetTranslation((0.1, 0.2, 0.0)))
+    low, steps = lowest(), len(studio.journal.steps)
+    for value in (-0.5, -1.5, -2.0):
+        studio.do(commands.SetShape(0, value), "drag")
+        assert lowest() == pytest.approx(low, abs=1e-5)
+    assert studio.state.signals.shape[0] == -2
+    assert studio.state.signals.translation[1] < 0.15, "shorter legs"
+    assert len(studio.journal.steps) == steps + 1
+    again = studio.journal.steps[-1].commands
+    assert len(again) == 1
+    assert type(again[0]).from_json(again[0].to_json()) == again[0]
+    studio.undo()
+    assert (lowest(), studio.state.signals.translation[1]) == (pytest.approx(low), pytest.approx(0.2))
