@@ -284,7 +284,7 @@ def test_a_number_in_a_name_takes_no_memory(tmp_path: Path) -> None:
     points, _, problems = read_detections(tmp_path, LENSES)
     assert len(points) == 1
     assert problems == [
-        "c1.json: expected a list of at most 108000, found int",
+        "c1.json: frames: expected a list of at most 108000, found int",
         "keypoints: 1 files of frames that have no picture",
     ]
 
