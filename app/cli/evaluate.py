@@ -134,12 +134,12 @@ def _exposed(capture: Capture, name: str, other: str) -> tuple[Rig, dict[str, ob
 
 def _person_fitted(avatar: Avatar, capture: Capture, own: bool) -> Person:
     """Whom a training on this capture poses: the avatar's body where that was it, else the person with its skin fitted."""
-    from avatarrex.capture.fit.surface_fit import fit_surface
+    from avatarrex.capture.fit.capture_fit import fit_geometry
 
     if own or capture.person.packaged or capture.person.hash == avatar.person.hash:
         return avatar.person if own else capture.person
-    print("person: fitting the template's skin to the mattes", file=sys.stderr)
-    return fit_surface(capture)
+    print("person: fitting the template's skin and face to the pictures", file=sys.stderr)
+    return fit_geometry(capture)
 
 
 def _frames(text: str, kept: frozenset[int], count: int) -> tuple[int, ...]:

@@ -235,8 +235,8 @@ def trained_on(rig: Rig, arguments: argparse.Namespace) -> Rig:
 
 
 def _fitted(capture: Capture, start: Avatar | None, arguments: argparse.Namespace) -> Capture:
-    """With the person's size and skin, or the start's body. Raises `InputError` for what cannot be trained on, unless forced."""
-    from avatarrex.capture.fit.surface_fit import fit_surface
+    """With the person's size, skin and face, or the start's body. Raises `InputError` for what cannot be trained on, unless forced."""
+    from avatarrex.capture.fit.capture_fit import fit_geometry
     from avatarrex.capture.fit.verdict import judge
     from avatarrex.capture.readers.splits import sealed
 
@@ -253,8 +253,9 @@ def _fitted(capture: Capture, start: Avatar | None, arguments: argparse.Namespac
         raise InputError(arguments.capture, worst.where, expected, worst.what)
     if start is not None or capture.person.packaged:
         return capture
-    print("person: fitting the template's skin to the mattes")
-    return replace(capture, person=fit_surface(sealed(capture, "train")))
+    face = ", then its face to the face rig's pictures" if "face" in capture.rigs else ""
+    print(f"person: fitting the template's skin to the mattes{face}")
+    return replace(capture, person=fit_geometry(sealed(capture, "train")))
 
 
 def _with_body(capture: Capture, start: Avatar, source: str) -> Capture:

@@ -24,9 +24,9 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from avatarrex.camera import Camera
+from avatarrex.capture.fit.capture_fit import fit_geometry
 from avatarrex.capture.fit.check import template_surface
 from avatarrex.capture.fit.photo import DEPTH_TOLERANCE, FACING, OPAQUE
-from avatarrex.capture.fit.surface_fit import fit_surface
 from avatarrex.capture.readers.rigs import Capture
 from avatarrex.capture.zbuffer import visible_faces
 from avatarrex.errors import check
@@ -39,10 +39,11 @@ EDGE = 3
 """Texels along an edge are EDGE + 1; the default person's edges are 12 mm, a pixel of 512² on a whole person 4 mm."""
 FINEST_EDGE = 8
 """At most: a megabyte of colours a picture and channel."""
-NAKED, FITTED, FINE, MEAN = (
+NAKED, FITTED, FINE, FACED, MEAN = (
     "naked textured mesh",
     "fitted textured mesh",
     "fitted mesh, fine texels",
+    "fitted mesh, own face",
     "mean-colour mesh",
 )
 """Names of the kinds."""
@@ -119,15 +120,18 @@ def rivals(capture: Capture, fitted: Person, seen: Sequence[Observation]) -> lis
 
 def fitted_meshes(capture: Capture, fitted: Person, seen: Sequence[Observation]) -> list[MeshDrawer]:
     """The textured template with the skin of `fitted`, or else one that is fitted here; that once more with finer texels where
-    the cameras resolve them. Raises `InputError` as fitting does.
+    the cameras resolve them, and then with its face, too, where that was fitted. Raises `InputError` as fitting does.
     """
     if fitted.fit is None or fitted.fit.surface is None:
-        fitted = fit_surface(capture)
+        fitted = fit_geometry(capture)
     edge = resolved_edge(fitted, seen)
-    return [
-        textured_mesh(fitted, seen, FITTED),
-        *([textured_mesh(fitted, seen, FINE, edge)] if edge > EDGE else []),
-    ]
+    skin = fitted.with_template_face
+    found = [textured_mesh(skin, seen, FITTED)]
+    if edge > EDGE:
+        found.append(textured_mesh(skin, seen, FINE, edge))
+    if skin is not fitted:
+        found.append(textured_mesh(fitted, seen, FACED, max(edge, EDGE)))
+    return found
 
 
 def textured_mesh(

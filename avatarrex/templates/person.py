@@ -84,9 +84,16 @@ class Person:
     @property
     def naked(self) -> Person:
         """The person of this size with the template's own skin."""
-        if self.fit is None or self.fit.surface is None:
+        if self.fit is None or (self.fit.surface is None and self.fit.face is None):
             return self
-        return resize_person(load_person(self.name), replace(self.fit, surface=None))
+        return resize_person(load_person(self.name), replace(self.fit, surface=None, face=None))
+
+    @property
+    def with_template_face(self) -> Person:
+        """The same person, its face the template's own."""
+        if self.fit is None or self.fit.face is None:
+            return self
+        return resize_person(load_person(self.name), replace(self.fit, face=None))
 
     @property
     def hand_weight(self) -> Float[Tensor, " v"]:
@@ -126,8 +133,11 @@ def resize_person(person: Person, fit: PersonFit) -> Person:
     """
     if person.fit is not None:
         raise InputError("person", "fit", "a person of the original size", "one that is resized")
-    vertices, joints = fit.moved(person.body.double())
-    resized = replace(person.body, v_template=real(vertices), joint_template=real(joints))
+    moved = fit.moved(person.body.double())
+    vertices, joints, directions = (
+        real(each.numpy()) for each in (moved.v_template, moved.joint_template, moved.expression_dirs)
+    )
+    resized = replace(person.body, v_template=vertices, joint_template=joints, expression_dirs=directions)
     digest = hashlib.sha256((person.hash + json.dumps(fit.to_json())).encode())
     whole = _whole(resized, person.make_parts, person.name, digest.hexdigest()[:16])
     return replace(whole, fit=fit, shape_key=person.shape_key, pelvis=person.pelvis, sex=person.sex)

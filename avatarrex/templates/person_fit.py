@@ -7,7 +7,7 @@ frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from avatarrex.errors import InputError
+from avatarrex.templates.face_offsets import FaceOffsets
 from avatarrex.templates.model import TemplateModel
 
 SPREAD_SIGMA = 0.05
@@ -61,6 +62,7 @@ class PersonFit:
     joint_offsets: np.ndarray
     """(55, 3) metres, root frame; the pelvis stays: its row is zero."""
     surface: SurfaceOffsets | None = None
+    face: FaceOffsets | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (("shape", (10,)), ("joint_offsets", (55, 3))):
@@ -76,26 +78,31 @@ class PersonFit:
         fit: dict[str, Any] = {"shape": self.shape.tolist(), "joint_offsets": self.joint_offsets.tolist()}
         if self.surface is not None:
             fit["surface"] = {"vertices": list(self.surface.vertices), "offsets": self.surface.offsets.tolist()}
+        if self.face is not None:
+            fit["face"] = self.face.to_json()
         return fit
 
     @classmethod
     def from_json(cls, data: Any, source: str | Path) -> PersonFit:
         """From `to_json`'s object. Raises `InputError`."""
-        if not isinstance(data, dict) or set(data) - {"surface"} != {"shape", "joint_offsets"}:
+        if not isinstance(data, dict) or set(data) - {"surface", "face"} != {"shape", "joint_offsets"}:
             raise InputError(source, "person_fit", "an object with shape and joint_offsets", repr(data)[:60])
         try:
             shape, offsets = (np.array(data[name], dtype=np.float64) for name in ("shape", "joint_offsets"))
-            if "surface" not in data:
-                return cls(shape, offsets)
-            moved = np.array(data["surface"]["offsets"], dtype=np.float64)
-            return cls(shape, offsets, SurfaceOffsets(tuple(map(int, data["surface"]["vertices"])), moved))
+            surface, face = None, None
+            if "surface" in data:
+                moved = np.array(data["surface"]["offsets"], dtype=np.float64)
+                surface = SurfaceOffsets(tuple(map(int, data["surface"]["vertices"])), moved)
+            if "face" in data:
+                face = FaceOffsets.from_json(data["face"])
+            return cls(shape, offsets, surface, face)
         except (TypeError, ValueError, KeyError) as error:
             if not isinstance(error, InputError):
                 raise InputError(source, "person_fit", "lists of numbers", "another form") from None
             raise InputError(source, f"person_fit.{error.field}", error.expected, error.found) from None
 
-    def moved(self, body: TemplateModel) -> tuple[np.ndarray, np.ndarray]:
-        """Rest vertices (v, 3) and joints (55, 3) of `body` (float64) with this size."""
+    def moved(self, body: TemplateModel) -> TemplateModel:
+        """`body` (float64) with this size and face."""
         shape = torch.from_numpy(self.shape)
         vertices = (body.v_template + body.shapedirs[..., :10] @ shape).numpy()
         joints = (body.joint_template + body.joint_shapedirs[..., :10] @ shape).numpy()
@@ -104,4 +111,9 @@ class PersonFit:
         follows = RBFInterpolator(joints, self.joint_offsets, kernel="linear", degree=1)(vertices)
         if self.surface is not None:
             follows += self.surface.weights(body.v_template.numpy()) @ self.surface.offsets
-        return vertices + follows, joints + self.joint_offsets
+        expressions = body.expression_dirs
+        if self.face is not None:
+            rest, own = self.face.shapes(body)
+            follows, expressions = follows + rest, expressions + torch.from_numpy(own)
+        moved = torch.from_numpy(vertices + follows), torch.from_numpy(joints + self.joint_offsets)
+        return replace(body, v_template=moved[0], joint_template=moved[1], expression_dirs=expressions)

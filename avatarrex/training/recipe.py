@@ -214,7 +214,7 @@ QUICK = Recipe(
 LONG = replace(
     QUICK, name="long", about="a finished avatar of compact networks in two or three hours on two cores", evaluate=1000,
     face=(_lasting(_FACE, 600, 0.03), _lasting(_TWO, 2500, 0.02, **_FACE_DETAIL)),
-    body=(_lasting(_BODY, 4000, 0.02, rays=600), _lasting(_TWO, 4000, 0.02, **_DETAIL)),
+    body=(_lasting(_BODY, 4000, 0.02, rays=600, close=0.25), _lasting(_TWO, 4000, 0.02, close=0.33, **_DETAIL)),
 )  # fmt: skip
 _SETTLED: dict[str, Any] = {
     "rate": 1e-3,

@@ -10,10 +10,10 @@ import pytest
 from capture.tiny_capture import TinyCapture
 
 from avatarrex.camera import Camera
+from avatarrex.capture.fit.capture_fit import fit_capture
 from avatarrex.capture.fit.check import iou, posed_in_world, silhouette, template_surface
 from avatarrex.capture.fit.outlines import Outline, Seen, seen_frames
 from avatarrex.capture.fit.size_fit import PLACE, _SizeFit, boxes, fit_size, outline_change
-from avatarrex.capture.fit.surface_fit import fit_capture
 from avatarrex.capture.readers.rigs import SMPLX_PELVIS, Capture, open_capture
 from avatarrex.capture.readers.splits import sealed
 from avatarrex.signals.limits import random_signals

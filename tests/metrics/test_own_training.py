@@ -139,7 +139,7 @@ def test_whom_a_training_on_this_capture_poses(
     capture: Capture, fitted: Avatar, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The avatar's own body, a new fit of somebody who is not the studio's, or the studio's own person as it is."""
-    monkeypatch.setattr("avatarrex.capture.fit.surface_fit.fit_surface", lambda _: resize_person(load_person(), SMALL))
+    monkeypatch.setattr("avatarrex.capture.fit.capture_fit.fit_geometry", lambda _: resize_person(load_person(), SMALL))
     assert _person_fitted(fitted, capture, own=True) is fitted.person
     assert _person_fitted(fitted, capture, own=False) is capture.person
     somebody = replace(capture, person=resize_person(load_person(), PersonFit(np.eye(10)[1], np.zeros((55, 3)))))

@@ -12,7 +12,7 @@ about itself, or a trunk behind arms; a pattern does. Letters: p points, k const
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,26 +89,19 @@ class Paint:
     @classmethod
     def of(cls, person: Person, posed: Iterable[Posed], blur: float = BLUR) -> Paint:
         """By pictures of some poses. What reading a picture raises is raised."""
-        points, mean = Points.of(person), np.zeros((POINTS, 3))
-        sights = (sight for one in posed for sight in _sights(person, points, one, blur))
-        seen = [(row, (cosine**2).astype(np.float32), colour.astype(np.float32)) for row, cosine, colour, _ in sights]
-        for again in range(1 + AGAIN):
-            total = np.zeros((POINTS, 4))
-            for row, weight, colour in seen:
-                if again:
-                    weight = weight * _trust(colour - mean[row])
-                total[row] += weight[:, None] * np.column_stack([np.ones(len(row)), colour])
-            mean = total[:, 1:] / np.maximum(total[:, :1], 1e-12)
-        return cls(points, mean, total[:, 0] > SEEN, blur)
+        points = Points.of(person)
+        found = (sight for one in posed for sight in sights(person, points, one, blur))
+        seen = [(row, (cosine**2).astype(np.float32), colour.astype(np.float32)) for row, cosine, colour, _ in found]
+        return cls(points, *mean_colours(seen, POINTS), blur)
 
     def pull(self, person: Person, posed: Posed) -> Pull:
         """What of a pose the pictures say otherwise. What reading a picture raises is raised."""
         curved, along = np.zeros((POINTS, 3, 3)), np.zeros((POINTS, 3))
-        for row, cosine, colour, slope in _sights(person, self.points, posed, self.blur):
+        for row, cosine, colour, slope in sights(person, self.points, posed, self.blur):
             known = self.known[row]
             row, weight, slope = row[known], cosine[known], slope[known]
             off = self._pattern(row, weight, self.colour[row] - colour[known])
-            weight = weight * _trust(off)
+            weight = weight * trust(off)
             curved[row] += np.einsum("p,pcx,pcy->pxy", weight, slope, slope)
             along[row] += np.einsum("p,pcx,pc->px", weight, slope, off)
         return Pull.of(person, self.points, curved, along)
@@ -147,10 +140,26 @@ class Pull:
         return cls(vertex, axis, (axis * right[vertex]).sum(1) / strong, STRENGTH * strong)
 
 
-def _sights(
+def mean_colours(
+    seen: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Robust means (p, 3) of the colours of `count` points, and which of them any picture shows (p,); `seen` by picture: rows,
+    weights, colours."""
+    mean = np.zeros((count, 3))
+    for again in range(1 + AGAIN):
+        total = np.zeros((count, 4))
+        for row, weight, colour in seen:
+            if again:
+                weight = weight * trust(colour - mean[row])
+            total[row] += weight[:, None] * np.column_stack([np.ones(len(row)), colour])
+        mean = total[:, 1:] / np.maximum(total[:, :1], 1e-12)
+    return mean, total[:, 0] > SEEN
+
+
+def sights(
     person: Person, points: Points, posed: Posed, blur: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """By picture: rows of the points that it shows, cosines, colours, slopes."""
+    """By picture: rows of the points that it shows, cosines, colours (p, 3), slopes (p, 3, 3)."""
     signals, photos = posed
     vertices, faces = template_surface(person, signals)[0], person.body.faces.numpy()
     place = np.einsum("pk,pkc->pc", points.share, vertices[faces[points.face]])
@@ -162,6 +171,6 @@ def _sights(
         yield row, cosine[row], *picture.at(place[row])
 
 
-def _trust(off: np.ndarray) -> np.ndarray:
+def trust(off: np.ndarray) -> np.ndarray:
     """(p,) weights of differences (p, 3)."""
     return np.asarray((1 + np.square(off).mean(1) / STRAY**2) ** -2)

@@ -12,7 +12,6 @@ Joints stay. Letters: v vertices, n nodes of the field, k constraints. Metres.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import hstack
@@ -21,7 +20,6 @@ from tqdm import tqdm
 
 from avatarrex.capture.fit.check import posed_in_world
 from avatarrex.capture.fit.outlines import EDGE_SHARE, Seen, measured, seen_frames
-from avatarrex.capture.fit.size_fit import fit_size
 from avatarrex.capture.readers.rigs import Capture
 from avatarrex.ops.skinning import blend
 from avatarrex.templates.person import Person, load_person, resize_person
@@ -38,15 +36,6 @@ OUTLINE_SIGMA, NEIGHBOUR_SIGMA, OFFSET_SIGMA = 0.005, 0.02, 0.06
 leaves 5.6 mm between template and mesh, 15 mm 4.9, 20 mm 4.8."""
 AtRest = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Of an outline: the edges' ends (k, 2), Mᵀ n (k, 3), the direction at rest that moves it outwards, and s (k,)."""
-
-
-def fit_capture(capture: Capture) -> Capture:
-    """With what its files do not say of the person: the size, where it is unknown, then the skin; the studio's own person stays.
-
-    Raises `InputError` for a picture that cannot be decoded, and for somebody who is not as tall as people are.
-    """
-    sized = capture if capture.sized else fit_size(capture)
-    return sized if sized.person.packaged else replace(sized, person=fit_surface(sized))
 
 
 def fit_surface(

@@ -8,7 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from avatarrex.capture.fit.surface_fit import fit_capture
+from avatarrex.capture.fit.capture_fit import fit_capture
 from avatarrex.capture.readers.choice import held_out
 from avatarrex.capture.readers.rigs import Capture, open_capture
 from avatarrex.errors import check

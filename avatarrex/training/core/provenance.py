@@ -66,10 +66,11 @@ def of_the_template(capture: Capture) -> dict[str, str]:
     )
     own = "the template, which is the drawn person's own" if same else "the template"
     skin = "" if fit is None or fit.surface is None else ", its skin fitted to the mattes"
+    face = "" if fit is None or fit.face is None else ", fitted to the face rig's pictures"
     return {
         "body": f"joints, skinning weights and nodes of {own}{skin}",
         "hands": f"all: meshes of {own}{skin}, by exact signed distance",
-        "face": f"the morph targets of {own} that carry the tri-planes",
+        "face": f"the morph targets of {own} that carry the tri-planes{face}",
     }
 
 

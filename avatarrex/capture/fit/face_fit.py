@@ -1,0 +1,231 @@
+"""A captured person's own face: its skin at rest, and what its expression shapes differ by from the template's, by colours. Ours.
+
+Points are strewn over the template's face; their colours are the means of what all pictures of the face rig show there. The face with
+which the pictures agree is sought, over offsets (o, d) of nodes (templates/face_offsets.py):
+
+    argmin  Σ ω |∇c · M Σ_n w_n (o_n + Σ_k φ_k d_nk) − (t − c)|²/σ_c²  +  Σ |o|²/σ_o² + |d|²/σ_d²  +  the same of neighbours' differences
+
+with c a point's colour in a picture, t its mean, M the head's blended rotation, and φ the frame's expression along the directions in which
+the frames differ most. What one camera sees along its rays others see across them. Each round draws the points where the last one
+has them, in sharper pictures. Jaw and eyes turn as the template's do; teeth and tongue stay. Letters: p points, v vertices, n nodes,
+k directions and one more for rest, e coefficients. Metres; sRGB in [0, 1].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import solve
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+from tqdm import tqdm
+
+from avatarrex.capture.fit.check import posed_in_world
+from avatarrex.capture.fit.paint import Points, Posed, mean_colours, sights, trust
+from avatarrex.capture.fit.refine import shot
+from avatarrex.capture.readers.rigs import Capture, Rig
+from avatarrex.capture.readers.splits import Splits
+from avatarrex.ops.skinning import blend
+from avatarrex.signals.driving import Signals
+from avatarrex.templates.face_offsets import FaceOffsets, mesh_edges, node_weights
+from avatarrex.templates.model import TemplateModel
+from avatarrex.templates.person import Person, load_person, resize_person
+
+FRAMES = 12
+"""Of the training's, the most different expressions."""
+DIRECTIONS, LEAST = 8, 0.02
+"""Directions of ψ at most, and the root mean square along the least of them."""
+POINT_COUNT = 20_000
+"""A point each 2 mm."""
+SPACING = 0.015
+"""Metres between the nodes, along the mesh."""
+BLURS = (0.006, 0.004, 0.003)
+"""Metres, by round: Gaussians of the pictures. The first rounds see what lies far off."""
+REST_SIGMA, MOVE_SIGMA = 0.01, 0.005
+"""σ_o along the normal, and σ_d of a whole unit of ψ: metres."""
+SIDE_SIGMA = 0.0005
+"""σ of o across the normal: a skin that slides on itself at rest shows the same colours."""
+NEIGHBOURS, TIE = 4, 4.0
+"""How many differences a node has, and how much one counts."""
+STRENGTH = 100.0
+"""1/σ_c², σ_c = 0.1 sRGB."""
+Sight = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Of a picture: rows of the points that it shows, cosines, colours, slopes."""
+INNER = ("left_eye", "right_eye", "upper_teeth", "lower_teeth", "tongue")
+"""Groups of the template that no offset moves."""
+
+
+def fit_face(capture: Capture) -> Person:
+    """`capture.person` with its face as the training's pictures of the face rig show it; as it is, where there is no such rig, or the face
+    has a mesh of its own. Raises `InputError` for a picture that cannot be decoded.
+    """
+    person, rig = capture.person, capture.rigs.get("face")
+    if rig is None or person.fit is None or (person.face.body_vertex_ids < 0).any():
+        return person
+    frames = _different(rig, Splits.of(rig).train.frames)
+    posed = [(one.first, one.photos) for one in (shot(rig, frame) for frame in frames)]
+    return fit_to_pictures(person, posed) if posed else person
+
+
+def fit_to_pictures(person: Person, posed: Sequence[Posed], blurs: Sequence[float] = BLURS) -> Person:
+    """`person` with the face that pictures of some expressions show. What reading a picture raises is raised."""
+    assert person.fit is not None
+    base, plain = load_person(person.name), replace(person.fit, face=None)
+    points = _points(base)
+    field = _Field(base, points, *_directions(np.stack([signals.expression for signals, _ in posed])))
+    with tqdm(total=len(blurs) * len(posed), desc="fit face", unit="frame", leave=False) as bar:
+        for blur in blurs:
+            seen = []
+            for one in posed:
+                seen.append(list(sights(person, points, one, blur)))
+                bar.update()
+            field.improve(person, [signals for signals, _ in posed], seen)
+            person = resize_person(base, replace(plain, face=field.offsets()))
+    return person
+
+
+class _Field:
+    """Offsets of nodes on the head's skin, and what pictures say of them."""
+
+    def __init__(self, base: Person, points: Points, directions: np.ndarray, mean: np.ndarray) -> None:
+        faces = base.body.faces.numpy()
+        self.directions, self.mean = directions, mean
+        self.nodes, between = _spread(base.body, np.unique(faces[points.face]))
+        self.skin, self.place = np.unique(faces[points.face, points.share.argmax(1)], return_inverse=True)
+        self.weights = node_weights(base.body, self.nodes)[self.skin]
+        self.now = np.zeros((len(self.nodes), 3, 1 + len(directions)))
+        sigma = np.array([REST_SIGMA, *[MOVE_SIGMA] * len(directions)])
+        normal = base.body.normals[list(self.nodes)].double().numpy()
+        self.sideways = (np.eye(3) - normal[:, :, None] * normal[:, None]) / SIDE_SIGMA**2
+        self.stiffness = (np.eye(len(self.nodes)) + TIE * _differences(between))[..., None] / sigma**2
+
+    def improve(self, person: Person, signals: Sequence[Signals], seen: Sequence[list[Sight]]) -> None:
+        """One step of Gauss and Newton from the face of `person`; `seen` by frame and picture."""
+        everything = [(row, cosine**2, colour) for pictures in seen for row, cosine, colour, _ in pictures]
+        mean, known = mean_colours(everything, len(self.place))
+        sums = _Sums(self.place, 1 + len(self.directions))
+        for one, pictures in zip(signals, seen):
+            posed, world = posed_in_world(person, one)
+            turn = world[:3, :3] @ blend(posed.skinning, person.body.weights)[self.skin, :3, :3].double().numpy()
+            phi = np.array([1.0, *self.directions @ (one.expression - self.mean)])
+            for row, cosine, colour, slope in pictures:
+                shown = known[row]
+                row, off = row[shown], (mean[row] - colour)[shown]
+                sums.add(row, slope[shown] @ turn[self.place[row]], off, STRENGTH * cosine[shown] * trust(off), phi)
+        self.now += self._solved(*sums.equations())
+
+    def _solved(self, form: np.ndarray, pull: np.ndarray) -> np.ndarray:
+        """What to add to the offsets (n, 3, k), of the skin's form (v, 3k, 3k) and pull (v, 3k)."""
+        n, _, k = self.now.shape
+        whole, right = np.empty((n, 3 * k, n, 3 * k)), self.weights.T @ pull
+        for a in range(3 * k):
+            for b in range(a, 3 * k):
+                block = (self.weights.T @ self.weights.multiply(form[:, a, b, None])).toarray()
+                whole[:, a, :, b], whole[:, b, :, a] = block, block
+            whole[:, a, :, a] += self.stiffness[..., a % k]
+            right[:, a] -= self.stiffness[..., a % k] @ self.now[:, a // k, a % k]
+        each = np.arange(n)
+        for i in range(3):
+            for j in range(3):
+                whole[each, i * k, each, j * k] += self.sideways[:, i, j]
+            right[:, i * k] -= (self.sideways[:, i] * self.now[..., 0]).sum(1)
+        found: np.ndarray = solve(whole.reshape(right.size, -1), right.ravel(), overwrite_a=True, assume_a="pos")
+        return found.reshape(self.now.shape)
+
+    def offsets(self) -> FaceOffsets:
+        """What has been found; ψ = 0 is rest."""
+        moves = self.now[..., 1:]
+        return FaceOffsets(self.nodes, self.now[..., 0] - moves @ (self.directions @ self.mean), self.directions, moves)
+
+
+class _Sums:
+    """Normal equations of all pictures, at the vertices next to the points; the points' colours are eliminated."""
+
+    def __init__(self, place: np.ndarray, k: int) -> None:
+        """`place`: (p,) which of the vertices each point is next to."""
+        count = len(place)
+        self.place, self.gather = place, csr_array((np.ones(count), (place, np.arange(count))))
+        self.curved = np.zeros((self.gather.shape[0], 3, k, 3, k))
+        self.pulled = np.zeros((len(self.curved), 3 * k))
+        self.missed = np.zeros((count, 3))
+        self.common, self.total = np.zeros((count, 3, 3, k)), np.full(count, 1e-9)
+
+    def add(self, row: np.ndarray, slope: np.ndarray, off: np.ndarray, weight: np.ndarray, phi: np.ndarray) -> None:
+        """A picture's: points, slopes (p, 3, 3) by channel, differences (p, 3) and weights (p,), and the frame's φ (k,)."""
+        gather = self.gather[:, row]
+        curved = np.einsum("p,pcx,pcy->pxy", weight, slope, slope).reshape(-1, 9)
+        along = np.einsum("p,pcx,pc->px", weight, slope, off)
+        self.curved += (gather @ curved).reshape(-1, 3, 1, 3, 1) * np.outer(phi, phi)[:, None]
+        self.pulled += ((gather @ along)[..., None] * phi).reshape(self.pulled.shape)
+        self.missed[row] += weight[:, None] * off
+        self.common[row] += (weight[:, None, None] * slope)[..., None] * phi
+        self.total[row] += weight
+
+    def equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Form (v, 3k, 3k) and pull (v, 3k). A point whose pictures all agree on a way to move is painted elsewhere, and says nothing."""
+        size, flat = self.pulled.shape[1], self.common.reshape(len(self.total), 3, -1)
+        mean = flat / self.total[:, None, None]
+        same = np.einsum("pca,pcb->pab", flat, mean).reshape(len(flat), -1)
+        form = (self.curved.reshape(len(self.curved), -1) - self.gather @ same).reshape(-1, size, size)
+        return form, self.pulled - self.gather @ np.einsum("pca,pc->pa", mean, self.missed)
+
+
+def _points(base: Person) -> Points:
+    """Strewn over the face's skin, evenly by area; none within the mouth."""
+    body, face = base.body, base.face
+    ids, faces = face.body_vertex_ids.numpy(), body.faces.numpy()
+    own, inner = np.zeros(len(body.v_template), bool), np.zeros(len(body.v_template), bool)
+    own[ids], inner[ids] = face.blend_weight.numpy() > 0, face.mouth.numpy()
+    for name in INNER:
+        inner[body.groups.get(name, [])] = True
+    a, b, c = (body.v_template.double().numpy()[faces[:, corner]] for corner in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) * (own[faces].all(1) & ~inner[faces].any(1))
+    rng = np.random.default_rng(0)
+    chosen = np.sort(rng.choice(len(faces), POINT_COUNT, p=area / area.sum()))
+    return Points(chosen, rng.dirichlet(np.ones(3), POINT_COUNT), np.zeros(POINT_COUNT, np.int64))
+
+
+def _directions(expressions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(k, e) in which expressions (t, e) differ most, unit, and their mean (e,)."""
+    mean = expressions.mean(0)
+    _, size, rows = np.linalg.svd(expressions - mean, full_matrices=False)
+    return rows[:DIRECTIONS][size[:DIRECTIONS] > LEAST * np.sqrt(len(expressions))], mean
+
+
+def _different(rig: Rig, frames: Sequence[int]) -> list[int]:
+    """At most `FRAMES` of the frames, each as different in expression from those before as can be."""
+    if not frames:
+        return []
+    expressions = np.stack([rig.signals[frame].expression for frame in frames])
+    chosen = [int(np.linalg.norm(expressions - expressions.mean(0), axis=1).argmax())]
+    away = np.full(len(frames), np.inf)
+    while len(chosen) < min(FRAMES, len(frames)):
+        away = np.minimum(away, np.linalg.norm(expressions - expressions[chosen[-1]], axis=1))
+        away[chosen] = -1
+        chosen.append(int(away.argmax()))
+    return sorted(frames[row] for row in chosen)
+
+
+def _spread(body: TemplateModel, skin: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
+    """Nodes on the vertices `skin`, `SPACING` apart along the mesh, and the ways (n, n) between them; each the farthest from those before."""
+    edges, chosen, ways = mesh_edges(body), [int(skin[body.v_template.numpy()[skin, 2].argmax()])], []
+    away = np.full(len(skin), np.inf)
+    while True:
+        ways.append(dijkstra(edges, indices=chosen[-1]))
+        away = np.minimum(away, ways[-1][skin])
+        reached = np.where(np.isfinite(away), away, 0)
+        if reached.max() < SPACING:
+            return tuple(chosen), np.stack(ways)[:, chosen]
+        chosen.append(int(skin[reached.argmax()]))
+
+
+def _differences(ways: np.ndarray) -> np.ndarray:
+    """(n, n) whose form is Σ (o_n − o_m)² over nodes and those next to them by `ways` (n, n)."""
+    graph = np.zeros_like(ways)
+    near = np.argsort(ways, 1)[:, 1 : 1 + NEIGHBOURS]
+    np.put_along_axis(graph, near, np.isfinite(np.take_along_axis(ways, near, 1)).astype(float), 1)
+    graph = graph + graph.T
+    form: np.ndarray = np.diag(graph.sum(1)) - graph
+    return form

@@ -1,0 +1,104 @@
+"""A person's own face on the template's: offsets of the skin at rest, and what the expression shapes differ by.
+
+    v(ψ) = v_template(ψ) + Σ_n w_n (o_n + Σ_k (b_k · ψ) d_nk)
+
+over some nodes n of the head's skin. w falls with the way along the mesh: what moves the upper lip leaves the lower
+one. b_k are a few directions of ψ, those that the pictures showed: of others nothing is known, and the template's shapes stay. Ours.
+
+Letters: v vertices, n nodes, k directions, e expression coefficients. Root frame at rest, metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from avatarrex.errors import InputError
+from avatarrex.templates.model import TemplateModel
+
+SIGMA, NEAREST = 0.01, 8
+"""Metres: σ of a node's Gaussian; how many nodes move a vertex."""
+FADE = (0.02, 0.035)
+"""Metres from the nearest node at which an offset begins to fade, and where it is 0."""
+DIGITS = 6
+"""Of metres and coefficients that are kept: a micrometre."""
+
+
+@dataclass(frozen=True, eq=False)
+class FaceOffsets:
+    """What a face differs by from the template's."""
+
+    vertices: tuple[int, ...]
+    """The nodes: indices into the body template."""
+    rest: np.ndarray
+    """(n, 3) o, metres."""
+    directions: np.ndarray
+    """(k, e) b, unit and at right angles to each other."""
+    moves: np.ndarray
+    """(n, 3, k) d, metres for each unit along b."""
+
+    def __post_init__(self) -> None:
+        n = len(self.vertices)
+        k, e = np.shape(self.directions) if np.ndim(self.directions) == 2 else (0, 0)
+        for name, shape in (("rest", (n, 3)), ("directions", (k, e)), ("moves", (n, 3, k))):
+            value = np.asarray(getattr(self, name), dtype=np.float64).round(DIGITS)
+            if value.shape != shape or not (np.abs(value) < 2).all():
+                raise InputError("person fit", f"face.{name}", f"{shape} finite numbers below 2", value.shape)
+            object.__setattr__(self, name, value)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain lists; `from_json` gives the same back, bit for bit."""
+        arrays = {name: getattr(self, name).tolist() for name in ("rest", "directions", "moves")}
+        return {"vertices": list(self.vertices), **arrays}
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> FaceOffsets:
+        """From `to_json`'s object. Raises `InputError`, TypeError, ValueError or KeyError."""
+        count = len(data["vertices"])
+        rest, moves = (np.array(data[name], dtype=np.float64) for name in ("rest", "moves"))
+        directions = np.array(data["directions"], dtype=np.float64)
+        if not directions.size:
+            directions, moves = np.zeros((0, 0)), np.zeros((count, 3, 0))
+        return cls(tuple(map(int, data["vertices"])), rest, directions, moves)
+
+    def shapes(self, body: TemplateModel) -> tuple[np.ndarray, np.ndarray]:
+        """Of every vertex of the original `body` what is added at rest (v, 3), and to its expression shapes (v, 3, e).
+
+        Raises `InputError` for another template's.
+        """
+        e = body.expression_dirs.shape[2]
+        if len(self.directions) and self.directions.shape[1] != e:
+            raise InputError("person fit", "face.directions", f"{e} coefficients", self.directions.shape[1])
+        weights = node_weights(body, self.vertices)
+        moved = (weights @ self.moves.reshape(len(self.vertices), -1)).reshape(
+            len(body.v_template), *self.moves.shape[1:]
+        )
+        return weights @ self.rest, moved @ self.directions.reshape(-1, e)
+
+
+def node_weights(body: TemplateModel, nodes: tuple[int, ...]) -> csr_array:
+    """(v, n) w: Gaussians of the nearest nodes, with sum 1 close to them and 0 far away. Raises `InputError` for no vertices."""
+    if not nodes or min(nodes) < 0 or max(nodes) >= len(body.v_template):
+        raise InputError("person fit", "face.vertices", f"indices below {len(body.v_template)}", nodes[:8])
+    away = dijkstra(mesh_edges(body), indices=list(nodes), limit=FADE[1]).T
+    nearest = np.argsort(away, 1)[:, :NEAREST]
+    away = np.take_along_axis(away, nearest, 1)
+    reached = np.flatnonzero(np.isfinite(away[:, 0]))
+    away, nearest = away[reached], nearest[reached]
+    value = np.exp(-0.5 * (away / SIGMA) ** 2)
+    value *= np.clip((FADE[1] - away[:, :1]) / (FADE[1] - FADE[0]), 0, 1) / value.sum(1, keepdims=True)
+    rows = np.repeat(reached, value.shape[1])
+    return csr_array((value.ravel(), (rows, nearest.ravel())), shape=(len(body.v_template), len(nodes)))
+
+
+def mesh_edges(body: TemplateModel) -> csr_array:
+    """(v, v) lengths of the edges at rest, metres."""
+    rest, faces = body.v_template.double().numpy(), body.faces.numpy()
+    ends = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    length = np.linalg.norm(rest[ends[:, 0]] - rest[ends[:, 1]], axis=1).clip(1e-9)
+    graph = csr_array((length, (ends[:, 0], ends[:, 1])), shape=(len(rest), len(rest)))
+    return graph + graph.T

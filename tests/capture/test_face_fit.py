@@ -1,0 +1,140 @@
+"""A face of other proportions and other expression shapes is found by its colours."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from capture.tiny_capture import TinyCapture
+
+from avatarrex.camera import Camera
+from avatarrex.capture.fit import face_fit
+from avatarrex.capture.fit.check import template_surface
+from avatarrex.capture.fit.face_fit import fit_face, fit_to_pictures
+from avatarrex.capture.fit.paint import Posed
+from avatarrex.capture.fit.photo import Photo
+from avatarrex.capture.readers.rigs import open_capture
+from avatarrex.capture.zbuffer import visible_faces
+from avatarrex.errors import InputError
+from avatarrex.signals.driving import Signals
+from avatarrex.signals.joints import EXPRESSION_NAMES, JOINT_NAMES
+from avatarrex.templates.face_offsets import FaceOffsets
+from avatarrex.templates.model import pose_by_signals
+from avatarrex.templates.person import Person, load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit
+
+STRIPES = 2 * np.pi / 0.04
+"""Radians a metre at rest."""
+JAW = EXPRESSION_NAMES.index("jawOpen")
+HEAD = load_person().body.joint_template.double().numpy()[JOINT_NAMES.index("head")]
+CAMERAS = [Camera.orbit(angle, 5, 0.7, 30, tuple(HEAD + np.array([0, 0.05, 0.05])), 200, 240) for angle in (-50, 0, 50)]
+EXPRESSIONS: tuple[dict[str, float], ...] = ({}, {"jawOpen": 0.8}, {"mouthSmileLeft": 0.9, "mouthSmileRight": 0.9})
+
+
+def person(face: FaceOffsets | None = None) -> Person:
+    return resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3)), face=face))
+
+
+def signals(names: dict[str, float]) -> Signals:
+    expression = np.zeros(52)
+    for name, value in names.items():
+        expression[EXPRESSION_NAMES.index(name)] = value
+    return Signals.rest().replace(expression=expression)
+
+
+def photo(somebody: Person, one: Signals, camera: Camera) -> Photo:
+    """In a soft pattern that lies on the skin."""
+    faces, rest = somebody.body.faces.numpy(), load_person().body.v_template.double().numpy()
+    face, share, _ = visible_faces(template_surface(somebody, one)[0], faces, camera)
+    colour = 0.5 + 0.1 * np.sin(STRIPES * np.einsum("hwk,hwkc->hwc", share, rest[faces[face]]))
+    picture, matte = np.rint(255 * colour * (face >= 0)[..., None]).astype(np.uint8), 255 * (face >= 0).astype(np.uint8)
+    return Photo(camera, partial(np.asarray, picture), partial(np.asarray, matte))
+
+
+def pictures(somebody: Person) -> list[Posed]:
+    posed = [signals(names) for names in EXPRESSIONS]
+    return [(one, tuple(photo(somebody, one, camera) for camera in CAMERAS)) for one in posed]
+
+
+def outer() -> np.ndarray:
+    """Vertices of the face's skin that cameras see, none within the mouth."""
+    body, face = load_person().body, load_person().face
+    vertices, faces = template_surface(person(), Signals.rest())[0], body.faces.numpy()
+    seen = np.concatenate([visible_faces(vertices, faces, camera)[0].ravel() for camera in CAMERAS])
+    own = face.body_vertex_ids.numpy()[(face.blend_weight.numpy() > 0.9) & ~face.mouth.numpy()]
+    return np.intersect1d(own, faces[np.unique(seen[seen >= 0])])
+
+
+def chin() -> int:
+    """The vertex of the skin that an open jaw takes farthest."""
+    return int(outer()[load_person().body.expression_dirs[outer()][..., JAW].norm(dim=1).argmax()])
+
+
+def cheek() -> int:
+    rest = load_person().body.v_template.double().numpy()[outer()]
+    return int(outer()[np.abs(rest - HEAD - np.array([0.045, 0.03, 0.07])).sum(1).argmin()])
+
+
+@pytest.fixture(scope="module")
+def other() -> Person:
+    """A cheek 6 mm farther out, and a jaw that opens by a third less. (A face that slid on itself would look the same: nobody knows
+    its colours.)"""
+    body, face = load_person().body, load_person().face
+    nodes = face.body_vertex_ids.numpy()[face.blend_weight.numpy() > 0.3][::10]
+    rest = body.v_template.double().numpy()
+    out = np.exp(-0.5 * (np.linalg.norm(rest[nodes] - rest[cheek()], axis=1) / 0.025) ** 2)
+    less = -body.expression_dirs[nodes][..., [JAW]].double().numpy() / 3
+    return person(FaceOffsets(tuple(nodes.tolist()), out[:, None] * [0.005, 0, 0.003], np.eye(52)[[JAW]], less))
+
+
+def off(one: Person, two: Person, names: dict[str, float], about: int) -> float:
+    """Mean millimetres between both faces' skin within 15 mm of a vertex."""
+    rest = load_person().body.v_template.double().numpy()
+    near = outer()[np.linalg.norm(rest[outer()] - rest[about], axis=1) < 0.015]
+    posed = (pose_by_signals(each.body, signals(names)).vertices[near] for each in (one, two))
+    return float(1000 * np.linalg.norm(np.subtract(*(each.double().numpy() for each in posed)), axis=1).mean())
+
+
+def test_rest_and_expressions_are_found(other: Person, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(face_fit, "SPACING", 0.02)
+    found = fit_to_pictures(person(), pictures(other), (0.004, 0.003))
+    for names, about in (({}, cheek()), (EXPRESSIONS[1], chin())):
+        before, after = off(person(), other, names, about), off(found, other, names, about)
+        assert before > 5
+        assert after < 0.65 * before  # nine pictures of a faint pattern; the priors hold the rest
+
+
+def test_a_face_that_is_the_templates_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(face_fit, "SPACING", 0.02)
+    found = fit_to_pictures(person(), pictures(person()), (0.003,))
+    assert found.fit is not None
+    assert found.fit.face is not None
+    assert off(found, person(), {}, cheek()) < 0.4
+    assert off(found, person(), EXPRESSIONS[1], chin()) < 0.8
+
+
+def test_what_is_not_fitted(tmp_path: Path) -> None:
+    """No face rig, and the studio's own person: they stay."""
+    files = TinyCapture.make(("body",), person=person())
+    capture = open_capture(files.zip(tmp_path / "a.zip"))
+    assert fit_face(capture) is capture.person
+    own = open_capture(TinyCapture.make().zip(tmp_path / "b.zip"))
+    assert "face" in own.rigs
+    assert own.person.fit is None
+    assert fit_face(own) is own.person
+
+
+def test_nothing_held_out_is_looked_at(tmp_path: Path) -> None:
+    files = TinyCapture.make(("face",), person=person(), scale=2)
+    files.manifest(held_out_frames={"face": [1]})
+    for name in [name for name in files.files if name.endswith("00000001.jpg")]:
+        files.files[name] = files.files[name][:-400]  # whoever decodes it fails
+    capture = open_capture(files.zip(tmp_path / "a.zip"))
+    found = fit_face(capture)
+    assert found.fit is not None
+    assert found.fit.face is not None
+    assert len(found.fit.face.directions) == 1
+    with pytest.raises(InputError):
+        capture.rigs["face"].matte(0, 1)

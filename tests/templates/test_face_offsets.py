@@ -1,0 +1,135 @@
+"""A person's own face: offsets of nodes move the skin about them, at rest and with expressions, and are part of the fit."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from avatarrex.errors import InputError
+from avatarrex.signals.joints import EXPRESSION_NAMES
+from avatarrex.templates.face import pose_face
+from avatarrex.templates.face_offsets import FADE, FaceOffsets, node_weights
+from avatarrex.templates.person import Person, load_person, resize_person
+from avatarrex.templates.person_fit import PersonFit
+
+SMILE = EXPRESSION_NAMES.index("mouthSmileLeft")
+UP, WIDE = np.array([0, 0.004, 0]), np.array([0.01, 0, 0])
+
+
+def lips() -> tuple[int, int]:
+    """The vertices in the middle of the upper and of the lower lip: neighbours in space, far from each other along the mesh."""
+    body = load_person().body
+    jaw = body.expression_dirs[:, 1, EXPRESSION_NAMES.index("jawOpen")].double().numpy()
+    rest = body.v_template.double().numpy()
+    mouth = rest[body.groups["upper_teeth"].numpy()].mean(0) + np.array([0, 0, 0.012])
+    near = np.argsort(np.linalg.norm(rest - mouth, axis=1))[:400]
+    near = near[np.abs(rest[near, 0]) < 0.004]
+    moves, stays = near[jaw[near] < -0.01], near[np.abs(jaw[near]) < 0.002]
+    apart = np.linalg.norm(rest[moves][:, None] - rest[stays][None], axis=-1)
+    lower, upper = np.unravel_index(apart.argmin(), apart.shape)
+    return int(stays[upper]), int(moves[lower])
+
+
+def smiling(person: Person, smile: float) -> np.ndarray:
+    expression = torch.zeros(52)
+    expression[SMILE] = smile
+    face = pose_face(person.face, expression, torch.zeros(3), torch.zeros(2, 3), torch.zeros(0))
+    found = np.full((len(person.body.v_template), 3), np.nan)
+    found[person.face.body_vertex_ids.numpy()] = face.double().numpy()
+    return found
+
+
+@pytest.fixture(scope="module")
+def nose() -> int:
+    face = load_person().face
+    return int(face.body_vertex_ids[face.v_template[:, 2].argmax()])
+
+
+def of(node: int, moves: np.ndarray = WIDE) -> PersonFit:
+    face = FaceOffsets((node,), UP[None], np.eye(52)[[SMILE]], moves[None, :, None])
+    return PersonFit(np.zeros(10), np.zeros((55, 3)), face=face)
+
+
+def test_a_node_moves_what_is_about_it(nose: int) -> None:
+    plain, own = load_person(), resize_person(load_person(), of(nose))
+    moved = (own.body.v_template - plain.body.v_template).double().numpy()
+    np.testing.assert_allclose(moved[nose], UP, atol=1e-6)
+    rest = plain.body.v_template.double().numpy()
+    far = np.linalg.norm(rest - rest[nose], axis=1) > FADE[1]
+    assert far.sum() > 10_000
+    assert not moved[far].any()
+    assert torch.equal(own.body.joint_template, plain.body.joint_template)
+
+
+def test_expressions_move_it_further(nose: int) -> None:
+    plain, own = load_person(), resize_person(load_person(), of(nose))
+    step = smiling(own, 0.5) - smiling(plain, 0.5)
+    np.testing.assert_allclose(step[nose], UP + 0.5 * WIDE, atol=1e-6)
+    other = torch.ones(52)
+    other[SMILE] = 0
+    directions = own.body.expression_dirs - plain.body.expression_dirs
+    torch.testing.assert_close(directions @ other, torch.zeros(len(directions), 3), atol=1e-6, rtol=0)
+
+
+def test_what_moves_one_lip_leaves_the_other() -> None:
+    upper, lower = lips()
+    rest = load_person().body.v_template
+    assert (rest[upper] - rest[lower]).norm() < 0.006
+    weights = node_weights(load_person().body, (upper, lower)).toarray()
+    assert weights[upper, 0] > 0.9
+    assert weights[lower, 1] > 0.9
+    assert max(weights[upper, 1], weights[lower, 0]) < 0.1
+
+
+def test_weights_add_up_near_nodes_and_fade() -> None:
+    body, rng = load_person().body, np.random.default_rng(0)
+    nodes = tuple(load_person().face.body_vertex_ids.numpy()[rng.integers(0, 2000, 60)].tolist())
+    total = node_weights(body, nodes).sum(1)
+    assert total.max() <= 1 + 1e-9
+    np.testing.assert_allclose(total[list(nodes)], 1)
+    assert (total == 0).sum() > 5000
+
+
+def test_it_is_part_of_the_fit_bit_for_bit(nose: int) -> None:
+    person = resize_person(load_person(), of(nose))
+    assert person.fit is not None
+    text = json.dumps(person.fit.to_json())
+    again = resize_person(load_person(), PersonFit.from_json(json.loads(text), "avatar.json"))
+    assert again.hash == person.hash != load_person().hash
+    assert torch.equal(again.body.expression_dirs, person.body.expression_dirs)
+    assert (
+        again.with_template_face.hash == resize_person(load_person(), PersonFit(np.zeros(10), np.zeros((55, 3)))).hash
+    )
+    assert again.naked.fit is not None
+    assert again.naked.fit.face is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "field"),
+    [
+        ("vertices", [10**6], r"face\.vertices"),
+        ("vertices", [-1], r"face\.vertices"),
+        ("rest", [[0.1, 0.2]], r"face\.rest"),
+        ("rest", [[float("nan")] * 3], r"face\.rest"),
+        ("moves", [[[1.0, 2.0]] * 3], r"face\.moves"),
+        ("directions", [[1.0] * 51], r"face\.directions"),
+        ("directions", "many", "person_fit"),
+    ],
+)
+def test_broken_ones_are_refused(nose: int, name: str, value: object, field: str) -> None:
+    data = of(nose).to_json()
+    data["face"][name] = value
+    with pytest.raises(InputError, match=field):
+        resize_person(load_person(), PersonFit.from_json(data, "avatar.json"))
+
+
+def test_one_expression_alone_says_nothing_of_others(nose: int) -> None:
+    alone = FaceOffsets((nose,), UP[None], np.zeros((0, 52)), np.zeros((1, 3, 0)))
+    fit = PersonFit(np.zeros(10), np.zeros((55, 3)), face=alone)
+    again = PersonFit.from_json(json.loads(json.dumps(fit.to_json())), "avatar.json")
+    person = resize_person(load_person(), again)
+    assert torch.equal(person.body.expression_dirs, load_person().body.expression_dirs)
+    np.testing.assert_allclose((person.body.v_template - load_person().body.v_template)[nose], UP, atol=1e-6)
