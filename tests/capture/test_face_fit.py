@@ -103,7 +103,8 @@ def test_rest_and_expressions_are_found(other: Person, monkeypatch: pytest.Monke
     for names, about in (({}, cheek()), (EXPRESSIONS[1], chin())):
         before, after = off(person(), other, names, about), off(found, other, names, about)
         assert before > 5
-        assert after < 0.65 * before  # nine pictures of a faint pattern; the priors hold the rest
+        assert after < 0.65 * before  # nine pictures of a faint pattern, and priors that want less
+    assert off(found, person(), {}, chin()) < 1.5
 
 
 def test_a_face_that_is_the_templates_stays(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -113,6 +114,21 @@ def test_a_face_that_is_the_templates_stays(monkeypatch: pytest.MonkeyPatch) -> 
     assert found.fit.face is not None
     assert off(found, person(), {}, cheek()) < 0.4
     assert off(found, person(), EXPRESSIONS[1], chin()) < 0.8
+
+
+def test_a_way_on_which_all_pictures_agree_says_nothing() -> None:
+    """The point is then painted elsewhere; the way on which they do not agree counts."""
+    sums, row = face_fit._Sums(np.array([0]), 2), np.array([0])
+    along, across = np.zeros((1, 3, 3)), np.zeros((1, 3, 3))
+    along[..., 0], across[..., 1] = 20.0, 20.0
+    for sign in (1, -1):
+        sums.add(row, along + sign * across, np.full((1, 3), 0.01 * sign), np.array([2.0]), np.array([1.0, 0.5 * sign]))
+    form, pull = sums.equations()
+    assert form[0, 0, 0] == pytest.approx(0, abs=1e-6)  # x at rest, k = 2 numbers an axis
+    assert form[0, 1, 1] > 1  # x with the expression, which differs
+    assert form[0, 2, 2] > 1  # y at rest
+    assert pull[0, 0] == pytest.approx(0, abs=1e-9)
+    assert pull[0, 2] > 0.1
 
 
 def test_what_is_not_fitted(tmp_path: Path) -> None:
