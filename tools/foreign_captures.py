@@ -188,7 +188,11 @@ def train(folder: Path, _: int, only: str) -> Iterator[tuple[str, str, bool]]:
 
     for layout in (name for name in LAYOUTS if only in name):
         scene = foreign.heads() if layout in foreign.FACES else foreign.scene()
-        path, _ = written(layout, scene, folder / "trained")
+        try:
+            path, _ = written(layout, scene, folder / "trained")
+        except InputError as error:
+            yield layout, str(error), False
+            continue
         run = folder / "trained" / "run"
         code = studio(["train", str(path), "--recipe", "smoke", "--no-surface", "--out", str(run)])
         reader = EventReader(run)

@@ -17,6 +17,7 @@ from avatarrex.capture.fit.hand_mean import hand_readings
 from avatarrex.capture.fit.pixel_shift import pixel_shift
 from avatarrex.capture.fit.verdict import judge
 from avatarrex.capture.readers.rigs import Capture, open_capture
+from avatarrex.errors import InputError
 from avatarrex.signals.library import named_hand
 
 
@@ -140,3 +141,31 @@ def test_the_tool_refuses_a_name_that_nothing_has(
         foreign_captures.main()
     assert ended.value.code == 2
     assert "nothing is called as --only says: ZJV" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("what", "only", "fault"), [("faults", "rows", ", rows"), ("train", "", "")])
+def test_the_tool_goes_on_after_an_import_that_is_refused(
+    what: str,
+    only: str,
+    fault: str,
+    clothed: Clothed,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "tools"))
+    import foreign_captures
+
+    def refused(layout: str, *_: object) -> None:
+        raise InputError(layout, "c0.T", "a camera 0.1 to 20 m from the person", "3 km")
+
+    monkeypatch.setattr(foreign_captures, "clothed", lambda seed: clothed)
+    monkeypatch.setattr(foreign_captures, "written", refused)
+    for drawn in ("scene", "heads"):
+        monkeypatch.setattr(foreign_captures.foreign, drawn, lambda: None)
+    monkeypatch.setattr(sys, "argv", ["foreign_captures.py", str(tmp_path), what, "--only", only])
+    assert foreign_captures.main() == 1
+    said = capsys.readouterr().out.splitlines()
+    layouts = foreign_captures.foreign.BODIES if what == "faults" else foreign_captures.LAYOUTS
+    assert [line.split(":")[0] for line in said] == [f"!! {layout}{fault}" for layout in layouts]
+    assert all("expected a camera 0.1 to 20 m" in line for line in said)

@@ -109,8 +109,8 @@ def _compared(
     inside = resized(matte, _square(middle, half), PIXELS) > FOREGROUND
     if not SHARE[0] < inside.mean() < SHARE[1]:
         return None
-    side = PIXELS + 2 * BESIDE
-    tile, faces = cut(camera, _square(middle, half * side / PIXELS), side), body.faces.numpy()
+    wide = PIXELS + 2 * BESIDE
+    tile, faces = cut(camera, _square(middle, half * wide / PIXELS), wide), body.faces.numpy()
     return {sign: _best_iou(silhouette(vertices, faces, tile), inside) for sign, vertices in surfaces.items()}
 
 
