@@ -21,6 +21,7 @@ from avatarrex.capture.fit.refine import Body
 from avatarrex.capture.fit.refined_capture import write_refined
 from avatarrex.capture.fit.refining import FILE, Refining
 from avatarrex.capture.readers.calibration import Lens
+from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
 from avatarrex.capture.synthetic.keypoints import detected
 from avatarrex.errors import InputError
@@ -192,8 +193,10 @@ def test_the_pelvis_of_the_files_model_is_kept(tmp_path: Path) -> None:
     tiny.change(tpose_joints=joints, transl=np.stack([one.translation for one in tiny.signals]) - away)
     capture = open_capture(tiny.zip(tmp_path / "a.zip"))
     np.testing.assert_allclose(capture.pelvis, away, atol=1e-6)
-    write_refined(capture, Body(capture.person), {"body": tuple(capture.rigs["body"].signals)}, {}, tmp_path / "out")
+    signals = {"body": tuple(capture.rigs["body"].signals)}
+    write_refined(capture, Body(capture.person), signals, {"from": "x"}, tmp_path / "out")
     after = open_capture(tmp_path / "out")
+    assert after.manifest == {"format": FORMAT, "refined": {"from": "x"}}, "which the capture itself has none of"
     for before, other in zip(capture.rigs["body"].signals, after.rigs["body"].signals):
         one, two = (template_surface(of.person, frame)[1] for of, frame in ((capture, before), (after, other)))
         np.testing.assert_allclose(one, two, atol=1e-5)
