@@ -2,7 +2,7 @@
 
     python tools/foreign_captures.py FOLDER sound [--seeds N]     captures of N seeds, in our layout and written in each foreign one
     python tools/foreign_captures.py FOLDER faults                unit, axis, rows, half a pixel, hands, order of cameras: four layouts
-    python tools/foreign_captures.py FOLDER train                 written, imported, checked, trained (smoke): the losses
+    python tools/foreign_captures.py FOLDER train                 written, imported, checked, trained (smoke): the loss of the first step
     … --only LAYOUT                                               of one alone
 
 A capture is drawn of the clothed subject (heads: of the template), written in a layout by tests/capture/foreign.py, imported and judged as
@@ -181,7 +181,7 @@ def faults(folder: Path, _: int, only: str) -> Iterator[tuple[str, str, bool]]:
 
 
 def train(folder: Path, _: int, only: str) -> Iterator[tuple[str, str, bool]]:
-    """Each layout to its last loss."""
+    """Each layout to the end of its training, and the losses that were reported: of `smoke` the first step's."""
     from avatarrex_studio.cli.main import main as studio
 
     from avatarrex.training.runs.events import EventReader
