@@ -2,7 +2,7 @@
 
     python tools/foreign_captures.py FOLDER sound [--seeds N]     captures of N seeds, in our layout and written in each foreign one
     python tools/foreign_captures.py FOLDER faults                unit, axis, rows, half a pixel, hands, order of cameras: four layouts
-    python tools/foreign_captures.py FOLDER train                 written, imported, checked, trained (smoke): the losses
+    python tools/foreign_captures.py FOLDER train                 written, imported, checked, trained (smoke): the loss of the first step
     … --only LAYOUT                                               of one alone
 
 A capture is drawn of the clothed subject (heads: of the template), written in a layout by tests/capture/foreign.py, imported and judged as
@@ -32,6 +32,7 @@ from avatarrex.capture.fit.verdict import judge
 from avatarrex.capture.importers.import_capture import import_capture
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.capture.readers.splits import with_validation
+from avatarrex.errors import InputError
 from avatarrex.signals.library import named_hand
 
 LAYOUTS = {**foreign.BODIES, **foreign.FACES}
@@ -62,11 +63,11 @@ def shown(one: Scene, change: Callable[[tuple[str, int], dict[tuple[str, int], n
     return replace(one, images=images, mattes=mattes)
 
 
-def centimetres(camera: Camera) -> Camera:
-    """T a hundred times as long."""
-    farther = camera.camera_from_world.copy()
-    farther[:3, 3] *= 100
-    return replace(camera, camera_from_world=farther)
+def farther(camera: Camera, times: float) -> Camera:
+    """T as many times as long."""
+    matrix = camera.camera_from_world.copy()
+    matrix[:3, 3] *= times
+    return replace(camera, camera_from_world=matrix)
 
 
 def z_up(camera: Camera) -> Camera:
@@ -99,16 +100,26 @@ def exchanged(one: Scene) -> Scene:
     return shown(one, lambda place, kept: kept[other[place[0]], place[1]])
 
 
-FAULTS: dict[str, tuple[Callable[[Scene], Scene], tuple[str, ...]]] = {
+Fault = tuple[Callable[[Scene], Scene], tuple[str, ...]]
+"""What is done to a capture, and what has to be said."""
+FAULTS: dict[str, Fault] = {
     "nothing": (lambda one: one, ("good",)),
-    "unit": (partial(seen_by, change=centimetres), ("centimetres",)),
     "axis": (partial(seen_by, change=z_up), ("+Z up", "stands along +Z")),
     "rows": (lambda one: shown(one, lambda place, kept: kept[place][::-1]), ("rows run from the bottom",)),
     "half a pixel": (partial(seen_by, change=at_integers), ("half a pixel",)),
     "flat_hand_mean": (without_mean, ("flat_hand_mean",)),
     "camera order": (exchanged, ("camera order",)),
 }
-"""By name: what is done to a capture, and what has to be said."""
+
+
+def faults_of(layout: str) -> dict[str, Fault]:
+    """By name; those that a layout of bodies can have."""
+    per_metre = 1000 if layout == "ZJU-MoCap" else 1
+    unit = partial(seen_by, change=partial(farther, times=100 / per_metre))
+    found = {**FAULTS, "unit": (unit, ("centimetres",))}
+    if layout == "ZJU-MoCap":
+        del found["flat_hand_mean"]  # it has no fingers
+    return found
 
 
 def written(layout: str, one: Scene, folder: Path) -> tuple[Path, tuple[str, ...]]:
@@ -125,6 +136,15 @@ def said(path: Path) -> list[str]:
     return [*verdict.lines(), *capture.notes]
 
 
+def checked(layout: str, one: Scene, folder: Path) -> list[str]:
+    """What import and check say of a scene in a layout; why the import is refused, where it is."""
+    try:
+        path, notes = written(layout, one, folder)
+    except InputError as error:
+        return [f"{error} (unusable)"]
+    return [*said(path), *notes]
+
+
 def warnings(lines: list[str]) -> list[str]:
     """Reasons but for the one that holds for a layout of one camera."""
     return [line.strip() for line in lines if line.endswith(("(doubtful)", "(unusable)")) and ALONE not in line]
@@ -139,7 +159,7 @@ def sound(folder: Path, seeds: int, only: str) -> Iterator[tuple[str, str, bool]
             yield f"{seed} ours", *judged(said(drawn.write(place)))
         for layout in (name for name in LAYOUTS if only in name):
             scene = of_clothed(drawn) if layout in foreign.BODIES else foreign.heads(seed)
-            yield f"{seed} {layout}", *judged(said(written(layout, scene, place)[0]))
+            yield f"{seed} {layout}", *judged(checked(layout, scene, place))
 
 
 def judged(lines: list[str]) -> tuple[str, bool]:
@@ -149,28 +169,30 @@ def judged(lines: list[str]) -> tuple[str, bool]:
 
 
 def faults(folder: Path, _: int, only: str) -> Iterator[tuple[str, str, bool]]:
-    """Each fault in each layout of bodies that can have it."""
+    """Each fault in each layout of bodies."""
     one = of_clothed(clothed(0))
     for layout in foreign.BODIES:
-        for name, (change, words) in FAULTS.items():
-            missing = layout == "ZJU-MoCap" and name == "flat_hand_mean"  # it has no fingers
-            if missing or only not in f"{layout}, {name}":
+        for name, (change, words) in faults_of(layout).items():
+            if only not in f"{layout}, {name}":
                 continue
-            path, notes = written(layout, change(one), folder / "faulty")
-            lines = [*said(path), *notes]
+            lines = checked(layout, change(one), folder / "faulty")
             named = [line.strip() for line in lines if any(word in line for word in words)]
-            yield f"{layout}, {name}", (named or warnings(lines) or lines[:1])[0], bool(named)
+            yield f"{layout}, {name}", "; ".join(named[:1] or warnings(lines) or lines[:1]), bool(named)
 
 
 def train(folder: Path, _: int, only: str) -> Iterator[tuple[str, str, bool]]:
-    """Each layout to its last loss."""
+    """Each layout to the end of its training, and the losses that were reported: of `smoke` the first step's."""
     from avatarrex_studio.cli.main import main as studio
 
     from avatarrex.training.runs.events import EventReader
 
     for layout in (name for name in LAYOUTS if only in name):
         scene = foreign.heads() if layout in foreign.FACES else foreign.scene()
-        path, _ = written(layout, scene, folder / "trained")
+        try:
+            path, _ = written(layout, scene, folder / "trained")
+        except InputError as error:
+            yield layout, str(error), False
+            continue
         run = folder / "trained" / "run"
         code = studio(["train", str(path), "--recipe", "smoke", "--no-surface", "--out", str(run)])
         reader = EventReader(run)

@@ -59,7 +59,7 @@ def _sources(folder: Path) -> None:
     if not (folder / "capture").exists():
         TinyCapture.make(("body", "face")).folder(folder / "capture")
     if not (folder / "film").exists():
-        filmed.film(Clothed(cameras=4, frames=4, size=(96, 128)), folder / "film")
+        filmed.film(Clothed(cameras=4, frames=4, size=(96, 128)), folder / "film", faces=True)
     if not (folder / "foreign").exists():
         scene = foreign.scene(1)
         count = len(scene.signals)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from avatarrex.capture.fit.surface_fit import fit_surface
 from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
 from avatarrex.capture.readers.splits import Splits, with_validation
 from avatarrex.errors import InputError
-from avatarrex.files.gate import is_begun, write_text
+from avatarrex.files.gate import is_begun, remove_unfinished, write_text
 from avatarrex.files.images import write_png
 
 COMPARED = 4
@@ -37,18 +38,26 @@ LINES = {
 def refine(path: str, every: bool, out: Path, colours: bool = True, template: str = "default") -> int:
     """Refine into the folder `out`, or go on there; with `colours` by those, too, of the person `template`. Raises `InputError`."""
     capture = with_validation(open_capture(path, template=template))
-    if is_begun(out) and not (out / FILE).exists():
-        raise InputError(out, "", f"a new or empty folder, or one with {FILE} to go on with", "something else")
+    refuse = InputError(out, "", f"a new or empty folder, or one with {FILE} to go on with", "something else")
+    ended = is_begun(out) and not (out / FILE).exists()
+    if ended and not (out / FIGURES).exists():
+        raise refuse
     for note in capture.notes:
         print(note)
     before = capture if capture.sized else fit_size(capture)
     work = Refining(before, out, every, colours)
+    said = {"from": capture.key, "person": template, "frames": {rig: list(f) for rig, f in work.frames.items()}}
+    said["key"] = hashlib.sha256(work.key.encode()).hexdigest()[:16]
+    if ended:
+        if open_capture(out, template=template).manifest.get("refined") != said:
+            raise refuse
+        print(f"{out}: done before")
+        return 0
     body = work.body()
     pairs = [(rig, frame) for rig, frames in work.frames.items() for frame in frames]
     for rig, frame in tqdm(pairs, desc="refine poses", unit="frame"):
         work.pose(body, rig, frame)
     signals = {rig: work.signals(rig) for rig in capture.rigs}
-    said = {"from": capture.key, "person": template, "frames": {rig: list(f) for rig, f in work.frames.items()}}
     write_refined(before, body, signals, said, out)
     after = with_validation(open_capture(out, template=template))
     figures = {"before": measured(before, work.frames), "after": measured(after, work.frames)}
@@ -58,6 +67,7 @@ def refine(path: str, every: bool, out: Path, colours: bool = True, template: st
         sheet = compared_sheet((before, after), rig, shown_frames(before.rigs[rig], COMPARED))
         write_png(out / SHEET.format(rig), np.dstack([sheet, np.full(sheet.shape[:2], 255, np.uint8)]))
         print(out / SHEET.format(rig))
+    remove_unfinished(out)
     work.close()
     print(out)
     return 0

@@ -15,7 +15,7 @@ from avatarrex_studio.cli.output import output_folder, print_figures
 from avatarrex_studio.jobs.distilling import POSES, parent_ended, refuse_another, work_folder
 
 from avatarrex.errors import InputError
-from avatarrex.files.gate import check_writable
+from avatarrex.files.gate import check_writable, remove_unfinished
 from avatarrex.training.runs.control import Heart, Heartbeat
 
 if TYPE_CHECKING:
@@ -49,6 +49,8 @@ def run(arguments: argparse.Namespace) -> int:
     surface = _distil(avatar, folder, poses)
     store_surface(source, surface, target)
     shutil.rmtree(folder)
+    if target.is_dir():
+        remove_unfinished(target, below=False)
     print_figures(surface.meta)
     print(target)
     return 0

@@ -22,6 +22,8 @@ TEXT_BYTES = 2**29
 """Bytes of the largest text file that is read: ten hours of BVH at 30 frames a second."""
 LONGEST_LINE = 2**20
 """Letters of the longest line: fifty times what a frame of a hundred joints takes."""
+UNFINISHED = ".unfinished-"
+"""How the name of a file begins that is not written to its end."""
 
 
 def what_is(path: str | Path) -> str:
@@ -141,7 +143,7 @@ def written(path: str | Path) -> Iterator[Path]:
     check_writable(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=path.suffix)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=UNFINISHED, suffix=path.suffix)
     except OSError as error:
         raise CannotWrite(path, "", "a file that can be written", error.strerror or error) from None
     os.close(handle)
@@ -154,6 +156,12 @@ def written(path: str | Path) -> Iterator[Path]:
         raise CannotWrite(path, "", "a file that can be written", error.strerror or error) from None
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def remove_unfinished(folder: str | Path, below: bool = True) -> None:
+    """Remove files that a killed process did not write to their ends, from a folder that nobody else writes to; also `below` it."""
+    for path in Path(folder).glob(f"{'**/' if below else ''}{UNFINISHED}*"):
+        path.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -30,7 +30,7 @@ from PIL import Image
 
 from avatarrex.capture.readers import choice
 from avatarrex.errors import InputError
-from avatarrex.files.gate import written
+from avatarrex.files.gate import remove_unfinished, written
 from avatarrex.files.images import composite, write_png
 from avatarrex.files.video import video_writer
 from avatarrex.signals.driving import Signals
@@ -289,6 +289,22 @@ def test_transparent_pixels_keep_their_straight_colour():
     image = torch.tensor([[[0.25, 0.0, 0.0, 0.5], [0.0, 0.0, 0.0, 0.0]]])
     assert composite(image, (0.0, 0.0, 0.0, 0.0)).tolist() == [[[128, 0, 0, 128], [0, 0, 0, 0]]]
     assert composite(image, (0.0, 1.0, 0.0, 1.0)).tolist() == [[[64, 128, 0, 255], [0, 255, 0, 255]]]
+
+
+def test_what_a_killed_process_was_writing_is_found(tmp_path):
+    killed = (
+        "import os, sys\nfrom avatarrex.files.gate import written\n"
+        "with written(sys.argv[1]) as temporary:\n    temporary.write_text('half')\n    os.kill(os.getpid(), 9)\n"
+    )
+    for path in (tmp_path / "a.bin", tmp_path / "deep" / "b.bin"):
+        assert subprocess.run([sys.executable, "-c", killed, str(path)]).returncode == -9
+    (tmp_path / ".mine").write_text("")
+    assert len(list(tmp_path.rglob(".*.bin"))) == 2
+    remove_unfinished(tmp_path, below=False)
+    assert [path.parent.name for path in tmp_path.rglob(".*.bin")] == ["deep"]
+    remove_unfinished(tmp_path)
+    assert not list(tmp_path.rglob(".*.bin"))
+    assert (tmp_path / ".mine").exists()
 
 
 def test_a_failed_write_leaves_nothing(tmp_path):

@@ -21,6 +21,7 @@ from avatarrex.avatar_file import load_avatar
 from avatarrex.distil import distil as module
 from avatarrex.errors import InputError
 from avatarrex.files.assets import DATA
+from avatarrex.files.gate import UNFINISHED
 from avatarrex.surface.surface_file import weights_key
 
 TESTS = Path(__file__).parents[1]
@@ -101,8 +102,10 @@ def test_somewhere_else(out, made, tmp_path):
 
 def test_a_folder_in_place(made, tmp_path):
     shutil.unpack_archive(DATA / "default.avatar", tmp_path / "me", "zip")
+    (tmp_path / "me" / f"{UNFINISHED}x.safetensors").touch()
     assert main(["distil", str(tmp_path / "me")]) == 0
     assert load_avatar(tmp_path / "me").surface is not None
+    assert not list((tmp_path / "me").glob(".*")), "what a killed process was writing"
     assert os.listdir(tmp_path) == ["me"]
 
 

@@ -25,6 +25,7 @@ from avatarrex.capture.importers.pictures import as_matte, matte_rule
 from avatarrex.capture.importers.zju import flat_numbers
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError
+from avatarrex.files.gate import UNFINISHED
 from avatarrex.signals.joints import JOINT_NAMES
 
 
@@ -41,8 +42,11 @@ def head() -> Scene:
 @pytest.mark.parametrize("layout", BODIES)
 def test_a_body(layout: str, body: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     BODIES[layout](body, tmp_path / "source")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / f"{UNFINISHED}x.json").touch()  # of a process that was killed
     assert main(["capture", "import", str(tmp_path / "source"), str(tmp_path / "out")]) == 0
     assert f"{layout}: body, 3 cameras, 3 frames" in capsys.readouterr().out
+    assert not list((tmp_path / "out").rglob(".*"))
     capture = open_capture(tmp_path / "out")
     rig = capture.rigs["body"]
     for found, exact in zip(rig.signals, body.signals):

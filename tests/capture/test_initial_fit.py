@@ -24,6 +24,8 @@ from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.capture.synthetic.cameras import body_ring, fitted
 from avatarrex.capture.synthetic.motions import body_motion
 from avatarrex.errors import InputError
+from avatarrex.files.gate import UNFINISHED
+from avatarrex.files.json_text import write_json
 
 NOISE, WRONG = 2.0, 0.05
 """Pixels, and the share of keypoints that are anywhere in the picture."""
@@ -176,7 +178,12 @@ def test_a_folder_becomes_a_capture_and_goes_on(tmp_path: Path, capsys: pytest.C
     one = Clothed(cameras=4, frames=2, size=(96, 128))
     source, out = filmed.film(one, tmp_path / "film"), tmp_path / "out"
     words = ["capture", "prepare", str(source), str(out), "--no-refine", "--held-out-frames", "1:2"]
+    for folder in (out, out / "steps", out / "capture" / "body"):  # of a process that was killed
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{UNFINISHED}x.json").touch()
+    write_json(out / "prepare.json", {})
     assert main(words) == 0
+    assert not list(out.rglob(".*"))
     said = capsys.readouterr().out
     assert "TOML: 4 cameras" in said
     assert "8 mattes, imported" in said

@@ -21,9 +21,11 @@ from avatarrex.capture.fit.refine import Body
 from avatarrex.capture.fit.refined_capture import write_refined
 from avatarrex.capture.fit.refining import FILE, Refining
 from avatarrex.capture.readers.calibration import Lens
+from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.readers.rigs import Capture, Rig, open_capture
 from avatarrex.capture.synthetic.keypoints import detected
 from avatarrex.errors import InputError
+from avatarrex.files.gate import UNFINISHED
 from avatarrex.signals.driving import Signals
 from avatarrex.templates.person import Person, load_person, resize_person
 from avatarrex.templates.person_fit import PersonFit
@@ -70,8 +72,15 @@ def test_a_noisy_capture_is_refined(
     """The studio's own person by `shape10`, or another by `tpose_joints`."""
     person = None if own else resize_person(load_person(), PersonFit(0.5 * np.eye(10)[0], np.zeros((55, 3))))
     source, out = tracked(rng, person).folder(tmp_path / "noisy"), tmp_path / "fine"
+    out.mkdir()
+    (out / f"{UNFINISHED}x.npz").touch()  # of a process that was killed
     assert main(["capture", "refine", str(source), str(out)]) == 0
     said = capsys.readouterr().out
+    assert not list(out.rglob(".*"))
+    assert main(["capture", "refine", str(source), str(out)]) == 0, "as after a kill in its last moment"
+    assert f"{out}: done before" in capsys.readouterr().out
+    assert main(["capture", "refine", str(source), str(out), "--no-colours"]) == 2
+    assert "or one with refining.npz to go on with" in capsys.readouterr().err
     before, after = open_capture(source), open_capture(out)
     assert (errors(after)[:2] < 0.5 * errors(before)[:2]).all()
     figures = json.loads((out / "refine.json").read_text())
@@ -82,7 +91,8 @@ def test_a_noisy_capture_is_refined(
     assert (out / "refine_body.png").exists()
     assert not (out / FILE).exists()
     assert (out / "body/c0/00000001.jpg").samefile(source / "body/c0/00000001.jpg")
-    assert after.manifest["refined"] == {"from": before.key, "person": "default", "frames": {"body": [0, 1]}}
+    made = after.manifest["refined"]
+    assert made == {"from": before.key, "person": "default", "frames": {"body": [0, 1]}, "key": made["key"]}
     assert after.rigs["body"].held_out_frames == {2}
     first, last = (capture.rigs["body"].signals[2] for capture in (before, after))
     np.testing.assert_allclose(last.body_pose, first.body_pose, atol=1e-12)
@@ -183,8 +193,10 @@ def test_the_pelvis_of_the_files_model_is_kept(tmp_path: Path) -> None:
     tiny.change(tpose_joints=joints, transl=np.stack([one.translation for one in tiny.signals]) - away)
     capture = open_capture(tiny.zip(tmp_path / "a.zip"))
     np.testing.assert_allclose(capture.pelvis, away, atol=1e-6)
-    write_refined(capture, Body(capture.person), {"body": tuple(capture.rigs["body"].signals)}, {}, tmp_path / "out")
+    signals = {"body": tuple(capture.rigs["body"].signals)}
+    write_refined(capture, Body(capture.person), signals, {"from": "x"}, tmp_path / "out")
     after = open_capture(tmp_path / "out")
+    assert after.manifest == {"format": FORMAT, "refined": {"from": "x"}}, "which the capture itself has none of"
     for before, other in zip(capture.rigs["body"].signals, after.rigs["body"].signals):
         one, two = (template_surface(of.person, frame)[1] for of, frame in ((capture, before), (after, other)))
         np.testing.assert_allclose(one, two, atol=1e-5)

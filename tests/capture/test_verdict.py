@@ -127,9 +127,11 @@ def test_inverted_mattes_are_named(tmp_path: Path) -> None:
     for name in [name for name in capture.files if "/mask/" in name]:
         with Image.open(io.BytesIO(capture.files[name])) as picture:
             capture.files[name] = jpeg(255 - np.array(picture))
-    verdict = judge(open_capture(capture.zip(tmp_path / "a.zip")), frames=1)[2]
+    inverted = open_capture(capture.zip(tmp_path / "a.zip"))
+    verdict = judge(inverted, frames=1)[2]
     assert verdict.state == "unusable"
     assert "white (255) has to be the person" in " ".join(verdict.lines())
+    assert likely_convention(inverted, inverted.rigs["body"]) == "the mattes are inverted: white is the person"
 
 
 def test_how_a_bar_lies() -> None:

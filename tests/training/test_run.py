@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import math
@@ -17,6 +18,7 @@ from tiny_run import fit
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import load_avatar
 from avatarrex.errors import InputError
+from avatarrex.files.gate import UNFINISHED
 from avatarrex.templates.person import load_person
 from avatarrex.training.runs import checkpoint, control
 from avatarrex.training.runs.control import Heartbeat, request
@@ -188,6 +190,25 @@ def test_wishes_and_states(tmp_path):
     about = read_about(path)
     assert about["state"] == "finished"
     assert len(about["resumed"]) == 1
+
+
+def test_what_a_killed_process_was_writing_is_removed(tmp_path, monkeypatch):
+    path = tmp_path / "run"
+    with Run.create(path, {}) as run:
+        run.picture(0, "body/render", np.zeros((2, 2, 3), np.uint8))
+    (path / "samples" / "body" / f"{UNFINISHED}x.png").touch()
+    with monkeypatch.context() as patch:
+        for name in ("replace", "unlink"):  # killed before its end
+            patch.setattr(control.os if name == "replace" else control.Path, name, full)
+        with pytest.raises(InputError):
+            control.write_json(path / "heartbeat.json", {})
+    assert list(path.glob(".*"))
+    with Run.open(path):
+        assert not list(path.rglob(".*"))
+
+
+def full(*_, **__):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def test_the_end_by_an_exception_is_kept(tmp_path):

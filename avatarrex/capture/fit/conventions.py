@@ -135,9 +135,11 @@ def _fit(capture: Capture, rig: Rig, convention: Convention, flip: bool = False)
     values = []
     for view, frame in (pairs[place] for place in compared_frames(len(pairs), PICTURES)):
         camera = reduced(convention.camera(rig.views[view].camera), PIXELS)
-        inside = inside_matte(rig.matte(view, frame), camera) != flip
+        inside = inside_matte(rig.matte(view, frame), camera)
         vertices = template_surface(capture.person, rig.signals[frame])[0]
-        values.append(iou(silhouette(vertices, capture.person.body.faces.numpy(), camera), inside))
+        drawn = silhouette(vertices, capture.person.body.faces.numpy(), camera)
+        # a template that fills the picture agrees with nearly all of what is about a person, and with nothing beside
+        values.append(min(iou(drawn, ~inside), iou(~drawn, inside)) if flip else iou(drawn, inside))
     return float(np.mean(values))
 
 

@@ -1,7 +1,8 @@
 """Whether hands are written flat or against a mean hand as their file says: the flag `flat_hand_mean`.
 
 Hands are cut out of the pictures in which they lie before the background, and the template's are drawn as read, with the relaxed hand's bend
-added and taken away. That hand stands for the model's own mean, which belongs to a file that is not here. Training's split alone.
+added and taken away. Shapes are compared, not places: a person's size that was fitted to wrong hands has them beside the pictures' ones.
+The relaxed hand stands for the model's own mean, which belongs to a file that is not here. Training's split alone.
 """
 
 from __future__ import annotations
@@ -9,9 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from avatarrex.camera import Camera
-from avatarrex.capture.fit.check import FOREGROUND, iou, shown_frames, silhouette, template_surface
+from avatarrex.capture.fit.check import FOREGROUND, shown_frames, silhouette, template_surface
 from avatarrex.capture.fit.overlay import cut, resized
 from avatarrex.capture.readers.rigs import Capture, Rig
 from avatarrex.capture.readers.splits import Splits
@@ -23,6 +25,8 @@ FRAMES, VIEWS, PIXELS = 4, 8, 64
 """Frames and cameras that are compared, and pixels of a hand's tile."""
 MARGIN = 0.15
 """Of a hand's size, free about it."""
+BESIDE = 4
+"""Pixels of a tile by which a hand may lie beside the picture's, in each direction; three times as many change nothing."""
 SHARE = (0.08, 0.6)
 """Of a tile that a matte covers where the hand lies before the background."""
 SMALLEST = 12
@@ -92,7 +96,7 @@ def bent(signals: Signals, sign: int) -> Signals:
 def _compared(
     capture: Capture, camera: Camera, matte: np.ndarray, surfaces: dict[int, np.ndarray], side: str
 ) -> dict[int, float] | None:
-    """IoU about a hand, by reading; None where it is too small, cut off or not before the background."""
+    """IoU about a hand where it lies best, by reading; None where it is too small, cut off or not before the background."""
     body = capture.person.body
     first = JOINT_NAMES.index(f"{side}_index1")
     owned = np.flatnonzero(np.isin(body.weights.numpy().argmax(1), range(first, first + 15)))
@@ -101,11 +105,22 @@ def _compared(
     large = float((high - low).max())
     if depth.min() <= 0 or large < SMALLEST or (low < 0).any() or (high > (camera.width, camera.height)).any():
         return None
-    half = large * (0.5 + MARGIN)
-    (x, y) = (low + high) / 2
-    box = (x - half, y - half, x + half, y + half)
-    inside = resized(matte, box, PIXELS) > FOREGROUND
+    half, middle = large * (0.5 + MARGIN), (low + high) / 2
+    inside = resized(matte, _square(middle, half), PIXELS) > FOREGROUND
     if not SHARE[0] < inside.mean() < SHARE[1]:
         return None
-    tile, faces = cut(camera, box, PIXELS), body.faces.numpy()
-    return {sign: iou(silhouette(vertices, faces, tile), inside) for sign, vertices in surfaces.items()}
+    wide = PIXELS + 2 * BESIDE
+    tile, faces = cut(camera, _square(middle, half * wide / PIXELS), wide), body.faces.numpy()
+    return {sign: _best_iou(silhouette(vertices, faces, tile), inside) for sign, vertices in surfaces.items()}
+
+
+def _square(middle: np.ndarray, half: float) -> tuple[float, float, float, float]:
+    """Left, top, right, bottom."""
+    x, y = middle.tolist()
+    return x - half, y - half, x + half, y + half
+
+
+def _best_iou(drawn: np.ndarray, inside: np.ndarray) -> float:
+    """IoU of the mask `inside` (h, w), not empty, with the part of the larger mask `drawn` that it is most like."""
+    parts = sliding_window_view(drawn, inside.shape)
+    return float(((parts & inside).sum((2, 3)) / (parts | inside).sum((2, 3))).max())

@@ -18,6 +18,7 @@ from avatarrex.capture.fit.refining import FILE as WORK
 from avatarrex.capture.readers.archive import Archive
 from avatarrex.capture.readers.layout import RigFiles, find_rigs
 from avatarrex.capture.readers.linked import link
+from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.readers.parameters import KEYS, LARGEST_BYTES
 from avatarrex.capture.readers.rigs import Capture
 from avatarrex.files.images import write_arrays
@@ -42,12 +43,9 @@ def write_refined(
         if name in new:
             rig = new[name]
             write_arrays(target, _parameters(capture, files[rig], body, signals[rig]))
-        elif target == out / WORK:
-            continue  # of the capture's own refinement
-        elif target.name == "capture.json" and target.parent == out:
-            write_json(target, {**capture.manifest, "refined": said})
-        else:
+        elif target not in (out / WORK, out / "capture.json"):  # the former of the capture's own refinement
             link(archive, name, target)
+    write_json(out / "capture.json", {"format": FORMAT, **capture.manifest, "refined": said})
 
 
 def all_files(archive: Archive, folder: str) -> Iterator[str]:

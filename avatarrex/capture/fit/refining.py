@@ -45,8 +45,7 @@ class Refining:
                 name: Split(frames, Splits.of(capture.rigs[name]).train.views) for name, frames in self.frames.items()
             }
             self._rigs = {name: sealed_rig(capture.rigs[name], split) for name, split in whole.items()}
-        said = ("" if colours else " without colours") + _template(capture)
-        self.key = f"{capture.key} {json.dumps(splits_of(capture), sort_keys=True)}{said}"
+        self.key = work_key(capture, colours)
         self.colours = colours
         counts = {name: rig.frames for name, rig in capture.rigs.items()}
         self._fit = ""
@@ -114,6 +113,12 @@ class Refining:
             PersonFit.from_json(json.loads(self._fit), self.path)
         except json.JSONDecodeError:
             raise InputError(self.path, "fit", "a person's fit", self._fit[:60]) from None
+
+
+def work_key(capture: Capture, colours: bool) -> str:
+    """What a refinement is of: the capture's files and splits, the option, and the person's files."""
+    said = ("" if colours else " without colours") + _template(capture)
+    return f"{capture.key} {json.dumps(splits_of(capture), sort_keys=True)}{said}"
 
 
 def _template(capture: Capture) -> str:

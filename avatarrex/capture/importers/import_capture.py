@@ -38,7 +38,7 @@ from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.readers.rigs import SMPLX_PELVIS, joint_unit
 from avatarrex.capture.readers.units import SURELY_NOT_METRES, metres
 from avatarrex.errors import InputError, check
-from avatarrex.files.gate import is_begun, write_text, written
+from avatarrex.files.gate import is_begun, remove_unfinished, write_text, written
 from avatarrex.files.images import write_arrays
 from avatarrex.files.json_text import SMALL, read_json, write_json
 
@@ -101,6 +101,7 @@ def import_capture(path: Path, out: Path, corrections: Corrections = GUESSED, fr
         (*source.problems, *reading.problems), (*source.notes, *reading.notes),
     )  # fmt: skip
     write_json(out / "import.json", vars(found))
+    remove_unfinished(out)
     return found
 
 

@@ -38,6 +38,7 @@ from avatarrex.capture.readers.manifest import FORMAT
 from avatarrex.capture.readers.rigs import open_capture
 from avatarrex.errors import InputError, check
 from avatarrex.files.arrays import read_arrays
+from avatarrex.files.gate import remove_unfinished
 from avatarrex.files.images import write_arrays, write_png
 from avatarrex.files.json_text import SMALL, read_json, write_json
 from avatarrex.signals.joints import JOINT_NAMES
@@ -116,6 +117,9 @@ class Preparing:
             before = key
             yield f"{number} {name}{'' if again else ' (done before)'}: {picture}"
             yield from (f"    {line}" for line in self.state[name]["said"])
+        remove_unfinished(self.out, below=False)  # a training may be at work in one of its folders
+        for folder in ("steps", "capture"):
+            remove_unfinished(self.out / folder)
 
     def made(self) -> str:
         """Which fit the capture has: another one after any step was done again."""

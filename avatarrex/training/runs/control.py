@@ -24,6 +24,7 @@ from typing import Any, Literal
 
 from avatarrex.errors import CannotWrite, InputError, plain
 from avatarrex.files import json_text
+from avatarrex.files.gate import UNFINISHED
 
 Wish = Literal["run", "pause", "stop"]
 STATES = ("running", "paused", "finished", "stopped", "failed")
@@ -94,7 +95,7 @@ def write_json(path: Path, data: dict[str, Any], lasting: bool = False) -> None:
     """Write a JSON file, all or nothing; `lasting`: also against a loss of power. Raises `InputError`."""
     text = json.dumps(data, indent=1, ensure_ascii=False) + "\n"
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-")
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f"{UNFINISHED}{path.stem}-")
         try:
             with os.fdopen(handle, "w", encoding="utf-8") as file:
                 file.write(text)

@@ -34,7 +34,7 @@ from PIL import Image
 from avatarrex.avatar import Avatar
 from avatarrex.avatar_file import save_avatar
 from avatarrex.errors import InputError
-from avatarrex.files.gate import written
+from avatarrex.files.gate import remove_unfinished, written
 from avatarrex.training.runs import checkpoint
 from avatarrex.training.runs.control import (
     STATES,
@@ -68,6 +68,8 @@ class Run:
         self._control_time = 0
         (path / "control.json").unlink(missing_ok=True)  # a request to the process before
         checkpoint.clean(path / "checkpoints")
+        remove_unfinished(path, below=False)
+        remove_unfinished(path / "samples")
         self._events: EventWriter | None = EventWriter(path)
         self._say("running")
         self._heart = Heart(path, self._beat)
