@@ -124,7 +124,7 @@ def test_a_way_on_which_all_pictures_agree_says_nothing() -> None:
     for sign in (1, -1):
         sums.add(row, along + sign * across, np.full((1, 3), 0.01 * sign), np.array([2.0]), np.array([1.0, 0.5 * sign]))
     form, pull = sums.equations()
-    assert form[0, 0, 0] == pytest.approx(0, abs=1e-6)  # x at rest, k = 2 numbers an axis
+    assert form[0, 0, 0] == pytest.approx(0, abs=1e-4)  # x at rest, k = 2 numbers an axis
     assert form[0, 1, 1] > 1  # x with the expression, which differs
     assert form[0, 2, 2] > 1  # y at rest
     assert pull[0, 0] == pytest.approx(0, abs=1e-9)
