@@ -35,7 +35,7 @@ OUTLINE_LENGTH, NAKED_SIGMA, DRESSED_SIGMA = 0.05, 0.02, 0.01
 the mattes."""
 KEYPOINT_SIGMA, KEYPOINT_OUTLIER = 0.006, 0.03
 """Of a picture's longer side: σ of a keypoint of confidence 1, and where its weight has fallen to ¼ (Geman–McClure)."""
-TURN_SIGMA, PLACE_SIGMA, SHAPE_SIGMA = 0.1, 0.02, 0.3
+TURN_SIGMA, PLACE_SIGMA, SHAPE_SIGMA = 0.05, 0.02, 0.3
 """What tracking may be off: radians of a joint, metres of the root, coefficients of β. (λ_2 of the paper is one for pose and shape, and
 per picture; outlines of a clothed person agree with each other on a shape that is not hers.)"""
 
